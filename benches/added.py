@@ -10,6 +10,7 @@ interrupted run continues where it stopped.
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import tempfile
 import traceback
@@ -28,6 +29,7 @@ from tests.worlds.motion import RAMPS
 
 from accelcal import workflow
 from accelcal.effects import find
+from accelcal.estimation.estimate import Fit
 from accelcal.io import load
 from accelcal.model import Model
 
@@ -88,7 +90,7 @@ def added(trial: Trial) -> Outcome:
     return {
         "before": list(before.effects),
         "classes": [list(group.members) for group in before.classes],
-        "sizes": errors(model, world),
+        "sizes": errors(model, world) | waves(model, world),
         "noise": [[e.name, e.value, e.std] for e in model.noise_effects],
         "after": list(after.effects),
         "verdict": after.verdict,
@@ -96,16 +98,34 @@ def added(trial: Trial) -> Outcome:
     }
 
 
+def waves(model: Fit, world: World) -> dict[str, list[float]]:
+    """Amplitude of a wave that has two coefficients, and its period or frequency: estimate, std, truth."""
+    (hidden,) = world.hidden
+    parts = [e for e in model.estimates if e.name.startswith(f"{hidden.name}.") and e.std > 0.0]
+    if len(parts) != 2:
+        return {}
+    amplitude = math.hypot(*(e.value for e in parts))
+    k = float(world.scale_factor or 0.0) if hidden.effect.place == "force" else 0.0
+    sizes = {hidden.name: [amplitude, max(e.std for e in parts), abs(hidden.magnitude) * (1.0 + k)]}
+    for shape in model.shapes:
+        key = shape.name.removeprefix(f"{hidden.name}.")
+        if key in hidden.shape and shape.std > 0.0:
+            sizes[key] = [shape.value, shape.std, hidden.shape[key]]
+    return sizes
+
+
 def misses(outcome: Outcome) -> list[str]:
     """Claims that an outcome misses, in words."""
     if "error" in outcome:
         return [outcome["error"].strip().splitlines()[-1]]
     effect = outcome["effect"]
-    size = outcome["sizes"].get(effect)
     same = {effect, *(name for group in ALIKE if effect in group for name in group)}
     found = []
-    if effect not in REASONS and size and abs(size[0] - size[2]) > MOST_SIGMA * size[1]:
-        found.append(f"{size[0]:.6g} ± {size[1]:.2g}, truth {size[2]:.6g}")
+    for name, (value, std, truth) in outcome["sizes"].items():
+        if name not in ("scale_factor", *REASONS) and abs(value - truth) > MOST_SIGMA * std:
+            found.append(f"{name} {value:.6g} ± {std:.2g}, truth {truth:.6g}")
+    if effect not in outcome["sizes"] and not outcome["noise"] and effect not in REASONS:
+        found.append("no size to compare")
     lacking = same & set(outcome["after"]) if find(effect).port != "noise" else {effect} & set(outcome["after"])
     if lacking and effect != "time_offset":
         found.append(f"still lacks {', '.join(sorted(lacking))}: {outcome['sentence']}")

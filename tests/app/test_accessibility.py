@@ -97,6 +97,25 @@ def test_a_phone_shows_screens_of_a_sensible_height(browser: Any, server: Any, t
     phone.page.context.close()
 
 
+def test_a_click_on_a_tab_waits_for_its_screen_and_a_look_for_stillness(user: User) -> None:
+    for title, heading in (("Model", "Model: run.csv"), ("Data", "Data")):
+        user.page.set_content(f"<h1>Residuals: run.csv</h1><button role=tab>{title}</button><div></div>")
+        user.page.evaluate(
+            """heading => document.querySelector('button').addEventListener('click', () => setTimeout(
+                () => { document.querySelector('h1').innerText = heading; }, 1500))""",
+            heading,
+        )
+        user.click(title, "tab")
+        assert user.page.inner_text("h1") == heading
+    user.page.evaluate(
+        """() => { let n = 0; const grows = setInterval(() => {
+            document.querySelector('div').style.height = `${1000 + 100 * n}px`;
+            if (++n == 10) clearInterval(grows); }, 100); }"""
+    )
+    user.settles()
+    assert height(user) >= 1900
+
+
 def height(user: User) -> int:
     """Height of the page, px."""
     return int(user.page.evaluate("() => document.documentElement.scrollHeight"))

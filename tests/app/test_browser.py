@@ -15,8 +15,9 @@ from accelcal.validation.ruler import Ruler
 from accelcal.validation.stretches import headline_horizon
 
 from .test_server import HOST, server  # noqa: F401  (the fixture that runs the workbench)
+from .user import require_screen, require_stillness
 
-LONG = 60_000
+LONG = 300_000
 """ms; a loaded machine takes its time."""
 
 
@@ -178,7 +179,7 @@ def test_a_click_on_a_tab_loses_no_upload(tab, files):
     with tab.expect_request("**/upload/**", timeout=LONG):
         drop(tab, files / "cubic.csv", files / "cubic.toml")
     tab.get_by_role("tab", name="Model").click()
-    tab.wait_for_timeout(1000)  # the screen is another one by now
+    require_screen(tab, "Model")
     for one in on_their_way:
         one.continue_()
     tab.locator(".file", has_text="cubic.csv").wait_for(timeout=LONG)
@@ -187,7 +188,7 @@ def test_a_click_on_a_tab_loses_no_upload(tab, files):
 def test_a_stretch_is_chosen_by_brushing(tab, files):
     load(tab, files, "cubic")
     tab.locator(".plot .nsewdrag").first.wait_for(timeout=LONG)
-    tab.wait_for_timeout(500)
+    require_stillness(tab)
     box = tab.locator(".plot .nsewdrag").first.bounding_box()
     y = box["y"] + box["height"] / 2
     tab.mouse.move(box["x"] + 0.25 * box["width"], y)

@@ -35,16 +35,17 @@ def served(tmp_path_factory):
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
-    for _ in range(240):
+    for _ in range(1200):  # a loaded machine takes its time
         with socket.socket() as probe:
             if probe.connect_ex((HOST, port)) == 0:
                 break
+        assert process.poll() is None, "the workbench ended while it was starting"
         time.sleep(0.25)
     try:
         yield port, process
     finally:
         process.terminate()
-        process.wait(20)
+        process.wait(120)
 
 
 def asked(port, path="/", host=None):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from axe_playwright_python.sync_playwright import Axe
 
-LONG = 60_000
+LONG = 300_000
 """ms; a loaded machine takes its time."""
 SIZES = {390: 844, 1280: 800, 1920: 1080}
 """Height of the window by its width, px: a phone, a desk, a wall."""
@@ -38,9 +39,11 @@ class User:
         return self.page.get_by_role("button", name=name, exact=True).first
 
     def click(self, name: str, role: str = "button") -> None:
-        """Click once."""
+        """Click once; a tab is left when its screen is there, however long that takes."""
         self.clicks += 1
         self.page.get_by_role(role, name=name, exact=True).first.click(timeout=LONG)
+        if role == "tab":
+            require_screen(self.page, name)
 
     def type(self, label: str, text: str) -> None:
         """Click into a field and fill it."""
@@ -84,7 +87,7 @@ class User:
         """Wait until a number of figures is drawn and nothing moves."""
         if figures:
             self.page.locator(".body figure").nth(figures - 1).locator(".main-svg").first.wait_for(timeout=LONG)
-        self.page.wait_for_timeout(300)
+        require_stillness(self.page)
 
     def look(self, screen: str) -> None:
         """Look at the whole screen: it fits the window, has one first heading, and is accessible to everybody."""
@@ -106,6 +109,26 @@ class User:
         """Serious and critical findings of axe on the page as it is."""
         found = Axe().run(self.page).response["violations"]
         return [f"{v['id']}: {v['nodes'][0]['html'][:200]}" for v in found if v["impact"] in GRAVE]
+
+
+def require_screen(page: Any, title: str) -> None:
+    """Wait until the first heading of the page is that of a screen."""
+    heading = page.get_by_role("heading", level=1, name=re.compile(rf"^{title}(:|$)"))
+    heading.wait_for(state="attached", timeout=LONG)
+
+
+def require_stillness(page: Any) -> None:
+    """Wait until the height of the page and the places of its figures have been the same for 0.3 s."""
+    page.evaluate("() => { window.seenSince = performance.now(); window.seenAs = ''; }")
+    page.wait_for_function(
+        """() => {
+            const figures = [...document.querySelectorAll('.main-svg')].map(s => s.getBoundingClientRect().bottom);
+            const now = [document.documentElement.scrollHeight, ...figures].join();
+            if (now !== window.seenAs) { window.seenAs = now; window.seenSince = performance.now(); }
+            return performance.now() - window.seenSince > 300;
+        }""",
+        timeout=LONG,
+    )
 
 
 def arrives(browser: Any, address: str, name: str, width: int, scheme: str) -> User:

@@ -10,7 +10,6 @@ from tests.plots.test_plots import SHORT, a_comparison
 from tests.plots.test_sensitivity import responded
 
 import accelcal as ac
-from accelcal.results import words as formatting
 from accelcal.diagnosis.findings import Confounded
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.estimation.estimate import estimate
@@ -24,6 +23,7 @@ from accelcal.plots.interactive.regions import ordered
 from accelcal.plots.interactive.signatures import chosen
 from accelcal.plots.interactive.timeline import Marks
 from accelcal.plots.numbers import candidate_groups, model_names, nested_comparisons, tiles_of
+from accelcal.results import words as formatting
 from accelcal.selection.nested_models import nested_models
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.validation.comparison import Bins, RmsInterval

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from accelcal import plots
-from accelcal.results import words as formatting
 from accelcal.estimation.estimate import estimate
-from accelcal.results.words import concise
 from accelcal.model import Model
 from accelcal.plots import style
 from accelcal.plots.numbers import normal_quantiles
 from accelcal.plots.static.comparison import summary_sentence
+from accelcal.results import words as formatting
+from accelcal.results.words import concise
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
 from accelcal.validation.comparison import Bins, Comparison
 from accelcal.validation.evaluation import compare

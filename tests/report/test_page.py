@@ -15,9 +15,9 @@ from accelcal._support.extras import MissingExtra
 from accelcal.diagnosis.outlier_rejection import RejectedReadings
 from accelcal.diagnosis.remarks import Remark
 from accelcal.estimation.estimate import estimate
-from accelcal.results.words import readable
 from accelcal.report.page import script_json
 from accelcal.report.view import METHOD, view
+from accelcal.results.words import readable
 from tests.report.conftest import FILE, HOSTILE
 from tests.report.reading import Page
 

@@ -11,9 +11,9 @@ import pytest
 
 import accelcal as ac
 from accelcal import workflow
-from accelcal.results import table as tables
 from accelcal.data.dwells import Dwells
 from accelcal.estimation.estimate import estimate
+from accelcal.results import table as tables
 from accelcal.results.words import concise, interval, plain
 from accelcal.validation.stretches import headline_horizon
 
@@ -165,7 +165,8 @@ def test_an_effect_on_noise_a_curve_and_a_shape_stand_in_every_face(full, tmp_pa
     from accelcal.report.view import view
 
     fit, recording = full
-    assert fit.noise_effects and fit.shapes
+    assert fit.noise_effects
+    assert fit.shapes
     show_fit(fit)
     page = view(gather(fit, recording))
     faces = {

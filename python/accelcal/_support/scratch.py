@@ -17,7 +17,7 @@ LOCK = re.compile(r"accelcal-[0-9a-f]{24}\.lock")
 
 @contextmanager
 def scratch_folder() -> Iterator[Path]:
-    """Give a new folder, for this user alone, in the folder for temporary files.
+    """Give a new folder, for this user alone, in the folder for temporary files; a fork of this process leaves it.
 
     Raises
     ------
@@ -26,15 +26,16 @@ def scratch_folder() -> Iterator[Path]:
     """
     where = Path(tempfile.gettempdir())
     _sweep(where)
-    lock, descriptor = _free_name(where), None
+    lock, descriptor, owner = _free_name(where), None, os.getpid()
     try:
         while (descriptor := locks.create(lock, 0o600)) is None:
             lock = _free_name(where)
         lock.with_suffix("").mkdir(mode=0o700)
         yield lock.with_suffix("")
     finally:
-        shutil.rmtree(lock.with_suffix(""), ignore_errors=True)
-        lock.unlink(missing_ok=True)
+        if os.getpid() == owner:
+            shutil.rmtree(lock.with_suffix(""), ignore_errors=True)
+            lock.unlink(missing_ok=True)
         if descriptor is not None:
             os.close(descriptor)
 

@@ -216,7 +216,13 @@ def _silence(number: int) -> None:
 
 
 def _watch_streams() -> None:
-    """Notice a broken pipe where it happens, before a library makes something else of it."""
+    """Notice a broken pipe where it happens, before a library makes something else of it.
+
+    A character that the encoding of a stream does not have, such as ², is written as its number.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     if os.name != "posix":
         return
     if sys.stdout is not None:

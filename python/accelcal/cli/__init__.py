@@ -9,6 +9,10 @@ Nothing is imported before `main` runs: a Ctrl-C while the commands are being im
 
 from __future__ import annotations
 
+import os
+import sys
+import warnings
+
 TYPE_CHECKING = False
 if TYPE_CHECKING:  # typing itself takes as long to import as all the rest until `main` runs
     from typing import Any, NoReturn
@@ -29,6 +33,9 @@ def main() -> NoReturn:
 
 
 def _command_line() -> None:
+    if not sys.warnoptions:  # what NumPy says of its divisions is for whoever mends accelcal, not for its user
+        warnings.simplefilter("ignore", RuntimeWarning)
+        os.environ["PYTHONWARNINGS"] = "ignore::RuntimeWarning"  # in the processes that this one starts
     __getattr__("app")()
 
 

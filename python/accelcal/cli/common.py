@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import json
 import math
 import os
 import shlex
@@ -19,11 +20,8 @@ from accelcal._support import internal_error
 from accelcal._support.plain_text import visible
 from accelcal._support.stopping import asked_to_end
 from accelcal._support.supervised import continue_in_child
+from accelcal.cli.overwriting import WRITTEN, OverwriteError, Writing, refuse_overwriting, writing
 
-WRITTEN = ("output", "c", "rust", "dcc", "csv", "figure", "save")
-"""Parameters that name an output file."""
-RECORDINGS = (".csv", ".parquet")
-"""Endings of recordings that are written, each with a sidecar next to it."""
 USAGE, BAD_DATA, NOT_IDENTIFIABLE, INTERNAL, INTERRUPTED = 2, 3, 4, 70, 130
 USAGE_ERROR: type[Exception] = typer.BadParameter.__mro__[1]
 """What typer itself prints as a mistake in the use of a command."""
@@ -62,6 +60,7 @@ Json = Annotated[bool, typer.Option("--json", help="JSON on stdout; everything e
 Band = Annotated[str | None, typer.Option("--band", help='Use the encoder up to this frequency, e.g. "300 Hz".')]
 From = Annotated[str | None, typer.Option("--from", help="Start time on the position clock, s.")]
 To = Annotated[str | None, typer.Option("--to", help="End time on the position clock, s.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that this command did not write before.")]
 Seed = Annotated[int | None, typer.Option("--seed", help="Random seed; stored in the output file.", min=0)]
 
 
@@ -112,7 +111,8 @@ def with_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
     """Turn every exception into one sentence and an exit code."""
 
     @functools.wraps(command)
-    def run(*args: Any, **kwargs: Any) -> None:
+    def run(*args: Any, force: bool = False, **kwargs: Any) -> None:
+        token = writing.set(Writing(command.__name__, force))
         try:
             refuse_overwriting(kwargs)
             command(*args, **kwargs)
@@ -122,9 +122,14 @@ def with_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
             if speaks_for_itself(error) or asked_to_end():
                 raise
             exit_with(internal_error.sentence(error) + template_hint(error, kwargs), code_of(error))
+        finally:
+            writing.reset(token)
 
     # typer reads options from evaluated annotations.
     signature = inspect.signature(command, eval_str=True)
+    if any(name in WRITTEN for name in signature.parameters):
+        force = inspect.Parameter("force", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Force)
+        signature = signature.replace(parameters=[*signature.parameters.values(), force])
     run.__signature__ = signature  # type: ignore[attr-defined]
     run.__annotations__ = {name: p.annotation for name, p in signature.parameters.items()} | {"return": None}
     return run
@@ -143,32 +148,6 @@ def template_hint(error: BaseException, given: Mapping[str, Any]) -> str:
     return ""
 
 
-def refuse_overwriting(given: Mapping[str, Any]) -> None:
-    """Refuse to write over a recording or a sidecar that the command reads; a model may be replaced by the next one.
-
-    Raises
-    ------
-    Usage
-        Naming the option.
-    """
-    written = {name: given[name] for name in WRITTEN if isinstance(given.get(name), Path)}
-    if not written:
-        return
-    from accelcal.io import sidecar_of
-
-    values = [value for name, value in given.items() if name not in (*WRITTEN, "model", "models")]
-    read = {
-        path for value in values for path in (value if isinstance(value, list) else [value]) if isinstance(path, Path)
-    }
-    kept = {path.resolve() for source in read for path in (source, sidecar_of(source))}
-    for name, path in written.items():
-        for made in (path, sidecar_of(path)) if path.suffix in RECORDINGS else (path,):
-            if made.resolve() in kept:
-                raise UsageError(
-                    f"--{name} {path}: {made} is an input of this command and would be overwritten; give another name"
-                )
-
-
 def speaks_for_itself(error: BaseException) -> bool:
     """Whether an exception ends the command in its own way: an exit, a signal, a pipe that nobody reads, a question
     that was declined.
@@ -184,7 +163,7 @@ def code_of(error: BaseException) -> int:
 
     if isinstance(error, NotIdentifiable):
         return NOT_IDENTIFIABLE
-    return USAGE if isinstance(error, UsageError) else BAD_DATA
+    return USAGE if isinstance(error, UsageError | OverwriteError) else BAD_DATA
 
 
 class UsageError(ValueError):
@@ -209,11 +188,16 @@ def print_alignment(recording: Any) -> None:
             print_status(f"{recording.name}: {finding.text}")
 
 
-def print_json(content: dict[str, Any]) -> None:
-    """Print JSON on stdout."""
-    from accelcal.serialization import model_file
+def print_json(content: dict[str, Any], indent: int | None = 2) -> None:
+    """Print JSON on stdout, in ASCII where its encoding lacks a character; without an indent in one line."""
+    from accelcal.serialization.json_text import dumps
 
-    print(model_file.dumps(content), end="")
+    text = dumps(content, indent)
+    try:
+        text.encode(sys.stdout.encoding or "utf-8")
+    except UnicodeEncodeError:
+        text = f"{json.dumps(json.loads(text), indent=indent)}\n"
+    print(text, end="", flush=True)
 
 
 def parse_quantity(text: str | None, kind: str, option: str) -> float | None:

@@ -27,7 +27,7 @@ from accelcal.cli.common import (
     with_exit_codes,
     writable_folder,
 )
-from accelcal.cli.hints import suggest
+from accelcal.cli.hints import after_comparison, fitted_files, held_out, suggest
 from accelcal.cli.models import LOADED, load_like
 
 
@@ -120,7 +120,7 @@ def compare_one(
         print_json(content)
     else:
         show_comparison(seen)
-        suggest("diagnose", model, run)
+        after_comparison(fitted, model, run)
 
 
 def compare_several(
@@ -157,7 +157,8 @@ def compare_several(
         print_json(content)
     else:
         show(found)
-        suggest("diagnose", found.names[best_of(content)], runs[0])
+        best = best_of(content)
+        after_comparison(fits[best], models[best], runs[0])
 
 
 def best_of(content: dict[str, Any]) -> int:
@@ -215,4 +216,5 @@ def history(
         print_json(diagnosis_json.history_to_dict([str(m) for m in models], seen))
     else:
         show(seen)
-        suggest("report", models[-1], on, "-o", f"{models[-1].stem}.html")
+        fitted = fitted_files(fits[-1], models[-1], on)
+        suggest("report", models[-1], fitted[0], *held_out(on), "-o", f"{models[-1].stem}.html")

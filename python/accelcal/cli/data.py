@@ -23,6 +23,7 @@ from accelcal.cli.common import (
     with_exit_codes,
 )
 from accelcal.cli.hints import suggest
+from accelcal.cli.overwriting import mark_of
 from accelcal.cli.terminal import say_line
 
 if TYPE_CHECKING:
@@ -39,37 +40,42 @@ def init(run: RunFile) -> None:
     """
     from accelcal import io
 
-    print_status(f"wrote {io.init(run)}: fill in the marked lines, then run: accelcal check {run}")
+    io.init(run)
+    print_status(f"wrote {io.sidecar_of(run)}: fill in the marked lines, then run: accelcal check {run}")
 
 
 @app.command()
 @with_exit_codes
 def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
-    """Check a recording: rates, spans, gaps, ranges, warnings, and where the relation of the channels breaks.
+    """Check a recording: rates, spans, gaps, ranges, warnings, what is left out, and where the relation breaks.
 
     Example: [bold]accelcal check run12.csv[/bold]
     """
     from accelcal import io
-    from accelcal.data import summary
+    from accelcal.data import quality, summary
     from accelcal.data.recording import RecordingError
     from accelcal.diagnosis.change_points import usable
+    from accelcal.diagnosis.left_out import left_out_sentences, without_wrong_readings
     from accelcal.results.comparisons import broken
 
     with progress("check") as report:
         recording = io.load(run, rig)
+        quality.require_varying(recording)
         report(0.6)
+        whole = without_wrong_readings(recording)
         try:
-            breaks = list(usable(recording).breaks)
+            breaks = list(usable(whole).breaks)
         except RecordingError:  # too short to look for one: the summary says how long it is
             breaks = []
         report(0.9)
-        content = {**summary.describe(recording), "breaks_s": breaks} if json else {}
+        gone = list(left_out_sentences(whole))
+        content = {**summary.describe(recording), "breaks_s": breaks, "left_out": gone} if json else {}
         text = "" if json else summary.summarise(recording)
     if json:
         print_json(content)
         return
     say_line(text)
-    for text in broken(breaks):
+    for text in (*gone, *broken(breaks)):
         say_line(f"suspect data: {text}")
     suggest("fit", run, "-o", f"{run.stem}.json")
 
@@ -187,5 +193,6 @@ def write_recording(recording: Recording, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     sidecar = io.sidecar_of(path)
     with io.together():
-        io.write_sidecar(recording.rig, write(recording, path), sidecar, labels=recording.labels)
+        columns = write(recording, path)
+        io.write_sidecar(recording.rig, columns, sidecar, labels=recording.labels, mark=mark_of(path))
     return sidecar

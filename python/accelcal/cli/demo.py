@@ -11,6 +11,7 @@ import typer
 from accelcal.cli.common import Json, app, print_json, print_status, progress, with_exit_codes, writable_folder
 from accelcal.cli.data import truth_text, write_recording
 from accelcal.cli.hints import suggest
+from accelcal.cli.overwriting import require_replaceable
 from accelcal.cli.terminal import say_line
 
 if TYPE_CHECKING:
@@ -36,6 +37,9 @@ def demo(
     """
     from accelcal.cli.printing import show_comparison, show_fit
 
+    paths = [output / "run1.csv", output / "run2.csv"]
+    for path in (*paths, output / ("m.json" if effect is None else "best.json")):
+        require_replaceable(path, f"--output {output}: ", paths)
     if effect is not None:
         demo_hidden(effect, output, seed)
         return
@@ -52,7 +56,6 @@ def demo(
 
     truth = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
     began = time.perf_counter()
-    paths = [output / "run1.csv", output / "run2.csv"]
     seeds = np.random.SeedSequence(seed).spawn(2)
     for path, each in zip(paths, seeds, strict=True):
         rng = np.random.default_rng(each)

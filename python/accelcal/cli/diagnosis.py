@@ -29,8 +29,9 @@ from accelcal.cli.common import (
     progress,
     with_exit_codes,
 )
-from accelcal.cli.hints import after_diagnosis, suggest
+from accelcal.cli.hints import after_diagnosis, held_out, suggest
 from accelcal.cli.models import LOADED, load_any, load_like, load_run
+from accelcal.cli.overwriting import mark_of
 from accelcal.cli.terminal import say_card, show_wrapped_table
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ def diagnose(
     show(found)
     if seen is not None:
         show(seen)
-    after_diagnosis(model, runs, found.effects, found.verdict)
+    after_diagnosis(fitted, found, model, runs, holdout)
 
 
 def report_on_dwells(found: DwellDiagnosis, output: Path | None, json: bool) -> None:
@@ -130,7 +131,8 @@ def improve(
 ) -> None:
     """Fit the base model, then diagnose, add the missing effect and refit, until no effect is missing.
 
-    Without --holdout the last of three recordings or more is held out, or the end of the first of fewer.
+    Without --holdout the last of three recordings or more is held out whose axis and mount another one has, else the
+    end of the first.
 
     Example: [bold]accelcal improve run12.csv --holdout run13.csv -o best.json[/bold]
     """
@@ -165,7 +167,7 @@ def improve(
         print_json(content)
     else:
         show_improvement(found)
-        suggest("report", output, runs[0], "-o", f"{runs[0].stem}.html")
+        suggest("report", output, runs[0], *held_out(holdout), "-o", f"{runs[0].stem}.html")
 
 
 @contextmanager
@@ -364,5 +366,5 @@ def write_set_points(found: Plan, rig: RigOf, path: Path) -> tuple[Path, Path]:
     }
     with io.together():
         io.atomic_write(path, f"t_s,position_m\n{rows}\n")
-        io.write_sidecar(rig, columns, sidecar)
+        io.write_sidecar(rig, columns, sidecar, mark=mark_of(path))
     return path, sidecar

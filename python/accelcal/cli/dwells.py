@@ -23,6 +23,7 @@ from accelcal.cli.common import (
     with_exit_codes,
     writable_file,
 )
+from accelcal.cli.overwriting import mark_of
 
 if TYPE_CHECKING:
     from accelcal.estimation.triad import Positions, TriadFit
@@ -88,7 +89,7 @@ def dwells(
         print_json(content) if json else show_triad(fitted)
         return
     if output is not None:
-        sidecar = write_table(found, degrees, output)
+        sidecar = write_table(found, degrees, output, mark_of(output))
         missing = "" if degrees else "; fill in attitude_deg"
         print_status(f"wrote {output} and {sidecar}{missing}, then run: accelcal fit {output} --model cubic")
     if json:

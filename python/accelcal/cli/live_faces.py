@@ -6,17 +6,16 @@ import math
 import time
 from collections import deque
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 from accelcal._support.plain_text import visible
-from accelcal.cli.common import print_status
+from accelcal.cli.common import print_json, print_status
 from accelcal.cli.terminal import say_line
 from accelcal.live.monitor import Alarm
 from accelcal.live.session import LiveState
 from accelcal.live.state_json import state_to_dict
 from accelcal.model import Estimate
 from accelcal.results.words import number, with_unit
-from accelcal.serialization.json_text import dumps
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -71,18 +70,15 @@ class JsonLines(Lines):
 
     def show(self, state: LiveState) -> None:
         """One object of what is known."""
-        self._print(state_to_dict(state, self.source))
+        print_json(state_to_dict(state, self.source), indent=None)
 
     def alarm(self, alarm: Alarm, state: LiveState) -> None:
         """One object of the alarm."""
-        self._print(state_to_dict(state, self.source, "alarm", alarm=alarm))
+        print_json(state_to_dict(state, self.source, "alarm", alarm=alarm), indent=None)
 
     def end(self, state: LiveState, ended: str) -> None:
         """The last object."""
-        self._print(state_to_dict(state, self.source, "end", ended=ended))
-
-    def _print(self, content: dict[str, Any]) -> None:
-        print(dumps(content, indent=None), end="", flush=True)
+        print_json(state_to_dict(state, self.source, "end", ended=ended), indent=None)
 
 
 class Screen(Lines):
@@ -136,6 +132,7 @@ def picture(state: LiveState, source: str, alarms: list[Alarm]) -> Group:
     return Group(
         Text(visible(title, one_line=True), style="bold"),
         table,
+        *(Text(text, style="yellow") for text in bias_of(state)),
         Text(innovation_of(state)),
         Text.assemble((word, style), f" ({state.alarms} of {state.blocks} blocks alarmed)"),
         Text(counts_of(state)),
@@ -148,6 +145,12 @@ def line_of(state: LiveState) -> str:
     parameters = ", ".join(map(with_band, state.estimates))
     when = "no row yet" if state.t is None else f"t = {state.t:.3f} s"
     return f"{when}: {parameters}; {innovation_of(state)}; {counts_of(state)}"
+
+
+def bias_of(state: LiveState) -> list[str]:
+    """The sentence on a scale factor that noise of the output biases by more than it is uncertain; empty else."""
+    bias = state.regressor_bias
+    return [] if bias is None or not bias.sentence else [bias.sentence]
 
 
 def with_band(e: Estimate) -> str:
@@ -187,5 +190,5 @@ def summary_of(state: LiveState, source: str, ended: str) -> list[str]:
         if state.holds is None
         else f"{state.alarms} of {state.blocks} blocks of innovations raised an alarm"
     )
-    lines = [f"{source}: {ended}", line_of(state), judged]
+    lines = [f"{source}: {ended}", line_of(state), *bias_of(state), judged]
     return [*lines, f"the filter refused {state.refused} events: {state.refusal}"] if state.refused else lines

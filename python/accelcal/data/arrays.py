@@ -1,12 +1,32 @@
-"""Array types, real series and flags, and the stretch about a place at which flags hold."""
+"""Array types, real series and flags, arrays of other packages, and the stretch about a place at which flags hold."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+
+
+def copied(values: Any) -> NDArray[Any]:
+    """Values of an array of any package, which later changes of that array do not reach.
+
+    NaN stands for what the mask of NumPy or the NA of pandas says was not sampled.
+
+    Examples
+    --------
+    >>> copied(np.ma.masked_array([1, 2, 3], [False, True, False]))
+    array([ 1., nan,  3.])
+    """
+    kind = getattr(getattr(values, "dtype", None), "kind", "")
+    if kind in tuple("fiu") and hasattr(values, "isna"):
+        return np.array(values.to_numpy(dtype=np.float64, na_value=np.nan))
+    if kind in tuple("fiu") and np.ma.isMaskedArray(values):
+        return np.array(np.ma.filled(values.astype(np.float64), np.nan))
+    return np.array(values)
 
 
 def stretch_about(flags: Flags, at: int) -> tuple[int, int]:

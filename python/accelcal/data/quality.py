@@ -12,8 +12,9 @@ held repeats         accelerations only: a logger faster than its sensor writes 
 rounded stamps       warning: stamps on a grid of which the spacing is no multiple. Where one uniform clock explains all
                      of them, its instants are used, else the stamps are kept
 position repeats     mentioned, kept: an encoder at rest repeats its count
-clipping             warning, kept: readings at the declared range, or piled up at the extreme
-constant             warning, kept
+clipping             warning, kept here: readings at the declared range, or piled up at the extreme; the former are
+                     left out before anything is estimated (`accelcal.diagnosis.left_out`)
+constant             warning, kept; of the output an error where something is to be learnt from it
 gaps                 mentioned, kept as gaps
 implausible travel   warning: more than 100 m, or faster than 1000 m/s, looks like a wrong unit of position
 ==================== ===================================================================================================
@@ -117,7 +118,8 @@ def require_usable(recording: Recording) -> None:
     ------
     RecordingError
         If a channel has fewer than 2 samples, stamps and readings that do not pair, numbers that are not finite or not
-        plausible, stamps that do not rise, or a rate that no sensor has; or if the channels share no stretch of time.
+        plausible, stamps that do not rise, or a rate that no sensor has; if the channels share no stretch of time, or
+        the output never changes.
     """
     file = recording.name or "recording"
     for channel in (recording.accel, recording.position, *recording.side.values()):
@@ -141,6 +143,7 @@ def require_usable(recording: Recording) -> None:
             )
         require_pace(file, channel.name, t)
     require_overlap(file, recording.accel, recording.position)
+    require_varying(recording)
 
 
 def require_few_holes(recording: Recording, seconds: float, step: float) -> None:
@@ -417,7 +420,7 @@ def _clipped(name: str, t: Array, clipped: NDArray[np.bool_], reason: str) -> Fi
     count, first = int(np.count_nonzero(clipped)), float(t[np.argmax(clipped)])
     text = (
         f"{name}: {count} samples are {reason} (first at t = {instant(first)} s): the sensor was probably saturated. "
-        "They are kept; cut them out, or fit where the motion is smaller"
+        "Every fit, diagnosis and comparison leaves out those at the declared range; without one, all are kept"
     )
     return Finding("clipping", name, count, first, text, "warning")
 
@@ -441,6 +444,23 @@ def _travel(t: Array, y: Array) -> list[Finding]:
             Finding("implausible_speed", "position", int(np.count_nonzero(fast)), float(t[i]), text, "warning")
         )
     return findings
+
+
+def require_varying(recording: Recording) -> None:
+    """Refuse a recording whose output never changes: its accelerometer was not read.
+
+    Raises
+    ------
+    RecordingError
+        With the reading and what to check.
+    """
+    accel = recording.accel
+    if len(accel) and np.ptp(accel.y) == 0.0:
+        raise RecordingError(
+            f"{recording.name or 'recording'}: all {len(accel)} samples of {accel.name} read {accel.y[0] + 0.0:.6g} "
+            "m/s²; expected an output that varies with the motion. Check the sensor's supply and wiring, and which "
+            "column is accel"
+        )
 
 
 def _constant(name: str, t: Array, y: Array) -> list[Finding]:

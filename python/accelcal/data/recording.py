@@ -17,7 +17,7 @@ from accelcal._support.immutable import immutable
 from accelcal._support.listing import listing
 from accelcal._support.result import Result
 from accelcal.data import units
-from accelcal.data.arrays import Array
+from accelcal.data.arrays import Array, copied
 from accelcal.data.dwells import Dwells
 from accelcal.data.rig import Rig
 from accelcal.data.run_labels import NO_LABELS, RunLabels
@@ -59,14 +59,17 @@ class Channel:
     t: Array
     """(n,) s, strictly rising, finite."""
     y: Array
-    """(n,) in `unit`, finite: a sample that was not taken is simply absent."""
+    """(n,) in `unit`, finite: a sample that was not taken is simply absent, as is one that is masked."""
     unit: str
     """SI unit of `y` (temperature: "degC")."""
 
     def __post_init__(self) -> None:
-        t, y = _series(self.name, "t", self.t), _series(self.name, "y", self.y)
+        t, y = series(self.name, "t", self.t), series(self.name, "y", self.y)
         if len(t) != len(y):
             raise RecordingError(f"{self.name}: {t.shape} stamps and {y.shape} readings, expected as many of each")
+        if np.ma.isMaskedArray(self.t) or np.ma.isMaskedArray(self.y):
+            sampled = ~(np.isnan(t) | np.isnan(y))
+            t, y = t[sampled], y[sampled]
         try:
             rule = units.conversion(self.unit)
         except units.UnitError as error:
@@ -83,17 +86,21 @@ class Channel:
         return f"Channel({self.name}: {len(self)} samples{span}, {self.unit})"
 
 
-def _series(name: str, key: str, values: ArrayLike) -> Array:
-    """Numbers in one dimension."""
-    if isinstance(values, np.ndarray) and values.dtype == np.float64 and values.ndim == 1:
-        return values
-    numbers = np.asarray(values)
+def series(name: str, key: str, values: ArrayLike) -> Array:
+    """Real numbers in one dimension, copied; NaN = not sampled.
+
+    Raises
+    ------
+    RecordingError
+        If they are something else.
+    """
+    numbers = copied(values)
     if numbers.ndim != 1 or numbers.dtype.kind not in "fiu":
         raise RecordingError(
             f"{name}: {key} is an array of {numbers.dtype} of shape {numbers.shape}; expected real numbers in one "
             "dimension"
         )
-    return numbers.astype(np.float64)
+    return numbers.astype(np.float64, copy=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +144,25 @@ class PositionStep:
         )
 
 
+WrongKind = Literal["saturated", "stuck"]
+"""At the limit of its range; or one value repeated while the other channel moves."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """Readings of one channel that are known to be wrong, and were left out before anything was estimated."""
+
+    kind: WrongKind
+    channel: str
+    count: int
+    of: int
+    """Readings that the channel had."""
+    stretches: tuple[tuple[float, float], ...]
+    """First and last reading of each, s."""
+    reach: float
+    """Time on both sides that the declared filters spread them over, s; it is left out with them."""
+
+
 @immutable
 @dataclass(frozen=True, slots=True, weakref_slot=True)
 class Recording(Result):
@@ -169,6 +195,8 @@ class Recording(Result):
     findings: tuple[Finding, ...] = ()
     position_steps: tuple[PositionStep, ...] = ()
     """Jumps of the position that were found; the replay starts anew behind each."""
+    left_out: tuple[LeftOut, ...] = ()
+    """Readings that are missing because they are known to be wrong."""
     labels: RunLabels = NO_LABELS
     """When, how mounted, by whom."""
     dwells: Dwells | None = None

@@ -228,7 +228,8 @@ class Pair:
         """
         output, motion = self.spectra()
         power = (np.mean(np.abs(output) ** 2, axis=0), np.mean(np.abs(motion) ** 2, axis=0))
-        share = np.maximum(0.0, 1.0 - output_noise / power[0]) * np.maximum(0.0, 1.0 - motion_noise / power[1])
+        noises = zip((output_noise, motion_noise), power, strict=True)
+        share = np.prod([np.maximum(0.0, 1.0 - noise / np.maximum(each, 1e-300)) for noise, each in noises], axis=0)
         n = fft.next_fast_len(2 * len(self.output), real=True)
         product = fft.rfft(self.output - np.mean(self.output), n) * np.conj(fft.rfft(self.motion, n))
         weight = np.interp(np.linspace(0.0, 1.0, len(product)), np.linspace(0.0, 1.0, len(share)), share)

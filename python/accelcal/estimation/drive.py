@@ -139,6 +139,10 @@ def without_transients(run: PreparedRun, integrals: DriveIntegrals, noise: Noise
     return replace(integrals, first=first, second=second)
 
 
+LEAST_SCALE = 1e-6
+"""Output over the acceleration of the position below which there is no output: a thousandth of mm read as m."""
+
+
 def require_output(run: PreparedRun, values: Values) -> None:
     """Refuse a recording whose output is so small beside its motion that the sensor has no scale left.
 
@@ -147,7 +151,7 @@ def require_output(run: PreparedRun, values: Values) -> None:
     RecordingError
         With the recording and what to check.
     """
-    if values.scale == 0.0:
+    if abs(values.scale) < LEAST_SCALE:
         raise RecordingError(
             f"{run.recording.name or 'recording'}: the output is as good as zero beside the acceleration of the "
             "position; check the units of accel and position"

@@ -14,7 +14,7 @@ from accelcal import _core
 from accelcal._support.arguments import checked
 from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
-from accelcal.data.arrays import Array, Flags
+from accelcal.data.arrays import Array, Flags, copied
 from accelcal.data.recording import Channel
 from accelcal.filters.choice import PARAMETERS, FilterChoice, GaussMarkov
 from accelcal.filters.core_settings import core_prior, core_samples, core_setup
@@ -214,8 +214,8 @@ def run_batch(
     Parameters
     ----------
     accel, position : array_like
-        (r, n) m/s² and m, one row per run on one clock; a single row serves all runs. NaN: not measured (position, and
-        accel in CWPA).
+        (r, n) m/s² and m, one row per run on one clock; a single row serves all runs. NaN or masked: not measured
+        (position, and accel in CWPA).
     dt : float
         Time between samples, s. The prior belongs to sample 0, which is read like all others.
     x0, P0 : array_like
@@ -238,7 +238,7 @@ def run_batch(
     setup = core_setup(choice, q, r_position, r_accel, None, tau, parameters, None)
     names = choice.states()
     n = len(names)
-    u, z = (np.ascontiguousarray(np.atleast_2d(a), dtype=np.float64) for a in (accel, position))
+    u, z = (np.ascontiguousarray(np.atleast_2d(copied(a)), dtype=np.float64) for a in (accel, position))
     x = np.ascontiguousarray(np.atleast_2d(x0), dtype=np.float64)
     P = np.ascontiguousarray(P0, dtype=np.float64).reshape(-1, n * n)
     runs = max(len(u), len(z), len(x), len(P))

@@ -91,6 +91,12 @@ def together() -> Iterator[None]:
             part.discard()
 
 
+def waiting(path: Path) -> Path:
+    """Where the content is that `together` will give a place, by its name there; the name where none waits."""
+    parts = [part.path for part in _waiting.get() or () if part.name == path]
+    return parts[-1] if parts else path
+
+
 def atomic_write(path: str | Path, content: str | bytes) -> None:
     """Write a whole file at once: text as UTF-8 with the line ends it has, or bytes."""
     with atomic(path) as part:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from accelcal.data.recording import RecordingError
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.io.assign import Plan
 from accelcal.io.convert import in_si
+from accelcal.io.files import open_regular
 from accelcal.io.formats import open_table
 from accelcal.io.sidecar import Sidecar, Source, has_sidecar, no_sidecar, read_sidecar, sidecar_of
 from accelcal.io.table import Column, Table
@@ -122,6 +124,21 @@ def assumed(setup: DwellSetup) -> tuple[str, ...]:
 
 
 def digest_of(path: Path) -> str:
-    """SHA-256 of a file, hex."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    """SHA-256 of a file, hex; of no more than it holds now, for some that the system makes up never end.
+
+    Raises
+    ------
+    RecordingError
+        If it is no regular file, or is not readable.
+    """
+    found = hashlib.sha256()
+    with open_regular(path, "a recording") as file:
+        left = os.fstat(file.fileno()).st_size
+        while left > 0 and (part := file.read(min(left, _TOGETHER))):
+            found.update(part)
+            left -= len(part)
+    return found.hexdigest()
+
+
+_TOGETHER = 1_000_000
+"""Bytes that are read at once."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from accelcal.data.arrays import Array
-from accelcal.data.recording import Recording, RecordingError
+from accelcal.data.recording import Recording, RecordingError, series
 from accelcal.data.references import UNITS, Reference, reference_among
 from accelcal.data.rig import Rig
 from accelcal.data.units import same_unit
@@ -55,7 +55,7 @@ def from_dataframe(frame: DataFrame, *, units: Mapping[str, str] | None, rig: Ri
             f"from_dataframe: frame is a {type(frame).__name__}; expected a pandas DataFrame. "
             "Recording.from_arrays takes arrays"
         )
-    columns = {str(key): frame[key].to_numpy() for key in frame.columns}
+    columns = {str(key): frame[key] for key in frame.columns}
     declared = dict(frame.attrs.get("units", {}) if units is None else units)
     if not any(naming.role(naming.take_apart(key).base) == "time" for key in columns):
         columns = {"t": index_in_seconds(frame.index), **columns}
@@ -80,7 +80,7 @@ def from_columns(columns: Mapping[str, ArrayLike], units: Mapping[str, str], rig
 
     Parameters
     ----------
-    columns : (n,) by name; NaN = not sampled.
+    columns : (n,) by name; NaN, masked or NA = not sampled.
     units : by name of the column.
 
     Raises
@@ -89,7 +89,7 @@ def from_columns(columns: Mapping[str, ArrayLike], units: Mapping[str, str], rig
         If a column or a unit is missing, unknown or of the wrong dimension, or the samples cannot be used.
     """
     where = name or "recording"
-    numbers = {key: numbers_of(where, key, values) for key, values in columns.items()}
+    numbers = {key: series(where, key, values) for key, values in columns.items()}
     unknown = [key for key in units if key not in columns and key != "position_t"]
     if unknown:
         raise RecordingError(f'{where}: units names "{unknown[0]}", but the columns are {", ".join(columns)}')
@@ -104,17 +104,6 @@ def from_columns(columns: Mapping[str, ArrayLike], units: Mapping[str, str], rig
     require_lengths(numbers, where)
     found = recording_of(table, Sidecar(rig=Rig() if rig is None else rig), [])
     return replace(found, name=name, digest=digest_of(numbers, given))
-
-
-def numbers_of(where: str, key: str, values: ArrayLike) -> Array:
-    """A column as real numbers."""
-    found = np.asarray(values)
-    if found.ndim != 1 or found.dtype.kind not in "fiu":
-        raise RecordingError(
-            f"{where}: {key} is an array of {found.dtype} of shape {found.shape}; expected real numbers in one "
-            "dimension"
-        )
-    return np.asarray(found, dtype=np.float64)
 
 
 def with_holes(values: Array) -> Column:

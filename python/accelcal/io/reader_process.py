@@ -13,7 +13,7 @@ import subprocess
 import sys
 import weakref
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from threading import Event, Timer
 from typing import IO, Any
@@ -21,6 +21,7 @@ from typing import IO, Any
 import numpy as np
 
 import accelcal
+from accelcal._support.scratch import scratch_folder
 from accelcal.data.recording import RecordingError
 from accelcal.io.decoding.child import MEMORY, SECONDS
 from accelcal.io.decoding.known_formats import BY_NAME
@@ -53,10 +54,12 @@ class ReaderProcess:
         self.kind = kind
         self.size = path.stat().st_size
         self._late = Event()
+        left = ExitStack()
+        scratch = left.enter_context(scratch_folder()) if BY_NAME[kind].scratch else None
         self._process = start()
-        self._close = weakref.finalize(self, _end, self._process, os.getpid())
+        self._close = weakref.finalize(self, _end, self._process, left, os.getpid())
         with self._ended_in_words():
-            self._ask({"kind": kind, "file": str(path)})
+            self._ask({"kind": kind, "file": str(path), "scratch": scratch and str(scratch)})
             found = self._answer()["entries"]
             self.entries = tuple(Entry(str(name), int(length), unit, clock) for name, length, unit, clock in found)
 
@@ -209,7 +212,8 @@ def _stop(process: subprocess.Popen[bytes], late: Event) -> None:
     process.kill()
 
 
-def _end(process: subprocess.Popen[bytes], owner: int) -> None:
+def _end(process: subprocess.Popen[bytes], left: ExitStack, owner: int) -> None:
+    """End a process, and remove what it has left."""
     if os.getpid() != owner:  # a fork of the process that started it
         return
     process.kill()
@@ -218,6 +222,7 @@ def _end(process: subprocess.Popen[bytes], owner: int) -> None:
             with suppress(OSError):
                 pipe.close()
     process.wait()
+    left.close()
 
 
 def _filled(pipe: IO[bytes], values: Any) -> Any:

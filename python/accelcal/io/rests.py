@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -140,23 +141,20 @@ def table_of(found: Rests, degrees: list[float]) -> list[dict[str, Any]]:
     return rows
 
 
-def write_table(found: Rests, degrees: list[float], path: Path) -> Path:
-    """Write the rests as a table of dwells, with its sidecar, whose path is returned.
+def write_table(found: Rests, degrees: list[float], path: Path, mark: Callable[[str], str] = str) -> Path:
+    """Write the rests as a table of dwells, with its sidecar, whose path is returned; both replace what is there.
 
-    Raises
-    ------
-    RecordingError
-        If a sidecar is there already.
+    Parameters
+    ----------
+    mark : as in `accelcal.io.write_sidecar`.
     """
     sidecar = sidecar_of(path)
-    if sidecar.exists():
-        raise RecordingError(f"{sidecar}: exists already and would be overwritten; choose another name for the table")
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
     for row in table_of(found, degrees):
         writer.writerow(["" if row[name] is None else repr(row[name]) for name in COLUMNS])
     with together():
-        write_sidecar(found.rig, {"accel": Source("mean", found.unit)}, sidecar, found.setup)
         atomic_write(path, text.getvalue())
+        write_sidecar(found.rig, {"accel": Source("mean", found.unit)}, sidecar, found.setup, mark=mark)
     return sidecar

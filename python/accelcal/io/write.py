@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -78,6 +78,7 @@ def write_sidecar(
     path: str | Path,
     dwell: DwellSetup | None = None,
     labels: RunLabels = NO_LABELS,
+    mark: Callable[[str], str] = str,
 ) -> None:
     """Write what is declared of a rig and of the columns of its file; reading it gives the same rig.
 
@@ -88,6 +89,7 @@ def write_sidecar(
     path : the sidecar to write; replaced if it exists.
     dwell : what it says of a table of dwells.
     labels : when, how mounted and by whom the run was made.
+    mark : gives the text that is written from that which declares all this.
     """
     reference = reference_among(channels) or "position"
     tables = {
@@ -105,7 +107,7 @@ def write_sidecar(
         for name, entries in tables.items()
         if entries
     )
-    atomic_write(path, text)
+    atomic_write(path, mark(text))
 
 
 def _labels(labels: RunLabels) -> dict[str, str]:

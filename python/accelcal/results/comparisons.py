@@ -47,7 +47,7 @@ def _(seen: Comparison, which: str = "") -> Table:
             }
             for h in seen.coast_rms
         ),
-        alarms=tuple(f"Suspect data: {text}" for text in broken(seen.breaks)),
+        alarms=tuple(f"Suspect data: {text}" for text in (*seen.left_out, *broken(seen.breaks))),
         notes=(*floor_notes(seen.noise_floor), *comparison_notes(seen)),
         about={"name": seen.recording},
     )
@@ -281,7 +281,7 @@ def error_reduction(
             Column("change_std"),
         ),
         rows=tuple(rows),
-        alarms=(*alarms, *(f"Held out: {text}" for text in broken(steps[-1].breaks))),
+        alarms=(*alarms, *(f"Held out: {text}" for text in (*steps[-1].left_out, *broken(steps[-1].breaks)))),
         notes=(
             *([falling] if sentence else []),
             *notes,
@@ -348,7 +348,11 @@ def _(result: PairedComparison, which: str = "") -> Table:
                 f"{name} on {recording or 'recording'}: {text}."
                 for recording, seen in zip(result.recordings, result.seen, strict=True)
                 for name, one_model in zip(result.names, seen, strict=True)
-                for text in (*broken(one_model.breaks), *(note.rstrip(".") for note in one_model.not_carried))
+                for text in (
+                    *one_model.left_out,
+                    *broken(one_model.breaks),
+                    *(note.rstrip(".") for note in one_model.not_carried),
+                )
             ),
         ),
         about={"reference": result.names[0]},

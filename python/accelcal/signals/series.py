@@ -61,13 +61,15 @@ def lagrange_weights(offsets: Sequence[Array]) -> list[Array]:
 def interpolation_spread(t: Array, y: Array) -> float:
     """Standard deviation of white noise in a series, robustly, from its interpolation errors."""
     error, gain = interpolation_errors(t, y)
+    if not len(error):
+        return float("nan")
     return float(np.median(np.abs(error / gain))) / 0.6745
 
 
 def local_spread(y: Array) -> Array:
     """Robust standard deviation about each sample, (n,): the largest of its block and both neighbours, and no less
     than that of the whole series."""
-    whole = float(np.median(np.abs(y))) / 0.6745
+    whole = float(np.median(np.abs(y))) / 0.6745 if len(y) else 0.0
     K = len(y) // LOCAL
     if K < 3:
         return np.full(len(y), max(whole, 1e-300))

@@ -28,6 +28,8 @@ class Format:
     """The name in a sentence on what is missing, where it says more."""
     unmarked: bool = False
     """Whether a file of this ending may begin with any bytes."""
+    scratch: bool = False
+    """Whether its library writes temporary files."""
 
 
 _HDF5_MARK = b"\x89HDF\r\n\x1a\n"
@@ -71,7 +73,7 @@ FORMATS = (
     Format("MAT", (".mat",), "mat", "scipy", _begins(b"MATLAB 5.0 MAT-file"), unmarked=True),
     Format("TDMS", (".tdms",), "tdms", "nptdms", _begins(b"TDSm"), "tdms", "the channel's properties"),
     Format("UFF", (".uff", ".unv"), "uff", "pyuff", _is_uff, "uff", "the header of the data set"),
-    Format("MF4", (".mf4",), "mf4", "asammdf", _begins(b"MDF     "), "mf4", "the channel"),
+    Format("MF4", (".mf4",), "mf4", "asammdf", _begins(b"MDF     "), "mf4", "the channel", scratch=True),
     Format("MCAP", (".mcap",), "mcap", "mcap", _begins(b"\x89MCAP0\r\n"), "mcap", _OF_MESSAGES),
     Format("ROS bag", (".bag",), "bag", "rosbags", _begins(b"#ROSBAG"), "ros", _OF_MESSAGES),
     Format("ROS 2 bag", (".db3",), "bag", "rosbags", _begins(b"SQLite format 3\x00"), "ros", _OF_MESSAGES),

@@ -1,0 +1,188 @@
+"""Which files a command replaces: what the same command has written before, and with --force whatever is there.
+
+A recording and its sidecar are known by the mark in the sidecar (`accelcal.io.written`), a model by the recordings that
+it was fitted to, other JSON by its schema, a table by its header, text by the name of its maker. Figures are replaced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextvars import ContextVar
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+WRITTEN = ("output", "c", "rust", "dcc", "csv", "figure", "save")
+"""Parameters that name an output file."""
+RECORDINGS = (".csv", ".parquet")
+"""Endings of recordings that are written, each with a sidecar next to it."""
+RECORDING = ("cut", "demo", "dwells", "plan", "simulate")
+"""Commands that write a recording, or a table, with a sidecar."""
+MODELLING = ("add", "demo", "drop", "fit", "freeze", "improve", "live")
+"""Commands that write a model."""
+FIGURES = (".pdf", ".png", ".svg")
+"""Endings of figures, which hold no name of their maker."""
+
+
+@dataclass(frozen=True, slots=True)
+class Writing:
+    """The command that is under way."""
+
+    command: str = ""
+    force: bool = True
+    """Whether it replaces whatever is there; a program that calls its parts does."""
+
+
+_BY_PROGRAM = Writing()
+writing: ContextVar[Writing] = ContextVar("writing", default=_BY_PROGRAM)
+
+
+class OverwriteError(ValueError):
+    """A file that would be replaced, and is not what the command has written before."""
+
+
+def refuse_overwriting(given: Mapping[str, Any]) -> None:
+    """Refuse the outputs of a command that are among its inputs, or that it did not write before.
+
+    Parameters
+    ----------
+    given : arguments of the command by name.
+
+    Raises
+    ------
+    OverwriteError
+        Naming the option.
+    """
+    written = {name: given[name] for name in WRITTEN if isinstance(given.get(name), Path)}
+    if not written:
+        return
+    from accelcal.io import sidecar_of
+
+    read = paths_in(value for name, value in given.items() if name not in (*WRITTEN, "model", "models"))
+    models = paths_in(given.get(name) for name in ("model", "models"))
+    kept = {path.resolve() for source in read for path in (source, sidecar_of(source))}
+    for name, path in written.items():
+        for made in (path, sidecar_of(path)) if path.suffix in RECORDINGS else (path,):
+            if made.resolve() in kept:
+                raise OverwriteError(
+                    f"--{name} {path}: {made} is an input of this command and would be overwritten; give another name"
+                )
+        if path.is_dir() or (name == "output" and writing.get().command == "live"):
+            continue  # a measurement cannot be repeated: `live` never replaces one, whoever asks
+        require_replaceable(path, f"--{name} {path}: ", read, models, joined=given.get("position") is not None)
+
+
+def mark_of(recording: Path) -> Callable[[str], str]:
+    """How the sidecar of a recording, which is written before it, is marked by the command under way."""
+    from accelcal.io.atomic import waiting
+    from accelcal.io.dwell_table import digest_of
+    from accelcal.io.written import marked
+
+    command = writing.get().command
+    return (lambda text: marked(text, command, digest_of(waiting(recording)))) if command else str
+
+
+def paths_in(values: Iterator[Any]) -> list[Path]:
+    """Paths among arguments and lists of them."""
+    listed = [each for value in values for each in (value if isinstance(value, list) else [value])]
+    return [each for each in listed if isinstance(each, Path)]
+
+
+def require_replaceable(
+    path: Path, option: str, read: Sequence[Path], models: Sequence[Path] = (), *, joined: bool = False
+) -> None:
+    """Refuse a file that the command under way did not write before, unless it was given --force.
+
+    Parameters
+    ----------
+    option : beginning of the message.
+    read : recordings that the command reads.
+    models : model files that it reads.
+    joined : whether its recording is made of two files, and has a digest of its own.
+
+    Raises
+    ------
+    OverwriteError
+        With what is there.
+    """
+    now = writing.get()
+    if now.force:
+        return
+    reason = (
+        _of_recording(path, now.command)
+        if now.command in RECORDING and path.suffix in RECORDINGS
+        else _of_file(path, now.command, read, models, joined=joined)
+    )
+    if reason:
+        raise OverwriteError(f"{option}{reason}; give another name, or --force to replace what is there")
+
+
+def _of_recording(path: Path, command: str) -> str:
+    """Why a recording is not written with its sidecar; "" where it may be."""
+    from accelcal.io import sidecar_of
+    from accelcal.io.formats import READABLE
+    from accelcal.io.written import writer_of
+
+    sidecar = sidecar_of(path)
+    others = [each for each in map(path.with_suffix, READABLE) if each != path and each.is_file()]
+    if others and not (path.exists() and writer_of(path) == command):
+        return f"{sidecar.name} would be the sidecar of {others[0].name} as well"
+    for there in (path, sidecar):
+        if there.is_file() and writer_of(path) != command:
+            return f"accelcal {command} did not write {there}, or it has changed since"
+    return ""
+
+
+def _of_file(path: Path, command: str, read: Sequence[Path], models: Sequence[Path], *, joined: bool) -> str:
+    """Why a model, a table or a page is not written; "" where it may be."""
+    if not path.is_file() or path.suffix in FIGURES or not path.stat().st_size:
+        return ""
+    from accelcal.io.dwell_table import digest_of
+    from accelcal.serialization.json_text import read_json
+
+    if path.suffix == ".json":
+        try:
+            content = read_json(path)
+            schema = str(content["schema"])
+        except (ValueError, KeyError, TypeError, IndexError):
+            schema = ""
+        if schema.startswith("accelcal/model/"):
+            if command not in MODELLING:
+                return f"{path} is a model"
+            used = _sources(content)
+            if joined or (not content.get("data") and len(read) > 1):  # made of several files, with a digest of its own
+                same = any(file.name in str(source.get("file", source.get("name"))) for source in used for file in read)
+            elif command == "live":  # which goes on with a model
+                same = any(_digests(used) & _digests(_sources(read_json(model))) for model in models)
+            elif not _digests(used):  # of arrays of a program
+                same = any(path.samefile(model) for model in models)
+            else:
+                same = any(file.is_file() and digest_of(file) in _digests(used) for file in read)
+            return "" if same else f"{path} is a model of another recording"
+        if schema.startswith("accelcal/") and command not in MODELLING:
+            return ""
+    elif _is_text_of_accelcal(path):
+        return ""
+    return f"accelcal {command} did not write {path}"
+
+
+def _sources(model: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Recordings and dwells that a model was fitted to."""
+    dwells = model.get("dwells")
+    return [*(model.get("data") or ()), *([dwells] if isinstance(dwells, Mapping) else ())]
+
+
+def _digests(sources: Sequence[Mapping[str, Any]]) -> set[Any]:
+    return {source.get(key) for source in sources for key in ("sha256", "session_sha256", "digest")} - {None, ""}
+
+
+def _is_text_of_accelcal(path: Path) -> bool:
+    """Whether a file that is no recording says that accelcal made it, or is a table of `response`."""
+    from accelcal.io.formats import READABLE
+    from accelcal.response.table import COLUMNS
+
+    with path.open("rb") as file:
+        head = file.read(100_000)
+    if path.suffix in READABLE:
+        return head.startswith(",".join(COLUMNS).encode())
+    return path.suffix != ".toml" and b"accelcal" in head

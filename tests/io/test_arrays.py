@@ -1,0 +1,116 @@
+"""Arrays of other packages: their masks are kept, they are copied, and an output that never changes is refused."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal import filters
+from accelcal.data.recording import Channel, RecordingError
+
+N = 4000
+T = np.arange(N) / 500.0
+POSITION = 0.05 * np.sin(6.0 * T)
+BAD = np.arange(N) % 8 == 0
+"""Readings that were not sampled, whatever stands there."""
+UNITS = {"accel": "m/s^2", "position": "m"}
+RIG = ac.Rig(ac.Sensor(noise=2e-3, range=50.0), resolution=1e-6)
+
+
+def output() -> np.ndarray:
+    """A sensor without bias; 4 m/s² more where it was not sampled."""
+    rng = np.random.default_rng(20261125)
+    return -1.8 * np.sin(6.0 * T) + 0.03 * rng.standard_normal(N) + 4.0 * BAD
+
+
+def recorded(t: object, accel: object, position: object) -> ac.Recording:
+    return ac.Recording.from_arrays(t, accel, position, units=UNITS, rig=RIG)  # type: ignore[arg-type]
+
+
+def with_mask(package: str, values: np.ndarray, bad: np.ndarray) -> object:
+    """Values as an array of a package, not sampled where they are bad."""
+    if package == "numpy":
+        return np.ma.masked_array(values, bad)
+    if package == "xarray":
+        return pytest.importorskip("xarray").DataArray(values, dims="t").where(~bad)
+    if package == "arrow":
+        return pytest.importorskip("pyarrow").array(values, mask=bad)
+    pandas = pytest.importorskip("pandas")
+    if package == "pandas integers":
+        return pandas.Series(pandas.arrays.IntegerArray(np.round(1e4 * values).astype(np.int64), bad)) / 10**4
+    return pandas.Series(pandas.arrays.FloatingArray(values, bad))
+
+
+PACKAGES = ["numpy", "pandas", "pandas integers", "xarray", "arrow"]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_what_a_mask_says_was_not_sampled_is_left_out(package: str) -> None:
+    run = recorded(T, with_mask(package, output(), BAD), POSITION)
+    assert len(run.accel) == N - np.count_nonzero(BAD)
+    assert not np.isin(run.accel.t, T[BAD]).any()
+    bias = ac.fit(ac.Model.linear(), run)["bias"]
+    assert abs(bias.value) < 5.0 * bias.std
+    hidden = ac.fit(ac.Model.linear(), recorded(T, output(), POSITION))["bias"]
+    assert hidden.value > 50.0 * hidden.std  # the sister that must fail: the same numbers without their mask
+
+
+def test_masks_of_position_stamps_and_columns_of_a_frame_are_kept_too() -> None:
+    accel = output() - 4.0 * BAD
+    run = recorded(T, accel, np.ma.masked_array(np.where(BAD, 9.0, POSITION), BAD))
+    assert not np.isin(run.position.t, T[BAD]).any()
+    pandas = pytest.importorskip("pandas")
+    columns = {"t_s": T, "accel_m_per_s2": with_mask("pandas", output(), BAD), "position_m": POSITION}
+    frame = ac.Recording.from_dataframe(pandas.DataFrame(columns))
+    assert not np.isin(frame.accel.t, T[BAD]).any()
+    channel = Channel("accel", T, np.ma.masked_array(output(), BAD), "m/s^2")  # type: ignore[arg-type]
+    np.testing.assert_array_equal(channel.t, T[~BAD])
+    np.testing.assert_array_equal(channel.y, output()[~BAD])
+
+
+def test_a_batch_of_filters_passes_over_masked_positions() -> None:
+    settings = {"dt": 2e-3, "q": 1e-6, "r_position": 1e-12, "x0": np.zeros(4), "P0": np.eye(4)}
+    choice = filters.FilterChoice("aci", "linear", "inverse")
+    wrong = np.where(BAD, 9.0, POSITION)
+    masked = filters.run_batch(choice, output(), np.ma.masked_array(wrong, BAD), **settings)  # type: ignore[arg-type]
+    absent = filters.run_batch(choice, output(), np.where(BAD, np.nan, POSITION), **settings)  # type: ignore[arg-type]
+    assert masked.states.tobytes() == absent.states.tobytes()
+
+
+def test_arrays_of_the_caller_are_copied() -> None:
+    given = {"t": T.copy(), "accel": output(), "position": POSITION.copy()}
+    run = recorded(*given.values())
+    channel = Channel("accel", given["t"], given["accel"], "m/s^2")
+    replaced = replace(channel, y=given["position"], unit="m")
+    before = run.sums, float(channel.y.sum()), float(channel.t.sum()), float(replaced.y.sum())
+    for values in given.values():
+        values[:] = np.nan
+    assert (run.sums, float(channel.y.sum()), float(channel.t.sum()), float(replaced.y.sum())) == before
+
+
+@pytest.mark.parametrize("accel", [0.0, 1.3])
+def test_an_output_that_never_changes_is_refused_in_python_as_in_a_file(accel: float, tmp_path: Path) -> None:
+    text = f"all {N} samples of accel read {accel:g} m/s²; expected an output that varies with the motion"
+    path, model = tmp_path / "run.csv", ac.fit(ac.Model.linear(), recorded(T, output() - 4.0 * BAD, POSITION))
+    header = "t_s,accel_m_per_s2,position_m"
+    np.savetxt(path, np.c_[T, np.full(N, accel), POSITION], delimiter=",", header=header, comments="")
+    for run in (recorded(T, np.full(N, accel), POSITION), ac.load(path)):
+        for act in (lambda run=run: ac.fit(ac.Model.linear(), run), lambda run=run: ac.diagnose(model, run)):
+            with pytest.raises(RecordingError, match=text):
+                act()
+    done = subprocess.run([sys.executable, "-m", "accelcal", "check", path], capture_output=True, text=True)
+    assert done.returncode == 3
+    assert text in done.stderr
+
+
+@pytest.mark.parametrize("size", [5e-324, 1e-300, 1e-8])
+def test_an_output_that_hardly_changes_is_no_sensor(size: float) -> None:
+    run = ac.Recording.from_arrays(T, size * np.sin(6.0 * T), POSITION, units=UNITS, rig=RIG)
+    with pytest.raises(RecordingError, match="as good as zero beside the acceleration"):
+        ac.fit(ac.Model.linear(), run)
