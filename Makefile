@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml) $(shell find crates -path '*/src/*.rs')
 export CARGO_INCREMENTAL ?= 0
 
-.PHONY: help demo docs test test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls bench-added bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers stubs format clean bench-response
+.PHONY: help demo docs test test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls bench-added bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -88,6 +88,9 @@ bench-live-input: $(STAMP) ## Send 10 kHz to `accelcal live` for ten minutes eac
 
 bench-check: $(STAMP) ## Fail where a step costs 5 % more instructions than stored (valgrind).
 	tools/bench_check.sh
+
+size: $(STAMP) ## Print the size of the package: statements, tokens, public names.
+	$(BIN)/python tools/size.py
 
 compare-outputs: $(STAMP) ## Outputs of ten recordings against another revision: make compare-outputs REV=aab2a6e.
 	tools/compare_outputs.sh $(REV)

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import ast
 import re
+import runpy
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import accelcal
+
+SIZE = Path(__file__).parents[2] / "tools" / "size.py"
 
 PACKAGE = Path(accelcal.__file__).parent
 CRATES = Path(__file__).parents[2] / "crates"
@@ -81,3 +86,20 @@ def test_a_long_class_and_a_long_list_are_caught() -> None:
     eleven = ", ".join(f"a{i}: f64" for i in range(11))
     assert dict(parameters_of_rust(f"pub fn many<T>(&self, {eleven}) -> f64 {{ 0.0 }}")) == {"many": 11}
     assert dict(parameters_of_python(f"def many(self, {eleven}): ...")) == {"many": 11}
+
+
+def test_size_counts_code_alone() -> None:
+    size = runpy.run_path(str(SIZE))
+    source = '"""Text."""\nx = 1  # comment\ndef f():\n    "Text."\n    f"{x}"\n    return f"{x}" "y"\n'
+    assert size["statements"](source) == 3  # x = 1, def, return
+    assert size["tokens"](source) == 3 + 5 + 1  # x = 1; def f ( ) :; return
+    assert size["is_schema"]('{"$schema": "https://json-schema.org/draft/2020-12/schema"}')
+    assert not size["is_schema"]('{"schema": "model/2"}')
+
+
+def test_size_prints_each_count() -> None:
+    lines = subprocess.run([sys.executable, str(SIZE)], capture_output=True, text=True, check=True).stdout.splitlines()
+    counts = {name: int(number) for number, name in (line.split(maxsplit=1) for line in lines)}
+    print(counts)
+    assert counts["names in dir(accelcal)"] == len(dir(accelcal))
+    assert counts["statements"] < counts["tokens"]
