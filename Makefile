@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml) $(shell find crates -path '*/src/*.rs')
 export CARGO_INCREMENTAL ?= 0
 
-.PHONY: help demo docs test test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers stubs format clean bench-response
+.PHONY: help demo docs test test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls bench-added bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers stubs format clean bench-response
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -101,6 +101,12 @@ bench-peers: $(STAMP) ## Run every other filter on our workloads and put the tab
 
 bench-regimes: $(STAMP) ## Hold the product to honest records of every kind of rig; hours, restartable.
 	$(BIN)/python -m benches.regimes --workers 2
+
+bench-nulls: $(STAMP) ## Read 300 honest records of every kind of rig; half an hour, restartable.
+	$(BIN)/python -m benches.nulls
+
+bench-added: $(STAMP) ## Hide, name and add every effect of the catalogue; twenty minutes, restartable.
+	$(BIN)/python -m benches.added
 
 bench-references: $(STAMP) ## Hide effects in records whose reference is a velocity or an acceleration; an hour, restartable.
 	$(BIN)/python -m benches.references --workers 2

@@ -1,6 +1,7 @@
 """The product's verbs: fit, diagnose, add, drop, improve, history, compare, compare_paired, coast.
 
-Outliers are rejected before every fit, and jumps of the position are found before anything else.
+Readings that are known to be wrong are left out and jumps of the position found before anything else, and outliers are
+rejected before every fit.
 """
 
 from __future__ import annotations
@@ -21,17 +22,20 @@ from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import position_steps_sought, with_position_steps
+from accelcal.diagnosis.findings import Confounded, in_model
+from accelcal.diagnosis.independent_tests import largest_wave
+from accelcal.diagnosis.left_out import left_out_remarks, left_out_sentences, without_wrong_readings
 from accelcal.diagnosis.noise_model.fitted import noise_scores, require_noise_shown, with_noise_effects
 from accelcal.diagnosis.noise_tests.run_all import run_outlier_tests
 from accelcal.diagnosis.one_axis import require_one_axis
 from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit
-from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, VALIDATION_SIGMA
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, SHOWN_SIGMA, VALIDATION_SIGMA
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.rest import require_motion_above_noise
 from accelcal.diagnosis.run_agreement import RunValues, run_agreement, values_by_run
 from accelcal.diagnosis.search.hypotheses import lacks_its_position, may_be_refined
 from accelcal.diagnosis.search.scan import scan
-from accelcal.diagnosis.turning import slow_residual
+from accelcal.diagnosis.turning import slow_residual, stretches_of
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on
 from accelcal.effects import Effect, find, side_channels
 from accelcal.estimation.estimate import (
@@ -44,8 +48,8 @@ from accelcal.estimation.estimate import (
     solve_runs,
 )
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
-from accelcal.estimation.run import Method
-from accelcal.estimation.run_differences import SEEN_BY_RUNS
+from accelcal.estimation.run import Method, PreparedRun
+from accelcal.estimation.run_differences import SEEN_BY_RUNS, run_to_hold_out
 from accelcal.estimation.run_state import RunState
 from accelcal.model import BASE, Model
 from accelcal.selection.budget import SearchBudget
@@ -64,8 +68,6 @@ MOST_EFFECTS = 3
 """Effects that `improve` adds at most by default."""
 MOST_AT_ONCE = 4_000_000
 """Samples and readings up to which two models are compared at the same time: filters of both are in memory then."""
-WHOLE_RUNS = 3
-"""Runs from which on `improve` holds out the last as a whole: a part of a run does not reveal what differs between."""
 
 
 def model_in_motion(fit: Fit) -> Model:
@@ -75,7 +77,7 @@ def model_in_motion(fit: Fit) -> Model:
 
 
 def runs_of(recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> list[Recording]:
-    """Recordings of motions, dwells among them given to the first.
+    """Recordings of motions without readings that are known to be wrong, dwells among them given to the first.
 
     Raises
     ------
@@ -85,7 +87,7 @@ def runs_of(recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> li
     several = with_dwells(recordings)
     if isinstance(several, Dwells):
         raise RecordingError(f"{several.name or 'dwells'}: dwells alone show no motion; diagnose_dwells judges them")
-    return several
+    return [without_wrong_readings(one) for one in several]
 
 
 @checked
@@ -153,6 +155,10 @@ def diagnose(
 
     fitted = clean_fit(several, solve)
     judged = verdict_on(fitted, stretch, extra, alpha, within(report, 0.35, 1.0))
+    if rest := undisturbed(several, stretch, judged):
+        several, stretch = rest
+        fitted = clean_fit(several, solve)
+        judged = verdict_on(fitted, stretch, extra, alpha, within(report, 0.35, 1.0))
     return replace(judged, dropped=fitted.rejected(several), remarks=(*judged.remarks, *broken))
 
 
@@ -245,7 +251,8 @@ def fit(
     recordings : one run, or several with one sensor; static dwells of it, alone (a tumble test) or with runs.
     start, end : s, optional; only this part is used.
     band : bandwidth of the smoothed motion, Hz; by default the most likely one.
-    origins : zero of time, position and temperature; by default those of the first recording.
+    origins : zero of time, position and side channels; by default those of the first recording, and the mean of each
+        channel over all of them.
     method : "replay", a filter on position and velocity, or "weak", integrals against smooth test functions
         (derivations 6.15); both give the same estimates where the record is what it should be. "auto" takes the weak
         form where the reference is so good that it meets the noise of the output above a tenth of its sampling rate.
@@ -277,32 +284,59 @@ def fit(
     several = with_dwells(recordings)
     if isinstance(several, Dwells):
         return estimate_dwells(model, several, origins)
+    several = [without_wrong_readings(one) for one in several]
     if "scale_factor" not in model.fixed:
         require_motion_above_noise(several, start=start, end=end)
         require_one_axis(several, start=start, end=end)
     several, broken = usable_recordings(several, start is not None or end is not None)
     share = 0.8 if reject_outliers else 1.0
-    solution = solve_runs(
-        model,
-        several,
-        start=start,
-        end=end,
-        band=band,
-        origins=origins,
-        engine=method,
-        report=within(report, 0.0, share),
-    )
-    found = result(solution)
-    if reject_outliers:
-        found, solution = fit_without_outliers(found, solution, several, start=start, end=end, band=band)
-    found = with_noise_effects(found, several, solution.states)
-    found = with_breaks(with_agreement(found, solution.states), broken)
-    run = solution.states[0].run
-    solution.states.clear()  # the prediction filters anew: one set of filters at a time
+
+    def fitted(these: Sequence[Recording]) -> tuple[Fit, PreparedRun]:
+        solution = solve_runs(
+            model,
+            these,
+            start=start,
+            end=end,
+            band=band,
+            origins=origins,
+            engine=method,
+            report=within(report, 0.0, share),
+        )
+        found = result(solution)
+        if reject_outliers:
+            found, solution = fit_without_outliers(found, solution, these, start=start, end=end, band=band)
+        found = with_noise_effects(found, these, solution.states)
+        found = with_breaks(with_agreement(found, solution.states), broken)
+        run = solution.states[0].run
+        solution.states.clear()  # the prediction filters anew: one set of filters at a time
+        return found, run
+
+    found, run = fitted(several)
     slow = slow_residual(found, run) if reject_outliers else None
-    if slow is None:
-        return found
-    return replace(found, tilt=float(slow.values["tilt_deg"]), remarks=(f"{slow.sentence}.", *found.remarks))
+    disturbed = slow if slow is not None and slow.code == "disturbed" else None
+    if disturbed is not None:
+        found, run = fitted(without_stretches(several, disturbed))
+        slow = slow_residual(found, run, stretches=False)
+    said = tuple(f"{one.sentence}." for one in (slow, disturbed) if one is not None)
+    tilt = 0.0 if slow is None else float(slow.values["tilt_deg"])
+    return replace(found, tilt=tilt, remarks=(*said, *found.remarks)) if said else found
+
+
+def without_stretches(recordings: Sequence[Recording], disturbed: Remark) -> list[Recording]:
+    """Recordings of which the first lacks the stretches that a remark names."""
+    first, *others = recordings
+    return [first.without(*stretches_of(disturbed)), *others]
+
+
+def undisturbed(
+    recordings: Sequence[Recording], stretch: TimeSpan, judged: Diagnosis
+) -> tuple[list[Recording], TimeSpan] | None:
+    """Recordings without the stretches that a verdict names as disturbed, and the usable part with the remark on them;
+    None where it names none."""
+    disturbed = next((one for one in judged.remarks if one.code == "disturbed"), None)
+    if disturbed is None:
+        return None
+    return without_stretches(recordings, disturbed), replace(stretch, remarks=(disturbed, *stretch.remarks))
 
 
 def with_breaks(fit: Fit, broken: Sequence[Remark]) -> Fit:
@@ -401,6 +435,10 @@ def add(
         if states is None or model is not fit.model:
             shared = within(report, 0.0, 0.4)
             states = solve_runs(model, several, origins=fit.origins, engine=engine_of(fit), report=shared).states
+        wave = largest_wave(effect, model, states)
+        if wave is not None and effect.search.beside in ("", *model.effects):
+            model = model.add(name, shapes={name: wave.shape})
+            continue
         requested = scan(states, model, extra=extra, only=(effect,), report=within(report, 0.4, 0.6))
         if not requested.entered:
             lacking = [n for n in effect.needs if n not in several[0].side]
@@ -425,7 +463,18 @@ def add(
         raise ValueError(
             f"{unsettled[0]!r} cannot be added: the fit with it does not settle, so its noise would not be calibrated"
         )
-    return with_breaks(grown, broken)
+    return with_breaks(replace(grown, remarks=(*grown.remarks, *barely_shown(grown, names))), broken)
+
+
+def barely_shown(fit: Fit, names: Sequence[str]) -> list[str]:
+    """Sentences on effects of a fit that the record hardly tells from zero."""
+    sigmas = {name: in_model(fit, Confounded(name, (name,), ""), {}).sigma for name in names}
+    return [
+        f"{name} is {sigma:.1f} standard deviations from zero, where {SHOWN_SIGMA:g} are expected of an effect that is "
+        "there: drop it, or fit a longer record"
+        for name, sigma in sigmas.items()
+        if sigma is not None and sigma < SHOWN_SIGMA
+    ]
 
 
 @checked
@@ -561,7 +610,8 @@ def compare_models(
         seen = evaluation.compare(
             fit, part, band=band, horizons=horizons, start=begin, end=finish, ruler=ruler, report=report
         )
-        return replace(seen, noise_scores=noise_scores(fit, part, start=begin, end=finish), breaks=breaks)
+        scores, gone = noise_scores(fit, part, start=begin, end=finish), left_out_sentences(part, begin, finish)
+        return replace(seen, noise_scores=scores, breaks=breaks, left_out=gone)
 
     def floor(report: Callable[[float], None]) -> NoiseFloor:
         return noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
@@ -593,8 +643,9 @@ def improve(
     Parameters
     ----------
     recordings : one or several runs to learn from.
-    holdout : held-out run on which the errors are computed; by default the last of three runs or more, or the last
-        30 % of the first of fewer, which then is not fitted. It takes no part in any decision.
+    holdout : held-out run on which the errors are computed; by default the last of three runs or more whose axis and
+        mount another one has, else the last 30 % of the first, which then is not fitted. It takes no part in what is
+        added; the verdict is on all runs.
     most : most effects to add.
     extra : users' effects to consider besides the built-in ones; by default all that are registered (`load_effects`,
         `effect`, `from_expression`), with () none.
@@ -623,8 +674,9 @@ def improve(
     ('cubic',)
     """
     original = runs_of(recordings)
-    if holdout is None and len(original) >= WHOLE_RUNS:
-        *original, holdout = original
+    apart = run_to_hold_out(original) if holdout is None else None
+    if apart is not None:
+        holdout = original.pop(apart)
     budget = SearchBudget.of(original)
     require_motion_above_noise(original, start=start, end=end)
     require_one_axis(original, start=start, end=end)
@@ -633,19 +685,27 @@ def improve(
     begin, finish = stretch.start, stretch.end
     split = finish - HELD_OUT * (finish - begin) if same_run else finish
     selection = StepwiseSelection.begin(original, stretch, split, extra, alpha, budget)
+    if rest := undisturbed(original, stretch, selection.current.verdict):
+        original, stretch = rest
+        selection = StepwiseSelection.begin(original, stretch, split, extra, alpha, budget)
     report(0.3)
     on_step(selection.fits[-1][1])
     for number in range(2 * most):
-        room = len(selection.history.effects) < most
+        room = selection.history.entered < most
         if not (room and selection.add_next()) and not selection.replace_by_family():
             break
         on_step(selection.fits[-1][1])
         report(min(0.9, 0.3 + 0.6 * (number + 1) / most))
     selection.finish()
     room = len(selection.current.model.added) < most
-    verdict = selection.final_verdict("no fit with it is possible" if room else f"at most {most} effects are added")
+    reason = "no fit with it is possible" if room else f"at most {most} effects are added"
     fitted = selection.current.fitted
     rejected = fitted.rejected(original)
+    if apart is not None and holdout is not None:
+        if not selection.current.verdict.scan.found:
+            reason = "the run that is held out takes no part in what is added"
+        selection.judge_with(usable_recordings([holdout], stretch.chosen)[0])
+    verdict = selection.final_verdict(reason)
     test = original[0]
     test_begin: float | None = split
     test_end: float | None = finish
@@ -746,7 +806,8 @@ def compare(
     seen = evaluation.compare(
         fit, recording, band=band, horizons=horizons, start=start, end=end, ruler=ruler, report=part
     )
-    seen = replace(seen, noise_scores=noise_scores(fit, recording, start=start, end=end), breaks=breaks)
+    scores, gone = noise_scores(fit, recording, start=start, end=end), left_out_sentences(recording, start, end)
+    seen = replace(seen, noise_scores=scores, breaks=breaks, left_out=gone)
     if ruler is not None:
         return seen
     floor = noise_floor(Ruler.of([fit]), fit, recording, horizons=horizons, start=start, end=end)
@@ -761,7 +822,7 @@ def compared_part(
     if start is not None or end is not None:
         return with_position_steps(recording), start, end, ()
     recording, start, end, broken = whole_part(recording)
-    return recording, start, end, tuple(float(note.values["time"]) for note in broken)
+    return recording, start, end, tuple(float(note.values["time"]) for note in broken if note.code == "break")
 
 
 @checked
@@ -868,16 +929,18 @@ def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast
 
 
 def whole_part(recording: Recording, place: str = "") -> tuple[Recording, float | None, float | None, list[Remark]]:
-    """A recording with the jumps of its position, the end of the part before a break, and the remark on the break.
+    """A recording with the jumps of its position, the end of the part before a break, and the remarks on what was left
+    out and on the break.
 
     Start and end are None where nothing breaks; `place` stands before the name of the recording.
     """
     found = found_before(recording, "unbroken part", recording.sums, lambda: UnbrokenPart.of(recording))
     whole = recording if found.stepped is None else found.stepped
     if not found.breaks:
-        return whole, None, None, []
+        return whole, None, None, left_out_remarks([whole], place)
     name = f"{place}{recording.name or 'recording'}"
-    return whole, found.start, found.end, [remark("break", recording=name, time=found.breaks[0])]
+    broken = remark("break", recording=name, time=found.breaks[0])
+    return whole, found.start, found.end, [*left_out_remarks([whole], place, found.start, found.end), broken]
 
 
 @dataclass(frozen=True, slots=True)
@@ -905,14 +968,15 @@ def judged_recordings(
     recordings: Sequence[Recording], start: float | None = None, end: float | None = None
 ) -> tuple[list[Recording], TimeSpan, list[Remark]]:
     """Recordings of which a model is judged on the first: all with the jumps of their positions, the others up to their
-    first breaks; the part of the first on which one model can hold, and the remarks on breaks of the others."""
+    first breaks; the part of the first on which one model can hold, and the remarks on the others."""
     first, columns = position_steps_sought(recordings[0])
     others, broken = usable_recordings(recordings[1:], start is not None or end is not None)
     return [first, *others], TimeSpan.of(first, start, end, columns), broken
 
 
 def usable_recordings(recordings: Sequence[Recording], chosen: bool = False) -> tuple[list[Recording], list[Remark]]:
-    """Recordings with the jumps of their positions, each up to its first break, and the remarks on the breaks.
+    """Recordings with the jumps of their positions, each up to its first break, and the remarks on breaks and on what
+    was left out.
 
     Parameters
     ----------
@@ -924,6 +988,7 @@ def usable_recordings(recordings: Sequence[Recording], chosen: bool = False) -> 
     for recording in recordings:
         if chosen:
             found.append(with_position_steps(recording))
+            remarks += left_out_remarks(found[-1:])
             continue
         whole, begin, finish, broken = whole_part(recording)
         if begin is not None and finish is not None:

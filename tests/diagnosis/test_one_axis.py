@@ -83,3 +83,20 @@ def test_every_verb_refuses_before_it_names_a_mount() -> None:
     with pytest.raises(RecordingError, match="not one axis") as refused:
         ac.fit(ac.Model.linear(), record(3, motion=103))
     assert "reversed" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("factor", "noise", "said"),
+    [
+        (-1.03, 0.02, 'mount = "reversed"'),
+        (-0.6, 0.5, 'mount = "reversed"'),
+        (-0.1, 0.5, "not one axis of one body"),  # no mount makes a tenth
+        (-4.0, 0.02, "not one axis of one body"),
+        (-1.0, 30.0, "not one axis of one body"),  # coherence of a tenth
+    ],
+)
+def test_a_mount_is_named_only_where_it_explains_the_factor(factor: float, noise: float, said: str) -> None:
+    found = record(11, noise=0.0)
+    y = factor * found.accel.y + noise * np.random.default_rng(12).standard_normal(len(found.accel))
+    with pytest.raises(RecordingError, match=said):
+        ac.fit(ac.Model.linear(), dataclasses.replace(found, accel=dataclasses.replace(found.accel, y=y)))

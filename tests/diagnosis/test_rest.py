@@ -76,3 +76,19 @@ def test_the_verbs_refuse_a_record_at_rest_before_any_fit():
     # A bias alone can be estimated at rest.
     held = ac.fit(ac.Model.linear().freeze(scale_factor=0.0, time_offset=0.0), made)
     assert held["bias"].value == pytest.approx(0.1, abs=5.0 * held["bias"].std)
+
+
+@pytest.mark.parametrize(
+    ("rate", "noise", "seed"), [(50.0, 0.008, 500), (50.0, 0.012, 503), (50.0, 0.02, 502), (100.0, 0.03, 508)]
+)
+def test_a_motion_that_the_noise_hides_is_not_excited(rate, noise, seed):
+    """In one record of twelve the iteration runs to where the sensor sees nothing and the crossover of both channels
+    tends to zero: no low-pass has such a corner."""
+    rng = np.random.default_rng(seed)
+    t, w = np.arange(0.0, 20.0, 1.0 / rate), 2.0 * np.pi * np.array([[2.1], [3.3], [4.7]])
+    sines = 3e-5 * np.sin(w * t + rng.uniform(0.0, 6.0, (3, 1)))
+    u = 0.02 + 1.01 * np.sum(-(w**2) * sines, axis=0) + noise * rng.standard_normal(len(t))
+    z = np.sum(sines, axis=0) + 2e-8 * rng.standard_normal(len(t))
+    made = ac.Recording.from_arrays(t, u, z, units={"accel": "m/s^2", "position": "m"}, rig=ac.Rig(axis="level"))
+    with pytest.raises(ac.NotIdentifiable, match="not excited"):
+        ac.fit(ac.Model.linear(), made)

@@ -1,15 +1,20 @@
-"""A sensor that turns is noticed by its slow residual; what another effect explains, or a bias may do, is not."""
+"""A sensor that turns is noticed by its slow residual; what another effect explains, or a bias may do, is not.
+
+A stretch that something disturbed is named as such, and a drift of the bias beside the tilt that looks like it.
+"""
 
 import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import accelcal as ac
 from accelcal import io
+from accelcal.cli import app, write_recording
 from accelcal.data.rig import STANDARD_GRAVITY, Rig, Sensor
-from accelcal.diagnosis.turning import output_noise, tilt
+from accelcal.diagnosis.turning import output_noise, stretches_of, tilt
 from accelcal.io.sidecar import read_sidecar
 from accelcal.io.write import write_sidecar
 
@@ -49,7 +54,7 @@ def test_a_turning_sensor_is_said_with_its_tilt_and_nothing_is_named(degrees):
     # Ten seconds of 0.3 to 1.5 Hz have twenty-five independent angles: 16 % of scatter.
     assert said.values["tilt_deg"] == pytest.approx(degrees, rel=0.6)
     assert found.sentence.startswith("A tilt of ")
-    assert "degrees rms would explain all of it; orientation is not recorded" in found.sentence
+    assert "degrees rms or a slow drift of either channel would explain all of it; orientation is not" in found.sentence
 
 
 def test_a_tilt_below_the_bias_instability_is_none():
@@ -86,6 +91,82 @@ def test_the_key_is_read_and_written(tmp_path):
     assert rig.sensor.bias_instability == pytest.approx(100e-6 * STANDARD_GRAVITY)
     write_sidecar(rig, {}, tmp_path / "again.toml")
     assert read_sidecar(tmp_path / "again.toml").rig.sensor.bias_instability == rig.sensor.bias_instability
+
+
+def rig_of_tones(seed, disturbed=lambda t: 0.0, *, reference="position", seconds=40.0):
+    """One axis in five tones, with a term of time in the output; the reference is a position or an acceleration."""
+    rng, t = np.random.default_rng([seed, 34]), np.arange(0.0, seconds, 1.0 / 250.0)
+    size, w = np.array([30e-3, 8e-3, 3e-3, 1e-3, 5e-4]), 2.0 * np.pi * np.array([0.31, 0.87, 1.9, 3.7, 5.3])
+    sines = np.sin(np.outer(w, t) + rng.uniform(0.0, 6.0, (5, 1)))
+    p, a = size @ sines, -(size * w**2) @ sines
+    u = 0.1 + 1.01 * a + disturbed(t) + 1e-3 * rng.standard_normal(len(t))
+    seen = {"position": (p, 1e-6, "m"), "reference_acceleration": (a, 1e-3, "m/s^2")}[reference]
+    z = seen[0] + seen[1] * rng.standard_normal(len(t))
+    units = {"accel": "m/s^2", reference: seen[2]}
+    return ac.Recording.from_arrays(t, u, z, units=units, reference=reference, rig=Rig(axis="level"), name="run.csv")
+
+
+def touched(*instants):
+    """What a cable leaves in the output that is touched at these instants, m/s²."""
+    return lambda t: sum(0.7 * np.exp(-0.5 * ((t - at) / 0.2) ** 2) for at in instants)
+
+
+def test_a_reference_that_feels_gravity_too_leaves_no_tilt():
+    made = rig_of_tones(1, lambda t: 0.06 * np.sin(0.2 * np.pi * t), reference="reference_acceleration")
+    found = ac.fit(ac.Model.linear(), made)
+    assert found.tilt == 0.0
+    assert not any("tilt" in text for text in found.remarks)
+    judged = ac.diagnose(found, made)
+    assert not {"turning_sensor", "tilt_or_drift"} & {remark.code for remark in judged.remarks}
+    assert judged.verdict != "adequate"
+    same = ac.fit(ac.Model.linear(), rig_of_tones(1, lambda t: 0.06 * np.sin(0.2 * np.pi * t)))
+    assert same.tilt > 0.0  # a position does not feel it
+
+
+@pytest.mark.parametrize("instants", [(14.0,), (29.5,)])
+def test_a_touched_cable_is_a_stretch_and_no_tilt(instants, tmp_path, monkeypatch):
+    made = rig_of_tones(2, touched(*instants))
+    found = ac.fit(ac.Model.linear(), made)
+    assert found.tilt == 0.0
+    assert found.remarks[0].startswith("Something disturbed the record between ")
+    judged = ac.improve(made, holdout=made)
+    assert (judged.verdict, judged.effects) == ("adequate", ())
+    note = next(remark for remark in judged.diagnosis.remarks if remark.code == "disturbed")
+    assert note.sentence in judged.diagnosis.suspect
+    ((begin, end),) = stretches_of(note)
+    assert begin < instants[0] < end < begin + 2.5
+    for name, truth in (("bias", 0.1), ("scale_factor", 0.01)):
+        for fit in (found, judged.steps[-1].fit):
+            assert abs(fit[name].value - truth) < 4.5 * fit[name].std
+    # The command of the sentence works, and what it writes is judged without it.
+    monkeypatch.chdir(tmp_path)
+    write_recording(made, tmp_path / "run.csv")
+    command = note.sentence.partition("a file without it: accelcal ")[2].split()
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 0, result.output
+    rest = ac.load(tmp_path / "run_cut.csv")
+    assert ac.fit(ac.Model.linear(), rest)["bias"].value == pytest.approx(found["bias"].value, abs=1e-4)
+
+
+def test_a_disturbance_that_lasts_or_recurs_is_none_of_a_few_stretches():
+    for disturbed in (touched(3.0, 11.0, 19.0, 27.0, 35.0), lambda t: 0.1 * (np.abs(t - 20.0) < 5.0)):
+        found = ac.fit(ac.Model.linear(), rig_of_tones(3, disturbed))
+        assert found.remarks[0].startswith("A tilt of ")
+
+
+@pytest.mark.parametrize(
+    ("name", "drift"),
+    [
+        ("bias_drift", lambda t: 3e-3 * t),
+        ("warm_up", lambda t: 0.3 * np.exp(-t / 5.0)),
+    ],
+)
+def test_a_drift_of_the_bias_is_named_with_a_tilt_in_its_class(name, drift):
+    made = rig_of_tones(4, drift)
+    judged = ac.diagnose(ac.fit(ac.Model.linear(), made), made)
+    assert judged.effects[0] == name
+    assert {name, "tilt"} <= set(judged.classes[0].members)
+    assert "tilt_or_drift" in {remark.code for remark in judged.remarks}
 
 
 def real(name, rig):

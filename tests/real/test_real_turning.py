@@ -8,8 +8,9 @@ from __future__ import annotations
 import pytest
 
 import accelcal as ac
+from accelcal import io
 
-from .recordings import recording
+from .recordings import file_of, recording
 
 MOST_LEFT = {"broad_trial10": 0.15, "broad_trial15": 0.70}
 """Of the held-out residual below 10 Hz, m/s²; the regression leaves 0.11 of the slow one."""
@@ -51,3 +52,26 @@ def test_without_it_tilt_comes_first() -> None:
     found = ac.improve(whole)
     assert found.sentence.startswith("A tilt of")
     assert found.effects == ()
+
+
+LEGS = {
+    ("Left", "x"): (0.034, -9.0e-3),
+    ("Left", "y"): (0.002, -9.0e-3),
+    ("Right", "x"): (0.036, -8.5e-3),
+    ("Right", "y"): (0.084, -9.0e-3),
+    ("Right", "z"): (0.019, -8.5e-3),
+}
+"""Scale factor and delay, s, of an independent regression; those of the halves of left z differ by 0.085."""
+
+
+@pytest.mark.parametrize(("side", "axis"), LEGS)
+def test_two_accelerometers_in_one_housing_show_no_tilt(side: str, axis: str) -> None:
+    file = file_of(f"{side}_Lower_Leg")
+    whole = io.load(file, rig=file.with_name(f"{side}_Lower_Leg_{axis}.toml"))
+    found = ac.fit(ac.Model.linear(), whole)
+    for name, expected in zip(("scale_factor", "time_offset"), LEGS[side, axis], strict=True):
+        assert abs(found[name].value - expected) < 3.0 * found[name].std
+    assert found.tilt == 0.0
+    judged = ac.diagnose(found, whole)
+    assert not {"turning_sensor", "tilt_or_drift", "disturbed"} & {remark.code for remark in judged.remarks}
+    assert "held_samples" not in judged.effects

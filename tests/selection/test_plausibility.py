@@ -37,6 +37,14 @@ def test_without_a_declared_range_the_span_of_the_readings_counts(recording):
     assert implausible("rail_wave", Size(2.1), [recording]) is None
 
 
+def test_a_sensor_on_a_vertical_axis_reads_at_least_gravity(recording):
+    sensor = dataclasses.replace(recording.rig.sensor, range=None)
+    accel = dataclasses.replace(recording.accel, y=recording.accel.y + 9.8)
+    upright = dataclasses.replace(recording, accel=accel, rig=dataclasses.replace(recording.rig, sensor=sensor))
+    assert implausible("quadratic", Size(10.7), [upright]) is None  # the readings span 2 m/s²
+    assert implausible("quadratic", Size(10.9), [upright]) is not None
+
+
 @pytest.mark.parametrize("name", ["encoder_cyclic", "encoder_nonlinearity", "encoder_backlash"])
 def test_an_error_of_the_scale_beyond_a_tenth_of_the_travel_is_no_finding(recording, name):
     assert implausible(name, Size(0.009, at_encoder=True), [recording]) is None

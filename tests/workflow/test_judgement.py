@@ -27,6 +27,25 @@ def record(seed, seconds=40.0, rig=ac.CXL02_RIG, profile="interleaved", vibratio
     return ac.simulate(profile, seconds=seconds, rig=rig, parameters=truth, rng=rng, vibration=vibration).recording
 
 
+# ---- units -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("factor", [1.0, 1000.0, 0.4])
+def test_nothing_is_named_and_nothing_is_adequate_beside_a_scale_that_no_sensor_has(factor):
+    plain = record(61, seconds=20.0)
+    position = dataclasses.replace(plain.position, y=factor * plain.position.y)
+    made = dataclasses.replace(plain, position=position, rig=dataclasses.replace(plain.rig, resolution=None))
+    fit = ac.fit(ac.Model.linear(), made)
+    said, found = diagnose(fit, made), improve(made, most=1)
+    assert (said.verdict, found.verdict) == (("adequate",) * 2 if factor == 1.0 else ("unexplained",) * 2)
+    assert (said.effects, found.effects) == ((), ())
+    for verdict in (said, found.diagnosis):
+        told = [one.sentence for one in verdict.remarks if one.code == "implausible_scale"]
+        assert told == [one for one in fit.remarks if "implausible" in one]
+        assert bool(told) == (factor != 1.0)
+        assert verdict.nameable == (factor == 1.0)
+
+
 # ---- tolerance -------------------------------------------------------------------------------------------------------
 
 

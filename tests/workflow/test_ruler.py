@@ -41,6 +41,18 @@ def test_all_rows_have_one_filter_one_band_and_the_same_start_points(table):
     assert alone[0].band != alone[1].band  # without a ruler each has its own
 
 
+def test_all_rows_have_the_start_points_of_a_model_that_remembers_motion():
+    train, unseen = record(3, 12.0), record(4, 5.0)
+    lags = ac.Model.linear().add("shape_since_reversal")
+    held = {term.name: 1e-3 for term in lags.terms if term.effect.name == "shape_since_reversal"}
+    fits = [estimate(model, train) for model in (ac.Model.linear(), lags.freeze(**held))]
+    first, second = workflow.compare_models(fits, unseen, Ruler.of(fits), horizons=(0.5,))
+    assert len(first.drifts[0.5][0]) < 100
+    assert np.array_equal(first.drifts[0.5][0], second.drifts[0.5][0])
+    (alone,) = workflow.compare_models(fits[:1], unseen, Ruler.of(fits[:1]), horizons=(0.5,))
+    assert len(alone.drifts[0.5][0]) > 150
+
+
 def test_the_ruler_is_that_of_the_model_with_the_least_noise(table):
     fits, _, history = table
     assert Ruler.of(fits).noise == Ruler.of(fits[::-1]).noise == fits[1].noise()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from scipy.interpolate import PPoly, make_interp_spline
@@ -37,10 +37,11 @@ class Motion:
 @lru_cache(maxsize=4)
 def move(name: str, seed: int, seconds: float) -> Motion:
     """Return the motion `name` of MOTIONS for one seed, from −MARGIN to seconds + MARGIN."""
-    if name not in MOTIONS:
-        raise ValueError(f"there is no motion {name!r}; known: {', '.join(MOTIONS)}")
+    motions = MOTIONS | RAMPS
+    if name not in motions:
+        raise ValueError(f"there is no motion {name!r}; known: {', '.join(motions)}")
     knots = knots_of(seconds)
-    return Motion(grid(seconds), *curve(MOTIONS[name](knots, seconds, stream(seed, 0)), seconds, 4))
+    return Motion(grid(seconds), *curve(motions[name](knots, seconds, stream(seed, 0)), seconds, 4))
 
 
 def grid(seconds: float) -> Array:
@@ -94,8 +95,20 @@ def _burst(slot: Array, rng: np.random.Generator, top_speed: float = _SPEED) -> 
     return np.asarray(p * top_speed * rng.uniform(0.6, 0.98) / np.max(np.abs(np.gradient(p, KNOT))))
 
 
-def _moves(slot: Array, rng: np.random.Generator, start: float) -> Array:
-    """Moves from point to point with rests between; 35/16 is the peak of the rise's derivative."""
+def _cosine_rise(s: Array) -> Array:
+    """Return the rise from 0 to 1 whose speed is a raised cosine; the jerk steps at both ends."""
+    s = np.clip(s, 0.0, 1.0)
+    return np.asarray(s - np.sin(2 * np.pi * s) / (2 * np.pi))
+
+
+def _quintic_rise(s: Array) -> Array:
+    """Return the polynomial from 0 to 1 with two vanishing derivatives at both ends; the jerk steps there."""
+    s = np.clip(s, 0.0, 1.0)
+    return np.asarray(s**3 * (10 - 15 * s + 6 * s**2))
+
+
+def _moves(slot: Array, rng: np.random.Generator, start: float, rise: Callable[[Array], Array] = _rise) -> Array:
+    """Moves from point to point with rests between; 35/16 is the largest peak of a rise's derivative."""
     p = np.full_like(slot, start)
     at, here = slot[0] + rng.uniform(0.2, 0.8), start
     while True:
@@ -105,7 +118,7 @@ def _moves(slot: Array, rng: np.random.Generator, start: float) -> Array:
         lasts = max(35 / 16 * abs(target - here) / (_SPEED * rng.uniform(0.3, 0.98)), 0.15)
         if at + lasts > slot[-1]:
             return p
-        p += (target - here) * _rise((slot - at) / lasts)
+        p += (target - here) * rise((slot - at) / lasts)
         here = float(target)
         at += lasts + rng.uniform(0.3, 1.2)
 
@@ -150,6 +163,16 @@ def moves(knots: Array, seconds: float, rng: np.random.Generator) -> Array:
 def interleaved(knots: Array, seconds: float, rng: np.random.Generator) -> Array:
     """Bursts and moves with rests, alternating every 3 to 7 s, |v| <= 0.1 m/s."""
     return _sequence(knots, 0.2, seconds - 0.2, rng, (_shake, _moves))
+
+
+def cosine_ramps(knots: Array, seconds: float, rng: np.random.Generator) -> Array:
+    """Interleaved motion whose moves have a raised cosine as speed."""
+    return _sequence(knots, 0.2, seconds - 0.2, rng, (_shake, partial(_moves, rise=_cosine_rise)))
+
+
+def quintic_ramps(knots: Array, seconds: float, rng: np.random.Generator) -> Array:
+    """Interleaved motion whose moves are polynomials of degree five."""
+    return _sequence(knots, 0.2, seconds - 0.2, rng, (_shake, partial(_moves, rise=_quintic_rise)))
 
 
 def long_rest(knots: Array, seconds: float, rng: np.random.Generator) -> Array:
@@ -198,3 +221,8 @@ MOTIONS: dict[str, Callable[[Array, float, np.random.Generator], Array]] = {
     "long_rest": long_rest,
 }
 """Every motion: knots (n,) in s, length of the record in s, generator -> position (n,) in m."""
+RAMPS: dict[str, Callable[[Array, float, np.random.Generator], Array]] = {
+    "cosine_ramps": cosine_ramps,
+    "quintic_ramps": quintic_ramps,
+}
+"""Interleaved motion with ramps of motion controllers, whose jerk steps; trials draw from MOTIONS alone."""

@@ -57,6 +57,7 @@ class Readout:
             self.parameters = ui.element("div").classes("full")
             with self.parameters:
                 ui.label("None yet.").classes("note")
+            self.bias = ui.label().classes("warning").props("role=status")
         with widgets.card("Lines"):
             self.counts = {key: self._count(name) for key, name in (COUNTS | MORE).items()}
             ui.label(f"Recording: {asked.recording}").classes("note")
@@ -76,6 +77,9 @@ class Readout:
         self.nis.set_text(nis_text(newest["nis"]))
         self.innovation.set_text(innovation_text(newest["innovation"]))
         self._show_parameters(newest["parameters"])
+        bias = newest["regressor_bias"]
+        self.bias.set_text((bias and bias["sentence"]) or "")
+        self.bias.set_visibility(bool(bias and bias["sentence"]))
         for key, label in self.counts.items():
             value = newest["lines"][key] if key in COUNTS else newest[key]
             label.set_text(f"{value:,}".replace(",", " "))

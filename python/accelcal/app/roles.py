@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from accelcal.app.run import Role, Run
-from accelcal.workflow import WHOLE_RUNS
+from accelcal.estimation.run_differences import run_to_hold_out
 
 ROLES: tuple[Role, ...] = ("fit", "hold out", "leave out")
 
@@ -18,12 +18,14 @@ class Refused(ValueError):
 def divided(runs: Sequence[Run]) -> tuple[Run, ...]:
     """Files that were dropped together with the roles that `accelcal improve` gives them.
 
-    The last of three recordings or more is held out; of fewer, the end of the first.
+    The last of three recordings or more is held out whose axis and mount another one has; else the end of the first.
     """
-    motions = [number for number, run in enumerate(runs) if run.recording is not None]
+    motions = [(number, run.recording) for number, run in enumerate(runs) if run.recording is not None]
     given = [replace(run, role="fit", held_out=None) for run in runs]
-    if len(motions) >= WHOLE_RUNS:
-        given[motions[-1]] = replace(given[motions[-1]], role="hold out")
+    last = run_to_hold_out([recording for _, recording in motions])
+    if last is not None:
+        number = motions[last][0]
+        given[number] = replace(given[number], role="hold out")
     return with_something_held_out(given)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from accelcal.app.state import State
 from accelcal.diagnosis.contribution import Size
+from accelcal.diagnosis.noise_tests.noise_test import WHITENESS
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import CATALOGUE, find, spelled
@@ -127,7 +128,7 @@ def remarks(state: State, found: Diagnosis) -> list[str]:
     lines = [f"Suspect data: {r.sentence}" for r in seen]
     lines += [readable(text) for text in found.notes]
     lines += [f"{d.sentence}." for d in found.dropped]
-    lines += [capitalised(test.sentence) for test in found.channels if test.effect not in CATALOGUE]
+    lines += [capitalised(test.sentence) for test in found.channels if test.effect == WHITENESS]
     if "time_offset" in found.effects:
         lines.append("The output lags by more than was declared; the model estimates the lag already (time offset).")
     return lines
@@ -143,7 +144,7 @@ def of_noise(state: State, found: Diagnosis) -> list[tuple[str, str, str]]:
     """Effects that noise tests found and that can be added: name, title, sentence; one for each."""
     model = state.step.fit.model.effects if state.step else ()
     offered = {c.effect for c in found.scan.candidates if c.p_value < found.alpha}
-    first = {test.effect: test for test in reversed(found.channels) if test.effect in CATALOGUE}
+    first = {test.effect: test for test in reversed(found.channels) if test.effect != WHITENESS}
     return [
         (name, spelled(name), capitalised(test.sentence))
         for name, test in reversed(first.items())

@@ -47,7 +47,7 @@ def init(run: RunFile) -> None:
 @app.command()
 @with_exit_codes
 def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
-    """Check a recording: rates, spans, gaps, ranges, warnings, and where the relation of the channels breaks.
+    """Check a recording: rates, spans, gaps, ranges, warnings, what is left out, and where the relation breaks.
 
     Example: [bold]accelcal check run12.csv[/bold]
     """
@@ -56,23 +56,26 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
     from accelcal.data import quality, summary
     from accelcal.data.recording import RecordingError
     from accelcal.diagnosis.change_points import usable
+    from accelcal.diagnosis.left_out import left_out_sentences, without_wrong_readings
 
     with progress("check") as report:
         recording = io.load(run, rig)
         quality.require_varying(recording)
         report(0.6)
+        whole = without_wrong_readings(recording)
         try:
-            breaks = list(usable(recording).breaks)
+            breaks = list(usable(whole).breaks)
         except RecordingError:  # too short to look for one: the summary says how long it is
             breaks = []
         report(0.9)
-        content = {**summary.describe(recording), "breaks_s": breaks} if json else {}
+        gone = list(left_out_sentences(whole))
+        content = {**summary.describe(recording), "breaks_s": breaks, "left_out": gone} if json else {}
         text = "" if json else summary.summarise(recording)
     if json:
         print_json(content)
         return
     say_line(text)
-    for text in broken_lines({"breaks": breaks}):
+    for text in broken_lines({"breaks": breaks, "left_out": gone}):
         say_line(f"suspect data: {text}")
     suggest("fit", run, "-o", f"{run.stem}.json")
 

@@ -131,7 +131,8 @@ def improve(
 ) -> None:
     """Fit the base model, then diagnose, add the missing effect and refit, until no effect is missing.
 
-    Without --holdout the last of three recordings or more is held out, or the end of the first of fewer.
+    Without --holdout the last of three recordings or more is held out whose axis and mount another one has, else the
+    end of the first.
 
     Example: [bold]accelcal improve run12.csv --holdout run13.csv -o best.json[/bold]
     """

@@ -87,6 +87,7 @@ def live(
         if output is not None and session.state.recorded:
             print_status(f"wrote {output}")
         if fit is not None and save is not None:
+            require_small_bias(session.state, save)
             model_file.save(followed(fit, settings, session), save)
             print_status(f"wrote {save}")
 
@@ -163,6 +164,22 @@ def require_rows(state: LiveState, source: str) -> None:
         )
 
 
+def require_small_bias(state: LiveState, save: Path) -> None:
+    """Refuse to save a scale factor that noise of the output has biased.
+
+    Raises
+    ------
+    RecordingError
+        Saying by how much, and what to do.
+    """
+    from accelcal.data.recording import RecordingError
+    from accelcal.live.regressor import MOST_SAVED
+
+    bias = state.regressor_bias
+    if bias is not None and bias.sigma > MOST_SAVED:
+        raise RecordingError(f"--save {save}: nothing is written, since {bias.sentence}")
+
+
 def followed(fit: Fit, settings: LiveSettings, session: LiveSession) -> Fit:
     """The fit with the parameters that the live filter holds now."""
     from accelcal.estimation.recursive import as_fit
@@ -172,7 +189,7 @@ def followed(fit: Fit, settings: LiveSettings, session: LiveSession) -> Fit:
     if tracker.filter is None:
         return fit
     m = len(settings.names)
-    parameters = ForwardParameters(settings.names, tracker.filter.estimate[-m:], tracker.filter.covariance[-m:, -m:])
+    parameters = ForwardParameters(settings.names, tracker.filter.estimate[-m:], tracker.covariance[-m:, -m:])
     found = replace(as_fit(replace(fit, rig=settings.rig), parameters, settings.choice), rig=fit.rig)
     text = f"followed live over {state.readings} readings of {session.source.name}; {state.alarms} of {state.blocks} "
     return replace(found, remarks=(f"{text}blocks of innovations raised an alarm", *found.remarks))

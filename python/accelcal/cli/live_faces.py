@@ -132,6 +132,7 @@ def picture(state: LiveState, source: str, alarms: list[Alarm]) -> Group:
     return Group(
         Text(visible(title, one_line=True), style="bold"),
         table,
+        *(Text(text, style="yellow") for text in bias_of(state)),
         Text(innovation_of(state)),
         Text.assemble((word, style), f" ({state.alarms} of {state.blocks} blocks alarmed)"),
         Text(counts_of(state)),
@@ -144,6 +145,12 @@ def line_of(state: LiveState) -> str:
     parameters = ", ".join(map(with_band, state.estimates))
     when = "no row yet" if state.t is None else f"t = {state.t:.3f} s"
     return f"{when}: {parameters}; {innovation_of(state)}; {counts_of(state)}"
+
+
+def bias_of(state: LiveState) -> list[str]:
+    """The sentence on a scale factor that noise of the output biases by more than it is uncertain; empty else."""
+    bias = state.regressor_bias
+    return [] if bias is None or not bias.sentence else [bias.sentence]
 
 
 def with_band(e: Estimate) -> str:
@@ -183,5 +190,5 @@ def summary_of(state: LiveState, source: str, ended: str) -> list[str]:
         if state.holds is None
         else f"{state.alarms} of {state.blocks} blocks of innovations raised an alarm"
     )
-    lines = [f"{source}: {ended}", line_of(state), judged]
+    lines = [f"{source}: {ended}", line_of(state), *bias_of(state), judged]
     return [*lines, f"the filter refused {state.refused} events: {state.refusal}"] if state.refused else lines

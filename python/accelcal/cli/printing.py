@@ -310,10 +310,13 @@ def ruler_line(ruler: dict[str, float]) -> str:
 
 
 def broken_lines(seen: dict[str, Any]) -> list[str]:
-    """A sentence for each instant at which a comparison ends before its recording does."""
+    """Sentences on what is left out of a recording, and on each instant at which a comparison ends before it does."""
     return [
-        f"from t = {instant(at)} s on no relation of output and position holds; only the part before is used"
-        for at in seen["breaks"]
+        *seen["left_out"],
+        *(
+            f"from t = {instant(at)} s on no relation of output and position holds; only the part before is used"
+            for at in seen["breaks"]
+        ),
     ]
 
 

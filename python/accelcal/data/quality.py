@@ -12,7 +12,8 @@ held repeats         accelerations only: a logger faster than its sensor writes 
 rounded stamps       warning: stamps on a grid of which the spacing is no multiple. Where one uniform clock explains all
                      of them, its instants are used, else the stamps are kept
 position repeats     mentioned, kept: an encoder at rest repeats its count
-clipping             warning, kept: readings at the declared range, or piled up at the extreme
+clipping             warning, kept here: readings at the declared range, or piled up at the extreme; the former are
+                     left out before anything is estimated (`accelcal.diagnosis.left_out`)
 constant             warning, kept; of the output an error where something is to be learnt from it
 gaps                 mentioned, kept as gaps
 implausible travel   warning: more than 100 m, or faster than 1000 m/s, looks like a wrong unit of position
@@ -419,7 +420,7 @@ def _clipped(name: str, t: Array, clipped: NDArray[np.bool_], reason: str) -> Fi
     count, first = int(np.count_nonzero(clipped)), float(t[np.argmax(clipped)])
     text = (
         f"{name}: {count} samples are {reason} (first at t = {instant(first)} s): the sensor was probably saturated. "
-        "They are kept; cut them out, or fit where the motion is smaller"
+        "Every fit, diagnosis and comparison leaves out those at the declared range; without one, all are kept"
     )
     return Finding("clipping", name, count, first, text, "warning")
 

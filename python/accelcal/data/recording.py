@@ -145,6 +145,25 @@ class PositionStep:
         )
 
 
+WrongKind = Literal["saturated", "stuck"]
+"""At the limit of its range; or one value repeated while the other channel moves."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """Readings of one channel that are known to be wrong, and were left out before anything was estimated."""
+
+    kind: WrongKind
+    channel: str
+    count: int
+    of: int
+    """Readings that the channel had."""
+    stretches: tuple[tuple[float, float], ...]
+    """First and last reading of each, s."""
+    reach: float
+    """Time on both sides that the declared filters spread them over, s; it is left out with them."""
+
+
 @immutable
 @notebook_repr
 @dataclass(frozen=True, slots=True, weakref_slot=True)
@@ -178,6 +197,8 @@ class Recording:
     findings: tuple[Finding, ...] = ()
     position_steps: tuple[PositionStep, ...] = ()
     """Jumps of the position that were found; the replay starts anew behind each."""
+    left_out: tuple[LeftOut, ...] = ()
+    """Readings that are missing because they are known to be wrong."""
     labels: RunLabels = NO_LABELS
     """When, how mounted, by whom."""
     dwells: Dwells | None = None

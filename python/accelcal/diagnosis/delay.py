@@ -33,7 +33,7 @@ def with_detected_effects(solution: Solution, profiled: Fit, found: Scan) -> Fit
         states = [state.grown(model) for state in solution.states]
         solution.states.clear()  # so that each step frees the track before it
         refined = estimated(model, states, least=ROUNDS_OF_GROWN)
-        judge(refined.layout, refined.x, refined.covariance, [state.run for state in states])
+        judge(refined.layout, refined.x, refined.covariance, states)
         estimates = refined.layout.estimates(refined.x, refined.covariance, model)
         return replace(profiled, model=model, estimates=estimates, covariance=refined.covariance)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Faults of the data: dropouts, glitches, stuck or saturated channels, lost samples, steps of position."""
+"""Faults of the data that are told: dropouts, glitches, lost samples, steps of position."""
 
 from __future__ import annotations
 
@@ -9,22 +9,20 @@ from typing import Literal
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, PositionStep, Recording
 from accelcal.data.units import instant
+from accelcal.diagnosis.left_out import runs_of_true, without_wrong_readings
 from accelcal.diagnosis.policy import (
     DELAY_CHANGE_SIGMA,
     DROPOUT_ALPHA,
     FAULT_ALPHA,
     RAIL_SAMPLES,
-    RAIL_TOLERANCE,
     RELATION_LEAST_BLOCKS,
     STEP_LEAST_COUNTS,
     STEP_PULSE_SHARE,
-    STUCK_SAMPLES,
     WHOLE_SAMPLE_TOLERANCE,
 )
 from accelcal.diagnosis.relation import MOST_BLOCKS, RelationColumns, _solve
@@ -34,8 +32,8 @@ from accelcal.estimation.glitches import spikes
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.signals.series import LOCAL, local_spread
 
-Kind = Literal["dropout", "glitch", "rail_hit", "stuck", "position_step", "dropped_samples"]
-LASTING: tuple[Kind, ...] = ("dropout", "rail_hit", "stuck")
+Kind = Literal["dropout", "glitch", "rail_hit", "position_step", "dropped_samples"]
+LASTING: tuple[Kind, ...] = ("dropout", "rail_hit")
 """Faults whose size is a length of time."""
 LISTED_SINGLY = 2
 """Faults of one kind and channel that have a sentence each; more share one."""
@@ -50,7 +48,7 @@ class Fault:
     time: float
     """Its beginning, s."""
     size: float
-    """dropout, rail_hit, stuck: its length, s; glitch, position_step: m; dropped_samples: whole samples."""
+    """dropout, rail_hit: its length, s; glitch, position_step: m; dropped_samples: whole samples."""
     sentence: str
 
 
@@ -65,10 +63,19 @@ def faults(recording: Recording, run: PreparedRun, columns: RelationColumns | No
 
     Returns
     -------
-    Dropouts, glitches, saturation, stuck stretches, position steps (missed counts) and dropped samples.
+    Dropouts, glitches, saturation, position steps (missed counts) and dropped samples; not what was left out.
     """
     found = [*dropouts(run.accel), *dropouts(recording.reference or recording.position), *glitches(recording, run)]
-    found += [*rail_hits(run), *stuck(run)]
+    gone = [(one.channel, begin, end) for one in recording.left_out for begin, end in one.stretches]
+    found = [
+        fault
+        for fault in found
+        if not any(
+            fault.channel == name and fault.time <= begin and end <= fault.time + fault.size
+            for name, begin, end in gone
+        )
+    ]
+    found += rail_hits(run)
     columns = columns or RelationColumns(run)
     steps = (*recording.position_steps, *(() if recording.reference else position_steps(columns)))
     found += [Fault("position_step", "position", step.time, step.size, step.sentence) for step in steps]
@@ -152,18 +159,18 @@ def glitches(recording: Recording, run: PreparedRun) -> list[Fault]:
 
 
 def rail_hits(run: PreparedRun) -> list[Fault]:
-    """Stretches in which the output saturates at the limit of its range."""
+    """Stretches in which the output repeats its extreme: it saturates below the declared range, or none is declared.
+
+    They are told and kept: a move at constant acceleration, seen by a coarse converter, looks the same.
+    """
     t, u = run.accel.t, run.accel.y
-    declared = run.rig.sensor.range
     steps = np.abs(np.diff(u))
     quantum = float(np.min(steps[steps > 0.0], initial=math.inf))
     found = []
     for extreme in (float(u.max()), float(u.min())):
-        limit = declared is not None and abs(abs(extreme) / declared - 1.0) < RAIL_TOLERANCE
-        at = np.abs(u - extreme) <= RAIL_TOLERANCE * abs(extreme) if limit else u == extreme
-        for a, b in _runs(at, 2 if limit else RAIL_SAMPLES):
+        for a, b in runs_of_true(u == extreme, RAIL_SAMPLES):
             jump = max(abs(u[a] - u[max(a - 1, 0)]), abs(u[b] - u[min(b + 1, len(u) - 1)]))
-            if limit or jump > 8.0 * quantum:
+            if jump > 8.0 * quantum:
                 begin, size = float(t[a]), float(t[b] - t[a])
                 text = (
                     f"accel: the output saturates at {extreme:.4g} m/s² for {size:.2g} s from t = {instant(begin)} s on"
@@ -172,54 +179,13 @@ def rail_hits(run: PreparedRun) -> list[Fault]:
     return found
 
 
-def stuck(run: PreparedRun) -> list[Fault]:
-    """Stretches in which one channel repeats a value while the other one moves."""
-    found = []
-    noise = math.sqrt(run.reading_variance_guess) + run.least_step
-    for a, b in _runs(np.diff(run.accel.y) == 0.0, STUCK_SAMPLES):
-        begin, end = run.accel.t[a], run.accel.t[b + 1]
-        rows = slice(*np.searchsorted(run.t, [begin, end]))
-        if rows.stop - rows.start >= 8 and _departure_from_polynomial(run.t[rows], run.z[rows], 2) > 10.0 * noise:
-            text = (
-                f"accel: the output repeats {run.accel.y[a]:.6g} m/s² while the stage moves, "
-                f"from t = {instant(begin)} s on"
-            )
-            found.append(Fault("stuck", "accel", float(begin), float(end - begin), text))
-    t, z = run.recording.position.t, run.recording.position.y
-    inside = (t >= run.t[0]) & (t <= run.t[-1])
-    t, z = t[inside], z[inside]
-    for a, b in _runs(np.diff(z) == 0.0, STUCK_SAMPLES):
-        begin, end = t[a], t[b + 1]
-        rows = slice(*np.searchsorted(run.accel.t, [begin, end]))
-        u, step = run.accel.y[rows], run.accel_step
-        if len(u) < 8:
-            continue
-        position = np.cumsum(np.cumsum(u - np.mean(u))) * step**2
-        random_motion = float(np.median(np.abs(np.diff(u)))) * step**2 * len(u) ** 1.5
-        if _departure_from_polynomial(run.accel.t[rows], position, 1) > 20.0 * noise + 5.0 * random_motion:
-            text = f"position: the reading stays {z[a]:.6g} m while the output changes, from t = {instant(begin)} s on"
-            found.append(Fault("stuck", "position", float(begin), float(end - begin), text))
-    return found
-
-
-def _departure_from_polynomial(t: Array, y: Array, degree: int) -> float:
-    """Peak-to-peak departure of a stretch from a straight line (degree 1) or from constant acceleration (degree 2)."""
-    x = t - t[0]
-    return float(np.ptp(y - np.polynomial.Polynomial.fit(x, y, degree)(x)))
-
-
-def _runs(flags: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
-    """First and last index of each run of true flags of at least this length."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= least]
-
-
 MOST_STEP_SEARCHES = 3
 """Searches for position steps: behind a large one the relation, and with it a smaller one, shows only in the next."""
 
 
 def with_position_steps(recording: Recording) -> Recording:
-    """The recording with the position steps that it shows; a recording whose steps are known is returned as it is.
+    """The recording without readings that are known to be wrong, and with the position steps that it shows; a recording
+    whose steps are known is returned as it is.
 
     A recording that cannot be used is returned as it is, too: the fit says why.
     """
@@ -232,7 +198,10 @@ def position_steps_sought(recording: Recording) -> tuple[Recording, RelationColu
 
     The integral of a velocity or an acceleration counts nothing: its errors jump and stay by themselves.
     """
-    if recording.position_steps or recording.reference is not None:
+    if recording.position_steps:
+        return recording, None
+    recording = without_wrong_readings(recording)
+    if recording.reference is not None:
         return recording, None
     for _ in range(MOST_STEP_SEARCHES):
         try:

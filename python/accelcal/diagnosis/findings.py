@@ -53,6 +53,8 @@ class Finding:
     """Largest contribution over the used range."""
     remark: str = ""
     """What the noise test says that found it."""
+    wave: Mapping[str, float] = field(default_factory=dict)
+    """Its frequency or period, by name, in SI; empty where it is no wave."""
 
     @property
     def effect(self) -> str:
@@ -72,7 +74,9 @@ class Finding:
     def particulars(self) -> str:
         """Size, evidence and rivals, in parentheses; empty where there are none."""
         evidence = [] if self.sigma is None else [f"{self.sigma:.0f} sigma"]
-        parts = [", ".join([*([self.size] if self.size else []), *evidence])]
+        units = {name: shape.unit for name, shape in find(self.effect).shapes.items()}
+        waves = [f"{name} {with_usual_unit(value, units[name], 4)}" for name, value in self.wave.items()]
+        parts = [", ".join([*([self.size] if self.size else []), *waves, *evidence])]
         parts += [self.group.parts.text] if self.group.parts.text else []
         parts += [f"confounded with {', '.join(self.rivals)}"] if self.rivals else []
         text = "; ".join(filter(None, parts))
@@ -80,7 +84,10 @@ class Finding:
 
     @property
     def size(self) -> str:
-        """Its coefficient, or the largest contribution where there are several; empty where there is none."""
+        """Its coefficient, the amplitude of a wave, or the largest contribution where there are several; empty where
+        there is none."""
+        if self.wave and len(self.estimate) > 1:
+            return with_usual_unit(math.hypot(*self.estimate), self.unit)
         if len(self.estimate) == 1 and math.isfinite(self.estimate[0]) and self.estimate[0] != 0.0:
             return with_usual_unit(self.estimate[0], self.unit)
         if self.largest is None:
@@ -88,7 +95,7 @@ class Finding:
         return f"at most {with_usual_unit(self.largest.value, 'm' if self.largest.at_encoder else 'm/s²')}"
 
 
-def with_usual_unit(value: float, unit: str) -> str:
+def with_usual_unit(value: float, unit: str, digits: int = 3) -> str:
     """A value for a sentence: times and lengths with a prefix, everything else in its own unit.
 
     Examples
@@ -100,10 +107,10 @@ def with_usual_unit(value: float, unit: str) -> str:
         factor, prefix = next(
             ((f, p) for f, p in ((1e3, "m"), (1e6, "u"), (1e9, "n")) if abs(value) * f >= 1.0), (1e9, "n")
         )
-        return f"{value * factor:.3g} {prefix}{unit}"
+        return f"{value * factor:.{digits}g} {prefix}{unit}"
     if unit == "rad":
         return display(unit, float(f"{value:.3g}"), 0.0) or ""
-    return f"{value:.3g} {unit}" if unit not in ("", "1") else f"{value:.3g}"
+    return f"{value:.{digits}g} {unit}" if unit not in ("", "1") else f"{value:.{digits}g}"
 
 
 def in_model(fit: Fit, group: Confounded, sizes: Mapping[str, Size]) -> Finding:
@@ -120,12 +127,13 @@ def in_model(fit: Fit, group: Confounded, sizes: Mapping[str, Size]) -> Finding:
         find(name).unit,
         math.sqrt(gain) if dof == 1 else equivalent_sigma(log_survival(gain, dof)) if dof else None,
         sizes.get(name),
+        wave={shape: fit.model.shapes[name][shape] for shape, one in find(name).shapes.items() if one.width},
     )
 
 
 def in_noise(tests: Sequence[NoiseTest], group: Confounded, sizes: Mapping[str, Size]) -> Finding:
-    """An effect that noise tests found; the most significant of them counts."""
-    test = min((t for t in tests if t.effect == group.effect), key=lambda t: t.p_value)
+    """An effect that noise tests found; the most significant of them counts, and of waves the largest."""
+    test = max((t for t in tests if t.effect == group.effect), key=lambda t: t.estimate if t.shape else -t.p_value)
     log_p = math.log(test.p_value) if test.p_value > 0.0 else -math.inf
     return Finding(
         group,
@@ -135,6 +143,7 @@ def in_noise(tests: Sequence[NoiseTest], group: Confounded, sizes: Mapping[str, 
         equivalent_sigma(log_p),
         sizes.get(group.effect),
         test.sentence,
+        test.shape,
     )
 
 

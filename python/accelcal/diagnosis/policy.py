@@ -251,6 +251,12 @@ PRESENT_SHARE = 0.5
 """Amplitude in the output, over that of a line of the innovations, below which the line is the position's. The motion
 that is estimated follows the output, so that innovations hold the lines of both. [share;
 tests/diagnosis/noise_tests/test_unresolved.py]"""
+SHOWN_SIGMA = 2.0
+"""Standard deviations from zero below which an effect that was added is said not to be shown. Chance alone reaches them
+in one of twenty. [standard deviations; tests/workflow/test_waves.py]"""
+OWN_WAVE_TURNS = 4.0
+"""Turns over the record, or over the stroke, within which a line or a wave is the one that the model has. Nearer ones
+are one peak of a windowed spectrum. [turns; tests/diagnosis/noise_tests/test_waves.py]"""
 MOTION_LINE_RATIO = 3.0
 """Amplitude of a line in the motion, over that in the residual, above which the drive makes the line. The smoothed
 motion holds a part of any line. [ratio; tests/diagnosis/noise_tests/test_noise_tests.py]"""
@@ -263,9 +269,10 @@ tests/diagnosis/noise_tests/test_noise_tests.py]"""
 COARSE_STEP_RATIO = 1.2
 """Converter step over noise above which noise no longer dithers the steps. Rounding then depends on the motion.
 [ratio; tests/diagnosis/noise_tests/test_noise_tests.py]"""
-HELD_SHARE = 0.02
-"""Share of repeated readings above which the logger is faster than the sensor. Readings off a grid hardly ever
-repeat by chance. [share; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+HELD_SHARE = 0.2
+"""Share of repeated readings in motion above which the logger is faster than the sensor. One that holds repeats every
+second to fifth reading; a coarse sensor repeats one now and then. [share;
+tests/diagnosis/noise_tests/test_stamps.py]"""
 WHOLE_BITS_TOLERANCE = 1e-4
 """Error in bits within which a step is that of a converter of whole bits over the declared range. Such a step is
 known from the data sheet. [bit; tests/diagnosis/noise_tests/test_noise_tests.py]"""
@@ -320,6 +327,15 @@ TURNING_LEAST_PERIODS = 12.0
 TURNING_MOST_DEGREES = 45.0
 """Tilt above which a residual is not explained by turning. Beyond it the input axis is another one. [degrees;
 tests/diagnosis/test_turning.py]"""
+DRIFT_BAND = 0.1
+"""Frequency up to which a residual may be a bias that wanders. A bias drifts with temperature and age, more slowly than
+bodies and structures turn. [Hz; tests/diagnosis/test_turning.py]"""
+DISTURBED_SHARE = 0.05
+"""Share of a record up to which the stretches count as disturbed that hold all of a slow residual. What lasts longer
+is the sensor's, or a tilt. [share; tests/diagnosis/test_turning.py]"""
+DISTURBED_STRETCHES = 3
+"""Such stretches at most. More are no accident but happen again and again. [stretches;
+tests/diagnosis/test_turning.py]"""
 EXPECTED_COHERENCE = 0.8
 """Squared coherence that the noise of both channels leaves, above which a segment must show the relation. Below it
 chance and noise decide. [coherence; benches/unrelated.py]"""
@@ -348,14 +364,32 @@ REST_LOG_LIKELIHOOD = 20.0
 """Log-likelihood that output and encoder share by chance in a record at rest. Three coefficients in a dozen bands
 gain as much once in ten million records. [nat; tests/diagnosis/test_rest.py]"""
 RAIL_SAMPLES = 4
-"""Equal readings in a row at the extreme of a record, after a jump, that are a saturated output. Three can be
-quantisation. [samples; tests/diagnosis/test_change_points.py]"""
+"""Equal readings in a row at the extreme of a record, after a jump or beyond the declared range, that are a saturated
+output. Three can be quantisation. [samples; tests/diagnosis/test_left_out.py]"""
 RAIL_TOLERANCE = 1e-3
-"""Distance from the declared range, over that range, within which an output is at its limit. Readings beyond it mean
-that the range is another. [share; tests/diagnosis/test_change_points.py]"""
+"""Distance from the declared range, over that range, within which an output is at its limit. Converters end a few
+counts short of it. [share; tests/diagnosis/test_left_out.py]"""
+RAIL_NOISE = 4.0
+"""The same in standard deviations of an output whose low-passes are inverted. That amplifies its noise. [sigma;
+tests/diagnosis/test_left_out.py]"""
+RAIL_PILED = 5
+"""Readings at the limit over those beyond it, and over those as far below it, least, that are a saturated output. A
+sine has at most 2.4 times as many at its peak, and readings beyond mean that the range is another. [ratio;
+tests/diagnosis/test_left_out.py]"""
+LEFT_OUT_BESIDE = 8
+"""Samples of the output on either side of wrong ones that are left out with them. Nothing then interpolates over the
+gap, whose motion is always that beyond the limit: a polynomial through its edges errs to one side. [samples;
+tests/diagnosis/test_left_out.py]"""
 STUCK_SAMPLES = 32
 """Equal readings in a row, while the other channel moves, that are a stuck channel. Fewer are quantisation.
-[samples; tests/diagnosis/test_change_points.py]"""
+[samples; tests/diagnosis/test_left_out.py]"""
+STUCK_MOTION_SHARE = 0.1
+"""Spread of the output over that of the whole record, least, where a position that repeats is stuck. A floor that
+shakes moves encoder and scale together, by less. [share; tests/diagnosis/test_left_out.py]"""
+STUCK_VELOCITY_SHARE = 0.5
+"""Change of speed that the output shows over a stuck stretch and the readings beside it do not, most, over its swing. A
+sensor that is touched at rest shows one, and the stage rests before and behind. [share;
+tests/diagnosis/test_left_out.py]"""
 STEP_PULSE_SHARE = 0.6
 """Share of the excess residual around a position step that the filter's pulse must explain. A misfit of the model is
 wider than a pulse. [share; tests/diagnosis/test_change_points.py]"""

@@ -39,10 +39,17 @@ KINDS: dict[str, Kind] = {
         "{channel}: the output saturates {count} times, {share:.2g} % of the record together, for {longest:.2g} s at "
         "most from t = {time:.6g} s on",
     ),
+    "saturated": Kind(
+        "data",
+        "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, stretches: {stretches}, from t = "
+        "{time:.6g} s to {end:.6g} s) are left out: the output is at the limit of its range there, where a smaller "
+        "motion or a wider range would keep them",
+    ),
     "stuck": Kind(
         "data",
-        "{channel}: {count} stretches of repeated readings while the other channel changes, {share:.2g} % of the "
-        "record together, the longest {longest:.3g} s from t = {time:.6g} s on",
+        "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, stretches: {stretches}, from t = "
+        "{time:.6g} s to {end:.6g} s) are left out: they repeat one value while the other channel moves; check range, "
+        "cable, supply and logger",
     ),
     "position_step": Kind(
         "data",
@@ -55,18 +62,33 @@ KINDS: dict[str, Kind] = {
         "used",
     ),
     "dropped_samples": Kind("data", "{channel}: samples were lost without a trace in the time stamps"),
+    "disturbed": Kind(
+        "data",
+        "Something disturbed the record {between}: the residual below {band:.2g} Hz, {rms:.2g} m/s² rms where a bias "
+        "instability of {bias_instability:.2g} m/s² is ordinary, lives there alone. That is left out, and the rest is "
+        "judged; a file without it: accelcal cut {file} {without} -o {cut}",
+    ),
     "turning_sensor": Kind(
         "verdict",
-        "A tilt of {tilt_deg:.2g} degrees rms would explain all of it; orientation is not recorded. The residual below "
-        "{band:.2g} Hz is {rms:.2g} m/s² rms where a bias instability of {bias_instability:.2g} m/s² is ordinary",
+        "A tilt of {tilt_deg:.2g} degrees rms or a slow drift of either channel would explain all of it; orientation "
+        "is not recorded. The residual below {band:.2g} Hz is {rms:.2g} m/s² rms where a bias instability of "
+        "{bias_instability:.2g} m/s² is ordinary",
         forbids_names=True,
+    ),
+    "tilt_or_drift": Kind(
+        "beside",
+        "A tilt of {tilt_deg:.2g} degrees rms would explain the drift of the bias as well: below {band:.2g} Hz it is "
+        "{rms:.2g} m/s² rms where a bias instability of {bias_instability:.2g} m/s² is ordinary; orientation is not "
+        "recorded",
     ),
     "slow_residual": Kind(
         "beside",
-        "A tilt of {tilt_deg:.2g} degrees rms, or an effect that the model lacks, would explain the residual below "
-        "{band:.2g} Hz, {rms:.2g} m/s² rms where a bias instability of {bias_instability:.2g} m/s² is ordinary; "
-        "orientation is not recorded. Do not take bias and scale factor for the sensor's: run accelcal diagnose",
+        "A tilt of {tilt_deg:.2g} degrees rms, a slow drift of either channel, or an effect that the model lacks, "
+        "would explain the residual below {band:.2g} Hz, {rms:.2g} m/s² rms where a bias instability of "
+        "{bias_instability:.2g} m/s² is ordinary; orientation is not recorded. Do not take bias and scale factor for "
+        "the sensor's: run accelcal diagnose",
     ),
+    "implausible_scale": Kind("verdict", "{text}", forbids_names=True),
     "unresolved_motion": Kind(
         "beside",
         "The motion changes faster than the sampling resolves at {instants} instants; declare or smooth the set-points",

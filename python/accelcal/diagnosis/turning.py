@@ -1,38 +1,51 @@
-"""A sensor that turns: gravity along its axis changes in a way that neither channel records."""
+"""A slow residual: a sensor that turns, so that gravity along its axis changes in a way that neither channel records, a
+drift of either channel, or a stretch in which something disturbed the record."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Recording
+from accelcal.data.references import ACCELERATION
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
+from accelcal.data.units import instant
 from accelcal.diagnosis.contribution import Size
 from accelcal.diagnosis.noise_tests.noise_test import LINE
 from accelcal.diagnosis.policy import (
     DATA_SHEET_NOISE_RATIO,
+    DISTURBED_SHARE,
+    DISTURBED_STRETCHES,
+    DRIFT_BAND,
     TURNING_BAND,
     TURNING_LEAST_PERIODS,
     TURNING_MOST_DEGREES,
     UNDECLARED_BIAS_INSTABILITY,
 )
-from accelcal.diagnosis.remarks import Remark, remark
+from accelcal.diagnosis.remarks import Remark, Value, remark
 from accelcal.diagnosis.search.confounding import DetectedEffect
-from accelcal.effects import BUILT_IN, OF_TIME
+from accelcal.effects import BUILT_IN, OF_TIME, find
 from accelcal.estimation.estimate import Fit, result, solve_runs
 from accelcal.estimation.run import PreparedRun
 from accelcal.model import Model
+from accelcal.signals.processing import low_pass
+from accelcal.signals.series import widened
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.evaluation import accel_residual, compare
 from accelcal.validation.prediction import Prediction
 
-FOLLOW_TIME = OF_TIME | {LINE, *(effect.name for effect in BUILT_IN if effect.port == "process")}
-"""Effects that follow time alone, as the turning of a sensor does."""
+PROCESSES = frozenset(effect.name for effect in BUILT_IN if effect.port == "process")
+FOLLOW_TIME = PROCESSES | {LINE, *(name for name in OF_TIME if find(name).family)}
+"""Effects that follow any function of time, the turning of a sensor and a touched cable among them."""
+TILT = find("tilt").name
+DRIFTS = OF_TIME | {name for name in PROCESSES if find(name).traits.changes == "bias"}
+"""Drifts of the bias: what a slow tilt looks like, and does."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +70,10 @@ def turning_sensor(
     sizes: Mapping[str, Size],
     fitted: FittedSpan,
     span: tuple[float, float],
+    *,
+    stretches: bool = True,
 ) -> Remark | None:
-    """The remark on a sensor that turns; None where the slow residual is within the bias instability.
+    """The remark on a slow residual; None where it is within the bias instability, or no tilt can cause it.
 
     Parameters
     ----------
@@ -67,38 +82,63 @@ def turning_sensor(
     where : its residual over the used part of the first recording.
     sizes : largest contribution of each effect.
     fitted, span : what it was fitted to; the used part, s.
+    stretches : whether a few in which the residual lives are named; not where such are left out already.
 
     Notes
     -----
-    What counts is left by a model with every effect that was found, functions of time alone excepted: a bias that
-    follows any function of time follows a tilt as well.
+    What counts is left by a model with every effect that was found, those excepted that follow any function of time: a
+    bias that wanders follows a tilt as well. Where it lives in a few stretches they are named. Else a drift of the bias
+    that explains it stands beside the tilt, if all of it is as slow as a bias drifts; where none does no name is
+    certain.
     """
-    if orientation_recorded(fitted.recordings[0]):
+    recording = fitted.recordings[0]
+    if gravity_is_recorded(recording):
         return None
-    rig, accel = fitted.recordings[0].rig, fitted.recordings[0].accel
-    limit = ordinary(rig)
-    floor = output_noise(rig, accel.t, accel.y)
-    following = [n for n in model.effects if n in FOLLOW_TIME and n in sizes and sizes[n].value > limit]
-    if not following and excess(where.accel_residual, where.band, floor) <= limit:
+    slow = SlowResidual.of(recording, where.accel_residual, where.band)
+    following = [n for n in model.effects if n in FOLLOW_TIME and n in sizes and sizes[n].value > slow.ordinary]
+    if not following and slow.rms <= slow.ordinary:
         return None
-    reference = model.drop(*following) if following else model
-    for finding in found:
-        if finding.effect not in FOLLOW_TIME:
+
+    def left_by(reference: Model, entering: Sequence[DetectedEffect], within: tuple[float, float]) -> SlowResidual:
+        for finding in entering:
             reference = finding.enter(reference)
-    if reference is not model:
+        seen = fitted.slow_residual(reference, within)
+        return SlowResidual.of(recording, seen.accel_residual, seen.band)
+
+    certain = [finding for finding in found if finding.effect not in FOLLOW_TIME]
+    left = slow
+    if certain or following:
         try:
-            where = fitted.slow_residual(reference, span)
+            left = left_by(model.drop(*following) if following else model, certain, span)
         except ValueError:
             if following:
                 return None
-    return _remark_on("turning_sensor", rig, excess(where.accel_residual, where.band, floor), where.band)
+    if left.rms <= left.ordinary:
+        drifting = slow.rms > slow.ordinary and any(finding.effect in DRIFTS for finding in found)
+        return slow.remark("tilt_or_drift") if drifting else None
+    if left.stretches and stretches:
+        return left.apart(recording.name)
+    wandering = [finding for finding in found if finding.effect in FOLLOW_TIME & DRIFTS]
+    code = "turning_sensor"
+    if left.faster <= left.ordinary and (wandering or (following and DRIFTS.issuperset(following))):
+        try:  # a process says nothing of what lies beyond the fitted part
+            explained = left_by(model, [*certain, *wandering], (fitted.start, fitted.end))
+            code = "tilt_or_drift" if explained.rms <= left.ordinary else code
+        except ValueError:
+            pass
+    return left.remark(code)
 
 
-def slow_residual(fit: Fit, run: PreparedRun) -> Remark | None:
+def beside_tilt(found: Sequence[DetectedEffect]) -> tuple[DetectedEffect, ...]:
+    """Effects that were found, with a tilt in the class of each drift of the bias."""
+    return tuple(replace(one, members=(*one.members, TILT)) if one.effect in DRIFTS else one for one in found)
+
+
+def slow_residual(fit: Fit, run: PreparedRun, *, stretches: bool = True) -> Remark | None:
     """What is said beside a fit of whose first run nobody asked what the model lacks; None where its slow residual is
-    within the bias instability, or orientation was recorded."""
+    within the bias instability, or no tilt can cause it. `stretches` as of `turning_sensor`."""
     recording = run.recording
-    if orientation_recorded(recording):
+    if gravity_is_recorded(recording):
         return None
     try:
         ahead = Prediction.on(fit, run)
@@ -106,21 +146,74 @@ def slow_residual(fit: Fit, run: PreparedRun) -> Remark | None:
         return None
     band = min(ahead.crossover, 0.2 / run.reading_step)
     t, residual, _ = accel_residual(ahead, band)
-    floor = output_noise(fit.rig, recording.accel.t, recording.accel.y)
-    return _remark_on("slow_residual", fit.rig, excess((t, residual), band, floor), band)
+    slow = SlowResidual.of(recording, (t, residual), band)
+    return slow.apart(recording.name) if slow.stretches and stretches else slow.remark("slow_residual")
 
 
-def _remark_on(code: str, rig: Rig, rms: float, band: float) -> Remark | None:
-    """A remark on a slow residual of `rms` m/s² up to `band` Hz, where a tilt that a sensor may have explains it."""
-    limit, degrees = ordinary(rig), tilt(rms, rig)
-    if rms <= limit or degrees > TURNING_MOST_DEGREES:
-        return None
-    return remark(code, tilt_deg=degrees, rms=rms, band=min(TURNING_BAND, band), bias_instability=limit)
+@dataclass(frozen=True, slots=True)
+class SlowResidual:
+    """A residual up to the frequency of a turning sensor, as far as noise does not explain it."""
+
+    rig: Rig
+    rms: float
+    """m/s²; 0 where the record is too short for one."""
+    faster: float
+    """The part of it that is faster than a bias drifts, m/s² rms."""
+    band: float
+    """Hz"""
+    ordinary: float
+    """Slow change of the bias that is ordinary for the sensor, rms, m/s²."""
+    stretches: tuple[tuple[float, float], ...]
+    """Begin and end of the few stretches in which it lives, s: without them it is ordinary."""
+
+    @classmethod
+    def of(cls, recording: Recording, residual_at: tuple[Array, Array], highest: float) -> SlowResidual:
+        """The slow part of a residual: times (n,) s, residual (n,) m/s², and its bandwidth, Hz."""
+        limit, floor = ordinary(recording.rig), output_noise(recording.rig, recording.accel.t, recording.accel.y)
+        rms = excess(residual_at, highest, floor)
+        if rms <= limit:
+            return cls(recording.rig, rms, 0.0, min(TURNING_BAND, highest), limit, ())
+        t, residual = residual_at
+        drifting = low_pass(residual, 1.0 / float(np.median(np.diff(t))), DRIFT_BAND)
+        faster, apart = excess((t, residual - drifting), highest, floor), disturbed(residual_at, highest, floor, limit)
+        return cls(recording.rig, rms, faster, min(TURNING_BAND, highest), limit, apart)
+
+    def remark(self, code: str) -> Remark | None:
+        """The remark on a tilt that would explain it; None where it is ordinary, or no sensor tilts as much."""
+        degrees = tilt(self.rms, self.rig)
+        if self.rms <= self.ordinary or degrees > TURNING_MOST_DEGREES:
+            return None
+        return remark(code, tilt_deg=degrees, rms=self.rms, band=self.band, bias_instability=self.ordinary)
+
+    def apart(self, name: str) -> Remark:
+        """The remark on its stretches, with the command that cuts them out of a file of this name."""
+        pieces = [(instant(begin), instant(end)) for begin, end in self.stretches]
+        file = Path(name or "FILE")
+        values: dict[str, Value] = {
+            "stretches": " ".join(f"{begin}:{end}" for begin, end in pieces),
+            "between": " and ".join(f"between {begin} and {end} s" for begin, end in pieces),
+            "rms": self.rms,
+            "band": self.band,
+            "bias_instability": self.ordinary,
+            "without": " ".join(f"--without {begin}:{end}" for begin, end in pieces),
+            "file": str(file),
+            "cut": f"{file.stem}_cut{file.suffix}",
+        }
+        return remark("disturbed", **values)
 
 
-def orientation_recorded(recording: Recording) -> bool:
-    """Whether a channel says how the axis turns."""
-    return any(name in recording.side for name in DERIVED)
+def stretches_of(disturbed: Remark) -> list[tuple[float, float]]:
+    """Begin and end of the stretches that a remark names, s."""
+    return [
+        (float(begin), float(end))
+        for begin, _, end in (piece.partition(":") for piece in str(disturbed.values["stretches"]).split())
+    ]
+
+
+def gravity_is_recorded(recording: Recording) -> bool:
+    """Whether a channel says how the axis turns, or a reference on the same body feels gravity as the sensor does."""
+    reference = recording.reference
+    return any(name in recording.side for name in DERIVED) or (reference is not None and reference.name == ACCELERATION)
 
 
 def ordinary(rig: Rig) -> float:
@@ -147,6 +240,35 @@ def excess(residual_at: tuple[Array, Array], highest: float, floor: float) -> fl
     power = 2.0 * np.abs(np.fft.rfft(residual - np.mean(residual))) ** 2 / len(residual) ** 2
     slow = float(np.sum(power[f <= band]))
     return math.sqrt(max(slow - DATA_SHEET_NOISE_RATIO**2 * floor**2 * band, 0.0))
+
+
+def disturbed(
+    residual_at: tuple[Array, Array], highest: float, floor: float, limit: float
+) -> tuple[tuple[float, float], ...]:
+    """Begin and end of the few stretches without which a slow residual is within `limit`, s; empty where it is spread
+    over the record.
+
+    Parameters
+    ----------
+    residual_at, highest, floor : as of `excess`.
+    limit : m/s² rms.
+    """
+    t, residual = residual_at
+    step, band = float(np.median(np.diff(t))), min(TURNING_BAND, highest)
+    slow = low_pass(residual, 1.0 / step, band)
+    slow = np.abs(slow - np.median(slow))
+    usual = math.hypot(limit, DATA_SHEET_NOISE_RATIO * floor * math.sqrt(band))
+    marked = np.concatenate([[False], widened(slow > usual, math.ceil(0.5 / (band * step))), [False]])
+    edges = np.flatnonzero(np.diff(marked.astype(np.int8))).reshape(-1, 2)
+    high = [(b, e) for b, e in edges.tolist() if np.max(slow[b:e]) > usual / math.sqrt(DISTURBED_SHARE)]
+    rest = np.ones(len(t), dtype=np.bool_)
+    for begin, end in high:
+        rest[begin:end] = False
+    few = len(high) <= DISTURBED_STRETCHES and np.mean(rest) >= 1.0 - DISTURBED_SHARE
+    if not (few and high) or float(np.mean(slow[rest] ** 2)) > usual**2:
+        return ()
+    tail = 0.5 / band  # what is below the limit there still adds up to a jump of the position over the hole
+    return tuple((float(t[begin]) - tail, float(t[end - 1]) + tail) for begin, end in high)
 
 
 def output_noise(rig: Rig, t: Array, y: Array) -> float:

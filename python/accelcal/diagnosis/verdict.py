@@ -28,8 +28,9 @@ from accelcal.diagnosis.findings import (
 )
 from accelcal.diagnosis.further_run import FurtherRun, further_runs
 from accelcal.diagnosis.independent_estimate import differences, disagreement
-from accelcal.diagnosis.independent_tests import independent_tests, separate_lines
-from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.independent_tests import independent_tests, largest_first, own_tests, separate_lines
+from accelcal.diagnosis.left_out import left_out_remarks
+from accelcal.diagnosis.noise_tests.noise_test import WHITENESS, NoiseTest
 from accelcal.diagnosis.noise_tests.tones import harmonic_effects
 from accelcal.diagnosis.outlier_rejection import CleanFit, RejectedReadings
 from accelcal.diagnosis.policy import (
@@ -44,12 +45,13 @@ from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.run_agreement import run_agreement
 from accelcal.diagnosis.search.scan import Scan, Verdict, scan
 from accelcal.diagnosis.transverse import transverse_coherence
-from accelcal.diagnosis.turning import FittedSpan, turning_sensor
+from accelcal.diagnosis.turning import FOLLOW_TIME, FittedSpan, beside_tilt, turning_sensor
 from accelcal.diagnosis.unresolved_motion import unresolved_motion
-from accelcal.effects import BUILT_IN, Effect, find
-from accelcal.estimation.estimate import Fit, result
+from accelcal.effects import BUILT_IN, Effect, find, next_name
+from accelcal.estimation.estimate import Fit, implausible_scale, result
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.run import prepare
+from accelcal.estimation.run_to_run import SPREAD_ALPHA
 from accelcal.model import Model, evaluate
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.evaluation import compare
@@ -110,6 +112,8 @@ class Diagnosis:
     """What must be read with the verdict."""
     present: tuple[Finding, ...] = ()
     """Effects that were found and that the model contains."""
+    unnamed: tuple[NoiseTest, ...] = ()
+    """Significant noise tests whose effect is not named, since a missing effect of the motion may be behind them."""
     left: str = ""
     """The part of the sentence on what is left."""
 
@@ -193,7 +197,11 @@ class TimeSpan:
         run = prepare(recording, start=start, end=end) if columns is None else columns.run
         start, end = float(run.t[0]), float(run.t[-1])
         broken = [remark("break", recording=recording.name or "recording", time=at) for at in breaks]
-        return cls(start, end, breaks, (*broken, *fault_remarks(faults(recording, run, columns), end - start)), chosen)
+        told = (
+            *left_out_remarks([recording], "", start, end),
+            *fault_remarks(faults(recording, run, columns), end - start),
+        )
+        return cls(start, end, breaks, (*broken, *told), chosen)
 
 
 def verdict_on(
@@ -226,13 +234,22 @@ def verdict_on(
         report=within(report, 0.0, 0.8),
     )
     level = alpha / (found.examined + len(tests))
-    significant = independent_tests(
-        [t for t in tests if t.p_value < level and t.effect not in model.effects], no_effect_found=not found.found
+    signals, origin = solution.states[0].signals, runs[0].origins.t
+    unexplained = [
+        test
+        for test in own_tests([test for test in tests if test.p_value < level])
+        if not test.in_model(model, signals)
+    ]
+    named = independent_tests(unexplained, no_effect_found=not found.found)
+    unnamed = tuple(test for test in unexplained if test not in named)
+    significant = tuple(
+        replace(test, effect=find(next_name(test.effect, model.effects)).name) if test.shape else test
+        for test in largest_first(named)
     )
     largest = contributions(profiled, solution)
     sizes = sizes_of(profiled, solution.states, found.candidates, significant)
     harmonics = {
-        test.effect: harmonic_effects(solution.states[0].signals, test.parts["frequency"])
+        test.effect: harmonic_effects(signals, test.parts["frequency"])
         for test in significant
         if test.parts.get("made_by_motion")
     }
@@ -240,25 +257,33 @@ def verdict_on(
     disagreeing = run_agreement(solution.states, model, [one.instead for one in seen])
     further = further_runs(solution.states, model)
     telling = {one.effect: further_runs(solution.states, model, [one.instead], [one.effect]) for one in seen}
-    signals, origin = solution.states[0].signals, runs[0].origins.t
     delay_found = "time_offset" not in model.fixed and delay_is_significant(profiled, found, alpha)
     delay_found = delay_found and delay_is_significant(with_detected_effects(solution, profiled, found), found, alpha)
     unresolved = unresolved_motion(runs)
     apart = disagreement(differences(solution))
     solution.states.clear()  # the comparison predicts anew: one set of filters at a time
     if not found.enough:
-        significant = ()
+        significant = unnamed = ()
     where = compare(profiled, recording, start=stretch.start, end=stretch.end)
     span = (stretch.start, stretch.end)
-    turning = turning_sensor(model, found.found, where, sizes, fitted, span) if found.enough else None
-    forbidding = next((one for one in (unresolved, turning) if one is not None and one.forbids_names), None)
+    wrong_scale = scale_remark(profiled)
+    judged = found.enough and wrong_scale is None
+    told = any(one.code == "disturbed" for one in stretch.remarks)
+    turning = turning_sensor(model, found.found, where, sizes, fitted, span, stretches=not told) if judged else None
+    if turning is not None and turning.code == "tilt_or_drift":
+        found = replace(found, found=beside_tilt(found.found), named=beside_tilt(found.named))
+        if FOLLOW_TIME.intersection((*model.effects, *(one.effect for one in found.found))):
+            significant = unnamed = ()  # what follows any function of time leaves no noise to test
+    causes = (wrong_scale, unresolved, turning)
+    forbidding = next((one for one in causes if one is not None and one.forbids_names), None)
     if forbidding is not None:  # what follows a tilt, say, would pass for an effect of place, time, bias or scale
-        found, significant, delay_found = replace(found, found=(), named=(), changing=()), (), False
+        found, delay_found = replace(found, found=(), named=(), changing=()), False
+        significant = unnamed = ()
     groups = [Confounded(f.effect, f.members, f.experiment, f.parts) for f in found.found]
     p_values: dict[str, float] = {}
     for test in significant:
         p_values[test.effect] = min(test.p_value, p_values.get(test.effect, 1.0))
-    p_values.pop("whiteness", None)
+    p_values.pop(WHITENESS, None)
     uncertain = level * math.exp(-CLEAR_LOG_EVIDENCE)
     groups += [
         Confounded(
@@ -271,7 +296,9 @@ def verdict_on(
     ]
     groups += [
         Confounded(
-            one.effect, (one.effect, one.instead), with_further(SEEN_EXPERIMENT, [one.effect], telling[one.effect])
+            one.effect,
+            (*(each.effect for each in solution.seen_by_runs), one.instead),
+            with_further(SEEN_EXPERIMENT, [one.effect], telling[one.effect]),
         )
         for one in seen
     ]
@@ -280,10 +307,9 @@ def verdict_on(
     unsteady = unsteady_effects(found)
     known = [one.effect for one in found.found]
     transverse = transverse_coherence(recording, where, signals, origin, known) if found.enough else ()
-    verdict, left = verdict_and_sentence(profiled, found, significant, groups, forbidding or coloured, unsteady)
-    if seen and verdict == "adequate":
-        text = seen[0].sentence
-        verdict, left = "tied", f"{text[0].upper()}{text[1:]} ({found.examined} candidates examined)."
+    verdict, left = verdict_and_sentence(
+        profiled, found, significant, groups, forbidding or coloured, unsteady, unnamed
+    )
     inside = present(profiled, alpha / found.examined, sizes) if found.enough and forbidding is None else ()
     if delay_found:
         delay = Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT)
@@ -302,16 +328,17 @@ def verdict_on(
             for group in inseparable_groups(model)
         ),
         scan=found,
-        fit=profiled if turning is None else replace(profiled, tilt=float(turning.values["tilt_deg"])),
+        fit=profiled if turning is None else replace(profiled, tilt=float(turning.values.get("tilt_deg", 0.0))),
         used=tuple((run.start, run.end) for run in profiled.runs),
         channels=significant,
+        unnamed=unnamed,
         where=where,
         largest=largest,
         sizes=sizes,
         alpha=alpha,
         breaks=stretch.breaks,
         remarks=(
-            *(one for one in (apart, turning, coloured, unresolved, disagreeing) if one is not None),
+            *(one for one in (wrong_scale, apart, turning, coloured, unresolved, disagreeing) if one is not None),
             *run_to_run(profiled),
             *stretch.remarks,
             *unsteady,
@@ -321,6 +348,13 @@ def verdict_on(
         present=inside,
         left=left,
     )
+
+
+def scale_remark(fit: Fit) -> Remark | None:
+    """The remark on an estimate of 1 + k that no working sensor has: beside it every curve is significant."""
+    scale = fit.values().scale
+    text = "scale_factor" not in fit.model.fixed and implausible_scale(scale)
+    return remark("implausible_scale", text=text[0], scale=scale) if text else None
 
 
 def with_further(experiment: str, members: Sequence[str], further: Sequence[FurtherRun]) -> str:
@@ -388,6 +422,7 @@ def verdict_and_sentence(
     groups: Sequence[Confounded],
     cause: Remark | None = None,
     unsteady: Sequence[Remark] = (),
+    unnamed: Sequence[NoiseTest] = (),
 ) -> tuple[Verdict, str]:
     """The verdict on what a model lacks, and the sentence on it.
 
@@ -396,8 +431,9 @@ def verdict_and_sentence(
     profiled, found, significant, groups : fit, scan, noise tests, and what is named.
     cause : a remark that explains the residual: a sensor that turns, or noise of the position that is not white.
     unsteady : remarks on effects without one size.
+    unnamed : significant noise tests whose effect is not named.
     """
-    named = [test for test in significant if test.effect != "whiteness"]
+    named = [test for test in significant if test.effect != WHITENESS]
     examined = f"{found.examined} candidates examined"
     if not found.enough:
         return (
@@ -430,8 +466,16 @@ def verdict_and_sentence(
         return sentence_with_rivals(group_of[named[0].effect], f"{named[0].sentence} ({examined}).")
     if unsteady:
         return "unexplained", f"{unsteady[0].sentence} ({examined})."
+    if unnamed:
+        text = unnamed[0].sentence
+        return "unexplained", (
+            f"{text[0].upper()}{text[1:]}, where the motion may make one, and no candidate explains it ({examined})."
+        )
     if cause is not None:
-        return "adequate", f"{NOTHING_MISSING} in the sensor ({examined}). {cause.sentence}."
+        return unlike_runs(profiled, examined) or (
+            "adequate",
+            f"{NOTHING_MISSING} in the sensor ({examined}). {cause.sentence}.",
+        )
     if beyond_data_sheet(profiled):
         return "unexplained", (
             f"The residual is {noise_ratio(profiled):.2g} times the sensor noise of the data sheet and no candidate "
@@ -439,10 +483,22 @@ def verdict_and_sentence(
         )
     if significant or any(run.noise.band is not None for run in profiled.runs):
         return "unexplained", f"The residual is not white and no candidate explains it ({examined})."
-    return (
+    return unlike_runs(profiled, examined) or (
         "adequate",
         f"{NOTHING_MISSING} ({examined}); the detection limits say how small an effect would have been found.",
     )
+
+
+def unlike_runs(profiled: Fit, examined: str) -> tuple[Verdict, str] | None:
+    """The verdict on what differs between runs that are adequate in themselves; None where they are alike."""
+    if profiled.seen_by_runs:
+        text = profiled.seen_by_runs[0].sentence
+        return "tied", f"{text[0].upper()}{text[1:]} ({examined})."
+    unlike = [spread for spread in profiled.spreads if spread.p_value < SPREAD_ALPHA]
+    if not unlike:
+        return None
+    told = "; ".join(spread.sentence(profiled[spread.name].value) for spread in unlike)
+    return "adequate", f"{told}. Within each run the model lacks no effect ({examined})."
 
 
 def pooled(found: Scan, runs: int) -> str:

@@ -29,7 +29,7 @@ from accelcal.effects.registry import (
     Variable,
     family,
 )
-from accelcal.effects.processes import find, on_demand
+from accelcal.effects.processes import find, next_name, on_demand, stem_of
 from accelcal.effects.side_channels import side_channel, side_channels
 from accelcal.effects.formula import ExpressionError, Own, from_expression
 from accelcal.effects.guard import EffectsFileError
@@ -47,7 +47,8 @@ _BY_NAME = {effect.name: effect for effect in BUILT_IN}
 
 def is_local(effect: Effect) -> bool:
     """Whether an effect is known to have no memory, so that it can be evaluated on a part of a record."""
-    return not effect.traits.memory and _BY_NAME.get(effect.name) is effect
+    stem = _BY_NAME.get(stem_of(effect))
+    return not effect.traits.memory and stem is not None and stem.function is effect.function
 
 
 def of_one_record(effect: Effect) -> bool:
@@ -115,12 +116,14 @@ __all__ = [
     "is_local",
     "load_effects",
     "names",
+    "next_name",
     "of_one_record",
     "polynomial",
     "side_channel",
     "side_channels",
     "spelled",
     "static_terms",
+    "stem_of",
     "users_own",
 ]
 

@@ -136,6 +136,11 @@ def periods(s: Signals) -> tuple[float, float]:
     return min(max(4.0 * travel, 1e-6 * stroke), 0.5 * stroke), stroke
 
 
+def one_turn(s: Signals, period: float) -> float:
+    """Change of a period in position that adds one turn over the stroke, m."""
+    return period**2 / max(float(np.ptp(s.p)), TINY)
+
+
 def waves(s: Signals) -> tuple[float, float]:
     """Periods up to four strokes: of a longer wave the record shows a part, as a slope or a bow, m."""
     low, stroke = periods(s)

@@ -15,6 +15,10 @@ def _lines(s: Signals) -> tuple[float, float]:
     return 0.02 * highest, highest
 
 
+def _one_turn(s: Signals, frequency: float) -> float:
+    return 1.0 / s.length
+
+
 @effect(
     "tone",
     unit="m/s²",
@@ -22,15 +26,15 @@ def _lines(s: Signals) -> tuple[float, float]:
     symbol="ct",
     scale=1e-2,
     source="mains pick-up, no published figure",
-    shapes={"frequency": Shape("Hz", _lines, trials=4, spacing="log")},
+    shapes={"frequency": Shape("Hz", _lines, trials=4, spacing="log", width=_one_turn)},
     parts=("sin", "cos"),
     traits=Traits(noise=NoiseSource("line", amplitude)),
 )
 def tone(s: Signals, frequency: float) -> Array:
     """Narrow-band interference at a fixed frequency: mains, a fan, an alias of either.
 
-    Equation: e = c sin(2 pi f t) + d cos(2 pi f t). The line is as narrow as 1/record, so f is first read off the
-    spectrum of the output; the trials only bracket it.
+    Equation: e = c sin(2 pi f t) + d cos(2 pi f t). The line is as narrow as 1/record, so f is read off the spectrum
+    by the noise test; a second line, such as a harmonic of the mains, enters beside it as tone_2.
     Looks like: a peak in the spectrum of the residual that does not depend on motion.
     Easily confused with: vibration, an alias of content above half the sampling rate.
     Separate by: a record at rest; another sampling rate, with which an alias moves.

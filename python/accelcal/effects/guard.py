@@ -186,7 +186,7 @@ def values_of(found: Any, s: Signals, width: int, sentence: Sentence) -> Array:
 
 
 def read_only(s: Signals) -> Signals:
-    """The same signals; their arrays cannot be written."""
+    """The same signals, side channels as they were recorded but for temperature; their arrays cannot be written."""
     return replace(
         s,
         t=_locked(s.t),
@@ -194,7 +194,8 @@ def read_only(s: Signals) -> Signals:
         v=_locked(s.v),
         a=_locked(s.a),
         jerk=_locked(s.jerk),
-        side=MappingProxyType({name: _locked(y) for name, y in s.side.items()}),
+        side=MappingProxyType({name: _locked(y + s.side_origins.get(name, 0.0)) for name, y in s.side.items()}),
+        side_origins={},
         whole=None if s.whole is None else read_only(s.whole),
     )
 

@@ -1,9 +1,14 @@
-"""A random process of any coefficient: `quadratic_gauss_markov`, entered into the catalogue when it is asked for."""
+"""Effects made of another one when they are asked for: a random process of its coefficient, and one more wave of it.
+
+`quadratic_gauss_markov` is a process of any coefficient; `tone_2` is a second line, `encoder_cyclic_2` a second wave.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Container
+from dataclasses import replace
+from itertools import count
 
 import numpy as np
 
@@ -18,9 +23,12 @@ MADE = "a tenth of {}"
 """Where the typical size of a process that is made on demand comes from."""
 KINDS = re.compile(r"(?P<stem>\w+)_(?P<kind>gauss_markov|random_walk)")
 
+FURTHER = re.compile(r"(?P<stem>\w+)_(?P<number>[2-9]|[1-9]\d+)")
+
 
 def find(name: str) -> Effect:
-    """Return the effect called `name`; a random process of a known effect is made where it is not known yet.
+    """Return the effect called `name`; a random process or a further wave of a known effect is made where it is not
+    known yet.
 
     Raises
     ------
@@ -37,12 +45,43 @@ def find(name: str) -> Effect:
         stem = CATALOGUE[asked["stem"]]
         if stem.port == "output" and stem.width == 1 and stem.traits.visible and stem.traits.noise is None:
             _enter(name, stem, markov=asked["kind"] == "gauss_markov")
+    asked = FURTHER.fullmatch(name)
+    if name not in CATALOGUE and asked is not None and asked["stem"] in CATALOGUE:
+        stem = CATALOGUE[asked["stem"]]
+        if any(shape.width for shape in stem.shapes.values()):
+            symbol, beside = f"{stem.symbol}{asked['number']}", replace(stem.search, beside=stem.name)
+            CATALOGUE[name] = replace(stem, name=name, symbol=symbol, search=beside)
     return registry.find(name)
 
 
 def on_demand(effect: Effect) -> bool:
-    """Whether an effect is a process that `find` has made."""
-    return effect.port == "process" and effect.source == MADE.format(effect.traits.changes)
+    """Whether an effect is one that `find` has made."""
+    process = effect.port == "process" and effect.source == MADE.format(effect.traits.changes)
+    return process or stem_of(effect) != effect.name
+
+
+def stem_of(effect: Effect) -> str:
+    """Name of the effect of which an effect is a further wave; its name where it is none.
+
+    Examples
+    --------
+    >>> stem_of(find("tone_2")), stem_of(find("cubic"))
+    ('tone', 'cubic')
+    """
+    asked = FURTHER.fullmatch(effect.name)
+    stem = CATALOGUE.get(asked["stem"]) if asked else None
+    return stem.name if stem is not None and stem.function is effect.function else effect.name
+
+
+def next_name(stem: str, used: Container[str]) -> str:
+    """Name under which one more wave of an effect enters beside those that are `used`.
+
+    Examples
+    --------
+    >>> next_name("tone", ()), next_name("tone", ("tone", "tone_2"))
+    ('tone', 'tone_3')
+    """
+    return next(name for n in count(1) if (name := stem if n == 1 else f"{stem}_{n}") not in used)
 
 
 def _enter(name: str, stem: Effect, *, markov: bool) -> None:

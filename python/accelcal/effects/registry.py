@@ -40,6 +40,10 @@ class Shape:
 
     added: bool = False
     """Whether models that were stored before it existed lack it."""
+    width: Callable[[Signals, float], float] | None = None
+    """Of a wave: how far its value may move until the wave has one turn more or less over the record, in `unit`.
+
+    Such a value is found by a noise test, not by trials, and refined within this width; None for all others."""
     at_rest: float | None = None
     """Of a state that is carried over from before the record: its value where the sensor had long been at rest. Such a
     state belongs to its record; None for all other parameters."""

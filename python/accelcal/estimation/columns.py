@@ -158,8 +158,8 @@ class ColumnFilter:
     def __init__(self, state: RunState) -> None:
         self.state = state
         self.signals: Signals = state.signals
-        rate = 1.0 / state.run.reading_step
-        highest = max(self.signals.cutoff, state.run.crossover(state.noise))
+        rate, speed = 1.0 / state.run.reading_step, float(np.max(np.abs(self.signals.v)))
+        highest = max(self.signals.cutoff, state.run.crossover(state.noise), state.values.fastest(speed))
         self.group = max(1, int(rate / (OVERSAMPLING * highest)))
         self.rows = int(np.sum(state.counts)) // self.group
         self._last: tuple[slice, _core.Bank] | None = None

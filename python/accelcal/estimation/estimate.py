@@ -36,13 +36,13 @@ from accelcal.estimation.gauss_newton import (
 )
 from accelcal.estimation.noise_effects import NoiseEffect
 from accelcal.estimation.rows import measure_noise, settle_dwells
-from accelcal.estimation.run import Engine, Method, PreparedRun, prepare
+from accelcal.estimation.run import Engine, Method, PreparedRun, prepare, side_means
 from accelcal.estimation.run_covariates import GoesWith, covariates_of, goes_with
 from accelcal.estimation.run_differences import differing
 from accelcal.estimation.run_fit import RunFit, run_fit
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.run_to_run import SPREAD_ALPHA, SeenByRuns, Spread
-from accelcal.estimation.shape_parameters import held_shapes, refine_shapes
+from accelcal.estimation.shape_parameters import held_shapes, on_bounds, refine_shapes
 from accelcal.estimation.values import Noise, Values
 from accelcal.estimation.weak_form.covariance import NoWeakForm
 from accelcal.model import Estimate, Model, Prior, terms_of
@@ -64,6 +64,9 @@ FARTHEST = 0.3
 SCALE_STD_LIMIT = 0.5
 """A scale factor less certain than this was not excited at all."""
 PLAUSIBLE_SCALE = (0.5, 2.0)
+"""1 + k that a working sensor can have; a factor beyond is one of units."""
+REVERSED_COHERENCE = 0.5
+"""Squared coherence of output and motion below which a relation with the other sign is none of a mount."""
 
 
 @immutable
@@ -271,7 +274,8 @@ def estimate(
     start, end : s, optional; only readings in [start, end] are used.
     band : Hz, optional; trust the encoder up to this frequency and the accelerometer's share below it, instead of up
         to the crossover of the two noises.
-    origins : zero points of t, p and temperature; by default those of the first recording.
+    origins : zero points of t, p and side channels; by default those of the first recording, and the mean of each
+        channel over all of them.
     method : "replay", "weak", or "auto": the weak form where a reference is too good for the replay.
     report : called with the share of the work that is done, 0 to 1.
 
@@ -327,6 +331,9 @@ def solve_runs(
     first = prepare(recordings[0], origins, start=start, end=end)
     begin, stop = (None, None) if others_whole else (start, end)
     runs = [first, *(prepare(r, first.origins, start=begin, end=stop) for r in recordings[1:])]
+    if origins is None:
+        shared = replace(first.origins, side=side_means(runs))
+        runs = [replace(run, origins=shared) for run in runs]
     for run in runs:
         require_motion(run)
         require_band(run, band)
@@ -356,6 +363,7 @@ def _solved(
     if unlike:
         model = complete(asked.vary(*unlike), recordings)
         solution = iterate(model, runs, [band] * len(runs), report)
+        _, seen = differing(solution)  # one value for runs that differ distorts all that is told beside it
     if band is None:
         trials = [trial_bands(model, state) if needs_band(state) else () for state in solution.states]
         bands = [best_band(each) for each in trials]
@@ -490,9 +498,10 @@ def result(solution: Solution) -> Fit:
     ]
     for run, tried in zip(runs, solution.by_band, strict=False):
         remarks += [f"{name_of(run)}: {sentence}" for sentence in [change_with_band(tried)] if sentence]
-    remarks += judge(layout, x, covariance, runs)
+    remarks += judge(layout, x, covariance, states)
     remarks += of_filters(runs)
     remarks += mostly_prior(layout, covariance, model)
+    remarks += on_bounds(solution)
     remarks += [one.sentence for one in solution.seen_by_runs]
     still = [
         seen_in(s.run.recording.dwells, model, s.values, s.run.origins, s.of_dwells or Nuisances())
@@ -716,7 +725,7 @@ def require_channels(fit: Fit, recording: Recording) -> None:
                 )
 
 
-def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRun]) -> list[str]:
+def judge(layout: Layout, x: Array, covariance: Array, states: Sequence[RunState]) -> list[str]:
     """Refuse what cannot be a sensor; remarks on what is implausible.
 
     Raises
@@ -726,6 +735,7 @@ def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRu
     RecordingError
         If the output runs against the encoder, or gravity shows on an axis declared level.
     """
+    runs = [state.run for state in states]
     by_name = {term.name: i for i, (term, _) in enumerate(layout.slots)}
     rig, name = runs[0].rig, runs[0].recording.name or "recording"
     remarks: list[str] = []
@@ -737,17 +747,20 @@ def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRu
                 f"{name}: 1 + k = {scale:.3g} with a standard deviation of {std:.2g}: acceleration was not excited "
                 "enough to estimate scale_factor. Record a run with stronger or longer motion"
             )
+        low, high = PLAUSIBLE_SCALE
+        if scale < -3.0 * std and not (low < -scale < high and states[0].coherence > REVERSED_COHERENCE):
+            raise RecordingError(
+                f"{name}: output and position are not one axis of one body: 1 + k = {scale:.3g} ± {std:.2g}, where a "
+                "sensor shows 1, or -1 if it is mounted the other way round. No scale factor, mount or effect is read "
+                "from them; check that both channels are of the same run, axis and unit"
+            )
         if scale < -3.0 * std:
             other = "normal" if rig.mount == "reversed" else "reversed"
             raise RecordingError(
                 f"{name}: the output runs against the encoder (1 + k = {scale:.3f}). The sensor is mounted the other "
                 f'way round or a sign is swapped; write in the sidecar\n[rig]\nmount = "{other}"'
             )
-        if not PLAUSIBLE_SCALE[0] <= scale <= PLAUSIBLE_SCALE[1]:
-            remarks.append(
-                f"1 + k = {scale:.4g} is implausible for a working sensor: check the units of position and output "
-                f"(a factor of {1.0 / scale:.4g}), for instance mm read as m"
-            )
+        remarks += implausible_scale(scale)
     for i in layout.rows_of("bias"):
         run = runs[layout.slots[i][1] or 0]
         axis = "up" if x[i] * run.rig.polarity > 0.0 else "down"
@@ -757,6 +770,16 @@ def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRu
                 f'level. If the axis is vertical, write in the sidecar\n[rig]\naxis = "{axis}"'
             )
     return remarks
+
+
+def implausible_scale(scale: float) -> list[str]:
+    """The sentence on a value of 1 + k that no working sensor has; none on an ordinary one."""
+    if PLAUSIBLE_SCALE[0] <= scale <= PLAUSIBLE_SCALE[1]:
+        return []
+    return [
+        f"1 + k = {scale:.4g} is implausible for a working sensor: check the units of position and output "
+        f"(a factor of {1.0 / scale:.4g}), for instance mm read as m"
+    ]
 
 
 def of_filters(runs: Sequence[PreparedRun]) -> list[str]:
@@ -794,8 +817,7 @@ def validity(states: Sequence[RunState]) -> dict[str, tuple[float, float]]:
             widen(key, float(np.min(y)), float(np.max(y)))
         widen("frequency", 0.0, s.cutoff)
         for key, y in ((name, y) for name, y in s.side.items() if name not in DERIVED):
-            offset = origins.temperature if key == "temperature" else 0.0
-            widen(key, float(np.min(y)) + offset, float(np.max(y)) + offset)
+            widen(key, float(np.min(y)) + origins.of(key), float(np.max(y)) + origins.of(key))
     return {key: (low, high) for key, (low, high) in ranges.items()}
 
 
@@ -809,4 +831,10 @@ def tied_sum(fit: Fit, name: str) -> str:
         return fit[name].symbol
     members = [find(member) for member in base.traits.lumped.members]
     inside = [m for m in members if not (m.traits.separated_by and m.name in fit.model.effects)]
-    return " + ".join((*(effect.traits.summand for effect in (base, *inside)), *turning))
+    at_mean = [
+        f"{effect.name} at the mean of {channel}"
+        for effect in (find(added) for added in fit.model.added)
+        for channel in effect.needs
+        if name in effect.search.includes and channel in fit.origins.side
+    ]
+    return " + ".join((*(effect.traits.summand for effect in (base, *inside)), *turning, *at_mean))

@@ -310,7 +310,10 @@ def solve(information: Array, score: Array, layout: Layout) -> tuple[Array, Arra
         raise NotIdentifiable("the record is too violent for the model: the information matrix is not finite")
     unexcited = [n for n, s in zip(names, size, strict=True) if s == 0.0]
     if unexcited:
-        raise NotIdentifiable(f"{' and '.join(unexcited)} was not excited: the motion does not contain it")
+        raise NotIdentifiable(
+            f"no motion above the noise tells {' or '.join(unexcited)}: not excited. Record a run with stronger or "
+            "longer motion"
+        )
     correlation = information / np.outer(size, size)
     eigenvalues, vectors = scipy.linalg.eigh(correlation)
     if eigenvalues[0] < 1e-10:

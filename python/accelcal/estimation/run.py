@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -11,7 +12,7 @@ import numpy as np
 
 from accelcal._support.found_before import found_before
 from accelcal.data.arrays import Array
-from accelcal.data.orientation import GRAVITY, LEVERS, holes
+from accelcal.data.orientation import ANGULAR_ACCELERATION, DERIVED, GRAVITY, LEVERS, RATES, holes
 from accelcal.data.quality import require_few_holes, require_pace, require_usable
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.references import POSITION_ORDER, require_reference
@@ -340,7 +341,7 @@ def prepare(
     Parameters
     ----------
     recording : what was measured.
-    origins : zero points of t, p and temperature; by default those that suit the recording.
+    origins : zero points of t, p and side channels; by default those that suit the recording.
     start, end : s, optional; only readings in [start, end] on the position clock are used.
     withheld : s; readings after this time are not looked at when glitches are sought, and no position step among them
         is known.
@@ -435,7 +436,7 @@ def motion_bound(y: Array, noise: float) -> float:
 
 
 def natural_origins(recording: Recording) -> Origins:
-    """Zero points that suit a record: its first reading, the encoder's own zero, and its mean temperature."""
+    """Zero points that suit a record: its first reading, the encoder's own zero, and the means of its channels."""
     temperature = recording.side.get("temperature")
     y = recording.position.y
     middle = float(np.mean(y))
@@ -443,4 +444,26 @@ def natural_origins(recording: Recording) -> Origins:
         t=float(recording.position.t[0]),
         p=middle if abs(middle) > FAR_FROM_ZERO * float(np.ptp(y)) else 0.0,
         temperature=float(np.mean(temperature.y)) if temperature is not None else 0.0,
+        side={name: float(np.mean(recording.side[name].y)) for name in centred_channels(recording)},
     )
+
+
+def centred_channels(recording: Recording) -> list[str]:
+    """Side channels whose effects are about their mean. A rate has a zero of its own, and what is derived from an
+    orientation is part of the model of the motion."""
+    return [name for name in recording.side if name not in ("temperature", *DERIVED, *RATES, ANGULAR_ACCELERATION)]
+
+
+def side_means(runs: Sequence[PreparedRun]) -> dict[str, float]:
+    """Mean of each side channel over what is used of all runs, in its unit.
+
+    A constant of a channel, such as gravity across the axis, is in the bias of a model. In its effects, it would hide
+    what the changes of the channel do.
+    """
+    used: dict[str, list[Array]] = {}
+    for run in runs:
+        for name in centred_channels(run.recording):
+            channel = run.recording.side[name]
+            used.setdefault(name, []).append(channel.y[(run.t[0] <= channel.t) & (channel.t <= run.t[-1])])
+    together = {name: np.concatenate(parts) for name, parts in used.items()}
+    return {name: float(np.mean(y)) for name, y in together.items() if len(y)}

@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
+from accelcal.data.recording import Recording
 from accelcal.effects import BUILT_IN, find
 from accelcal.estimation.gauss_newton import Layout, Solution
 from accelcal.estimation.normal_equations import normal_equations
@@ -24,6 +25,21 @@ SEEN_SIGMA = 5.0
 """Standard deviations from which on such an effect explains how runs differ."""
 SEEN_APART = 1e-8
 """Least eigenvalue of the scaled normal equations with such an effect: below it is confounded on these runs."""
+
+
+WHOLE_RUNS = 3
+"""Runs from which on one may be held out as a whole: a part of a run does not reveal what differs between runs. Of runs
+with several poses as many must be left, since two are always alike with one effect more."""
+
+
+def run_to_hold_out(recordings: Sequence[Recording]) -> int | None:
+    """Number of the last run without which the others tell all that the set tells: its axis and mount are those of
+    another. None where there is none, and of fewer than three; never the first, whose clock is that of the model."""
+    poses = [(recording.rig.axis, recording.rig.mount) for recording in recordings]
+    several = len(set(poses)) > 1
+    if len(poses) < WHOLE_RUNS + several:
+        return None
+    return max((k for k in range(1, len(poses)) if poses.count(poses[k]) > 1), default=None)
 
 
 def differing(solution: Solution) -> tuple[tuple[str, ...], tuple[SeenByRuns, ...]]:
@@ -70,7 +86,8 @@ def between_runs(
 def seen_by_runs(states: Sequence[RunState], model: Model, name: str, effect: str) -> SeenByRuns | None:
     """An effect as all runs together show it, with one value of a coefficient for all of them.
 
-    None where the runs differ even so, do not show it, or cannot tell it from what they share.
+    None where the runs differ even so, do not show it, or cannot tell it from what they share. Two runs are always
+    alike with it.
     """
     terms = terms_of(find(effect))
     if any(need not in state.run.recording.side for state in states for need in find(effect).needs):
@@ -82,7 +99,7 @@ def seen_by_runs(states: Sequence[RunState], model: Model, name: str, effect: st
     information, score = joined @ information @ joined.T, joined @ score
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     weights, vectors = scipy.linalg.eigh(information / np.outer(size, size))
-    if weights[0] < SEEN_APART or len(rest.y) < 2 or rest.p_value < SPREAD_ALPHA:
+    if weights[0] < SEEN_APART or rest.p_value < SPREAD_ALPHA:
         return None
     covariance = (vectors / weights) @ vectors.T / np.outer(size, size)
     value, std = float((covariance @ score)[-1]), math.sqrt(float(covariance[-1, -1]))

@@ -60,7 +60,8 @@ def _over_variable(fit: Fit, name: str, variable: Variable) -> Shape:
     t, p, v, a, jerk = (motion.get(key, np.zeros(POINTS)) for key in ("t", "p", "v", "a", "jerk"))
     side = {"temperature": x, "a_y": x}
     s = Signals(t=t, p=p, v=v, a=a, jerk=jerk, scale=fit.values().scale, rig=fit.rig, side=side)
-    origin = {"t": fit.origins.t, "p": fit.origins.p, "temperature": fit.origins.temperature}.get(variable.letter, 0.0)
+    origins = fit.origins
+    origin = {"t": origins.t, "p": origins.p}.get(variable.letter, origins.of(variable.letter))
     return _shape(fit, name, "", variable.name, variable.unit, s, x + origin, np.ones(POINTS, dtype=bool))
 
 

@@ -30,6 +30,8 @@ ROUNDS = 3
 """Times that shape parameters move and the coefficients follow."""
 CONVERGED = 0.2
 """Shape parameters that would move by less than this share of their standard deviation stay."""
+AT_BOUND = 0.003
+"""Share of its range, within which a shape parameter lies on a bound."""
 INDIFFERENT = 0.1
 """A gain of twice the log-likelihood below this does not move a shape parameter."""
 RUNAWAY = 5.0
@@ -89,6 +91,9 @@ def linearised_shape(
     """A shape parameter linearised by a difference of a share of its span to either side."""
     given, declared = model.shapes[effect.name], effect.shapes[shape]
     low, high = declared.span(signals)
+    if declared.width:
+        reach = min(declared.width(signals, given[shape]), 0.5 * given[shape])
+        low, high = given[shape] - reach, given[shape] + reach
     span = (min(low, given[shape]), max(high, given[shape]))
     below = max(given[shape] - share * (span[1] - span[0]), span[0])
     above = min(given[shape] + share * (span[1] - span[0]), span[1])
@@ -223,6 +228,26 @@ def inverse(information: Array) -> Array:
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     scale = np.outer(size, size)
     return np.asarray(np.linalg.pinv(information / scale, rcond=1e-10, hermitian=True) / scale)
+
+
+def on_bounds(solution: Solution) -> list[str]:
+    """Sentences on shape parameters that ended on a bound of where they are searched for.
+
+    A wave that a noise test finds may be shorter than the trials.
+    """
+    s, found = solution.states[0].signals, []
+    for e in solution.shapes:
+        effect, _, shape = e.name.rpartition(".")
+        declared = find(effect).shapes[shape]
+        low, high = declared.span(s)
+        scaled = math.log if declared.spacing == "log" else float
+        place = (scaled(e.value) - scaled(low)) / (scaled(high) - scaled(low)) if low < high else 0.5
+        if min(math.inf if declared.width else abs(place), abs(1.0 - place)) < AT_BOUND:
+            found.append(
+                f"{e.name} ended at {e.value:.4g} {e.unit}, on a bound of its range of {low:.4g} to {high:.4g} "
+                f"{e.unit}: the record sets no value for it; hold it at one that is known, or drop the effect"
+            )
+    return found
 
 
 def held_shapes(model: Model) -> Iterator[Estimate]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -30,6 +31,8 @@ PASSED = 1.25
 """Corner of the low-pass of motion over its bandwidth, 1.4 times the highest frequency in it, where the model has
 effects: it then passes that to 1e-4, of which a cubic makes three times as much. Without effects only columns are
 evaluated on the motion, and harmonics that the model lacks lie above it."""
+CONSTANT_LEFT = 1e-5
+"""Constant that a further correction for the effects may move, over the standard deviation of the acceleration."""
 
 
 def corner_of(values: Values, cutoff: float) -> float:
@@ -121,7 +124,7 @@ def smoothed_signals(
     a = gain * output - gravity + filters.before_position(low_pass(wanted, rate, corner), run.accel_step)
     del output, added, wanted
     # Each array is thinned as soon as it is used up: those of an hour would not fit at once.
-    grid = Thinning.of(t, run.accel_step, cutoff)
+    grid = Thinning.of(t, run.accel_step, max(cutoff, values.fastest()))
     jerk = grid.thin(derivative(a, run.accel_step))
     v = integral(a, run.accel_step)
     a = grid.thin(a)
@@ -147,7 +150,7 @@ def smoothed_signals(
 
 def given_signals(run: PreparedRun, noise: Noise, values: Values, motion: SmoothedMotion, cutoff: float) -> Signals:
     """Signals of a motion (n,) that was smoothed by other means, at `uniform_times`; its bandwidth in Hz."""
-    grid = Thinning.of(uniform_times(run), run.accel_step, cutoff)
+    grid = Thinning.of(uniform_times(run), run.accel_step, max(cutoff, values.fastest()))
     thinned = SmoothedMotion(*(grid.thin(y) for y in (motion.p, motion.v, motion.a, motion.jerk)))
     return shrunk(run, noise, values, grid, thinned, cutoff, cutoff)
 
@@ -243,7 +246,7 @@ def output_signals(run: PreparedRun, values: Values, cutoff: float, motion: tupl
     """
     t = uniform_times(run)
     plain = output_at(run, values.stamps(t, run.origins.t), corner_of(values, cutoff), run.tau(values))
-    grid = Thinning.of(t, run.accel_step, cutoff)
+    grid = Thinning.of(t, run.accel_step, max(cutoff, values.fastest()))
     p, v = (grid.thin(y) for y in motion)
     gravity = run.gravity.behind_high_passes(t, run.accel_step, cutoff)
 
@@ -253,16 +256,18 @@ def output_signals(run: PreparedRun, values: Values, cutoff: float, motion: tupl
         jerk = derivative(a, run.accel_step)
         return sensor_signals(run, grid.t, SmoothedMotion(p, v, grid.thin(a), grid.thin(jerk)), values, cutoff)
 
-    # Each correction gains the ratio of the effects to the acceleration, at most a few percent.
-    return corrected(corrected(corrected(None)))
+    # Each correction gains the ratio of the effects to the acceleration, at most a few percent. Only gravity makes a
+    # constant of them that is large beside the motion.
+    before = corrected(corrected(None))
+    signals, moved = corrected(before), math.inf
+    while CONSTANT_LEFT * float(np.std(signals.a)) < (step := abs(float(np.mean(signals.a - before.a)))) < moved:
+        before, signals, moved = signals, corrected(signals), step
+    return signals
 
 
 def side_channels_at(run: PreparedRun, t: Array) -> dict[str, Array]:
-    """Side channels at times `t`; temperature from the model's origin."""
-    side = {name: resample(channel, t) for name, channel in run.recording.side.items()}
-    if "temperature" in side:
-        side["temperature"] = side["temperature"] - run.origins.temperature
-    return side
+    """Side channels at times `t`, from the model's origin."""
+    return {name: resample(channel, t) - run.origins.of(name) for name, channel in run.recording.side.items()}
 
 
 def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, values: Values, cutoff: float) -> Signals:
@@ -285,4 +290,5 @@ def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, valu
         rig=run.rig,
         cutoff=cutoff,
         side=side,
+        side_origins=run.origins.side,
     )

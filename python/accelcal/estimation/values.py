@@ -114,6 +114,12 @@ class Values:
             total += c * column
         return total
 
+    def fastest(self, speed: float = 0.0) -> float:
+        """Highest frequency of a line among the terms, and of a wave over position at a speed (m/s), Hz; 0 without
+        any."""
+        waves = ((term.effect.shapes[name], value) for term in self.terms for name, value in term.shape.items())
+        return max((value if one.unit == "Hz" else speed / value for one, value in waves if one.width), default=0.0)
+
     @property
     def constant(self) -> bool:
         """Whether the base alone acts on the output."""

@@ -108,7 +108,7 @@ def drift_bandwidth(state: RunState, model: Model) -> DriftBandwidth:
         for f in frequency
         for part in range(effect.width)
     ]
-    G, _, own, _ = run.remainder(terms)
+    G, _, own, *_ = run.remainder(terms)
     amplitudes = np.array([amplitude(G[k : k + 2, k : k + 2], own[k : k + 2]) for k in range(0, len(terms), 2)])
     bias, scale = np.split(amplitudes, 2)
     return DriftBandwidth(frequency, bias, scale, tumble_limit(state))

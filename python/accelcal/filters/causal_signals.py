@@ -70,7 +70,8 @@ class CausalSignals:
             scale=float(1.0 + k),
             bias=float(K0),
             rig=self.rig,
-            side={name: np.full(3, self._from_origin(name, y)) for name, y in side.items()},
+            side={name: np.full(3, y - self.origins.of(name)) for name, y in side.items()},
+            side_origins=self.origins.side,
             p_std=math.sqrt(variances[0]),
             v_std=math.sqrt(variances[1]),
             a_std=self.a_std,
@@ -91,6 +92,3 @@ class CausalSignals:
             return np.asarray(CUBIC @ np.array([*self.outputs, u]))
         before = self.outputs[-1] if self.outputs else u
         return np.array([before + INSTANTS * (u - before), np.full(3, u - before), np.zeros(3)])
-
-    def _from_origin(self, name: str, y: float) -> float:
-        return y - self.origins.temperature if name == "temperature" else y

@@ -52,7 +52,7 @@ class LiveModel:
     r_position : variance of a position reading, m².
     position : position of the stage at the first sample, m: the first reading will do.
     speed : a speed that the stage surely does not exceed there, m/s.
-    origins : zero points of time, position and temperature; the first sample is at time zero.
+    origins : zero points of time, position and side channels; the first sample is at time zero.
     gauss_markov : coefficients that are not constant, by name.
     order : first- or second-order filter.
     gate : reject readings with e²/S above this; None for no gate.

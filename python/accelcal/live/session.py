@@ -18,6 +18,7 @@ from accelcal.io.stream_lines import LineReader, Rows
 from accelcal.io.stream_source import ByteSource, Intake
 from accelcal.io.write import write_sidecar
 from accelcal.live.monitor import Alarm, InnovationMonitor, Interval
+from accelcal.live.regressor import RegressorBias
 from accelcal.live.settings import LiveSettings
 from accelcal.live.tracker import Innovation, Tracker, normalised
 from accelcal.model import Estimate
@@ -38,6 +39,9 @@ class LiveState:
     t: float | None
     """Stamp of the newest row, s."""
     estimates: tuple[Estimate, ...]
+    """Their uncertainty contains `regressor_bias`."""
+    regressor_bias: RegressorBias | None
+    """What noise of the output biases the scale factor by; None before there is motion."""
     innovation: Innovation | None
     """The newest."""
     nis: Interval | None
@@ -156,6 +160,7 @@ class LiveSession:
         return LiveState(
             t=self._t,
             estimates=tracker.estimates,
+            regressor_bias=tracker.regressor_bias,
             innovation=self._newest,
             nis=monitor.nis,
             holds=monitor.holds,

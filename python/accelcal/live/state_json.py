@@ -28,13 +28,16 @@ def state_to_dict(
     alarm : what an alarm is about.
     ended : why the source ended.
     """
-    innovation, nis = state.innovation, state.nis
+    innovation, nis, bias = state.innovation, state.nis, state.regressor_bias
     return {
         "schema": SCHEMA,
         "event": event,
         "source": source,
         "t_s": state.t,
         "parameters": [estimate_to_dict(e) for e in state.estimates],
+        "regressor_bias": None
+        if bias is None
+        else {"value": bias.value, "sigma": bias.sigma, "sentence": bias.sentence or None},
         "innovation": None
         if innovation is None
         else {"t_s": innovation.t, "e_m": innovation.e, "std_m": math.sqrt(innovation.variance)},

@@ -11,6 +11,7 @@ import numpy as np
 from accelcal.data.arrays import Array
 from accelcal.filters.stream import LiveFilter
 from accelcal.io.stream_lines import Rows
+from accelcal.live.regressor import OutputMoments, RegressorBias
 from accelcal.live.settings import LiveSettings
 from accelcal.model import Estimate
 
@@ -56,6 +57,8 @@ class Tracker:
         """Events that the filter refused; its state is as it was before them."""
         self.refusal = ""
         """What it said of the last of them."""
+        self.moments = OutputMoments()
+        self._scale = 2 + settings.names.index("k")
         self._first: tuple[float, float] | None = None
         self._waiting: list[tuple[float, float]] = []
         """Time and expected variance of the readings that wait for the next output."""
@@ -64,6 +67,7 @@ class Tracker:
 
     def feed(self, rows: Rows) -> list[Innovation]:
         """Take rows in; return the innovations that they led to, which lag by one output."""
+        self.moments.add(rows)
         return self._take(self._released(rows))
 
     def finish(self) -> list[Innovation]:
@@ -79,10 +83,28 @@ class Tracker:
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
-        """Parameters of the sensor with standard deviations; before the first reading those of the start."""
+        """Parameters of the sensor with standard deviations, which contain the bias by noise of the output; before the
+        first reading those of the start."""
         if self.filter is None:
             return self.settings.estimates(*self.settings.start(0.0, 0.0))
-        return self.settings.estimates(self.filter.estimate, self.filter.covariance)
+        return self.settings.estimates(self.filter.estimate, self.covariance)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of all states of the filter, (N, N), with the square of what noise of the output biases the scale
+        factor by."""
+        assert self.filter is not None
+        found = self.filter.covariance.copy()
+        bias = self.regressor_bias
+        found[self._scale, self._scale] += 0.0 if bias is None else bias.value**2
+        return found
+
+    @property
+    def regressor_bias(self) -> RegressorBias | None:
+        """What noise of the output biases the scale factor by; None before there is motion."""
+        if self.filter is None:
+            return None
+        return self.moments.bias(self.settings, float(self.filter.covariance[self._scale, self._scale]))
 
     def _released(self, rows: Rows) -> Iterator[Event]:
         """Events of the rows in time order, kept back as long as one before them may still come."""

@@ -403,7 +403,7 @@ def formulas_of(
     refused = tuple(one for one in made if one.lack_of_fit <= FORMULA_LACK_OF_FIT_ALPHA)
     found = held if p_value < alpha else ()
     origins = state.run.origins
-    origin = {"t": origins.t, "p": origins.p, "temperature": origins.temperature}.get(variable.letter, 0.0)
+    origin = {"t": origins.t, "p": origins.p}.get(variable.letter, origins.of(variable.letter))
     return FormulaSet(curve.name, variable.name, variable.unit, found, examined, p_value, origin, refused, alpha)
 
 

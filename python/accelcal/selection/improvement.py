@@ -112,11 +112,12 @@ class Improvement:
         """The verdict on what the last model lacks, and the sentence on it; what was found in its noise is not
         missing."""
         last = self.diagnosis
-        if last.verdict not in ("named", "tied") or last.scan.found:
+        if last.verdict not in ("named", "tied") or last.scan.found or not last.channels:
             return last.verdict, last.left
         tests = [test for test in last.channels if test.effect not in self.effects]
         cause = next((remark for remark in last.remarks if remark.place == "verdict"), None)
-        return verdict_and_sentence(last.fit, last.scan, tests, last.classes, cause, unsteady_effects(last.scan))
+        unsteady = unsteady_effects(last.scan)
+        return verdict_and_sentence(last.fit, last.scan, tests, last.classes, cause, unsteady, last.unnamed)
 
     @property
     def sentence(self) -> str:

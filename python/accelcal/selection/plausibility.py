@@ -28,7 +28,7 @@ def implausible(name: str, size: Size | None, recordings: Sequence[Recording]) -
     ----------
     name : the effect.
     size : its largest contribution over the used range; None where it has none.
-    recordings : the fitted runs; full scale is the declared range, or the span of the readings where none is declared.
+    recordings : the fitted runs; full scale is the declared range, or the span of zero and the readings where none is.
 
     Returns
     -------
@@ -43,10 +43,10 @@ def implausible(name: str, size: Size | None, recordings: Sequence[Recording]) -
         limit, unit = f"{100.0 * PLAUSIBLE_ENCODER_SHARE:.0f} % of the travel", "m"
         possible = size.value <= most or not of_scale
     else:
-        spans = [each.rig.sensor.range or float(np.ptp(each.accel.y)) for each in recordings]
+        spans = [each.rig.sensor.range or float(np.ptp(np.append(each.accel.y, 0.0))) for each in recordings]
         declared = recordings[0].rig.sensor.range is not None
         most, unit = max(spans), "m/s²"
-        limit = "declared range" if declared else "span of all readings"
+        limit = "declared range" if declared else "span of all readings and zero"
         possible = size.value <= most
     if possible:
         return None

@@ -15,7 +15,7 @@ from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Candidate, scan
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on
-from accelcal.effects import Effect, find
+from accelcal.effects import Effect, find, stem_of
 from accelcal.estimation.estimate import Fit, result, solve_runs
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.model import Model, Term
@@ -46,6 +46,11 @@ class SelectionHistory:
     def effects(self) -> tuple[str, ...]:
         """Names, in the order of entry."""
         return tuple(group.effect for group in self.classes)
+
+    @property
+    def entered(self) -> int:
+        """Number of effects; several waves of one count once."""
+        return len({stem_of(find(name)) for name in self.effects})
 
     def enter(self, finding: DetectedEffect, gain: float, replaced: Sequence[str] = ()) -> None:
         """Add an effect; a nonparametric curve replaces the effects that it covers."""
@@ -140,13 +145,21 @@ class StepwiseSelection:
 
     def add_next(self) -> bool:
         """Add one effect and remove what it shows to be wrong or redundant; False where nothing is to enter, or can."""
-        candidates = self.current.verdict.scan.candidates
-        step = self.with_next() if self.current.verdict.scan.found else None
+        verdict = self.current.verdict
+        gains = {candidate.effect: candidate.gain for candidate in reversed(verdict.scan.candidates)}
+        waves = {test.effect: test.evidence for test in reversed(verdict.channels) if test.shape}
+        best = gains.get(verdict.scan.found[0].effect, 0.0) if verdict.scan.found else 0.0
+        ways = (
+            [self.with_wave, self.with_next]
+            if max(waves.values(), default=0.0) > best
+            else [self.with_next, self.with_wave]
+        )
+        step = next((step for step in (way() for way in ways) if step is not None), None)
         if step is None:
             return False
         entering, judged = step
         self.accept(judged)
-        gain = next((candidate.gain for candidate in candidates if candidate.effect == entering.effect), 0.0)
+        gain = {**waves, **gains}.get(entering.effect, 0.0)
         replaced: tuple[str, ...] = ()
         for replacement in (
             family_replacing(self.current.verdict.fit, entering.effect, entering.members),
@@ -199,6 +212,12 @@ class StepwiseSelection:
         self.history.classes += tested.values()  # one that the search names too has two groups
         self.fits[-1] = (self.history.effects, self.fits[-1][1])
 
+    def judge_with(self, others: Sequence[Recording]) -> None:
+        """Judge the last model on further runs as well, which took no part in what entered and in its estimates."""
+        last, recordings = self.current, [*self.current.fitted.recordings, *others]
+        on_all = self.judge(clean_fit(recordings, lambda these: solve(last.model, these, self.stretch, self.split)))
+        self.accept(replace(last, verdict=replace(on_all.verdict, fit=last.verdict.fit, used=last.verdict.used)))
+
     def final_verdict(self, reason: str) -> Diagnosis:
         """The verdict on the last model; an effect that it lacks and that was not added is named as such.
 
@@ -207,7 +226,7 @@ class StepwiseSelection:
         reason : why nothing more was added.
         """
         verdict = self.current.verdict
-        kept_out = tuple(note for name, note in self.refused.items() if name not in self.history.effects)
+        kept_out = tuple(note for name, note in self.refused.items() if name not in self.current.model.effects)
         verdict = replace(verdict, remarks=(*verdict.remarks, *kept_out))
         if self.budget.stopped:
             reason = "the search was stopped"
@@ -256,7 +275,7 @@ class StepwiseSelection:
         explain for the curve and for all that is confounded with it.
         """
         found = self.current.verdict.scan
-        first = found.found[0]
+        first = {finding.effect for finding in found.found[:1]}
         for finding in (*found.named[:NAMED_ALTERNATIVES], *found.found):
             if finding.effect in self.refused:
                 continue
@@ -272,10 +291,26 @@ class StepwiseSelection:
             if judged is None:
                 continue
             if finding in found.found or not any(
-                first.effect in remaining.members for remaining in judged.verdict.scan.found
+                first & {*remaining.members} for remaining in judged.verdict.scan.found
             ):
                 return finding, judged
         return None
+
+    def with_wave(self) -> tuple[DetectedEffect, JudgedModel] | None:
+        """The judged fit with the first wave that noise tests found, from where they found it; None where there is
+        none, or no fit with it is possible."""
+        verdict = self.current.verdict
+        tests = [test for test in verdict.channels if test.shape and test.effect not in self.refused]
+        if not tests or not self.budget.allows_another():
+            return None
+        test = tests[0]
+        group = next(group for group in verdict.classes if group.effect == test.effect)
+        entering = DetectedEffect(test.effect, test.shape, group.members, group.experiment)
+        try:
+            judged = self.admitted(self.refit(entering.enter(self.current.model)), test.effect)
+        except (NotIdentifiable, ValueError):
+            return None
+        return None if judged is None else (entering, judged)
 
     def admitted(self, fitted: CleanFit, name: str, leaving: Sequence[str] = ()) -> JudgedModel | None:
         """The judged fit with an effect that entered; None where cross-validation or plausibility refuses it.

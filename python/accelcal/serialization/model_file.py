@@ -434,6 +434,7 @@ def comparison_to_dict(comparison: Comparison) -> dict[str, Any]:
         "not_carried": list(comparison.not_carried),
         "noise_scores": [{**asdict(score), "sentence": score.sentence} for score in comparison.noise_scores],
         "breaks": list(comparison.breaks),
+        "left_out": list(comparison.left_out),
     }
 
 

@@ -127,7 +127,9 @@ def motion_bandwidth(a: Array, rate: float, *, q: float, reading_density: float,
     -----
     The noise that smoothing leaves has the density of the two channels in parallel. Power above it up to
     about twice the crossover is motion. Beyond, where the encoder cannot confirm it, power is motion as long as the
-    spectrum goes on above the sensor's own noise without a break; what lies apart is vibration.
+    spectrum goes on above the sensor's own noise without a break; what lies apart is vibration. Where nothing is
+    confirmed the bandwidth is that of the crossover, and one period in the record at least: less is no band, and a
+    crossover that tends to zero would leave none.
     """
     lowest = 0.65 * crossover
     segment = int(min(len(a), max(256, 2 ** int(np.ceil(np.log2(8.0 * rate / lowest))))))
@@ -138,7 +140,8 @@ def motion_bandwidth(a: Array, rate: float, *, q: float, reading_density: float,
     above[:2] = 0.0
     confirmed = above / (1.0 + (f / (2.0 * crossover)) ** 8)
     if confirmed.sum() <= 0.0:
-        return Bandwidth(min(lowest, HIGHEST * rate), min(lowest, HIGHEST * rate))
+        edge = min(max(lowest, float(f[1])), HIGHEST * rate)
+        return Bandwidth(edge, edge)
     with np.errstate(over="ignore"):
         ratio = density / np.maximum(noise, 1e-300)
     reach = continued(f, ratio, nearly_all(f, confirmed))

@@ -16,7 +16,7 @@ from accelcal.data.rig import Rig
 
 @dataclass(frozen=True, slots=True)
 class Origins:
-    """Zero points of time, position and temperature; they belong to the model, never to the record at hand."""
+    """Zero points of time, position and side channels; they belong to the model, never to the record at hand."""
 
     t: float = 0.0
     """s"""
@@ -24,6 +24,12 @@ class Origins:
     """m"""
     temperature: float = 0.0
     """degC"""
+    side: Mapping[str, float] = field(default_factory=dict, hash=False)
+    """Mean of each other side channel over the fitted runs, in its unit; a channel without one is taken as recorded."""
+
+    def of(self, channel: str) -> float:
+        """Zero point of a side channel, in its unit."""
+        return self.temperature if channel == "temperature" else self.side.get(channel, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +57,9 @@ class Signals:
     reach: float = 0.0
     """Frequency above which no tail of the motion exceeds the sensor's noise, at least `cutoff`, Hz."""
     side: Mapping[str, Array] = field(default_factory=dict)
-    """Side channels by name, in SI units (temperature from the model's origin, K)."""
+    """Side channels by name, in SI units, from the model's origin (temperature in K)."""
+    side_origins: Mapping[str, float] = field(default_factory=dict)
+    """What was subtracted from the side channels but for temperature: effects of the user's own get it back."""
     p_std: float = 0.0
     """Standard deviation of the noise left in `p`, m."""
     v_std: float = 0.0

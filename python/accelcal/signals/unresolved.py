@@ -23,6 +23,8 @@ EVENT_SIGMA = 5.0
 million samples."""
 ISOLATED = 4
 """Samples to either side whose interpolation errors one event moves."""
+USUAL = 0.9
+"""Quantile of the spacings that samples without a gap between them keep: packets come at uneven times."""
 HALF_WINDOW = 8
 """Samples to either side that a likelihood ratio uses."""
 BASELINE = 8
@@ -90,10 +92,15 @@ def jumps_at(t: Array, u: Array, spread: Array, places: Places, step: float, tau
 
 
 def prediction_scores(t: Array, u: Array) -> tuple[Array, Array]:
-    """Interpolation error of each sample over its standard deviation, and the noise of a sample, m/s², (n,) each."""
+    """Interpolation error of each sample over its standard deviation, and the noise of a sample, m/s², (n,) each; the
+    error of one whose neighbours lie beyond a gap is no sign of anything, and 0."""
     error, gain = interpolation_errors(t, u)
     spread = np.hypot(local_spread(error / gain), grid_step(u) / np.sqrt(12.0))
-    return np.abs(error) / (gain * spread), spread
+    score = np.abs(error) / (gain * spread)
+    reach = 2 * ISOLATED
+    apart = t[reach:] - t[:-reach]
+    score[ISOLATED:-ISOLATED][apart > 2.0 * reach * np.quantile(np.diff(t), USUAL)] = 0.0
+    return score, spread
 
 
 def examined(t: Array, u: Array, spread: Array, peaks: Places, step: float, tau: float) -> Jumps:

@@ -283,6 +283,8 @@ class Comparison:
     """What effects of the model that act on noise gain on this recording."""
     breaks: tuple[float, ...] = ()
     """Instants from which the relation of output and encoder no longer holds, s; the comparison ends there."""
+    left_out: tuple[str, ...] = ()
+    """Sentences on readings that are known to be wrong and take no part."""
     worst_regions: tuple[Region, ...] = ()
     """Where the model fails: of every variable the region that stands out most, worst first."""
     noise_floor: NoiseFloor | None = None

@@ -25,6 +25,7 @@ from accelcal import _core
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import GRAVITY
 from accelcal.effects import BUILT_IN, is_local
+from accelcal.estimation.channel_filters import ChannelFilters
 from accelcal.estimation.values import Values
 from accelcal.model import Term, evaluate
 from accelcal.signals.processing import derivative
@@ -127,20 +128,29 @@ class DeadReckoning:
     carried : velocity and position that this acceleration has added since the first time, (n,) m/s and m.
     density : of the noise on acceleration, (m/s²)²/Hz.
     lost : variance of the velocity that the samples do not hold, accumulated since the first time, (n,) m²/s².
+    filters : that readings and effects pass; by default none. What passes one has a memory.
     """
 
     def __init__(
-        self, values: Values, known: Signals, bare: Array, carried: tuple[Array, Array], density: float, lost: Array
+        self,
+        values: Values,
+        known: Signals,
+        bare: Array,
+        carried: tuple[Array, Array],
+        density: float,
+        lost: Array,
+        filters: ChannelFilters | None = None,
     ) -> None:
         self.density, self.lost = density, lost
+        self.filters = filters if filters is not None and filters.acts else None
         self.gain = known.rig.polarity / values.scale
         self.known = replace(known, a_corner=known.a_width, v_corner=known.v_width)
         gravity = known.gravity
         self.bare = bare
         self.jerk = derivative(bare if isinstance(gravity, float) else bare + gravity, known.step)
         self.carried_v, self.carried_p = carried
-        self.local, self.lagging = split(values.additive("output"), known)
-        self.local_read, self.lagging_read = split(values.additive("position"), known)
+        self.local, self.lagging = split(values.additive("output"), known, self.filters)
+        self.local_read, self.lagging_read = split(values.additive("position"), known, self.filters)
         local = [term for term, _ in self.local]
         self.followers = tuple(following(local, known, y) for y in "pva")
         # What the output alone determines, no simulated motion changes; nor does it what looks ahead.
@@ -151,11 +161,16 @@ class DeadReckoning:
         widths = max(float(np.ptp(known.p)), CORNER), 1e3 * self.known.v_width, 1e3 * self.known.a_width
         self.small = tuple(SMALL * width for width in widths)
         self.known_effects = np.asarray(total(self.local, self.known))
-        self.lagged_effects = total(self.lagging, self.known) if self.lagging else np.empty(0)
+        self.lagged_effects = self.remembered(self.lagging, self.known) if self.lagging else np.empty(0)
         self.lagging = [
             one for one in self.lagging if self.feeds_back and (one in moved or not looks_ahead(one[0], known))
         ]
-        self.read_lagged = total(self.lagging_read, self.known) if self.lagging_read else np.empty(0)
+        self.read_lagged = self.remembered(self.lagging_read, self.known) if self.lagging_read else np.empty(0)
+
+    def remembered(self, terms: Terms, s: Signals) -> Array:
+        """Sum of terms with memory at uniform times, behind the filters, (n,)."""
+        found = total(terms, s)
+        return found if self.filters is None else self.filters.behind(found, self.known.step)
 
     @property
     def remembers(self) -> bool:
@@ -250,10 +265,9 @@ class DeadReckoning:
             nodes = slice(int(paths.first[i]), min(int(paths.first[i]) + paths.t.shape[1] - 1, len(known.t)))
             simulated = self._motion_at(starts, paths, i, known.t[nodes], None)
             before = history(known, nodes.start)
-            reference = total(self.lagging_read, known.at(slice(before.start, nodes.stop)))
-            change = (total(self.lagging_read, joined(known, before, simulated)) - reference)[
-                nodes.start - before.start :
-            ]
+            reference = self.remembered(self.lagging_read, known.at(slice(before.start, nodes.stop)))
+            change = self.remembered(self.lagging_read, joined(known, before, simulated)) - reference
+            change = change[nodes.start - before.start :]
             read[i] += np.interp(t[i], known.t, self.read_lagged) + np.interp(t[i], known.t[nodes], change)
         return read
 
@@ -557,7 +571,7 @@ class Simulation:
             before = history(known, nodes.start)
             path = joined(known, before, ahead.signals(inside, p, v, a, jerk, side))
             self.work += len(path.t)
-            change = total(ahead.lagging, path)[len(path.t) - len(inside) :] - reference[: len(inside)]
+            change = ahead.remembered(ahead.lagging, path)[len(path.t) - len(inside) :] - reference[: len(inside)]
             row = change[window.start - 1 :]
             found[i, : len(row)] = row
         return found
@@ -567,7 +581,7 @@ class Simulation:
         first = int(self.paths.first[i])
         before = history(self.ahead.known, first)
         rows = slice(before.start, first + self.paths.t.shape[1] - 1)
-        return total(self.ahead.lagging, self.ahead.known.at(rows))[before.stop - before.start :]
+        return self.ahead.remembered(self.ahead.lagging, self.ahead.known.at(rows))[before.stop - before.start :]
 
     def _keep(self, window: slice, bare: Carried, effects: Array) -> None:
         """Take the effects of a window as solved."""
@@ -641,13 +655,14 @@ def total(terms: Terms, s: Signals) -> Array:
 
 
 def split(
-    terms: Iterable[tuple[Term, float]], known: Signals
+    terms: Iterable[tuple[Term, float]], known: Signals, filters: ChannelFilters | None = None
 ) -> tuple[list[tuple[Term, float]], list[tuple[Term, float]]]:
-    """Terms without memory, and those with."""
+    """Terms without memory, and those with: all that pass filters."""
     local: list[tuple[Term, float]] = []
     lagging: list[tuple[Term, float]] = []
     for term, c in terms:
-        (local if is_local(term.effect) or seems_local(term, known) else lagging).append((term, c))
+        at_once = filters is None and (is_local(term.effect) or seems_local(term, known))
+        (local if at_once else lagging).append((term, c))
     return local, lagging
 
 

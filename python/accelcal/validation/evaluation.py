@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import scipy
 
+from accelcal._support.found_before import found_before
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import GRAVITY
 from accelcal.data.recording import Recording
@@ -73,9 +74,13 @@ def compare(
     While position is withheld nothing uses it: what effects need comes from the corrected output and the simulated
     motion, the start state from the causal filter, the constant from readings before the start.
     """
-    ahead = Prediction.of(fit if ruler is None else ruler.held_by(fit), recording, start=start, end=end)
+    remembers = (ruler or Ruler.of([fit])).remembers
+    ruled = fit if ruler is None else ruler.held_by(fit)
+    ahead = Prediction.of(ruled, recording, start=start, end=end, remembers=remembers)
+    if ruler is not None and ruler.remembers:
+        ahead.nodes_apart = nodes_apart(ruler, recording, start, end)
     run, e, S = ahead.run, ahead.e, ahead.S
-    counts = ahead.counts
+    counts, asked = ahead.counts, run.t >= ahead.since
     report(0.3)
     coasting = {horizon: ahead.at_horizon(horizon) for horizon in horizons}
     report(0.5)
@@ -109,8 +114,8 @@ def compare(
         simulated=simulated[:3],
         simulated_std=simulated[3],
         simulated_rms=float(np.sqrt(np.mean((simulated[1] - simulated[2]) ** 2))),
-        residual=(run.t, e),
-        residual_std=np.sqrt(S),
+        residual=(run.t[asked], e[asked]),
+        residual_std=np.sqrt(S[asked]),
         accel_residual=(t_res, residual),
         measured=output_at(run, ahead.values.stamps(t_res, run.origins.t), seen_band, run.tau(ahead.values)),
         bins=bins,
@@ -124,6 +129,18 @@ def compare(
         reference_noise=ahead.reference_noise,
         innovations=innovations,
     )
+
+
+def nodes_apart(ruler: Ruler, recording: Recording, start: float | None, end: float | None) -> float:
+    """Spacing of nodes, s, on which a model of a table remembers simulated motion of a recording; 0 where none does."""
+
+    def largest() -> float:
+        several = [ruler.held_by(fit) for fit in ruler.remembering]
+        ahead = (Prediction.of(fit, recording, start=start, end=end, remembers=True) for fit in several)
+        return max(one.nodes_apart for one in ahead)
+
+    question = (ruler, tuple(fit.estimates for fit in ruler.remembering), start, end)
+    return found_before(recording, "nodes apart", question, largest)
 
 
 def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast:
@@ -194,10 +211,12 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
         rig=rig,
         cutoff=band,
         side=side,
+        side_origins=run.origins.side,
     )
     edge = int(min(EDGE / band, 0.25 * (t[-1] - t[0])) * rate)
     inside = np.zeros(len(t), dtype=np.bool_)
     inside[edge : len(t) - edge] = True
+    inside &= t >= ahead.since
     for hole in np.flatnonzero((np.diff(run.t) > 8.0 * step) | ahead.drive.restart[1:]):
         near = slice(*np.searchsorted(t, [run.t[hole] - 1.0 / band, run.t[hole + 1] + 1.0 / band]))
         inside[near] = False
@@ -221,7 +240,8 @@ def of_weak_form(ahead: Prediction) -> tuple[Array, Array]:
     """Times, s, and innovations of the weak form over their standard deviations, at the model as it is."""
     state = settled_state(ahead.run.by("weak"), ahead.values, ahead.noise)
     sums = sums_of(state)
-    return sums.times, sums.whitened
+    asked = sums.times >= ahead.since
+    return sums.times[asked], sums.whitened[asked]
 
 
 def smoothed_drive(ahead: Prediction) -> DriveIntegrals:

@@ -46,6 +46,12 @@ def is_fitted(fit: Fit, recording: Recording) -> bool:
     return recording.session in {run.session for run in fit.runs}
 
 
+def start_of_history(fit: Fit, recording: Recording, start: float) -> float:
+    """Time from which elements with memory are to be followed up to `start`, s: they began with the fitted part of the
+    same recording; on another one, and before that part, there is no history."""
+    return min([start, *(run.start for run in fit.runs if run.session and run.session == recording.session)])
+
+
 def at_rest(effect: Effect, shape: Mapping[str, float]) -> dict[str, float]:
     """Shape parameters of an effect, states of its element as after a long rest."""
     states = {name: declared.at_rest for name, declared in effect.shapes.items() if declared.at_rest is not None}

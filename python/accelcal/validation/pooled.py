@@ -45,6 +45,7 @@ def pooled(several: Sequence[Comparison]) -> Comparison:
         simulated_rms=root_mean(zip((seen.simulated_rms for seen in several), readings, strict=True)),
         one_step_rms=root_mean(zip((seen.one_step_rms for seen in several), innovations, strict=True)),
         not_carried=tuple(dict.fromkeys(text for seen in several for text in seen.not_carried)),
+        left_out=tuple(text for seen in several for text in seen.left_out),
         noise_scores=tuple(score for seen in several for score in seen.noise_scores),
         noise_floor=pooled_floor(several, readings),
     )

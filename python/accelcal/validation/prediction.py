@@ -21,7 +21,7 @@ from accelcal.signals.processing import integral
 from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import ReferenceNoise
 from accelcal.validation.dead_reckoning import MEMORY, DeadReckoning, Starts
-from accelcal.validation.other_record import values_on
+from accelcal.validation.other_record import start_of_history, values_on
 
 TOGETHER = 1 << 16
 """Starts that are predicted from at a time."""
@@ -67,9 +67,16 @@ class Prediction:
     """The causal filter over a run, ready to predict from any reading onwards."""
 
     def __init__(
-        self, run: PreparedRun, values: Values, noise: Noise, cutoff: float, withheld: float = math.inf
+        self,
+        run: PreparedRun,
+        values: Values,
+        noise: Noise,
+        cutoff: float,
+        withheld: float = math.inf,
+        since: float = -math.inf,
     ) -> None:
         self.run, self.values, self.noise = run, values, noise
+        self.since = max(float(run.t[0]), since)
         self.crossover = run.crossover(noise)
         plain = drive(run, values, None)
         self.causal = None if values.constant else self._causal(plain, cutoff, withheld)
@@ -85,7 +92,8 @@ class Prediction:
         variance = noise.r + (self.drive.extra_r if len(self.drive.extra_r) else 0.0)
         self.P = posterior(track.series("pp"), track.series("pv"), track.series("vv"), self.S, variance)
         del track  # free the old track before the next is made; each holds nine arrays
-        self.counts: Flags = self.drive.settled(run.wait(noise))
+        wait = max(run.wait(noise), run.filters.settle if run.filters.blocking else 0.0)
+        self.counts: Flags = self.drive.settled(wait) & (run.t >= self.since)
         # Response to one unit of constant acceleration, and the running estimate of that constant.
         d = self.drive
         h = np.diff(d.t, prepend=d.t[0])
@@ -106,6 +114,9 @@ class Prediction:
             lost *= since
         self.breaks = np.cumsum(d.restart)
         self.ahead = None if self.causal is None else self._dead_reckoning(self.causal, cutoff)
+        self.nodes_apart = self.ahead.known.step if self.ahead is not None and self.ahead.remembers else 0.0
+        """Spacing of nodes on which simulated motion is remembered, by this or another model of its table, s; 0 where
+        none is."""
 
     def _causal(self, plain: DriveIntegrals, cutoff: float, withheld: float) -> Signals:
         """Motion for the effects: acceleration from the output, position and velocity from the causal filter."""
@@ -138,7 +149,7 @@ class Prediction:
         p = integral(v, known.step)
         p += np.interp(t, run.t, self.moved - np.interp(run.t, t, p))
         lost = np.interp(t, run.t, self.unknown[0])
-        return DeadReckoning(self.values, known, bare, (v, p), self.noise.q, lost)
+        return DeadReckoning(self.values, known, bare, (v, p), self.noise.q, lost, run.filters)
 
     @classmethod
     def of(
@@ -149,15 +160,24 @@ class Prediction:
         start: float | None = None,
         end: float | None = None,
         withheld: float = math.inf,
+        remembers: bool = False,
     ) -> Prediction:
-        """Prepare a recording under a fit's parameters, noise and origins."""
+        """Prepare a recording under a fit's parameters, noise and origins.
+
+        Where effects remember what was before `start`, the fitted part of the same recording before it is their
+        history; it counts nowhere else.
+        """
         require_channels(fit, recording)
-        return cls.on(fit, prepare(recording, fit.origins, start=start, end=end, withheld=withheld), withheld)
+        begin = start if start is None or not remembers else start_of_history(fit, recording, start)
+        run = prepare(recording, fit.origins, start=begin, end=end, withheld=withheld)
+        return cls.on(fit, run, withheld, -math.inf if start is None else start)
 
     @classmethod
-    def on(cls, fit: Fit, run: PreparedRun, withheld: float = math.inf) -> Prediction:
-        """A run that was prepared at a fit's origins, under its parameters and noise."""
-        return cls(run, values_on(fit, run.recording), noise_on(fit, run), fit.validity["frequency"][1], withheld)
+    def on(cls, fit: Fit, run: PreparedRun, withheld: float = math.inf, since: float = -math.inf) -> Prediction:
+        """A run that was prepared at a fit's origins, under its parameters and noise; readings count from `since` on,
+        s."""
+        values, noise = values_on(fit, run.recording), noise_on(fit, run)
+        return cls(run, values, noise, fit.validity["frequency"][1], withheld, since)
 
     @cached_property
     def reference_noise(self) -> ReferenceNoise:
@@ -204,7 +224,9 @@ class Prediction:
         origin, P = self.run.origins, np.stack([entry[k] for entry in self.P], axis=1)
         plain = Starts(t[k] - origin.t, self.p[k] - origin.p, self.v[k], np.zeros(len(k)), P)
         moved = replace(plain, p=plain.p + constant * unit_p, v=plain.v + constant * unit_v, constant=constant)
-        limit = DIVERGED * float(np.ptp(self.run.z) + np.max(std))
+        # A constant of the effects, which the bias takes back, moves no path away.
+        constant_move = 0.5 * abs(self.ahead.gain * float(np.mean(self.ahead.known_effects))) * float(np.max(h)) ** 2
+        limit = DIVERGED * float(np.ptp(self.run.z) + np.max(std)) + constant_move
         for batch in self.ahead.batches(len(k), float(np.max(h))):
             at = t[rows[batch]] - origin.t
             followed = self.ahead.feeds_back and rezero
@@ -234,7 +256,7 @@ class Prediction:
     def starts(self, horizon: float) -> NDArray[np.intp]:
         """Start readings for a horizon: after the warm-up, evenly spread, with an unbroken record ahead."""
         t = self.run.t
-        first = t[0] + min(WARM_UP, 0.25 * (t[-1] - t[0]))
+        first = self.since + min(WARM_UP, 0.25 * (t[-1] - self.since))
         last = t[-1] - horizon
         if last < first:
             return np.empty(0, dtype=np.intp)
@@ -245,9 +267,9 @@ class Prediction:
 
     def _fewer(self, k: NDArray[np.intp], horizon: float) -> NDArray[np.intp]:
         """Every so many of the start readings where effects remember simulated motion."""
-        if self.ahead is None or not self.ahead.remembers:
+        if not self.nodes_apart:
             return k
-        nodes = len(k) * (horizon + MEMORY) / self.ahead.known.step
+        nodes = len(k) * (horizon + MEMORY) / self.nodes_apart
         return k[:: max(1, min(math.ceil(nodes / MOST_NODES), len(k) // FEWEST_STARTS))]
 
     def at_horizon(self, horizon: float) -> Coasting:

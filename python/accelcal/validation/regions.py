@@ -29,10 +29,7 @@ def bin_residual(ahead: Prediction, t: Array, residual: Array, motion: Signals, 
         "acceleration": (motion.a, "m/s²"),
         "jerk": (motion.jerk, "m/s³"),
         "time since reversal": (since_reversal(motion), "s"),
-        **{
-            name: (y + (run.origins.temperature if name == "temperature" else 0.0), run.recording.side[name].unit)
-            for name, y in motion.side.items()
-        },
+        **{name: (y + run.origins.of(name), run.recording.side[name].unit) for name, y in motion.side.items()},
     }
     found = []
     for name, (x, unit) in variables.items():
@@ -68,10 +65,9 @@ def beyond(fit: Fit, motion: Signals) -> tuple[str, ...]:
 
 def fitted_variables(fit: Fit, motion: Signals) -> dict[str, tuple[Array, str]]:
     """Variables of the motion that have a fitted range, with their units."""
-    offsets = {"temperature": fit.origins.temperature}
     variables = {"a": (motion.a, "m/s²"), "v": (motion.v, "m/s"), "p": (motion.p + fit.origins.p, "m")}
     variables |= {
-        name: (y + offsets.get(name, 0.0), "degC" if name == "temperature" else "") for name, y in motion.side.items()
+        name: (y + fit.origins.of(name), "degC" if name == "temperature" else "") for name, y in motion.side.items()
     }
     return {key: value for key, value in variables.items() if key in fit.validity}
 

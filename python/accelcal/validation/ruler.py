@@ -1,4 +1,4 @@
-"""One ruler for all models of a table: the noise of the filter, and the low-pass of the motion, that each is run with.
+"""One ruler for all models of a table: noise of the filter, low-pass of the motion, and start points of each.
 
 Every fit has a noise of its own, which also holds what its model lacks. Errors that are taken with different filters
 cannot be compared: start states, settling times and bands differ. So a table has one, chosen once.
@@ -7,8 +7,9 @@ cannot be compared: start states, settling times and bands differ. So a table ha
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
+from accelcal.effects import find, is_local
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.values import Noise
 
@@ -21,6 +22,10 @@ class Ruler:
     """Of the filter that makes start states and one-step predictions."""
     cutoff: float
     """Bandwidth of the motion that effects are evaluated on, Hz."""
+    remembers: bool = False
+    """Whether an effect of one of the models has a memory: all are then run over the history of what is compared."""
+    remembering: tuple[Fit, ...] = field(default=(), compare=False)
+    """Those models: all are followed from the fewer start points of these."""
 
     @classmethod
     def of(cls, fits: Sequence[Fit]) -> Ruler:
@@ -34,7 +39,8 @@ class Ruler:
         best = min(fits, key=lambda fit: fit.noise().usual.q, default=None)
         if best is None:
             raise ValueError("a comparison of several models needs at least one of them")
-        return cls(best.noise(), best.validity["frequency"][1])
+        remembering = tuple(fit for fit in fits if not all(is_local(find(name)) for name in fit.model.added))
+        return cls(best.noise(), best.validity["frequency"][1], bool(remembering), remembering)
 
     def held_by(self, fit: Fit) -> Fit:
         """The fit with this filter in place of its own."""

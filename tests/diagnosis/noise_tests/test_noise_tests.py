@@ -93,21 +93,21 @@ CASES = {
         partial(world.encoder_cyclic, amplitude=1e-7, period=20e-6),
         "encoder_cyclic",
         1e-7,
-        "wavelength",
+        "period",
         20e-6,
     ),
     "cyclic 0.3 um": (
         partial(world.encoder_cyclic, amplitude=3e-7, period=20e-6),
         "encoder_cyclic",
         3e-7,
-        "wavelength",
+        "period",
         20e-6,
     ),
     "cyclic 1 mm": (
         partial(world.encoder_cyclic, amplitude=2e-7, period=1e-3),
         "encoder_cyclic",
         2e-7,
-        "wavelength",
+        "period",
         1e-3,
     ),
     "hum 50 Hz": (partial(world.hum, amplitude=1e-2, frequency=50.03), "tone", 1e-2, "frequency", 50.03),
@@ -225,5 +225,5 @@ def test_a_cyclic_error_is_found_on_a_motion_that_rests_at_few_places(size):
         for record in (spoiled, made.recording)
     )
     assert found.p_value < NOISE_TEST_ALPHA
-    assert found.parts["wavelength"] == pytest.approx(2e-5, rel=1e-3)
+    assert found.parts["period"] == pytest.approx(2e-5, rel=1e-3)
     assert good.p_value > NOISE_TEST_ALPHA

@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import accelcal as ac
+from accelcal.diagnosis.noise_tests.stamps import repeated_share
+from accelcal.diagnosis.policy import HELD_SHARE
 from accelcal.diagnosis.verdict import Diagnosis
 from tests.regimes.regimes import ADXL105, MOCAP, TABLE, phone
 from tests.regimes.rig import Clocks, Record, Reference, Rig
@@ -56,3 +59,26 @@ def test_held_samples_are_named_so_and_not_quantisation(tmp_path: Path) -> None:
     assert "renews them at 400 Hz" in found.sentence
     for name, true in record.truth.items():
         assert abs(found.fit[name].value - true) < 4.0 * found.fit[name].std
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_codes_that_repeat_at_rest_behind_a_calibration_matrix_are_not_held(seed: int) -> None:
+    rng = np.random.default_rng([seed, 29])
+    t = np.arange(0.0, 20.0, 0.02)
+    quiet = 0.5 * (1.0 + np.tanh(8.0 * np.sin(2.0 * np.pi * 0.4 * t)))  # a leg swings and stands
+    swing = 6.0 * quiet * np.sin(2.0 * np.pi * np.array([[1.3], [1.7], [2.3]]) * t + rng.uniform(0.0, 6.0, (3, 1)))
+    codes = np.round((swing + 0.12 * rng.standard_normal(swing.shape)) / 0.5)
+    matrix = np.eye(3) + 0.03 * rng.standard_normal((3, 3))
+    output = np.round(0.5 * matrix[0] @ codes, 6)
+    assert np.mean(output[1:] == output[:-1]) > 0.04  # the record has them
+    assert repeated_share(output) < 0.25 * HELD_SHARE
+
+
+@pytest.mark.parametrize("faster", [1.3, 2.0, 2.7])
+def test_a_logger_that_holds_repeats_in_motion(faster: float) -> None:
+    t = np.arange(10_000) / 500.0
+    newest = np.floor(t * 500.0 / faster).astype(int)
+    fresh = np.sin(2.0 * np.pi * 1.3 * t) + 1e-3 * np.random.default_rng(30).standard_normal(len(t))
+    share = repeated_share(fresh[newest])
+    assert share == pytest.approx(1.0 - 1.0 / faster, abs=0.05)
+    assert share > HELD_SHARE

@@ -15,6 +15,8 @@ LONG_BLOCKS: Array = scipy.signal.windows.blackmanharris(128, sym=False)
 """Window of blocks that resolve colour: it suppresses a line 90 dB stronger at 100 Hz distance, at a few kHz."""
 SHORT_BLOCKS: Array = scipy.signal.windows.hann(32, sym=False)
 """Window of blocks that resolve the peaks of a move's speed; for series without strong lines below them."""
+MIDDLE_BLOCKS: Array = scipy.signal.windows.hann(64, sym=False)
+"""Window of blocks between the two, which tells a band from one three bins below it."""
 BATCH = 4096
 """Blocks transformed at a time."""
 MOST_LAGS = 200
@@ -101,11 +103,14 @@ def power_trend_test(power: Array, x: Array) -> tuple[float, float]:
         correlation += lag_correlation * float(residual[lag:] @ residual[:-lag]) / (len(residual) * scatter)
     scatter *= max(1.0, 1.0 + 2.0 * correlation)
     z = float(deviation @ (power / power.mean())) / math.sqrt(scatter * total)
-    skew = 2.0 * math.sqrt(scatter) * float(np.sum(deviation**3)) / total**1.5
-    if skew < 1e-3:
-        return z, float(scipy.special.ndtr(-z))
-    shape = 4.0 / skew**2
-    return z, float(scipy.special.gammaincc(shape, max(0.0, shape + z * math.sqrt(shape))))
+    return z, float(pearson_tail(z, 2.0 * math.sqrt(scatter) * float(np.sum(deviation**3)) / total**1.5))
+
+
+def pearson_tail(z: float | Array, skew: float | Array) -> Array:
+    """Probability of a larger standardised value under Pearson's type III; normal where it is hardly skew."""
+    shape = 4.0 / np.maximum(skew, 1e-3) ** 2
+    tail = scipy.special.gammaincc(shape, np.maximum(0.0, shape + z * np.sqrt(shape)))
+    return np.asarray(np.where(np.asarray(skew) < 1e-3, scipy.special.ndtr(-np.asarray(z)), tail))
 
 
 def power_fit(power: Array, X: Array) -> tuple[Array, Array]:

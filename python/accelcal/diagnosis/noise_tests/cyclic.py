@@ -71,7 +71,7 @@ def encoder_cyclic(residuals: Residuals) -> NoiseTest:
         if found
         else "no cyclic error of the encoder"
     )
-    parts = {"wavelength": 1.0 / at, "wavelength_std": 0.55 / (math.sqrt(max(gained, 1.0)) * travel * at**2)}
+    parts = {"period": 1.0 / at, "period_std": 0.55 / (math.sqrt(max(gained, 1.0)) * travel * at**2)}
     return NoiseTest(POSITION_WAVE, gained, p_value, amplitude, "m", std, text, parts)
 
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from accelcal.effects import found_by
+from accelcal.diagnosis.policy import OWN_WAVE_TURNS
+from accelcal.effects import find, found_by, stem_of
+from accelcal.model import Model
+from accelcal.signals.signals import Signals
 
 LINE = found_by("line").name
 VIBRATION = found_by("noise over speed").name
@@ -18,6 +21,8 @@ HELD_SAMPLES = found_by("held output").name
 POSITION_WAVE = found_by("wave over position").name
 POSITION_JUMPS = found_by("position jumps").name
 """The effects that the tests find, by name."""
+WHITENESS = "whiteness"
+"""The test that finds no effect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +38,29 @@ class NoiseTest:
     std: float
     sentence: str
     parts: Mapping[str, float] = field(default_factory=dict)
-    """Particulars in SI: frequency, wavelength, step, count, ..."""
+    """Particulars in SI: frequency, period, step, count, ...; a shape parameter of the effect by its name."""
     at: tuple[float, ...] = ()
     """Instants of the effect, where it has any, s on the clock of its channel."""
+
+    @property
+    def shape(self) -> dict[str, float]:
+        """Shape parameters of the wave that it tells, at which a fit begins; empty where the effect is no wave."""
+        shapes = {} if self.effect == WHITENESS else find(self.effect).shapes
+        return {name: self.parts[name] for name, one in shapes.items() if one.width and name in self.parts}
+
+    @property
+    def evidence(self) -> float:
+        """Twice the log-likelihood that its effect gains, for one that has an amplitude."""
+        return (self.estimate / self.std) ** 2 if self.std > 0.0 else 0.0
+
+    def in_model(self, model: Model, s: Signals) -> bool:
+        """Whether a model has what it tells: the effect, or of a wave one with as many turns over the record."""
+        if not self.shape:
+            return self.effect in model.effects
+        waves = [model.shapes[name] for name in model.added if stem_of(find(name)) == self.effect]
+        return any(
+            abs(value - wave[name]) < OWN_WAVE_TURNS * width(s, wave[name])
+            for name, value in self.shape.items()
+            if (width := find(self.effect).shapes[name].width)
+            for wave in waves
+        )

@@ -15,7 +15,7 @@ from accelcal.diagnosis.noise_tests.block_spectra import SHORT_BLOCKS, BlockSpec
 from accelcal.diagnosis.noise_tests.interpolation_error import REACH, InterpolationError, Places, high_passed
 from accelcal.diagnosis.noise_tests.robust import Outliers, isolated_peaks, outliers, spread_of
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, OUTLIER_SIGMA
-from accelcal.estimation.channel_filters import LEAST_GAIN
+from accelcal.estimation.channel_filters import HOLE, LEAST_GAIN
 from accelcal.estimation.rows import sums_of
 from accelcal.estimation.run_state import RunState
 from accelcal.signals.jumps import output_of
@@ -26,6 +26,9 @@ from accelcal.signals.transfer import Spectrum, noise_bandwidth
 
 MOTION_FREE = 0.09
 """Share of the sampling rate above which motion is negligible: a stage that starts with a jump in snap leaves f^-3."""
+SUBTRACTED = 1.2
+"""Frequency, over the bandwidth of the smoothed motion, above which less than 6 % of the output is subtracted with it.
+"""
 FORGOTTEN_AFTER = 4.0
 """Time constants after which the filter has forgotten an outlier."""
 TAIL = (0.1, 0.2)
@@ -59,7 +62,7 @@ class Residuals:
         self.edge = min(max(MOTION_FREE * self.rate, 2.0 * self.reach), 0.25 * self.rate)
         ends = int(4.0 * self.rate / self.edge)  # a spectrum takes the two ends of a record for a jump
         self.sampled[:ends] = self.sampled[self.n - ends :] = False
-        self.sampled[widened(self.unresolved, REACH)] = False
+        self.sampled[widened(self.unresolved | self.holes, REACH)] = False
 
     @property
     def reads_position(self) -> bool:
@@ -81,6 +84,11 @@ class Residuals:
     def reach(self) -> float:
         """Frequency above which no motion is left in the output, Hz."""
         return max(self.signals.cutoff, self.signals.reach)
+
+    @property
+    def band(self) -> float:
+        """Frequency from which on the residual holds the whole output, the tail of the motion included, Hz."""
+        return SUBTRACTED * (self.reach if self.unresolved.any() else self.signals.cutoff)
 
     @property
     def place(self) -> Places:
@@ -117,6 +125,12 @@ class Residuals:
         np.add.at(edges, np.clip(first, 0, self.n), 1.0)
         np.add.at(edges, np.clip(last + 1, 0, self.n), -1.0)
         return np.asarray(np.cumsum(edges)[:-1] > 0.0)
+
+    @property
+    def holes(self) -> Flags:
+        """Uniform times in gaps so long that the motion beside them is known to the position alone, (n,)."""
+        length = np.diff(self.place, prepend=0)
+        return np.concatenate([[False], np.repeat(length[1:] > HOLE, length[1:])])
 
     @cached_property
     def resolved_output(self) -> Array:
@@ -218,10 +232,11 @@ class Residuals:
     @cached_property
     def short_spectra(self) -> BlockSpectra:
         """Power of `background` in blocks as short as the peaks of a move's speed, where declared filters pass it."""
-        spectra = BlockSpectra.of(self.background, self.sampled, self.rate, 1.3 * self.edge, SHORT_BLOCKS)
-        if self.least_gain == 0.0:
-            return spectra
-        passed = np.abs(self.gain(spectra.f)) >= self.least_gain
+        return self.passed(BlockSpectra.of(self.background, self.sampled, self.rate, 1.3 * self.edge, SHORT_BLOCKS))
+
+    def passed(self, spectra: BlockSpectra, highest: float = math.inf) -> BlockSpectra:
+        """Some spectra at the frequencies that the declared filters pass, below the highest asked for, Hz."""
+        passed = (spectra.f < highest) & (np.abs(self.gain(spectra.f)) >= self.least_gain)
         return replace(spectra, f=spectra.f[passed], power=spectra.power[:, passed])
 
     @property
@@ -284,7 +299,7 @@ class Residuals:
         """
         if self.state.noise.r < LEAST_CHECK * float(np.median(self.state.track.series("S"))):
             return Outliers(0.0, 0.0, np.empty(0, dtype=np.intp), 0.0, 1.0)
-        z = (self.run.readings - self.smooth_position)[self.state.counts]
+        z = (self.state.drive.z - self.smooth_position)[self.state.counts]
         certain = np.flatnonzero(~self.at_jumps)
         z = z[certain] - np.median(z)
         spread, dof = spread_of(z, self.run.least_step)

@@ -8,6 +8,7 @@ whitened innovations carry the encoder's cyclic error, lines below that, and col
 from __future__ import annotations
 
 from accelcal.diagnosis.noise_tests.cyclic import encoder_cyclic
+from accelcal.diagnosis.noise_tests.falling_spectrum import vibration
 from accelcal.diagnosis.noise_tests.motion_noise import motion_noise
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.noise_tests.outliers import accelerometer_outliers, encoder_outliers
@@ -35,7 +36,8 @@ def run_noise_tests(state: RunState) -> tuple[NoiseTest, ...]:
     """
     residuals = Residuals(state)
     line_tests = tones(residuals)
-    vibration, jitter = motion_noise(residuals, line_tests)
+    above, jitter = motion_noise(residuals, line_tests)
+    strongest = vibration(residuals, line_tests, above)
     residuals.release()
     of_output = accelerometer_outliers(residuals), quantisation(residuals)
     of_stamps = rounded_stamps(residuals), held_samples(residuals)
@@ -45,7 +47,7 @@ def run_noise_tests(state: RunState) -> tuple[NoiseTest, ...]:
         else ()
     )
     lines = tuple(line for line in line_tests if not line.parts["follows_motion"])
-    return (vibration, jitter, *of_output, *of_stamps, *lines, *of_position, whiteness(residuals))
+    return (strongest, jitter, *of_output, *of_stamps, *lines, *of_position, whiteness(residuals))
 
 
 def run_outlier_tests(state: RunState) -> tuple[NoiseTest, ...]:

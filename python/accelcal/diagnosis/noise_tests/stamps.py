@@ -21,9 +21,18 @@ CHANCE_LAGS = 8, 12, 16
 
 
 def repeated_share(u: Array) -> float:
-    """Share of the samples that repeat the one before, beyond those that equal a sample further before by chance."""
+    """Share of samples (n,) that repeat the one before while the motion goes on, beyond those that equal one further
+    before by chance.
+
+    The motion goes on where the output changes by more than usual over so many samples as no logger holds. At rest a
+    coarse sensor repeats its codes, and three of them behind a calibration matrix leave no grid that would tell.
+    """
+    reach = CHANCE_LAGS[0]
+    change = np.abs(u[reach:] - u[:-reach])
+    repeats = (u[1:] == u[:-1])[reach // 2 :][: len(change)]
+    moving = change > math.sqrt(float(np.mean(change**2)))
     by_chance = float(np.mean([np.mean(u[lag:] == u[:-lag]) for lag in CHANCE_LAGS]))
-    return max(0.0, float(np.mean(u[1:] == u[:-1])) - by_chance)
+    return max(0.0, float(np.mean(repeats[moving])) - by_chance) if moving.any() else 0.0
 
 
 def rounded_stamps(residuals: Residuals) -> NoiseTest:
@@ -65,8 +74,9 @@ def gain_of_noise(ratio: Array, count: int) -> float:
 def held_samples(residuals: Residuals) -> NoiseTest:
     """Test of samples that repeat the one before, left out when the record was read or still in it.
 
-    Readings off a grid hardly ever repeat by chance, so that the share of repeats decides. Readings on a grid that was
-    lost in a conversion of units repeat those some samples before as often; such repeats are not counted.
+    A logger that is faster than its sensor repeats every few readings, whatever the motion does, so that the share of
+    repeats in motion decides. Readings on a grid that was lost in a conversion of units repeat those some samples
+    before as often; such repeats are not counted.
     """
     u = residuals.u
     repeats = repeated_share(u) if residuals.lsb == 0.0 and len(u) > CHANCE_LAGS[-1] else 0.0

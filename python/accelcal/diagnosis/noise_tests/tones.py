@@ -44,21 +44,34 @@ NEIGHBOURS = 1001
 
 
 def tones(residuals: Residuals) -> tuple[NoiseTest, ...]:
-    """Tests for lines at fixed frequency: in the output above the motion, in the whitened innovations below.
+    """Tests for lines at fixed frequency: in the output above the band of the motion, in the whitened innovations up to
+    twice the frequency at which its tail vanishes.
 
-    Periodogram (Hann) over its local median; the median of m correlated bins is worth m/4 exponential ones, so one bin
-    exceeds x times the level with probability (1 + x/(m/4))^-(m/4), times the number of bins. `follows_motion` marks a
-    line whose power follows speed: that is vibration.
+    Periodogram (Hann) over its local median, to which the tail of the motion belongs; the median of m correlated bins
+    is worth m/4 exponential ones, so one bin exceeds x times the level with probability (1 + x/(m/4))^-(m/4), times the
+    number of bins. `follows_motion` marks a line whose power follows speed: that is vibration.
     """
     t, y, rate = reading_grid(residuals)
-    split = max(2.0 * residuals.reach, 1.0 / max(residuals.t[-1] - residuals.t[0], 1e-9))
+    resolved = 4.0 / max(residuals.t[-1] - residuals.t[0], 1e-9)
+    split = max(2.0 * residuals.reach, 0.25 * resolved)
     below, bins_below = spectral_peaks(y, rate, 0.0, min(split, 0.45 * rate)) if residuals.reads_position else ([], 0)
     beyond, bins_beyond = spectral_peaks(
-        residuals.residual, residuals.rate, split, 0.5 * residuals.rate, residuals.gain, residuals.least_gain
+        residuals.residual,
+        residuals.rate,
+        split,
+        0.5 * residuals.rate,
+        residuals.gain,
+        residuals.least_gain,
+        residuals.band,
     )
     bins = bins_below + bins_beyond
-    peaks = [(min(1.0, p * bins), -ratio, f, False) for f, ratio, p in below]
-    peaks += [(min(1.0, p * bins), -ratio, f, True) for f, ratio, p in beyond]
+    peaks = [(min(1.0, p * bins), -ratio, f, True) for f, ratio, p in beyond]
+    lines_above = [f for p, _, f, _ in peaks if p < NOISE_TEST_ALPHA]
+    peaks += [
+        (min(1.0, p * bins), -ratio, f, False)
+        for f, ratio, p in below
+        if all(abs(f - other) > resolved for other in lines_above)
+    ]
     peaks.sort()
     significant = [candidate for candidate in peaks if candidate[0] < NOISE_TEST_ALPHA] or peaks[:1]
     of_output, of_readings = (residuals.t, residuals.residual, residuals.rate), (t, y, rate)
@@ -78,12 +91,19 @@ def reading_grid(residuals: Residuals) -> tuple[Array, Array, float]:
 
 
 def spectral_peaks(
-    y: Array, rate: float, low: float, high: float, gain: Response | None = None, least: float = 0.0
+    y: Array,
+    rate: float,
+    low: float,
+    high: float,
+    gain: Response | None = None,
+    least: float = 0.0,
+    tail: float = math.inf,
 ) -> tuple[list[tuple[float, float, float]], int]:
     """Peaks of the periodogram between two frequencies, largest first: Hz, ratio to the level, probability for one bin.
 
     The shape that filters with a complex `gain` give to white noise is divided out first; frequencies
-    with a gain below `least` are left out.
+    with a gain below `least` are left out. From a frequency `tail` on the spectrum falls without a break: the level
+    begins there, and lines count from where it follows the fall, half of what it is estimated from above.
     """
     n = len(y)
     if n < 256:
@@ -91,7 +111,7 @@ def spectral_peaks(
     window = np.hanning(n)
     spectrum = np.abs(scipy.fft.rfft((y - y.mean()) * window, scipy.fft.next_fast_len(n, real=True))) ** 2
     f = np.asarray(np.fft.rfftfreq(scipy.fft.next_fast_len(n, real=True), 1.0 / rate), dtype=np.float64)
-    rows = np.arange(*np.searchsorted(f, [max(low, 8.0 * rate / n), high]))
+    rows = np.arange(*np.searchsorted(f, [max(min(low, tail), 8.0 * rate / n), high]))
     if gain is not None:
         shape = np.abs(gain(f))
         spectrum /= np.maximum(shape, max(least, 1e-150)) ** 2
@@ -102,7 +122,8 @@ def spectral_peaks(
     level, m = local_level(part, max(FEWEST_BINS, min(NEIGHBOURS, int(LEVEL_SPAN * n))))
     first = slice(0, min(m, len(part)))  # where the level was taken to be constant from the lowest frequency on
     level[first] = np.maximum(level[first], falling_level(part[first], np.asarray(f[rows][first], dtype=np.float64)))
-    ratio = part / level
+    tested = f[rows] >= min(low, f[rows[0]] + 0.5 * m * f[1])
+    ratio = np.where(tested, part / level, 0.0)
     equivalent = m / 4.0
     chance = np.exp(-equivalent * np.log1p(ratio / equivalent))
     peaks: list[tuple[float, float, float]] = []
@@ -120,7 +141,7 @@ def spectral_peaks(
             peaks.append((at, float(ratio[k]), float(chance[k])))
         if len(peaks) == REPORTED_LINES:
             break
-    return peaks, len(part)
+    return peaks, int(np.count_nonzero(tested))
 
 
 def is_single_line(part: Array, level: Array, k: int, neighbours: int) -> bool:

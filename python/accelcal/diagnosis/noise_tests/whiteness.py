@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import WHITENESS, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, NOISE_TEST_LEAST_BLOCKS, REPEATED_LEAST_SHARE
 
@@ -26,7 +26,7 @@ def whiteness(residuals: Residuals) -> NoiseTest:
     """
     if residuals.run.filters.colour(residuals.run.crossover(residuals.state.noise)):
         return NoiseTest(
-            "whiteness",
+            WHITENESS,
             0.0,
             1.0,
             0.0,
@@ -45,7 +45,7 @@ def whiteness(residuals: Residuals) -> NoiseTest:
         scales[length] = portmanteau(sums)
         length *= 4
     if not scales:
-        return NoiseTest("whiteness", 0.0, 1.0, 0.0, "", math.inf, "too few readings for this test")
+        return NoiseTest(WHITENESS, 0.0, 1.0, 0.0, "", math.inf, "too few readings for this test")
     worst = min(scales, key=lambda k: scales[k][1])
     Q, p = scales[worst]
     p = min(1.0, p * len(scales))
@@ -57,7 +57,7 @@ def whiteness(residuals: Residuals) -> NoiseTest:
         else "the innovations are white"
     )
     parts = {"scale": lag, **{f"p_{k}": value[1] for k, value in scales.items()}}
-    return NoiseTest("whiteness", Q, p, first, "", 1.0 / math.sqrt(len(y)), text, parts)
+    return NoiseTest(WHITENESS, Q, p, first, "", 1.0 / math.sqrt(len(y)), text, parts)
 
 
 def shortest_scale(residuals: Residuals) -> float:

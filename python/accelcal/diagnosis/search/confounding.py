@@ -99,6 +99,38 @@ def confounding_class(
     return (item.effect.name, *dict.fromkeys(name for _, name in sorted(rivals)))
 
 
+def plainest(
+    evidence: CandidateScores, scatter: BlockScatter, chosen: tuple[int, ...], rules: SearchRules
+) -> tuple[int, ...]:
+    """A set in which the plainest power of the acceleration stands for those that look the same and explain as much.
+
+    Where the specific force keeps its sign, as on a vertical axis, even and odd powers are alike, and chance decides
+    which gains more. The bias and the scale factor, which are those at zero specific force, depend on the power.
+    """
+    for position, i in enumerate(chosen):
+        others = chosen[:position] + chosen[position + 1 :]
+        static = evidence.items[i].effect.traits.static
+        if static is None:
+            continue
+        gains, dofs = evidence.gains(others)
+        inflation, (_, _, estimate, _) = scatter.inflation(i, others), evidence.gain(i, others)
+        net_gains = [
+            rules.net_gain(gain / inflation, dof, item)
+            for gain, dof, item in zip(gains.tolist(), dofs.tolist(), evidence.items, strict=True)
+        ]
+        G, _ = evidence.given(others)
+        for j, item in enumerate(evidence.items):
+            other = item.effect.traits.static
+            if j in others or other is None or other.thermal != static.thermal or not dofs[j]:
+                continue
+            plainer = other.odd != static.odd and not other.mirrored and other.power <= static.power
+            tied = net_gains[i] - net_gains[j] < 2.0 * CONFOUNDED_LOG_EVIDENCE
+            if plainer and tied and contribution_correlation(evidence, G, i, j, estimate) > CONFOUNDED_CORRELATION:
+                chosen = (*chosen[:position], j, *chosen[position + 1 :])
+                break
+    return chosen
+
+
 def beats(curve: Effect, effect: Effect) -> bool:
     """Whether an effect has to beat a nonparametric curve: that of any one variable of which it is no function."""
     return bool(curve.function_of) and effect.name not in curve.covers

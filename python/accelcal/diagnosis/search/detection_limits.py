@@ -22,17 +22,18 @@ def detectable_sizes(
     much as the motion itself. A random process has one part, with the information of all its columns.
     """
     item, columns = evidence.items[i], evidence.columns[i]
-    A, own = evidence.G[columns, columns], evidence.own[columns]
+    A, own, left = evidence.G[columns, columns], evidence.own[columns], evidence.beyond_line[columns]
     dof = score_gain(A, evidence.c[columns])[1]
     information = np.diag(A)
     if item.effect.port == "process":
-        information, own, dof = np.sum(information, keepdims=True), np.sum(own, keepdims=True), 1
+        information, own, left = (np.array([y.sum()]) for y in (information, own, left))
+        dof = 1
     d = np.sqrt(np.maximum(information, 0.0))
     if dof == 0:
         return tuple(d.tolist()), (math.inf,) * len(d)
     distance = distance_for_gain(max(rules.required_gains(dof, item)), dof)
     beyond_motion = distance**2 * own > d**2 * (evidence.motion or math.inf)
-    invisible = (information <= DEGENERATE * own) | beyond_motion
+    invisible = (information <= DEGENERATE * left) | beyond_motion
     return tuple(d.tolist()), tuple(
         math.inf if unseen else distance / x for unseen, x in zip(invisible.tolist(), d, strict=True)
     )

@@ -13,6 +13,8 @@ from accelcal.data.arrays import Array
 
 DEGENERATE = 1e-5
 """Share of a column's power, beyond base and chosen effects, below which nothing of it is left to test."""
+ROUNDING = 1e-10
+"""The same share of all of its power, whatever of that a straight line of the acceleration takes up exactly."""
 DEGENERATE_MIX = 1e-3
 """The same share for a mixture of several columns, whose weakest direction errors of the smoothed motion favour."""
 

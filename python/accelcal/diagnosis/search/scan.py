@@ -13,7 +13,7 @@ import numpy as np
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, SHAPE_FORMS, VERDICT_LEAST_BLOCKS
 from accelcal.diagnosis.search.beam import BlockScatter, SearchRules, block_length
-from accelcal.diagnosis.search.confounding import DetectedEffect, confounding_class, detected_effect
+from accelcal.diagnosis.search.confounding import DetectedEffect, confounding_class, detected_effect, plainest
 from accelcal.diagnosis.search.detection_limits import detection_limits
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
 from accelcal.diagnosis.search.likelihood_gain import log_survival
@@ -204,7 +204,7 @@ class BestSet:
         against_slow = evidence.against_slow_noise()
         noises = tuple(run.slow_noise for run in against_slow.runs if run.slow_noise is not None)
         scatter = BlockScatter(against_slow, length)
-        chosen = rules.best_set(against_slow, scatter)
+        chosen = plainest(against_slow, scatter, rules.best_set(against_slow, scatter), rules)
         if against_slow is not evidence:
             random = [i for i, item in enumerate(evidence.items) if item.effect.port == "process"]
             gains, dofs = evidence.gains()

@@ -14,12 +14,14 @@ from accelcal.diagnosis.search.hypotheses import Hypothesis, nuisances
 from accelcal.diagnosis.search.likelihood_gain import (
     DEGENERATE,
     DEGENERATE_MIX,
+    ROUNDING,
     project_out,
     scale_of,
     score_gain,
     variance_gain,
 )
 from accelcal.diagnosis.search.slow_noise import SlowNoise, slow_noise
+from accelcal.effects import Effect
 from accelcal.estimation.columns import ColumnFilter
 from accelcal.estimation.noise_spectrum import MeasuredSpectrum, whitener
 from accelcal.estimation.rows import rows_of_dwells, spectrum_of, sums_of
@@ -53,6 +55,9 @@ class BaseProjection:
         base = [term for term in model.terms if term.name not in model.fixed]
         plain = [term for term in base if term.name not in {other.name for other, _ in uncertain}]
         terms = [*plain, *(term for term, _ in uncertain)]
+        line = [k for k, term in enumerate(terms) if term.name in ("bias", "scale_factor")]
+        self.line = np.array(line, dtype=np.intp)
+        """Rows of the base that are a straight line of the acceleration."""
         self.prior_information: Array = np.array([*np.zeros(len(plain)), *(std**-2.0 for _, std in uncertain)])
         self.B: Array = self.column_filter.whole(terms)
         self.y: Array = self.column_filter.whitened
@@ -136,14 +141,18 @@ class BaseProjection:
 
     def remainder(
         self, terms: Sequence[Term], report: Callable[[float], None] = lambda share: None
-    ) -> tuple[Array, Array, Array, Array]:
+    ) -> tuple[Array, Array, Array, Array, Array]:
         """Project the base out of columns.
 
         Returns
         -------
-        Gram matrix (m, m) and scores (m,) of the remainder, power of the columns before the projection (m,), and the
-        weights
-        with which the base predicts them (base, m).
+        Gram matrix (m, m) and scores (m,) of the remainder, power of the columns before the projection (m,), the same
+        beyond a straight line of the acceleration (m,), and the weights with which the base predicts them (base, m).
+
+        Notes
+        -----
+        A power of the acceleration is nearly straight about the specific force of a vertical axis. The base has the
+        same line to rounding, so that only what is beyond it counts as its power; of others all of it does.
         """
         m = len(terms)
         G, products, score = np.zeros((m, m)), np.zeros((len(self.B), m)), np.zeros(m)
@@ -153,9 +162,19 @@ class BaseProjection:
             score += Z @ self.y[rows]
             report(rows.stop / len(self.y))
         weights, own = self.weights(products), np.diag(G).copy()
+        beyond_line = own.copy()
+        static = np.array([is_power(term.effect) for term in terms], dtype=np.bool_)
+        straight, B = products[np.ix_(self.line, static)], self.B[self.line]
+        within = np.einsum("km,km->m", straight, np.linalg.pinv(B @ B.T, hermitian=True) @ straight)
+        beyond_line[static] = np.maximum(own[static] - within, ROUNDING / DEGENERATE * own[static])
         G -= products.T @ weights
         score -= products.T @ self.wy
-        return G, score, own, weights
+        return G, score, own, beyond_line, weights
+
+
+def is_power(effect: Effect) -> bool:
+    """Whether an effect is a power of the acceleration alone."""
+    return effect.traits.static is not None and not effect.traits.static.thermal
 
 
 def columns_of(items: Sequence[Hypothesis]) -> tuple[list[Term], list[slice]]:
@@ -219,14 +238,17 @@ class CandidateScores:
         self.G, self.c = np.zeros((m, m)), np.zeros(m)
         self.own: Array = np.zeros(m)
         """Power of each column before the base is projected out."""
+        self.beyond_line: Array = np.zeros(m)
+        """The same beyond a straight line of the acceleration, of its powers."""
         self._weights: list[Array] = []
         for run in runs:
-            G, c, own, weights = run.remainder(self.terms, report)
+            G, c, own, beyond_line, weights = run.remainder(self.terms, report)
             self.G += G
             self.own += own
+            self.beyond_line += beyond_line
             self.c += c
             self._weights.append(weights)
-        absorbed = np.diag(self.G) <= DEGENERATE * self.own
+        absorbed = np.diag(self.G) <= DEGENERATE * self.beyond_line
         self.G[absorbed], self.G[:, absorbed], self.c[absorbed] = 0.0, 0.0, 0.0
         self._given: dict[tuple[int, ...], tuple[Array, Array]] = {(): (self.G, self.c)}
         self._gains: dict[tuple[int, ...], tuple[Array, NDArray[np.intp]]] = {}

@@ -14,6 +14,7 @@ from accelcal.data.summary import rest
 from accelcal.data.units import instant
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import Fault, fault_remarks, faults
+from accelcal.diagnosis.left_out import left_out_remarks, without_wrong_readings
 from accelcal.diagnosis.remarks import Remark
 from accelcal.estimation.run import prepare
 from accelcal.plots import style
@@ -37,11 +38,12 @@ class Marks:
     breaks: tuple[float, ...]
     faults: tuple[Fault, ...]
     rest: tuple[tuple[float, float], ...]
+    left_out: tuple[Remark, ...] = ()
 
     @property
     def remarks(self) -> tuple[Remark, ...]:
-        """The faults as remarks, many of one kind as one."""
-        return fault_remarks(self.faults, self.end - self.start)
+        """What is left out, and the faults as remarks, many of one kind as one."""
+        return (*self.left_out, *fault_remarks(self.faults, self.end - self.start))
 
 
 def marks(recording: Recording) -> Marks:
@@ -52,9 +54,11 @@ def marks(recording: Recording) -> Marks:
     RecordingError
         If the channels do not overlap.
     """
+    recording = without_wrong_readings(recording)
     found = usable(recording)
     seen = faults(recording, prepare(recording, start=found.start, end=found.end))
-    return Marks(found.start, found.end, found.breaks, seen, tuple(rest(recording)))
+    gone = tuple(left_out_remarks([recording], "", found.start, found.end))
+    return Marks(found.start, found.end, found.breaks, seen, tuple(rest(recording)), gone)
 
 
 def longest(stretches: Sequence[tuple[float, float]], most: int = MOST) -> list[tuple[float, float]]:

@@ -277,11 +277,12 @@ class DwellsPart(Part):
 
 
 class OriginsPart(Part):
-    """Zero points of time, position and temperature."""
+    """Zero points of time, position and side channels."""
 
     t: Number
     p: Number
     temperature: Number
+    side: dict[Name, Number] = Field(default_factory=dict)
 
 
 class ModelFile(Part):

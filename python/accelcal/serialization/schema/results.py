@@ -162,6 +162,7 @@ class ComparisonFile(Part):
     not_carried: list[str]
     noise_scores: list[NoiseScorePart]
     breaks: list[Value]
+    left_out: list[str]
 
 
 class Tolerance(Part):
@@ -800,6 +801,14 @@ class AlarmPart(Part):
     sentence: str
 
 
+class RegressorBiasPart(Part):
+    """What noise of the output biases the scale factor by."""
+
+    value: Value
+    sigma: Value
+    sentence: str | None
+
+
 class LinesPart(Part):
     """What became of the lines."""
 
@@ -817,6 +826,7 @@ class LiveFile(Part):
     source: str
     t_s: Value
     parameters: list[Estimated]
+    regressor_bias: RegressorBiasPart | None
     innovation: InnovationPart | None
     nis: RunningPart | None
     holds: bool | None

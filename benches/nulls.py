@@ -1,0 +1,72 @@
+"""Records with nothing hidden, of every kind of rig: how many carry a false name. One line of a ledger for each.
+
+From the top of the repository: python -m benches.nulls [--worlds 112] [--seed 34001] [--out build/nulls.jsonl]
+One record of each regime of `tests/regimes` and records of `tests/worlds` beside them. The ledger keeps the commit of
+each line; an interrupted run continues where it stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from benches.hidden import guarded
+from benches.outcomes import run_all
+from scipy.stats import binom
+from tests.hidden import trials as worlds
+from tests.hidden.verdicts import falsely_named
+from tests.regimes import trials as regimes
+from tests.regimes.judge import FALSE_RATE, SURE, false_names
+from tests.regimes.regimes import TABLE
+
+Outcome = dict[str, Any]
+
+
+def commit() -> str:
+    """Abbreviated revision of the checkout."""
+    command = ["git", "rev-parse", "--short", "HEAD"]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def run(trial: worlds.Trial | regimes.Trial) -> Outcome:
+    """Run one record; its outcome has the false names and the revision beside it."""
+    if isinstance(trial, worlds.Trial):
+        outcome = guarded(trial)
+        names = falsely_named(outcome) if "effects" in outcome else []
+    else:
+        outcome = regimes.run(trial)
+        names = false_names(outcome)
+    return {**outcome, "commit": commit(), "false_names": names}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run what is missing; print each false name, then figure, count and threshold."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--worlds", type=int, default=112, help="records of tests/worlds")
+    parser.add_argument("--seed", type=int, default=34001)
+    parser.add_argument("--out", type=Path, default=Path("build/nulls.jsonl"))
+    parser.add_argument("--workers", type=int, default=2)
+    chosen = parser.parse_args(arguments)
+    trials = [*worlds.plan(1, chosen.worlds, chosen.seed), *regimes.plan(list(TABLE), 1, chosen.seed)]
+    outcomes = run_all(run, trials, chosen.out, chosen.workers)
+    ran = [outcome for outcome in outcomes if "effects" in outcome]
+    named = [outcome for outcome in ran if outcome["false_names"]]
+    for outcome in named:
+        print(f"{outcome['key']}: {', '.join(outcome['false_names'])}: {outcome['sentence']}")
+    for outcome in outcomes:
+        if "error" in outcome:
+            print(f"{outcome['key']}: {outcome['error']}")
+    most = int(binom.ppf(SURE, len(ran), FALSE_RATE))
+    errors = sum("error" in outcome for outcome in outcomes)
+    print(f"honest records with a false name: {len(named)} of {len(ran)} ({errors} ended in an error), at most {most}")
+    return 0 if len(named) <= most and not errors else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,235 @@
+"""Readings that are known to be wrong, left out before anything is estimated: saturated, stuck, of a sleeping logger.
+
+A reading at the limit of the range, or one that repeats a value while the other channel moves, is no measurement with
+noise: it biases every estimate, so it becomes a gap, with the reach of the declared filters on both sides.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from accelcal._support.found_before import found_before
+from accelcal._support.listing import listing
+from accelcal.data.arrays import Array, Flags
+from accelcal.data.quality import require_usable
+from accelcal.data.recording import Channel, LeftOut, Recording, WrongKind
+from accelcal.data.references import POSITION_ORDER
+from accelcal.data.stamps import usual_step
+from accelcal.diagnosis.policy import (
+    LEFT_OUT_BESIDE,
+    RAIL_NOISE,
+    RAIL_PILED,
+    RAIL_SAMPLES,
+    RAIL_TOLERANCE,
+    STUCK_MOTION_SHARE,
+    STUCK_SAMPLES,
+    STUCK_VELOCITY_SHARE,
+)
+from accelcal.diagnosis.remarks import Remark, remark
+from accelcal.estimation.channel_filters import ChannelFilters
+from accelcal.estimation.run import PreparedRun, prepare
+from accelcal.signals.series import interpolation_spread
+from accelcal.signals.transfer import FORGOTTEN, memory
+
+FEWEST = 16
+"""Samples of the output in a stretch, least, from which its noise is known."""
+SLOPE = 8
+"""Readings on either side of a stretch that tell the speed there."""
+HIDDEN = (1.0, 0.25, 1.0 / 16.0)
+"""What an output that repeats one count may hide of a reference of so many derivatives less, over the count and the
+length of the stretch to that power: its departure from a polynomial of that degree stays below."""
+
+Stretches = list[tuple[float, float]]
+"""First and last instant of each stretch, s."""
+
+
+def without_wrong_readings(recording: Recording) -> Recording:
+    """The recording without the readings that are known to be wrong; the recording itself where there are none.
+
+    One that cannot be used is returned as it is, too: the fit says why.
+    """
+    if recording.left_out:
+        return recording
+    found = found_before(recording, "without wrong readings", recording.sums, lambda: _cleaned(recording))
+    return recording if found is None else found
+
+
+def left_out_remarks(
+    recordings: Sequence[Recording], place: str = "", start: float | None = None, end: float | None = None
+) -> list[Remark]:
+    """What was left out of recordings, a remark for each kind and channel; `place` stands before the name.
+
+    Where `start` or `end` is given, s, what lies outside is not mentioned.
+    """
+    first, last = -math.inf if start is None else start, math.inf if end is None else end
+    return [
+        remark(
+            one.kind,
+            recording=f"{place}{recording.name or 'recording'}",
+            channel=one.channel,
+            count=one.count,
+            of=one.of,
+            share=100.0 * one.count / one.of,
+            stretches=len(one.stretches),
+            time=one.stretches[0][0],
+            end=one.stretches[-1][1],
+            reach=one.reach,
+        )
+        for recording in recordings
+        for one in recording.left_out
+        if any(a <= last and b >= first for a, b in one.stretches)
+    ]
+
+
+def left_out_sentences(recording: Recording, start: float | None = None, end: float | None = None) -> tuple[str, ...]:
+    """The same of one recording, as sentences."""
+    return tuple(note.sentence for note in left_out_remarks([recording], "", start, end))
+
+
+def _cleaned(recording: Recording) -> Recording | None:
+    """The recording without its wrong readings; None where it has none, or no others."""
+    try:
+        require_usable(recording)
+        wrong = (("saturated", "accel", rail_hits(recording)), *stuck(recording))
+    except ValueError:
+        return None
+    rig, left, gone = recording.rig, recording, []
+    for kind, name, stretches in wrong:
+        channel: Channel = getattr(left, name)
+        step, filters = usual_step(channel.t), rig.output_filters if name == "accel" else rig.position_filters
+        reach = memory(filters, 1.0 / step)
+        if name == "accel":
+            reach += LEFT_OUT_BESIDE * step + (FORGOTTEN * rig.lowpass.tau if rig.lowpass else 0.0)
+        out = np.zeros(len(channel), dtype=np.bool_)
+        for begin, end in stretches:
+            out[slice(*np.searchsorted(channel.t, [begin - reach, np.nextafter(end + reach, math.inf)]))] = True
+        if not out.any():
+            continue
+        if len(channel) - np.count_nonzero(out) < 2:
+            return None
+        spans = tuple((float(channel.t[a]), float(channel.t[b])) for a, b in runs_of_true(out, 1))
+        gone.append(LeftOut(kind, name, int(np.count_nonzero(out)), len(channel), spans, reach))
+        cleaned = replace(channel, t=channel.t[~out], y=channel.y[~out])
+        left = replace(left, accel=cleaned) if name == "accel" else replace(left, position=cleaned)
+    return replace(left, left_out=tuple(gone)) if gone else None
+
+
+def rail_hits(recording: Recording) -> Stretches:
+    """Stretches in which the output is at the limit of its declared range, or the element was before the low-passes.
+
+    An output that piles up beyond the declared range has its limit there. Readings just below a limit must be few: a
+    motion that only comes near it is no saturation.
+    """
+    declared = recording.rig.sensor.range
+    accel = recording.accel
+    if declared is None or float(np.max(np.abs(accel.y))) < 0.5 * declared:
+        return []
+    found: Stretches = []
+    for t, y in (accel.t, accel.y), _before_low_passes(recording):
+        noise = RAIL_NOISE * interpolation_spread(t, y) if y is not accel.y else 0.0
+        tolerance = max(RAIL_TOLERANCE * declared, noise)
+        for upward in (y, -y):
+            extreme = float(np.max(upward))
+            beyond = extreme > declared + tolerance and runs_of_true(upward == extreme, RAIL_SAMPLES)
+            limit = extreme if beyond else declared
+            at, below = np.abs(upward - limit) <= tolerance, (limit - 3.0 * tolerance, limit - tolerance)
+            others = np.count_nonzero((upward >= below[0]) & (upward < below[1]))
+            higher = np.count_nonzero(upward > limit + tolerance)
+            if np.count_nonzero(at) >= RAIL_PILED * max(others, higher):
+                found += [(float(t[a]), float(t[b])) for a, b in runs_of_true(at, 2)]
+    return found
+
+
+def _before_low_passes(recording: Recording) -> tuple[Array, Array]:
+    """Times and values of the output with its declared low-passes inverted; of one RC, as if the input were constant
+    between two samples: it then is exact where the element is at its limit."""
+    accel, lowpass = recording.accel, recording.rig.lowpass
+    rates = (1.0 / usual_step(channel.t) for channel in (accel, recording.position))
+    accel = ChannelFilters(recording.rig, *rates).undone(accel)
+    if lowpass is None:
+        return accel.t, accel.y
+    kept = np.exp(-np.diff(accel.t) / lowpass.tau)
+    return accel.t[1:], (accel.y[1:] - kept * accel.y[:-1]) / (1.0 - kept)
+
+
+def stuck(recording: Recording) -> list[tuple[WrongKind, str, Stretches]]:
+    """Stretches in which one channel repeats a value while the other one moves, by channel."""
+    repeats = [
+        runs_of_true(np.diff(channel.y) == 0.0, STUCK_SAMPLES) for channel in (recording.accel, recording.position)
+    ]
+    if not any(repeats):
+        return []
+    run = prepare(recording, every_reading=True)
+    return [("stuck", "accel", stuck_outputs(run)), ("stuck", "position", stuck_positions(run))]
+
+
+def stuck_outputs(run: PreparedRun) -> Stretches:
+    """Stretches in which the output repeats a value while the reference shows more motion than one count hides."""
+    (t, z), accel, degree = run.reference_readings, run.accel, run.order
+    noise = math.sqrt(run.reading_variance_guess) if degree == POSITION_ORDER else interpolation_spread(t, z)
+    steps = np.abs(np.diff(accel.y))
+    count = float(np.quantile(steps[steps > 0.0], 0.01)) if np.any(steps) else 0.0
+    found = []
+    for a, b in runs_of_true(steps == 0.0, STUCK_SAMPLES):
+        begin, end = float(accel.t[a]), float(accel.t[b + 1])
+        rows = slice(*np.searchsorted(t, [begin, end]))
+        hidden = HIDDEN[degree] * count * (end - begin) ** degree
+        least = 10.0 * (noise + run.least_step) + hidden
+        if rows.stop - rows.start >= 8 and _departure_from_polynomial(t[rows], z[rows], degree) > least:
+            found.append((begin, end))
+    return found
+
+
+def stuck_positions(run: PreparedRun) -> Stretches:
+    """Stretches in which the position repeats a value while the output shows that the stage moves.
+
+    The output must move as it does elsewhere, and by as much as the speeds before and behind differ: a bias that drifts
+    at rest, or a sensor that is touched, is no motion of the stage.
+    """
+    if run.order != POSITION_ORDER:
+        return []
+    t, z, accel = run.t, run.z, run.accel
+    steps = np.abs(np.diff(z))
+    count = float(np.min(steps[steps > 0.0], initial=np.ptp(z)))  # whatever resolution is declared
+    noise = math.sqrt(run.reading_variance_guess) + max(run.least_step, count)
+    force = run.rig.polarity * (accel.y - np.mean(accel.y))
+    speed = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(accel.t))])
+    usual = float(np.std(force))
+    found = []
+    for a, b in runs_of_true(steps == 0.0, STUCK_SAMPLES):
+        begin, end = float(t[a]), float(t[b + 1])
+        rows = slice(*np.searchsorted(accel.t, [begin, end]))
+        u, step = force[rows], run.accel_step
+        if len(u) < FEWEST or np.std(u) < STUCK_MOTION_SHARE * usual:
+            continue
+        position = np.cumsum(np.cumsum(u - np.mean(u))) * step**2
+        random_motion = interpolation_spread(accel.t[rows], u) * step**2 * len(u) ** 1.5
+        if _departure_from_polynomial(accel.t[rows], position, 1) <= 20.0 * noise + 5.0 * random_motion:
+            continue
+        before, behind = slice(max(0, a - SLOPE), a + 1), slice(b + 2, b + 2 + SLOPE)
+        if a >= SLOPE and b + 2 + SLOPE <= len(t):
+            gained = float(np.polyfit(t[behind] - end, z[behind], 1)[0] - np.polyfit(t[before] - end, z[before], 1)[0])
+            shown = speed[rows]
+            if abs(gained - (shown[-1] - shown[0])) > STUCK_VELOCITY_SHARE * float(np.ptp(shown)):
+                continue
+        found.append((begin, end))
+    return found
+
+
+def _departure_from_polynomial(t: Array, y: Array, degree: int) -> float:
+    """Peak-to-peak departure of a stretch from a polynomial."""
+    x = t - t[0]
+    return float(np.ptp(y - np.polynomial.Polynomial.fit(x, y, degree)(x)))
+
+
+def runs_of_true(flags: Flags, least: int) -> list[tuple[int, int]]:
+    """First and last index of each run of true flags of at least this length."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= least]
+
+
+__dir__ = listing(globals())

@@ -1,0 +1,110 @@
+"""Waves that noise tests find: which a model has, which comes first, and what forbids that nothing is missing."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from accelcal.diagnosis.findings import Confounded, in_noise
+from accelcal.diagnosis.independent_tests import independent_tests, largest_first, own_tests
+from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.policy import OWN_WAVE_TURNS
+from accelcal.diagnosis.search.scan import Scan
+from accelcal.diagnosis.verdict import verdict_and_sentence
+from accelcal.effects import find, next_name, stem_of, users_own
+from accelcal.estimation.shape_parameters import on_bounds
+from accelcal.model import Estimate, Model
+from tests.effects.motions import sines
+
+S = sines()
+
+
+def line(
+    frequency: float, amplitude: float = 0.02, std: float = 1e-3, p_value: float = 0.0, **parts: float
+) -> NoiseTest:
+    """A test that found a line."""
+    return NoiseTest("tone", 1.0, p_value, amplitude, "m/s²", std, "a line", {"frequency": frequency, **parts})
+
+
+def wave(period: float) -> NoiseTest:
+    """A test that found a wave over position."""
+    return NoiseTest("encoder_cyclic", 1.0, 0.0, 4e-7, "m", 1e-8, "a wave", {"period": period, "period_std": 1e-9})
+
+
+@pytest.mark.parametrize(("turns", "same"), [(0.0, True), (0.9 * OWN_WAVE_TURNS, True), (1.1 * OWN_WAVE_TURNS, False)])
+def test_a_wave_is_the_models_own_within_a_few_turns_over_the_record(turns, same):
+    model = Model.linear().add("tone", shapes={"tone": {"frequency": 50.0}})
+    model = model.add("encoder_cyclic", shapes={"encoder_cyclic": {"period": 2e-5}})
+    assert line(50.0 + turns / S.length).in_model(model, S) == same
+    stroke = float(S.p.max() - S.p.min())
+    assert wave(2e-5 + turns * 4e-10 / stroke).in_model(model, S) == same
+    assert not line(50.0).in_model(Model.linear(), S)
+
+
+def test_a_second_line_of_the_model_explains_its_own_test_and_no_other():
+    model = Model.linear().add("tone", "tone_2", shapes={"tone": {"frequency": 50.0}, "tone_2": {"frequency": 100.0}})
+    assert [line(f).in_model(model, S) for f in (50.0, 100.0, 150.0)] == [True, True, False]
+    assert next_name("tone", model.effects) == "tone_3"
+
+
+def test_what_is_no_wave_is_in_the_model_by_its_name():
+    jump = NoiseTest("encoder_step", 1.0, 0.0, 1e-6, "m", 1e-8, "a jump", {"count": 1.0})
+    assert not jump.shape
+    assert not jump.in_model(Model.linear(), S)
+    assert jump.in_model(Model.linear().add("encoder_step", shapes={"encoder_step": {"instant": 3.0}}), S)
+
+
+def test_a_further_wave_is_the_same_function_under_another_name():
+    second = find("encoder_cyclic_2")
+    assert second.function is find("encoder_cyclic").function
+    assert (stem_of(second), second.search.beside) == ("encoder_cyclic", "encoder_cyclic")
+    assert second not in users_own()
+    for name in ("cubic_2", "tone_1", "tone_02"):
+        with pytest.raises(ValueError, match="no effect called"):
+            find(name)
+
+
+def test_the_largest_of_several_lines_is_reported_though_another_has_a_smaller_probability():
+    tests = [line(100.04, 0.006, p_value=0.0), line(50.02, 0.02, p_value=1e-30)]
+    assert [test.parts["frequency"] for test in largest_first(tests)] == [50.02, 100.04]
+    found = in_noise(tests, Confounded("tone", ("tone",), ""), {})
+    assert found.wave == {"frequency": 50.02}
+    assert found.particulars == " (0.02 m/s², frequency 50.02 Hz, 12 sigma)"
+
+
+def test_a_significant_test_whose_effect_is_not_named_forbids_that_nothing_is_missing():
+    driven = [line(4.0, within_motion=1.0, made_by_motion=1.0)]
+    assert own_tests(driven) == driven
+    assert independent_tests(driven, no_effect_found=True) == ()
+    scan, fit = Scan((), (), 100, 50), SimpleNamespace(runs=())
+    assert verdict_and_sentence(fit, scan, (), ())[0] == "adequate"
+    verdict, sentence = verdict_and_sentence(fit, scan, (), (), unnamed=driven)
+    assert verdict == "unexplained"
+    assert sentence.startswith("A line, where the motion may make one")
+
+
+def test_what_a_vibration_raises_is_no_test_of_its_own():
+    shaken = NoiseTest(
+        "vibration", 1.0, 0.0, 0.2, "m/s²", 1e-3, "vibration", {"frequency": 230.0, "lowest": 200.0, "highest": 260.0}
+    )
+    assert own_tests([shaken, line(240.0), line(50.0)]) == [shaken, line(50.0)]
+
+
+@pytest.mark.parametrize(
+    ("effect", "shape", "share", "said"),
+    [
+        ("creep", "tau", 0.0, True),
+        ("creep", "tau", 0.5, False),
+        ("creep", "tau", 1.0, True),
+        ("encoder_cyclic", "period", 0.0, False),
+        ("encoder_cyclic", "period", 1.0, True),
+    ],
+)
+def test_a_shape_that_ended_on_its_bound_is_said(effect, shape, share, said):
+    """A wave may be shorter than its trials, which a noise test finds."""
+    low, high = find(effect).shapes[shape].span(S)
+    value = low * (high / low) ** share
+    ended = Estimate(f"{effect}.{shape}", shape, "", value, 0.1 * value, "sensor")
+    notes = on_bounds(SimpleNamespace(states=[SimpleNamespace(signals=S)], shapes=(ended,)))
+    assert [f"{effect}.{shape} ended at {value:.4g}" in note for note in notes] == [True] * said

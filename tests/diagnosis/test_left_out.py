@@ -1,0 +1,226 @@
+"""Saturated and stuck readings are left out of every estimate; honest repeats and peaks are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from accelcal import workflow
+from accelcal.data.channel_filter import ChannelFilter
+from accelcal.data.recording import Channel
+from accelcal.data.rig import LowPass
+from accelcal.diagnosis.faults import faults
+from accelcal.diagnosis.left_out import without_wrong_readings
+from accelcal.estimation.estimate import estimate
+from accelcal.estimation.run import prepare
+from accelcal.model import Model
+from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
+
+RIGS = {"ADXL105": ADXL105_RIG, "CXL02": CXL02_RIG}
+TRUTH = {"bias": 0.1, "scale_factor": 0.02}
+RATE, LENGTH = 500.0, 24.0
+KINDS = ("asleep", "held", "encoder hangs", "saturated")
+
+
+def record(motion, rig, seed, seconds=45.0):
+    rng = np.random.default_rng(seed)
+    return simulate(motion, seconds=seconds, rig=rig, parameters=TRUTH, rng=rng).recording
+
+
+def changed(recording, **channels):
+    """The recording with other values of its channels."""
+    return replace(
+        recording,
+        **{name: replace(getattr(recording, name), y=np.ascontiguousarray(y)) for name, y in channels.items()},
+    )
+
+
+def in_range(recording, limit):
+    return replace(recording, rig=replace(recording.rig, sensor=replace(recording.rig.sensor, range=limit)))
+
+
+def faulty(kind, good):
+    """A recording with one fault of two seconds, or an output clipped at 70 % of its peak; channel and kind of it."""
+    a, p = good.accel, good.position
+    during, held = (abs(channel.t - 21.0) < 1.0 for channel in (a, p))
+    if kind == "asleep":
+        return changed(good, accel=np.where(during, 0.0, a.y)), ("accel", "stuck")
+    if kind == "held":
+        return changed(good, accel=np.where(during, a.y[np.argmax(during)], a.y)), ("accel", "stuck")
+    if kind == "encoder hangs":
+        return changed(good, position=np.where(held, p.y[np.argmax(held)], p.y)), ("position", "stuck")
+    limit = 0.7 * float(np.max(np.abs(a.y)))
+    return in_range(changed(good, accel=np.clip(a.y, -limit, limit)), limit), ("accel", "saturated")
+
+
+@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_wrong_readings_take_no_part_in_a_fit(kind, rig):
+    """4 sigma of two parameters in 8 records: one false alarm in a thousand runs. The twin, a fit to every reading, is
+    off by more."""
+    bad, expected = faulty(kind, record("interleaved", RIGS[rig], 31))
+    found = workflow.fit(Model.linear(), bad)
+    errors = [(found[name].value - value) / found[name].std for name, value in TRUTH.items()]
+    every = estimate(Model.linear(), bad)
+    twin = max(abs(every[name].value - value) / found[name].std for name, value in TRUTH.items())
+    (gone,) = without_wrong_readings(bad).left_out
+    print(f"{kind} {rig}: {np.round(errors, 1)} sigma, {twin:.0f} with them; {gone.count} of {gone.of}")
+    assert max(np.abs(errors)) < 4.0
+    assert twin > 5.0
+    assert (gone.channel, gone.kind) == expected
+    told = [remark for remark in found.remarks if "are left out" in remark]
+    assert len(told) == 1
+    assert f"{gone.count} of {gone.of} readings of {gone.channel}" in told[0]
+    assert found.tilt == 0.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_verdict_is_that_of_the_rest(kind):
+    bad, (channel, code) = faulty(kind, record("interleaved", CXL02_RIG, 32))
+    found = workflow.diagnose(workflow.fit(Model.linear(), bad), bad)
+    print(found.sentence)
+    assert found.verdict == "adequate"
+    assert found.effects == ()
+    assert [remark.code for remark in found.remarks if remark.place == "data"] == [code]
+    assert f"readings of {channel} " in found.suspect[0]
+
+
+def test_a_hole_that_was_left_out_is_no_dropout():
+    bad, _ = faulty("asleep", record("interleaved", CXL02_RIG, 33))
+    whole = without_wrong_readings(bad)
+    assert faults(whole, prepare(whole)) == ()
+
+
+def test_held_out_data_leave_them_out_and_say_so():
+    good = record("interleaved", CXL02_RIG, 34)
+    bad, _ = faulty("held", record("interleaved", CXL02_RIG, 35))
+    found = workflow.improve(good, holdout=bad, most=1)
+    clean = workflow.improve(good, holdout=record("interleaved", CXL02_RIG, 35), most=1)
+    rms = [step.steps[-1].heldout.coast_rms[1.0] for step in (found, clean)]
+    print(f"drift after 1 s {rms[0]:.3g} m, without the fault {rms[1]:.3g} m")
+    assert rms[0] < 1.3 * rms[1]
+    assert any(text.startswith("held out, ") and "are left out" in text for text in found.diagnosis.suspect)
+    seen = workflow.compare(found.steps[0].fit, bad)
+    assert len(seen.left_out) == 1
+    assert seen.coast_rms[1.0] < 1.3 * rms[1]
+
+
+@pytest.mark.parametrize("filters", ["RC", "second order"])
+def test_readings_beside_a_limit_go_as_far_as_the_filters_reach(filters):
+    good = record("interleaved", CXL02_RIG, 36)
+    y, limit = good.accel.y.copy(), 1.5 * float(np.max(np.abs(good.accel.y)))
+    y[10_000:10_020] = limit
+    lowpass, output = LowPass(50.0), (ChannelFilter("butterworth", order=2, cutoff=50.0),)
+    rig = replace(
+        good.rig, lowpass=lowpass if filters == "RC" else None, output_filters=() if filters == "RC" else output
+    )
+    (gone,) = without_wrong_readings(in_range(replace(changed(good, accel=y), rig=rig), limit)).left_out
+    begin, end = gone.stretches[0]
+    reach = 18.0 * lowpass.tau
+    before, after = good.accel.t[10_000] - begin, end - good.accel.t[10_019]
+    print(f"{filters}: {1e3 * before:.1f} ms before, {1e3 * after:.1f} ms after")
+    for beside in (before, after):
+        assert reach < beside < 2.0 * reach
+
+
+def test_an_element_at_its_limit_is_seen_through_the_low_pass():
+    """Clipped before an RC that is slower than the clips, so that the output never comes to the limit."""
+    step, limit, lowpass = 1.0 / RATE, 5.0, LowPass(15.0)
+    t = np.arange(0.0, LENGTH, step)
+    fine = np.arange(0.0, LENGTH, step / 20.0)
+    force = np.where(abs(fine - 12.0) < 3.0, 8.0, 3.0) * np.sin(2.0 * np.pi * 20.0 * fine)
+    clipped = np.clip(force, -limit, limit)
+    kept = np.exp(-step / 20.0 / lowpass.tau)
+    lagged = np.empty_like(clipped)
+    lagged[0] = 0.0
+    for k in range(1, len(fine)):
+        lagged[k] = kept * lagged[k - 1] + (1.0 - kept) * 0.5 * (clipped[k] + clipped[k - 1])
+    y = lagged[::20] + 1e-3 * np.random.default_rng(5).standard_normal(len(t))
+    assert float(np.max(np.abs(y))) < 0.99 * limit
+    good = in_range(record("tones", CXL02_RIG, 37, seconds=LENGTH), limit)
+    bad = replace(good, accel=Channel("accel", t, y, "m/s^2"))
+    declared, undeclared = (
+        without_wrong_readings(replace(bad, rig=replace(bad.rig, lowpass=one))).left_out for one in (lowpass, None)
+    )
+    assert undeclared == ()
+    (gone,) = declared
+    print(gone.stretches[0], gone.stretches[-1])
+    assert gone.kind == "saturated"
+    assert gone.stretches[0][0] == pytest.approx(9.0, abs=20.0 * lowpass.tau)
+    assert gone.stretches[-1][1] == pytest.approx(15.0, abs=20.0 * lowpass.tau)
+
+
+def coarse(good):
+    """Steps of 0.5 m/s²: long runs of one value while the stage moves."""
+    return changed(good, accel=0.5 * np.rint(good.accel.y / 0.5))
+
+
+def coarse_encoder(good):
+    return changed(good, position=1e-4 * np.rint(good.position.y / 1e-4))
+
+
+def drifting_at_rest(good):
+    """A resting stage shows one count for as long as it rests, while the bias wanders."""
+    t = good.accel.t
+    quiet = changed(good, position=1e-6 * np.rint(good.position.y / 1e-6))
+    return changed(quiet, accel=good.accel.y + 0.02 * np.sin(2.0 * np.pi * 0.03 * t))
+
+
+def touched_at_rest(good):
+    """The cable is touched while the stage rests."""
+    p = 1e-6 * np.rint(good.position.y / 1e-6)
+    longest = max(resting(p), key=lambda run: run[1] - run[0])
+    middle = float(np.mean(good.position.t[list(longest)]))
+    bump = 0.5 * np.exp(-0.5 * ((good.accel.t - middle) / 0.1) ** 2)
+    return changed(good, position=p, accel=good.accel.y + bump)
+
+
+def resting(p):
+    edges = np.flatnonzero(np.diff(np.concatenate([[1], np.diff(p) != 0.0, [1]]).astype(int)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def on_a_floor_that_shakes(good):
+    """Encoder and scale move together with the floor, which the output alone shows."""
+    quiet = changed(good, position=1e-6 * np.rint(good.position.y / 1e-6))
+    return changed(quiet, accel=good.accel.y + 0.02 * np.sin(2.0 * np.pi * 5.0 * good.accel.t))
+
+
+def beyond_the_range(good):
+    """The declared range is another one: readings lie beyond it."""
+    return in_range(good, 0.8 * float(np.max(np.abs(good.accel.y))))
+
+
+def up_to_the_range(good):
+    return in_range(good, 1.0001 * float(np.max(np.abs(good.accel.y))))
+
+
+def clipped_without_a_range(good):
+    """What clips is left to the effect `saturation` where noise enters behind it and no range is declared."""
+    limit = 0.7 * float(np.max(np.abs(good.accel.y)))
+    noise = 1e-3 * np.random.default_rng(6).standard_normal(len(good.accel))
+    return in_range(changed(good, accel=np.clip(good.accel.y, -limit, limit) + noise), None)
+
+
+HONEST = (
+    coarse,
+    coarse_encoder,
+    drifting_at_rest,
+    touched_at_rest,
+    on_a_floor_that_shakes,
+    beyond_the_range,
+    up_to_the_range,
+    clipped_without_a_range,
+)
+
+
+@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("motion", ["interleaved", "rests", "tones"])
+@pytest.mark.parametrize("made", HONEST, ids=lambda made: made.__name__)
+def test_honest_records_lose_nothing(made, motion, rig):
+    if made is touched_at_rest and motion == "tones":
+        pytest.skip("no rest")
+    kept = made(record(motion, RIGS[rig], 38))
+    assert without_wrong_readings(kept) is kept

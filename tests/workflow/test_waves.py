@@ -1,0 +1,102 @@
+"""Lines and waves: what a noise test names is added where the test found it, and what is left is still named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal.serialization import model_file
+from accelcal.workflow import barely_shown
+
+DENSITY, RATE = 1.4e-3, 1000.0
+LINES = ((0.06, 50.02), (0.03, 100.04))
+"""Amplitude, m/s², and frequency, Hz, of the mains and of its harmonic."""
+
+
+def record(seed: int, wave=lambda p: 0.0 * p, lines=(), seconds: float = 16.0) -> ac.Recording:
+    """Sines by hand, the encoder and the output with white noise, and what is added to either."""
+    rng, t = np.random.default_rng(seed), np.arange(int(seconds * RATE)) / RATE
+    omega, size = 2.0 * np.pi * np.array([0.37, 0.91, 1.6, 2.9]), np.array([18e-3, 7e-3, 4e-3, 1e-3])
+    turn = omega * t[:, None] + rng.uniform(0.0, 6.3, 4)
+    p, a = np.sin(turn) @ size, -np.sin(turn) @ (size * omega**2)
+    output = 0.07 + 0.99 * a + DENSITY * np.sqrt(0.5 * RATE) * rng.standard_normal(len(t))
+    output += sum(m * np.sin(2.0 * np.pi * f * t + 0.7) for m, f in lines)
+    position = p + wave(p) + 4e-7 * rng.standard_normal(len(t))
+    units = {"accel": "m/s^2", "position": "m"}
+    return ac.Recording.from_arrays(t, output, position, units=units, rig=ac.Rig(ac.Sensor(noise=DENSITY)))
+
+
+def size(fit: ac.Fit, name: str) -> tuple[float, float]:
+    """Amplitude of a wave of a fit, and its standard deviation."""
+    parts = [fit[f"{name}.{part}"] for part in ("sin", "cos")]
+    return float(np.hypot(*(e.value for e in parts))), max(e.std for e in parts)
+
+
+@pytest.mark.parametrize("period", [20e-6, 3e-4])
+def test_a_wave_that_only_slow_readings_resolve_is_added_where_it_was_found(period):
+    amplitude = 2.5e-7
+    run = record(51, lambda p: amplitude * np.sin(2.0 * np.pi * p / period + 0.4))
+    fit = ac.fit(ac.Model.linear(), run)
+    assert ac.diagnose(fit, run).effects == ("encoder_cyclic",)
+    grown = ac.add(fit, run, "encoder_cyclic")
+    (shape,) = grown.shapes
+    value, std = size(grown, "encoder_cyclic")
+    assert abs(shape.value - period) < 4.0 * shape.std < 1e-3 * period
+    assert abs(value - amplitude) < 4.0 * std < 0.5 * amplitude
+    assert not grown.remarks
+    after = ac.diagnose(grown, run)
+    assert after.verdict == "adequate"
+    assert f"period {1e6 * period:.4g} um" in after.sentence
+
+
+@pytest.fixture(scope="module")
+def hum() -> tuple[ac.Recording, ac.Fit]:
+    run = record(52, lines=LINES)
+    return run, ac.fit(ac.Model.linear(), run)
+
+
+def test_the_strongest_line_enters_first_and_the_other_one_is_still_named(hum, tmp_path):
+    run, fit = hum
+    first = ac.diagnose(fit, run)
+    assert first.effects == ("tone",)
+    assert [test.parts["frequency"] for test in first.channels if test.shape] == pytest.approx(
+        [f for _, f in LINES], abs=0.01
+    )
+    one = ac.add(fit, run, "tone")
+    left = ac.diagnose(one, run)
+    assert left.effects == ("tone_2",)  # the model's own line silences itself alone
+    both = ac.add(one, run, "tone_2")
+    for name, (amplitude, frequency) in zip(("tone", "tone_2"), LINES, strict=True):
+        shape = next(e for e in both.shapes if e.name == f"{name}.frequency")
+        value, std = size(both, name)
+        assert abs(shape.value - frequency) < 4.0 * shape.std
+        assert abs(value - amplitude) < 4.0 * std
+    assert ac.diagnose(both, run).verdict == "adequate"
+    model_file.save(both, tmp_path / "both.json")
+    assert model_file.load(tmp_path / "both.json").model == both.model
+
+
+def test_improve_has_a_step_for_each_line_and_a_model_that_holds_both(hum):
+    run, _ = hum
+    better = ac.improve(run)
+    assert [step.effects for step in better.steps] == [(), ("tone",), ("tone", "tone_2")]
+    assert better.best.model.added == ("tone", "tone_2")
+    assert "frequency 50.02 Hz" in better.sentence
+
+
+@pytest.mark.parametrize(("sigma", "said"), [(1.5, True), (2.5, False)])
+def test_a_coefficient_below_two_standard_deviations_is_said(hum, sigma, said):
+    run, _ = hum
+    fit = ac.fit(ac.Model.linear().add("velocity"), run)
+    estimates = [replace(e, value=sigma * e.std) if e.name == "velocity" else e for e in fit.estimates]
+    notes = barely_shown(replace(fit, estimates=tuple(estimates)), ["velocity"])
+    assert [f"{sigma} standard deviations from zero" in note for note in notes] == [True] * said
+
+
+def test_a_further_line_needs_the_first(hum):
+    run, fit = hum
+    with pytest.raises(ValueError, match="only beside tone"):
+        ac.add(fit, run, "tone_2")
