@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -29,8 +28,6 @@ QUANTILES = 2000
 """Points of a Q-Q plot; as many again at each end are all drawn."""
 CANDIDATES = 12
 """Candidates that are drawn."""
-FULL_COLOUR = 8.0
-"""Standard deviations at which a tile has its full colour."""
 
 
 def normal_quantiles(y: Array) -> tuple[Array, Array]:
@@ -231,43 +228,3 @@ def candidate_groups(diagnosis: Diagnosis, most: int = CANDIDATES) -> list[list[
         found.append(group)
         left = [c for c in left if c not in group]
     return found
-
-
-@dataclass(frozen=True, slots=True)
-class Tiles:
-    """Scores of all bins."""
-
-    rows: tuple[str, ...]
-    """Variable with its range, most prominent first."""
-    sigma: Array
-    """(rows, bins) mean over its deviation expected from noise; NaN where a bin has too little data."""
-    ranges: tuple[tuple[str, ...], ...]
-    """What each tile covers, with unit."""
-
-
-def tiles_of(comparison: Comparison) -> Tiles:
-    """Scores of every variable, the one with the largest score first."""
-    chosen = sorted(comparison.bins, key=lambda b: -float(np.abs(b.score).max(initial=0.0)))
-    rows, sigma, ranges = [], [], []
-    for b in chosen:
-        factor, unit = (1.0, b.unit) if b.unit in ("s", "Hz") else formatting.prefixed(b.unit, b.edges)
-        shown = formatting.label("", unit).strip(" ()")
-        edges = b.edges * factor
-        texts = [instant(x) if unit == "s" else f"{x:.3g}" for x in edges]
-        rows.append(f"{b.variable}, {texts[0]} to {texts[-1]} {shown}".replace(" -", " −"))
-        sigma.append(np.where(b.std > 0.0, b.score, np.nan))
-        ranges.append(tuple(f"{a} to {z} {shown}" for a, z in itertools.pairwise(texts)))
-    width = max((len(s) for s in sigma), default=0)
-    return Tiles(tuple(rows), np.array(sigma).reshape(len(rows), width), tuple(ranges))
-
-
-def signed(value: float) -> str:
-    """A score as a tile shows it: whole standard deviations with their sign.
-
-    Examples
-    --------
-    >>> signed(2.6), signed(-3.2), signed(-0.1)
-    ('+3', '−3', '0')
-    """
-    shown = f"{value:+.0f}".replace("-", "−")
-    return "0" if shown in ("+0", "−0") else shown
