@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, wraps
+from inspect import Parameter, Signature, signature
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -254,6 +255,10 @@ def drawing(define: Callable[..., Figure], draw: Callable[[Figure, ThemeName], T
     def drawn(*given: Any, theme: ThemeName = "light", **options: Any) -> T:
         return draw(define(*given, **options), theme)
 
+    told = signature(define)
+    shown = Parameter("theme", Parameter.KEYWORD_ONLY, default="light")
+    several = [*told.parameters.values(), shown]
+    setattr(drawn, "__signature__", told.replace(parameters=several, return_annotation=Signature.empty))  # noqa: B010
     return drawn
 
 
