@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,15 +16,17 @@ from accelcal.plots import matplotlib
 from accelcal.plots.bins import regions
 from accelcal.plots.figure import COLUMNS, Axis, Band, Figure, Level, Line, Mark, Panel, sentence
 from accelcal.plots.model import nonlinearity, parameters
-from accelcal.plots.numbers import allowed_horizons, drift_headline, one_step_residuals
+from accelcal.plots.numbers import TWO_SIDED_95, drift_headline, imposed_band_note
 from accelcal.plots.residuals import autocorrelation, histogram
-from accelcal.plots.style import ThemeName
+from accelcal.plots.style import Role, ThemeName
 from accelcal.plots.timeline import TIME, overlay
 from accelcal.validation.comparison import Comparison
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawn
 
+TRANSIENT = 1.5
+"""Predicted deviations beyond this many medians, as before the filter has settled, do not size the axis."""
 PALE = 0.35
 """Opacity of what the previous model gave."""
 
@@ -67,17 +69,21 @@ def coasting(comparison: Comparison) -> Figure:
     ----------
     comparison : from `accelcal.compare`; horizons that the record does not allow are absent.
     """
-    curves = (
-        Line(*allowed_horizons(comparison.coast_rms), "bias of this run re-estimated", "model", marker="."),
-        Line(*allowed_horizons(comparison.coast_frozen_rms), "all parameters from the fit", "other", marker="."),
-        Line(*allowed_horizons(comparison.drift_floors), "noise floor", "floor", marker="."),
+    curves: tuple[tuple[str, Role, Mapping[float, float | None]], ...] = (
+        ("bias of this run re-estimated", "model", comparison.coast_rms),
+        ("all parameters from the fit", "other", comparison.coast_frozen_rms),
+        ("noise floor", "floor", comparison.drift_floors),
     )
-    ticks: list[float] = curves[0].x.tolist()
+    allowed = [[(h, y) for h, y in sorted(found.items()) if y is not None] for _, _, found in curves]
+    ticks = [h for h, _ in allowed[0]]
     if not ticks:
         least = min(comparison.coast_rms, default=1.0)
         return sentence("Unaided drift", f"The record is too short for a drift over {least:g} s.")
-    factor, unit = prefixed("m", *(line.y for line in curves))
-    drawn = tuple(Line(line.x, line.y * factor, line.name, line.role, marker=".") for line in curves)
+    points = [np.array(pairs).reshape(-1, 2).T for pairs in allowed]
+    factor, unit = prefixed("m", *(y for _, y in points))
+    drawn = tuple(
+        Line(h, y * factor, name, role, marker=".") for (name, role, _), (h, y) in zip(curves, points, strict=True)
+    )
     every = np.concatenate([line.y for line in drawn])
     middle, ratio = math.sqrt(every.min() * every.max()), math.sqrt(every.max() / every.min())
     reach = max(1.5 * ratio, math.sqrt(10.0))  # a flat curve must not appear steep
@@ -105,23 +111,29 @@ def one_step(comparison: Comparison, *, previous: Comparison | None = None) -> F
     comparison : from `accelcal.compare`.
     previous : of the previous model, on the same recording; drawn pale.
     """
-    shown = one_step_residuals(comparison)
-    edge, marks = shown.edge, list[Mark]()
+    (t, e), std, unit = comparison.residual, comparison.residual_std, "m"
+    what = f"One-step residuals: rms {length(comparison.one_step_rms)}"
+    if comparison.innovations is not None:  # the reference is no position
+        (t, e), std, unit = comparison.innovations, np.ones(len(comparison.innovations[1])), "1"
+        what = f"Innovations over their predicted deviation: rms {math.sqrt(np.mean(e**2)):.3f}"
+    reach, settled = TWO_SIDED_95 * std, std <= TRANSIENT * np.median(std)
+    edge = 1.15 * float(max(np.abs(e[settled]).max(), reach[settled].max()))
+    share = f"{100.0 * float(np.mean(np.abs(e) <= reach)):.1f} % of {grouped(len(e))} inside the 95 % band"
+    factor, unit = prefixed(unit, edge)
+    marks = list[Mark]()
     if previous is not None:
-        old = one_step_residuals(previous)
-        edge = max(edge, 1.15 * float(np.quantile(np.abs(old.e), 0.999)))
-    factor, unit = prefixed(shown.unit, shown.edge)
-    if previous is not None:
-        marks.append(Line(old.t, old.e * factor, "before", "before", COLUMNS, opacity=PALE))
-    reach = np.minimum(shown.reach, 1.1 * edge) * factor
+        at, old = previous.innovations or previous.residual
+        edge = max(edge, 1.15 * float(np.quantile(np.abs(old), 0.999)))
+        marks.append(Line(at, old * factor, "before", "before", COLUMNS, opacity=PALE))
+    reach = np.minimum(reach, 1.1 * edge) * factor
     marks += [
-        Line(shown.t, shown.e * factor, "residual", "residual", COLUMNS),
-        Band(shown.t, -reach, reach, "predicted 95 % band"),
+        Line(t, e * factor, "residual", "residual", COLUMNS),
+        Band(t, -reach, reach, "predicted 95 % band"),
     ]
-    beyond = int(np.count_nonzero(np.abs(shown.e) > edge))
+    beyond = int(np.count_nonzero(np.abs(e) > edge))
     off = f"{grouped(beyond)} reading{'s'[: beyond > 1]} beyond the axis" if beyond else ""
     y = Axis("one-step residual", unit, range=(-edge * factor, edge * factor))
-    return Figure((Panel(tuple(marks), TIME, y, height=262.0),), shown.headline, off)
+    return Figure((Panel(tuple(marks), TIME, y, height=262.0),), f"{what}, {share}{imposed_band_note(comparison)}", off)
 
 
 def accel_residual(comparison: Comparison, *, previous: Comparison | None = None) -> Figure:

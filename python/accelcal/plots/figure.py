@@ -47,14 +47,14 @@ class Line:
     opacity: float = 1.0
 
     @cached_property
-    def thinned(self) -> Thinned:
-        """The points that are drawn."""
-        return thin(self.x, self.y, self.columns) if self.columns else Thinned(self.x, self.y, len(self.x), len(self.x))
+    def thinned(self) -> tuple[Array, Array]:
+        """The points that are drawn, without breaks."""
+        return thin(self.x, self.y, self.columns) if self.columns else (self.x, self.y)
 
     @cached_property
     def drawn(self) -> tuple[Array, Array]:
         """The points that are drawn, with a NaN in either wherever the record pauses."""
-        x, y = self.thinned.t, self.thinned.y
+        x, y = self.thinned
         if not self.columns or len(self.x) < 2:
             return x, y
         step = np.diff(self.x)
@@ -238,9 +238,10 @@ class Figure:
     @property
     def small_print(self) -> str:
         """The note, then how the series that lost most points was thinned."""
-        lines = [mark.thinned for panel in self.panels for mark in panel.marks if isinstance(mark, Line)]
-        most = max(lines, key=lambda drawn: drawn.total - drawn.shown, default=None)
-        return "; ".join(filter(None, (self.note, "" if most is None else most.note)))
+        lines = [mark for panel in self.panels for mark in panel.marks if isinstance(mark, Line)]
+        counts = [(len(line.thinned[0]), len(line.x)) for line in lines]
+        thinned = points_shown(*max(counts, key=lambda count: count[1] - count[0], default=(0, 0)))
+        return "; ".join(filter(None, (self.note, thinned)))
 
 
 def sentence(headline: str, text: str) -> Figure:
@@ -262,24 +263,12 @@ def drawing(define: Callable[..., Figure], draw: Callable[[Figure, ThemeName], T
     return drawn
 
 
-@dataclass(frozen=True, slots=True)
-class Thinned:
-    """The points of a series that are drawn."""
-
-    t: Array
-    y: Array
-    shown: int
-    total: int
-
-    @property
-    def note(self) -> str:
-        """A note about the thinning; empty when every point is drawn."""
-        if self.shown == self.total:
-            return ""
-        return f"{grouped(self.shown)} of {grouped(self.total)} points shown"
+def points_shown(shown: int, total: int) -> str:
+    """A note about thinning; empty when every point is drawn."""
+    return "" if shown == total else f"{grouped(shown)} of {grouped(total)} points shown"
 
 
-def thin(t: Array, y: Array, columns: int = COLUMNS) -> Thinned:
+def thin(t: Array, y: Array, columns: int = COLUMNS) -> tuple[Array, Array]:
     """Keep the least and the largest value of each pixel column; extremes survive, statistics do not.
 
     Parameters
@@ -290,12 +279,12 @@ def thin(t: Array, y: Array, columns: int = COLUMNS) -> Thinned:
 
     Examples
     --------
-    >>> thin(np.arange(400_000.0), np.sin(np.arange(400_000.0))).note
-    '4 000 of 400 000 points shown'
+    >>> len(thin(np.arange(400_000.0), np.sin(np.arange(400_000.0)))[0])
+    4000
     """
     n = len(t)
     if n <= 2 * columns:
-        return Thinned(t, y, n, n)
+        return t, y
     first = _columns(t, columns)
     size = np.diff(first, append=n)
     rows = []
@@ -303,7 +292,7 @@ def thin(t: Array, y: Array, columns: int = COLUMNS) -> Thinned:
         at = np.flatnonzero(y == np.repeat(extreme.reduceat(y, first), size))
         rows.append(at[np.diff(np.searchsorted(first, at, side="right"), prepend=0) > 0])
     kept = np.unique(np.concatenate(rows))
-    return Thinned(t[kept], y[kept], len(kept), n)
+    return t[kept], y[kept]
 
 
 def column_medians(x: Array, *several: Array, columns: int = BAND_COLUMNS) -> tuple[Array, ...]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import base64
 import html
-import itertools
 import math
 import textwrap
 from collections.abc import Callable, Sequence
@@ -223,7 +222,7 @@ class Page:
             case Bars():
                 self._bars(mark, unit)
             case Level():
-                self._level(mark, panel, unit)
+                self._level(mark, panel.x)
             case Tiles():
                 self._tiles(mark)
             case Text():
@@ -277,7 +276,7 @@ class Page:
             else:
                 self._note(text, i, float(end), yanchor="bottom", yshift=2)
 
-    def _level(self, mark: Level, panel: Panel, unit: str) -> None:
+    def _level(self, mark: Level, x_axis: Axis) -> None:
         line = self.look.style(mark.role)
         style = {"color": line.colour, "dash": DASHES[line.line], "width": 1.0 if mark.role == "ink" else 1.8}
         if mark.upright:
@@ -286,19 +285,16 @@ class Page:
         else:
             ends = {"xref": f"x{self.at} domain", "yref": f"y{self.at}", "x0": 0.0, "x1": 1.0}
             region, at = {"y0": mark.low, "y1": mark.high}, {"y0": mark.at, "y1": mark.at}
+        named = {"showlegend": mark.name not in self.said, "name": escaped(mark.name), "legendgroup": mark.name}
         if math.isfinite(mark.low):
-            named = {"showlegend": True, "name": escaped(mark.name)} if mark.name and math.isnan(mark.at) else {}
-            self._shape(line.colour, 0.18, **ends, **region, **named)
-        if math.isfinite(mark.at) and mark.name:
-            reach = ends_of(panel)
-            self._trace(
-                mark.name, f"%{{y:.4g}}{unit}<extra></extra>", type="scatter", mode="lines", x=reach,
-                y=[mark.at, mark.at], line=style | {"width": 2.2},
-            )  # fmt: skip
-        elif math.isfinite(mark.at):
-            self._shape(line.colour, 0.0, **ends, **at, type="line", line=style, layer="above")
+            more = named if mark.name and math.isnan(mark.at) else {}
+            self._shape(line.colour, 0.18, **ends, **region, **more)
+        if math.isfinite(mark.at):
+            more = named if mark.name else {}
+            self._shape(line.colour, 0.0, **ends, **at, type="line", line=style, layer="above", **more)
+        self.said.add(mark.name)
         if mark.text:
-            x = math.log10(mark.at) if panel.x.scale == "log" else mark.at
+            x = math.log10(mark.at) if x_axis.scale == "log" else mark.at
             place = {"yref": f"y{self.at} domain", "xanchor": "right", "yanchor": "top", "textangle": -90}
             self._note(mark.text, x, 1.0, **place)
 
@@ -347,7 +343,7 @@ class Page:
         """Colours, the sentence with the small print above, and room for everything."""
         figure, look = self.figure, self.look
         large, small = textwrap.wrap(figure.headline, WIDE), textwrap.wrap(figure.small_print, WIDE + 20)
-        shown = figure.legend and any(trace["showlegend"] for trace in self.traces)
+        shown = figure.legend and any(drawn.get("showlegend") for drawn in (*self.traces, *self.shapes))
         key, panels = (26 if shown else 6), (22 if titled else 0)
         above = 8 + key + panels
         left, right, below = LEFT, RIGHT, BOTTOM
@@ -389,15 +385,6 @@ class Page:
             "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": look.grid, "activecolor": look.ink},
         }
         return layout | ({"uirevision": figure.key} if figure.key else {})
-
-
-def ends_of(panel: Panel) -> list[float]:
-    """Least and largest abscissa of a panel: of its axis, else of its lines."""
-    if panel.x.range is not None:
-        return [float(v) for v in panel.x.range]
-    ends = itertools.chain(*((m.x[0], m.x[-1]) for m in panel.marks if isinstance(m, Line | Band) and len(m.x)))
-    several = list(map(float, ends))
-    return [min(several), max(several)]
 
 
 def packed(values: NDArray[np.floating[Any]]) -> dict[str, str] | list[float | None]:

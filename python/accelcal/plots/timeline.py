@@ -19,7 +19,6 @@ from accelcal.estimation.run import prepare
 from accelcal.formatting import percent, prefixed
 from accelcal.plots import matplotlib
 from accelcal.plots.figure import COLUMNS, Axis, Figure, Level, Line, Mark, Panel, Points, Stretch, sentence
-from accelcal.plots.numbers import fit_text, named_models, overlay_headline
 from accelcal.plots.style import Role, ThemeName, role_of_model
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.differences import PairedComparison
@@ -219,6 +218,34 @@ def overlay(models: Models, *, window: Window | None = None, chosen: Window | No
         stretches=(*shades, *([mark(*chosen, CHOSEN)] if chosen is not None else [])),
         key="overlay",
     )
+
+
+def named_models(models: Models) -> list[tuple[str, Comparison]]:
+    """Comparisons with their names; that of a single model has none.
+
+    Raises
+    ------
+    ValueError
+        If there is no model.
+    """
+    several = [("", models)] if isinstance(models, Comparison) else list(models)
+    if not several:
+        raise ValueError("an overlay needs at least one comparison")
+    return several
+
+
+def fit_text(seen: Comparison) -> str:
+    """The fit of one model in percent."""
+    if seen.fit_percent is None:
+        return "too short for a fit in percent"
+    return f"fit {percent(seen.fit_percent)}"
+
+
+def overlay_headline(models: Sequence[tuple[str, Comparison]]) -> str:
+    """How well the current model gives the output, in one sentence."""
+    name, current = models[-1]
+    of = f" ({name})" if name else ""
+    return f"Measured and simulated output{of}: {fit_text(current)} below {current.band:.3g} Hz"
 
 
 def closely(models: Sequence[tuple[str, Comparison]]) -> Figure:
