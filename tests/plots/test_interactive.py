@@ -20,14 +20,13 @@ from accelcal.estimation.parameter_tracks import track
 from accelcal.estimation.shape_functions import shapes
 from accelcal.experiment import power
 from accelcal.live.moments import LiveHistory
-from accelcal.plots import bins, comparison, interactive, matplotlib, plotly, residuals, style, timeline
+from accelcal.plots import bins, comparison, interactive, limits, matplotlib, plotly, residuals, style, timeline
 from accelcal.plots import diagnosis as findings
 from accelcal.plots import model as models
-from accelcal.plots import power as limits
 from accelcal.plots import tracks as over_time
 from accelcal.plots.figure import Bars, Level, Line, Points, Text, decades, thin
+from accelcal.plots.limits import chosen
 from accelcal.plots.numbers import candidate_groups, model_names, nested_comparisons
-from accelcal.plots.power import chosen
 from accelcal.plots.response import sensitivity
 from accelcal.plots.timeline import Marks
 from accelcal.selection.nested_models import nested_models

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from accelcal.plots import bins, comparison, diagnosis, power, residuals, timeline, tracks
+from accelcal.plots import bins, comparison, diagnosis, limits, residuals, timeline, tracks
 from accelcal.plots.figure import Figure
 from accelcal.plots.numbers import nested_comparisons
 from accelcal.plots.response import sensitivity
@@ -116,9 +116,9 @@ def _data(c: Content) -> Iterator[Entry]:
         return
     first = [candidate.effect for candidate in c.diagnosis.scan.candidates[:6]]
     said = "In addition to the effects of the model."
-    yield Entry("power", "data", said, power.detectable_sizes(c.power))
+    yield Entry("power", "data", said, limits.detectable_sizes(c.power))
     if c.power.drift is not None:
         said = "Detectable drift bandwidth: smallest sinusoidal change of bias and scale factor at 5 sigma."
-        yield Entry("drift_limits", "data", said, power.drift_limits(c.power.drift))
+        yield Entry("drift_limits", "data", said, limits.drift_limits(c.power.drift))
     said = "Each effect with the shape parameters at which it is detected best."
-    yield Entry("signatures", "apart", said, power.signatures(c.power, first))
+    yield Entry("signatures", "apart", said, limits.signatures(c.power, first))
