@@ -91,7 +91,7 @@ def _residuals(c: Content) -> Iterator[Entry]:
     yield Entry("residual", "where", caption, comparison.accel_residual(where))
     yield _both("one_step", "where", caption, comparison.one_step(where))
     yield Entry("spectrum", "where", caption, residuals.spectrum(d.fit, where, d.channels))
-    yield _both("whiteness", "where", caption, residuals.whiteness_plot(where))
+    yield Entry("whiteness", "where", caption, residuals.whiteness_plot(where), residuals.autocorrelation(where))
     yield Entry("quantiles", "where", caption, residuals.quantile_plot(where))
 
 
