@@ -108,14 +108,14 @@ class Page:
         self.inside = sum(rows) + gap * (len(rows) - 1)
         tops = [sum(rows[:i]) + gap * i for i in range(len(rows))]
         self.columns = min(figure.columns, len(figure.panels))
+        for stretch in figure.stretches:
+            self._stretch(stretch)
         width = 1.0 / (self.columns + ASIDE * (self.columns - 1))
         for number, panel in enumerate(figure.panels):
             row, column = divmod(number, self.columns)
             left = column * (1.0 + ASIDE) * width
             high = 1.0 - tops[row] / self.inside
             self._panel(number, panel, (left, left + width), (high - panel.height / self.inside, high))
-        for stretch in figure.stretches:
-            self._stretch(stretch)
         self.content = {"data": self.traces, "layout": self._layout(headline=headline, titled=titled)}
 
     def _panel(self, number: int, panel: Panel, across: tuple[float, float], upward: tuple[float, float]) -> None:
