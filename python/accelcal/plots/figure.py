@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, wraps
-from inspect import Parameter, Signature, signature
+from inspect import Signature, signature
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -256,10 +256,9 @@ def drawing(define: Callable[..., Figure], draw: Callable[[Figure, ThemeName], T
     def drawn(*given: Any, theme: ThemeName = "light", **options: Any) -> T:
         return draw(define(*given, **options), theme)
 
-    told = signature(define)
-    shown = Parameter("theme", Parameter.KEYWORD_ONLY, default="light")
-    several = [*told.parameters.values(), shown]
-    setattr(drawn, "__signature__", told.replace(parameters=several, return_annotation=Signature.empty))  # noqa: B010
+    drawn.__doc__ = f'{(define.__doc__ or "").rstrip()}\n\n    It is drawn in the theme `theme`, "light" or "dark".\n'
+    told = signature(define).replace(return_annotation=Signature.empty)
+    setattr(drawn, "__signature__", told)  # noqa: B010  (a function has the attribute for `help` alone)
     return drawn
 
 
