@@ -345,7 +345,7 @@ class Page:
         large, small = textwrap.wrap(figure.headline, WIDE), textwrap.wrap(figure.small_print, WIDE + 20)
         shown = figure.legend and any(drawn.get("showlegend") for drawn in (*self.traces, *self.shapes))
         key, panels = (26 if shown else 6), (22 if titled else 0)
-        above = 8 + key + panels
+        above = 12 + key + panels
         left, right, below = LEFT, RIGHT, BOTTOM
         for panel in figure.panels:
             tiles = [mark for mark in panel.marks if isinstance(mark, Tiles)]
@@ -355,7 +355,7 @@ class Page:
             below += 16 if panel.x.ticks and any("\n" in text for text in panel.x.ticks[1]) else 0
             below += max((int(0.8 * label_margin(m.columns)) - 18 for m in tiles if m.slanted), default=0)
         if headline and figure.headline:
-            above += 4 + 20 * len(large) + 15 * len(small)
+            above += 20 * len(large) + 15 * len(small)
             words = [*map(escaped, large), *(f"<span style='font-size:11px'>{escaped(line)}</span>" for line in small)]
             place = {"xref": "paper", "yref": "paper", "xanchor": "left", "yanchor": "bottom", "align": "left"}
             self._note("", 0.0, 1.0, **place, name="headline", xshift=8 - left, yshift=key + panels)
@@ -379,6 +379,7 @@ class Page:
                 "bgcolor": "rgba(0,0,0,0)",
                 "font": {"size": SMALL},
                 "itemwidth": 36,
+                "tracegroupgap": 0,
             },
             "hoverlabel": {"bgcolor": look.page, "bordercolor": look.grid, "font": {"color": look.ink}},
             "hovermode": "closest",
