@@ -41,7 +41,7 @@ HOMONYMS = {
     ("io/write.py", "misalignment"): "key of a sidecar",
     ("live/settings.py", "cubic"): "parameter of a live filter",
     ("live/settings.py", "quadratic"): "parameter of a live filter",
-    ("plots/static/signature.py", "velocity"): "variable of the motion",
+    ("plots/signature.py", "velocity"): "variable of the motion",
     ("report/first_page.py", "velocity"): "variable of the motion",
     ("validation/regions.py", "velocity"): "variable of the motion",
 }
