@@ -77,7 +77,7 @@ def test_a_significant_test_whose_effect_is_not_named_forbids_that_nothing_is_mi
     driven = [line(4.0, within_motion=1.0, made_by_motion=1.0)]
     assert own_tests(driven) == driven
     assert independent_tests(driven, no_effect_found=True) == ()
-    scan, fit = Scan((), (), 100, 50), SimpleNamespace(runs=())
+    scan, fit = Scan((), (), 100, 50), SimpleNamespace(runs=(), seen_by_runs=(), spreads=())
     assert verdict_and_sentence(fit, scan, (), ())[0] == "adequate"
     verdict, sentence = verdict_and_sentence(fit, scan, (), (), unnamed=driven)
     assert verdict == "unexplained"
