@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import accelcal as ac
+from accelcal.diagnosis.remarks import remark
+from accelcal.selection import stepwise
 from accelcal.serialization import model_file
 from accelcal.workflow import barely_shown
 
@@ -148,3 +150,15 @@ def test_harmonics_of_the_mains_are_columns_of_one_line():
     assert len(sizes) == len(hum)
     assert all(abs(value - true) < 4.0 * std for (value, std), (true, _) in zip(sizes, hum, strict=True))
     assert ac.diagnose(grown, run).verdict == "adequate"
+
+
+def test_a_wave_that_was_kept_out_of_the_model_is_missing_and_not_found(hum, monkeypatch):
+    run, _ = hum
+    monkeypatch.setattr(
+        stepwise, "undetermined", lambda name, solution: remark("undetermined", effect=name, gain=1.0, coefficients=2)
+    )
+    better = ac.improve(run)
+    assert better.effects == better.best.model.added == ()
+    assert better.verdict == "unexplained"
+    assert better.sentence.startswith("tone would explain more of the record")
+    assert "found" not in better.sentence.partition("added")[0]

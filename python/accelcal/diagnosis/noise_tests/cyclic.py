@@ -136,7 +136,7 @@ def harmonic_fit(residuals: Residuals, kappa: float, most: int) -> tuple[Array, 
     """Columns of a wave and its harmonics up to `most`, (n, 2 most), and their coefficients, m."""
     columns = harmonics_of(2.0 * np.pi * kappa * residuals.smooth_position, most)
     X = whitened_reading_errors(residuals.state, list(np.ascontiguousarray(columns.T)))
-    return X, np.linalg.lstsq(X, residuals.readings, rcond=None)[0]
+    return X, np.asarray(np.linalg.lstsq(X, residuals.readings, rcond=None)[0], dtype=np.float64)
 
 
 def steadiness(X: Array, y: Array, residuals: Residuals) -> tuple[float, PartSizes]:
