@@ -18,6 +18,7 @@ from accelcal.effects import (  # noqa: F401  (importing a file enters its effec
 from accelcal.effects.cards import card, cards, spelled
 from accelcal.effects.registry import (
     CATALOGUE,
+    HARMONICS,
     Effect,
     Lumped,
     NoiseSource,
@@ -93,6 +94,7 @@ def found_by(test: NoiseTestKind) -> Effect:
 __all__ = [
     "BUILT_IN",
     "CATALOGUE",
+    "HARMONICS",
     "OF_TIME",
     "Effect",
     "EffectsFileError",
