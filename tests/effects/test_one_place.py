@@ -28,6 +28,7 @@ HOMONYMS = {
     ("cli/models.py", "cubic"): "model of `fit`: linear or cubic",
     ("data/recording.py", "velocity"): "a reference",
     ("data/references.py", "velocity"): "a reference",
+    ("diagnosis/turning.py", "tilt"): "the cause that the file judges, and the class that it enters",
     ("estimation/axis_gravity.py", "cubic"): "interpolation",
     ("estimation/drive.py", "cubic"): "interpolation",
     ("estimation/recursive.py", "cubic"): "model of a live filter: linear or cubic",
