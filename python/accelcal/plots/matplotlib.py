@@ -34,6 +34,8 @@ INTERACTIVE = 95.0
 """Pixels of a panel of an interactive figure that are an inch here."""
 TITLES, ABOVE = 0.45, 0.7
 """Inches under the panels of a row for the titles of their axes, and above the first row."""
+LONGEST_TITLE = 30
+"""Characters of a panel's title in normal type, three panels side by side."""
 SMALL, NORMAL, LARGE = 8.0, 9.0, 10.5
 """Sizes of type, points."""
 LETTER = 0.54
@@ -151,7 +153,8 @@ def format_axes(axes: Axes, panel: Panel, look: Theme, *, last: bool, title: Lit
         spine.set_color(look.ink)
     axes.set_xlabel(panel.x.label if last else "", color=look.ink, fontsize=NORMAL)
     axes.set_ylabel(panel.y.label, color=look.ink, fontsize=NORMAL)
-    axes.set_title(panel.title, color=look.ink, fontsize=NORMAL, loc=title, parse_math=False)
+    size = NORMAL if len(panel.title) <= LONGEST_TITLE else SMALL - 1.0
+    axes.set_title(panel.title, color=look.ink, fontsize=size, loc=title, parse_math=False)
 
 
 def set_axis(axes: Axes, along: str, declared: Axis, look: Theme) -> None:
