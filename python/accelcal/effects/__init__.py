@@ -49,7 +49,8 @@ _BY_NAME = {effect.name: effect for effect in BUILT_IN}
 def is_local(effect: Effect) -> bool:
     """Whether an effect is known to have no memory, so that it can be evaluated on a part of a record."""
     stem = _BY_NAME.get(stem_of(effect))
-    return not effect.traits.memory and stem is not None and stem.function is effect.function
+    further = stem is not None and stem.name != effect.name and stem.function is effect.function
+    return not effect.traits.memory and (stem is effect or further)
 
 
 def of_one_record(effect: Effect) -> bool:
