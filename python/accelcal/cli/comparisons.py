@@ -111,7 +111,7 @@ def compare_one(
     content = model_file.comparison_to_dict(seen)
 
     def draw(folder: Path) -> list[Path]:
-        from accelcal.plots.static.comparison import write
+        from accelcal.plots import write
 
         return write(fitted, seen, folder)
 
@@ -148,9 +148,9 @@ def compare_several(
     content = diagnosis_json.paired_to_dict(found)
 
     def draw(folder: Path) -> list[Path]:
-        from accelcal.plots.static.overlay import write
+        from accelcal.plots.timeline import write_overlays
 
-        return write(found, folder)
+        return write_overlays(found, folder)
 
     write_results(content, draw, plots, output)
     if json:
