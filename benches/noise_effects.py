@@ -99,7 +99,7 @@ def main() -> None:
                     if not given.hidden_off:
                         print(f"{name} {world.seed}: {refused}", flush=True)
                     continue
-                one, score = fit.noise_effects[0], ac.compare(fit, held).noise_scores[0]
+                one, score = fit.noise_effects[0], ac.compare(fit, held)[0].noise_scores[0]
                 added += 1
                 flat += one.particulars.get("flat", 1.0) > 0.01
                 even += flat_innovations(fit, train) > 0.01

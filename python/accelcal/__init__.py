@@ -37,13 +37,13 @@ if TYPE_CHECKING:
     from accelcal.filters.stream import LiveFilter
     from accelcal.io import load, load_dwells
     from accelcal.model import Estimate, Model, Prior
-    from accelcal.selection.improvement import History, Improvement
+    from accelcal.selection.improvement import Improvement
     from accelcal.serialization.model_file import load as load_model
     from accelcal.serialization.model_file import save as save_model
     from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
-    from accelcal.validation.comparison import Coast, Comparison
-    from accelcal.validation.differences import PairedComparison
-    from accelcal.workflow import add, coast, compare, compare_paired, diagnose, drop, fit, formulas, history, improve
+    from accelcal.validation.comparison import Coast
+    from accelcal.validation.differences import Comparison
+    from accelcal.workflow import add, coast, compare, diagnose, drop, fit, formulas, improve, nested
 
 __all__ = [
     "ADXL105_RIG",
@@ -57,14 +57,12 @@ __all__ = [
     "FilterChoice",
     "FilterRun",
     "Fit",
-    "History",
     "Improvement",
     "LiveFilter",
     "LiveModel",
     "LowPass",
     "Model",
     "NotIdentifiable",
-    "PairedComparison",
     "Prior",
     "Recording",
     "RecordingError",
@@ -74,7 +72,6 @@ __all__ = [
     "add",
     "coast",
     "compare",
-    "compare_paired",
     "diagnose",
     "diagnose_dwells",
     "drop",
@@ -82,12 +79,12 @@ __all__ = [
     "fit",
     "fit_recursive",
     "formulas",
-    "history",
     "improve",
     "load",
     "load_dwells",
     "load_effects",
     "load_model",
+    "nested",
     "plan",
     "power",
     "save_model",
@@ -157,7 +154,8 @@ def _bind() -> None:
         from accelcal.serialization.model_file import load as load_model
         from accelcal.serialization.model_file import save as save_model
         from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
-        from accelcal.validation.comparison import Coast, Comparison
+        from accelcal.validation.comparison import Coast
+        from accelcal.validation.differences import Comparison
 
         globals().update({name: value for name, value in locals().items() if name != "thread"})
     finally:

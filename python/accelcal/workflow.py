@@ -1,4 +1,4 @@
-"""The product's verbs: fit, diagnose, add, drop, improve, history, compare, compare_paired, coast.
+"""The product's verbs: fit, diagnose, add, drop, improve, nested, compare, coast.
 
 Readings that are known to be wrong are left out and jumps of the position found before anything else, and outliers are
 rejected before every fit.
@@ -54,12 +54,13 @@ from accelcal.estimation.run_state import RunState
 from accelcal.model import BASE, Model
 from accelcal.selection.budget import SearchBudget
 from accelcal.selection.curve_formulas import FormulaSet, formulas_of
-from accelcal.selection.improvement import History, Improvement, Step
+from accelcal.selection.improvement import Improvement, Step
+from accelcal.selection.nested_models import nested_fits
 from accelcal.selection.stepwise import StepwiseSelection
 from accelcal.signals.signals import Origins
 from accelcal.validation import evaluation
-from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Comparison, NoiseFloor
-from accelcal.validation.differences import PairedComparison, names_of, paired_horizon
+from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Evaluation, NoiseFloor
+from accelcal.validation.differences import Comparison, names_of
 from accelcal.validation.noise_floor import noise_floor
 from accelcal.validation.paired import best_step
 from accelcal.validation.ruler import Ruler
@@ -543,88 +544,6 @@ def run_values(fit: Fit, recordings: Sequence[Recording | Dwells]) -> RunValues:
 
 
 @checked
-def history(
-    fits: Sequence[Fit], recording: Recording, *, report: Callable[[float], None] = lambda share: None
-) -> History:
-    """Compare several models with one recording: how the error falls from model to model.
-
-    Parameters
-    ----------
-    fits : models in the order in which they were made.
-    recording : one that none of them was fitted to.
-    report : called with the share of the work that is done, 0 to 1.
-
-    Notes
-    -----
-    All models are run with one filter, that of the model with the least noise, in one band and from the same start
-    points, so that their errors can be compared.
-
-    Raises
-    ------
-    ValueError
-        If there is no model.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import accelcal as ac
-    >>> truth = {"bias": 0.05, "cubic": 1e-3}
-    >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(ac.Model.linear(), made.recording)
-    >>> better = ac.add(fit, made.recording, "cubic")
-    >>> ac.history([fit, better], made.recording).names
-    ('base', 'base + cubic')
-    """
-    if not fits:
-        raise ValueError("a history needs at least one model; give the fits in the order in which they were made")
-    return History(tuple(fits), compare_models(fits, recording, Ruler.of(fits), report))
-
-
-@one_thread
-def compare_models(
-    fits: Sequence[Fit],
-    recording: Recording,
-    ruler: Ruler,
-    report: Callable[[float], None] = lambda share: None,
-    *,
-    base: Fit | None = None,
-    band: float | None = None,
-    horizons: Sequence[float] = HORIZONS,
-    start: float | None = None,
-    end: float | None = None,
-) -> tuple[Comparison, ...]:
-    """Compare several models with one recording under one ruler, above one noise floor.
-
-    Parameters
-    ----------
-    fits, recording, ruler : models, what they are compared with, and the filter.
-    report : called with the share of the work that is done, 0 to 1.
-    base : the model whose clock the floor is drawn on, by default the first; the same one gives the same floor.
-    band, horizons, start, end : as of `compare`.
-    """
-    part, begin, finish, breaks = compared_part(recording, start, end)
-    report(0.1)
-
-    def compared(fit: Fit, report: Callable[[float], None]) -> Comparison:
-        seen = evaluation.compare(
-            fit, part, band=band, horizons=horizons, start=begin, end=finish, ruler=ruler, report=report
-        )
-        scores, gone = noise_scores(fit, part, start=begin, end=finish), left_out_sentences(part, begin, finish)
-        return replace(seen, noise_scores=scores, breaks=breaks, left_out=gone)
-
-    def floor(report: Callable[[float], None]) -> NoiseFloor:
-        return noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
-
-    *found, least = on_two_threads(
-        [*(partial(compared, fit) for fit in fits), floor],
-        within(report, 0.1, 1.0),
-        at_once=len(part.accel) + len(part.position) <= MOST_AT_ONCE,
-    )
-    return tuple(replace(seen, noise_floor=least) for seen in found)
-
-
-@checked
 @one_thread
 def improve(
     recordings: Recording | Dwells | Sequence[Recording | Dwells],
@@ -758,33 +677,90 @@ def clean_holdout(
 
 @checked
 @one_thread
-def compare(
+def nested(
     fit: Fit,
-    recording: Recording,
+    recordings: Recording | Dwells | Sequence[Recording | Dwells],
     *,
+    start: float | None = None,
+    end: float | None = None,
+) -> tuple[Fit, ...]:
+    """Fit a model without its effects: the base, then one more effect at a time, the model itself last.
+
+    Parameters
+    ----------
+    fit : the largest model, which is returned as it is.
+    recordings : one or several that the smaller models are fitted to, as `fit` was.
+    start, end : s, optional; only this part is used.
+
+    Returns
+    -------
+    Fits that `compare` takes; remarks of the last one name models that could not be fitted.
+
+    Raises
+    ------
+    NotIdentifiable
+        If the motion does not determine even the base.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(ac.Model.linear().add("cubic"), made.recording)
+    >>> ac.compare(ac.nested(fit, made.recording), made.recording).names
+    ('base', 'base + cubic')
+    """
+    several, _ = usable_recordings(runs_of(recordings), start is not None or end is not None)
+    grown = nested_fits(fit, several, start=start, end=end)
+    *smaller, last = grown.fits
+    return (*smaller, replace(last, remarks=(*last.remarks, *grown.remarks)))
+
+
+@checked
+@one_thread
+def compare(
+    fits: Fit | Sequence[Fit],
+    recordings: Recording | Sequence[Recording],
+    *,
+    names: Sequence[str] | None = None,
     band: float | None = None,
     horizons: Sequence[float] = HORIZONS,
     start: float | None = None,
     end: float | None = None,
-    ruler: Ruler | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Comparison:
-    """Compare a fitted model with a recording, simulation first; behind a jump of the position it starts anew.
+    """Compare models with recordings, simulation first; behind a jump of the position it starts anew.
 
     Where the relation of the channels breaks for good the comparison ends, unless `start` or `end` is given.
 
     Parameters
     ----------
-    fit : parameters, noise and origins.
-    recording : any run, the fitted one or another.
+    fits : one or several models; the others are compared with the first.
+    recordings : one or several, preferably such that no model was fitted to.
+    names : of the models, for people; by default their effects.
     band : Hz, optional; bandwidth of the accelerometer-side residual, by default the crossover of the two noises.
     horizons : s; when to take the coasting error after position is withheld.
-    start, end : s, optional; only readings in [start, end] are used.
-    ruler : filter under which several models are compared; by default that of the fit itself.
+    start, end : s, optional; only readings in [start, end] of each recording are used.
     report : called with the share of the work that is done, 0 to 1.
+
+    Returns
+    -------
+    Comparison
+        Evaluation of each model on each recording, errors over all of them, and `differences` from the first model
+        with their 95 % intervals.
+
+    Notes
+    -----
+    All models are run with one filter, that of the model with the least noise, in one band and from the same start
+    points, so that their errors share the noise. The interval counts the scatter between stretches of two horizons; it
+    is that of these recordings, and says nothing of others under other conditions.
 
     Raises
     ------
+    ValueError
+        If there is no model or no recording, or names are no other for each model.
     RecordingError
         If the channels do not overlap.
 
@@ -796,22 +772,69 @@ def compare(
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
     >>> fit = ac.fit(ac.Model.linear(), made.recording)
-    >>> seen = ac.compare(fit, made.recording)
-    >>> seen.coast_rms[1.0] > 0.0
+    >>> better = ac.add(fit, made.recording, "cubic")
+    >>> comparison = ac.compare([fit, better], made.recording)
+    >>> comparison[1].coast_rms[1.0] < comparison[0].coast_rms[1.0]
     True
     """
-    recording, start, end, breaks = compared_part(recording, start, end)
-    report(0.15)
-    part = within(report, 0.15, 0.7)
-    seen = evaluation.compare(
-        fit, recording, band=band, horizons=horizons, start=start, end=end, ruler=ruler, report=part
+    models = (fits,) if isinstance(fits, Fit) else tuple(fits)
+    several = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    named = names_of(models) if names is None else tuple(names)
+    if not models or not several:
+        raise ValueError(f"compare: {len(models)} models and {len(several)} recordings; expected at least one of each")
+    if len(named) != len(models) or len(set(named)) != len(models):
+        raise ValueError(f"compare: names {list(named)}; expected a name of its own for each of {len(models)} models")
+    ruler, seen = Ruler.of(models), []
+    for number, recording in enumerate(several):
+        part = within(report, number / len(several), (number + 1) / len(several))
+        evaluated = compare_models(models, recording, ruler, part, band=band, horizons=horizons, start=start, end=end)
+        seen.append(evaluated)
+    fitted = {run.session for fit in models for run in fit.runs if run.session}
+    same_run = any(recording.session in fitted for recording in several)
+    return Comparison(models, named, tuple(each[0].recording for each in seen), tuple(seen), same_run)
+
+
+@one_thread
+def compare_models(
+    fits: Sequence[Fit],
+    recording: Recording,
+    ruler: Ruler,
+    report: Callable[[float], None] = lambda share: None,
+    *,
+    base: Fit | None = None,
+    band: float | None = None,
+    horizons: Sequence[float] = HORIZONS,
+    start: float | None = None,
+    end: float | None = None,
+) -> tuple[Evaluation, ...]:
+    """Compare several models with one recording under one ruler, above one noise floor.
+
+    Parameters
+    ----------
+    fits, recording, ruler : models, what they are compared with, and the filter.
+    report : called with the share of the work that is done, 0 to 1.
+    base : the model whose clock the floor is drawn on, by default the first; the same one gives the same floor.
+    band, horizons, start, end : as of `compare`.
+    """
+    part, begin, finish, breaks = compared_part(recording, start, end)
+    report(0.1)
+
+    def compared(fit: Fit, report: Callable[[float], None]) -> Evaluation:
+        seen = evaluation.compare(
+            fit, part, band=band, horizons=horizons, start=begin, end=finish, ruler=ruler, report=report
+        )
+        scores, gone = noise_scores(fit, part, start=begin, end=finish), left_out_sentences(part, begin, finish)
+        return replace(seen, noise_scores=scores, breaks=breaks, left_out=gone)
+
+    def floor(report: Callable[[float], None]) -> NoiseFloor:
+        return noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
+
+    *found, least = on_two_threads(
+        [*(partial(compared, fit) for fit in fits), floor],
+        within(report, 0.1, 1.0),
+        at_once=len(part.accel) + len(part.position) <= MOST_AT_ONCE,
     )
-    scores, gone = noise_scores(fit, recording, start=start, end=end), left_out_sentences(recording, start, end)
-    seen = replace(seen, noise_scores=scores, breaks=breaks, left_out=gone)
-    if ruler is not None:
-        return seen
-    floor = noise_floor(Ruler.of([fit]), fit, recording, horizons=horizons, start=start, end=end)
-    return replace(seen, noise_floor=floor)
+    return tuple(replace(seen, noise_floor=least) for seen in found)
 
 
 def compared_part(
@@ -823,81 +846,6 @@ def compared_part(
         return with_position_steps(recording), start, end, ()
     recording, start, end, broken = whole_part(recording)
     return recording, start, end, tuple(float(note.values["time"]) for note in broken if note.code == "break")
-
-
-@checked
-def compare_paired(
-    fits: Sequence[Fit],
-    recordings: Recording | Sequence[Recording],
-    *,
-    names: Sequence[str] | None = None,
-    band: float | None = None,
-    horizon: float | None = None,
-    start: float | None = None,
-    end: float | None = None,
-    report: Callable[[float], None] = lambda share: None,
-) -> PairedComparison:
-    """Compare several models with the same recordings: is each better than the first, and how sure is that.
-
-    Parameters
-    ----------
-    fits : at least two models of one sensor; the others are compared with the first.
-    recordings : one or several, preferably such that no model was fitted to.
-    names : of the models, for people; by default their effects.
-    band : Hz, optional; bandwidth of the accelerometer-side residual.
-    horizon : s; time without position after which drifts are compared. By default the longest one with 5 independent
-        stretches in every recording, else in all together; where there is none, one-step errors are compared.
-    start, end : s, optional; only readings in [start, end] of each recording are used.
-    report : called with the share of the work that is done, 0 to 1.
-
-    Returns
-    -------
-    PairedComparison
-        All comparisons, and `differences` with their 95 % intervals.
-
-    Notes
-    -----
-    All models are run with one filter, that of the model with the least noise, from the same start points, so that
-    their errors share the noise. The interval counts the scatter between stretches of two horizons; it is that of
-    these recordings, and says nothing of others under other conditions.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than two models or no recording, or names are no other for each model.
-    RecordingError
-        If the channels do not overlap.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import accelcal as ac
-    >>> truth = {"bias": 0.05, "cubic": 2e-3}
-    >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fits = [ac.fit(ac.Model.linear(), made.recording), ac.fit(ac.Model.cubic(), made.recording)]
-    >>> ac.compare_paired(fits, made.recording).differences[0].verdict
-    'better'
-    """
-    several = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    named = names_of(fits) if names is None else tuple(names)
-    if len(fits) < 2 or not several:
-        raise ValueError(
-            f"compare_paired: found {len(fits)} models and {len(several)} recordings; expected at least two models and "
-            "one recording. accelcal.compare(fit, recording) compares a single model"
-        )
-    if len(set(named)) != len(fits):
-        raise ValueError(
-            f"compare_paired: names {list(named)}; expected a name of its own for each of {len(fits)} models"
-        )
-    ruler, seen = Ruler.of(fits), []
-    horizons = HORIZONS if horizon is None else (*HORIZONS, horizon)
-    for number, recording in enumerate(several):
-        part = within(report, number / len(several), (number + 1) / len(several))
-        compared = compare_models(fits, recording, ruler, part, band=band, horizons=horizons, start=start, end=end)
-        seen.append(compared)
-    chosen = paired_horizon(seen) if horizon is None else horizon
-    return PairedComparison(tuple(fits), named, tuple(each[0].recording for each in seen), tuple(seen), chosen)
 
 
 @checked

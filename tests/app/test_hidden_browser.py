@@ -65,7 +65,7 @@ def test_an_effect_drawn_at_random_is_added_and_the_error_falls(tab, seed, tmp_p
     fit(tab)
     before = number(tab, "error")
     train, unseen = parts(path)
-    horizon = f"{headline_horizon(workflow.compare(estimate(ac.Model.linear(), train), unseen)):g} s"
+    horizon = f"{headline_horizon(workflow.compare(estimate(ac.Model.linear(), train), unseen)[0]):g} s"
     model = estimate(ac.Model.linear(), train)
     informed = workflow.add(model, train, world.hidden[0].name)
     print(f"{world.hidden[0].name} on {world.motion}, {world.sensor}")
@@ -75,14 +75,14 @@ def test_an_effect_drawn_at_random_is_added_and_the_error_falls(tab, seed, tmp_p
             break
         tab.get_by_role("button", name=f"Add {spelled(missing[0].effect)}", exact=True).click()
         model = workflow.add(model, train, missing[0].effect)
-        shows(tab, coasting(workflow.compare(model, unseen))[horizon])
+        shows(tab, coasting(workflow.compare(model, unseen)[0])[horizon])
     tab.get_by_text("Detection limits: no missing effect is larger than").wait_for(timeout=LONG)
     found, oracle, more = (
-        coasting(workflow.compare(model, unseen)),
-        coasting(workflow.compare(informed, unseen)),
+        coasting(workflow.compare(model, unseen)[0]),
+        coasting(workflow.compare(informed, unseen)[0]),
         allowed(model, unseen),
     )
-    base = coasting(workflow.compare(estimate(ac.Model.linear(), train), unseen))
+    base = coasting(workflow.compare(estimate(ac.Model.linear(), train), unseen)[0])
     assert before == base[horizon]
     assert found["one_step"] < base["one_step"]
     if before >= 2.5 * oracle[horizon]:  # unaided, a model that knows sgn v may drift more than one that does not

@@ -8,7 +8,7 @@ import pytest
 from accelcal.estimation.estimate import estimate
 from accelcal.model import Model
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Simulated, simulate
-from accelcal.validation.comparison import Comparison
+from accelcal.validation.comparison import Evaluation
 from accelcal.validation.evaluation import compare
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
@@ -25,7 +25,7 @@ def run(seed: int, rig: object = CXL02_RIG, **hidden: float) -> Simulated:
     )
 
 
-def across(seed: int, rig: object = CXL02_RIG, **hidden: float) -> Comparison:
+def across(seed: int, rig: object = CXL02_RIG, **hidden: float) -> Evaluation:
     """A model fitted on one run against another run of the same sensor."""
     found = estimate(Model.linear(), run(seed, rig, **hidden).recording)
     return compare(found, run(seed + 100, rig, **hidden).recording)

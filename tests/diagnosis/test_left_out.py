@@ -102,7 +102,7 @@ def test_held_out_data_leave_them_out_and_say_so():
     print(f"drift after 1 s {rms[0]:.3g} m, without the fault {rms[1]:.3g} m")
     assert rms[0] < 1.3 * rms[1]
     assert any(text.startswith("held out, ") and "are left out" in text for text in found.diagnosis.suspect)
-    seen = workflow.compare(found.steps[0].fit, bad)
+    seen = workflow.compare(found.steps[0].fit, bad)[0]
     assert len(seen.left_out) == 1
     assert seen.coast_rms[1.0] < 1.3 * rms[1]
 

@@ -226,7 +226,7 @@ def test_what_no_dwell_shows_is_refused(motion):
     with pytest.raises(ac.NotIdentifiable, match=r"confounded.*2 dwells at 2 elevations"):
         ac.fit(ac.Model.cubic(), dwells.rows(np.array([6, 18])))
     with pytest.raises(ac.RecordingError, match="dwells alone"):
-        ac.compare(ac.fit(ac.Model.linear(), dwells), motion)
+        ac.compare(ac.fit(ac.Model.linear(), dwells), motion)[0]
 
 
 def test_which_dwells_determine_the_bias():

@@ -143,15 +143,15 @@ def test_a_known_orientation_needs_no_remark_and_predicts_unseen_motion(tmp_path
     fitted = ac.fit(Model.linear(), read(tmp_path, columns(world(3), X), TRACKED))
     assert fitted.tilt == 0.0
     other = columns(world(5), X, seed=6)
-    seen = ac.compare(fitted, read(tmp_path, other, TRACKED, "other"), band=5.0)
+    seen = ac.compare(fitted, read(tmp_path, other, TRACKED, "other"), band=5.0)[0]
     assert seen.accel_rms < 0.01
     assert seen.coast_rms[1.0] < 0.01
     # The twin: the same sensor, fitted and judged along the mean axis.
     text = ONE_AXIS + BASE + ALONG
     with pytest.raises(ac.RecordingError, match="lever_arm of the model needs the channel lever_x"):
-        ac.compare(fitted, read(tmp_path, other, text, "other"))
+        ac.compare(fitted, read(tmp_path, other, text, "other"))[0]
     blind = estimate(Model.linear(), read(tmp_path, columns(world(3), X), text))
-    twin = ac.compare(blind, read(tmp_path, other, text, "twin"), band=5.0)
+    twin = ac.compare(blind, read(tmp_path, other, text, "twin"), band=5.0)[0]
     assert twin.accel_rms > 0.5
     assert twin.coast_rms[1.0] > 0.1
 

@@ -37,8 +37,8 @@ def fit(run: ac.Recording) -> ac.Fit:
 
 
 @pytest.fixture(scope="module")
-def seen(fit: ac.Fit) -> ac.Comparison:
-    return ac.compare(fit, simulated(2).recording)
+def seen(fit: ac.Fit) -> ac.Evaluation:
+    return ac.compare(fit, simulated(2).recording)[0]
 
 
 def test_a_recording_goes_through_a_frame_and_is_fitted_alike(run: ac.Recording, fit: ac.Fit) -> None:
@@ -140,7 +140,7 @@ def test_a_fit_as_frames(fit: ac.Fit) -> None:
     assert fit.to_xarray()["covariance"].shape == fit.covariance.shape
 
 
-def test_a_comparison_as_frames(seen: ac.Comparison) -> None:
+def test_a_comparison_as_frames(seen: ac.Evaluation) -> None:
     frame = seen.to_dataframe()
     assert frame.loc[10.0, "drift"] == seen.coast_rms[10.0]
     data = seen.to_xarray()
@@ -187,7 +187,7 @@ def test_a_missing_library_is_asked_for(fit: ac.Fit, library: str, monkeypatch: 
         fit.to_dataframe() if library == "pandas" else fit.to_xarray()
 
 
-def test_where_it_fails_is_a_frame_of_the_worst_regions(seen: ac.Comparison) -> None:
+def test_where_it_fails_is_a_frame_of_the_worst_regions(seen: ac.Evaluation) -> None:
     frame = seen.where_it_fails()
     assert frame.index.tolist() == [region.variable for region in seen.worst_regions]
     first = seen.worst_regions[0]
@@ -198,7 +198,7 @@ def test_where_it_fails_is_a_frame_of_the_worst_regions(seen: ac.Comparison) -> 
     ]
 
 
-def test_figures_are_drawn_by_the_results(fit: ac.Fit, seen: ac.Comparison, run: ac.Recording) -> None:
+def test_figures_are_drawn_by_the_results(fit: ac.Fit, seen: ac.Evaluation, run: ac.Recording) -> None:
     for figure in (fit.plot(), seen.plot(), seen.plot("regions", theme="dark"), ac.diagnose(fit, run).plot()):
         assert figure.axes or figure.subfigs
     with pytest.raises(ValueError, match="expected one of overlay"):

@@ -252,7 +252,7 @@ def held_out(trial: Trial, recording: Recording, unseen: Recording) -> Outcome:
     oracle = base if trial.names[0] in base.model.effects else workflow.add(base, recording, trial.names[0])
     if "time_offset" in base.model.fixed:
         oracle = found.steps[1].fit
-    return {**outcome, "oracle": coasting(workflow.compare(oracle, unseen))}
+    return {**outcome, "oracle": coasting(workflow.compare(oracle, unseen)[0])}
 
 
 def coasting(compared: Any) -> dict[str, float | None]:
@@ -266,12 +266,12 @@ def allowed(fit: Fit, unseen: Recording) -> dict[str, float]:
     One comparison to either side along each principal axis of the covariance: exact for errors that are linear in
     the parameters.
     """
-    centre = coasting(workflow.compare(fit, unseen))
+    centre = coasting(workflow.compare(fit, unseen)[0])
     values, vectors = np.linalg.eigh(fit.covariance)
     total = dict.fromkeys(centre, 0.0)
     for value, axis in zip(values, vectors.T, strict=True):
         for side in (1.0, -1.0):
-            moved = coasting(workflow.compare(shifted(fit, side * np.sqrt(max(value, 0.0)) * axis), unseen))
+            moved = coasting(workflow.compare(shifted(fit, side * np.sqrt(max(value, 0.0)) * axis), unseen)[0])
             for key, there in moved.items():
                 here = centre[key]
                 if here is not None and there is not None:

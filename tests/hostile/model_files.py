@@ -205,7 +205,7 @@ def printed(fit: ac.Fit) -> Iterator[str]:
 
 def compared(fit: ac.Fit) -> Iterator[str]:
     """The comparison with a record."""
-    content = model_file.comparison_to_dict(workflow.compare(fit, record()))
+    content = model_file.comparison_to_dict(workflow.compare(fit, record())[0])
     yield model_file.dumps(content)
     show_comparison(json.loads(model_file.dumps(content)))
 

@@ -43,7 +43,7 @@ def objects() -> dict[str, Any]:
     return {
         "Channel": run.accel,
         "Coast": ac.coast(fit, other, 2.0, 5.0),
-        "Comparison": ac.compare(fit, other),
+        "Evaluation": ac.compare(fit, other),
         "Diagnosis": ac.diagnose(fit, run),
         "DwellDiagnosis": ac.diagnose_dwells(on_dwells, dwells),
         "Dwells": dwells,
@@ -58,7 +58,7 @@ def objects() -> dict[str, Any]:
         "LowPass": ac.LowPass(159.0),
         "Model": ac.Model.cubic().add("hysteresis", shapes={"hysteresis": {"width": 1.0}}),
         "Names": names,
-        "PairedComparison": ac.compare_paired([fit, improvement.best], other),
+        "Comparison": ac.compare_paired([fit, improvement.best], other),
         "Power": ac.power(run),
         "Prior": ac.Prior(0.0, 1.0),
         "Recording": run,
@@ -73,10 +73,10 @@ def objects() -> dict[str, Any]:
 
 
 KINDS = (
-    *("Channel", "Coast", "Comparison", "Diagnosis", "DwellDiagnosis", "Dwells", "Effect", "Effect of a process"),
+    *("Channel", "Coast", "Evaluation", "Diagnosis", "DwellDiagnosis", "Dwells", "Effect", "Effect of a process"),
     *("Estimate", "FilterChoice", "FilterRun", "Fit", "History", "Improvement", "LowPass", "Model", "Names"),
     *(
-        "PairedComparison",
+        "Comparison",
         "Power",
         "Prior",
         "Recording",

@@ -21,7 +21,7 @@ from accelcal.plots.residuals import autocorrelation, histogram, normal_quantile
 from accelcal.results import words as formatting
 from accelcal.results.words import concise
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
-from accelcal.validation.comparison import Bins, Comparison
+from accelcal.validation.comparison import Bins, Evaluation
 from accelcal.validation.evaluation import compare
 
 PARAMETERS = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
@@ -40,7 +40,7 @@ def a_comparison(n=N, **changes):
         ),
         Bins("frequency", "Hz", np.linspace(0.0, 30.0, 4), np.array([1.1, 0.9, 1.2]), np.full(3, 0.1)),
     )
-    plain = Comparison(
+    plain = Evaluation(
         recording="bench 3",
         one_step_rms=1e-6,
         nis=1.01,

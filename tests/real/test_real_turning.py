@@ -23,7 +23,7 @@ def test_the_published_orientation_gives_the_sensor_back(name: str, axis: str) -
     first, last = whole.position.t[0], whole.position.t[-1]
     middle = float(0.5 * (first + last))
     found = ac.fit(ac.Model.linear(), whole.part(first, middle))
-    left = ac.compare(found, whole.part(middle, last), band=10.0).accel_rms
+    left = ac.compare(found, whole.part(middle, last), band=10.0)[0].accel_rms
     print(f"{name} {axis}: {found}; held out below 10 Hz: {left:.3f} m/s²")
     assert found.tilt == 0.0
     assert abs(found["scale_factor"].value) < 0.02
@@ -35,7 +35,7 @@ def test_the_published_orientation_gives_the_sensor_back(name: str, axis: str) -
 def test_a_gyroscope_takes_the_road_out_of_the_scale_factor() -> None:
     whole = recording("drive", "turning/car_gyroscope")
     found = ac.fit(ac.Model.linear(), whole.part(0.0, 40.0))
-    left = ac.compare(found, whole.part(40.0, 60.0), band=1.0).accel_rms
+    left = ac.compare(found, whole.part(40.0, 60.0), band=1.0)[0].accel_rms
     print(f"car: {found}; held out below 1 Hz: {left:.3f} m/s²")
     assert found.values().scale == pytest.approx(0.99, abs=0.02)
     tilt = found["gyroscope_tilt.1"]

@@ -34,7 +34,7 @@ def fitted(folder, reference: Reference, seed: int, quadratic: float = 0.0) -> t
 def test_nothing_stands_out_where_nothing_is_missing(tmp_path, reference: Reference, seed: int) -> None:
     """False alarms: a region in 1 % of the records, a spectrum outside its limits in less than 1e-4."""
     fit, recording = fitted(tmp_path, reference, seed)
-    seen = ac.compare(fit, recording)
+    seen = ac.compare(fit, recording)[0]
     print(seen.worst, fit.runs[0].nis, seen.nis)
     assert seen.worst.lower().startswith(NOWHERE)
     for nis in (fit.runs[0].nis, seen.nis):
@@ -53,7 +53,7 @@ def test_another_recording_is_as_white(tmp_path, reference: Reference) -> None:
     fit, _ = fitted(tmp_path, reference, 44)
     world = World("bursts", "CXL02", seconds=40.0, seed=44, reference=reference, nuisances=Nuisances())
     world = replace(world, encoder_rate=2.0 * ACCEL_RATE, encoder_noise=6e-7)
-    other = ac.compare(fit, load(world.record().write(tmp_path, "other")))
+    other = ac.compare(fit, load(world.record().write(tmp_path, "other")))[0]
     print(other.nis)
     assert other.nis is not None
     assert abs(other.nis - 1.0) < 0.1
@@ -62,12 +62,12 @@ def test_another_recording_is_as_white(tmp_path, reference: Reference) -> None:
 def test_regions_by_the_acceleration_of_the_reference_would_be_chosen_by_its_noise(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(evaluation, "output_share", lambda ahead, residual, step: np.zeros_like(residual))
     fit, recording = fitted(tmp_path, "velocity", 41)
-    assert not ac.compare(fit, recording).worst.lower().startswith(NOWHERE)
+    assert not ac.compare(fit, recording)[0].worst.lower().startswith(NOWHERE)
 
 
 def test_a_missing_effect_still_stands_out(tmp_path) -> None:
     fit, recording = fitted(tmp_path, "velocity", 43, quadratic=2e-3)
-    assert "mean residual" in ac.compare(fit, recording).worst
+    assert "mean residual" in ac.compare(fit, recording)[0].worst
 
 
 def test_an_integral_has_no_steps(tmp_path) -> None:

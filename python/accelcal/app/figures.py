@@ -23,9 +23,9 @@ from accelcal.plots.response import sensitivity
 from accelcal.plots.style import ThemeName
 from accelcal.response import FrequencyResponse
 from accelcal.results import words as formatting
-from accelcal.selection.nested_models import NestedModel, NestedModels
-from accelcal.validation.comparison import Comparison
-from accelcal.validation.stretches import headline_horizon, quoted_error
+from accelcal.validation.comparison import Evaluation
+from accelcal.validation.differences import Comparison
+from accelcal.validation.stretches import quoted_error
 
 MARKERS = ("o", "s", "D", "^", "P", "X")
 """Of the held-out recordings."""
@@ -76,7 +76,7 @@ def data(run: Run, theme: ThemeName, window: tuple[float, float] | None = None) 
 
 def linked(
     state: State,
-    seen: Comparison | None,
+    seen: Evaluation | None,
     theme: ThemeName,
     window: Stretch | None = None,
     chosen: Stretch | None = None,
@@ -87,29 +87,34 @@ def linked(
     return picture(timeline.linked(state.data, seen, window=window, marked=marks), theme)
 
 
-def nested_of(state: State, number: int | None = None) -> NestedModels:
-    """Held-out errors along the path to the current model: on one held-out recording, by default on all together."""
-    seen = [step.heldout if number is None else step.heldouts[number] for step in state.path]
-    models = tuple(NestedModel(s.label, True, s.fit, one) for s, one in zip(state.path, seen, strict=True))
-    every = [one for step in state.path for one in (step.heldouts if number is None else seen)]
-    return NestedModels(models, state.holds_out_parts, headline_horizon(*every))
+def path_of(state: State, number: int | None = None) -> Comparison:
+    """Models on the path to the current one: on one held-out recording, by default on all of them."""
+    seen = tuple(zip(*(step.heldouts for step in state.path), strict=True))
+    seen = seen if number is None else seen[number : number + 1]
+    return Comparison(
+        tuple(step.fit for step in state.path),
+        tuple(step.label for step in state.path),
+        tuple(each[0].recording for each in seen),
+        seen,
+        state.holds_out_parts,
+    )
 
 
 def falling(state: State, theme: ThemeName) -> Picture:
     """One bar for each model on the path, and beside the error on all held-out data that on each of the recordings."""
-    nested = nested_of(state)
-    figure = diagnosis.error_reduction(nested)
+    compared = path_of(state)
+    figure = diagnosis.error_reduction(compared)
     (panel,) = figure.panels
-    sizes = [formatting.length(error) for error in nested.errors]
+    sizes = [formatting.length(error) for error in compared.errors]
     names = [
-        f"{spelled(step.label)}: {size}\n{share_text(nested, i)}"
+        f"{spelled(step.label)}: {size}\n{share_text(compared, i)}"
         for i, (step, size) in enumerate(zip(state.path, sizes, strict=True))
     ]
     marks = [replace(m, text=()) if isinstance(m, Bars) else m for m in panel.marks]  # text would sit on the noise line
     several, top = len(state.unseen_runs), panel.y.range[1] if panel.y.range else 0.0
     if several > 1:
-        factor, _ = formatting.prefixed("m", np.array(nested.errors), nested.floor.value)
-        for run, errors, marker in zip(state.unseen_runs, errors_of(state, nested), itertools.cycle(MARKERS)):
+        factor, _ = formatting.prefixed("m", np.array(compared.errors), compared.floor.value)
+        for run, errors, marker in zip(state.unseen_runs, errors_of(compared), itertools.cycle(MARKERS)):
             marks.append(Line(np.arange(float(len(errors))), errors * factor, run.name, "ink", marker=marker))
             top = max(top, 1.1 * float(np.max(errors)) * factor)
     panel = replace(
@@ -123,12 +128,9 @@ def falling(state: State, theme: ThemeName) -> Picture:
     return picture(replace(figure, panels=(panel,), note=note), theme, displayModeBar=False)
 
 
-def errors_of(state: State, nested: NestedModels) -> list[Array]:
+def errors_of(compared: Comparison) -> list[Array]:
     """Error of every model on the path on each of the held-out recordings, m."""
-    return [
-        np.array([quoted_error(step.heldouts[number], nested.horizon) for step in state.path])
-        for number in range(len(state.unseen_runs))
-    ]
+    return [np.array([quoted_error(evaluation, compared.horizon) for evaluation in seen]) for seen in compared.seen]
 
 
 def overlay(state: State, theme: ThemeName, window: Stretch | None = None, chosen: Stretch | None = None) -> Picture:
@@ -137,7 +139,7 @@ def overlay(state: State, theme: ThemeName, window: Stretch | None = None, chose
     return picture(timeline.overlay(seen, window=window, chosen=chosen), theme)
 
 
-def residual(state: State, before: Comparison | None, theme: ThemeName) -> Picture:
+def residual(state: State, before: Evaluation | None, theme: ThemeName) -> Picture:
     """Accelerometer residual on held-out data; pale that of the previous model, in the same frequency band."""
     assert state.step is not None
     return picture(comparison.accel_residual(state.step.heldouts[state.looked_at], previous=before), theme)

@@ -32,7 +32,7 @@ def python(state: State) -> str:
     for i, step in enumerate(state.path):
         made = step.change.python.replace("PARENT", names[i - 1] if i else "")
         lines.append(f"{names[i]} = {made}")
-    lines += ["", f"models = [{', '.join(names)}]", *comparing(state)]
+    lines += ["", f"models = [{', '.join(names)}]", *comparing()]
     if sum(run.role == "fit" and run.recording is not None for run in in_use(state)) > 1:
         lines.insert(1 + len(summarised) + len(asked), "from accelcal.workflow import run_values")
         lines += [f"print(run_values({names[-1]}, train))  # whether the recordings agree"]
@@ -122,17 +122,13 @@ def division(state: State, named: Named) -> list[str]:
     return ["", f"train = [{', '.join(train)}]", f"unseen = [{', '.join(unseen)}]"]
 
 
-def comparing(state: State) -> list[str]:
+def comparing() -> list[str]:
     """Lines that print the held-out errors."""
-    if len(in_use(state)) == 1:
-        return [
-            "for m, seen in zip(models, ac.history(models, unseen)):",
-            "    print(m.model.added, seen.coast_rms, seen.simulated_rms)",
-        ]
     return [
-        "for one in unseen:",
-        "    for m, seen in zip(models, ac.history(models, one)):",
-        "        print(one.name, m.model.added, seen.coast_rms, seen.simulated_rms)",
+        "comparison = ac.compare(models, unseen)",
+        "print(comparison)",
+        "for m, seen in zip(models, comparison):",
+        "    print(m.model.added, seen.coast_rms, seen.simulated_rms)",
     ]
 
 
@@ -159,7 +155,7 @@ def command_line(state: State) -> str:
     if names:
         option = state.own_files
         lines.append(f"accelcal diagnose {names[-1]} {data}{option}")
-        lines += [f"accelcal history {' '.join(names)} --on {one}{option}" for one in unseen]
+        lines.append(f"accelcal compare {' '.join((*names, *unseen))}{option}")
         lines.append(f"accelcal report {names[-1]} {moving[0]} --holdout {unseen[0]}{option} -o report.html")
     return "\n".join(lines) + "\n"
 

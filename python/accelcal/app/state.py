@@ -16,7 +16,7 @@ from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Recording
 from accelcal.effects import Own
 from accelcal.estimation.estimate import Fit
-from accelcal.validation.comparison import Comparison
+from accelcal.validation.comparison import Evaluation
 from accelcal.validation.pooled import pooled
 
 
@@ -71,7 +71,7 @@ class Step:
     parent: int | None
     change: Change
     fit: Fit
-    heldouts: tuple[Comparison, ...]
+    heldouts: tuple[Evaluation, ...]
     """Against each held-out recording, in their order."""
 
     @property
@@ -80,7 +80,7 @@ class Step:
         return self.change.label
 
     @property
-    def heldout(self) -> Comparison:
+    def heldout(self) -> Evaluation:
         """Against all held-out data together; its curves are those of the first recording."""
         return pooled(self.heldouts)
 
@@ -91,7 +91,7 @@ class Guest:
 
     name: str
     fit: Fit
-    own: Comparison | None = None
+    own: Evaluation | None = None
     """Against what its own session holds out; None where that is not at hand."""
 
 

@@ -27,7 +27,8 @@ from accelcal.report import gather, html
 from accelcal.response import FrequencyResponse, frequency_response
 from accelcal.serialization import model_file
 from accelcal.signals.signals import Origins
-from accelcal.validation.comparison import Comparison
+from accelcal.validation.comparison import Evaluation
+from accelcal.validation.differences import Comparison
 from accelcal.validation.ruler import Ruler
 from accelcal.workflow import add, compare, compare_models, diagnose, drop, fit, run_values
 
@@ -79,14 +80,14 @@ def dropped(before: Fit, train: Data, name: str, *, report: Report) -> Fit:
     return drop(before, list(train), name, report=report)
 
 
-def compared(found: Fit, data: Recording, *, report: Report) -> Comparison:
-    """Compare one model with data, with its own filter."""
-    return compare(found, data, report=report)
+def compared(fits: Sequence[Fit], data: Sequence[Recording], names: Sequence[str], *, report: Report) -> Comparison:
+    """Compare models with data under one ruler."""
+    return compare(fits, list(data), names=names, report=report)
 
 
 def judged(
     fits: Sequence[Fit], data: Sequence[Recording], ruler: Ruler, base: Fit, *, report: Report
-) -> tuple[tuple[Comparison, ...], ...]:
+) -> tuple[tuple[Evaluation, ...], ...]:
     """Compare models with recordings, all with the filter of `ruler`, above the noise floor of the model they grew
     from: for each model its comparisons."""
     found, part = [], 1.0 / len(data)

@@ -41,8 +41,8 @@ from accelcal.response import FrequencyResponse
 from accelcal.serialization import model_file
 from accelcal.serialization.schema.session import MOST_GUESTS
 from accelcal.signals.signals import Origins
-from accelcal.validation.comparison import Comparison
-from accelcal.validation.pooled import pooled
+from accelcal.validation.comparison import Evaluation
+from accelcal.validation.differences import Comparison
 from accelcal.validation.ruler import Ruler
 
 EXPORTS: dict[Export, str] = {"C": "sensor.h", "Rust": "sensor.rs", "JSON": "sensor.json", "DCC": "draft.xml"}
@@ -85,8 +85,8 @@ class Workbench:
         """By digest of the data."""
         self._keys = itertools.count(1)
         self._lock = threading.RLock()
-        self._whole: tuple[tuple[int, int, str], Comparison] | None = None
-        self._pair: tuple[State, tuple[str, str], tuple[Comparison, Comparison]] | None = None
+        self._whole: tuple[tuple[int, int, str], Evaluation] | None = None
+        self._pair: tuple[State, tuple[str, str], Comparison] | None = None
         self.changed: Callable[[State], object] = lambda state: None
         """Called with each new state."""
         self._undo: list[State] = []
@@ -579,17 +579,17 @@ class Workbench:
                 self.sentence = ""
                 self.version += 1
 
-    def whole(self) -> Comparison | None:
+    def whole(self) -> Evaluation | None:
         """The current model against all data in use, the held-out part included; cached for one model and its data."""
         state = self.state
         if state.step is None:
             return None
         kept, asked = self._whole, (state.step.key, state.shown, state.data.digest)
         if kept is None or kept[0] != asked:
-            kept = self._whole = (asked, self._done(tasks.compared, state.step.fit, state.data))
+            kept = self._whole = (asked, self._done(tasks.compared, [state.step.fit], [state.data], ["model"])[0])
         return kept[1]
 
-    def before(self) -> Comparison | None:
+    def before(self) -> Evaluation | None:
         """The previous model against held-out data, with the filter and in the band of the current comparison."""
         previous = self.state.previous
         return None if previous is None else previous.heldouts[self.state.looked_at]
@@ -633,12 +633,13 @@ class Workbench:
         with self._working("comparing two models") as job:
             fits = [state.models[name] for name in names]
             report = within(job.report, 0.0, 0.98)
-            judged = self._done(tasks.judged, fits, state.unseen, Ruler.of(fits), fits[0], report=report)
+            called = names if names[0] != names[1] else ("first", "second")
+            comparison = self._done(tasks.compared, fits, state.unseen, called, report=report)
             with self._lock:
                 job.report(1.0)
-                self._pair = (state, names, (pooled(judged[0]), pooled(judged[1])))
+                self._pair = (state, names, comparison)
 
-    def pair(self, names: tuple[str, str]) -> tuple[Comparison, Comparison] | None:
+    def pair(self, names: tuple[str, str]) -> Comparison | None:
         """The comparison of two models in the present state; None until it was asked for."""
         kept = self._pair
         return kept[2] if kept is not None and kept[0] is self.state and kept[1] == names else None

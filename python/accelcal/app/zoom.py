@@ -17,7 +17,7 @@ from accelcal.app.page import Page
 from accelcal.app.run import Stretch
 from accelcal.data.units import instant
 from accelcal.plots.style import ThemeName
-from accelcal.validation.comparison import Comparison
+from accelcal.validation.comparison import Evaluation
 from accelcal.validation.worst import worst_stretches
 
 AROUND = 0.5
@@ -89,7 +89,7 @@ class Zoom:
                 widgets.button(text, "zoom_in", lambda stretch=stretch: self.go(stretch), flat=True)
             widgets.button("Whole record", "zoom_out_map", self.reset, flat=True)
 
-    def table(self, seen: Comparison) -> None:
+    def table(self, seen: Evaluation) -> None:
         """Where the model fails: a row for each variable, whose range leads to where it is seen."""
         shown = seen.table("regions")
         head, worded = shown.cells
@@ -111,7 +111,7 @@ class Zoom:
         return lambda: widgets.button(text, "zoom_in", go, flat=True, label=label).props("dense align=left")
 
 
-def stretches_of(seen: Comparison) -> list[Stretch]:
+def stretches_of(seen: Evaluation) -> list[Stretch]:
     """The largest residuals of a comparison."""
     return worst_stretches(*seen.accel_residual)
 

@@ -73,7 +73,7 @@ def demo(
     with progress("compare") as report:
         seen = compare_with(found, io.load(paths[1]), report=report)
     show_comparison(seen)
-    for path in write(found, seen, output):
+    for path in write(seen, output):
         say_line(f"wrote {path}")
     say_line(f"\nThis took {time.perf_counter() - began:.1f} s.")
     suggest("demo", "--effect", "random", "-o", output)

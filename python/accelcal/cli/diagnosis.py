@@ -87,7 +87,7 @@ def diagnose(
             f"{', '.join(others)} is not what {model} was fitted to: all coefficients were estimated again on it"
         )
     if seen is not None:
-        content["heldout"] = model_file.comparison_to_dict(seen)
+        content["heldout"] = model_file.comparison_to_dict(seen[0])
     if output is not None:
         atomic_write(output, model_file.dumps(content))
         print_status(f"wrote {output}")

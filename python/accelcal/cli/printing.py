@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from accelcal.fleet.summary import Fleet
     from accelcal.selection.curve_formulas import FormulaSet
     from accelcal.selection.improvement import Improvement
-    from accelcal.validation.comparison import Comparison
+    from accelcal.validation.differences import Comparison
 
 
 def show(result: Result, *more: str) -> None:
@@ -41,9 +41,10 @@ def show(result: Result, *more: str) -> None:
             say(text)
 
 
-def show_comparison(seen: Comparison) -> None:
-    """Print a comparison: unaided drift first, then where the model fails."""
-    show(seen, *(("regions",) if seen.worst_regions else ()))
+def show_comparison(comparison: Comparison) -> None:
+    """Print the errors first, then the changes between models, or where a single one fails."""
+    fails = any(evaluation.worst_regions for seen in comparison.seen for evaluation in seen)
+    show(comparison, *(["changes"] if len(comparison) > 1 else ["regions"] if fails else []))
 
 
 def show_improvement(result: Improvement) -> None:

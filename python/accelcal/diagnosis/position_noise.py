@@ -14,7 +14,7 @@ from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.run import prepare
 from accelcal.signals.processing import ORDER
-from accelcal.validation.comparison import Comparison
+from accelcal.validation.comparison import Evaluation
 from accelcal.validation.evaluation import compare
 
 TRIAL_TIMES = 12
@@ -66,7 +66,7 @@ def coloured_position(fit: Fit, recording: Recording, span: tuple[float, float])
     return remark("coloured_position", rms=best[1], tau=best[2], log_evidence=best[0] - by_sensor)
 
 
-def residual_spectrum(seen: Comparison, step: float) -> tuple[Array, Array, float] | None:
+def residual_spectrum(seen: Evaluation, step: float) -> tuple[Array, Array, float] | None:
     """Frequencies, density of the residual acceleration, and independent averages in it; None where it is too short."""
     _, residual = seen.accel_residual
     segment = 2 * len(residual) // (SEGMENTS + 1)

@@ -17,7 +17,7 @@ from accelcal.diagnosis.policy import COHERENCE_LEAST_SHARE, TRANSVERSE_ALPHA
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.effects import find
 from accelcal.signals.signals import Signals
-from accelcal.validation.comparison import Comparison
+from accelcal.validation.comparison import Evaluation
 
 SEGMENTS = 24
 """Segments of the averaged spectra, half overlapping."""
@@ -44,7 +44,7 @@ class CoherentBand:
 
 
 def transverse_coherence(
-    recording: Recording, where: Comparison, s: Signals, origin: float, effects: Sequence[str]
+    recording: Recording, where: Evaluation, s: Signals, origin: float, effects: Sequence[str]
 ) -> tuple[Remark, ...]:
     """Remarks on side channels with which the residual is coherent; at most one for each, over its whole band.
 

@@ -36,7 +36,7 @@ from accelcal.estimation.run import PreparedRun
 from accelcal.model import Model
 from accelcal.signals.processing import low_pass
 from accelcal.signals.series import widened
-from accelcal.validation.comparison import Comparison
+from accelcal.validation.comparison import Evaluation
 from accelcal.validation.evaluation import accel_residual, compare
 from accelcal.validation.prediction import Prediction
 
@@ -57,7 +57,7 @@ class FittedSpan:
     """Of the first recording, s."""
     end: float
 
-    def slow_residual(self, model: Model, span: tuple[float, float]) -> Comparison:
+    def slow_residual(self, model: Model, span: tuple[float, float]) -> Evaluation:
         """The residual that another model leaves in a span of the first recording, s."""
         fitted = result(solve_runs(model, self.recordings, start=self.start, end=self.end, others_whole=True))
         return compare(fitted, self.recordings[0], start=span[0], end=span[1])
@@ -66,7 +66,7 @@ class FittedSpan:
 def turning_sensor(
     model: Model,
     found: Sequence[DetectedEffect],
-    where: Comparison,
+    where: Evaluation,
     sizes: Mapping[str, Size],
     fitted: FittedSpan,
     span: tuple[float, float],

@@ -53,7 +53,7 @@ from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.run import prepare
 from accelcal.estimation.run_to_run import SPREAD_ALPHA
 from accelcal.model import Model, evaluate
-from accelcal.validation.comparison import Comparison
+from accelcal.validation.comparison import Evaluation
 from accelcal.validation.evaluation import compare
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ class Diagnosis(Result):
     """Stretches of the recordings that were used, s."""
     channels: tuple[NoiseTest, ...]
     """Significant noise tests: effects that do not change the mean."""
-    where: Comparison
+    where: Evaluation
     """The model against the recording it was judged on: where the residual is large."""
     largest: Mapping[str, float]
     """Largest contribution of each coefficient over the used range, m/s² (m at the encoder)."""

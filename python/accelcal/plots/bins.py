@@ -11,21 +11,21 @@ from accelcal.data.arrays import Array
 from accelcal.data.units import instant
 from accelcal.plots.figure import Axis, Band, Figure, Level, Line, Panel, Tiles, sentence
 from accelcal.results import words as formatting
-from accelcal.validation.comparison import Bins, Comparison
+from accelcal.validation.comparison import Bins, Evaluation
 
 FULL_COLOUR = 8.0
 """Standard deviations at which a tile has its full colour."""
 TOO_SHORT = "The record is too short for residuals by region."
 
 
-def ordered(comparison: Comparison) -> list[tuple[Bins, float]]:
+def ordered(comparison: Evaluation) -> list[tuple[Bins, float]]:
     """Bins of every variable of the motion with the share of the mean square that they explain, most first."""
     rms = comparison.accel_rms
     found = [(b, b.explained(rms)) for b in comparison.bins if b.variable != "frequency"]
     return sorted(found, key=lambda pair: -pair[1])
 
 
-def regions(comparison: Comparison, most: int | None = None) -> Figure:
+def regions(comparison: Evaluation, most: int | None = None) -> Figure:
     """Draw the mean residual against each variable, and its density against frequency.
 
     Parameters
@@ -70,7 +70,7 @@ def _region(bins: Bins, factor: float, unit: str, share: str) -> Panel:
     return Panel(marks, Axis(bins.variable, x_unit, few=True), y, title, 148.0)
 
 
-def tiles(comparison: Comparison) -> Figure:
+def tiles(comparison: Evaluation) -> Figure:
     """Draw one tile for each bin of each variable, in standard deviations expected from noise.
 
     Parameters
@@ -86,7 +86,7 @@ def tiles(comparison: Comparison) -> Figure:
     return Figure((Panel((seen,), bins, Axis(), height=34.0 * len(seen.rows)),), headline, note, legend=False)
 
 
-def tiles_of(comparison: Comparison) -> Tiles:
+def tiles_of(comparison: Evaluation) -> Tiles:
     """Scores of every variable, the one with the largest score first; NaN where a bin has too little data."""
     chosen = sorted(comparison.bins, key=lambda b: -float(np.abs(b.score).max(initial=0.0)))
     width = max((len(b.score) for b in chosen), default=0)

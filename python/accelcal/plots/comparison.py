@@ -13,6 +13,7 @@ from accelcal.data.units import instant
 from accelcal.estimation.estimate import Fit
 from accelcal.plots import matplotlib
 from accelcal.plots.bins import regions
+from accelcal.plots.diagnosis import error_reduction
 from accelcal.plots.figure import COLUMNS, Axis, Band, Figure, Level, Line, Mark, Panel, sentence
 from accelcal.plots.model import nonlinearity, parameters
 from accelcal.plots.numbers import TWO_SIDED_95, drift_headline, imposed_band_note
@@ -20,7 +21,8 @@ from accelcal.plots.residuals import autocorrelation, histogram
 from accelcal.plots.style import Role, ThemeName
 from accelcal.plots.timeline import TIME, overlay
 from accelcal.results.words import grouped, length, prefixed
-from accelcal.validation.comparison import Comparison
+from accelcal.validation.comparison import Evaluation
+from accelcal.validation.differences import Comparison
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawn
@@ -31,7 +33,7 @@ PALE = 0.35
 """Opacity of what the previous model gave."""
 
 
-def simulated(comparison: Comparison) -> Figure:
+def simulated(comparison: Evaluation) -> Figure:
     """Draw measured and simulated position, and below them the error of the simulation.
 
     Parameters
@@ -62,7 +64,7 @@ def simulated(comparison: Comparison) -> Figure:
     return Figure(panels, headline, shared_x=True)
 
 
-def coasting(comparison: Comparison) -> Figure:
+def coasting(comparison: Evaluation) -> Figure:
     """Draw rms unaided drift against the time since position was withheld, with its noise floor.
 
     Parameters
@@ -98,12 +100,12 @@ def coasting(comparison: Comparison) -> Figure:
     return Figure((Panel(drawn, time, drift),), drift_headline(comparison))
 
 
-def _starts(comparison: Comparison, horizon: float) -> str:
+def _starts(comparison: Evaluation, horizon: float) -> str:
     count = comparison.coast_starts[horizon]
     return f"{count} start" + ("" if count == 1 else "s")
 
 
-def one_step(comparison: Comparison, *, previous: Comparison | None = None) -> Figure:
+def one_step(comparison: Evaluation, *, previous: Evaluation | None = None) -> Figure:
     """Draw one-step residuals against time with the band that should hold 95 % of them.
 
     Parameters
@@ -136,7 +138,7 @@ def one_step(comparison: Comparison, *, previous: Comparison | None = None) -> F
     return Figure((Panel(tuple(marks), TIME, y, height=262.0),), f"{what}, {share}{imposed_band_note(comparison)}", off)
 
 
-def accel_residual(comparison: Comparison, *, previous: Comparison | None = None) -> Figure:
+def accel_residual(comparison: Evaluation, *, previous: Evaluation | None = None) -> Figure:
     """Draw the accelerometer residual below the highest frequency at which the encoder is a reference.
 
     Parameters
@@ -162,7 +164,7 @@ def accel_residual(comparison: Comparison, *, previous: Comparison | None = None
     return Figure((Panel(tuple(marks), TIME, Axis("accelerometer residual", unit), height=262.0),), text)
 
 
-def overview(fit: Fit, comparison: Comparison, *, theme: ThemeName = "light") -> Drawn:
+def overview(fit: Fit, comparison: Evaluation, *, theme: ThemeName = "light") -> Drawn:
     """Draw one page: simulation, unaided drift, one-step residuals, and the most significant regions.
 
     Parameters
@@ -180,13 +182,13 @@ def overview(fit: Fit, comparison: Comparison, *, theme: ThemeName = "light") ->
     return matplotlib.page(parts, summary_sentence(fit, comparison), theme)
 
 
-def write(fit: Fit, comparison: Comparison, directory: str | Path, *, theme: ThemeName = "light") -> list[Path]:
+def write(comparison: Comparison, directory: str | Path, *, theme: ThemeName = "light") -> list[Path]:
     """Write every figure as PNG and SVG, all of them or none.
 
     Parameters
     ----------
-    fit : the model that was compared.
-    comparison : from `accelcal.compare`.
+    comparison : from `accelcal.compare`. Of several models or recordings: the errors, and each recording with all
+        models.
     directory : made if it does not exist. Dark figures end in "-dark", so both themes can share a folder.
     theme : "light" or "dark".
 
@@ -199,28 +201,36 @@ def write(fit: Fit, comparison: Comparison, directory: str | Path, *, theme: The
     MissingExtra
         If matplotlib is not installed; nothing is written then.
     """
-    of_comparison: tuple[Callable[..., Figure], ...] = (
-        overlay,
-        simulated,
-        coasting,
-        one_step,
-        regions,
-        accel_residual,
-        histogram,
-        autocorrelation,
-    )
 
-    def drawn() -> Iterator[tuple[str, Drawn]]:
-        yield "overview", overview(fit, comparison, theme=theme)
-        for define in of_comparison:
-            yield define.__name__, matplotlib.draw(define(comparison), theme)
+    def of_several() -> Iterator[tuple[str, Drawn]]:
+        for number, seen in enumerate(comparison.seen, start=1):
+            name = "overlay" if len(comparison.seen) == 1 else f"overlay-{number}"
+            yield name, matplotlib.draw(overlay(list(zip(comparison.names, seen, strict=True))), theme)
+        yield "error_reduction", matplotlib.draw(error_reduction(comparison), theme)
+
+    def of_single(fit: Fit, seen: Evaluation) -> Iterator[tuple[str, Drawn]]:
+        yield "overview", overview(fit, seen, theme=theme)
+        of_evaluation: tuple[Callable[..., Figure], ...] = (
+            overlay,
+            simulated,
+            coasting,
+            one_step,
+            regions,
+            accel_residual,
+            histogram,
+            autocorrelation,
+        )
+        for define in of_evaluation:
+            yield define.__name__, matplotlib.draw(define(seen), theme)
         for name, figure in (("parameters", parameters(fit)), ("nonlinearity", nonlinearity(fit))):
             yield name, matplotlib.draw(figure, theme)
 
-    return matplotlib.write(drawn(), directory, theme)
+    alone = len(comparison) == len(comparison.seen) == 1
+    drawn = of_single(comparison.fits[0], comparison[0]) if alone else of_several()
+    return matplotlib.write(drawn, directory, theme)
 
 
-def summary_sentence(fit: Fit, comparison: Comparison) -> str:
+def summary_sentence(fit: Fit, comparison: Evaluation) -> str:
     """The key figures: one-step rms, unaided drift with its noise floor, largest residual."""
     drifted = drift_headline(comparison)
     drifted = f"{drifted[:1].lower()}{drifted[1:]}"

@@ -8,9 +8,9 @@ from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
 from accelcal.plots.figure import Axis, Bars, Figure, Level, Line, Panel, Text, sentence
-from accelcal.plots.numbers import candidate_groups, error_reduction_sentence, model_names, share_text
+from accelcal.plots.numbers import candidate_groups, error_reduction_sentence, share_text
 from accelcal.results import words as formatting
-from accelcal.selection.nested_models import NestedModels
+from accelcal.validation.differences import Comparison
 
 
 def ranking(diagnosis: Diagnosis) -> Figure:
@@ -54,36 +54,37 @@ def _amount(c: Candidate) -> str:
     return f"{len(c.estimate)} coefficients, at most {c.largest:.3g}"
 
 
-def error_reduction(nested: NestedModels) -> Figure:
-    """Draw one bar for each model on unseen data, hatched where the effect is not in the model, and the noise floor.
+def error_reduction(comparison: Comparison, *, lacking: int = 0) -> Figure:
+    """Draw one bar for each model, hatched where the effect is not in the model, and the noise floor.
 
     Parameters
     ----------
-    nested : from `accelcal.selection.nested_models.nested_models`.
+    comparison : from `accelcal.compare`.
+    lacking : number of models at the end that have effects which the model itself lacks.
     """
-    floor, errors = nested.floor, np.array(nested.errors)
+    floor, errors = comparison.floor, np.array(comparison.errors)
     factor, unit = formatting.prefixed("m", errors, floor.value)
     errors = errors * factor
-    ends = [(around.low, around.high) if around else (np.nan, np.nan) for around in nested.intervals]
+    ends = [(around.low, around.high) if around else (np.nan, np.nan) for around in comparison.intervals]
     low, high = np.array(ends).T * factor
     top = np.fmax(np.fmax(errors, high), floor.high * factor)
     bars = Bars(
         errors,
-        [member.in_model for member in nested.models],
+        [number < len(comparison) - lacking for number in range(len(comparison))],
         ("in the model", "not in the model yet"),
         low,
         high,
         [
-            "\n".join([f"{e:.3g} {unit}", *share_text(nested, i).split(", ")]).rstrip()
+            "\n".join([f"{e:.3g} {unit}", *share_text(comparison, i).split(", ")]).rstrip()
             for i, e in enumerate(errors.tolist())
         ],
         top,
     )
     said = "noise alone, with 95 % prediction interval"
     level = Level(floor.value * factor, floor.low * factor, floor.high * factor, said, "floor")
-    names = model_names(nested)
+    names = [spelled(name) for name in comparison.names]
     models = Axis("model", range=(-0.6, len(names) - 0.4), ticks=(range(len(names)), names), grid=False)
     size = Axis("rms error", unit, range=(0.0, 1.3 * float(np.nanmax(top))))
     of_session = "a part of the fitted run, which does not reveal set-up and slow-drift errors"
-    unseen = of_session if nested.same_run else "another recording"
-    return Figure((Panel((bars, level), models, size),), error_reduction_sentence(nested), f"unseen data: {unseen}")
+    unseen = of_session if comparison.same_run else "another recording"
+    return Figure((Panel((bars, level), models, size),), error_reduction_sentence(comparison), f"unseen data: {unseen}")

@@ -6,8 +6,8 @@ from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.results import words as formatting
 from accelcal.results.comparisons import density
-from accelcal.selection.nested_models import NestedModels
-from accelcal.validation.comparison import Comparison
+from accelcal.validation.comparison import Evaluation
+from accelcal.validation.differences import Comparison
 from accelcal.validation.sensor_noise import SOURCES, Source
 from accelcal.validation.stretches import headline_horizon, quoted_error
 
@@ -16,7 +16,7 @@ CANDIDATES = 12
 """Candidates that are drawn."""
 
 
-def drift_headline(comparison: Comparison) -> str:
+def drift_headline(comparison: Evaluation) -> str:
     """The drift that is quoted first, with its noise floor."""
     horizon = headline_horizon(comparison)
     if horizon is None:
@@ -26,7 +26,7 @@ def drift_headline(comparison: Comparison) -> str:
     return f"Unaided drift after {horizon:g} s: {formatting.length(quoted_error(comparison, horizon))} rms{beside}"
 
 
-def imposed_band_note(comparison: Comparison) -> str:
+def imposed_band_note(comparison: Evaluation) -> str:
     """A remark where predicted deviations are not valid."""
     return (
         ""
@@ -35,33 +35,19 @@ def imposed_band_note(comparison: Comparison) -> str:
     )
 
 
-def model_names(nested: NestedModels) -> list[str]:
-    """Name of each model: the base, then the effect that is new, or the finer form of a curve that it holds already."""
-    found: list[str] = []
-    for member in nested.models:
-        name = f"+ {member.effect.replace('_', ' ')}" if member.effect else "base"
-        found.append(f"{name}, finer" if name in found else name)
-    return found
-
-
-def nested_comparisons(nested: NestedModels) -> list[tuple[str, Comparison]]:
-    """Comparisons of all models with the names that figures give them."""
-    return list(zip(model_names(nested), (member.heldout for member in nested.models), strict=True))
-
-
-def error_reduction_sentence(nested: NestedModels) -> str:
+def error_reduction_sentence(comparison: Comparison) -> str:
     """The error of the first and of the last model in one sentence."""
-    errors = nested.errors
+    errors = comparison.errors
     text = f"{formatting.length(errors[0])}"
     if len(errors) > 1:
         text += f" → {formatting.length(errors[-1])}"
-    measure = nested.measure[:1].upper() + nested.measure[1:]
-    return f"{measure}, on held-out data: {text}; {floor_sentence(nested)}"
+    measure = comparison.measure[:1].upper() + comparison.measure[1:]
+    return f"{measure}: {text}; {floor_sentence(comparison)}"
 
 
-def floor_sentence(nested: NestedModels) -> str:
+def floor_sentence(comparison: Comparison) -> str:
     """The noise floor with its interval and its source."""
-    floor, sensor = nested.floor, nested.noise_floor.sensor
+    floor, sensor = comparison.floor, comparison.noise_floor.sensor
     ends = f"{formatting.length(floor.low)} to {formatting.length(floor.high)}"
     return f"noise alone {ends} ({source_of_noise(sensor.source, sensor.density, sensor.declared)})"
 
@@ -72,16 +58,16 @@ def source_of_noise(source: Source, value: float, declared: float | None) -> str
     return f"{SOURCES[source]} {density(value)}{beside}"
 
 
-def share_text(nested: NestedModels, number: int) -> str:
+def share_text(comparison: Comparison, number: int) -> str:
     """What a step did to the error: the part of the excess over noise that it removes, and whether that is all."""
-    share = nested.shares[number]
-    if number and nested.at_floor[number] and nested.at_floor[number - 1]:
+    share = comparison.shares[number]
+    if number and comparison.at_floor[number] and comparison.at_floor[number - 1]:
         return "within the noise"
     if share is None:
-        return "within the noise" if nested.at_floor[number] else ""
+        return "within the noise" if comparison.at_floor[number] else ""
     if share < 0.0:
         return "error rises"
-    if nested.at_floor[number]:
+    if comparison.at_floor[number]:
         return f"{round(100.0 * min(share, 1.0))} % of the excess explained, down to the noise"
     return f"{min(round(100.0 * share), 99)} % of the excess explained"
 

@@ -16,7 +16,7 @@ from accelcal.estimation.estimate import Fit
 from accelcal.plots.figure import COLUMNS, Axis, Band, Figure, Level, Line, Mark, Panel, Points, points_shown, sentence
 from accelcal.plots.numbers import TWO_SIDED_95, imposed_band_note
 from accelcal.results.words import grouped
-from accelcal.validation.comparison import Comparison, Spectrum
+from accelcal.validation.comparison import Evaluation, Spectrum
 from accelcal.validation.consistency import CumulativePeriodogram, Whiteness, cumulative_periodogram, whiteness
 from accelcal.validation.spectrum import accel_spectrum, one_step_spectrum
 
@@ -29,7 +29,7 @@ QUANTILES = 2000
 WHITE = "95 % of white residuals"
 
 
-def histogram(comparison: Comparison) -> Figure:
+def histogram(comparison: Evaluation) -> Figure:
     """Draw the distribution of normalised one-step residuals, as histogram and as quantiles, with the normal one.
 
     Parameters
@@ -54,7 +54,7 @@ def histogram(comparison: Comparison) -> Figure:
     return Figure((left, right), text, "; ".join(filter(None, (beyond, note))), columns=2)
 
 
-def quantile_plot(comparison: Comparison) -> Figure:
+def quantile_plot(comparison: Evaluation) -> Figure:
     """Draw the quantiles of normalised one-step residuals against those of the normal distribution.
 
     Parameters
@@ -86,12 +86,12 @@ def normal_quantiles(y: Array) -> tuple[Array, Array]:
     return np.asarray(special.ndtri((rank + 0.5) / n)), np.sort(y)[rank]
 
 
-def _spread(comparison: Comparison) -> str:
+def _spread(comparison: Evaluation) -> str:
     nis = "" if comparison.nis is None else f", mean normalised square {comparison.nis:.3f} (1 expected)"
     return f"standard deviation {np.std(comparison.normalised[1]):.3f}{nis}{imposed_band_note(comparison)}"
 
 
-def autocorrelation(comparison: Comparison) -> Figure:
+def autocorrelation(comparison: Evaluation) -> Figure:
     """Draw the autocorrelation of normalised one-step residuals with the band that holds 95 % of white ones.
 
     Parameters
@@ -106,7 +106,7 @@ def autocorrelation(comparison: Comparison) -> Figure:
     return Figure((replace(panel, title=""),), f"{headline}: {beyond} expected by chance")
 
 
-def whiteness_plot(comparison: Comparison) -> Figure:
+def whiteness_plot(comparison: Evaluation) -> Figure:
     """Draw the autocorrelation and the cumulative periodogram of normalised one-step residuals with 95 % regions.
 
     Parameters
@@ -124,7 +124,7 @@ def whiteness_plot(comparison: Comparison) -> Figure:
     return Figure((panel, _periodogram(power)), text, columns=2)
 
 
-def _whiteness(comparison: Comparison, least: int) -> Whiteness | None:
+def _whiteness(comparison: Evaluation, least: int) -> Whiteness | None:
     """Autocorrelation over at least so many lags; None where there are too few readings."""
     y = comparison.normalised[1]
     lags = min(LAGS, len(y) // 4)
@@ -159,7 +159,7 @@ def _periodogram(power: CumulativePeriodogram) -> Panel:
     return Panel(marks, frequency, deviation, "cumulative periodogram: deviation from that of white residuals", 262.0)
 
 
-def spectrum(fit: Fit, comparison: Comparison, findings: Sequence[NoiseTest] = ()) -> Figure:
+def spectrum(fit: Fit, comparison: Evaluation, findings: Sequence[NoiseTest] = ()) -> Figure:
     """Draw the density of the accelerometer-side residual, and of one-step residuals over their predicted deviation.
 
     Parameters

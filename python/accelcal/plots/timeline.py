@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -17,12 +16,10 @@ from accelcal.diagnosis.faults import Fault, fault_remarks, faults
 from accelcal.diagnosis.left_out import left_out_remarks, without_wrong_readings
 from accelcal.diagnosis.remarks import Remark
 from accelcal.estimation.run import prepare
-from accelcal.plots import matplotlib
 from accelcal.plots.figure import COLUMNS, Axis, Figure, Level, Line, Mark, Panel, Points, Stretch, sentence
-from accelcal.plots.style import Role, ThemeName, role_of_model
+from accelcal.plots.style import Role, role_of_model
 from accelcal.results.words import percent, prefixed
-from accelcal.validation.comparison import Comparison
-from accelcal.validation.differences import PairedComparison
+from accelcal.validation.comparison import Evaluation
 from accelcal.validation.worst import worst_stretches
 
 TIME = Axis("time", "s")
@@ -36,7 +33,7 @@ CLOSE = 2.0
 """Length of the stretch in which two outputs are drawn closely, s."""
 CLOSE_COLUMNS = 240
 """Columns of a curve in it: few enough for thick lines."""
-Models = Comparison | Sequence[tuple[str, Comparison]]
+Models = Evaluation | Sequence[tuple[str, Evaluation]]
 """From `accelcal.compare`; or name and comparison of several models with one recording, the current one last."""
 Window = tuple[float, float]
 """From and to, s."""
@@ -112,9 +109,9 @@ def timeline(recording: Recording, seen: Marks) -> Figure:
 
 def linked(
     recording: Recording,
-    comparison: Comparison | None = None,
+    comparison: Evaluation | None = None,
     *,
-    previous: Comparison | None = None,
+    previous: Evaluation | None = None,
     window: Window | None = None,
     marked: Iterable[tuple[float, float, str]] = (),
 ) -> Figure:
@@ -224,7 +221,7 @@ def overlay(models: Models, *, window: Window | None = None, chosen: Window | No
     )
 
 
-def named_models(models: Models) -> list[tuple[str, Comparison]]:
+def named_models(models: Models) -> list[tuple[str, Evaluation]]:
     """Comparisons with their names; that of a single model has none.
 
     Raises
@@ -232,27 +229,27 @@ def named_models(models: Models) -> list[tuple[str, Comparison]]:
     ValueError
         If there is no model.
     """
-    several = [("", models)] if isinstance(models, Comparison) else list(models)
+    several = [("", models)] if isinstance(models, Evaluation) else list(models)
     if not several:
         raise ValueError("an overlay needs at least one comparison")
     return several
 
 
-def fit_text(seen: Comparison) -> str:
+def fit_text(seen: Evaluation) -> str:
     """The fit of one model in percent."""
     if seen.fit_percent is None:
         return "too short for a fit in percent"
     return f"fit {percent(seen.fit_percent)}"
 
 
-def overlay_headline(models: Sequence[tuple[str, Comparison]]) -> str:
+def overlay_headline(models: Sequence[tuple[str, Evaluation]]) -> str:
     """How well the current model gives the output, in one sentence."""
     name, current = models[-1]
     of = f" ({name})" if name else ""
     return f"Measured and simulated output{of}: {fit_text(current)} below {current.band:.3g} Hz"
 
 
-def closely(models: Sequence[tuple[str, Comparison]]) -> Figure:
+def closely(models: Sequence[tuple[str, Evaluation]]) -> Figure:
     """Draw what was measured and what the last model says where its residual is largest, and the whole residual.
 
     Parameters
@@ -277,7 +274,7 @@ def closely(models: Sequence[tuple[str, Comparison]]) -> Figure:
         Line(t[part], current.measured[part], "measured", "measured", CLOSE_COLUMNS),
         Line(t[part], (current.measured - residual)[part], f"simulated, {name}", "model", CLOSE_COLUMNS),
     )
-    shown: list[tuple[str, Comparison, Role]] = [(*several[0], "other")] if len(several) > 1 else []
+    shown: list[tuple[str, Evaluation, Role]] = [(*several[0], "other")] if len(several) > 1 else []
     shown.append((name, current, "residual"))
     below = [
         Line(seen.accel_residual[0], seen.accel_residual[1] * factor, f"residual, {called}", role, COLUMNS)
@@ -296,7 +293,7 @@ def closely(models: Sequence[tuple[str, Comparison]]) -> Figure:
     )
 
 
-def close_stretch(seen: Comparison) -> tuple[float, float]:
+def close_stretch(seen: Evaluation) -> tuple[float, float]:
     """The stretch of a record, at most `CLOSE` long, about the largest residual or, where none stands out, the largest
     output.
 
@@ -308,27 +305,3 @@ def close_stretch(seen: Comparison) -> tuple[float, float]:
     middle = float(np.mean(worst[0])) if worst else float(t[np.argmax(np.abs(seen.measured - np.mean(seen.measured)))])
     begin = min(max(first, middle - 0.5 * CLOSE), max(first, last - CLOSE))
     return begin, min(last, begin + CLOSE)
-
-
-def write_overlays(found: PairedComparison, directory: str | Path, *, theme: ThemeName = "light") -> list[Path]:
-    """Write the figure of each recording, with all models in it, as PNG and SVG, all of them or none.
-
-    Parameters
-    ----------
-    found : from `accelcal.compare_paired`.
-    directory : made if it does not exist.
-    theme : "light" or "dark".
-
-    Returns
-    -------
-    The files.
-
-    Raises
-    ------
-    MissingExtra
-        If matplotlib is not installed; nothing is written then.
-    """
-    several = [list(zip(found.names, seen, strict=True)) for seen in found.seen]
-    names = ["overlay"] if len(several) == 1 else [f"overlay-{i + 1}" for i in range(len(several))]
-    drawn = ((name, matplotlib.draw(overlay(seen), theme)) for name, seen in zip(names, several, strict=True))
-    return matplotlib.write(drawn, directory, theme)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from accelcal._support.progress import within
@@ -21,8 +21,9 @@ from accelcal.estimation.shape_functions import Shape, shapes
 from accelcal.experiment import Power, power
 from accelcal.plots.timeline import Marks, marks
 from accelcal.response import FrequencyResponse, stepped_response
-from accelcal.selection.nested_models import NestedModels, nested_models
-from accelcal.validation.comparison import Comparison
+from accelcal.selection.nested_models import NestedFits, nested_fits
+from accelcal.validation.comparison import HELD_OUT, Evaluation
+from accelcal.validation.differences import Comparison
 from accelcal.workflow import MOST_AT_ONCE, compare, diagnose
 
 T = TypeVar("T")
@@ -37,7 +38,7 @@ class Content:
     holdout: Recording | None
     diagnosis: Diagnosis
     """Of the model on `recording`."""
-    judged: Comparison
+    judged: Evaluation
     """Of the model as stored in its file, with unseen data where there are any."""
     unseen: bool
     """Whether `judged` is on data that the fit has not used."""
@@ -47,7 +48,10 @@ class Content:
     budget: Budget
     applied: Application | None
     """A worked example; None where the model cannot be inverted."""
-    nested: NestedModels | None
+    nested: Comparison | None
+    """Base of the model, then one more effect at a time, then effects that it lacks."""
+    lacking: int
+    """Number of models at the end of `nested` with effects that the model lacks."""
     power: Power | None
     track: Track | None
     shapes: tuple[Shape, ...]
@@ -101,10 +105,10 @@ def gather(
             remarks.append(f"{what} could not be computed: {error}")
             return None
 
-    def judge(report: Report) -> Comparison:
+    def judge(report: Report) -> Evaluation:
         if holdout is None:
-            return compare(fit, recording, start=start, end=end, report=report)
-        return compare(fit, holdout, report=report)
+            return compare(fit, recording, start=start, end=end, report=report)[0]
+        return compare(fit, holdout, report=report)[0]
 
     def see(report: Report) -> Power | None:
         return attempt(
@@ -112,8 +116,17 @@ def gather(
             lambda: power(recording, fit.model, extra=extra, start=start, end=end, report=report),
         )
 
-    def reduce(report: Report) -> NestedModels | None:
-        return attempt("the error reduction", lambda: nested_models(fit, recording, found, holdout=holdout))
+    def nest() -> tuple[NestedFits, Comparison]:
+        split = end if holdout is not None else end - HELD_OUT * (end - start)
+        missing, refit = found.scan.found, holdout is None
+        grown = nested_fits(fit, [recording], missing, start=start, end=split, refit=refit)
+        if holdout is not None:
+            return grown, compare(grown.fits, holdout, names=grown.names)
+        seen = compare(grown.fits, recording, names=grown.names, start=split, end=end)
+        return grown, replace(seen, same_run=True)
+
+    def reduce(report: Report) -> tuple[NestedFits, Comparison] | None:
+        return attempt("the error reduction", nest)
 
     def follow(report: Report) -> Track | None:
         return attempt("the parameter tracks", lambda: track(fit, recording, start=start, end=end))
@@ -125,12 +138,14 @@ def gather(
     found = diagnosis or diagnose(fit, recording, extra=extra, report=within(report, 0.0, 0.35))
     report(0.35)
     start, end = found.used[0]
-    nested, seen, followed, response, judged = on_two_threads(
+    reduced, seen, followed, response, judged = on_two_threads(
         (reduce, see, follow, respond, judge),
         within(report, 0.35, 1.0),
         at_once=len(recording.accel) + len(recording.position) <= MOST_AT_ONCE,
     )
-    named = shapes(fit) or (shapes(nested.models[-1].fit) if nested is not None else ())
+    grown, nested = reduced or (None, None)
+    named = shapes(fit) or (shapes(nested.fits[-1]) if nested is not None else ())
+    remarks += [] if grown is None else grown.remarks
     digest = (recording if holdout is None else holdout).digest
     return Content(
         fit=fit,
@@ -144,6 +159,7 @@ def gather(
         budget=budget(fit),
         applied=attempt("the worked example", lambda: example(fit)),
         nested=nested,
+        lacking=0 if grown is None else grown.lacking,
         power=seen,
         track=followed,
         shapes=named,

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from accelcal.plots import bins, comparison, diagnosis, limits, residuals, timeline, tracks
 from accelcal.plots.figure import Figure
-from accelcal.plots.numbers import nested_comparisons
 from accelcal.plots.response import sensitivity
 from accelcal.report.content import Content
 
@@ -72,9 +71,9 @@ def _error_reduction(c: Content) -> Iterator[Entry]:
     nested, compared = c.nested, [("model", c.judged)]
     caption = f"{c.judged.recording or 'Recording'}: {use_of(c)}."
     if nested is not None:
-        said = "" if all(member.in_model for member in nested.models) else "Hatched: effect not in the model yet."
-        yield _both("falling", "falling", said, diagnosis.error_reduction(nested))
-        compared = nested_comparisons(nested)
+        said = "Hatched: effect not in the model yet." if c.lacking else ""
+        yield _both("falling", "falling", said, diagnosis.error_reduction(nested, lacking=c.lacking))
+        compared = list(zip(nested.names, nested, strict=True))
     said = f"{caption} Every model of the table; shaded: stretches of the largest residual."
     yield Entry("overlays", "falling", said, timeline.overlay(compared))
     yield _both("coasting", "falling", caption, comparison.coasting(c.judged))

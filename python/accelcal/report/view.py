@@ -18,7 +18,6 @@ from accelcal.model import Estimate
 from accelcal.plots.numbers import (
     error_reduction_sentence,
     floor_sentence,
-    model_names,
     share_text,
 )
 from accelcal.plots.response import (
@@ -96,7 +95,7 @@ def view(content: Content) -> dict[str, Any]:
         "method": list(METHOD),
         "example": example(content),
         "provenance": provenance(content),
-        "remarks": [*content.fit.remarks, *(content.nested.remarks if content.nested else ()), *content.remarks],
+        "remarks": [*content.fit.remarks, *content.remarks],
     }
 
 
@@ -217,12 +216,12 @@ def falling(content: Content) -> dict[str, Any] | None:
                 "model": name,
                 "error": error,
                 "shown": length(error),
-                "in_model": member.in_model,
+                "in_model": number < len(nested) - content.lacking,
                 "around": "" if around is None else f"{length(around.low)} to {length(around.high)}",
                 "share": share_text(nested, number),
             }
-            for number, (name, member, error, around) in enumerate(
-                zip(model_names(nested), nested.models, nested.errors, nested.intervals, strict=True)
+            for number, (name, error, around) in enumerate(
+                zip(nested.names, nested.errors, nested.intervals, strict=True)
             )
         ],
     }

@@ -12,9 +12,9 @@ from accelcal.data.units import MICRO_G, instant
 from accelcal.results.diagnoses import VERDICTS
 from accelcal.results.table import Column, Row, Table, as_sentence, require, table
 from accelcal.results.words import decimal, length, number, percent, prefixed, probability, typeset, with_unit
-from accelcal.selection.improvement import History, Improvement
-from accelcal.validation.comparison import Comparison, NoiseFloor, Outside, Region
-from accelcal.validation.differences import PairedComparison, verdict_of
+from accelcal.selection.improvement import Improvement
+from accelcal.validation.comparison import Evaluation, NoiseFloor, Outside, Region
+from accelcal.validation.differences import Comparison, verdict_of
 from accelcal.validation.paired import HeldOutChange, heldout_change
 from accelcal.validation.ruler import Ruler
 from accelcal.validation.sensor_noise import ONLY_WHITE, SOURCES
@@ -22,10 +22,10 @@ from accelcal.validation.stretches import headline_horizon, quoted_error
 
 
 @table.register
-def _(seen: Comparison, which: str = "") -> Table:
+def _(seen: Evaluation, which: str = "") -> Table:
     require(which, "regions")
     if which == "regions":
-        return regions(seen)
+        return regions(("", seen.recording, seen))
     return Table(
         title=f"Model against {seen.recording or 'recording'}",
         sentence=drift_sentence(seen),
@@ -47,13 +47,13 @@ def _(seen: Comparison, which: str = "") -> Table:
             }
             for h in seen.coast_rms
         ),
-        alarms=tuple(f"Suspect data: {text}" for text in (*seen.left_out, *broken(seen.breaks))),
+        alarms=tuple(f"Suspect data: {text}" for text in suspect(seen)),
         notes=(*floor_notes(seen.noise_floor), *comparison_notes(seen)),
         about={"name": seen.recording},
     )
 
 
-def comparison_notes(seen: Comparison) -> list[str]:
+def comparison_notes(seen: Evaluation) -> list[str]:
     """Errors beside the drift, and what must be read with them."""
     (setup, std), k_steps = seen.setup_bias, seen.k_step_rms.items()
     nis = "" if seen.nis is None else f", normalised innovation squared {seen.nis:.4f} (1 when consistent)"
@@ -70,13 +70,15 @@ def comparison_notes(seen: Comparison) -> list[str]:
     ]
 
 
-def regions(seen: Comparison) -> Table:
-    """Where a model fails: the worst region of every variable, worst first."""
+def regions(*several: tuple[str, str, Evaluation]) -> Table:
+    """Where models fail: the worst region of every variable, worst first, of each model on each recording."""
+    (_, recording, seen), *others = several
     return Table(
         title="Where it fails",
         sentence=as_sentence(seen.worst),
         columns=(
             Column("variable", "variable"),
+            *((Column("model", "model"), Column("recording", "recording")) if others else ()),
             Column("", "range", range_text),
             Column("excess", "excess", excess_text),
             Column("sigma", "sigma", lambda r: f"{abs(r['sigma']):.1f}"),
@@ -84,12 +86,16 @@ def regions(seen: Comparison) -> Table:
             Column("p", "p", lambda r: probability(r["p"])),
             *(Column(key) for key in ("unit", "low", "high", "excess_unit", "start", "end")),
         ),
-        rows=tuple(region_row(region) for region in seen.worst_regions),
+        rows=tuple(
+            {"model": name, "recording": place, **region_row(region)}
+            for name, place, evaluation in several
+            for region in evaluation.worst_regions
+        ),
         notes=(
             "The worst region of each variable: mean residual, its share of the mean square residual, and p adjusted "
             "for the number of all regions.",
         ),
-        about={"name": seen.recording, "worst": seen.worst},
+        about={"name": recording, "worst": seen.worst},
     )
 
 
@@ -140,7 +146,7 @@ def span_of(floor: NoiseFloor | None, horizon: float | None, key: str) -> Row:
     return {} if spread is None else {f"{key}_low": spread.low, f"{key}_high": spread.high}
 
 
-def drift_sentence(seen: Comparison) -> str:
+def drift_sentence(seen: Evaluation) -> str:
     """The drift that is quoted first and its noise floor."""
     h = headline_horizon(seen)
     if h is None:
@@ -148,7 +154,7 @@ def drift_sentence(seen: Comparison) -> str:
     return f"Unaided drift after {h:g} s: {length(quoted_error(seen, h))} rms{floor_of(seen, h)}."
 
 
-def floor_of(seen: Comparison, horizon: float | None) -> str:
+def floor_of(seen: Evaluation, horizon: float | None) -> str:
     """Errors that noise of the sensor alone would give, as the end of a sentence."""
     spread = None if seen.noise_floor is None else seen.noise_floor.at(horizon)
     return "" if spread is None else f"; noise alone {length(spread.low)} to {length(spread.high)}"
@@ -179,7 +185,7 @@ def broken(breaks: Sequence[float]) -> list[str]:
     ]
 
 
-def outside_notes(seen: Comparison) -> list[str]:
+def outside_notes(seen: Evaluation) -> list[str]:
     """One sentence for each variable that leaves the trained range: how often, and the errors inside and outside."""
     return [outside_note(part) for part in seen.outside if part.count and part.range is not None]
 
@@ -207,73 +213,115 @@ def outside_note(part: Outside) -> str:
 SIDES = ("inside", "outside")
 
 
+Part = tuple[str, Sequence[Evaluation], Sequence[HeldOutChange | None]]
+"""Name of a recording, empty for all together; evaluation of each model on it, and the change of its error."""
+
+
 @table.register
-def _(history: History, which: str = "") -> Table:
-    require(which)
+def _(result: Comparison, which: str = "") -> Table:
+    require(which, "changes", "regions")
+    if which == "changes":
+        return changes(result)
+    every = [
+        (name, recording, evaluation)
+        for recording, seen in zip(result.recordings, result.seen, strict=True)
+        for name, evaluation in zip(result.names, seen, strict=True)
+    ]
+    if len(every) == 1:
+        return table(every[0][2], which)
+    if which == "regions":
+        return regions(*every)
+    differences = result.differences
+    parts: list[Part] = [("", list(result), [None, *(difference.pooled for difference in differences)])]
+    if len(result.recordings) > 1:
+        parts += [
+            (recording, seen, [None, *(difference.recordings[number] for difference in differences)])
+            for number, (recording, seen) in enumerate(zip(result.recordings, result.seen, strict=True))
+        ]
     return error_reduction(
-        f"History on {history.steps[0].recording or 'recording'}",
-        history.names,
-        history.steps,
-        Ruler.of(history.fits),
+        f"{', '.join(result.names)} on {', '.join(name or 'recording' for name in result.recordings)}",
+        result.names,
+        parts,
+        result.ruler,
+        sentence=" ".join(
+            [fall(parts[0][1], result.horizon), *(as_sentence(typeset(d.sentence)) for d in differences)]
+        ),
+        alarms=[f"Suspect data: {text}" for text in suspect(*(seen[-1] for seen in result.seen))],
     )
 
 
 @table.register
 def _(result: Improvement, which: str = "") -> Table:
     require(which)
-    last = result.diagnosis
+    last, steps = result.diagnosis, [step.heldout for step in result.steps]
     same = "the end of the same run, which does not reveal set-up and slow-drift errors"
     return error_reduction(
         f"Improvement: {VERDICTS[last.verdict]}; held out: {same if result.same_run else 'another recording'}",
         [" + ".join(("base", *step.effects)) for step in result.steps],
-        [step.heldout for step in result.steps],
+        [("", steps, [None, *(heldout_change(before, after) for before, after in pairwise(steps))])],
         Ruler.of([step.fit for step in result.steps]),
-        *map(as_sentence, last.notes),
-        alarms=tuple(f"Suspect data: {text}" for text in last.suspect),
         sentence=typeset(result.sentence),
+        notes=[fall(steps, headline_horizon(*steps), " on held-out data"), *map(as_sentence, last.notes)],
+        alarms=[f"Suspect data: {text}" for text in last.suspect]
+        + [f"Held out: {text}" for text in suspect(steps[-1])],
     )
+
+
+def fall(steps: Sequence[Evaluation], h: float | None, where: str = "") -> str:
+    """The quoted error of the first and of the last model, and what noise alone gives."""
+    measure = "Simulation error" if h is None else f"Unaided drift after {h:g} s"
+    errors = " → ".join(length(quoted_error(seen, h)) for seen in (steps[0], steps[-1])[: len(steps)])
+    return f"{measure}{where}: {errors}{floor_of(steps[0], h)}."
+
+
+def suspect(*several: Evaluation) -> list[str]:
+    """Readings that are left out, and breaks, of each recording."""
+    return [text for seen in several for text in (*seen.left_out, *broken(seen.breaks))]
 
 
 def error_reduction(
     title: str,
     names: Sequence[str],
-    steps: Sequence[Comparison],
+    parts: Sequence[Part],
     ruler: Ruler,
-    *notes: str,
-    alarms: tuple[str, ...] = (),
-    sentence: str = "",
+    *,
+    sentence: str,
+    notes: Sequence[str] = (),
+    alarms: Sequence[str] = (),
 ) -> Table:
-    """Several models on one held-out recording, one row each, and a row for noise alone."""
-    h = headline_horizon(*steps)
-    errors = [quoted_error(seen, h) for seen in steps]
-    measure = "Simulation error" if h is None else f"Unaided drift after {h:g} s"
-    fall = " → ".join(length(error) for error in (errors[0], errors[-1])[: len(errors)])
-    horizons, floor = list(steps[0].coast_rms), steps[0].noise_floor
-    changes = [None, *(heldout_change(before, after) for before, after in pairwise(steps))]
-    changed = next((change.measure for change in changes if change is not None), "")
-    rows: list[Row] = [
-        {
-            "model": name,
-            **{f"drift_{k:g}s": seen.coast_rms[k] for k in horizons},
-            "simulation": seen.simulated_rms,
-            "one_step": seen.one_step_rms,
-            "change": None if change is None else change.percent,
-            "change_std": None if change is None else change.percent_std,
-        }
-        for name, seen, change in zip(names, steps, changes, strict=True)
-    ]
-    if floor is not None:
-        alone: dict[str, Any] = {"model": "noise alone"}
-        for k in horizons:
-            alone |= {f"drift_{k:g}s": steps[0].drift_floors[k], **span_of(floor, k, f"drift_{k:g}s")}
-        rows.append(alone | {"simulation": floor.simulated.value, **span_of(floor, None, "simulation")})
+    """Errors of several models, one row each, and a row for noise alone: over all recordings, then on each of them."""
+    steps = parts[0][1]
+    h, horizons = headline_horizon(*(seen for _, every, _ in parts for seen in every)), list(steps[0].coast_rms)
+    rows: list[Row] = []
+    errors: list[float] = []
+    changed = next((change.measure for _, _, changes in parts for change in changes if change is not None), "")
+    for recording, every, changes in parts:
+        rows += [
+            {
+                "model": name,
+                "recording": recording,
+                **{f"drift_{k:g}s": seen.coast_rms[k] for k in horizons},
+                "simulation": seen.simulated_rms,
+                "one_step": seen.one_step_rms,
+                "change": None if change is None else change.percent,
+                "change_std": None if change is None else change.percent_std,
+            }
+            for name, seen, change in zip(names, every, changes, strict=True)
+        ]
+        errors += [quoted_error(seen, h) for seen in every]
+        if (floor := every[0].noise_floor) is not None:
+            alone: dict[str, Any] = {"model": "noise alone", "recording": recording}
+            for k in horizons:
+                alone |= {f"drift_{k:g}s": every[0].drift_floors[k], **span_of(floor, k, f"drift_{k:g}s")}
+            rows.append(alone | {"simulation": floor.simulated.value, **span_of(floor, None, "simulation")})
+            errors.append(0.0)
     longest = max(errors) or 1.0
-    falling = f"{measure} on held-out data: {fall}{floor_of(steps[0], h)}."
     return Table(
         title=title,
-        sentence=sentence or falling,
+        sentence=sentence,
         columns=(
             Column("model", "model"),
+            *([Column("recording", "recording", lambda r: r["recording"] or "all")] if len(parts) > 1 else []),
             *(length_column(f"drift_{k:g}s", f"drift, {k:g} s") for k in horizons),
             length_column("simulation", "simulation"),
             Column("one_step", "one step", lambda r: length_text(r, "one_step") if "one_step" in r else "", "m"),
@@ -281,23 +329,22 @@ def error_reduction(
             Column("change_std"),
         ),
         rows=tuple(rows),
-        alarms=(*alarms, *(f"Held out: {text}" for text in (*steps[-1].left_out, *broken(steps[-1].breaks)))),
+        alarms=tuple(alarms),
         notes=(
-            *([falling] if sentence else []),
             *notes,
-            *floor_notes(floor),
+            *floor_notes(steps[0].noise_floor),
             ruler_note(ruler, steps[0].band),
             *(as_sentence(score.sentence) for score in steps[-1].noise_scores),
-            *map(as_sentence, steps[-1].not_carried),
+            *dict.fromkeys(as_sentence(text) for seen in steps for text in seen.not_carried),
             *outside_notes(steps[-1]),
         ),
-        bars=tuple([error / longest for error in errors] + [0.0] * (len(rows) - len(errors))),
+        bars=tuple(error / longest for error in errors),
         about={"name": steps[0].recording},
     )
 
 
 def step_text(row: Row) -> str:
-    """Change from the model before, in per cent with its paired standard error."""
+    """Change of the error in per cent with its paired standard error."""
     return "" if row.get("change") is None else typeset(f"{row['change']:+.3g} ± {row['change_std']:.2g}")
 
 
@@ -310,9 +357,8 @@ def ruler_note(ruler: Ruler, band: float) -> str:
     )
 
 
-@table.register
-def _(result: PairedComparison, which: str = "") -> Table:
-    require(which)
+def changes(result: Comparison) -> Table:
+    """Changes of the error from the first model to each other one: over all recordings, on each, at every horizon."""
     several = len(result.recordings) > 1
     every: list[tuple[str, str, HeldOutChange | None]] = []
     for difference in result.differences:
@@ -323,7 +369,7 @@ def _(result: PairedComparison, which: str = "") -> Table:
         shown = None if difference.pooled is None else difference.pooled.measure
         every += [(difference.name, together, change) for change in difference.horizons if change.measure != shown]
     return Table(
-        title=f"{len(result.fits)} models on {', '.join(result.recordings)}",
+        title="Changes",
         sentence=" ".join(as_sentence(typeset(difference.sentence)) for difference in result.differences),
         columns=(
             Column("model", "model"),
@@ -341,20 +387,7 @@ def _(result: PairedComparison, which: str = "") -> Table:
             {"model": model, "recording": name, "verdict": verdict_of(change), **change_values(change)}
             for model, name, change in every
         ),
-        notes=(
-            f"Changes are paired, against {result.names[0]}; the interval is that of these recordings.",
-            ruler_note(result.ruler, result.seen[0][0].band),
-            *(
-                f"{name} on {recording or 'recording'}: {text}."
-                for recording, seen in zip(result.recordings, result.seen, strict=True)
-                for name, one_model in zip(result.names, seen, strict=True)
-                for text in (
-                    *one_model.left_out,
-                    *broken(one_model.breaks),
-                    *(note.rstrip(".") for note in one_model.not_carried),
-                )
-            ),
-        ),
+        notes=(f"Changes are paired, against {result.names[0]}; the interval is that of these recordings.",),
         about={"reference": result.names[0]},
     )
 

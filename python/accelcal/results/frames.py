@@ -25,7 +25,7 @@ from accelcal.model import Estimate
 from accelcal.results.table import as_frame, pandas_module
 from accelcal.results.tables import table
 from accelcal.simulation.sensor import Simulated
-from accelcal.validation.comparison import Coast, Comparison
+from accelcal.validation.comparison import Coast, Evaluation
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -187,7 +187,7 @@ def _(fit: Fit) -> Any:
 
 
 @dataset.register
-def _(seen: Comparison) -> Any:
+def _(seen: Evaluation) -> Any:
     t, measured, simulated = seen.simulated
     return xarray_module().Dataset(
         {

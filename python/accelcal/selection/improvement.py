@@ -1,10 +1,8 @@
-"""Results of improving a model: its steps, and the error reduction of several models."""
+"""Result of improving a model: its steps, and what the last model still lacks."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from accelcal._support.immutable import immutable
 from accelcal._support.listing import listing
@@ -15,10 +13,7 @@ from accelcal.diagnosis.search.scan import Verdict
 from accelcal.diagnosis.verdict import Diagnosis, unsteady_effects, verdict_and_sentence
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
-from accelcal.validation.comparison import Comparison
-
-if TYPE_CHECKING:
-    pass
+from accelcal.validation.comparison import Evaluation
 
 
 @immutable
@@ -28,8 +23,8 @@ class Step:
 
     effects: tuple[str, ...]
     fit: Fit
-    train: Comparison
-    heldout: Comparison
+    train: Evaluation
+    heldout: Evaluation
 
     def __repr__(self) -> str:
         return f"Step({' + '.join(('base', *self.effects))}: {self.heldout!r})"
@@ -118,48 +113,6 @@ class Improvement(Result):
     def effects(self) -> tuple[str, ...]:
         """Names in the order added."""
         return self.steps[-1].effects
-
-
-@immutable
-@dataclass(frozen=True, slots=True)
-class History(Result):
-    """Models in the order of their selection, each compared with one recording: the error reduction.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import accelcal as ac
-    >>> truth = {"bias": 0.05, "cubic": 1e-3}
-    >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(ac.Model.linear(), made.recording)
-    >>> ac.history([fit], made.recording)[0].recording
-    'simulated interleaved'
-    """
-
-    fits: tuple[Fit, ...]
-    steps: tuple[Comparison, ...]
-    """One for each fit."""
-
-    def __repr__(self) -> str:
-        each = (
-            f"{name}: {comparison.simulated_rms:.3g} m" for name, comparison in zip(self.names, self.steps, strict=True)
-        )
-        return f"History(rms free-running error of {', '.join(each)})"
-
-    def __len__(self) -> int:
-        return len(self.steps)
-
-    def __iter__(self) -> Iterator[Comparison]:
-        return iter(self.steps)
-
-    def __getitem__(self, index: int) -> Comparison:
-        return self.steps[index]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Effects of each model beyond the base, as in "base + cubic"."""
-        return tuple(" + ".join(("base", *fit.model.added)) for fit in self.fits)
 
 
 __dir__ = listing(globals())

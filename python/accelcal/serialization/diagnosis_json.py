@@ -20,17 +20,16 @@ from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
-from accelcal.selection.improvement import History, Improvement
+from accelcal.selection.improvement import Improvement
 from accelcal.serialization.model_file import comparison_to_dict, estimate_to_dict, region_to_dict, to_dict
-from accelcal.validation.comparison import Comparison
-from accelcal.validation.differences import ModelDifference, PairedComparison, verdict_of
+from accelcal.validation.comparison import Evaluation
+from accelcal.validation.differences import Comparison, ModelDifference, verdict_of
 from accelcal.validation.paired import HeldOutChange, heldout_change
 from accelcal.validation.ruler import Ruler
 
 DIAGNOSIS_SCHEMA = "accelcal/diagnosis/1"
 DWELLS_SCHEMA = "accelcal/diagnosis-of-dwells/1"
 IMPROVE_SCHEMA = "accelcal/improve/2"
-HISTORY_SCHEMA = "accelcal/history/1"
 PAIRED_SCHEMA = "accelcal/compare-models/1"
 
 
@@ -79,7 +78,7 @@ def detection_limits(found: Diagnosis) -> dict[str, float | None]:
     return {name: size if math.isfinite(size) else None for name, size in found.scan.detection_limits.items()}
 
 
-def where(seen: Comparison) -> dict[str, Any]:
+def where(seen: Evaluation) -> dict[str, Any]:
     """Where the model fails: in words, the worst region of every variable, and tiles of excess in sigmas."""
     return {
         "worst": seen.worst,
@@ -257,17 +256,7 @@ def improvement_to_dict(found: Improvement) -> dict[str, Any]:
     }
 
 
-def history_to_dict(models: Sequence[str], found: History) -> dict[str, Any]:
-    """Content of `history --json`: one comparison for each model, all with one filter."""
-    steps = zip(models, found.steps, changes(found.steps), strict=True)
-    return {
-        "schema": HISTORY_SCHEMA,
-        "ruler": ruler(found.fits, found.steps),
-        "steps": [{"model": m, "heldout": comparison_to_dict(c), "change": changed} for m, c, changed in steps],
-    }
-
-
-def ruler(fits: Sequence[Fit], seen: Sequence[Comparison]) -> dict[str, float]:
+def ruler(fits: Sequence[Fit], seen: Sequence[Evaluation]) -> dict[str, float]:
     """The one filter and the one band in which several models are compared."""
     noise = Ruler.of(fits).noise
     return {
@@ -277,12 +266,12 @@ def ruler(fits: Sequence[Fit], seen: Sequence[Comparison]) -> dict[str, float]:
     }
 
 
-def paired_to_dict(found: PairedComparison) -> dict[str, Any]:
-    """Content of `compare --json` on several models: their comparisons, and the difference of each from the first."""
+def compared_to_dict(found: Comparison) -> dict[str, Any]:
+    """Content of `compare --json`: comparisons of each model, and the difference of each from the first."""
     return {
         "schema": PAIRED_SCHEMA,
         "models": list(found.names),
-        "horizon_s": found.horizon,
+        "horizon_s": found.paired_horizon,
         "differences": [difference_to_dict(one, found.recordings) for one in found.differences],
         "recordings": [
             {
@@ -312,7 +301,7 @@ def difference_to_dict(found: ModelDifference, recordings: Sequence[str]) -> dic
     }
 
 
-def changes(seen: Sequence[Comparison]) -> list[dict[str, Any] | None]:
+def changes(seen: Sequence[Evaluation]) -> list[dict[str, Any] | None]:
     """Change of the held-out error from each step to the next, with its paired standard error; None for the first."""
     return [None, *(change_to_dict(heldout_change(before, after)) for before, after in pairwise(seen))]
 

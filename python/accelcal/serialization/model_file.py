@@ -34,7 +34,7 @@ from accelcal.serialization.json_text import AGAIN, dumps, plain, read_json
 from accelcal.serialization.migrations import MODEL_SCHEMA, migrated
 from accelcal.serialization.noise_effects import noise_effect_from_dict, noise_effect_to_dict
 from accelcal.signals.signals import Origins
-from accelcal.validation.comparison import Comparison, NoiseFloor, Region
+from accelcal.validation.comparison import Evaluation, NoiseFloor, Region
 from accelcal.validation.stretches import headline_horizon
 
 COMPARE_SCHEMA = "accelcal/compare/1"
@@ -382,7 +382,7 @@ def require_known(model: Mapping[str, Any]) -> None:
             )
 
 
-def comparison_to_dict(comparison: Comparison) -> dict[str, Any]:
+def comparison_to_dict(comparison: Evaluation) -> dict[str, Any]:
     """Return the numbers of a comparison; `coast_rms_m` is rezeroed, horizons the record does not allow are null."""
 
     def by_horizon(found: Mapping[float, float | None]) -> dict[str, float | None]:

@@ -199,7 +199,7 @@ class NoiseFloor:
 
 @immutable
 @dataclass(frozen=True, slots=True)
-class Comparison(Result):
+class Evaluation(Result):
     """A fitted model against a recording.
 
     Examples
@@ -296,7 +296,7 @@ class Comparison(Result):
 
     def __repr__(self) -> str:
         drifts = (f"{h:g} s: {drift:.3g} m" for h, drift in self.coast_rms.items() if drift is not None)
-        return f"Comparison({self.recording!r}: rms drift after {', '.join(drifts) or 'no time: too short'})"
+        return f"Evaluation({self.recording!r}: rms drift after {', '.join(drifts) or 'no time: too short'})"
 
     def plot(self, figure: FigureName = "overlay", *, theme: Literal["light", "dark"] = "light") -> Figure:
         """Draw one figure of the comparison.

@@ -20,7 +20,7 @@ from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.smoothing import output_at, side_channels_at
 from accelcal.signals.processing import derivative, low_pass
 from accelcal.signals.signals import Signals
-from accelcal.validation.comparison import HORIZONS, Bins, Coast, Comparison
+from accelcal.validation.comparison import HORIZONS, Bins, Coast, Evaluation
 from accelcal.validation.other_record import left_out
 from accelcal.validation.prediction import Prediction, accumulated, rms
 from accelcal.validation.regions import beyond, bin_residual, outside
@@ -46,7 +46,7 @@ def compare(
     end: float | None = None,
     ruler: Ruler | None = None,
     report: Callable[[float], None] = lambda share: None,
-) -> Comparison:
+) -> Evaluation:
     """Compare a fitted model with a recording, simulation first.
 
     Parameters
@@ -62,7 +62,7 @@ def compare(
 
     Returns
     -------
-    Comparison
+    Evaluation
 
     Raises
     ------
@@ -100,7 +100,7 @@ def compare(
     innovations = None if run.order == POSITION_ORDER else of_weak_form(ahead)
     squares = e[counts] ** 2 / S[counts] if innovations is None else innovations[1] ** 2
     report(1.0)
-    return Comparison(
+    return Evaluation(
         recording=recording.name,
         one_step_rms=float(np.sqrt(np.mean(e[counts] ** 2))),
         nis=None if fit.runs[0].noise.band is not None else float(np.mean(squares)),

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.validation.comparison import Comparison, RmsInterval
+from accelcal.validation.comparison import Evaluation, RmsInterval
 from accelcal.validation.stretches import HORIZONS_APART, LEAST_STRETCHES, stretch_means
 
 ONE_STEP_PARTS = 20.0
@@ -121,7 +121,7 @@ def paired_change(measure: str, t: Array, before: Array, after: Array, stretch: 
     return PairedStretches.of(measure, t, before, after, stretch).change()
 
 
-def paired_stretches(before: Comparison, after: Comparison, horizon: float | None) -> PairedStretches | None:
+def paired_stretches(before: Evaluation, after: Evaluation, horizon: float | None) -> PairedStretches | None:
     """Errors of two comparisons on the same data under one ruler: drifts, or one-step errors for None.
 
     None where the two have no errors at the same instants.
@@ -140,7 +140,7 @@ def paired_stretches(before: Comparison, after: Comparison, horizon: float | Non
     return PairedStretches.of("one-step error", t, e1, e2, span / ONE_STEP_PARTS, unit="1")
 
 
-def heldout_change(before: Comparison, after: Comparison, horizon: float | None = None) -> HeldOutChange | None:
+def heldout_change(before: Evaluation, after: Evaluation, horizon: float | None = None) -> HeldOutChange | None:
     """Change of the drift from one comparison to another on the same data.
 
     Parameters
@@ -158,7 +158,7 @@ def heldout_change(before: Comparison, after: Comparison, horizon: float | None 
     return next((change for change in changes if change is not None), None)
 
 
-def drift_spread(seen: Comparison, horizon: float | None) -> RmsInterval | None:
+def drift_spread(seen: Evaluation, horizon: float | None) -> RmsInterval | None:
     """Rms drift with its 95 % interval over the start points; None for a simulation, or where there are too few.
 
     Mean squares of stretches of two horizons count as independent; the interval is that of their mean.
@@ -176,7 +176,7 @@ def drift_spread(seen: Comparison, horizon: float | None) -> RmsInterval | None:
     return RmsInterval(value, value * math.exp(-0.5 * reach), value * math.exp(0.5 * reach))
 
 
-def best_step(steps: Sequence[Comparison]) -> tuple[int, HeldOutChange] | None:
+def best_step(steps: Sequence[Evaluation]) -> tuple[int, HeldOutChange] | None:
     """The step with the least held-out error, and the rise from it to the last step.
 
     `steps` are comparisons under one ruler, in order; None where the last one is the best, or the data are too short.

@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.validation.comparison import Comparison, NoiseFloor, RmsInterval
+from accelcal.validation.comparison import Evaluation, NoiseFloor, RmsInterval
 from accelcal.validation.prediction import rms
 
 APART = 4.0
 """Horizons between two recordings, so that no stretch of time over which errors are averaged holds both."""
 
 
-def pooled(several: Sequence[Comparison]) -> Comparison:
+def pooled(several: Sequence[Evaluation]) -> Evaluation:
     """Comparisons of one model with several recordings as one.
 
     Parameters
@@ -68,13 +68,13 @@ def root_mean(weighted: Iterable[tuple[float | None, int]]) -> float:
     return math.sqrt(sum(count * value**2 for value, count in known) / count) if count else math.nan
 
 
-def over_starts(several: Sequence[Comparison], values: Sequence[float | None], horizon: float) -> float | None:
+def over_starts(several: Sequence[Evaluation], values: Sequence[float | None], horizon: float) -> float | None:
     """Rms of values over the start points of a horizon; None where there are none."""
     found = root_mean(zip(values, (seen.coast_starts[horizon] for seen in several), strict=True))
     return None if math.isnan(found) else found
 
 
-def pooled_floor(several: Sequence[Comparison], readings: Sequence[int]) -> NoiseFloor | None:
+def pooled_floor(several: Sequence[Evaluation], readings: Sequence[int]) -> NoiseFloor | None:
     """The floor under the errors of several recordings, whose noises are independent; None where one has none."""
     floors = [seen.noise_floor for seen in several]
     known = [floor for floor in floors if floor is not None]

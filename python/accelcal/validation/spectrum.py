@@ -11,7 +11,7 @@ from accelcal.data.arrays import Array
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.values import Noise
 from accelcal.signals.processing import ORDER
-from accelcal.validation.comparison import BINS, Bins, Comparison, ReferenceNoise, Spectrum
+from accelcal.validation.comparison import BINS, Bins, Evaluation, ReferenceNoise, Spectrum
 from accelcal.validation.prediction import Prediction
 
 
@@ -48,7 +48,7 @@ def predicted_density(f: Array, noise: Noise, scale: float, reference: Reference
     return np.asarray(scale**2 * (2.0 * noise.usual.q + reference.as_acceleration(f)) * passed)
 
 
-def accel_spectrum(fit: Fit, comparison: Comparison) -> Spectrum | None:
+def accel_spectrum(fit: Fit, comparison: Evaluation) -> Spectrum | None:
     """Spectra of the accelerometer-side residual and of the predicted noise; None where the record is too short."""
     if comparison.reference_noise is None:
         return None
@@ -66,7 +66,7 @@ def accel_spectrum(fit: Fit, comparison: Comparison) -> Spectrum | None:
     return Spectrum(f[inside], density[inside], predicted, low, high)
 
 
-def one_step_spectrum(comparison: Comparison) -> Spectrum | None:
+def one_step_spectrum(comparison: Evaluation) -> Spectrum | None:
     """Spectrum of one-step residuals over their predicted deviation, which is flat when nothing is missing, 1/Hz."""
     t, y = comparison.normalised
     rate = 1.0 / float(np.median(np.diff(t)))

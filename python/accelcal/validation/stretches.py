@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
-from accelcal.validation.comparison import Comparison
+from accelcal.validation.comparison import Evaluation
 
 LEAST_STRETCHES = 5
 """Fewer stretches than this do not determine a standard error."""
@@ -33,14 +33,14 @@ def stretch_means(t: Array, length: float, *squares: Array) -> tuple[NDArray[np.
     return number[some], [np.bincount(stretch, y)[some] / number[some] for y in squares]
 
 
-def stretch_count(seen: Comparison, horizon: float) -> int:
+def stretch_count(seen: Evaluation, horizon: float) -> int:
     """Stretches of two horizons among the start points of a drift; 0 where the record is too short for it."""
     if horizon not in seen.drifts:
         return 0
     return len(stretch_means(seen.drifts[horizon][0], HORIZONS_APART * horizon)[0])
 
 
-def headline_horizon(*seen: Comparison) -> float | None:
+def headline_horizon(*seen: Evaluation) -> float | None:
     """The drift that is quoted first: the longest horizon with enough independent stretches to have an interval.
 
     Parameters
@@ -56,7 +56,7 @@ def headline_horizon(*seen: Comparison) -> float | None:
     return max(sure, default=min(allowed, default=None))
 
 
-def quoted_error(seen: Comparison, horizon: float | None) -> float:
+def quoted_error(seen: Evaluation, horizon: float | None) -> float:
     """Rms unaided drift over a horizon, or the free-running error for None, m; NaN where there is none."""
     value = seen.simulated_rms if horizon is None else seen.coast_rms.get(horizon)
     return math.nan if value is None else value

@@ -47,7 +47,7 @@ def test_an_effect_on_noise_is_found_added_and_gains_on_held_out_data(name, tmp_
     one = grown.noise_effects[0]
     assert one.name == name
     assert abs(one.value - hidden_coefficient(world, name)) <= 4.0 * one.std + 1e-6 * one.value
-    (score,) = ac.compare(grown, held).noise_scores
+    (score,) = ac.compare(grown, held)[0].noise_scores
     assert score.gained, score.sentence
     assert 0.4 < score.ratio < 2.0  # events are few, and Poisson
     after = ac.diagnose(grown, train)
@@ -73,7 +73,7 @@ def test_a_score_of_a_record_without_the_effect_falls(name, tmp_path):
     _, train, _ = halves(name, tmp_path, seed=22)
     _, other, _ = halves("", tmp_path, seed=22)
     grown = ac.add(ac.fit(ac.Model.linear(), train), train, name)
-    (score,) = ac.compare(grown, other).noise_scores
+    (score,) = ac.compare(grown, other)[0].noise_scores
     assert not score.gained
     assert score.ratio < 0.8
 
@@ -110,7 +110,7 @@ def test_a_model_file_holds_all_of_it(tmp_path):
     grown = ac.add(ac.fit(ac.Model.linear(), train), train, "vibration")
     again = model_file.from_dict(model_file.to_dict(grown))
     assert again.noise() == grown.noise()
-    assert ac.compare(again, held).noise_scores == ac.compare(grown, held).noise_scores
+    assert ac.compare(again, held)[0].noise_scores == ac.compare(grown, held)[0].noise_scores
     dropped = ac.drop(again, train, "vibration")
     assert dropped.noise_effects == ()
     assert dropped.noise().growth == ()
@@ -121,7 +121,7 @@ def test_a_fit_that_sees_no_outliers_is_compared_and_printed(tmp_path):
     _, train, held = halves("", tmp_path, seed=24)
     found = ac.fit(ac.Model.linear().add("encoder_outliers", "accelerometer_outliers", "quantisation"), train)
     assert [one.value for one in found.noise_effects][:2] == [0.0, 0.0]
-    assert all(np.isfinite(score.gain) for score in ac.compare(found, held).noise_scores)
+    assert all(np.isfinite(score.gain) for score in ac.compare(found, held)[0].noise_scores)
     with pytest.raises(KeyError, match="encoder_outliers' acts on noise"):
         found["encoder_outliers"]
     with pytest.raises(ValueError, match="'encoder_outliers' acts on noise: it has no value to hold"):
@@ -134,7 +134,7 @@ def test_predicted_noise_holds_the_growth(tmp_path):
     base = ac.fit(ac.Model.linear(), train)
     grown = ac.add(base, train, "timing_jitter")
     assert grown.noise().usual.q == pytest.approx(base.noise().q, rel=0.1)
-    assert "no region stands out" in ac.compare(grown, held).worst
+    assert "no region stands out" in ac.compare(grown, held)[0].worst
 
 
 def test_a_damaged_spectrum_is_refused(tmp_path):

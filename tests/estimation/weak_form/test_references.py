@@ -61,7 +61,7 @@ def test_the_floor_of_the_error_has_the_noise_of_the_reference():
     """Simulated noise covers the error of the true model, whose readings are the integral of white noise."""
     one = next(recordings("velocity"))
     fitted = ac.fit(ac.Model.linear(), one)
-    seen = ac.compare(fitted, one)
+    seen = ac.compare(fitted, one)[0]
     floor = seen.noise_floor.drift[1.0]
     assert floor.low < seen.coast_rms[1.0] < floor.high
 

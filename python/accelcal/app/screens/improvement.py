@@ -16,7 +16,7 @@ from accelcal.app.state import State, Step
 from accelcal.app.zoom import Zoom, stretches_of
 from accelcal.plots.style import ThemeName
 from accelcal.results import words as formatting
-from accelcal.validation.comparison import Comparison
+from accelcal.validation.comparison import Evaluation
 from accelcal.validation.sensor_noise import ONLY_WHITE
 from accelcal.validation.stretches import quoted_error
 
@@ -80,7 +80,7 @@ def show(page: Page) -> None:
     page.of_diagnosis = of_diagnosis
 
 
-def overlay(page: Page, seen: Comparison, shown: tuple[int, ...]) -> None:
+def overlay(page: Page, seen: Evaluation, shown: tuple[int, ...]) -> None:
     """What was measured and what every model says over each other, and where the current one fails."""
     state = page.bench.state
 
@@ -101,16 +101,16 @@ def overlay(page: Page, seen: Comparison, shown: tuple[int, ...]) -> None:
 def error(page: Page) -> None:
     """The held-out error in numbers."""
     state = page.bench.state
-    nested = figures.nested_of(state)
+    compared = figures.path_of(state)
     with ui.row().classes("numbers"):
-        figure("current error", nested.errors[-1], "error")
-        if len(nested.errors) > 1:
-            figure("previous error", nested.errors[-2], "before")
-        figure("noise alone", nested.floor.value, "floor")
-    ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {held_out(state)}.").classes("note")
+        figure("current error", compared.errors[-1], "error")
+        if len(compared.errors) > 1:
+            figure("previous error", compared.errors[-2], "before")
+        figure("noise alone", compared.floor.value, "floor")
+    ui.label(f"{compared.measure[:1].upper()}{compared.measure[1:]}, on {held_out(state)}.").classes("note")
     ui.label(f"{ONLY_WHITE[:1].upper()}{ONLY_WHITE[1:]}.").classes("note")
     per_run.errors(page)
-    widgets.lines(nested.models[-1].heldout.not_carried)
+    widgets.lines(compared[-1].not_carried)
     widgets.lines(noise_scores(state))
 
 
@@ -229,7 +229,7 @@ def tree(page: Page) -> None:
     for step in state.steps:
         depth[step.key] = depth[step.parent] + 1
         children.setdefault(step.parent, []).append(step)
-    horizon = figures.nested_of(state).horizon
+    horizon = figures.path_of(state).horizon
 
     def line(step: Step) -> None:
         value = quoted_error(step.heldout, horizon)

@@ -40,10 +40,10 @@ def errors(page: Page) -> None:
 
 def error_row(state: State, number: int | None, name: str) -> list[widgets.Cell]:
     """Errors of the models on the path on one recording, and what noise alone would give."""
-    nested = figures.nested_of(state, number)
-    horizon = figures.nested_of(state).horizon
+    compared = figures.path_of(state, number)
+    horizon = figures.path_of(state).horizon
     seen = [step.heldout if number is None else step.heldouts[number] for step in state.path]
-    floor = nested.noise_floor.at(horizon) or nested.floor
+    floor = compared.noise_floor.at(horizon) or compared.floor
     bias = "" if number is None else amount(*seen[-1].setup_bias, "m/s²")
     return [name, *(error_text(quoted_error(one, horizon)) for one in seen), length(floor.value), bias]
 

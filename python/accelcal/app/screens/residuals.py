@@ -12,7 +12,7 @@ from accelcal.app.screens import response
 from accelcal.app.state import State
 from accelcal.app.zoom import Zoom
 from accelcal.plots.style import ThemeName
-from accelcal.validation.comparison import Comparison
+from accelcal.validation.comparison import Evaluation
 
 
 def show(page: Page) -> None:
@@ -56,7 +56,7 @@ def show(page: Page) -> None:
     widgets.copies(page)
 
 
-def regions(state: State, zoom: Zoom, seen: Comparison) -> None:
+def regions(state: State, zoom: Zoom, seen: Evaluation) -> None:
     """Where the model fails on the first fitted recording; its ranges lead into the figure only if that is drawn."""
     first = state.first_fitted
     if state.drawn is first:

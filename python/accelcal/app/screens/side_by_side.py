@@ -13,8 +13,7 @@ from accelcal.effects import spelled
 from accelcal.estimation.noise_effects import NoiseEffect
 from accelcal.model import Estimate
 from accelcal.results.words import amount, length, number, plain
-from accelcal.validation.comparison import Comparison
-from accelcal.validation.paired import heldout_change
+from accelcal.validation.comparison import Evaluation
 from accelcal.validation.stretches import headline_horizon, quoted_error
 
 
@@ -92,26 +91,14 @@ def errors(page: Page, pair: tuple[str, str]) -> None:
     if seen is None:
         widgets.button("Compare on held-out data", "compare_arrows", lambda: page.act(bench.compare_pair, pair))
         return
-    rows: list[list[widgets.Cell]] = []
-    for horizon in seen[0].coast_rms:
-        values = [one.coast_rms[horizon] for one in seen]
-        if None not in values:
-            change = change_text(seen, horizon)
-            rows.append([f"drift after {horizon:g} s", *(length(value or 0.0) for value in values), change])
-    rows.append(["free-running error", *(length(one.simulated_rms) for one in seen), ""])
-    titles = ["on held-out data", "first", "second", "change, paired"]
-    widgets.table(titles, rows, "Errors of two models on held-out data")
+    for which, label in (("", "Errors of two models on held-out data"), ("changes", "Changes of the errors")):
+        table = seen.table(which)
+        head, rows = table.cells
+        widgets.lines([*table.alarms, *([] if which else [table.sentence]), *table.notes])
+        widgets.table(head, rows, label)
 
 
-def change_text(seen: tuple[Comparison, Comparison], horizon: float) -> str:
-    """The change of an error with its standard error; empty where the data are too short for one."""
-    found = heldout_change(*seen, horizon)
-    if found is None:
-        return "too short to say"
-    return f"{number(found.percent, 3)} % ± {number(found.percent_std, 2)} %"
-
-
-def own_error(seen: Comparison) -> str:
+def own_error(seen: Evaluation) -> str:
     """The error of a model on its own held-out data, in words."""
     horizon = headline_horizon(seen)
     called = "free-running error" if horizon is None else f"drift after {horizon:g} s"

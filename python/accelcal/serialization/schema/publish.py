@@ -19,7 +19,6 @@ FILES: tuple[type[BaseModel], ...] = (
     results.DiagnosisFile,
     results.DwellsFile,
     results.ImprovementFile,
-    results.HistoryFile,
     results.ExportFile,
     results.PowerFile,
     results.PlanFile,

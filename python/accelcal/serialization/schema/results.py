@@ -404,22 +404,6 @@ class ImprovementFile(Part):
     model: ModelFile
 
 
-class HistoryStep(Part):
-    """One model on the held-out recording."""
-
-    model: str
-    heldout: ComparisonFile
-    change: Change | None
-
-
-class HistoryFile(Part):
-    """Several models on one recording: `history`."""
-
-    schema_: Literal["accelcal/history/1"] = Field(alias="schema")
-    ruler: RulerPart
-    steps: list[HistoryStep]
-
-
 DifferenceVerdict = Literal["better", "worse", "undecided", "too_short"]
 
 
@@ -453,7 +437,7 @@ class ComparedRecording(Part):
 
 
 class PairedFile(Part):
-    """Several models on the same recordings: `compare` with more than one model."""
+    """Models on recordings: `compare`."""
 
     schema_: Literal["accelcal/compare-models/1"] = Field(alias="schema")
     models: list[str]
