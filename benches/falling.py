@@ -24,7 +24,6 @@ from tests.hidden.trials import Trial, draw
 
 from accelcal import io, workflow
 from accelcal.model import Model
-from accelcal.validation.ruler import Ruler
 
 EFFECTS = (
     *("coulomb", "velocity", "velocity_odd", "velocity_squared", "acceleration_velocity"),
@@ -83,8 +82,7 @@ def run(trial: Trial) -> Outcome:
             added = workflow.add(base, recording, trial.names[0])
         except ValueError as refused:
             return {"key": trial.key, "skipped": str(refused)}
-        ruler = Ruler.of([base, added])
-        before, after = (workflow.compare(fit, unseen, ruler=ruler) for fit in (base, added))
+        before, after = workflow.compare([base, added], unseen)
     drifts = [compared.coast_rms.get(10.0) for compared in (before, after)]
     if None in drifts:
         return {"key": trial.key, "skipped": "shorter than 10 s"}

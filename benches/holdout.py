@@ -31,7 +31,6 @@ from accelcal import workflow
 from accelcal.data.recording import Recording
 from accelcal.io import load
 from accelcal.validation.paired import heldout_change
-from accelcal.validation.ruler import Ruler
 
 SECONDS = 120.0
 """Length of a simulated record; a third is fitted."""
@@ -145,8 +144,7 @@ def stop(number: int, frame: object) -> None:
 
 def scored(found: workflow.Improvement, untouched: Recording) -> Outcome:
     """Names, remarks, and for each horizon the rise from the best step to the last one on the untouched part."""
-    ruler = Ruler.of([step.fit for step in found.steps])
-    seen = [workflow.compare(step.fit, untouched, ruler=ruler) for step in found.steps]
+    seen = list(workflow.compare([step.fit for step in found.steps], untouched))
     rises = {}
     for horizon in seen[0].drifts:
         errors = [one.coast_rms[horizon] for one in seen]

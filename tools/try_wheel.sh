@@ -30,7 +30,7 @@ accelcal fit run12.csv -o m1.json
 accelcal compare m1.json run13.csv
 accelcal diagnose m1.json run12.csv
 accelcal add m1.json run12.csv --effect cubic -o m2.json
-accelcal history m1.json m2.json --on run13.csv
+accelcal compare m1.json m2.json run13.csv
 accelcal power run12.csv
 accelcal export m2.json --c sensor.h --rust sensor.rs
 accelcal doctor

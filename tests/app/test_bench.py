@@ -47,7 +47,7 @@ def test_numbers_are_those_of_the_library(grown, files):
     train, unseen = data.without((a, b)), data.part(a, b)
     base = estimate(ac.Model.linear(), train)
     cubic = workflow.add(base, train, "cubic")
-    compared = ac.history([base, cubic], unseen)
+    compared = ac.compare([base, cubic], unseen)
     for step, fit, seen in zip(grown.state.path, (base, cubic), compared, strict=True):
         assert model_file.to_dict(step.fit) == model_file.to_dict(fit)
         assert model_file.comparison_to_dict(step.heldout) == model_file.comparison_to_dict(seen)

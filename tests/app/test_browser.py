@@ -11,7 +11,6 @@ import pytest
 import accelcal as ac
 from accelcal import workflow
 from accelcal.estimation.estimate import estimate
-from accelcal.validation.ruler import Ruler
 from accelcal.validation.stretches import headline_horizon
 
 from .test_server import HOST, server  # noqa: F401  (the fixture that runs the workbench)
@@ -70,9 +69,7 @@ def expected(files, name="cubic"):
     train, unseen = data.without((split, end)), data.part(split, end)
     base = estimate(ac.Model.linear(), train)
     fits = [base, workflow.add(base, train, "cubic")]
-    rulers = [Ruler.of([base]), Ruler.of(fits), Ruler.of(fits)]
-    compared = zip([base, *fits], rulers, strict=True)
-    seen = [ac.compare(one, unseen, ruler=ruler) for one, ruler in compared]
+    seen = [*ac.compare(base, unseen), *ac.compare(fits, unseen)]
     horizon = headline_horizon(*seen)
     return [each.coast_rms[horizon] for each in seen]
 

@@ -181,7 +181,7 @@ def test_the_pool_is_the_error_over_all_start_points(grown):
         floor = step.heldout.noise_floor.simulated
         assert min(one.value for one in floors) <= floor.value <= max(one.value for one in floors)
         assert floor.high - floor.low < max(one.high - one.low for one in floors)  # more data, surer
-    nested = figures.nested_of(grown.state)
+    nested = figures.path_of(grown.state)
     assert nested.errors[1] < 0.1 * nested.errors[0]
     assert pooled([grown.state.step.heldouts[0]]) is grown.state.step.heldouts[0]
 
@@ -203,7 +203,7 @@ def test_the_script_and_the_commands_of_several_give_the_same_numbers(grown, sev
     assert "nothing else is missing" in done.stdout
     assert model_file.to_dict(model_file.load(tmp_path / "model.json")) == model_file.to_dict(grown.state.step.fit)
     lines = script.command_line(grown.state).splitlines()
-    assert sum(" history " in line for line in lines) == 2
+    assert sum(" compare " in line for line in lines) == 1
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path)
         for line in lines:

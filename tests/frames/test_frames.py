@@ -12,6 +12,7 @@ import pytest
 import accelcal as ac
 from accelcal._support.extras import MissingExtra
 from accelcal.estimation.parameter_tracks import track
+from accelcal.validation.comparison import Evaluation
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
 
@@ -37,7 +38,7 @@ def fit(run: ac.Recording) -> ac.Fit:
 
 
 @pytest.fixture(scope="module")
-def seen(fit: ac.Fit) -> ac.Evaluation:
+def seen(fit: ac.Fit) -> Evaluation:
     return ac.compare(fit, simulated(2).recording)[0]
 
 
@@ -140,7 +141,7 @@ def test_a_fit_as_frames(fit: ac.Fit) -> None:
     assert fit.to_xarray()["covariance"].shape == fit.covariance.shape
 
 
-def test_a_comparison_as_frames(seen: ac.Evaluation) -> None:
+def test_a_comparison_as_frames(seen: Evaluation) -> None:
     frame = seen.to_dataframe()
     assert frame.loc[10.0, "drift"] == seen.coast_rms[10.0]
     data = seen.to_xarray()
@@ -171,8 +172,8 @@ def test_filters_tracks_and_motions_have_axes(fit: ac.Fit, run: ac.Recording, ma
 
 
 def test_other_results_as_frames(fit: ac.Fit, run: ac.Recording) -> None:
-    history = ac.history([fit], run)
-    assert history.to_dataframe().loc["base", "simulation"] == history[0].simulated_rms
+    comparison = ac.compare([fit, fit], run)
+    assert comparison.to_dataframe()["simulation"].iloc[0] == comparison[0].simulated_rms
     power = ac.power(run)
     assert power.to_dataframe().loc["cubic", "smallest"] == power["cubic"].smallest[0]
     coast = ac.coast(fit, run, 2.0, 5.0)
@@ -187,8 +188,8 @@ def test_a_missing_library_is_asked_for(fit: ac.Fit, library: str, monkeypatch: 
         fit.to_dataframe() if library == "pandas" else fit.to_xarray()
 
 
-def test_where_it_fails_is_a_frame_of_the_worst_regions(seen: ac.Evaluation) -> None:
-    frame = seen.where_it_fails()
+def test_where_it_fails_is_a_frame_of_the_worst_regions(seen: Evaluation) -> None:
+    frame = seen.to_dataframe("regions")
     assert frame.index.tolist() == [region.variable for region in seen.worst_regions]
     first = seen.worst_regions[0]
     assert first.stretch is not None
@@ -198,7 +199,7 @@ def test_where_it_fails_is_a_frame_of_the_worst_regions(seen: ac.Evaluation) -> 
     ]
 
 
-def test_figures_are_drawn_by_the_results(fit: ac.Fit, seen: ac.Evaluation, run: ac.Recording) -> None:
+def test_figures_are_drawn_by_the_results(fit: ac.Fit, seen: Evaluation, run: ac.Recording) -> None:
     for figure in (fit.plot(), seen.plot(), seen.plot("regions", theme="dark"), ac.diagnose(fit, run).plot()):
         assert figure.axes or figure.subfigs
     with pytest.raises(ValueError, match="expected one of overlay"):

@@ -21,15 +21,7 @@ from accelcal import report, workflow
 from accelcal._support.plain_text import OBEYED
 from accelcal.calibration import apply, export
 from accelcal.calibration.characteristic import characteristic
-from accelcal.cli.printing import (
-    show_comparison,
-    show_diagnosis,
-    show_export,
-    show_fit,
-    show_formulas,
-    show_paired,
-    show_steps,
-)
+from accelcal.cli.printing import show, show_comparison, show_export, show_fit, show_formulas
 from accelcal.effects import from_expression
 from accelcal.serialization import diagnosis_json, model_file
 
@@ -205,16 +197,16 @@ def printed(fit: ac.Fit) -> Iterator[str]:
 
 def compared(fit: ac.Fit) -> Iterator[str]:
     """The comparison with a record."""
-    content = model_file.comparison_to_dict(workflow.compare(fit, record())[0])
-    yield model_file.dumps(content)
-    show_comparison(json.loads(model_file.dumps(content)))
+    seen = workflow.compare(fit, record())
+    yield model_file.dumps(diagnosis_json.compared_to_dict(seen))
+    show_comparison(seen)
 
 
 def diagnosed(fit: ac.Fit) -> Iterator[str]:
     """The diagnosis on a record."""
-    content = diagnosis_json.diagnosis_to_dict(workflow.diagnose(fit, record()))
-    yield model_file.dumps(content)
-    show_diagnosis(content)
+    diagnosis = workflow.diagnose(fit, record())
+    yield model_file.dumps(diagnosis_json.diagnosis_to_dict(diagnosis))
+    show(diagnosis)
 
 
 def added(fit: ac.Fit) -> Iterator[str]:
@@ -232,18 +224,11 @@ def frozen(fit: ac.Fit) -> Iterator[str]:
     yield from printed(workflow.fit(fit.model.freeze(bias=0.05), record(), origins=fit.origins))
 
 
-def compared_in_order(fit: ac.Fit) -> Iterator[str]:
-    """The history of two models."""
-    content = diagnosis_json.history_to_dict(["a", "b"], workflow.history([fit, fit], record()))
-    yield model_file.dumps(content)
-    show_steps([(step["model"], step["heldout"]) for step in content["steps"]], content)
-
-
 def compared_in_pairs(fit: ac.Fit) -> Iterator[str]:
     """Two models on a record, and their difference."""
-    content = diagnosis_json.paired_to_dict(workflow.compare_paired([fit, fit], record()))
-    yield model_file.dumps(content)
-    show_paired(json.loads(model_file.dumps(content)))
+    paired = workflow.compare([fit, fit], record())
+    yield model_file.dumps(diagnosis_json.compared_to_dict(paired))
+    show_comparison(paired)
 
 
 def put_into_formulas(fit: ac.Fit) -> Iterator[str]:
@@ -266,7 +251,6 @@ DEAR: dict[str, Callable[[ac.Fit], Iterator[str]]] = {
     "add": added,
     "drop": dropped,
     "freeze": frozen,
-    "history": compared_in_order,
     "paired": compared_in_pairs,
     "formula": put_into_formulas,
     "report": reported,

@@ -56,7 +56,7 @@ WORKING = {
     "fit": "fit run.csv -o made.json",
     "freeze": "freeze m.json run.csv --at bias=0.05 -o held.json",
     "add": "add m.json run.csv --effect cubic -o cubic.json",
-    "history": "history m.json m2.json --on other.csv",
+    "compare several": "compare m.json m2.json other.csv",
     "compare": "compare m.json other.csv",
     "power": "power run.csv",
     "diagnose": "diagnose m.json run.csv",

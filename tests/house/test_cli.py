@@ -63,7 +63,8 @@ def test_fit_then_compare_gives_the_documented_json(folder):
     compared = accelcal("compare", "m.json", "two.parquet", "--json", cwd=folder)
     assert compared.returncode == 0, compared.stderr
     seen = json.loads(compared.stdout)
-    assert seen["schema"] == "accelcal/compare/1"
+    assert seen["schema"] == "accelcal/compare-models/1"
+    seen = seen["recordings"][0]["comparisons"][0]
     for key in ("coast_rms_m", "coast_frozen_rms_m", "coast_floor_m"):
         assert set(seen[key]) == {"1", "5", "10"}
     assert {"one_step_rms_m", "nis", "accel_rms_m_per_s2", "band_hz", "worst"} <= set(seen)

@@ -56,7 +56,6 @@ def test_init_names_the_file_that_it_wrote(tmp_path: Path) -> None:
     [
         (["compare", "m.json", "held.csv"], "diagnose m.json run.csv --holdout held.csv"),
         (["compare", "m.json", "run.csv"], "diagnose m.json run.csv"),
-        (["history", "m.json", "--on", "held.csv"], "report m.json run.csv --holdout held.csv -o m.html"),
         (
             ["improve", "run.csv", "--holdout", "held.csv", "--max-effects", "0", "-o", "best.json"],
             "report best.json run.csv --holdout held.csv -o run.html",

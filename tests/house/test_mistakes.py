@@ -53,7 +53,6 @@ def ended(folder, monkeypatch, capsys):
         ["fit", "run.csv", "other.csv"],
         ["improve", "run.csv", "--holdout", "other.csv"],
         ["compare", "m.json", "other.csv"],
-        ["history", "m.json", "--on", "other.csv"],
         ["diagnose", "m.json", "run.csv", "--holdout", "other.csv"],
         ["add", "m.json", "other.csv", "--effect", "cubic", "-o", "made.json"],
         ["report", "m.json", "run.csv", "--holdout", "other.csv", "-o", "made.html"],

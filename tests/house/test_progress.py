@@ -62,14 +62,14 @@ def test_each_model_is_passed_on_as_it_is_found(record: Record) -> None:
     assert record.shares == sorted(record.shares)
 
 
-@pytest.mark.parametrize("verb", ["compare", "history", "formulas"])
+@pytest.mark.parametrize("verb", ["compare", "compare several", "formulas"])
 def test_progress_rises_to_no_more_than_the_whole(record: Record, verb: str) -> None:
     shares: list[float] = []
     base, grown = record.steps
     if verb == "compare":
         ac.compare(base, record.run, report=shares.append)
-    elif verb == "history":
-        ac.history([base, grown], record.run, report=shares.append)
+    elif verb == "compare several":
+        ac.compare([base, grown], [record.run, record.run], report=shares.append)
     else:
         ac.formulas(base, record.run, "shape_of_acceleration", report=shares.append)
     assert len(shares) > 1

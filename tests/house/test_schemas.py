@@ -45,7 +45,7 @@ def test_model_files_follow_their_schema(number):
     require_published(bases()[number])
 
 
-@pytest.mark.parametrize("command", ["compare", "diagnose", "history", "formula", "export"])
+@pytest.mark.parametrize("command", ["compare", "diagnose", "formula", "export"])
 def test_results_follow_their_schema(command):
     fit = model_file.from_dict(bases()[0])
     texts = list(exported(fit) if command == "export" else DEAR[command](fit))

@@ -38,12 +38,11 @@ WRONG: dict[str, tuple[Any, str]] = {
     "hold at text": (lambda r, f: ac.Model.linear().freeze(bias="0"), r"bias is .*expected a number"),
     "grow without a run": (lambda r, f: ac.add(f, "cubic"), r"add\(fit, recordings, \*names\): recordings is the text"),
     "diagnose turned round": (lambda r, f: ac.diagnose(r, f), r"fit is a Recording"),
-    "compare turned round": (lambda r, f: ac.compare(r, f), r"fit is a Recording"),
+    "compare turned round": (lambda r, f: ac.compare(r, f), r"fits is a Recording"),
     "a word among the horizons": (
         lambda r, f: ac.compare(f, r, horizons=[1.0, "2 s"]),
         r"horizons is a list .*expected a list of numbers",
     ),
-    "history of one": (lambda r, f: ac.history(f, r), r"expected a list of Fit"),
     "improve a model": (lambda r, f: ac.improve(ac.Model.linear()), r"recordings is a Model"),
     "power of a model": (lambda r, f: ac.power(ac.Model.linear()), r"source is a Model"),
     "save a recording": (lambda r, f: ac.save_model(r, "m.json"), r"fit is a Recording"),

@@ -25,14 +25,15 @@ from accelcal.plots import model as models
 from accelcal.plots import tracks as over_time
 from accelcal.plots.figure import Bars, Level, Line, Points, Text, decades, thin
 from accelcal.plots.limits import chosen
-from accelcal.plots.numbers import candidate_groups, model_names, nested_comparisons
+from accelcal.plots.numbers import candidate_groups
 from accelcal.plots.response import sensitivity
 from accelcal.plots.timeline import Marks
 from accelcal.results import words as formatting
-from accelcal.selection.nested_models import nested_models
+from accelcal.selection.nested_models import nested_fits
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.validation.comparison import Bins, RmsInterval
 from accelcal.validation.consistency import cumulative_periodogram
+from accelcal.validation.differences import Comparison
 from accelcal.validation.evaluation import compare
 from accelcal.validation.spectrum import accel_spectrum, one_step_spectrum
 from accelcal.validation.worst import worst_stretches
@@ -57,7 +58,8 @@ class Example:
         self.fit = estimate(ac.Model.linear(), self.run)
         self.diagnosis = diagnose(self.fit, self.run)
         self.seen = self.diagnosis.where
-        self.nested = nested_models(self.fit, self.run, self.diagnosis, holdout=self.other)
+        self.grown = nested_fits(self.fit, [self.run], self.diagnosis.scan.found)
+        self.nested = ac.compare(self.grown.fits, self.other, names=self.grown.names)
         self.power = power(self.run)
         self.track = track(self.fit, self.run)
         self.marks = timeline.marks(self.run)
@@ -84,12 +86,12 @@ class Example:
             "tracks": over_time.tracks(self.track),
             "ranking": findings.ranking(self.diagnosis),
             "signatures": limits.signatures(self.power),
-            "error_reduction": findings.error_reduction(self.nested),
+            "error_reduction": findings.error_reduction(self.nested, lacking=self.grown.lacking),
             "fitted_curve": over_time.fitted_curve(shapes(self.shaped)),
             "detectable_sizes": limits.detectable_sizes(self.power),
             "drift_limits": limits.drift_limits(self.power.drift),
             "timeline": timeline.timeline(self.run, self.marks),
-            "overlay": timeline.overlay(nested_comparisons(self.nested)),
+            "overlay": timeline.overlay(list(zip(self.nested.names, self.nested, strict=True))),
             "live_tracks": over_time.live_tracks(followed()),
             "sensitivity": sensitivity(responded()),
             "linked": timeline.linked(self.run, seen, previous=seen, marked=[(3.0, 4.0, "chosen")]),
@@ -414,16 +416,15 @@ def test_falling_draws_errors_floor_and_shares(example, drawn, defined):
 
 
 def test_a_base_at_the_floor_explains_nothing(example):
-    good = replace(example.nested, models=example.nested.models[1:])
+    last = example.nested[1]
     high = RmsInterval(1.0, 0.5, 2.0)
-    loud = replace(good.noise_floor, drift=dict.fromkeys(good.noise_floor.drift, high))
-    poor = tuple(replace(r, heldout=replace(r.heldout, noise_floor=loud)) for r in good.models)
-    assert replace(good, models=poor).shares == (None,)
-    assert replace(good, models=poor).at_floor == (True,)
+    loud = replace(last.noise_floor, drift=dict.fromkeys(last.noise_floor.drift, high))
+    poor = Comparison(example.nested.fits[1:], ("base",), ("run",), ((replace(last, noise_floor=loud),),))
+    assert (poor.shares, poor.at_floor) == ((None,), (True,))
 
 
 def test_the_overlay_draws_measurement_every_model_and_their_difference(example, drawn, defined):
-    name, seen = nested_comparisons(example.nested)[-1]
+    name, seen = example.nested.names[-1], example.nested[1]
     mine = [t for t in drawn["light"]["overlay"]["data"] if t.get("name", "").startswith(f"{name}, fit")]
     assert len(mine) == 3  # output, residual, position
     assert len({t["legendgroup"] for t in mine}) == 1
@@ -445,10 +446,15 @@ def test_the_worst_stretch_is_where_the_residual_is_largest():
     assert worst_stretches(t, np.sin(2.0 * np.pi * t)) == []
 
 
-def test_the_finer_form_of_a_shape_has_a_bar_of_its_own(example):
-    once, shape = example.nested.models[0], replace(example.nested.models[-1], effect="shape_of_position")
-    twice = replace(example.nested, models=(once, shape, shape))
-    assert model_names(twice) == ["base", "+ shape of position", "+ shape of position, finer"]
+def test_the_finer_form_of_a_shape_has_a_name_of_its_own(example):
+    class Entered:
+        effect = "shape_of_position"
+
+        def enter(self, model):
+            return model if "shape_of_position" in model.added else model.add("shape_of_position", shapes=example.ends)
+
+    grown = nested_fits(example.fit, [example.run], [Entered(), Entered()])
+    assert grown.names == ("base", "+ shape of position", "+ shape of position, finer")
 
 
 def test_recovered_shape_is_the_fitted_function(example):

@@ -22,6 +22,7 @@ from accelcal.results import words as formatting
 from accelcal.results.words import concise
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
 from accelcal.validation.comparison import Bins, Evaluation
+from accelcal.validation.differences import Comparison
 from accelcal.validation.evaluation import compare
 
 PARAMETERS = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
@@ -71,6 +72,11 @@ SHORT = {
     "coast_floor": dict.fromkeys((1.0, 5.0, 10.0)),
     "coast_starts": dict.fromkeys((1.0, 5.0, 10.0), 0),
 }
+
+
+def alone(fit, seen):
+    """Comparison of one model with one recording."""
+    return Comparison((fit,), ("model",), (seen.recording,), ((seen,),))
 
 
 @pytest.fixture(scope="module")
@@ -513,16 +519,16 @@ def test_write_makes_every_file_whole_and_again_the_same(fitted, tmp_path):
         *("overview", "overlay", "simulated", "coasting", "one_step", "regions", "accel_residual"),
         *("histogram", "autocorrelation", "parameters", "nonlinearity"),
     ]
-    written = plots.write(found, c, tmp_path / "new" / "figures")
+    written = plots.write(alone(found, c), tmp_path / "new" / "figures")
     assert written == [tmp_path / "new" / "figures" / f"{name}.{kind}" for name in names for kind in ("png", "svg")]
     assert sorted(written) == sorted((tmp_path / "new" / "figures").iterdir())
     for path in written:
         head = path.read_bytes()[:200]
         assert head.startswith(b"\x89PNG") if path.suffix == ".png" else b"<?xml" in head
     png = [path.read_bytes() for path in written if path.suffix == ".png"]
-    again = plots.write(found, c, tmp_path / "new" / "figures")
+    again = plots.write(alone(found, c), tmp_path / "new" / "figures")
     assert [path.read_bytes() for path in again if path.suffix == ".png"] == png
-    dark = plots.write(found, c, tmp_path / "new" / "figures", theme="dark")
+    dark = plots.write(alone(found, c), tmp_path / "new" / "figures", theme="dark")
     assert [path.name for path in dark[:2]] == ["overview-dark.png", "overview-dark.svg"]
 
 
@@ -557,7 +563,7 @@ def test_missing_matplotlib_is_one_sentence(monkeypatch, tmp_path, fitted):
         plots.coasting(a_comparison())
     assert str(raised.value) == 'figures need matplotlib; install it with: pip install "accelcal[plot]"'
     with pytest.raises(plots.MissingExtra):
-        plots.write(found, a_comparison(), tmp_path / "none")
+        plots.write(alone(found, a_comparison()), tmp_path / "none")
     assert not (tmp_path / "none").exists()
 
 

@@ -42,7 +42,7 @@ def results():
         "comparison": ac.compare(linear, unseen),
         "lacking": workflow.diagnose(linear, train),
         "complete": workflow.diagnose(cubic, train),
-        "history": workflow.history([linear, cubic], unseen),
+        "history": workflow.compare([linear, cubic], unseen),
         "improvement": workflow.improve(train, holdout=unseen, most=1),
     }
 
@@ -99,7 +99,7 @@ def test_drifts_are_those_of_the_comparison(results):
     rows = cells(shown(seen))[1:]
     assert [row[0] for row in rows] == ["1 s", "5 s", "10 s"]
     metres = {"mm": 1e-3, "µm": 1e-6, "m": 1.0}
-    for row, drift in zip(rows, seen.coast_rms.values(), strict=True):
+    for row, drift in zip(rows, seen[0].coast_rms.values(), strict=True):
         number, unit = row[1].split()
         assert float(number) * metres[unit] == pytest.approx(drift, rel=0.006)  # three digits are shown
 
@@ -122,13 +122,13 @@ def test_bars_are_as_long_as_the_errors(results):
     assert errors[1] < 0.5 * errors[0]
 
 
-def test_a_history_is_the_sequence_of_its_comparisons(results):
+def test_a_comparison_is_the_sequence_of_its_models(results):
     history = results["history"]
     assert len(history) == 2
-    assert list(history) == [history[0], history[1]]
+    assert [seen.coast_rms for seen in history] == [history[0].coast_rms, history[1].coast_rms]
     assert history.names == ("base", "base + cubic")
-    with pytest.raises(ValueError, match="at least one model"):
-        workflow.history([], results["recording"])
+    with pytest.raises(ValueError, match="at least one of each"):
+        workflow.compare([], results["recording"])
 
 
 def test_a_hostile_name_is_text(results):
@@ -144,7 +144,7 @@ def test_what_is_no_result_has_no_card():
 
 
 def test_the_face_is_loaded_when_a_result_is_shown_and_not_before():
-    code = "import sys, accelcal, accelcal.workflow; print('accelcal.notebook' in sys.modules, 'plotly' in sys.modules)"
+    code = "import sys, accelcal.workflow; print(*(m in sys.modules for m in ('accelcal.results.table', 'plotly')))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
     assert done.stdout.split() == ["False", "False"]
 

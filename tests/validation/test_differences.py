@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 
 import accelcal as ac
 from accelcal.cli import app, write_recording
-from accelcal.cli.printing import show_paired
+from accelcal.cli.printing import show_comparison
 from accelcal.serialization import diagnosis_json, model_file
-from accelcal.validation.differences import ModelDifference, PairedComparison, verdict_of
+from accelcal.validation.differences import Comparison, ModelDifference, verdict_of
 from accelcal.validation.paired import HeldOutChange, PairedStretches
 from accelcal.validation.stretches import LEAST_STRETCHES, headline_horizon, stretch_count
 from tests.schemas import require_published
@@ -38,8 +38,8 @@ def fits() -> list[ac.Fit]:
 
 
 @pytest.fixture(scope="module")
-def paired(fits: list[ac.Fit], runs: list[ac.Recording]) -> PairedComparison:
-    return ac.compare_paired(fits, runs)
+def paired(fits: list[ac.Fit], runs: list[ac.Recording]) -> Comparison:
+    return ac.compare(fits, runs)
 
 
 def test_the_interval_of_a_ratio_holds_the_truth() -> None:
@@ -76,19 +76,19 @@ def test_an_interval_that_takes_every_error_for_its_own_is_too_short() -> None:
     assert held < 120
 
 
-def test_the_right_model_is_better_and_by_how_much(paired: PairedComparison) -> None:
+def test_the_right_model_is_better_and_by_how_much(paired: Comparison) -> None:
     (one,) = paired.differences
     assert one.verdict == "better"
     assert one.pooled is not None
     low, high = one.pooled.percent_interval
     assert low < one.pooled.percent < high < 0.0
     assert one.sentence.startswith("base + quadratic + cubic is better than base: drift after ")
-    assert paired.horizon == max(h for h in (1.0, 5.0, 10.0) if stretch_count(paired.seen[0][0], h) >= 5)
+    assert paired.paired_horizon == max(h for h in (1.0, 5.0, 10.0) if stretch_count(paired.seen[0][0], h) >= 5)
     assert len(one.recordings) == 2
     assert all(change is not None for change in one.recordings)
 
 
-def test_pooled_stretches_are_those_of_all_recordings(paired: PairedComparison) -> None:
+def test_pooled_stretches_are_those_of_all_recordings(paired: Comparison) -> None:
     (one,) = paired.differences
     assert one.pooled is not None
     each = [change for change in one.recordings if change is not None]
@@ -100,7 +100,7 @@ def test_pooled_stretches_are_those_of_all_recordings(paired: PairedComparison) 
 
 
 def test_a_model_is_no_better_than_itself(fits: list[ac.Fit], runs: list[ac.Recording]) -> None:
-    found = ac.compare_paired([fits[1], fits[1]], runs[0])
+    found = ac.compare([fits[1], fits[1]], runs[0])
     assert found.names == ("model 1 (base + quadratic + cubic)", "model 2 (base + quadratic + cubic)")
     (one,) = found.differences
     assert one.verdict == "undecided"
@@ -118,7 +118,7 @@ def test_too_few_stretches_and_recordings_that_disagree_are_said() -> None:
     assert alone.sentence == "whether B is better than A cannot be said: the recordings are too short for an interval"
 
 
-def test_the_headline_is_the_longest_horizon_with_enough_stretches(paired: PairedComparison) -> None:
+def test_the_headline_is_the_longest_horizon_with_enough_stretches(paired: Comparison) -> None:
     seen = paired.seen[0][0]
     counts = {h: stretch_count(seen, h) for h, drift in seen.coast_rms.items() if drift is not None}
     assert counts[1.0] >= LEAST_STRETCHES > counts[5.0]
@@ -127,23 +127,23 @@ def test_the_headline_is_the_longest_horizon_with_enough_stretches(paired: Paire
 
 
 def test_mistakes_are_said(fits: list[ac.Fit], runs: list[ac.Recording]) -> None:
-    with pytest.raises(ValueError, match="at least two models"):
-        ac.compare_paired(fits[:1], runs)
+    with pytest.raises(ValueError, match="at least one of each"):
+        ac.compare([], runs)
     with pytest.raises(ValueError, match="a name of its own for each"):
-        ac.compare_paired(fits, runs, names=["a", "a"])
+        ac.compare(fits, runs, names=["a", "a"])
 
 
-def test_frame_and_summary_have_the_numbers_of_the_difference(paired: PairedComparison) -> None:
-    frame, (one,) = paired.to_dataframe(), paired.differences
+def test_frame_and_summary_have_the_numbers_of_the_difference(paired: Comparison) -> None:
+    frame, (one,) = paired.to_dataframe("changes"), paired.differences
     assert one.pooled is not None
     assert frame.index.tolist() == [one.name] * 3
     assert frame["percent"].iloc[-1] == one.pooled.percent
     assert (frame["low"].iloc[-1], frame["high"].iloc[-1]) == one.pooled.percent_interval
-    assert "is better than base" in paired.summary()
+    assert "is better than base" in str(paired)
 
 
 def test_the_command_says_the_same(
-    paired: PairedComparison,
+    paired: Comparison,
     fits: list[ac.Fit],
     runs: list[ac.Recording],
     tmp_path: Path,
@@ -163,21 +163,20 @@ def test_the_command_says_the_same(
 
     content = json.loads(call("a.json", "b.json", "0.csv", "1.csv", "--json", "-o", "seen.json", "--plots", "drawn"))
     require_published(content)
-    expected = diagnosis_json.paired_to_dict(paired)["differences"][0]["change"]
+    expected = diagnosis_json.compared_to_dict(paired)["differences"][0]["change"]
     found = content["differences"][0]
     assert found["verdict"] == "better"
     assert found["change"]["percent"] == pytest.approx(expected["percent"], rel=1e-3)  # a CSV rounds
     assert [each["recording"] for each in found["recordings"]] == ["0.csv", "1.csv"]
     assert json.loads(Path("seen.json").read_text()) == content
     assert {path.name for path in Path("drawn").iterdir()} == {
-        f"overlay-{n}.{k}" for n in (1, 2) for k in ("png", "svg")
+        f"{name}.{k}" for name in ("overlay-1", "overlay-2", "error_reduction") for k in ("png", "svg")
     }
     assert "found 1 files and no recording" in call("a.json", code=2)
-    assert "one model and 2 recordings" in call("a.json", "0.csv", "1.csv", code=2)
+    alone = json.loads(call("a.json", "0.csv", "1.csv", "--json"))
+    assert (len(alone["models"]), len(alone["recordings"]), alone["differences"]) == (1, 2, [])
     assert "b.json comes after the recording 0.csv" in call("a.json", "0.csv", "b.json", code=2)
     assert "a.json is given twice" in call("a.json", "a.json", "0.csv", code=2)
     capsys.readouterr()
-    show_paired(content)
-    assert " ".join(capsys.readouterr().out.split()).startswith(
-        "b.json is better than a.json: drift after 1 s smaller by"
-    )
+    show_comparison(paired)
+    assert "is better than base: drift after 1 s smaller by" in " ".join(capsys.readouterr().out.split())

@@ -68,7 +68,7 @@ def even() -> tuple[list[ac.Fit], Recording]:
 
 def test_an_even_effect_passes_the_high_pass_of_its_sensor(even) -> None:
     (base, added), unseen = even
-    before, after = ac.history([base, added], unseen).steps
+    before, after = ac.compare([base, added], unseen)
     for horizon in (1.0, 5.0):
         floor = after.noise_floor.at(horizon)
         assert after.coast_rms[horizon] < before.coast_rms[horizon]
@@ -79,7 +79,7 @@ def test_an_even_effect_passes_the_high_pass_of_its_sensor(even) -> None:
 def test_the_mean_that_a_high_pass_blocks_would_drive_the_path_away(even, monkeypatch) -> None:
     (base, added), unseen = even
     monkeypatch.setattr(DeadReckoning, "remembered", lambda self, terms, s: total(terms, s))
-    before, after = ac.history([base, added], unseen).steps
+    before, after = ac.compare([base, added], unseen)
     assert after.coast_rms[1.0] > 3.0 * before.coast_rms[1.0]
 
 

@@ -49,14 +49,13 @@ def test_an_effect_is_added_to_the_same_part(fits):
     assert grown.runs[0].end == fits[0].runs[0].end
 
 
-def test_a_comparison_and_a_history_end_at_a_break(fits):
+def test_a_comparison_ends_at_a_break(fits):
     seen, good = ac.compare(fits[1], broken(2))[0], ac.compare(fits[1], record(2))[0]
     assert seen.breaks[0] == pytest.approx(BREAK, abs=0.3)
     assert seen.residual[0][-1] < BREAK + 0.3
     assert seen.coast_rms[1.0] < 2.0 * good.coast_rms[1.0]
     assert good.breaks == ()
     assert model_file.comparison_to_dict(seen)["breaks"] == list(seen.breaks)
-    assert ac.history([fits[1]], broken(2))[0].breaks == seen.breaks
 
 
 def test_a_held_out_recording_is_cut_at_its_break():

@@ -232,8 +232,8 @@ def test_a_users_own_effect_is_ranked_first_on_data_that_contain_it(tmp_path):
     assert json.loads(diagnosed.stdout)["candidates"][0]["effect"] == "my_quintic"
     added = accelcal("add", "m.json", "run.csv", "--effect", "my_quintic", "-o", "m2.json", *own)
     assert added.returncode == 0, added.stderr
-    compared = accelcal("history", "m.json", "m2.json", "--on", "other.csv", "--json", *own)
-    before, after = (step["heldout"]["coast_rms_m"]["10"] for step in json.loads(compared.stdout)["steps"])
+    compared = accelcal("compare", "m.json", "m2.json", "other.csv", "--json", *own)
+    before, after = (seen["coast_rms_m"]["10"] for seen in json.loads(compared.stdout)["recordings"][0]["comparisons"])
     assert after < before
     lost = accelcal("compare", "m2.json", "other.csv")
     assert lost.returncode == 3

@@ -27,7 +27,7 @@ def table():
     """A base model and a cubic one, each with a noise of its own, on another recording."""
     train, unseen = record(1), record(2)
     fits = [estimate(model, train) for model in (ac.Model.linear(), ac.Model.cubic())]
-    return fits, unseen, workflow.history(fits, unseen)
+    return fits, unseen, workflow.compare(fits, unseen)
 
 
 def test_all_rows_have_one_filter_one_band_and_the_same_start_points(table):
@@ -56,10 +56,9 @@ def test_all_rows_have_the_start_points_of_a_model_that_remembers_motion():
 def test_the_ruler_is_that_of_the_model_with_the_least_noise(table):
     fits, _, history = table
     assert Ruler.of(fits).noise == Ruler.of(fits[::-1]).noise == fits[1].noise()
-    said = diagnosis_json.history_to_dict(["base", "cubic"], history)
-    assert said["ruler"]["band_hz"] == history[0].band
-    assert said["steps"][0]["change"] is None
-    assert said["steps"][1]["change"]["percent"] < -20.0
+    said = diagnosis_json.compared_to_dict(history)
+    assert said["recordings"][0]["ruler"]["band_hz"] == history[0].band
+    assert said["differences"][0]["change"]["percent"] < -20.0
     with pytest.raises(ValueError, match="at least one"):
         Ruler.of([])
 

@@ -127,8 +127,9 @@ def comparing() -> list[str]:
     return [
         "comparison = ac.compare(models, unseen)",
         "print(comparison)",
-        "for m, seen in zip(models, comparison):",
-        "    print(m.model.added, seen.coast_rms, seen.simulated_rms)",
+        "for seen in comparison.seen:",
+        "    for m, one in zip(models, seen):",
+        "        print(m.model.added, one.coast_rms, one.simulated_rms)",
     ]
 
 
