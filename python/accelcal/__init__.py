@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from accelcal._core import __version__
+    from accelcal._support.errors import AccelcalError
     from accelcal.data.dwells import Dwells
     from accelcal.data.recording import Channel, Recording, RecordingError
     from accelcal.data.rig import LowPass, Rig, Sensor
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
 __all__ = [
     "ADXL105_RIG",
     "CXL02_RIG",
+    "AccelcalError",
     "Channel",
     "Coast",
     "Comparison",
@@ -138,6 +140,7 @@ def _bind() -> None:
     _binding.add(thread)
     try:
         from accelcal._core import __version__
+        from accelcal._support.errors import AccelcalError
         from accelcal.data.dwells import Dwells
         from accelcal.data.recording import Channel, Recording, RecordingError
         from accelcal.data.rig import LowPass, Rig, Sensor

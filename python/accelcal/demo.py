@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
@@ -80,7 +81,7 @@ def hide(name: str, seed: int) -> Hidden:
     ]
     effect = find(possible[int(rng.integers(len(possible)))] if name == "random" else name)
     if effect.name not in possible:
-        raise ValueError(f"{effect.name!r} cannot be hidden in this demo; choose one of {', '.join(possible)}")
+        raise AccelcalError(f"{effect.name!r} cannot be hidden in this demo; choose one of {', '.join(possible)}")
     shape = {key: float(rng.choice(declared.grid(state.signals))) for key, declared in effect.shapes.items()}
     size = float(rng.choice([1.0] if effect.traits.positive else [-1.0, 1.0])) * STRENGTH * limits[effect.name]
     origins = run.origins

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from accelcal._support.arguments import check_fields, checked
+from accelcal._support.errors import AccelcalError
 from accelcal._support.immutable import immutable
 from accelcal._support.listing import listing
 from accelcal._support.result import Result
@@ -133,9 +134,9 @@ class Model(Result):
     def __post_init__(self) -> None:
         check_fields(self)
         if self.effects[: len(BASE)] != BASE:
-            raise ValueError(f"a model begins with {', '.join(BASE)}; found {', '.join(self.effects)}")
+            raise AccelcalError(f"a model begins with {', '.join(BASE)}; found {', '.join(self.effects)}")
         if len(set(self.effects)) != len(self.effects):
-            raise ValueError(f"an effect can enter a model once; found {', '.join(self.effects)}")
+            raise AccelcalError(f"an effect can enter a model once; found {', '.join(self.effects)}")
         for name in self.effects:
             usual = {shape: declared.usual for shape, declared in find(name).shapes.items()}
             given = {shape: value for shape, value in usual.items() if value is not None} | dict(
@@ -145,19 +146,19 @@ class Model(Result):
                 object.__setattr__(self, "shapes", {**self.shapes, name: given})
             missing = set(usual) - set(given)
             if missing:
-                raise ValueError(f"{name} needs a value of {', '.join(sorted(missing))}")
+                raise AccelcalError(f"{name} needs a value of {', '.join(sorted(missing))}")
         known = {term.name for term in self.terms}
         curved = {f"{name}.{shape}" for name in self.effects for shape in find(name).shapes}
         for name in (*self.fixed, *self.priors):
             if name in self.effects and find(name).port == "noise":
-                raise ValueError(f"{name!r} acts on noise: it has no value to hold and no prior")
+                raise AccelcalError(f"{name!r} acts on noise: it has no value to hold and no prior")
             if name not in known and not (name in curved and name in self.fixed):
-                raise ValueError(f"{name!r} is fixed or has a prior but is not in the model; add the effect first")
+                raise AccelcalError(f"{name!r} is fixed or has a prior but is not in the model; add the effect first")
         for name in self.per_run:
             if name not in known:
-                raise ValueError(f"{name!r} cannot differ from run to run: it is no coefficient of the model")
+                raise AccelcalError(f"{name!r} cannot differ from run to run: it is no coefficient of the model")
             if name in self.priors:
-                raise ValueError(
+                raise AccelcalError(
                     f"{name!r} has a prior, which is on one value for all runs: it cannot differ between them"
                 )
 
@@ -205,7 +206,7 @@ class Model(Result):
         """
         for name in names:
             if name not in self.effects or name in BASE:
-                raise ValueError(
+                raise AccelcalError(
                     f"{name!r} is not an added effect of this model; it has {', '.join(self.added) or 'none'}"
                 )
         dropped = {term.name for term in self.terms if term.effect.name in names}
@@ -256,7 +257,7 @@ class Model(Result):
         """
         for name in names:
             if name not in self.fixed:
-                raise ValueError(f"{name!r} is not held; held are {', '.join(self.fixed) or 'none'}")
+                raise AccelcalError(f"{name!r} is not held; held are {', '.join(self.fixed) or 'none'}")
         return replace(self, fixed={n: c for n, c in self.fixed.items() if n not in names})
 
     @property

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from accelcal._support.arguments import checked
+from accelcal._support.errors import AccelcalError
 from accelcal._support.found_before import found_before
 from accelcal._support.listing import listing
 from accelcal._support.progress import within
@@ -425,7 +426,7 @@ def add(
     for name in names:
         effect = find(name)
         if name in model.effects and not may_be_refined(model, effect):
-            raise ValueError(f"{name!r} is already in the model")
+            raise AccelcalError(f"{name!r} is already in the model")
         if effect.port == "noise":
             model = model.add(name)
             continue
@@ -450,18 +451,18 @@ def add(
                 why = "it is an error of a position as it is read, and the reference of this record is not a position"
             if effect.search.beside and effect.search.beside not in model.effects:
                 why = f"it is searched for only beside {effect.search.beside}; add that first"
-            raise ValueError(f"{name!r} cannot be added: {why}")
+            raise AccelcalError(f"{name!r} cannot be added: {why}")
         model = requested.entered[0].enter(model)
     solution = solve_runs(model, several, origins=fit.origins, engine=engine_of(fit), report=within(report, 0.6, 0.9))
     lost = [name for name in names if name not in solution.model.effects]
     if lost:
-        raise ValueError(f"{lost[0]!r} cannot be added: these recordings do not tell it from the bias")
+        raise AccelcalError(f"{lost[0]!r} cannot be added: these recordings do not tell it from the bias")
     clean, solution = fit_without_outliers(result(solution), solution, several)
     grown = with_noise_effects(clean, several, solution.states)
     require_noise_shown(grown, names)
     unsettled = [name for name in names if find(name).port == "noise" and not solution.converged]
     if unsettled:
-        raise ValueError(
+        raise AccelcalError(
             f"{unsettled[0]!r} cannot be added: the fit with it does not settle, so its noise would not be calibrated"
         )
     return with_breaks(replace(grown, remarks=(*grown.remarks, *barely_shown(grown, names))), broken)
@@ -539,7 +540,7 @@ def run_values(fit: Fit, recordings: Sequence[Recording | Dwells]) -> RunValues:
         states = solve_runs(model_in_motion(fit), several, origins=fit.origins, engine=engine_of(fit)).states
     found = values_by_run(states, fit.model, [one.instead for one in fit.seen_by_runs])
     if found is None:
-        raise ValueError("run_values needs two recordings or more, and a model with parameters that they share")
+        raise AccelcalError("run_values needs two recordings or more, and a model with parameters that they share")
     return found
 
 
@@ -781,9 +782,13 @@ def compare(
     several = [recordings] if isinstance(recordings, Recording) else list(recordings)
     named = names_of(models) if names is None else tuple(names)
     if not models or not several:
-        raise ValueError(f"compare: {len(models)} models and {len(several)} recordings; expected at least one of each")
+        raise AccelcalError(
+            f"compare: {len(models)} models and {len(several)} recordings; expected at least one of each"
+        )
     if len(named) != len(models) or len(set(named)) != len(models):
-        raise ValueError(f"compare: names {list(named)}; expected a name of its own for each of {len(models)} models")
+        raise AccelcalError(
+            f"compare: names {list(named)}; expected a name of its own for each of {len(models)} models"
+        )
     ruler, seen = Ruler.of(models), []
     for number, recording in enumerate(several):
         part = within(report, number / len(several), (number + 1) / len(several))

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import accelcal as ac
-from accelcal._support.extras import MissingExtra
+from accelcal._support.errors import MissingExtra
 from accelcal.estimation.parameter_tracks import track
 from accelcal.validation.comparison import Evaluation
 

@@ -144,10 +144,12 @@ def test_what_accelcal_raises_on_purpose_is_for_users_and_nothing_else(tmp_path,
 
 
 def test_a_value_error_that_a_function_of_accelcal_lets_through_is_its_error():
-    namespace: dict[str, object] = {"math": math}
+    namespace: dict[str, object] = {"math": math, "Own": ac.AccelcalError}
     name = str(internal_error.PACKAGE / "made_up.py")
     exec(
-        compile("def f(x):\n    return math.sqrt(x)\ndef g(x):\n    raise ValueError('x: expected 1')\n", name, "exec"),
+        compile(
+            "def f(x):\n    return math.sqrt(x)\ndef g(x):\n    raise AccelcalError('x: expected 1')\n", name, "exec"
+        ),
         namespace,
     )
     for function, for_user in (("f", False), ("g", True)):

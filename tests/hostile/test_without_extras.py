@@ -17,7 +17,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from accelcal import paper
-from accelcal._support.extras import MissingExtra
+from accelcal._support.errors import MissingExtra
 from tests.house.test_supply import PROJECT, declared
 
 from .case import LONG

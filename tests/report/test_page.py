@@ -11,7 +11,7 @@ import pytest
 
 import accelcal as ac
 from accelcal import report
-from accelcal._support.extras import MissingExtra
+from accelcal._support.errors import MissingExtra
 from accelcal.diagnosis.outlier_rejection import RejectedReadings
 from accelcal.diagnosis.remarks import Remark
 from accelcal.estimation.estimate import estimate

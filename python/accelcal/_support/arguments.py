@@ -15,6 +15,8 @@ from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -123,9 +125,9 @@ def accepts(hint: Any, value: object) -> bool:
     return isinstance(value, hint) if isinstance(hint, type) else True
 
 
-def error_of(hint: Any, value: object) -> type[TypeError | ValueError]:
-    """ValueError for a word that is none of those allowed, else TypeError."""
-    return ValueError if get_origin(hint) is Literal and isinstance(value, str | int) else TypeError
+def error_of(hint: Any, value: object) -> type[TypeError | AccelcalError]:
+    """AccelcalError for a word that is none of those allowed, else TypeError."""
+    return AccelcalError if get_origin(hint) is Literal and isinstance(value, str | int) else TypeError
 
 
 def order(signature: inspect.Signature) -> str:

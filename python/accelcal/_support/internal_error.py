@@ -1,13 +1,12 @@
 """One sentence for whatever was raised: the product's own words, or that accelcal has an error and where its report is.
 
-An exception speaks to the user if its class is of accelcal, if a `raise` statement of accelcal raised it, or if it
-tells of a file that the operating system refused. Anything else is an error of accelcal. Its report holds what the
-authors need and nothing of the user's data: no values, no texts of exceptions.
+An exception speaks to the user if it is an `AccelcalError`, or names a file that the operating system refused. Anything
+else is an error of accelcal. Its report holds what the authors need and nothing of the user's data: no values, no texts
+of exceptions.
 """
 
 from __future__ import annotations
 
-import opcode
 import os
 import re
 import sys
@@ -16,10 +15,9 @@ from contextlib import suppress
 from pathlib import Path
 from types import FrameType, TracebackType
 
+from accelcal._support.errors import AccelcalError
+
 PACKAGE = Path(__file__).parents[1]
-RAISE = opcode.opmap["RAISE_VARARGS"]
-SPEAKING = (ValueError, OSError, ImportError)
-"""Base classes of exceptions whose text is for users, if accelcal raised them."""
 PACKAGES = ("numpy", "scipy", "pyarrow", "pint", "typer", "rich", "nicegui", "matplotlib", "plotly", "h5py")
 _FRAME = re.compile(r'^ +File "(.+)", line (\d+), in (.+)$', re.MULTILINE)
 MOST_FRAMES = 60
@@ -36,16 +34,9 @@ class RemoteTraceback(Exception):
 
 def is_for_user(error: BaseException) -> bool:
     """Whether the text of an exception was written for users; if not, the exception is an error of accelcal."""
-    if not isinstance(error, SPEAKING):
-        return False
-    if type(error).__module__.partition(".")[0] == PACKAGE.name:
-        return True
-    if isinstance(error, OSError) and error.errno is not None:
-        return True
-    if isinstance(error.__cause__, Exception) and hasattr(error.__cause__, "tb"):
-        return _was_raised_by_own(error.__cause__.tb)
-    frame, instruction = _innermost(error.__traceback__)
-    return frame is not None and _is_own(frame) and frame.f_code.co_code[instruction] == RAISE
+    from accelcal._core import FilterError
+
+    return isinstance(error, AccelcalError | FilterError) or (isinstance(error, OSError) and error.errno is not None)
 
 
 def sentence(error: BaseException, command: Sequence[str] | None = None) -> str:
@@ -139,30 +130,11 @@ def _shortened(lines: list[str]) -> list[str]:
     return [*lines[:MOST_FRAMES], f"  ... {len(lines) - 2 * MOST_FRAMES} more", *lines[-MOST_FRAMES:]]
 
 
-def _each(traceback: TracebackType | None) -> Iterator[TracebackType]:
-    while traceback is not None:
-        yield traceback
-        traceback = traceback.tb_next
-
-
 def _frames(traceback: TracebackType | None) -> Iterator[tuple[FrameType, int]]:
     """Frames with their lines, the outermost first."""
-    return ((each.tb_frame, each.tb_lineno) for each in _each(traceback))
-
-
-def _innermost(traceback: TracebackType | None) -> tuple[FrameType | None, int]:
-    """The frame that raised, and the place of its instruction."""
-    found: tuple[FrameType | None, int] = (None, 0)
-    for each in _each(traceback):
-        found = (each.tb_frame, each.tb_lasti)
-    return found
-
-
-def _was_raised_by_own(text: str) -> bool:
-    """Whether the traceback that another process sent as text ends in a `raise` statement of accelcal."""
-    file, _, rest = text.rpartition('  File "')[2].partition('"')
-    lines = rest.splitlines()
-    return Path(file).is_relative_to(PACKAGE) and len(lines) > 1 and lines[1].strip().startswith("raise ")
+    while traceback is not None:
+        yield traceback.tb_frame, traceback.tb_lineno
+        traceback = traceback.tb_next
 
 
 def _is_own(frame: FrameType) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from accelcal._support.errors import AccelcalError
 from accelcal.io.dwell_table import digest_of
 from accelcal.serialization.schema.session import Content, Source
 
@@ -48,7 +49,7 @@ class OpenedSession:
             source = next((run.source for run in self.content.runs if run.source.sha256 == digest), None)
             if source is None:
                 asked = self.missing or self.content.runs[0].source
-                raise ValueError(
+                raise AccelcalError(
                     f"{path.name}: not the recording that this session was made with ({asked.path.name}, SHA-256 "
                     f"{asked.sha256[:12]}…). Give that file, or press Undo and begin anew with this one"
                 )

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from accelcal._support.errors import AccelcalError
 from accelcal.app.run import Role, Run
 from accelcal.estimation.run_differences import run_to_hold_out
 
 ROLES: tuple[Role, ...] = ("fit", "hold out", "leave out")
 
 
-class Refused(ValueError):
+class Refused(AccelcalError):
     """An action that is not possible now. The text says why and what to do first."""
 
 

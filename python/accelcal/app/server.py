@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from accelcal._support import locks
+from accelcal._support.errors import AccessError
 from accelcal._support.stopping import Stopped
 from accelcal.app.follower import Followers
 from accelcal.app.kept import Keeper, state_folder
@@ -53,7 +54,7 @@ def free_port(first: int) -> int:
             except OSError:
                 continue
             return port
-    raise OSError(f"ports {first} to {first + TRIED - 1} are all in use; choose another with --port")
+    raise AccessError(f"ports {first} to {first + TRIED - 1} are all in use; choose another with --port")
 
 
 def serve(recording: Path | None = None, *, port: int | None = None, show: bool = True) -> None:
@@ -70,7 +71,7 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
     MissingExtra
         If NiceGUI or plotly is not installed.
     """
-    from accelcal._support.extras import MissingExtra
+    from accelcal._support.errors import MissingExtra
 
     try:
         from nicegui import app, core, ui

@@ -17,6 +17,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from accelcal import _core
+from accelcal._support.errors import AccelcalError
 from accelcal.app import mapping
 from accelcal.app.known import Known
 from accelcal.app.own_formula import OwnFormula
@@ -42,7 +43,7 @@ MOST_FILE = 64_000_000
 """Largest session file, packed, and all its parts together, bytes."""
 
 
-class SessionError(ValueError):
+class SessionError(AccelcalError):
     """A file that is no session file. The text names it, what was found and what was expected."""
 
 

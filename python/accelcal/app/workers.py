@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from accelcal._support import internal_error
+from accelcal._support.errors import AccelcalError
 from accelcal.app.known import Known
 from accelcal.app.worker import Answer, Request
 
@@ -28,7 +29,7 @@ ENDED = 5.0
 Report = Callable[[float], None]
 
 
-class WorkerLost(ChildProcessError):
+class WorkerLost(AccelcalError, ChildProcessError):
     """The process that did the work has ended before it. The text says why and what to do."""
 
 

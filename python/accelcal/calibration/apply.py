@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.listing import listing
 from accelcal.calibration.characteristic import STATIC, characteristic
 from accelcal.estimation.estimate import Fit
@@ -14,7 +15,7 @@ CONVERGED = 1e-15
 """Relative change of the acceleration below which Newton's steps end."""
 
 
-class OutsideRange(ValueError):
+class OutsideRange(AccelcalError):
     """An output that no acceleration near zero gives. The text states it."""
 
 

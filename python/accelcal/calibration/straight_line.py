@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal.calibration.characteristic import STATIC
 from accelcal.data.arrays import Array
 from accelcal.estimation.estimate import Fit
@@ -62,7 +63,7 @@ def straight_line(fit: Fit, low: float | None = None, high: float | None = None)
     trained = fit.validity["a"]
     low, high = trained[0] if low is None else low, trained[1] if high is None else high
     if not low < high:
-        raise ValueError(f"straight_line: the range {low:g} to {high:g} m/s² is empty.")
+        raise AccelcalError(f"straight_line: the range {low:g} to {high:g} m/s² is empty.")
     a = np.linspace(low, high, POINTS)
     terms = {name: np.array([term.per_unit(x, 0.0) for x in a]) for name, term in STATIC.items()}
     kept = [name for name in terms if name in fit.model.effects]

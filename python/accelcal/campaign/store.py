@@ -17,6 +17,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from accelcal._support.errors import AccelcalError
+
 SCHEMA = "accelcal/campaign/1"
 TABLES = (
     "CREATE TABLE campaign (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID",
@@ -28,7 +30,7 @@ PATIENCE = 60.0
 """Seconds to wait for another process that reads the file."""
 
 
-class CampaignError(ValueError):
+class CampaignError(AccelcalError):
     """A campaign that cannot be run, or a file that holds none or another. The text states what to do."""
 
 

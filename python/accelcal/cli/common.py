@@ -17,6 +17,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from accelcal._support import internal_error
+from accelcal._support.errors import AccelcalError
 from accelcal._support.plain_text import visible
 from accelcal._support.stopping import asked_to_end
 from accelcal._support.supervised import continue_in_child
@@ -166,7 +167,7 @@ def code_of(error: BaseException) -> int:
     return USAGE if isinstance(error, UsageError | OverwriteError) else BAD_DATA
 
 
-class UsageError(ValueError):
+class UsageError(AccelcalError):
     """An option with an invalid value."""
 
 

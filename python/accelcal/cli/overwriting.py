@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from accelcal._support.errors import AccelcalError
+
 WRITTEN = ("output", "c", "rust", "dcc", "csv", "figure", "save")
 """Parameters that name an output file."""
 RECORDINGS = (".csv", ".parquet")
@@ -37,7 +39,7 @@ _BY_PROGRAM = Writing()
 writing: ContextVar[Writing] = ContextVar("writing", default=_BY_PROGRAM)
 
 
-class OverwriteError(ValueError):
+class OverwriteError(AccelcalError):
     """A file that would be replaced, and is not what the command has written before."""
 
 

@@ -9,6 +9,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
+
 Kind = Literal["RC", "butterworth", "bessel", "biquad", "sinc", "fir"]
 Pass = Literal["lowpass", "highpass"]
 
@@ -50,11 +52,11 @@ class ChannelFilter:
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
-            raise ValueError(f"kind: found {self.kind!r}, expected {' or '.join(KINDS)}")
+            raise AccelcalError(f"kind: found {self.kind!r}, expected {' or '.join(KINDS)}")
         if self.rate is not None and not (math.isfinite(self.rate) and self.rate > 0.0):
-            raise ValueError(f"rate: found {self.rate!r} Hz, expected a positive frequency")
+            raise AccelcalError(f"rate: found {self.rate!r} Hz, expected a positive frequency")
         if not 1 <= self.order <= MOST_ORDER:
-            raise ValueError(f"order: found {self.order}, expected a whole number from 1 to {MOST_ORDER}")
+            raise AccelcalError(f"order: found {self.order}, expected a whole number from 1 to {MOST_ORDER}")
         if self.kind in ANALOG:
             self._check_corner()
         elif self.kind == "sinc":
@@ -80,39 +82,41 @@ class ChannelFilter:
 
     def _check_corner(self) -> None:
         if self.cutoff is None or not (math.isfinite(self.cutoff) and self.cutoff > 0.0):
-            raise ValueError(f"fc: found {self.cutoff!r} Hz, expected a positive frequency at which the gain is -3 dB")
+            raise AccelcalError(
+                f"fc: found {self.cutoff!r} Hz, expected a positive frequency at which the gain is -3 dB"
+            )
         if self.rate is not None and self.cutoff >= 0.5 * self.rate:
-            raise ValueError(
+            raise AccelcalError(
                 f"fc: found {self.cutoff:.6g} Hz, expected less than half the rate of the digital filter, "
                 f"{0.5 * self.rate:.6g} Hz; leave out rate where the filter is analog"
             )
 
     def _check_sinc(self) -> None:
         if self.passes == "highpass":
-            raise ValueError("kind: found 'sinc', expected a kind that passes high frequencies; an average does not")
+            raise AccelcalError("kind: found 'sinc', expected a kind that passes high frequencies; an average does not")
         if self.length < 2:
-            raise ValueError(f"length: found {self.length}, expected a whole number of samples, at least 2")
+            raise AccelcalError(f"length: found {self.length}, expected a whole number of samples, at least 2")
 
     def _check_coefficients(self) -> None:
         key = "taps" if self.kind == "fir" else "b"
         coefficients = np.array([*self.b, *self.a], dtype=np.float64)
         if not self.b or not np.any(self.b):
-            raise ValueError(f"{key}: found {list(self.b)}, expected at least one number that is not zero")
+            raise AccelcalError(f"{key}: found {list(self.b)}, expected at least one number that is not zero")
         if not np.all(np.isfinite(coefficients)):
-            raise ValueError(f"{key}: expected finite numbers, found {coefficients.tolist()}")
+            raise AccelcalError(f"{key}: expected finite numbers, found {coefficients.tolist()}")
         if self.kind == "biquad":
             if not 1 <= len(self.a) <= 3 or len(self.b) > 3 or self.a[0] == 0.0:
-                raise ValueError(
+                raise AccelcalError(
                     f"b, a: found {len(self.b)} and {len(self.a)} numbers, expected up to three each, the first of a "
                     "not zero; write a longer filter as a list of biquads"
                 )
             size = float(np.max(np.abs(np.roots(self.a)), initial=0.0))
             if size >= 1.0:
-                raise ValueError(f"a: unstable, a pole has the magnitude {size:.6g}; expected all below 1")
+                raise AccelcalError(f"a: unstable, a pole has the magnitude {size:.6g}; expected all below 1")
         gain = abs(sum(self.b)) / (abs(sum(self.a)) if self.a else 1.0)
         if (gain > DEAD * sum(map(abs, self.b))) != (self.passes == "lowpass"):
             other = "highpass" if self.passes == "lowpass" else "lowpass"
-            raise ValueError(
+            raise AccelcalError(
                 f"{key}: the gain at rest is {gain:.6g}, which is no {self.passes}; check the numbers, or declare it "
                 f"as {other}"
             )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
 from accelcal.data.arrays import Array
@@ -83,12 +84,12 @@ class Dwells(Result):
         count = len(self.mean)
         for key in ("angle", "std", "duration", "samples", "group"):
             if len(getattr(self, key)) != count:
-                raise ValueError(f"{key} has {len(getattr(self, key))} values for {count} dwells; give one for each")
+                raise AccelcalError(f"{key} has {len(getattr(self, key))} values for {count} dwells; give one for each")
         if not count:
-            raise ValueError(f"{self.name or 'dwells'}: there is no dwell; give at least one")
+            raise AccelcalError(f"{self.name or 'dwells'}: there is no dwell; give at least one")
         exact = np.flatnonzero(self.white <= 0.0)
         if len(exact):
-            raise ValueError(
+            raise AccelcalError(
                 f"{self.name or 'dwells'}: the samples of dwell {exact[0] + 1} do not scatter and no noise is "
                 'declared, so that it would be exact; declare noise = "..." in [sensor]'
             )

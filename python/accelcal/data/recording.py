@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from accelcal._support.arguments import check_fields
+from accelcal._support.errors import AccelcalError
 from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
 from accelcal._support.listing import listing
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-class RecordingError(ValueError):
+class RecordingError(AccelcalError):
     """The data cannot be used as they are. The text states what was found, where, and the next step.
 
     Examples

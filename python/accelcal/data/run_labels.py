@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 
+from accelcal._support.errors import AccelcalError
 from accelcal.data.units import shown
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -50,7 +51,7 @@ def days_of(found: object) -> float:
         try:
             found = datetime.fromisoformat(found)
         except ValueError:
-            raise ValueError(
+            raise AccelcalError(
                 f"found {shown(found)}, expected a date such as 2026-11-03 or 2026-11-03T14:30:00"
             ) from None
     if isinstance(found, datetime):
@@ -58,4 +59,4 @@ def days_of(found: object) -> float:
         return (at - EPOCH) / timedelta(days=1)
     if isinstance(found, date):
         return float((found - date(1970, 1, 1)).days)
-    raise ValueError(f"found {shown(found)}, expected a date such as 2026-11-03 or 2026-11-03T14:30:00")
+    raise AccelcalError(f"found {shown(found)}, expected a date such as 2026-11-03 or 2026-11-03T14:30:00")

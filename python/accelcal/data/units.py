@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.listing import listing
 from accelcal.data.unit_grammar import LONGEST, is_legal
 
@@ -61,7 +62,7 @@ ppm = 1e-6
 # h is the hour and the prefix of hPa; the exact name wins. degF is here for its dimension alone (see _TEMPERATURES).
 
 
-class UnitError(ValueError):
+class UnitError(AccelcalError):
     """A unit or a quantity that cannot be understood, or of the wrong dimension. The text states what was expected."""
 
 

@@ -17,6 +17,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from accelcal._support.arguments import checked
+from accelcal._support.errors import AccelcalError
 from accelcal.data.arrays import Array
 from accelcal.data.units import is_unit, normalise
 from accelcal.effects.guard import Guarded
@@ -69,7 +70,7 @@ _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 _UNIT = re.compile(r"[\w²³⁴⁵⁻¹·./()^* µ°%-]{1,40}")
 
 
-class ExpressionError(ValueError):
+class ExpressionError(AccelcalError):
     """An expression or its name cannot be used. The text states what was found and what is allowed."""
 
 

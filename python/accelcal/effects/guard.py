@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.plain_text import OBEYED_IN_NAMES
 from accelcal.data.arrays import Array
 from accelcal.data.units import instant
@@ -29,7 +30,7 @@ SECONDS_A_SAMPLE = 50e-6
 times what a loop in Python over the samples does."""
 
 
-class EffectsFileError(ValueError):
+class EffectsFileError(AccelcalError):
     """An effect of the user's own cannot be used. The text names file and effect and states what to change."""
 
 

@@ -12,6 +12,7 @@ from itertools import count
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal.data.arrays import Array
 from accelcal.effects import registry
 from accelcal.effects.curves import RECORD, cosines
@@ -90,7 +91,9 @@ def _enter(name: str, stem: Effect, *, markov: bool) -> None:
     shapes: dict[str, Shape] = {**stem.shapes, **RECORD, **({"tau": tau} if markov else {})}
     own = tuple(stem.shapes)
     if len(shapes) != len(own) + len(RECORD) + markov:
-        raise ValueError(f"{name}: {stem.name} has a shape parameter of its own that a process needs: {', '.join(own)}")
+        raise AccelcalError(
+            f"{name}: {stem.name} has a shape parameter of its own that a process needs: {', '.join(own)}"
+        )
 
     def moving(s: Signals, **shape: float) -> Array:
         column = stem.column(s, **{key: shape[key] for key in own})

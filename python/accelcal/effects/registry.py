@@ -13,6 +13,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
 from accelcal.data.arrays import Array
@@ -417,23 +418,23 @@ def effect(
     '(m/s^2)^-4'
     """
     if port not in get_args(Port):
-        raise ValueError(f"effect {name!r}: port {port!r} is none of {', '.join(get_args(Port))}")
+        raise AccelcalError(f"effect {name!r}: port {port!r} is none of {', '.join(get_args(Port))}")
     if owner not in get_args(Owner):
-        raise ValueError(f"effect {name!r}: owner {owner!r} is none of {', '.join(get_args(Owner))}")
+        raise AccelcalError(f"effect {name!r}: owner {owner!r} is none of {', '.join(get_args(Owner))}")
     prior = search.prior
     if prior is not None and (len(parts) > 1 or port not in ("output", "position")):
-        raise ValueError(f"effect {name!r}: only one constant coefficient can have a prior")
+        raise AccelcalError(f"effect {name!r}: only one constant coefficient can have a prior")
     if prior is not None and not (len(prior) == 2 and math.isfinite(sum(prior)) and prior[1] > 0.0):
-        raise ValueError(f"effect {name!r}: prior {prior} needs a mean and a positive standard deviation")
+        raise AccelcalError(f"effect {name!r}: prior {prior} needs a mean and a positive standard deviation")
     declared = MappingProxyType(dict(shapes or {}))
 
     def enter(function: Callable[..., Array]) -> Callable[..., Array]:
         if name in CATALOGUE:
-            raise ValueError(f"effect {name!r} is already in the catalogue; choose another name")
+            raise AccelcalError(f"effect {name!r} is already in the catalogue; choose another name")
         taken = inspect.signature(function).parameters
         for keyword in declared:
             if keyword not in taken and not any(each.kind is each.VAR_KEYWORD for each in taken.values()):
-                raise ValueError(f"effect {name!r} declares the shape {keyword!r} but its function does not take it")
+                raise AccelcalError(f"effect {name!r} declares the shape {keyword!r} but its function does not take it")
         CATALOGUE[name] = Effect(
             name, unit, port, owner, symbol, scale, source, function, declared, needs, parts, traits, search
         )
@@ -469,9 +470,9 @@ def family(
     def enter(function: Callable[..., Array]) -> Callable[..., Array]:
         found = next((e for e in CATALOGUE.values() if function in (e.function, inspect.unwrap(e.function))), None)
         if found is None:
-            raise ValueError(f"{function.__name__} is no effect yet; write @effect(...) below @family(...)")
+            raise AccelcalError(f"{function.__name__} is no effect yet; write @effect(...) below @family(...)")
         if not 0 <= coarse < found.width:
-            raise ValueError(
+            raise AccelcalError(
                 f"effect {found.name!r}: {coarse} of its {found.width} columns cannot be a coarser function"
             )
         CATALOGUE[found.name] = replace(found, family=Family(variable, covers, groups, coarse, basis))
@@ -512,4 +513,4 @@ def find(name: str) -> Effect:
     except KeyError:
         near = difflib.get_close_matches(name, CATALOGUE, n=3)
         hint = f"; did you mean {' or '.join(near)}?" if near else f"; known are {', '.join(CATALOGUE)}"
-        raise ValueError(f"there is no effect called {name!r}{hint}") from None
+        raise AccelcalError(f"there is no effect called {name!r}{hint}") from None

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
@@ -252,7 +253,7 @@ def estimate(
     """
     several = listed(recordings)
     if not several:
-        raise ValueError("a fit needs at least one recording")
+        raise AccelcalError("a fit needs at least one recording")
     solution = solve_runs(
         model, several, start=start, end=end, band=band, origins=origins, engine=method, report=report
     )
@@ -280,7 +281,9 @@ def solve_runs(
     recordings = dwells_with_first(recordings)
     asked, model = model, complete(model, recordings)
     if not model.free:
-        raise ValueError("no coefficient of the model is free: set one free to fit it, or compare the model as it is")
+        raise AccelcalError(
+            "no coefficient of the model is free: set one free to fit it, or compare the model as it is"
+        )
     require_shown(model, recordings)
     require_process_size(model)
     first = prepare(recordings[0], origins, start=start, end=end)
@@ -652,13 +655,13 @@ def require_band(run: PreparedRun, band: float | None) -> None:
     """
     most = 0.5 / run.reading_step
     if band is not None and not 0.0 < band < most:
-        raise ValueError(
+        raise AccelcalError(
             f"{name_of(run)}: a band of {band:g} Hz; expected more than 0 and less than half the rate of the encoder "
             f"readings, {most:.4g} Hz"
         )
     least = 1.0 / float(run.t[-1] - run.t[0])
     if band is not None and band < least:
-        raise ValueError(
+        raise AccelcalError(
             f"{name_of(run)}: a band of {band:g} Hz is less than one period of the record; take {least:.3g} Hz or more"
         )
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy
 
+from accelcal._support.errors import AccelcalError
 from accelcal.data.arrays import Array
 from accelcal.estimation.initial import initial_estimate
 from accelcal.estimation.normal_equations import NormalEquations, normal_equations
@@ -41,7 +42,7 @@ PER_RUN_OWNERS = ("timing",)
 """Owners whose coefficients belong to each run of a joint fit."""
 
 
-class NotIdentifiable(ValueError):
+class NotIdentifiable(AccelcalError):
     """The record cannot determine the model. The text says what was not excited and what to do.
 
     Examples

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from accelcal._support.arguments import checked
+from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Result
 from accelcal._support.threads import one_thread
 from accelcal.data.arrays import Array
@@ -160,15 +161,15 @@ def plan(
     wanted = tuple(dict.fromkeys(effects))
     require_plannable(wanted)
     if not seconds >= LEAST_SECONDS:
-        raise ValueError(f"a motion of {seconds:g} s is too short to plan; take {LEAST_SECONDS:g} s or more")
+        raise AccelcalError(f"a motion of {seconds:g} s is too short to plan; take {LEAST_SECONDS:g} s or more")
     if seconds > MOST_PLANNED:
-        raise ValueError(
+        raise AccelcalError(
             f"a motion of {seconds:g} s is too long to plan; take {MOST_PLANNED:g} s or less and repeat it"
         )
     limits, noise = Limits(stroke, v_max, a_max), planned_noise(rig, encoder_noise)
     for name, value in (("stroke", stroke), ("speed", v_max), ("acceleration", a_max)):
         if not LEAST_LIMIT <= value <= 1.0 / LEAST_LIMIT:
-            raise ValueError(
+            raise AccelcalError(
                 f"{name} {value:g}: expected {LEAST_LIMIT:g} to {1.0 / LEAST_LIMIT:g} in SI; give that of the stage"
             )
 
@@ -200,17 +201,19 @@ def plan(
 def require_plannable(names: Sequence[str]) -> None:
     """Raise for effects that no motion can show."""
     if not names:
-        raise ValueError("name at least one effect that the motion should show")
+        raise AccelcalError("name at least one effect that the motion should show")
     for name in names:
         effect = find(name)
         if name in Model.linear().effects:
-            raise ValueError(f"{name!r} is in every model; name an effect beyond the base")
+            raise AccelcalError(f"{name!r} is in every model; name an effect beyond the base")
         if not effect.traits.visible:
-            raise ValueError(f"{name!r} cannot be shown by any motion of this rig: {effect.experiment}")
+            raise AccelcalError(f"{name!r} cannot be shown by any motion of this rig: {effect.experiment}")
         if effect.needs:
-            raise ValueError(f"{name!r} depends on {' and '.join(effect.needs)}, which no motion can plan")
+            raise AccelcalError(f"{name!r} depends on {' and '.join(effect.needs)}, which no motion can plan")
         if effect.port == "noise":
-            raise ValueError(f"{name!r} acts on the noise and is tested on a channel of its own, without a prediction")
+            raise AccelcalError(
+                f"{name!r} acts on the noise and is tested on a channel of its own, without a prediction"
+            )
 
 
 @dataclass(frozen=True, slots=True)

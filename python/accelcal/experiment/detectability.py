@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
 from accelcal.diagnosis.policy import DETECTION_PROBABILITY
@@ -92,7 +93,7 @@ class Power(Result):
             If it was left behind when this was pickled.
         """
         if self.detection_model is None:
-            raise ValueError("this was pickled, without the run; accelcal.power(recording) makes it anew")
+            raise AccelcalError("this was pickled, without the run; accelcal.power(recording) makes it anew")
         return self.detection_model
 
     def __getstate__(self) -> list[object]:
@@ -138,7 +139,7 @@ class Power(Result):
         if len(sizes) == 1 and len(detectability.parts) > 1:
             sizes = sizes * (np.arange(len(detectability.parts)) == int(np.argmax(detectability.d)))
         if len(sizes) != len(detectability.parts):
-            raise ValueError(
+            raise AccelcalError(
                 f"{effect!r} has {len(detectability.parts)} parts ({', '.join(detectability.parts)}), not {len(sizes)}"
             )
         return self.of_run.detection(truth, sizes)

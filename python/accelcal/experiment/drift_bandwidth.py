@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.search.scores import BaseProjection
 from accelcal.effects import Effect, find, found_by
@@ -63,7 +64,7 @@ class DriftBandwidth:
     def highest(self, parameter: str, amplitude: float) -> float:
         """Highest frequency at which a change of "bias" or "scale_factor" by an amplitude is shown, Hz; 0: none is."""
         if parameter not in BASE[:2]:
-            raise ValueError(f"{parameter!r}: the drift bandwidth is known of {' and '.join(BASE[:2])}")
+            raise AccelcalError(f"{parameter!r}: the drift bandwidth is known of {' and '.join(BASE[:2])}")
         smallest = self.bias if parameter == BASE[0] else self.scale_factor
         return float(np.max(self.frequency[smallest <= amplitude], initial=0.0))
 

@@ -8,6 +8,7 @@ from itertools import cycle
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal.simulation.motion import Motion, Move, Part, Tones, Windowed
 
 MARGIN = 0.999
@@ -75,7 +76,7 @@ class Limits:
     def __post_init__(self) -> None:
         for name in ("stroke", "speed", "acceleration"):
             if not getattr(self, name) > 0.0:
-                raise ValueError(f"{name} must be positive, not {getattr(self, name):g}")
+                raise AccelcalError(f"{name} must be positive, not {getattr(self, name):g}")
 
     def scaled(self, factor: float) -> Limits:
         """All limits, `factor` times as large."""

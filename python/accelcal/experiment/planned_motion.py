@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
 from accelcal.data.rig import Rig
@@ -71,7 +72,7 @@ def through(t: Array, p: Array, name: str = "") -> Motion:
     from scipy.interpolate import make_interp_spline
 
     if len(t) <= DEGREE:
-        raise ValueError(f"{name or 'motion'}: {len(t)} set-points; at least {DEGREE + 1} are needed")
+        raise AccelcalError(f"{name or 'motion'}: {len(t)} set-points; at least {DEGREE + 1} are needed")
     end = float(t[-1] - t[0])
     return Motion((SetPoints(make_interp_spline(t - t[0], p, k=DEGREE), end),), end, name=name)
 
@@ -150,12 +151,12 @@ def planned_noise(rig: Rig, encoder_noise: float | None = None, *, name: str = "
         If one of them is not declared; messages call the motion `name`.
     """
     if rig.sensor.noise is None:
-        raise ValueError(
+        raise AccelcalError(
             f"{name}: the noise density of the sensor is not declared, so nothing can be said of a planned motion. "
             'Write in the sidecar\n[sensor]\nnoise = "225 ug/sqrt(Hz)"'
         )
     if rig.resolution is None and encoder_noise is None:
-        raise ValueError(
+        raise AccelcalError(
             f"{name}: neither resolution nor noise of the encoder are known, so nothing can be said of a planned "
             "motion. Write in the sidecar\n"
             '[channels]\nposition = { column = "position_m", unit = "m", resolution = "1 um" }'

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from accelcal._support.arguments import check_fields
+from accelcal._support.errors import AccelcalError
 from accelcal._support.immutable import immutable
 from accelcal._support.short_repr import short_repr
 
@@ -63,9 +64,9 @@ class FilterChoice:
         check_fields(self)
         unknown = [name for name in self.consider if name not in PARAMETERS[self.model]]
         if unknown:
-            raise ValueError(f"consider: {', '.join(unknown)} not in the {self.model} model.")
+            raise AccelcalError(f"consider: {', '.join(unknown)} not in the {self.model} model.")
         if self.consider and self.carrier != "dense":
-            raise ValueError('consider: UD factors have no such update; choose carrier="dense".')
+            raise AccelcalError('consider: UD factors have no such update; choose carrier="dense".')
 
     def refuse_consider(self, where: str) -> None:
         """Raise where consider parameters have no implementation.
@@ -76,7 +77,7 @@ class FilterChoice:
             If there are any; `where` begins the sentence.
         """
         if self.consider:
-            raise ValueError(
+            raise AccelcalError(
                 f"{where} estimates every parameter; consider {', '.join(self.consider)} in run or LiveFilter."
             )
 
@@ -97,4 +98,4 @@ class GaussMarkov:
 
     def __post_init__(self) -> None:
         if not self.tau > 0:
-            raise ValueError(f"GaussMarkov: tau = {self.tau:g} s is not positive.")
+            raise AccelcalError(f"GaussMarkov: tau = {self.tau:g} s is not positive.")

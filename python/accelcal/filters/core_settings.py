@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from accelcal import _core
+from accelcal._support.errors import AccelcalError
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel
 from accelcal.filters.choice import PARAMETERS, FilterChoice, GaussMarkov
@@ -32,11 +33,11 @@ def core_setup(
     ):
         if (value is not None) != needed:
             verb = "needs" if needed else "has no use for"
-            raise ValueError(f"{choice.system} with tau = {tau:g} s {verb} {name}.")
+            raise AccelcalError(f"{choice.system} with tau = {tau:g} s {verb} {name}.")
     moving = dict(parameters or {})
     unknown = set(moving) - set(PARAMETERS[choice.model])
     if unknown:
-        raise ValueError(f"parameters: {sorted(unknown)} are not in the {choice.model} model.")
+        raise AccelcalError(f"parameters: {sorted(unknown)} are not in the {choice.model} model.")
     states = choice.states(low_pass=tau != 0)
     processes = [moving.get(name) for name in PARAMETERS["cubic"]]
     return _core.FilterSetup(
@@ -63,7 +64,7 @@ def core_prior(names: tuple[str, ...], x0: ArrayLike, P0: ArrayLike) -> tuple[Ar
     P = np.ascontiguousarray(P0, dtype=np.float64)
     n = len(names)
     if x.shape != (n,) or P.shape != (n, n):
-        raise ValueError(f"x0 {x.shape} and P0 {P.shape} do not fit the {n} states {', '.join(names)}.")
+        raise AccelcalError(f"x0 {x.shape} and P0 {P.shape} do not fit the {n} states {', '.join(names)}.")
     return x, P
 
 

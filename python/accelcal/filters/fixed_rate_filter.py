@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from accelcal import _core
+from accelcal._support.errors import AccelcalError
 from accelcal.filters.choice import FilterChoice, GaussMarkov
 from accelcal.filters.core_settings import core_prior, core_setup, rate_and_density
 
@@ -62,9 +63,9 @@ def fixed_rate(
     choice.refuse_consider("fixed_rate")
     setup = core_setup(choice, q, r_position, r_accel, None, tau, parameters, gate)
     if choice.carrier == "factored" and (choice.system != "aci" or choice.integrator != "exact"):
-        raise ValueError('fixed_rate: UD factors are those of aci with integrator="exact"; use LiveFilter.')
+        raise AccelcalError('fixed_rate: UD factors are those of aci with integrator="exact"; use LiveFilter.')
     if choice.system == "cwpa" and tau != 0:
-        raise ValueError("fixed_rate: CWPA behind a low-pass has no structured kernel; use LiveFilter, or aci.")
+        raise AccelcalError("fixed_rate: CWPA behind a low-pass has no structured kernel; use LiveFilter, or aci.")
     return _core.FixedRateFilter(setup, *core_prior(choice.states(), x0, P0), dt)
 
 
@@ -118,14 +119,14 @@ def fixed_rate_with_effects(
     x = np.ascontiguousarray(x0, dtype=np.float64)
     m = len(x) - 4
     if not 0 <= m <= MOST_EFFECTS:
-        raise ValueError(f"x0 has {len(x)} states; p, v, k, K0 and up to {MOST_EFFECTS} effects are possible.")
+        raise AccelcalError(f"x0 has {len(x)} states; p, v, k, K0 and up to {MOST_EFFECTS} effects are possible.")
     names = ("p", "v", "k", "K0", *(f"c_{j}" for j in range(1, m + 1)))
     processes = [None] * (m + 2) if parameters is None else list(parameters)
     if len(processes) != m + 2:
-        raise ValueError(f"parameters: {len(processes)} given for {m + 2}, {', '.join(names[2:])}.")
+        raise AccelcalError(f"parameters: {len(processes)} given for {m + 2}, {', '.join(names[2:])}.")
     choice.refuse_consider("fixed_rate_with_effects")
     if choice.carrier == "factored" and choice.integrator != "exact":
-        raise ValueError('fixed_rate_with_effects: UD factors need integrator="exact".')
+        raise AccelcalError('fixed_rate_with_effects: UD factors need integrator="exact".')
     choice = replace(choice, system="aci", model="linear", form="forward", interpolation="cubic")
     setup = core_setup(choice, q, r_position, None, None, tau, None, gate)
     return _core.FixedRateFilter(setup, *core_prior(names, x, P0), dt, (rest, [rate_and_density(w) for w in processes]))

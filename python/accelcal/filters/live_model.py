@@ -9,6 +9,7 @@ from typing import Literal, NoReturn
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import unsupported
 from accelcal.data.orientation import GRAVITY
@@ -89,14 +90,14 @@ class LiveModel:
         gate: float | None = None,
     ) -> None:
         if not 0 < rate < math.inf:
-            raise ValueError(f"LiveModel: rate = {rate:g} Hz; give the samples of the output per second.")
+            raise AccelcalError(f"LiveModel: rate = {rate:g} Hz; give the samples of the output per second.")
         _require_amounts(q=q, r_position=r_position, speed=speed, gate=math.inf if gate is None else gate)
         if not math.isfinite(position):
-            raise ValueError(f"LiveModel: position = {position:g} m; give where the stage is at the first sample.")
+            raise AccelcalError(f"LiveModel: position = {position:g} m; give where the stage is at the first sample.")
         for name in model.effects:
             reason = refusal(find(name))
             if reason is not None:
-                raise ValueError(f"{name} cannot be tracked live: {reason}.")
+                raise AccelcalError(f"{name} cannot be tracked live: {reason}.")
         terms, processes = live_terms(model)
         self.model, self.rig = model, rig
         self.names = (*SENSOR, *(name for name in terms if name not in SENSOR))
@@ -105,18 +106,18 @@ class LiveModel:
         self._added = tuple(terms[name] for name in self.names[len(SENSOR) :])
         m = len(self._added)
         if m > MOST_EFFECTS:
-            raise ValueError(
+            raise AccelcalError(
                 f"a live filter has room for {MOST_EFFECTS} coefficients beside bias and scale_factor; "
                 f"the model has {m}: drop some."
             )
         moving = {**processes, **(gauss_markov or {})}
         unknown = sorted(set(moving) - set(terms))
         if unknown:
-            raise ValueError(f"gauss_markov: {', '.join(unknown)} not in the model; it has {', '.join(terms)}.")
+            raise AccelcalError(f"gauss_markov: {', '.join(unknown)} not in the model; it has {', '.join(terms)}.")
         beliefs = [_belief(model, terms[name], processes) for name in self.names]
         refused = unsupported(rig.filters, "a live filter")
         if refused:
-            raise ValueError(refused)
+            raise AccelcalError(refused)
         tau = rig.lowpass.tau if rig.lowpass is not None else 0.0
         # Behind a low-pass the filter's motion lags: it begins tau v behind the stage.
         P0 = np.diag([DIFFUSE * r_position + (tau * speed) ** 2, speed**2, *(b.std**2 for b in beliefs)])
@@ -155,7 +156,7 @@ class LiveModel:
             If the step fails; the filter is then as it was before it.
         """
         if GRAVITY in side:
-            raise ValueError(
+            raise AccelcalError(
                 f"{GRAVITY}: a live filter takes gravity along the axis as constant; give the rig's, and fit a record"
             )
         self._side.update(side)
@@ -217,7 +218,7 @@ class LiveModel:
         for term in self._added:
             for name in term.effect.needs:
                 if name not in self._side:
-                    raise ValueError(
+                    raise AccelcalError(
                         f"{term.effect.name} needs the channel {name!r}, which was never given: "
                         f"call step(u, z, {name}=...) with the first sample."
                     )
@@ -272,7 +273,7 @@ def live_terms(model: Model) -> tuple[dict[str, Term], dict[str, GaussMarkov]]:
         if effect.name in terms:
             continue
         if term.name not in model.priors:
-            raise ValueError(f"{effect.name} has no standard deviation; fit it to a record first.")
+            raise AccelcalError(f"{effect.name} has no standard deviation; fit it to a record first.")
         parameter, std = find(effect.traits.changes), model.priors[term.name].std
         shape = {name: term.shape[name] for name in parameter.shapes}
         terms[effect.name] = Term(replace(parameter, name=effect.name, symbol=effect.symbol), 0, shape)
@@ -295,6 +296,6 @@ def _require_amounts(*, gate: float, **amounts: float) -> None:
     """Refuse a setting that is no amount; the gate may be infinite."""
     for name, value in amounts.items():
         if not 0.0 <= value < math.inf:
-            raise ValueError(f"LiveModel: {name} = {value:g}; expected a finite number, 0 or above.")
+            raise AccelcalError(f"LiveModel: {name} = {value:g}; expected a finite number, 0 or above.")
     if not gate > 0.0:
-        raise ValueError(f"LiveModel: gate = {gate:g}; expected a number above 0, or None for no gate.")
+        raise AccelcalError(f"LiveModel: gate = {gate:g}; expected a number above 0, or None for no gate.")

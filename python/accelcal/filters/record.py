@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from accelcal import _core
 from accelcal._support.arguments import checked
+from accelcal._support.errors import AccelcalError
 from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
 from accelcal.data.arrays import Array, Flags, copied
@@ -234,7 +235,7 @@ def run_batch(
     """
     choice.refuse_consider("run_batch")
     if choice.carrier != "dense":
-        raise ValueError("run_batch: the factored carrier runs one record at a time; use run.")
+        raise AccelcalError("run_batch: the factored carrier runs one record at a time; use run.")
     setup = core_setup(choice, q, r_position, r_accel, None, tau, parameters, None)
     names = choice.states()
     n = len(names)
@@ -243,7 +244,7 @@ def run_batch(
     P = np.ascontiguousarray(P0, dtype=np.float64).reshape(-1, n * n)
     runs = max(len(u), len(z), len(x), len(P))
     if u.shape[1] != z.shape[1] or x.shape[1] != n or any(len(a) not in {1, runs} for a in (u, z, x, P)):
-        raise ValueError(
+        raise AccelcalError(
             f"run_batch: accel {u.shape}, position {z.shape}, x0 {x.shape} and P0 {P.shape} do not fit {runs} runs of "
             f"the {n} states {', '.join(names)}."
         )

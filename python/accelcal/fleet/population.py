@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from accelcal._support.errors import AccelcalError
 from accelcal.data.arrays import Array
 from accelcal.estimation.multiplicity import over_all
 
@@ -120,7 +121,7 @@ def population(y: Array, std: Array, sensor: NDArray[np.intp]) -> Population:
     y, std, sensor = y[order], std[order], sensor[order]
     count = int(sensor[-1]) + 1
     if count < 2:
-        raise ValueError(f"{count} sensor; a fleet has at least two")
+        raise AccelcalError(f"{count} sensor; a fleet has at least two")
     scale = max(float(np.std(y)), float(np.min(std)))
     repeated = len(y) > count  # with one run a sensor the two are one
     trials = scale * np.geomspace(*REACH, GRID)

@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from accelcal._support.errors import AccelcalError
 from accelcal.campaign import Results
 from accelcal.data.arrays import Array
 from accelcal.estimation.multiplicity import over_all
@@ -177,7 +178,9 @@ def summarise(results: Results) -> Fleet:
     files = tuple(item for item, kept in zip(results.items, good, strict=True) if kept)
     if not files:
         first = next(iter(results.errors.items()), ("", ""))
-        raise ValueError(f"no recording of the fleet could be fitted; {first[0]}: {first[1].strip().splitlines()[-1]}")
+        raise AccelcalError(
+            f"no recording of the fleet could be fitted; {first[0]}: {first[1].strip().splitlines()[-1]}"
+        )
     values = {name: y[good] for name, y in results.values.items()}
     names = [sensor_name(file) for file in files]
     sensors = tuple(dict.fromkeys(names))

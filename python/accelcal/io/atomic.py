@@ -19,6 +19,7 @@ from contextvars import ContextVar
 from pathlib import Path
 
 from accelcal._support import locks
+from accelcal._support.errors import AccessError
 
 PART = re.compile(r"\.accelcal-[0-9a-f]{24}\.part")
 OPEN = re.compile(r"/dev/(?P<name>stdout|stderr)|/(?:dev|proc/self)/fd/(?P<number>\d+)")
@@ -230,7 +231,7 @@ def named(name: Path) -> Iterator[None]:
         if str(error).startswith(f"{name}: "):
             raise
         reason = error.strerror or str(error)
-        raise OSError(f"{name}: cannot be written ({reason}); write to a folder that exists and is yours") from None
+        raise AccessError(f"{name}: cannot be written ({reason}); write to a folder that exists and is yours") from None
 
 
 def _publish(parts: list[Part]) -> None:

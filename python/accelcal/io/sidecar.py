@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from accelcal._support.errors import AccelcalError
 from accelcal.data import units
 from accelcal.data.channel_filter import KINDS, ChannelFilter, Pass
 from accelcal.data.dwells import ATTITUDES, DwellSetup
@@ -167,14 +168,14 @@ _Sign = Literal["any", "not negative", "positive", "not zero"]
 
 def _text(found: object) -> str:
     if not isinstance(found, str):
-        raise ValueError(f"found {units.shown(found)}, expected a text in quotes")
+        raise AccelcalError(f"found {units.shown(found)}, expected a text in quotes")
     return found
 
 
 def _one_of(*words: str) -> _Check:
     def check(found: object) -> str:
         if found not in words:
-            raise ValueError(f"found {units.shown(found)}, expected " + " or ".join(f'"{word}"' for word in words))
+            raise AccelcalError(f"found {units.shown(found)}, expected " + " or ".join(f'"{word}"' for word in words))
         return str(found)
 
     return check
@@ -185,7 +186,7 @@ def _amount(kind: str, sign: _Sign = "any") -> _Check:
         value = units.quantity(found, kind)
         kept = {"any": True, "not negative": value >= 0, "positive": value > 0, "not zero": value != 0}
         if not kept[sign]:
-            raise ValueError(f"found {units.shown(found)}, expected {units.KINDS[kind].name} that is {sign}")
+            raise AccelcalError(f"found {units.shown(found)}, expected {units.KINDS[kind].name} that is {sign}")
         return value
 
     return check
@@ -205,22 +206,22 @@ def _electrical(volts: str, counts: str, sign: _Sign) -> _Check:
 
 def _whole(found: object) -> int:
     if not isinstance(found, int) or isinstance(found, bool):
-        raise ValueError(f"found {units.shown(found)}, expected a whole number")
+        raise AccelcalError(f"found {units.shown(found)}, expected a whole number")
     if abs(found) > MOST_WHOLE:
-        raise ValueError(f"found {units.shown(found)}, expected a whole number of at most {MOST_WHOLE}")
+        raise AccelcalError(f"found {units.shown(found)}, expected a whole number of at most {MOST_WHOLE}")
     return found
 
 
 def _numbers(found: object) -> tuple[float, ...]:
     plain = isinstance(found, list) and all(isinstance(x, int | float) and not isinstance(x, bool) for x in found)
     if not plain or not isinstance(found, list):
-        raise ValueError(f"found {units.shown(found)}, expected a list of numbers such as [0.25, 0.5, 0.25]")
+        raise AccelcalError(f"found {units.shown(found)}, expected a list of numbers such as [0.25, 0.5, 0.25]")
     try:
         numbers = tuple(float(x) for x in found)
     except OverflowError:
         numbers = (math.inf,)
     if not all(map(units.is_measurable, numbers)):
-        raise ValueError(f"found {units.shown(found)}, expected finite numbers, none beyond {units.LARGEST:g}")
+        raise AccelcalError(f"found {units.shown(found)}, expected finite numbers, none beyond {units.LARGEST:g}")
     return numbers
 
 
@@ -230,11 +231,13 @@ def _input_axis(found: object) -> tuple[float, float, float]:
     if isinstance(found, str) and found in letters:
         return letters[found]
     if not isinstance(found, list) or len(found) != 3:
-        raise ValueError(f'found {units.shown(found)}, expected "x", "y", "z" or a unit vector such as [0.0, 0.6, 0.8]')
+        raise AccelcalError(
+            f'found {units.shown(found)}, expected "x", "y", "z" or a unit vector such as [0.0, 0.6, 0.8]'
+        )
     x, y, z = _numbers(found)
     length = math.hypot(x, y, z)
     if not abs(length - 1.0) < UNIT_LENGTH:
-        raise ValueError(
+        raise AccelcalError(
             f"found {units.shown(found)}, of length {length:.4g}, expected a unit vector"
             + (f"; the same direction is [{x / length:.6g}, {y / length:.6g}, {z / length:.6g}]" if length else "")
         )
@@ -266,7 +269,7 @@ def _table(found: object, where: str, checks: Mapping[str, _Check]) -> dict[str,
     return values
 
 
-class _KeyError(ValueError):
+class _KeyError(AccelcalError):
     """Something wrong at the key `where`; becomes a RecordingError once the file is known."""
 
     def __init__(self, where: str, text: str) -> None:
@@ -287,17 +290,19 @@ def _nearest(key: str, known: Mapping[str, Any]) -> str:
 def _clock(found: object) -> Clock:
     values = _table(found, "", {"column": _text, "unit": _text, "rate": _amount("frequency", "positive")})
     if ("column" in values) == ("rate" in values):
-        raise ValueError('expected either column = "..." with its unit, or rate = "1667 Hz"')
+        raise AccelcalError('expected either column = "..." with its unit, or rate = "1667 Hz"')
     return Clock(**values)
 
 
 def _four_columns(found: object) -> tuple[str, ...]:
     if not isinstance(found, list) or len(found) != 4 or not all(isinstance(name, str) for name in found):
-        raise ValueError(
+        raise AccelcalError(
             f"found {units.shown(found)}, expected four columns such as {list(QUATERNION)}".replace("'", '"')
         )
     if len(set(found)) != 4:
-        raise ValueError(f"found {units.shown(found)}, expected four different columns, w, x, y, z of the quaternion")
+        raise AccelcalError(
+            f"found {units.shown(found)}, expected four different columns, w, x, y, z of the quaternion"
+        )
     return tuple(found)
 
 
@@ -312,7 +317,7 @@ def _attitude(found: object) -> Attitude:
     values = _table(found, "", _ATTITUDE)
     for key, example in (("columns", f"{list(QUATERNION)}".replace("'", '"')), ("maps", '"sensor to ENU"')):
         if key not in values:
-            raise ValueError(f"{key} is missing; expected e.g. {key} = {example}")
+            raise AccelcalError(f"{key} is missing; expected e.g. {key} = {example}")
     return Attitude(**values)
 
 
@@ -349,21 +354,21 @@ def _filter(found: object, passes: Pass) -> tuple[ChannelFilter, float | None]:
             raise _KeyError(key, f"no key of {kind}; known keys here: kind, {', '.join(_FILTERS[kind])}")
     if kind == "RC" and ("fc" in values) == ("tau" in values):
         word = "low" if passes == "lowpass" else "high"
-        raise ValueError(
+        raise AccelcalError(
             f'a {word}-pass needs its corner frequency, e.g. {passes} = {{ kind = "RC", fc = "159 Hz" }}, or tau, '
             "not both"
         )
     if kind in ("butterworth", "bessel") and not {"fc", "order"} <= values.keys():
-        raise ValueError(
+        raise AccelcalError(
             f'fc and order are needed, e.g. {passes} = {{ kind = "{kind}", fc = "50 Hz", order = 4 }}, with the '
             "corner at -3 dB"
         )
     if kind == "biquad" and not {"b", "a"} <= values.keys():
-        raise ValueError('b and a are needed, e.g. { kind = "biquad", b = [0.2, 0.4, 0.2], a = [1.0, -0.4, 0.2] }')
+        raise AccelcalError('b and a are needed, e.g. { kind = "biquad", b = [0.2, 0.4, 0.2], a = [1.0, -0.4, 0.2] }')
     if kind == "fir" and "taps" not in values:
-        raise ValueError('taps are needed, e.g. { kind = "fir", taps = [0.25, 0.5, 0.25] }')
+        raise AccelcalError('taps are needed, e.g. { kind = "fir", taps = [0.25, 0.5, 0.25] }')
     if kind == "sinc" and "length" not in values:
-        raise ValueError('length is needed, e.g. { kind = "sinc", length = 16, order = 3 }')
+        raise AccelcalError('length is needed, e.g. { kind = "sinc", length = 16, order = 3 }')
     cutoff = 1.0 / (2.0 * math.pi * values["tau"]) if "tau" in values else values.get("fc")
     return ChannelFilter(
         kind,
@@ -384,7 +389,9 @@ def _filters(passes: Pass) -> _Check:
         if not isinstance(found, list):
             return [_filter(found, passes)]
         if not found:
-            raise ValueError("found an empty list, expected at least one filter; leave the key out where there is none")
+            raise AccelcalError(
+                "found an empty list, expected at least one filter; leave the key out where there is none"
+            )
         made = []
         for number, each in enumerate(found, 1):
             try:
@@ -405,7 +412,7 @@ def _source(**further: _Check) -> _Check:
     def check(found: object) -> tuple[Source, dict[str, Any]]:
         values = _table(found, "", _SOURCE | further)
         if "column" not in values:
-            raise ValueError('column is missing; expected e.g. { column = "accel", unit = "m/s^2" }')
+            raise AccelcalError('column is missing; expected e.g. { column = "accel", unit = "m/s^2" }')
         extra = {key: values.pop(key) for key in further if key in values}
         return Source(**values), extra
 

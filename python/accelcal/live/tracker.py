@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal.data.arrays import Array
 from accelcal.filters.stream import LiveFilter
 from accelcal.io.stream_lines import Rows
@@ -155,7 +156,7 @@ class Tracker:
             self._start(t, z)
         assert self.filter is not None
         if len(self._waiting) == MOST_BETWEEN:
-            raise ValueError(f"more than {MOST_BETWEEN} readings without an output between them")
+            raise AccelcalError(f"more than {MOST_BETWEEN} readings without an output between them")
         variance = self._expected_variance(t)
         self.filter.step(t, position=z)
         self._waiting.append((t, variance))

@@ -6,7 +6,7 @@ matplotlib and takes `theme`, "light" or "dark". `interactive` has the same figu
 
 from typing import Any
 
-from accelcal._support.extras import MissingExtra
+from accelcal._support.errors import MissingExtra
 from accelcal._support.faces import face
 from accelcal.plots import bins, comparison, diagnosis, model, residuals, response, timeline
 from accelcal.plots.comparison import overview, write

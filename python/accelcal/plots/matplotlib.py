@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from accelcal._support.extras import MissingExtra
+from accelcal._support.errors import MissingExtra
 from accelcal.io import atomic, together
 from accelcal.plots import figure as data
 from accelcal.plots.figure import DENSE, Axis, Band, Bars, Level, Line, Mark, Panel, Points, Text, Tiles

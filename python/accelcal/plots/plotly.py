@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal._support.extras import MissingExtra
+from accelcal._support.errors import MissingExtra
 from accelcal.plots import figure as data
 from accelcal.plots.figure import (
     DENSE,

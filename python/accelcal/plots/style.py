@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
+from accelcal._support.errors import AccelcalError
+
 ThemeName = Literal["light", "dark"]
 Role = Literal["measured", "model", "other", "floor", "residual", "band", "before", "fault", "ink", "grid"]
 """What a mark shows: the measurement, the (current) model, a second curve of it, the noise floor, a residual without
@@ -110,7 +112,7 @@ def theme_of(name: ThemeName) -> Theme:
         If there is none.
     """
     if name not in THEMES:
-        raise ValueError(f"there is no theme {name!r}; choose one of {', '.join(THEMES)}")
+        raise AccelcalError(f"there is no theme {name!r}; choose one of {', '.join(THEMES)}")
     return THEMES[name]
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
 from accelcal.data.summary import rest
@@ -231,7 +232,7 @@ def named_models(models: Models) -> list[tuple[str, Evaluation]]:
     """
     several = [("", models)] if isinstance(models, Evaluation) else list(models)
     if not several:
-        raise ValueError("an overlay needs at least one comparison")
+        raise AccelcalError("an overlay needs at least one comparison")
     return several
 
 

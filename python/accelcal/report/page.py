@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from accelcal._support.extras import MissingExtra
+from accelcal._support.errors import MissingExtra
 from accelcal.io import atomic_write
 from accelcal.plots import matplotlib, plotly
 from accelcal.report.content import Content

@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
-from accelcal._support.extras import MissingExtra
+from accelcal._support.errors import MissingExtra
 from accelcal._support.scratch import scratch_folder
 from accelcal.serialization.json_text import dumps
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from accelcal._support.errors import AccelcalError
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel
 from accelcal.data.stamps import usual_step
@@ -84,7 +85,7 @@ def measure_broadband(output: Channel, reference: Reference, frequencies: Sequen
     else:
         chosen = np.array(sorted(frequencies))
         if len(chosen) and not (lowest <= chosen[0] and chosen[-1] <= highest):
-            raise ValueError(
+            raise AccelcalError(
                 f"{output.name}: this recording shows frequencies from {lowest:.4g} to {highest:.4g} Hz, asked for are "
                 f"{chosen[0]:.4g} to {chosen[-1]:.4g} Hz; choose others, or record longer or faster"
             )
@@ -120,7 +121,7 @@ def _segments(channels: tuple[Channel, Channel]) -> Segments:
     begin, end = max(float(c.t[0]) for c in channels), min(float(c.t[-1]) for c in channels)
     length = (end - begin) / SEGMENTS
     if not length > 64.0 * max(usual_step(c.t) for c in channels):
-        raise ValueError(f"{channels[0].name}: output and reference share {end - begin:.3g} s; record longer")
+        raise AccelcalError(f"{channels[0].name}: output and reference share {end - begin:.3g} s; record longer")
     return Segments(begin, length, (SEGMENTS - 1) * OVERLAP + 1)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel
 from accelcal.signals.transfer import Spectrum
@@ -60,7 +61,7 @@ def fit_sines(channel: Channel, frequencies: Sequence[float] | Array, centre: fl
     t = channel.t - centre
     unknowns = DRIFT + 2 * len(frequencies)
     if len(t) <= unknowns:
-        raise ValueError(f"{channel.name}: {len(t)} samples in this stretch, expected more than {unknowns}")
+        raise AccelcalError(f"{channel.name}: {len(t)} samples in this stretch, expected more than {unknowns}")
     columns = _columns(t, np.asarray(frequencies, dtype=np.float64))
     found = np.linalg.lstsq(columns, channel.y, rcond=None)[0]
     waves = found[DRIFT:]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from accelcal._support.extras import MissingExtra
+from accelcal._support.errors import MissingExtra
 from accelcal._support.listing import listing
 from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Recording

@@ -12,7 +12,7 @@ from functools import singledispatch
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from accelcal._support.extras import MissingExtra
+from accelcal._support.errors import AccelcalError, MissingExtra
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -98,7 +98,7 @@ def require(which: str, *names: str) -> None:
     """Refuse the name of a table that a result does not have."""
     if which and which not in names:
         expected = f"one of {', '.join(names)}" if names else "no name: it has one table"
-        raise ValueError(f"there is no table {which!r}; expected {expected}")
+        raise AccelcalError(f"there is no table {which!r}; expected {expected}")
 
 
 def as_sentence(text: str) -> str:

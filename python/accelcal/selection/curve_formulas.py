@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, FORMULA_LACK_OF_FIT_ALPHA, FORMULA_LOG_EVIDENCE
@@ -381,15 +382,15 @@ def formulas_of(
         If the effect is no nonparametric function of one variable, or the variable does not change.
     """
     if curve.family is None or curve.family.variable.per or curve.family.variable.letter == "reversal":
-        raise ValueError(f"{curve.name} is no curve of one variable; shape_of_velocity is one")
+        raise AccelcalError(f"{curve.name} is no curve of one variable; shape_of_velocity is one")
     variable = curve.family.variable
     for each in (state, *(() if holdout is None else holdout[:1])):
         if missing := [name for name in curve.needs if name not in each.signals.side]:
             name = each.run.recording.name or "recording"
-            raise ValueError(f"{name} has no channel {' and '.join(missing)}, of which {curve.name} is a function")
+            raise AccelcalError(f"{name} has no channel {' and '.join(missing)}, of which {curve.name} is a function")
     x = value_of(state.signals, curve)
     if not np.ptp(x) > 0.0:
-        raise ValueError(f"{variable.name} does not change on this record, which therefore shows no function of it")
+        raise AccelcalError(f"{variable.name} does not change on this record, which therefore shows no function of it")
     nodes = nodes_of(state, curve)
     hats = HatGram(state, model, curve, nodes)
     trials = sorted((Trial.of(elements, hats) for elements in combinations()), key=lambda one: -one.log_evidence)

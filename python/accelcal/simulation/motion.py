@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.data.rig import STANDARD_GRAVITY
@@ -299,9 +300,9 @@ def motion(
     2.0
     """
     if name not in PROFILES:
-        raise ValueError(f"motion {name!r} is not known. Choose one of: {', '.join(PROFILES)}.")
+        raise AccelcalError(f"motion {name!r} is not known. Choose one of: {', '.join(PROFILES)}.")
     if not 0.0 < seconds <= MOST_SECONDS:
-        raise ValueError(
+        raise AccelcalError(
             f"motion {name!r}: the length must be positive and at most {MOST_SECONDS:g} s, not {seconds:g} s."
         )
     planned = replace(PROFILES[name](seconds, rng), name=name)
@@ -337,7 +338,7 @@ def sine_steps(frequencies: ArrayLike, amplitudes: ArrayLike, durations: ArrayLi
     f = np.atleast_1d(np.asarray(frequencies, dtype=np.float64))
     each = np.broadcast_arrays(f, np.asarray(amplitudes, np.float64), np.asarray(durations, np.float64))
     if not (np.isfinite(each).all() and np.min(each, initial=math.inf) > 0.0 and 0.0 <= rest < math.inf and len(f)):
-        raise ValueError("sine_steps: expected frequencies, amplitudes and durations that are positive and finite")
+        raise AccelcalError("sine_steps: expected frequencies, amplitudes and durations that are positive and finite")
     parts: list[Part] = []
     start = rest
     for frequency, amplitude, duration in zip(*each, strict=True):
@@ -350,15 +351,15 @@ def sine_steps(frequencies: ArrayLike, amplitudes: ArrayLike, durations: ArrayLi
 
 def _scaled(planned: Motion, now: float, wanted: float) -> Motion:
     if not 0.0 < wanted < math.inf:
-        raise ValueError(f"motion {planned.name!r} is to be scaled to {wanted:g}; give a positive number.")
+        raise AccelcalError(f"motion {planned.name!r} is to be scaled to {wanted:g}; give a positive number.")
     if now == 0.0:
-        raise ValueError(f"motion {planned.name!r} does not move and cannot be scaled.")
+        raise AccelcalError(f"motion {planned.name!r} does not move and cannot be scaled.")
     return planned.scaled(wanted / now)
 
 
 def _within(planned: Motion, v_max: float | None) -> Motion:
     if v_max is not None and planned.top_speed > v_max:
-        raise ValueError(
+        raise AccelcalError(
             f"motion {planned.name!r}: {planned.acceleration_rms:.3g} m/s² rms needs {planned.top_speed:.3g} m/s, "
             f"above the limit of {v_max:.3g} m/s. Lower a_rms or choose a profile of higher frequency."
         )
@@ -381,7 +382,7 @@ def _chirp(seconds: float, rng: np.random.Generator) -> Motion:
 
 def _sine_steps(seconds: float, rng: np.random.Generator) -> Motion:
     if seconds < 20.0:
-        raise ValueError(f"motion 'sine_steps' needs 20 s or more for its 16 steps: {seconds:g} s is too short.")
+        raise AccelcalError(f"motion 'sine_steps' needs 20 s or more for its 16 steps: {seconds:g} s is too short.")
     rest = 0.05 * seconds / (len(THIRDS) + 1)
     planned = sine_steps(THIRDS, 1.0, 0.95 * seconds / len(THIRDS), rest=rest)
     return replace(planned.scaled(STAGE_SPEED / planned.top_speed), seconds=seconds)
@@ -395,7 +396,7 @@ def _sweep(seconds: float, rng: np.random.Generator) -> Motion:
 
 def _moves(seconds: float, rng: np.random.Generator) -> Motion:
     if seconds < 3.0:
-        raise ValueError(f"motion 'moves' needs 3 s or more for a move there and back: {seconds:g} s is too short.")
+        raise AccelcalError(f"motion 'moves' needs 3 s or more for a move there and back: {seconds:g} s is too short.")
     return Motion(tuple(_point_to_point(0.0, seconds, rng)), seconds)
 
 
@@ -409,7 +410,7 @@ def _interleaved(seconds: float, rng: np.random.Generator) -> Motion:
 
 def _rests(seconds: float, rng: np.random.Generator) -> Motion:
     if seconds < 2.0 * REST + 5.0:
-        raise ValueError(
+        raise AccelcalError(
             f"motion 'rests' begins and ends with {REST:g} s at rest: {seconds:g} s is too short, take 45 s or more."
         )
     return Motion(tuple(_alternate(REST, seconds - REST, rng)), seconds)

@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 
 from accelcal._support.arguments import checked
+from accelcal._support.errors import AccelcalError
 from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
 from accelcal.data.arrays import Array
@@ -211,16 +212,18 @@ def simulate(
     """
     theta, density = _complete(parameters), rig.sensor.noise
     if density is None:
-        raise ValueError("rig.sensor.noise is not declared: a simulated sensor needs its noise density (0 for none).")
+        raise AccelcalError(
+            "rig.sensor.noise is not declared: a simulated sensor needs its noise density (0 for none)."
+        )
     if not 0.0 <= missing < 1.0:
-        raise ValueError(f"missing is the probability that a sample is absent: {missing} is outside [0, 1).")
+        raise AccelcalError(f"missing is the probability that a sample is absent: {missing} is outside [0, 1).")
     _require_clock("accel", seconds, accel_rate, accel_phase)
     _require_clock("position", seconds, position_rate, position_phase)
     motion_rng, sensor_rng, encoder_rng, missing_rng = rng.spawn(4)
     if isinstance(motion, str):
         motion = planned(motion, seconds, motion_rng, a_rms=a_rms, v_max=v_max)
     elif a_rms is not None or v_max is not None:
-        raise ValueError("a_rms and v_max size a profile given by name; scale a Motion with its `scaled`.")
+        raise AccelcalError("a_rms and v_max size a profile given by name; scale a Motion with its `scaled`.")
 
     t_accel = _clock(seconds, accel_rate, accel_phase)
     # streams of a band are drawn only for one: other records keep theirs
@@ -270,21 +273,21 @@ def _complete(parameters: Mapping[str, float]) -> dict[str, float]:
     """Every parameter by name; those not given are zero."""
     unknown = sorted(set(parameters) - set(PARAMETERS))
     if unknown:
-        raise ValueError(f"no sensor parameter is called {', '.join(unknown)}. Known: {', '.join(PARAMETERS)}.")
+        raise AccelcalError(f"no sensor parameter is called {', '.join(unknown)}. Known: {', '.join(PARAMETERS)}.")
     for name, value in parameters.items():
         if not math.isfinite(value):
-            raise ValueError(f"{name} = {value}: expected a finite number.")
+            raise AccelcalError(f"{name} = {value}: expected a finite number.")
     return {name: float(parameters.get(name, 0.0)) for name in PARAMETERS}
 
 
 def _require_clock(name: str, seconds: float, rate: float, phase: float) -> None:
     """Refuse a clock that is none, or that would give more samples than are simulated."""
     if not (0.0 < seconds < math.inf and 0.0 < rate < math.inf and math.isfinite(phase)):
-        raise ValueError(
+        raise AccelcalError(
             f"{name}: {seconds:g} s at {rate:g} Hz from {phase:g} s; expected a finite length and rate above 0."
         )
     if seconds * rate > MOST_SAMPLES:
-        raise ValueError(
+        raise AccelcalError(
             f"{name}: {seconds:g} s at {rate:g} Hz are {seconds * rate:.3g} samples; at most {MOST_SAMPLES} are "
             "simulated. Take a shorter length or a lower rate."
         )
@@ -396,6 +399,6 @@ def _channel(name: str, t: Array, y: Array, unit: str, missing: float, rng: np.r
         If a sample is beyond the range of a double.
     """
     if not np.all(np.isfinite(y)):
-        raise ValueError(f"the simulated {name} overflows; take a smaller motion or smaller parameters.")
+        raise AccelcalError(f"the simulated {name} overflows; take a smaller motion or smaller parameters.")
     kept = rng.random(len(t)) >= missing
     return Channel(name, t[kept], y[kept], unit)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
@@ -314,7 +315,9 @@ class Evaluation(Result):
             If there is no such figure.
         """
         if figure not in get_args(FigureName):
-            raise ValueError(f"plot: there is no figure {figure!r}; expected one of {', '.join(get_args(FigureName))}")
+            raise AccelcalError(
+                f"plot: there is no figure {figure!r}; expected one of {', '.join(get_args(FigureName))}"
+            )
         made: Figure = getattr(face("plots"), figure)(self, theme=theme)
         return made
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 
@@ -133,7 +134,7 @@ def chi_square_region(dof: int, runs: int, probability: float = 0.95) -> tuple[f
     (1.484, 2.591)
     """
     if dof < 1 or runs < 1 or not 0.0 < probability < 1.0:
-        raise ValueError(f"no region for dof = {dof}, runs = {runs}, probability = {probability}.")
+        raise AccelcalError(f"no region for dof = {dof}, runs = {runs}, probability = {probability}.")
     tail = 0.5 * (1.0 - probability)
     half = 0.5 * dof * runs
     return (
@@ -162,7 +163,7 @@ def nees(error: Array, covariance: Array) -> Array:
     """
     variance = np.diagonal(covariance, axis1=-2, axis2=-1)
     if not np.all(variance > 0.0):
-        raise ValueError(f"NEES needs positive variances; the least is {float(np.min(variance))}.")
+        raise AccelcalError(f"NEES needs positive variances; the least is {float(np.min(variance))}.")
     sigma = np.sqrt(variance)
     scaled = error / sigma
     correlation = covariance / (sigma[..., :, None] * sigma[..., None, :])
@@ -215,10 +216,10 @@ def whiteness(normalised: Array, lags: int = 20, alpha: float = 0.01) -> Whitene
     """
     K = len(normalised)
     if not 0 < lags < K:
-        raise ValueError(f"whiteness over {lags} lags needs more than {lags} samples, not {K}.")
+        raise AccelcalError(f"whiteness over {lags} lags needs more than {lags} samples, not {K}.")
     power = float(normalised @ normalised)
     if not power > 0.0:
-        raise ValueError("whiteness of a sequence of zeros is not defined.")
+        raise AccelcalError("whiteness of a sequence of zeros is not defined.")
     lag = np.arange(1, lags + 1)
     rho = np.array([normalised[:-l] @ normalised[l:] for l in lag]) / power
     ljung_box = float(K * (K + 2) * np.sum(rho**2 / (K - lag)))
@@ -240,11 +241,11 @@ def cumulative_periodogram(normalised: Array) -> CumulativePeriodogram:
     """
     K = len(normalised)
     if K < 16:
-        raise ValueError(f"a cumulative periodogram needs at least 16 samples, not {K}.")
+        raise AccelcalError(f"a cumulative periodogram needs at least 16 samples, not {K}.")
     power = np.abs(np.fft.rfft(normalised - np.mean(normalised)))[1:] ** 2
     total = float(np.sum(power))
     if not total > 0.0:
-        raise ValueError("the periodogram of a constant sequence is not defined.")
+        raise AccelcalError("the periodogram of a constant sequence is not defined.")
     m = len(power)
     return CumulativePeriodogram(np.arange(1, m + 1) / K, np.cumsum(power) / total, 1.358 / np.sqrt(m - 1.0))
 
@@ -285,7 +286,7 @@ def coverage(error: Array, sigma: Array, promised: float = 0.95, probability: fl
     """
     count = len(error)
     if count == 0:
-        raise ValueError("coverage needs at least one fit.")
+        raise AccelcalError("coverage needs at least one fit.")
     factor = special.ndtri(0.5 * (1.0 + promised))
     inside = int(np.count_nonzero(np.abs(error) <= factor * sigma))
     tail = 0.5 * (1.0 - probability)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
@@ -205,7 +206,7 @@ class Comparison(Result):
         """Errors that noise of the sensor alone would give: one floor for all models."""
         floor = self[0].noise_floor
         if floor is None:
-            raise ValueError("the models were evaluated without a noise floor; accelcal.compare draws one for all")
+            raise AccelcalError("the models were evaluated without a noise floor; accelcal.compare draws one for all")
         return floor
 
     @property

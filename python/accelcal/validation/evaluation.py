@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import scipy
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.found_before import found_before
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import GRAVITY
@@ -159,11 +160,11 @@ def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast
     ahead = Prediction.of(fit, recording, withheld=start)
     k = int(np.searchsorted(ahead.run.t, start, side="right")) - 1
     if k < 1:
-        raise ValueError(f"no encoder reading precedes {start} s; the record begins at {ahead.run.t[0]:.6g} s")
+        raise AccelcalError(f"no encoder reading precedes {start} s; the record begins at {ahead.run.t[0]:.6g} s")
     stop = int(np.searchsorted(ahead.run.t, ahead.run.t[k] + horizon, side="right"))
     rows = np.arange(k + 1, stop)
     if len(rows) == 0 or bool(np.any(ahead.drive.restart[rows])):
-        raise ValueError(f"the accelerometer record does not reach {horizon} s beyond {start} s without a hole")
+        raise AccelcalError(f"the accelerometer record does not reach {horizon} s beyond {start} s without a hole")
     return Coast(float(ahead.run.t[k]), ahead.run.t[rows], *ahead.along(k, rows))
 
 

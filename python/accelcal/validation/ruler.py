@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+from accelcal._support.errors import AccelcalError
 from accelcal.effects import find, is_local
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.values import Noise
@@ -38,7 +39,7 @@ class Ruler:
         """
         best = min(fits, key=lambda fit: fit.noise().usual.q, default=None)
         if best is None:
-            raise ValueError("a comparison of several models needs at least one of them")
+            raise AccelcalError("a comparison of several models needs at least one of them")
         remembering = tuple(fit for fit in fits if not all(is_local(find(name)) for name in fit.model.added))
         return cls(best.noise(), best.validity["frequency"][1], bool(remembering), remembering)
 

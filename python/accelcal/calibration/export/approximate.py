@@ -8,6 +8,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from accelcal._support.errors import AccelcalError
 from accelcal.calibration.characteristic import Characteristic
 from accelcal.calibration.export.inverse import Inverse, Segment, Warmth
 from accelcal.calibration.export.numbers import Format
@@ -28,7 +29,7 @@ WORST = Fraction(1, 10**5)
 """Largest share of the largest acceleration that the inverse may be off by."""
 
 
-class NotInvertible(ValueError):
+class NotInvertible(AccelcalError):
     """An output of the model does not belong to one acceleration. The text states where."""
 
 

@@ -8,11 +8,13 @@ from dataclasses import fields, is_dataclass
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
+
 NEGATIVE = 1e-9
 """Share of the largest variance by which rounding may make an eigenvalue of a covariance negative."""
 
 
-class NotExportable(ValueError):
+class NotExportable(AccelcalError):
     """A model that cannot become a function of one reading. The text names the effects and the next step."""
 
 

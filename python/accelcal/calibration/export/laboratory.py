@@ -11,13 +11,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
+from accelcal._support.errors import AccelcalError
+
 PLACES = ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")
 """Where a calibration may take place, in the words of the DCC."""
 NO_DATE = "0001-01-01"
 NO_COUNTRY = "ZZ"
 
 
-class LaboratoryError(ValueError):
+class LaboratoryError(AccelcalError):
     """A file of administrative data cannot be used. The text names file and key and states what was expected."""
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from accelcal._support.extras import MissingExtra
+from accelcal._support.errors import AccelcalError, MissingExtra
 
 MOST_ERRORS = 3
 """Errors that are spelled out."""
 
 
-class SchemaError(ValueError):
+class SchemaError(AccelcalError):
     """A certificate does not follow the schema, or the schema cannot be read. The text states where."""
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from accelcal._support.errors import AccelcalError
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.noise_model.estimates import RecordNoise, noise_estimates, noise_scores_of, rejected_channel
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
@@ -52,14 +53,14 @@ def require_noise_shown(fit: Fit, names: Sequence[str]) -> None:
             continue
         one = known.get(effect.name)
         if one is None:
-            raise ValueError(
+            raise AccelcalError(
                 f"{effect.name!r} cannot be added: the record is too short, or its filters leave no noise above the "
                 "motion"
             )
         if one.p_value >= NOISE_EFFECT_ALPHA or one.value <= 0.0:
             least = one.particulars.get("least", 0.0)
             limit = f"; it would show from {one.symbol} = {least:.2g} {one.unit} on" if least > 0.0 else ""
-            raise ValueError(
+            raise AccelcalError(
                 f"{effect.name!r} cannot be added: this record does not show it (p = {one.p_value:.2g}){limit}"
             )
 

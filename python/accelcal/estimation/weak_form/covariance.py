@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 from scipy.sparse import csr_array as Sparse
 
+from accelcal._support.errors import AccelcalError
 from accelcal.data.arrays import Array
 from accelcal.estimation.weak_form.splines import DEGREE
 
@@ -15,7 +16,7 @@ SAME = 1e-9
 """Difference of variances, over the variance, that is rounding and the tails of the test functions."""
 
 
-class NoWeakForm(ValueError):
+class NoWeakForm(AccelcalError):
     """A run has no weak form; the text says why."""
 
 
@@ -107,7 +108,7 @@ def solved(factor: Array, y: Array, *, overwrite: bool = False) -> Array:
     """Forward substitution, (rows, m); in place of `y` where that may be overwritten and is stored
     column by column."""
     if factor.shape[1] != len(y):  # LAPACK would write beyond the end
-        raise ValueError(f"{factor.shape[1]} rows of a factor, {len(y)} of what it divides")
+        raise AccelcalError(f"{factor.shape[1]} rows of a factor, {len(y)} of what it divides")
     if y.size == 0:  # as it does without any row or column
         return y
     found, info = scipy.linalg.lapack.dtbtrs(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from pymseed import MS3TraceList
 
+from accelcal._support.errors import AccelcalError
 from accelcal.io.decoding.sampled import Clock, Sampled, opened_channels, seconds_since
 from accelcal.io.decoding.source import RefusedError, Source
 
@@ -24,11 +25,11 @@ def opened(path: str) -> Source:
     traces = MS3TraceList.from_file(path, record_list=True)
     listed = [(trace.sourceid, list(trace)) for trace in traces]
     if not listed:
-        raise ValueError("it holds no whole record")
+        raise AccelcalError("it holds no whole record")
     parts = [part for _, segments in listed for segment in segments for part in segment.recordlist or ()]
     left = Path(path).stat().st_size - sum(int(part.record.reclen) for part in parts)
     if left:
-        raise ValueError(f"{left} bytes are no whole record")
+        raise AccelcalError(f"{left} bytes are no whole record")
     return opened_channels(_sampled(traces, listed))
 
 

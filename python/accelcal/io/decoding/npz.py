@@ -8,6 +8,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal.io.decoding.source import Entry, RefusedError, Source, is_vector, limited, numbers
 from accelcal.io.limits import MOST_COLUMNS
 from accelcal.io.table import Column
@@ -52,5 +53,5 @@ def _length(file: IO[bytes], size: int) -> int | None:
         return None
     length = max(shape, default=0)
     if length < 0 or length * dtype.itemsize != size - file.tell():
-        raise ValueError(f"a header promises {length} numbers in {size} bytes")
+        raise AccelcalError(f"a header promises {length} numbers in {size} bytes")
     return int(length)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from pyuff import UFF
 
+from accelcal._support.errors import AccelcalError
 from accelcal.io.decoding.sampled import Clock, Sampled, opened_channels, uniform
 from accelcal.io.decoding.source import RefusedError, Source
 
@@ -38,7 +39,7 @@ def _require_end(path: str) -> None:
         file.seek(max(0, file.seek(0, os.SEEK_END) - _LAST))
         lines = file.read().split()
     if not lines or lines[-1] != b"-1":
-        raise ValueError("its last data set does not end")
+        raise AccelcalError("its last data set does not end")
 
 
 def _is_time_response(header: dict[str, Any]) -> bool:

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.plain_text import OBEYED, OBEYED_IN_NAMES
 from accelcal.serialization.json_text import LONGEST_TEXT
 
@@ -21,19 +22,19 @@ LONGEST_NAME, LONGEST_SOURCE = 200, 2_000_000
 
 def _without_control(text: str) -> str:
     if OBEYED_IN_NAMES.search(text):
-        raise ValueError("a text without control characters")
+        raise AccelcalError("a text without control characters")
     return text
 
 
 def _source(text: str) -> str:
     if OBEYED.search(text.replace("\r\n", "\n").replace("\f", "")):
-        raise ValueError("source text without control characters")
+        raise AccelcalError("source text without control characters")
     return text
 
 
 def _without_sign(value: float) -> float:
     if math.copysign(1.0, value) < 0.0:
-        raise ValueError("0 without a sign")
+        raise AccelcalError("0 without a sign")
     return value
 
 

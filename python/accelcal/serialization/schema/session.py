@@ -10,6 +10,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraints, model_validator
 
+from accelcal._support.errors import AccelcalError
+
 SCHEMA: Literal["accelcal/session/2"] = "accelcal/session/2"
 MOST_MODELS = 200
 MOST_GUESTS = 100
@@ -91,12 +93,12 @@ class _Work(_Strict):
         known: set[int] = set()
         for step in self.steps:
             if step.key in known or not (step.parent is None or step.parent in known):
-                raise ValueError(f"model {step.key} occurs twice or before its parent")
+                raise AccelcalError(f"model {step.key} occurs twice or before its parent")
             if step.kind == "base" and step.name not in ("linear", "cubic"):
-                raise ValueError(f"there is no base model {step.name}")
+                raise AccelcalError(f"there is no base model {step.name}")
             known.add(step.key)
         if self.current is not None and self.current not in known:
-            raise ValueError("the current model is not in the tree")
+            raise AccelcalError("the current model is not in the tree")
         return self
 
 
@@ -113,11 +115,11 @@ class Content(_Work):
     @model_validator(mode="after")
     def _is_divided(self) -> Self:
         if len(set(self.guests)) < len(self.guests):
-            raise ValueError("two models from elsewhere have the same name")
+            raise AccelcalError("two models from elsewhere have the same name")
         if self.shown >= len(self.runs):
-            raise ValueError("there is no recording of that number on the time line")
+            raise AccelcalError("there is no recording of that number on the time line")
         if not any(run.role == "hold out" or (run.role == "fit" and run.held_out) for run in self.runs):
-            raise ValueError("either a part of a recording or a whole one is held out")
+            raise AccelcalError("either a part of a recording or a whole one is held out")
         return self
 
     @property
@@ -145,7 +147,7 @@ class ContentOfOne(_Work):
     @model_validator(mode="after")
     def _is_divided(self) -> Self:
         if (self.other is None) == (self.held_out is None):
-            raise ValueError("either a part of the recording or another recording is held out")
+            raise AccelcalError("either a part of the recording or another recording is held out")
         return self
 
     @property
