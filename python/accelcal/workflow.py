@@ -102,7 +102,7 @@ def diagnose(
     alpha: float = FAMILYWISE_ALPHA,
     start: float | None = None,
     end: float | None = None,
-    report: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Diagnosis:
     """Say which physical effect a model lacks on a recording, if any.
 
@@ -114,7 +114,7 @@ def diagnose(
         `effect`, `from_expression`), with () none.
     alpha : family-wise false-alarm rate.
     start, end : s, optional; only this part is used.
-    report : called with the share of the work that is done, 0 to 1.
+    progress : called with the share of the work that is done, 0 to 1.
 
     Returns
     -------
@@ -141,7 +141,7 @@ def diagnose(
         require_motion_above_noise(several, start=start, end=end)
         require_one_axis(several, start=start, end=end)
     several, stretch, broken = judged_recordings(several, start, end)
-    report(0.1)
+    progress(0.1)
 
     def solve(these: Sequence[Recording]) -> Solution:
         return solve_runs(
@@ -152,15 +152,15 @@ def diagnose(
             origins=fit.origins,
             others_whole=not stretch.chosen,
             engine=engine_of(fit),
-            report=within(report, 0.1, 0.3),
+            progress=within(progress, 0.1, 0.3),
         )
 
     fitted = clean_fit(several, solve)
-    judged = verdict_on(fitted, stretch, extra, alpha, within(report, 0.35, 1.0))
+    judged = verdict_on(fitted, stretch, extra, alpha, within(progress, 0.35, 1.0))
     if rest := undisturbed(several, stretch, judged):
         several, stretch = rest
         fitted = clean_fit(several, solve)
-        judged = verdict_on(fitted, stretch, extra, alpha, within(report, 0.35, 1.0))
+        judged = verdict_on(fitted, stretch, extra, alpha, within(progress, 0.35, 1.0))
     return replace(judged, dropped=fitted.rejected(several), remarks=(*judged.remarks, *broken))
 
 
@@ -173,7 +173,7 @@ def formulas(
     *,
     holdout: Recording | None = None,
     alpha: float = FAMILYWISE_ALPHA,
-    report: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> FormulaSet:
     """Short formulas for what a nonparametric curve shows, and which of them a recording does not separate.
 
@@ -184,7 +184,7 @@ def formulas(
     curve : nonparametric function of one variable, such as "shape_of_velocity".
     holdout : a recording that takes no part in the choice; each formula is scored on it.
     alpha : probability by chance below which there is something to describe.
-    report : called with the share of the work that is done, 0 to 1.
+    progress : called with the share of the work that is done, 0 to 1.
 
     Returns
     -------
@@ -225,9 +225,9 @@ def formulas(
         return clean_fit([clear], solve, test=run_outlier_tests).solution.states[0]
 
     other = None if holdout is None else (fitted(holdout), model)
-    report(0.0 if holdout is None else 0.3)
+    progress(0.0 if holdout is None else 0.3)
     own = fitted(recording)
-    report(0.6)
+    progress(0.6)
     return formulas_of(own, model, effect, holdout=other, alpha=alpha)
 
 
@@ -243,7 +243,7 @@ def fit(
     origins: Origins | None = None,
     reject_outliers: bool = True,
     method: Method = "auto",
-    report: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Fit:
     """Fit a model to one or several recordings; samples that the noise of their channel does not allow are rejected.
 
@@ -259,7 +259,7 @@ def fit(
         (derivations 6.15); both give the same estimates where the record is what it should be. "auto" takes the weak
         form where the reference is so good that it meets the noise of the output above a tenth of its sampling rate.
     reject_outliers : if False, every sample is used, as in :func:`accelcal.estimation.estimate.estimate`.
-    report : called with the share of the work that is done, 0 to 1.
+    progress : called with the share of the work that is done, 0 to 1.
 
     Returns
     -------
@@ -302,7 +302,7 @@ def fit(
             band=band,
             origins=origins,
             engine=method,
-            report=within(report, 0.0, share),
+            progress=within(progress, 0.0, share),
         )
         found = result(solution)
         if reject_outliers:
@@ -390,7 +390,7 @@ def add(
     recordings: Recording | Dwells | Sequence[Recording | Dwells],
     *names: str,
     extra: Sequence[Effect] | None = None,
-    report: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Fit:
     """Return a new fit with further effects, outliers rejected; shape parameters are found by likelihood.
 
@@ -400,7 +400,7 @@ def add(
     names : effects to add, in this order.
     extra : users' effects to consider besides the built-in ones; by default all that are registered (`load_effects`,
         `effect`, `from_expression`), with () none.
-    report : called with the share of the work that is done, 0 to 1.
+    progress : called with the share of the work that is done, 0 to 1.
 
     Raises
     ------
@@ -435,13 +435,13 @@ def add(
             model = model.alike(*instead).add(name)  # no single run shows it: the joint fit tells whether all do
             continue
         if states is None or model is not fit.model:
-            shared = within(report, 0.0, 0.4)
-            states = solve_runs(model, several, origins=fit.origins, engine=engine_of(fit), report=shared).states
+            shared = within(progress, 0.0, 0.4)
+            states = solve_runs(model, several, origins=fit.origins, engine=engine_of(fit), progress=shared).states
         wave = largest_wave(effect, model, states)
         if wave is not None and effect.search.beside in ("", *model.effects):
             model = model.add(name, shapes={name: wave.shape})
             continue
-        requested = scan(states, model, extra=extra, only=(effect,), report=within(report, 0.4, 0.6))
+        requested = scan(states, model, extra=extra, only=(effect,), progress=within(progress, 0.4, 0.6))
         if not requested.entered:
             lacking = [n for n in effect.needs if n not in several[0].side]
             why = "this record does not excite it; `accelcal power` says what the record can show"
@@ -453,7 +453,9 @@ def add(
                 why = f"it is searched for only beside {effect.search.beside}; add that first"
             raise AccelcalError(f"{name!r} cannot be added: {why}")
         model = requested.entered[0].enter(model)
-    solution = solve_runs(model, several, origins=fit.origins, engine=engine_of(fit), report=within(report, 0.6, 0.9))
+    solution = solve_runs(
+        model, several, origins=fit.origins, engine=engine_of(fit), progress=within(progress, 0.6, 0.9)
+    )
     lost = [name for name in names if name not in solution.model.effects]
     if lost:
         raise AccelcalError(f"{lost[0]!r} cannot be added: these recordings do not tell it from the bias")
@@ -485,11 +487,11 @@ def drop(
     fit: Fit,
     recordings: Recording | Dwells | Sequence[Recording | Dwells],
     *names: str,
-    report: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Fit:
     """Return a new fit without some effects, outliers rejected.
 
-    `report` is called with the share of the work that is done, 0 to 1.
+    `progress` is called with the share of the work that is done, 0 to 1.
 
     Examples
     --------
@@ -504,7 +506,9 @@ def drop(
     """
     several, broken = usable_recordings(runs_of(recordings))
     model = model_in_motion(fit).drop(*names)
-    solution = solve_runs(model, several, origins=fit.origins, engine=engine_of(fit), report=within(report, 0.0, 0.9))
+    solution = solve_runs(
+        model, several, origins=fit.origins, engine=engine_of(fit), progress=within(progress, 0.0, 0.9)
+    )
     left, solution = fit_without_outliers(result(solution), solution, several)
     return with_breaks(with_noise_effects(left, several, solution.states), broken)
 
@@ -555,7 +559,7 @@ def improve(
     alpha: float = FAMILYWISE_ALPHA,
     start: float | None = None,
     end: float | None = None,
-    report: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
     on_step: Callable[[Fit], None] = lambda fit: None,
 ) -> Improvement:
     """Fit the base model, diagnose, add the effect that is missing, refit, until nothing is missing.
@@ -571,7 +575,7 @@ def improve(
         `effect`, `from_expression`), with () none.
     alpha : family-wise false-alarm rate.
     start, end : s, optional; only this part of the recordings is used.
-    report : called with the share of the work that is done.
+    progress : called with the share of the work that is done.
     on_step : called with each model as soon as it is fitted, so that what there is can be kept where the work is ended.
 
     Returns
@@ -608,14 +612,14 @@ def improve(
     if rest := undisturbed(original, stretch, selection.current.verdict):
         original, stretch = rest
         selection = StepwiseSelection.begin(original, stretch, split, extra, alpha, budget)
-    report(0.3)
+    progress(0.3)
     on_step(selection.fits[-1][1])
     for number in range(2 * most):
         room = selection.history.entered < most
         if not (room and selection.add_next()) and not selection.replace_by_family():
             break
         on_step(selection.fits[-1][1])
-        report(min(0.9, 0.3 + 0.6 * (number + 1) / most))
+        progress(min(0.9, 0.3 + 0.6 * (number + 1) / most))
     selection.finish()
     room = len(selection.current.model.added) < most
     reason = "no fit with it is possible" if room else f"at most {most} effects are added"
@@ -730,7 +734,7 @@ def compare(
     horizons: Sequence[float] = HORIZONS,
     start: float | None = None,
     end: float | None = None,
-    report: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Comparison:
     """Compare models with recordings, simulation first; behind a jump of the position it starts anew.
 
@@ -744,7 +748,7 @@ def compare(
     band : Hz, optional; bandwidth of the accelerometer-side residual, by default the crossover of the two noises.
     horizons : s; when to take the coasting error after position is withheld.
     start, end : s, optional; only readings in [start, end] of each recording are used.
-    report : called with the share of the work that is done, 0 to 1.
+    progress : called with the share of the work that is done, 0 to 1.
 
     Returns
     -------
@@ -791,7 +795,7 @@ def compare(
         )
     ruler, seen = Ruler.of(models), []
     for number, recording in enumerate(several):
-        part = within(report, number / len(several), (number + 1) / len(several))
+        part = within(progress, number / len(several), (number + 1) / len(several))
         evaluated = compare_models(models, recording, ruler, part, band=band, horizons=horizons, start=start, end=end)
         seen.append(evaluated)
     fitted = {run.session for fit in models for run in fit.runs if run.session}
@@ -804,7 +808,7 @@ def compare_models(
     fits: Sequence[Fit],
     recording: Recording,
     ruler: Ruler,
-    report: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
     *,
     base: Fit | None = None,
     band: float | None = None,
@@ -817,26 +821,26 @@ def compare_models(
     Parameters
     ----------
     fits, recording, ruler : models, what they are compared with, and the filter.
-    report : called with the share of the work that is done, 0 to 1.
+    progress : called with the share of the work that is done, 0 to 1.
     base : the model whose clock the floor is drawn on, by default the first; the same one gives the same floor.
     band, horizons, start, end : as of `compare`.
     """
     part, begin, finish, breaks = compared_part(recording, start, end)
-    report(0.1)
+    progress(0.1)
 
-    def compared(fit: Fit, report: Callable[[float], None]) -> Evaluation:
+    def compared(fit: Fit, progress: Callable[[float], None]) -> Evaluation:
         seen = evaluation.compare(
-            fit, part, band=band, horizons=horizons, start=begin, end=finish, ruler=ruler, report=report
+            fit, part, band=band, horizons=horizons, start=begin, end=finish, ruler=ruler, progress=progress
         )
         scores, gone = noise_scores(fit, part, start=begin, end=finish), left_out_sentences(part, begin, finish)
         return replace(seen, noise_scores=scores, breaks=breaks, left_out=gone)
 
-    def floor(report: Callable[[float], None]) -> NoiseFloor:
+    def floor(progress: Callable[[float], None]) -> NoiseFloor:
         return noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
 
     *found, least = on_two_threads(
         [*(partial(compared, fit) for fit in fits), floor],
-        within(report, 0.1, 1.0),
+        within(progress, 0.1, 1.0),
         at_once=len(part.accel) + len(part.position) <= MOST_AT_ONCE,
     )
     return tuple(replace(seen, noise_floor=least) for seen in found)

@@ -248,8 +248,8 @@ def test_cancelled_work_leaves_no_trace_and_others_wait(bench, files):
     before = bench.state
     begun, go_on = threading.Event(), threading.Event()
 
-    def work(state, report):
-        report(0.5)
+    def work(state, progress):
+        progress(0.5)
         begun.set()
         go_on.wait(10.0)
         return State()
@@ -275,16 +275,16 @@ def test_work_ends_when_it_is_cancelled(bench, files):
     bench.load(files / "cubic.csv")
     seen = []
 
-    def work(state, report):
+    def work(state, progress):
         fit = estimate(ac.Model.linear(), state.train[0])
 
         def reported(share):
             seen.append(share)
             if share > 0.3:
                 bench.cancel()
-            report(share)
+            progress(share)
 
-        return workflow.diagnose(fit, state.train, report=reported)
+        return workflow.diagnose(fit, state.train, progress=reported)
 
     bench._perform("diagnosing", work)
     assert max(seen) < 0.6  # it ended at the next report, long before the end

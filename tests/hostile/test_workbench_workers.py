@@ -49,13 +49,13 @@ def tests_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_worker_that_dies_is_reported_and_replaced(workers: Workers, number: int) -> None:
     with pytest.raises(WorkerLost, match=f"ended before it \\(signal {int(number)}\\).*nothing was changed"):
-        workers(work.die, int(number), report=ignore, known=NOTHING)
-    assert workers(work.speak, report=ignore, known=NOTHING) == "heard"
+        workers(work.die, int(number), progress=ignore, known=NOTHING)
+    assert workers(work.speak, progress=ignore, known=NOTHING) == "heard"
 
 
 @pytest.mark.skipif(not hasattr(os, "getsid"), reason="needs process groups")
 def test_a_worker_waits_for_the_server_and_not_for_the_terminal(workers: Workers) -> None:
-    workers(work.speak, report=ignore, known=NOTHING)
+    workers(work.speak, progress=ignore, known=NOTHING)
     (pid,) = workers.pids()
     # Linux weighs processes by their patience within one session only.
     assert os.getsid(pid) == os.getsid(0)
@@ -65,29 +65,29 @@ def test_a_worker_waits_for_the_server_and_not_for_the_terminal(workers: Workers
 
 def test_what_goes_wrong_in_a_worker_is_an_error_here(workers: Workers) -> None:
     with pytest.raises(ValueError, match="row 3"):
-        workers(work.fail, "row 3", report=ignore, known=NOTHING)
+        workers(work.fail, "row 3", progress=ignore, known=NOTHING)
     first = workers.pids()
     with pytest.raises(RuntimeError, match="Odd: 1 and 2"):
-        workers(work.oddly, report=ignore, known=NOTHING)
+        workers(work.oddly, progress=ignore, known=NOTHING)
     with pytest.raises(TypeError, match="pickle"):
-        workers(work.unsendable, report=ignore, known=NOTHING)
+        workers(work.unsendable, progress=ignore, known=NOTHING)
     with pytest.raises(WorkerLost, match="more memory than there is"):
-        workers(work.swallow, report=ignore, known=NOTHING)
+        workers(work.swallow, progress=ignore, known=NOTHING)
     assert workers.pids() == first  # none of these cost the process
     with pytest.raises(WorkerLost, match="status 3"):
-        workers(work.leave, 3, report=ignore, known=NOTHING)
+        workers(work.leave, 3, progress=ignore, known=NOTHING)
 
 
 def test_what_a_worker_raised_is_judged_by_where_it_was_raised(workers: Workers, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="math domain error") as caught:
-        workers(work.foreign, report=ignore, known=NOTHING)
+        workers(work.foreign, progress=ignore, known=NOTHING)
     assert not internal_error.is_for_user(caught.value)
     said = internal_error.sentence(caught.value, ["accelcal", "app"])
     report = Path(said.partition("please send ")[2].partition(" to its authors")[0])
     assert "workbench_tasks.py" in report.read_text()  # the place in the worker, not that of its messenger
     report.unlink()
     with pytest.raises((ValueError, OSError)) as caught:
-        workers(work.own, report=ignore, known=NOTHING)
+        workers(work.own, progress=ignore, known=NOTHING)
     assert internal_error.is_for_user(caught.value)
 
 
@@ -100,7 +100,7 @@ def test_cancelling_ends_the_process_and_what_it_started(workers: Workers, tmp_p
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        workers(work.sleep, note, report=report, known=NOTHING)
+        workers(work.sleep, note, progress=report, known=NOTHING)
     assert all(has_ended(int(pid)) for pid in note.read_text().split())
     assert workers.pids() == []
 
@@ -111,7 +111,7 @@ def test_who_waits_for_a_worker_can_be_cancelled(tmp_path: Path) -> None:
 
     def long() -> None:
         with pytest.raises(WorkerLost):
-            workers(work.sleep, note, report=ignore, known=NOTHING)
+            workers(work.sleep, note, progress=ignore, known=NOTHING)
         ended.set()
 
     threading.Thread(target=long).start()
@@ -122,20 +122,20 @@ def test_who_waits_for_a_worker_can_be_cancelled(tmp_path: Path) -> None:
         raise Cancelled
 
     with pytest.raises(Cancelled):
-        workers(work.speak, report=report, known=NOTHING)
+        workers(work.speak, progress=report, known=NOTHING)
     workers.close()
     assert ended.wait(30.0)
     with pytest.raises(WorkerLost, match="being ended"):
-        workers(work.speak, report=ignore, known=NOTHING)
+        workers(work.speak, progress=ignore, known=NOTHING)
 
 
 def test_a_session_knows_its_own_effects_alone(workers: Workers) -> None:
     mine = Known((OwnFormula("my_drag", "v * abs(v)", "1/m", "output"),), (("supply", "V"),))
     yours = Known((OwnFormula("my_drag", "v**3", "s/m²", "output"),))  # the same name for another effect
     workers.most = 1
-    assert workers(work.names, report=ignore, known=mine) == ["my_drag", "supply", "supply_scale"]
-    assert workers(work.names, report=ignore, known=yours) == ["my_drag"]
-    assert workers(work.names, report=ignore, known=NOTHING) == []
+    assert workers(work.names, progress=ignore, known=mine) == ["my_drag", "supply", "supply_scale"]
+    assert workers(work.names, progress=ignore, known=yours) == ["my_drag"]
+    assert workers(work.names, progress=ignore, known=NOTHING) == []
 
 
 def test_workers_end_with_a_server_that_was_killed(tmp_path: Path) -> None:
@@ -160,8 +160,8 @@ def test_a_session_outlives_its_worker(workers: Workers, tmp_path: Path, monkeyp
     bench.load(write(tmp_path / "run.csv", 1))
     before = bench.state
 
-    def lost(state: State, report: object) -> State:
-        workers(work.die, int(signal.SIGKILL), report=ignore, known=NOTHING)
+    def lost(state: State, progress: object) -> State:
+        workers(work.die, int(signal.SIGKILL), progress=ignore, known=NOTHING)
         return State()
 
     bench._perform("a long fit", lost)

@@ -33,7 +33,7 @@ class Record:
         self.run = ac.simulate("interleaved", seconds=12.0, rig=CXL02_RIG, parameters=truth, rng=rng).recording
         self.steps: list[Fit] = []
         self.shares: list[float] = []
-        self.found = ac.improve(self.run, most=1, report=self.shares.append, on_step=self.steps.append)
+        self.found = ac.improve(self.run, most=1, progress=self.shares.append, on_step=self.steps.append)
 
 
 @pytest.fixture(scope="module")
@@ -67,11 +67,11 @@ def test_progress_rises_to_no_more_than_the_whole(record: Record, verb: str) -> 
     shares: list[float] = []
     base, grown = record.steps
     if verb == "compare":
-        ac.compare(base, record.run, report=shares.append)
+        ac.compare(base, record.run, progress=shares.append)
     elif verb == "compare several":
-        ac.compare([base, grown], [record.run, record.run], report=shares.append)
+        ac.compare([base, grown], [record.run, record.run], progress=shares.append)
     else:
-        ac.formulas(base, record.run, "shape_of_acceleration", report=shares.append)
+        ac.formulas(base, record.run, "shape_of_acceleration", progress=shares.append)
     assert len(shares) > 1
     assert shares == sorted(shares)
     assert shares[0] >= 0.0

@@ -58,7 +58,7 @@ def test_a_fit_and_a_diagnosis_ask_for_it():
     run = ac.simulate("tones", seconds=10.0, rig=ac.CXL02_RIG, parameters={}, rng=np.random.default_rng(1)).recording
     within: list[set[int]] = []
     fit = estimate(ac.Model.linear(), run)
-    diagnose(fit, run, report=lambda share: within.append(threads()))
+    diagnose(fit, run, progress=lambda share: within.append(threads()))
     assert within
     assert all(seen == {1} for seen in within)
     assert threads() == {2}

@@ -22,7 +22,7 @@ def two_processors(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def after(seconds: float, answer: object) -> Work:
-    def work(report: Report) -> object:
+    def work(progress: Report) -> object:
         time.sleep(seconds)
         return answer
 
@@ -33,7 +33,7 @@ def meeting() -> tuple[Work, Work]:
     """Two pieces of work of which neither ends without the other."""
     barrier = threading.Barrier(2)
 
-    def work(report: Report) -> int:
+    def work(progress: Report) -> int:
         return barrier.wait(1.0)
 
     return work, work
@@ -61,7 +61,7 @@ def test_one_after_the_other_where_memory_counts_or_there_is_one_processor(
 @pytest.mark.parametrize("at_once", [True, False])
 def test_the_first_error_in_the_order_of_the_work_is_raised(at_once: bool) -> None:
     def fail(text: str, seconds: float) -> Work:
-        def work(report: Report) -> object:
+        def work(progress: Report) -> object:
             time.sleep(seconds)
             raise ValueError(text)
 
@@ -80,7 +80,7 @@ def test_what_progress_raises_ends_the_waiting_and_what_has_not_begun() -> None:
     told = threading.Event()
 
     def work(number: int) -> Work:
-        def begin(report: Report) -> None:
+        def begin(progress: Report) -> None:
             begun.append(number)
             told.wait(WAIT)
 
@@ -99,10 +99,10 @@ def test_what_progress_raises_ends_the_waiting_and_what_has_not_begun() -> None:
 def test_progress_is_reported_by_the_calling_thread_and_rises_to_one(at_once: bool) -> None:
     shares: list[tuple[float, int]] = []
 
-    def work(report: Callable[[float], None]) -> None:
+    def work(progress: Callable[[float], None]) -> None:
         for share in (0.5, 1.0):
             time.sleep(LOOK)
-            report(share)
+            progress(share)
 
     on_two_threads([work, work], lambda share: shares.append((share, threading.get_ident())), at_once=at_once)
     told = [share for share, _ in shares]
@@ -117,7 +117,7 @@ def test_work_sees_what_its_caller_has_set() -> None:
     known: ContextVar[str] = ContextVar("known", default="nothing")
     mark = known.set("of the session")
     try:
-        assert on_two_threads([lambda report: known.get()] * 3, lambda share: None) == ["of the session"] * 3
+        assert on_two_threads([lambda progress: known.get()] * 3, lambda share: None) == ["of the session"] * 3
     finally:
         known.reset(mark)
 

@@ -17,9 +17,9 @@ def ignore(share: float) -> None:
     """For work whose progress nobody follows."""
 
 
-def within(report: Report, low: float, high: float) -> Report:
+def within(progress: Report, low: float, high: float) -> Report:
     """Report progress of one part of the work as progress of the whole."""
-    return lambda share: report(low + share * (high - low))
+    return lambda share: progress(low + share * (high - low))
 
 
 def time_left(elapsed: float, share: float) -> str:

@@ -16,13 +16,13 @@ Work = Callable[[Report], Any]
 """Takes what its progress is told to, returns its result."""
 
 
-def on_two_threads(works: Sequence[Work], report: Report, *, at_once: bool = True) -> list[Any]:
+def on_two_threads(works: Sequence[Work], progress: Report, *, at_once: bool = True) -> list[Any]:
     """Results of pieces of work, in their order; they are those of one after the other.
 
     Parameters
     ----------
     works : independent of each other, the longest first.
-    report : told the share of all, from the calling thread alone; what it raises ends the waiting.
+    progress : told the share of all, from the calling thread alone; what it raises ends the waiting.
     at_once : if False, one after the other: where memory counts.
 
     Raises
@@ -43,7 +43,7 @@ def on_two_threads(works: Sequence[Work], report: Report, *, at_once: bool = Tru
         shares[number] = share
 
     if not at_once or len(works) < 2 or (os.cpu_count() or 1) < MOST_THREADS:
-        return [_alone(work, number, len(works), report) for number, work in enumerate(works)]
+        return [_alone(work, number, len(works), progress) for number, work in enumerate(works)]
     from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait  # not needed at start
 
     with ThreadPoolExecutor(MOST_THREADS) as pool:
@@ -55,15 +55,15 @@ def on_two_threads(works: Sequence[Work], report: Report, *, at_once: bool = Tru
             left = set(running)
             while left:
                 _, left = wait(left, LOOK, FIRST_COMPLETED)
-                report(sum(shares) / len(works))
+                progress(sum(shares) / len(works))
             return [each.result() for each in running]
         finally:
             for each in running:
                 each.cancel()
 
 
-def _alone(work: Work, number: int, count: int, report: Report) -> Any:
+def _alone(work: Work, number: int, count: int, progress: Report) -> Any:
     """One piece of several, in the calling thread."""
-    found = work(lambda share: report((number + share) / count))
-    report((number + 1) / count)
+    found = work(lambda share: progress((number + share) / count))
+    progress((number + 1) / count)
     return found

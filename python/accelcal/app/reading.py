@@ -38,7 +38,7 @@ class Reader:
     arrived: Callable[[Recording], None] = lambda recording: None
     """Called with a recording that was read, before it is checked."""
 
-    def several(self, paths: Sequence[Path], present: Sequence[Run], report: Report) -> tuple[Run, ...]:
+    def several(self, paths: Sequence[Path], present: Sequence[Run], progress: Report) -> tuple[Run, ...]:
         """Read files of one sensor; one without a sidecar has the rig of the first recording that has one.
 
         Parameters
@@ -55,11 +55,11 @@ class Reader:
         found: dict[int, Run] = {}
         for count, number in enumerate(order):
             lender = next((run for run in (*present, *found.values()) if has_own_rig(run)), None)
-            share = within(report, count / len(paths), (count + 1) / len(paths))
+            share = within(progress, count / len(paths), (count + 1) / len(paths))
             found[number] = self.run(paths[number], None, lender, share)
         return tuple(found[number] for number in range(len(paths)))
 
-    def run(self, path: Path, sidecar: str | None, lender: Run | None, report: Report) -> Run:
+    def run(self, path: Path, sidecar: str | None, lender: Run | None, progress: Report) -> Run:
         """Read a file; where its columns are not understood, `Run.problem` says why.
 
         Parameters
@@ -78,21 +78,21 @@ class Reader:
         borrowed = lender if lender is not None and sidecar is None and not has_sidecar(path) else None
         try:
             require_size(path)
-            columns, template = self.done(tasks.columns, path, report=within(report, 0.0, 0.1))
+            columns, template = self.done(tasks.columns, path, progress=within(progress, 0.0, 0.1))
             rig: Path | Rig | None = self.declared(path, sidecar)
             if borrowed is not None and borrowed.recording is not None:
                 rig = borrowed.recording.rig
-            known = self.read(path, rig, within(report, 0.1, 0.4))
+            known = self.read(path, rig, within(progress, 0.1, 0.4))
         except RecordingError as error:
             if not columns:
                 raise
             problem = self.plain(str(error))
             return Run(path, sidecar, columns=columns, template=template, problem=problem)
-        report(0.4)
+        progress(0.4)
         if isinstance(known, Dwells):
             return Run(path, sidecar, columns=columns, template=template, dwells=known)
         self.arrived(known)
-        checked: tasks.Checked = self.done(tasks.check, known, report=within(report, 0.4, 0.98))
+        checked: tasks.Checked = self.done(tasks.check, known, progress=within(progress, 0.4, 0.98))
         return Run(
             file=path,
             sidecar=sidecar,
@@ -115,7 +115,7 @@ class Reader:
         io.atomic_write(declared, sidecar)
         return declared
 
-    def read(self, path: Path, rig: Path | Rig | None, report: Report) -> Recording | Dwells:
+    def read(self, path: Path, rig: Path | Rig | None, progress: Report) -> Recording | Dwells:
         """Read a file as what it is.
 
         Raises
@@ -123,7 +123,7 @@ class Reader:
         RecordingError
             If it is not understood, or has more samples than the workbench takes.
         """
-        known: Recording | Dwells = self.done(tasks.load, path, rig, report=report)
+        known: Recording | Dwells = self.done(tasks.load, path, rig, progress=progress)
         if isinstance(known, Dwells):
             return known
         if len(known.accel) > MOST_SAMPLES:

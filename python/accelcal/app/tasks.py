@@ -47,72 +47,72 @@ class Checked:
     """As `accelcal check --json` prints it."""
 
 
-def columns(path: Path, *, report: Report) -> tuple[tuple[str, ...], str]:
+def columns(path: Path, *, progress: Report) -> tuple[tuple[str, ...], str]:
     """Names of the columns of a file, and the template of a sidecar for it."""
     return mapping.columns_of(path), io.template(path)
 
 
-def load(path: Path, rig: Path | Rig | None, *, report: Report) -> Recording | Dwells:
+def load(path: Path, rig: Path | Rig | None, *, progress: Report) -> Recording | Dwells:
     """Read a recording, or dwells where the file or its sidecar says that it is some."""
     beside = rig if isinstance(rig, Path) else None
     return io.load_dwells(path, beside) if io.declares_dwells(path, beside) else io.load(path, rig)
 
 
-def check(recording: Recording, *, report: Report) -> Checked:
+def check(recording: Recording, *, progress: Report) -> Checked:
     """Look for breaks, faults and rest."""
     found = marks(recording)
-    report(0.9)
+    progress(0.9)
     return Checked(found, summary.describe(recording))
 
 
-def fitted(model: Model, train: Data, origins: Origins | None, *, report: Report) -> Fit:
+def fitted(model: Model, train: Data, origins: Origins | None, *, progress: Report) -> Fit:
     """Fit a model."""
-    return fit(model, list(train), origins=origins, report=report)
+    return fit(model, list(train), origins=origins, progress=progress)
 
 
-def added(before: Fit, train: Data, name: str, own: Sequence[str], *, report: Report) -> Fit:
+def added(before: Fit, train: Data, name: str, own: Sequence[str], *, progress: Report) -> Fit:
     """Fit again with an effect more; `own` names effects of the user."""
-    return add(before, list(train), name, extra=effects(own), report=report)
+    return add(before, list(train), name, extra=effects(own), progress=progress)
 
 
-def dropped(before: Fit, train: Data, name: str, *, report: Report) -> Fit:
+def dropped(before: Fit, train: Data, name: str, *, progress: Report) -> Fit:
     """Fit again with an effect less."""
-    return drop(before, list(train), name, report=report)
+    return drop(before, list(train), name, progress=progress)
 
 
-def compared(fits: Sequence[Fit], data: Sequence[Recording], names: Sequence[str], *, report: Report) -> Comparison:
+def compared(fits: Sequence[Fit], data: Sequence[Recording], names: Sequence[str], *, progress: Report) -> Comparison:
     """Compare models with data under one ruler."""
-    return compare(fits, list(data), names=names, report=report)
+    return compare(fits, list(data), names=names, progress=progress)
 
 
 def judged(
-    fits: Sequence[Fit], data: Sequence[Recording], ruler: Ruler, base: Fit, *, report: Report
+    fits: Sequence[Fit], data: Sequence[Recording], ruler: Ruler, base: Fit, *, progress: Report
 ) -> tuple[tuple[Evaluation, ...], ...]:
     """Compare models with recordings, all with the filter of `ruler`, above the noise floor of the model they grew
     from: for each model its comparisons."""
     found, part = [], 1.0 / len(data)
     for number, one in enumerate(data):
-        found.append(compare_models(fits, one, ruler, within(report, number * part, (number + 1) * part), base=base))
+        found.append(compare_models(fits, one, ruler, within(progress, number * part, (number + 1) * part), base=base))
     return tuple(zip(*found, strict=True))
 
 
-def responded(recording: Recording, *, report: Report) -> FrequencyResponse:
+def responded(recording: Recording, *, progress: Report) -> FrequencyResponse:
     """Sensitivity by frequency."""
     return frequency_response(recording)
 
 
-def diagnosed(found: Fit, train: Data, own: Sequence[str], *, report: Report) -> Diagnosis:
+def diagnosed(found: Fit, train: Data, own: Sequence[str], *, progress: Report) -> Diagnosis:
     """Search for missing effects."""
-    return diagnose(found, list(train), extra=effects(own), report=report)
+    return diagnose(found, list(train), extra=effects(own), progress=progress)
 
 
-def values_of_runs(found: Fit, train: Data, *, report: Report) -> RunValues:
+def values_of_runs(found: Fit, train: Data, *, progress: Report) -> RunValues:
     """Parameters of each recording alone."""
     return run_values(found, list(train))
 
 
 def reported(
-    found: Fit, train: Recording, holdout: Recording, own: Sequence[str], known: Diagnosis | None, *, report: Report
+    found: Fit, train: Recording, holdout: Recording, own: Sequence[str], known: Diagnosis | None, *, progress: Report
 ) -> str:
     """The report of a model on one recording, and on one that is held out, as a page of HTML; `known` is the
     diagnosis, where there is one."""
@@ -123,12 +123,12 @@ def reported(
         extra=effects(own),
         command="accelcal app",
         diagnosis=known,
-        report=within(report, 0.0, 0.9),
+        progress=within(progress, 0.0, 0.9),
     )
     return html(content)
 
 
-def exported(found: Fit, kind: Export, name: str, *, report: Report) -> str:
+def exported(found: Fit, kind: Export, name: str, *, progress: Report) -> str:
     """The sensor's own calibration in one of the formats, as the content of a file called `name`."""
     made = calibrate(found)
     texts: dict[Export, Callable[[], str]] = {
@@ -140,14 +140,14 @@ def exported(found: Fit, kind: Export, name: str, *, report: Report) -> str:
     return texts[kind]()
 
 
-def tried(formulas: Sequence[OwnFormula], *, report: Report) -> None:
+def tried(formulas: Sequence[OwnFormula], *, progress: Report) -> None:
     """Evaluate formulas of the user for the first time."""
     for number, formula in enumerate(formulas, start=1):
         formula.try_out()
-        report(number / len(formulas))
+        progress(number / len(formulas))
 
 
-def simulated(path: Path, name: str, *, report: Report) -> None:
+def simulated(path: Path, name: str, *, progress: Report) -> None:
     """Write an example recording, and its sidecar."""
     made = EXAMPLES[name].record()
     io.write_sidecar(made.rig, io.write_csv(made, path), io.sidecar_of(path))

@@ -156,31 +156,31 @@ class Workbench:
         sidecar : text in place of the sidecar beside the file.
         """
         path = Path(path)
-        self._perform(f"reading {path.name}", lambda state, report: self._load(path, sidecar, report))
+        self._perform(f"reading {path.name}", lambda state, progress: self._load(path, sidecar, progress))
 
-    def _load(self, path: Path, sidecar: str | None, report: Report) -> State:
-        return State(runs=roles.divided([self._reader().run(path, sidecar, None, report)]))
+    def _load(self, path: Path, sidecar: str | None, progress: Report) -> State:
+        return State(runs=roles.divided([self._reader().run(path, sidecar, None, progress)]))
 
     def load_several(self, paths: Sequence[Path]) -> None:
         """Begin anew with recordings and dwells of one sensor."""
 
-        def work(state: State, report: Report) -> State:
-            return with_one_to_map(State(runs=roles.divided(self._reader().several(paths, (), report))))
+        def work(state: State, progress: Report) -> State:
+            return with_one_to_map(State(runs=roles.divided(self._reader().several(paths, (), progress))))
 
         self._perform(f"reading {names_of_files(paths)}", work)
 
     def include(self, paths: Sequence[Path], role: Role = "fit") -> None:
         """Read further recordings and dwells, of the sensor of those that are there."""
 
-        def work(state: State, report: Report) -> State:
+        def work(state: State, progress: Report) -> State:
             loaded(state)
-            further = self._reader().several(paths, state.runs, within(report, 0.0, 0.5))
+            further = self._reader().several(paths, state.runs, within(progress, 0.0, 0.5))
             runs = (*state.runs, *further)
             if role != "fit":
                 for number in range(len(state.runs), len(runs)):
                     runs = roles.with_role(runs, number, role)
             made = with_one_to_map(replace(state, runs=runs))
-            return replace(self._divided(state, made.runs, within(report, 0.5, 0.98)), shown=made.shown)
+            return replace(self._divided(state, made.runs, within(progress, 0.5, 0.98)), shown=made.shown)
 
         self._perform(f"reading {names_of_files(paths)}", work)
 
@@ -190,14 +190,14 @@ class Workbench:
         Files with the same columns that are not understood either are read so, too.
         """
 
-        def work(state: State, report: Report) -> State:
+        def work(state: State, progress: Report) -> State:
             asked = state.run
             if asked is None:
                 raise Refused("load a recording first")
             alike = [run for run in state.runs if run is asked or (run.problem and run.columns == asked.columns)]
             read = {}
             for number, run in enumerate(alike):
-                part = within(report, number / len(alike), (number + 1) / len(alike))
+                part = within(progress, number / len(alike), (number + 1) / len(alike))
                 read[id(run)] = declared_anew(run, self._reader().run(run.file, sidecar, None, part))
             if read[id(asked)].problem and not asked.problem and len(state.runs) > 1:
                 raise Refused(read[id(asked)].problem)
@@ -211,14 +211,14 @@ class Workbench:
 
         self._perform(f"reading {self.state.title}", work)
 
-    def _divided(self, state: State, runs: tuple[Run, ...], report: Report) -> State:
+    def _divided(self, state: State, runs: tuple[Run, ...], progress: Report) -> State:
         """The state with other runs; its models stay where what they were fitted to does, and are compared again."""
         bare = without_models(replace(state, runs=runs, looked_at=0))
         require_both_parts(bare)
         if not state.steps or [part.digest for part in bare.train] != [part.digest for part in state.train]:
             return bare
         fits = [step.fit for step in state.steps]
-        judged = self._done(tasks.judged, fits, bare.unseen, Ruler.of(fits), fits[0], report=report)
+        judged = self._done(tasks.judged, fits, bare.unseen, Ruler.of(fits), fits[0], progress=progress)
         steps = tuple(replace(step, heldouts=seen) for step, seen in zip(state.steps, judged, strict=True))
         return replace(bare, steps=steps, current=state.current)
 
@@ -235,64 +235,64 @@ class Workbench:
     def assign(self, number: int, role: Role) -> None:
         """Choose what a file is used for."""
 
-        def work(state: State, report: Report) -> State:
-            return self._divided(state, roles.with_role(state.runs, known_number(state, number), role), report)
+        def work(state: State, progress: Report) -> State:
+            return self._divided(state, roles.with_role(state.runs, known_number(state, number), role), progress)
 
         self._perform("choosing what is held out", work)
 
     def remove(self, number: int) -> None:
         """Remove a file."""
 
-        def work(state: State, report: Report) -> State:
+        def work(state: State, progress: Report) -> State:
             rest = tuple(run for at, run in enumerate(state.runs) if at != known_number(state, number))
             if not any(run.recording is not None for run in rest):
                 raise Refused("this is the only recording; load another one to begin anew")
-            return self._divided(replace(state, shown=0), roles.with_something_held_out(rest), report)
+            return self._divided(replace(state, shown=0), roles.with_something_held_out(rest), progress)
 
         self._perform("", work)
 
     def show(self, number: int) -> None:
         """Bring a file to the time line, where stretches of it are held out or excluded."""
-        self._perform("", lambda state, report: replace(state, shown=known_number(state, number)))
+        self._perform("", lambda state, progress: replace(state, shown=known_number(state, number)))
 
     def look_at_heldout(self, number: int) -> None:
         """Draw the curves of another held-out recording."""
-        self._perform("", lambda state, report: replace(state, looked_at=number % len(state.unseen_runs)))
+        self._perform("", lambda state, progress: replace(state, looked_at=number % len(state.unseen_runs)))
 
     def open(self, path: str | Path) -> None:
         """Go on with the work of a session file; a recording that is missing is asked for: `State.opened`."""
         path = Path(path)
 
-        def work(state: State, report: Report) -> State:
-            return self._resumed(OpenedSession(*session_file.read(path)), report)
+        def work(state: State, progress: Report) -> State:
+            return self._resumed(OpenedSession(*session_file.read(path)), progress)
 
         self._perform(f"opening {path.name}", work)
 
     def give(self, *paths: Path) -> None:
         """Give recordings that an opened session asks for."""
 
-        def work(state: State, report: Report) -> State:
+        def work(state: State, progress: Report) -> State:
             if state.opened is None:
                 raise Refused("open a session first")
-            return self._resumed(state.opened.with_files(paths), report)
+            return self._resumed(state.opened.with_files(paths), progress)
 
         self._perform(f"reading {names_of_files(paths)}", work)
 
-    def _resumed(self, opened: OpenedSession, report: Report) -> State:
+    def _resumed(self, opened: OpenedSession, progress: Report) -> State:
         """The state that a session file holds, its recordings read again and its models compared again."""
         missing = opened.missing
         if missing is not None:
             return State(opened=replace(opened, awaited=missing))
         with Known().catalogue():  # the work that it takes the place of leaves no effects behind
-            return self._read_again(opened, report)
+            return self._read_again(opened, progress)
 
-    def _read_again(self, opened: OpenedSession, report: Report) -> State:
+    def _read_again(self, opened: OpenedSession, progress: Report) -> State:
         """The same, with every recording at hand."""
         content = opened.content
         formulas = [OwnFormula.of_stored(formula) for formula in content.own]
-        self._done(tasks.tried, formulas, report=within(report, 0.0, 0.1), state=State())
+        self._done(tasks.tried, formulas, progress=within(progress, 0.0, 0.1), state=State())
         own = tuple(formula.enter() for formula in formulas)
-        runs = self._runs_of(opened, within(report, 0.1, 0.7))
+        runs = self._runs_of(opened, within(progress, 0.1, 0.7))
         guests = tuple(
             Guest(name, self._model(text, f"guest{number}"))
             for number, (name, text) in enumerate(zip(content.guests, opened.guests, strict=True), start=1)
@@ -300,14 +300,14 @@ class Workbench:
         state = State(runs=runs, shown=content.shown, own=own, guests=guests)
         require_one_sensor(state)
         require_both_parts(state)
-        return self._with_models(state, opened, within(report, 0.7, 0.98))
+        return self._with_models(state, opened, within(progress, 0.7, 0.98))
 
-    def _runs_of(self, opened: OpenedSession, report: Report) -> tuple[Run, ...]:
+    def _runs_of(self, opened: OpenedSession, progress: Report) -> tuple[Run, ...]:
         """The files of a session, those with a sidecar first: others have the rig of the first of them."""
         stored = opened.content.runs
         found: dict[int, Run] = {}
         for count, number in enumerate(sorted(range(len(stored)), key=lambda number: stored[number].sidecar is None)):
-            one, part = stored[number], within(report, count / len(stored), (count + 1) / len(stored))
+            one, part = stored[number], within(progress, count / len(stored), (count + 1) / len(stored))
             path = opened.path(one.source)
             beside = one.sidecar == (mapping.text_of(path, None, "") or None)
             lender = next((found[n] for n in sorted(found) if found[n].recording is not None), None)
@@ -317,14 +317,14 @@ class Workbench:
             found[number] = replace(run, role=one.role, held_out=one.held_out, excluded=tuple(one.excluded))
         return tuple(found[number] for number in range(len(stored)))
 
-    def _with_models(self, state: State, opened: OpenedSession, report: Report) -> State:
+    def _with_models(self, state: State, opened: OpenedSession, progress: Report) -> State:
         """The state with the tree of models of a session file, under keys of this workbench."""
         stored = opened.content.steps
         if not stored:
             return state
         fits = [self._model(opened.models[step.key], step.key) for step in stored]
         ruler = Ruler.of(fits)
-        compared = self._done(tasks.judged, fits, state.unseen, ruler, fits[0], report=report, state=state)
+        compared = self._done(tasks.judged, fits, state.unseen, ruler, fits[0], progress=progress, state=state)
         keys: dict[int | None, int | None] = {None: None}
         steps: list[Step] = []
         for step, found, heldouts in zip(stored, fits, compared, strict=True):
@@ -349,41 +349,41 @@ class Workbench:
     def hold_out(self, start: float, end: float) -> None:
         """Choose the part of the recording that is held out."""
 
-        def work(state: State, report: Report) -> State:
+        def work(state: State, progress: Report) -> State:
             if shown(state).role != "fit":
                 raise Refused(f"{shown(state).name} is not fitted; give it the role fit to hold out a part of it")
-            return self._divided(state, with_run(state, held_out=inside_used(state, start, end)).runs, report)
+            return self._divided(state, with_run(state, held_out=inside_used(state, start, end)).runs, progress)
 
         self._perform("choosing the held-out part", work)
 
     def fit_whole(self) -> None:
         """Fit all of the recording on the time line, where something else is held out."""
 
-        def work(state: State, report: Report) -> State:
+        def work(state: State, progress: Report) -> State:
             whole = with_run(state, held_out=None)
             if not whole.unseen_runs:
                 raise Refused("nothing would be held out; give another recording the role hold out first")
-            return self._divided(state, whole.runs, report)
+            return self._divided(state, whole.runs, progress)
 
         self._perform("", work)
 
     def exclude(self, start: float, end: float) -> None:
         """Exclude a stretch from both fit and validation."""
 
-        def work(state: State, report: Report) -> State:
+        def work(state: State, progress: Report) -> State:
             excluded = (*shown(state).excluded, inside_used(state, start, end))
-            return self._divided(state, with_run(state, excluded=excluded).runs, report)
+            return self._divided(state, with_run(state, excluded=excluded).runs, progress)
 
         self._perform("excluding a stretch", work)
 
     def use_again(self, number: int) -> None:
         """Include a stretch again that was excluded."""
 
-        def work(state: State, report: Report) -> State:
+        def work(state: State, progress: Report) -> State:
             before = shown(state).excluded
             if not 0 <= number < len(before):
                 raise Refused(f"there is no excluded stretch {number}")
-            return self._divided(state, with_run(state, excluded=before[:number] + before[number + 1 :]).runs, report)
+            return self._divided(state, with_run(state, excluded=before[:number] + before[number + 1 :]).runs, progress)
 
         self._perform("including a stretch again", work)
 
@@ -392,64 +392,64 @@ class Workbench:
     def fit(self, model: Literal["linear", "cubic"] = "linear") -> None:
         """Fit a base model to what is not held out."""
 
-        def work(state: State, report: Report) -> State:
+        def work(state: State, progress: Report) -> State:
             chosen = {"linear": Model.linear, "cubic": Model.cubic}[model]()
             bare = without_models(loaded(state))
-            return self._grown(bare, Change("base", model), self._fitted(chosen, None, state, report), report)
+            return self._grown(bare, Change("base", model), self._fitted(chosen, None, state, progress), progress)
 
         self._perform("fitting the base model", work)
 
     def add(self, name: str) -> None:
         """Add an effect to the current model, and fit again."""
 
-        def work(state: State, report: Report) -> State:
+        def work(state: State, progress: Report) -> State:
             before, own = fitted(state).fit, names_of(state)
-            found = self._done(tasks.added, before, state.train, name, own, report=first_part(report))
-            return self._grown(state, Change("add", name), found, report)
+            found = self._done(tasks.added, before, state.train, name, own, progress=first_part(progress))
+            return self._grown(state, Change("add", name), found, progress)
 
         self._perform(f"adding {name}", work)
 
     def drop(self, name: str) -> None:
         """Remove an effect from the current model, and fit again."""
 
-        def work(state: State, report: Report) -> State:
-            found = self._done(tasks.dropped, fitted(state).fit, state.train, name, report=first_part(report))
-            return self._grown(state, Change("drop", name), found, report)
+        def work(state: State, progress: Report) -> State:
+            found = self._done(tasks.dropped, fitted(state).fit, state.train, name, progress=first_part(progress))
+            return self._grown(state, Change("drop", name), found, progress)
 
         self._perform(f"removing {name}", work)
 
     def freeze(self, name: str, value: float) -> None:
         """Hold a parameter at a value (SI), and fit the others again."""
 
-        def work(state: State, report: Report) -> State:
+        def work(state: State, progress: Report) -> State:
             before = fitted(state).fit
             require_parameter(before, name)
-            found = self._fitted(before.model.freeze(**{name: value}), before.origins, state, report)
-            return self._grown(state, Change("hold", name, value), found, report)
+            found = self._fitted(before.model.freeze(**{name: value}), before.origins, state, progress)
+            return self._grown(state, Change("hold", name, value), found, progress)
 
         self._perform(f"fixing {name}", work)
 
     def release(self, name: str) -> None:
         """Let a held parameter be estimated again."""
 
-        def work(state: State, report: Report) -> State:
+        def work(state: State, progress: Report) -> State:
             before = fitted(state).fit
-            found = self._fitted(before.model.release(name), before.origins, state, report)
-            return self._grown(state, Change("release", name), found, report)
+            found = self._fitted(before.model.release(name), before.origins, state, progress)
+            return self._grown(state, Change("release", name), found, progress)
 
         self._perform(f"freeing {name}", work)
 
-    def _fitted(self, model: Model, origins: Origins | None, state: State, report: Report) -> Fit:
-        found: Fit = self._done(tasks.fitted, model, state.train, origins, report=first_part(report))
+    def _fitted(self, model: Model, origins: Origins | None, state: State, progress: Report) -> Fit:
+        found: Fit = self._done(tasks.fitted, model, state.train, origins, progress=first_part(progress))
         return found
 
-    def _grown(self, state: State, change: Change, found: Fit, report: Report) -> State:
+    def _grown(self, state: State, change: Change, found: Fit, progress: Report) -> State:
         """The state with one more model, made the current one; all models are compared with one filter."""
         before, ruler = [step.fit for step in state.steps], Ruler.of([*(step.fit for step in state.steps), found])
         again = state.steps if before and Ruler.of(before) != ruler else ()
         fits = [*(step.fit for step in again), found]
         base = before[0] if before else found
-        judged = self._done(tasks.judged, fits, state.unseen, ruler, base, report=within(report, 0.8, 1.0))
+        judged = self._done(tasks.judged, fits, state.unseen, ruler, base, progress=within(progress, 0.8, 1.0))
         *others, last = judged
         compared = tuple(replace(step, heldouts=heldouts) for step, heldouts in zip(again, others, strict=True))
         step = Step(next(self._keys), state.current, change, found, last)
@@ -459,21 +459,21 @@ class Workbench:
         self,
         task: Callable[..., Any],
         *args: Any,
-        report: Report = lambda share: None,
+        progress: Report = lambda share: None,
         state: State | None = None,
     ) -> Any:
         """The result of long work on the data of a state, by default the present one."""
-        return self._compute(task, *args, report=report, known=Known.to(self.state if state is None else state))
+        return self._compute(task, *args, progress=progress, known=Known.to(self.state if state is None else state))
 
     def own_effect(self, name: str, expression: str, unit: str, port: Literal["output", "position"]) -> None:
         """Add a user effect, given as a formula, to the candidates."""
 
-        def work(state: State, report: Report) -> State:
+        def work(state: State, progress: Report) -> State:
             channels = tuple(loaded(state).data.side)
             if name in names_of(state):
                 raise Refused(f"{name} is a candidate already")
             formula = OwnFormula(name, expression, unit or "1", port, channels)
-            self._done(tasks.tried, [formula], report=report)
+            self._done(tasks.tried, [formula], progress=progress)
             return replace(state, own=(*state.own, formula.enter()))
 
         self._perform(f"entering {name}", work)
@@ -488,7 +488,7 @@ class Workbench:
         with self._working("searching for missing effects") as job:
             step = fitted(state)
             own, report = names_of(state), within(job.report, 0.0, 0.9)
-            found = self._done(tasks.diagnosed, step.fit, state.train, own, report=report)
+            found = self._done(tasks.diagnosed, step.fit, state.train, own, progress=report)
             with self._lock:
                 job.report(0.9)  # last chance to be cancelled
                 self.diagnoses[asked] = found
@@ -499,10 +499,10 @@ class Workbench:
                     if values is not None:
                         self._run_values[step.key] = values
 
-    def _values_alone(self, found: Fit, train: tasks.Data, report: Report) -> RunValues | None:
+    def _values_alone(self, found: Fit, train: tasks.Data, progress: Report) -> RunValues | None:
         """Parameters of each fitted recording; None where one alone does not determine them."""
         try:
-            values: RunValues = self._done(tasks.values_of_runs, found, train, report=report)
+            values: RunValues = self._done(tasks.values_of_runs, found, train, progress=progress)
         except ValueError:
             return None
         return values
@@ -521,7 +521,7 @@ class Workbench:
     def respond(self) -> None:
         """Compute the frequency response of the recording on the time line; see `response`."""
 
-        def work(state: State, report: Report) -> State:
+        def work(state: State, progress: Report) -> State:
             run = shown(state)
             if run.role == "leave out":
                 raise Refused(f"{run.name} is left out; give it another role on the Data tab")
@@ -529,7 +529,7 @@ class Workbench:
             if data.digest in state.responded:
                 return state
             if data.digest not in self._responses:
-                self._responses[data.digest] = self._done(tasks.responded, data, report=report)
+                self._responses[data.digest] = self._done(tasks.responded, data, progress=progress)
             return replace(state, responded=(*state.responded, data.digest))
 
         self._perform("computing the frequency response", work)
@@ -545,7 +545,7 @@ class Workbench:
     def look_at(self, key: int) -> None:
         """Make another model of the tree the current one; adding to it begins a branch."""
 
-        def work(state: State, report: Report) -> State:
+        def work(state: State, progress: Report) -> State:
             if key not in {s.key for s in state.steps}:
                 raise Refused("this model is no longer in the tree")
             return replace(state, current=key)
@@ -600,10 +600,10 @@ class Workbench:
         """Put the models of a model file, or of another session, beside those of this one."""
         path = Path(path)
 
-        def work(state: State, report: Report) -> State:
+        def work(state: State, progress: Report) -> State:
             loaded(state)
             is_session = path.suffix.lower() == session_file.SUFFIX
-            found = self._guests(path, report) if is_session else (Guest(path.name, model_file.load(path)),)
+            found = self._guests(path, progress) if is_session else (Guest(path.name, model_file.load(path)),)
             taken = set(state.models)
             if len(state.guests) + len(found) > MOST_GUESTS:
                 raise Refused(
@@ -615,13 +615,13 @@ class Workbench:
 
         self._perform(f"reading {path.name}", work)
 
-    def _guests(self, path: Path, report: Report) -> tuple[Guest, ...]:
+    def _guests(self, path: Path, progress: Report) -> tuple[Guest, ...]:
         """Models of a session file; with the errors on its own held-out data where its recordings are at hand."""
         opened = OpenedSession(*session_file.read(path))
         if opened.content.own:
             raise Refused(f"{path.name}: its models may have formulas that this session does not know; open it alone")
         if opened.missing is None:
-            other = self._resumed(opened, report)
+            other = self._resumed(opened, progress)
             return tuple(Guest(f"{path.stem}: {other.named(s)}", s.fit, s.heldout) for s in other.steps)
         with Known().catalogue():
             fits = [(step, self._model(opened.models[step.key], step.key)) for step in opened.content.steps]
@@ -634,7 +634,7 @@ class Workbench:
             fits = [state.models[name] for name in names]
             report = within(job.report, 0.0, 0.98)
             called = names if names[0] != names[1] else ("first", "second")
-            comparison = self._done(tasks.compared, fits, state.unseen, called, report=report)
+            comparison = self._done(tasks.compared, fits, state.unseen, called, progress=report)
             with self._lock:
                 job.report(1.0)
                 self._pair = (state, names, comparison)
@@ -661,9 +661,9 @@ class Workbench:
         """
         path = self.upload_folder() / f"{PREFIX}{name}.csv"
 
-        def work(state: State, report: Report) -> State:
-            self._done(tasks.simulated, path, name, report=within(report, 0.0, 0.3))
-            return self._load(path, None, within(report, 0.3, 1.0))
+        def work(state: State, progress: Report) -> State:
+            self._done(tasks.simulated, path, name, progress=within(progress, 0.0, 0.3))
+            return self._load(path, None, within(progress, 0.3, 1.0))
 
         self._perform("simulating a recording", work)
 
@@ -679,7 +679,7 @@ class Workbench:
             found, own, report = fitted(state).fit, names_of(state), within(job.report, 0.0, 0.99)
             first = state.first_fitted.train
             known = self.diagnosis if len(state.train) == 1 else None  # that of several is not of the first
-            page = self._done(tasks.reported, found, first, state.unseen[0], own, known, report=report)
+            page = self._done(tasks.reported, found, first, state.unseen[0], own, known, progress=report)
             job.report(1.0)
             target = self.upload_folder() / "report.html"
             io.atomic_write(target, page)
@@ -690,7 +690,7 @@ class Workbench:
         """Write the sensor's own calibration; None where the model cannot be exported: `sentence` says why."""
         with self._working("writing the calibration") as job:
             target = self.upload_folder() / EXPORTS[kind]
-            text = self._done(tasks.exported, fitted(self.state).fit, kind, target.name, report=job.report)
+            text = self._done(tasks.exported, fitted(self.state).fit, kind, target.name, progress=job.report)
             io.atomic_write(target, text)
             return target
         return None
@@ -896,6 +896,6 @@ def question(state: State) -> tuple[int, int] | None:
     return None if state.current is None else (state.current, len(state.own))
 
 
-def first_part(report: Report) -> Report:
+def first_part(progress: Report) -> Report:
     """Progress of a fit that is then compared with held-out data."""
-    return within(report, 0.0, 0.8)
+    return within(progress, 0.0, 0.8)

@@ -132,7 +132,7 @@ def _answer(request: Request, known: KnownRecordings, giving: BinaryIO) -> None:
 
     try:
         with request.known.catalogue():
-            answer = Answer(final=True, found=request.task(*map(known, request.args), report=report))
+            answer = Answer(final=True, found=request.task(*map(known, request.args), progress=report))
     except Exception as error:
         answer = Answer(final=True, error=_portable(error), trace=traceback.format_exc())
     try:

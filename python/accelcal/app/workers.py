@@ -36,14 +36,14 @@ class WorkerLost(AccelcalError, ChildProcessError):
 class Compute(Protocol):
     """How a workbench has long work done: in another process, or here."""
 
-    def __call__(self, task: Callable[..., Any], *args: Any, report: Report, known: Known) -> Any:
+    def __call__(self, task: Callable[..., Any], *args: Any, progress: Report, known: Known) -> Any:
         """Return ``task(*args, report=report)``."""
 
 
-def direct(task: Callable[..., Any], *args: Any, report: Report, known: Known) -> Any:
+def direct(task: Callable[..., Any], *args: Any, progress: Report, known: Known) -> Any:
     """Do the work here."""
     with known.catalogue():
-        return task(*args, report=report)
+        return task(*args, progress=progress)
 
 
 class Workers:
@@ -63,13 +63,13 @@ class Workers:
         self._changed = threading.Condition()
         self._closed = False
 
-    def __call__(self, task: Callable[..., Any], *args: Any, report: Report, known: Known) -> Any:
+    def __call__(self, task: Callable[..., Any], *args: Any, progress: Report, known: Known) -> Any:
         """Have a task done by a free worker.
 
         Parameters
         ----------
         task : a function of a module; its arguments and its result can be pickled.
-        report : called with the progress, and at least every tenth of a second; the work is ended when it raises.
+        progress : called with the progress, and at least every tenth of a second; the work is ended when it raises.
         known : what the task must find in the catalogue.
 
         Raises
@@ -77,9 +77,9 @@ class Workers:
         WorkerLost
             If the process ends before its work does, or the work takes more memory than it may.
         """
-        worker = self._take(report)
+        worker = self._take(progress)
         try:
-            answer = worker.done(Request(task, args, known), report)
+            answer = worker.done(Request(task, args, known), progress)
         except BaseException:
             self._drop(worker)
             raise
@@ -111,7 +111,7 @@ class Workers:
         with self._changed:
             return [worker.process.pid for worker in self._all]
 
-    def _take(self, report: Report) -> _Worker:
+    def _take(self, progress: Report) -> _Worker:
         while True:
             with self._changed:
                 if self._closed:
@@ -124,7 +124,7 @@ class Workers:
                 if len(self._all) < self.most:
                     return self._started()
                 self._changed.wait(POLL)
-            report(0.0)
+            progress(0.0)
 
     def _started(self) -> _Worker:
         worker = _Worker(self.folder)
@@ -163,7 +163,7 @@ class _Worker:
         self._answers: queue.SimpleQueue[Answer | None] = queue.SimpleQueue()
         threading.Thread(target=self._listen, daemon=True).start()
 
-    def done(self, request: Request, report: Report) -> Answer:
+    def done(self, request: Request, progress: Report) -> Answer:
         """The last answer to a request."""
         assert self.process.stdin is not None
         try:
@@ -176,14 +176,14 @@ class _Worker:
             try:
                 answer = self._answers.get(timeout=POLL)
             except queue.Empty:
-                report(share)
+                progress(share)
                 continue
             if answer is None:
                 raise self._lost()
             if answer.final:
                 return answer
             share = answer.share
-            report(share)
+            progress(share)
 
     def kill(self) -> None:
         """End the process and whatever it started, at once."""

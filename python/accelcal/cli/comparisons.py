@@ -77,7 +77,7 @@ def compare(
             band=parse_quantity(band, "frequency", "--band"),
             start=parse_quantity(start, "time", "--from"),
             end=parse_quantity(end, "time", "--to"),
-            report=within(report, LOADED, 1.0),
+            progress=within(report, LOADED, 1.0),
         )
     content = diagnosis_json.compared_to_dict(comparison)
 

@@ -66,12 +66,12 @@ def demo(
     say_line(f"\n$ accelcal fit {paths[0]} -o {output / 'm.json'}")
     first = io.load(paths[0])
     with progress("fit") as report:
-        found = fit_replay(Model.linear(), first, report=report)
+        found = fit_replay(Model.linear(), first, progress=report)
     model_file.save(found, output / "m.json", seed=seed)
     show_fit(found, first)
     say_line(f"\n$ accelcal compare {output / 'm.json'} {paths[1]} --plots {output}")
     with progress("compare") as report:
-        seen = compare_with(found, io.load(paths[1]), report=report)
+        seen = compare_with(found, io.load(paths[1]), progress=report)
     show_comparison(seen)
     for path in write(seen, output):
         say_line(f"wrote {path}")
@@ -94,7 +94,7 @@ def demo_hidden(effect: str, output: Path, seed: int) -> None:
     say_line(f"{paths[0]} and {paths[1]} may contain a hidden effect; the answer is in {output / 'answer.json'}.")
     say_line(f"\n$ accelcal improve {paths[0]} --holdout {paths[1]} -o {output / 'best.json'}")
     with progress("improve") as report:
-        found = improve_with(hidden.train, holdout=hidden.holdout, report=report)
+        found = improve_with(hidden.train, holdout=hidden.holdout, progress=report)
     model_file.save(found.diagnosis.fit, output / "best.json", seed=seed)
     show_improvement(found)
     say_line(f"\nFound: {', '.join(found.effects) or 'nothing'}. Hidden: {hidden_text(hidden)}.")

@@ -73,7 +73,7 @@ def diagnose(
     with progress("diagnose") as report:
         recordings = with_dwells([load_any(fitted, run, rig) for run in runs])
         if not isinstance(recordings, Dwells):
-            found = diagnose_with(fitted, recordings, report=within(report, LOADED, 0.8 if holdout else 1.0))
+            found = diagnose_with(fitted, recordings, progress=within(report, LOADED, 0.8 if holdout else 1.0))
             seen = None if holdout is None else compare_with(found.fit, load_like(fitted, holdout, rig))
     if isinstance(recordings, Dwells):
         if holdout is not None:
@@ -156,7 +156,7 @@ def improve(
             most=most,
             start=parse_quantity(start, "time", "--from"),
             end=parse_quantity(end, "time", "--to"),
-            report=report,
+            progress=report,
             on_step=steps.append,
         )
     if output is not None:
@@ -221,7 +221,7 @@ def formula(
         with progress("formula") as report:
             recording = load_like(fitted, run, rig)
             unseen = None if holdout is None else load_like(fitted, holdout, rig)
-            found = formulas(fitted, recording, curve, holdout=unseen, report=within(report, LOADED, 1.0))
+            found = formulas(fitted, recording, curve, holdout=unseen, progress=within(report, LOADED, 1.0))
     except RecordingError:
         raise
     except ValueError as error:
@@ -292,7 +292,7 @@ def power(
         recording = io.load(run, rig, need_accel=False)
         if len(recording.accel):
             begin, stop = parse_quantity(start, "time", "--from"), parse_quantity(end, "time", "--to")
-            seen = power_of(recording, start=begin, end=stop, report=within(report, LOADED, 1.0))
+            seen = power_of(recording, start=begin, end=stop, progress=within(report, LOADED, 1.0))
         elif start is not None or end is not None:
             raise UsageError("--from and --to are for recordings; a planned motion is always used as a whole")
         else:
@@ -338,7 +338,7 @@ def plan(
             a_max=limit(amax, "acceleration", "--amax"),
             seconds=seconds,
             rig=used,
-            report=report,
+            progress=report,
         )
     if output is not None:
         for path in write_set_points(found, used, output):

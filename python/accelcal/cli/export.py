@@ -75,7 +75,7 @@ def report(
             load_like(fitted, run, rig),
             holdout=None if holdout is None else load_like(fitted, holdout, rig),
             command=shlex.join(["accelcal", *sys.argv[1:]]),
-            report=within(share, 0.0, 0.8),
+            progress=within(share, 0.0, 0.8),
         )
         for path in written:
             if path.suffix == ".pdf":

@@ -119,7 +119,7 @@ def fit(
             base = chosen() if position is None else chosen().add("clock_skew")
             wanted, part = varying(base, vary or []), within(report, LOADED, 1.0)
             engine = cast("Method", method)
-            found = fit_runs(wanted, recordings, start=begin, end=stop, band=width, method=engine, report=part)
+            found = fit_runs(wanted, recordings, start=begin, end=stop, band=width, method=engine, progress=part)
     else:
         if vary:
             raise UsageError(f"--vary needs --method auto, replay or weak; {method} accepts one recording")
@@ -208,7 +208,7 @@ def add(
     fitted = model_file.load(model)
     with progress("add") as report:
         recordings = [load_any(fitted, run, rig) for run in runs]
-        found = add_to(fitted, recordings, *effects, report=within(report, LOADED, 1.0))
+        found = add_to(fitted, recordings, *effects, progress=within(report, LOADED, 1.0))
     finish_fit(found, recordings, output, json)
     if not json and output is not None:
         suggest("history", model, output, "--on", UNSEEN)
@@ -236,7 +236,7 @@ def drop(
     fitted = model_file.load(model)
     with progress("drop") as report:
         recordings = [load_any(fitted, run, rig) for run in runs]
-        found = drop_from(fitted, recordings, *effects, report=within(report, LOADED, 1.0))
+        found = drop_from(fitted, recordings, *effects, progress=within(report, LOADED, 1.0))
     finish_fit(found, recordings, output, json)
     if not json and output is not None:
         suggest("history", output, model, "--on", UNSEEN)
@@ -285,7 +285,7 @@ def freeze(
             recordings,
             method=engine_of(fitted),
             origins=fitted.origins,
-            report=within(report, LOADED, 1.0),
+            progress=within(report, LOADED, 1.0),
         )
     finish_fit(found, recordings, output, json)
     if not json and output is not None:

@@ -192,7 +192,7 @@ def verdict_on(
     stretch: TimeSpan,
     extra: Sequence[Effect] | None = None,
     alpha: float = FAMILYWISE_ALPHA,
-    report: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Diagnosis:
     """Verdict on a model that has just been fitted; the solution is used up.
 
@@ -202,7 +202,7 @@ def verdict_on(
     stretch : usable part of the recording.
     extra : effects of the user's own; by default all that are registered.
     alpha : family-wise false-alarm rate.
-    report : called with the share of the work that is done, 0 to 1.
+    progress : called with the share of the work that is done, 0 to 1.
     """
     solution, tests = cleaned.solution, cleaned.tests
     model, profiled, recording = solution.model, result(solution), solution.states[0].run.recording
@@ -214,7 +214,7 @@ def verdict_on(
         extra=extra,
         separate=separate_lines(cleaned),
         alpha=alpha,
-        report=within(report, 0.0, 0.8),
+        progress=within(progress, 0.0, 0.8),
     )
     level = alpha / (found.examined + len(tests))
     signals, origin = solution.states[0].signals, runs[0].origins.t

@@ -216,7 +216,7 @@ def estimate(
     band: float | None = None,
     origins: Origins | None = None,
     method: Method = "auto",
-    report: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Fit:
     """Estimate the free parameters of a model by the replay, or the weak form, with smoothed regressors.
 
@@ -233,7 +233,7 @@ def estimate(
     origins : zero points of t, p and side channels; by default those of the first recording, and the mean of each
         channel over all of them.
     method : "replay", "weak", or "auto": the weak form where a reference is too good for the replay.
-    report : called with the share of the work that is done, 0 to 1.
+    progress : called with the share of the work that is done, 0 to 1.
 
     Returns
     -------
@@ -255,7 +255,7 @@ def estimate(
     if not several:
         raise AccelcalError("a fit needs at least one recording")
     solution = solve_runs(
-        model, several, start=start, end=end, band=band, origins=origins, engine=method, report=report
+        model, several, start=start, end=end, band=band, origins=origins, engine=method, progress=progress
     )
     return result(solution)
 
@@ -270,7 +270,7 @@ def solve_runs(
     origins: Origins | None = None,
     others_whole: bool = False,
     engine: Method = "auto",
-    report: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Solution:
     """The solution of a completed model; where the noise is not white, in the band that determines the scale best.
 
@@ -297,14 +297,14 @@ def solve_runs(
         require_band(run, band)
     if engine == "auto" and band is None and any(run.suits_weak_form for run in runs):
         try:
-            solution = _solved(asked, model, recordings, [run.by("weak") for run in runs], band, report)
+            solution = _solved(asked, model, recordings, [run.by("weak") for run in runs], band, progress)
             if solution.converged:
                 return solution
         except RecordingError as error:
             if not isinstance(error.__cause__, NoWeakForm):
                 raise
     runs = [run.by("weak" if engine == "weak" else "replay") for run in runs]
-    return _solved(asked, model, recordings, runs, band, report)
+    return _solved(asked, model, recordings, runs, band, progress)
 
 
 def _solved(
@@ -313,20 +313,20 @@ def _solved(
     recordings: Sequence[Recording],
     runs: Sequence[PreparedRun],
     band: float | None,
-    report: Callable[[float], None],
+    progress: Callable[[float], None],
 ) -> Solution:
     """The solution of prepared runs by their engines; `model` is the completed one that was `asked` for."""
-    solution = iterate(model, runs, [band] * len(runs), report)
+    solution = iterate(model, runs, [band] * len(runs), progress)
     unlike, seen = differing(solution)
     if unlike:
         model = complete(asked.vary(*unlike), recordings)
-        solution = iterate(model, runs, [band] * len(runs), report)
+        solution = iterate(model, runs, [band] * len(runs), progress)
         _, seen = differing(solution)  # one value for runs that differ distorts all that is told beside it
     if band is None:
         trials = [trial_bands(model, state) if needs_band(state) else () for state in solution.states]
         bands = [best_band(each) for each in trials]
         if any(bands):
-            solution = replace(iterate(model, runs, bands, report), chosen=tuple(bands))
+            solution = replace(iterate(model, runs, bands, progress), chosen=tuple(bands))
         solution = replace(solution, by_band=tuple(trials))
     return replace(refine_shapes(solution), seen_by_runs=seen)
 

@@ -116,7 +116,7 @@ def iterate(
     model: Model,
     runs: Sequence[PreparedRun],
     bands: Sequence[float | None],
-    report: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Solution:
     """Gauss-Newton to the fixed point of nominal, noise and smoothed regressors, with the states of the runs there.
 
@@ -125,7 +125,7 @@ def iterate(
     NotIdentifiable
         If the information matrix is singular.
     """
-    solution = estimated(model, initial_states(model, runs, bands), report)
+    solution = estimated(model, initial_states(model, runs, bands), progress)
     for index, state in enumerate(solution.states):
         state.refresh(solution.layout.scatter(solution.x, model, index), search_noise=False)
         settle_dwells(state, model, DWELL_STEPS)
@@ -147,7 +147,7 @@ def initial_states(model: Model, runs: Sequence[PreparedRun], bands: Sequence[fl
 def estimated(
     model: Model,
     states: list[RunState],
-    report: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
     *,
     least: int = LEAST_ROUNDS,
     trial: bool = False,
@@ -158,7 +158,7 @@ def estimated(
     ----------
     model : its free coefficients are estimated.
     states : runs at which the first step is linearised; each moves with the steps that follow.
-    report : called with the share of the work that is done, 0 to 1.
+    progress : called with the share of the work that is done, 0 to 1.
     least : rounds at least; two suffice where the states come from a fit of a smaller model.
     trial : whether a solution that does not converge is of no use, so that it is given up early.
 
@@ -168,11 +168,11 @@ def estimated(
         If the information matrix is singular.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # a step too far is told by an information that is not finite
-        return _estimated(model, states, report, least, trial)
+        return _estimated(model, states, progress, least, trial)
 
 
 def _estimated(
-    model: Model, states: list[RunState], report: Callable[[float], None], least: int, trial: bool
+    model: Model, states: list[RunState], progress: Callable[[float], None], least: int, trial: bool
 ) -> Solution:
     """The iteration of `estimated`."""
     layout = Layout.of(model, len(states))
@@ -200,7 +200,7 @@ def _estimated(
                 drawn[np.ix_(rows, rows)] += penalty(len(rows), between[name].variance)
         step, covariance = solve(information + drawn, score - drawn @ x, layout)
         x = x + step
-        report(min(0.9, (round_number + 1) / USUAL_ROUNDS))
+        progress(min(0.9, (round_number + 1) / USUAL_ROUNDS))
         before, moved = moved, float(np.max(np.abs(step) / np.sqrt(np.diag(covariance)), initial=0.0))
         converged = moved <= CONVERGED
         if round_number >= NOISE_ROUNDS:

@@ -126,7 +126,7 @@ def plan(
     rig: Rig,
     encoder_noise: float | None = None,
     alpha: float = FAMILYWISE_ALPHA,
-    report: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Plan:
     """Search for a motion that separates effects within the limits of a stage.
 
@@ -138,7 +138,7 @@ def plan(
     rig : noise density of the sensor, resolution of the encoder.
     encoder_noise : standard deviation of a reading before it is rounded, m; one step of the encoder by default.
     alpha : family-wise false-alarm rate of `diagnose`.
-    report : called with the share of the work that is done, 0 to 1.
+    progress : called with the share of the work that is done, 0 to 1.
 
     Returns
     -------
@@ -179,7 +179,7 @@ def plan(
     def try_all(recipes: Sequence[Recipe]) -> None:
         for recipe in recipes:
             trials.append(Trial.of(recipe, limits, seconds, rig, noise, wanted))
-            report(0.9 * len(trials) / (len(first) + SEEDS))
+            progress(0.9 * len(trials) / (len(first) + SEEDS))
 
     try_all(first)
     best = max(trials, key=lambda trial: trial.score)

@@ -49,7 +49,7 @@ def power(
     alpha: float = FAMILYWISE_ALPHA,
     start: float | None = None,
     end: float | None = None,
-    report: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Power:
     """What a record can detect: the smallest detectable size of every effect, and the effects that it confounds.
 
@@ -60,7 +60,7 @@ def power(
     extra : users' effects to consider besides the built-in catalogue; by default all that are registered.
     alpha : family-wise false-alarm rate of `diagnose`.
     start, end : s, optional; only this part of a recording is used.
-    report : called with the share of the work that is done, 0 to 1.
+    progress : called with the share of the work that is done, 0 to 1.
 
     Raises
     ------
@@ -82,10 +82,10 @@ def power(
     if start is None and end is None:
         whole = usable(source)
         start, end = whole.start, whole.end
-    report(0.1)
-    solution = solve_runs(model, [source], start=start, end=end, report=within(report, 0.1, 0.4))
+    progress(0.1)
+    solution = solve_runs(model, [source], start=start, end=end, progress=within(progress, 0.1, 0.4))
     found = detectability_of(solution.states[0], model, extra, alpha)
-    report(0.9)
+    progress(0.9)
     return with_drift(found)
 
 

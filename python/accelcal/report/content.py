@@ -77,7 +77,7 @@ def gather(
     extra: Sequence[Effect] | None = None,
     command: str = "",
     diagnosis: Diagnosis | None = None,
-    report: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Content:
     """Compute everything that a report contains.
 
@@ -89,7 +89,7 @@ def gather(
     extra : users' effects to consider besides the built-in catalogue; by default all that are registered.
     command : that made the report; printed under provenance.
     diagnosis : of `fit` on `recording`, where there is one already.
-    report : called with the share of the work that is done, 0 to 1.
+    progress : called with the share of the work that is done, 0 to 1.
 
     Raises
     ------
@@ -105,15 +105,15 @@ def gather(
             remarks.append(f"{what} could not be computed: {error}")
             return None
 
-    def judge(report: Report) -> Evaluation:
+    def judge(progress: Report) -> Evaluation:
         if holdout is None:
-            return compare(fit, recording, start=start, end=end, report=report)[0]
-        return compare(fit, holdout, report=report)[0]
+            return compare(fit, recording, start=start, end=end, progress=progress)[0]
+        return compare(fit, holdout, progress=progress)[0]
 
-    def see(report: Report) -> Power | None:
+    def see(progress: Report) -> Power | None:
         return attempt(
             "the detection limits",
-            lambda: power(recording, fit.model, extra=extra, start=start, end=end, report=report),
+            lambda: power(recording, fit.model, extra=extra, start=start, end=end, progress=progress),
         )
 
     def nest() -> tuple[NestedFits, Comparison]:
@@ -125,22 +125,22 @@ def gather(
         seen = compare(grown.fits, recording, names=grown.names, start=split, end=end)
         return grown, replace(seen, same_run=True)
 
-    def reduce(report: Report) -> tuple[NestedFits, Comparison] | None:
+    def reduce(progress: Report) -> tuple[NestedFits, Comparison] | None:
         return attempt("the error reduction", nest)
 
-    def follow(report: Report) -> Track | None:
+    def follow(progress: Report) -> Track | None:
         return attempt("the parameter tracks", lambda: track(fit, recording, start=start, end=end))
 
-    def respond(report: Report) -> FrequencyResponse | None:
+    def respond(progress: Report) -> FrequencyResponse | None:
         whole = recording.part(start, end) if found.breaks else recording
         return attempt("the frequency response", lambda: stepped_response(whole))
 
-    found = diagnosis or diagnose(fit, recording, extra=extra, report=within(report, 0.0, 0.35))
-    report(0.35)
+    found = diagnosis or diagnose(fit, recording, extra=extra, progress=within(progress, 0.0, 0.35))
+    progress(0.35)
     start, end = found.used[0]
     reduced, seen, followed, response, judged = on_two_threads(
         (reduce, see, follow, respond, judge),
-        within(report, 0.35, 1.0),
+        within(progress, 0.35, 1.0),
         at_once=len(recording.accel) + len(recording.position) <= MOST_AT_ONCE,
     )
     grown, nested = reduced or (None, None)

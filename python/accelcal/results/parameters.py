@@ -194,25 +194,25 @@ def _(e: Estimate, which: str = "") -> Table:
     )
 
 
-def noise_notes(report: NoiseReport) -> list[str]:
+def noise_notes(progress: NoiseReport) -> list[str]:
     """Noise of one run: overall, at rest, in motion, and as declared."""
-    by_position = report.reference == "position"
+    by_position = progress.reference == "position"
     counted = "readings" if by_position else "rows"
-    reader, unit = ("encoder", "µm") if by_position else (report.reference, f"µ{UNITS[report.reference]}")
-    whole = "noise beside the effects above" if report.noise.growth else "noise"
+    reader, unit = ("encoder", "µm") if by_position else (progress.reference, f"µ{UNITS[progress.reference]}")
+    whole = "noise beside the effects above" if progress.noise.growth else "noise"
     notes = []
-    for name, level in ((whole, report.all), ("noise at rest", report.rest), ("noise in motion", report.motion)):
+    for name, level in ((whole, progress.all), ("noise at rest", progress.rest), ("noise in motion", progress.motion)):
         if level is not None:
             density = decimal(level.density / MICRO_G, level.density_std / MICRO_G)
             notes.append(
                 f"{name}: {density} µg/√Hz, {reader} {decimal(1e6 * level.reading, 1e6 * level.reading_std)} {unit}, "
                 f"{level.count} {counted}"
             )
-    if report.declared is not None:
-        density = number(report.declared / MICRO_G)
-        notes.append(f"declared noise: {density} µg/√Hz; the estimate is {number(report.ratio or 0.0, 3)} times that")
-    if report.reference != ACCELERATION:
-        edge = f"band {report.band:.4g} Hz" if report.band is not None else f"crossover {report.crossover:.4g} Hz"
+    if progress.declared is not None:
+        density = number(progress.declared / MICRO_G)
+        notes.append(f"declared noise: {density} µg/√Hz; the estimate is {number(progress.ratio or 0.0, 3)} times that")
+    if progress.reference != ACCELERATION:
+        edge = f"band {progress.band:.4g} Hz" if progress.band is not None else f"crossover {progress.crossover:.4g} Hz"
         below = "encoder" if by_position else "reference"
         notes.append(f"{edge}: below it the {below}, above it the accelerometer measures acceleration more precisely")
     return notes

@@ -466,7 +466,7 @@ def noise_floor_to_dict(floor: NoiseFloor | None) -> dict[str, Any] | None:
     }
 
 
-def _noise_to_dict(report: NoiseReport) -> dict[str, Any]:
+def _noise_to_dict(progress: NoiseReport) -> dict[str, Any]:
     def level_to_dict(level: Level | None) -> dict[str, Any] | None:
         if level is None:
             return None
@@ -479,19 +479,19 @@ def _noise_to_dict(report: NoiseReport) -> dict[str, Any]:
         }
 
     return {
-        "q": report.noise.q,
-        "r": report.noise.r,
+        "q": progress.noise.q,
+        "r": progress.noise.r,
         "growth": [
-            {"effect": one.effect.name, "q": one.q, "r": one.r, "mean": one.mean} for one in report.noise.growth
+            {"effect": one.effect.name, "q": one.q, "r": one.r, "mean": one.mean} for one in progress.noise.growth
         ],
-        "all": level_to_dict(report.all),
-        "rest": level_to_dict(report.rest),
-        "motion": level_to_dict(report.motion),
-        "declared_m_per_s2_rthz": report.declared,
-        "ratio": report.ratio,
-        "crossover_hz": report.crossover,
-        "band_hz": report.band,
-        "reference": report.reference,
+        "all": level_to_dict(progress.all),
+        "rest": level_to_dict(progress.rest),
+        "motion": level_to_dict(progress.motion),
+        "declared_m_per_s2_rthz": progress.declared,
+        "ratio": progress.ratio,
+        "crossover_hz": progress.crossover,
+        "band_hz": progress.band,
+        "reference": progress.reference,
     }
 
 

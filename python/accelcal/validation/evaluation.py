@@ -46,7 +46,7 @@ def compare(
     start: float | None = None,
     end: float | None = None,
     ruler: Ruler | None = None,
-    report: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Evaluation:
     """Compare a fitted model with a recording, simulation first.
 
@@ -59,7 +59,7 @@ def compare(
     horizons : s; when to take the coasting error after position is withheld.
     start, end : s, optional; only readings in [start, end] are used.
     ruler : filter under which several models are compared; by default that of the fit itself.
-    report : called with the share of the work that is done, 0 to 1.
+    progress : called with the share of the work that is done, 0 to 1.
 
     Returns
     -------
@@ -82,9 +82,9 @@ def compare(
         ahead.nodes_apart = nodes_apart(ruler, recording, start, end)
     run, e, S = ahead.run, ahead.e, ahead.S
     counts, asked = ahead.counts, run.t >= ahead.since
-    report(0.3)
+    progress(0.3)
     coasting = {horizon: ahead.at_horizon(horizon) for horizon in horizons}
-    report(0.5)
+    progress(0.5)
     require_band(run, band)
     seen_band = band if band is not None else min(ahead.crossover, 0.2 / run.reading_step)
     t_res, residual, motion = accel_residual(ahead, seen_band)
@@ -96,11 +96,11 @@ def compare(
     regions = worst_regions(bins, accel_rms)
     delta, delta_std = (float(y[0]) for y in ahead.constants(np.array([len(run.t) - 1])))
     gain = abs(fit.values().scale)
-    report(0.8)
+    progress(0.8)
     simulated = ahead.simulate()
     innovations = None if run.order == POSITION_ORDER else of_weak_form(ahead)
     squares = e[counts] ** 2 / S[counts] if innovations is None else innovations[1] ** 2
-    report(1.0)
+    progress(1.0)
     return Evaluation(
         recording=recording.name,
         one_step_rms=float(np.sqrt(np.mean(e[counts] ** 2))),

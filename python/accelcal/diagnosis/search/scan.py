@@ -102,7 +102,7 @@ def scan(
     only: Sequence[Effect] = (),
     separate: Sequence[Term] = (),
     alpha: float = FAMILYWISE_ALPHA,
-    report: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Scan:
     """Rank every effect that may be missing, and find the set that explains most.
 
@@ -114,7 +114,7 @@ def scan(
     only : test these effects alone, whether significant or not.
     separate : contributions that other tests report, such as spectral lines; no effect is credited for explaining them.
     alpha : family-wise false-alarm rate.
-    report : called with the share of the work that is done, 0 to 1.
+    progress : called with the share of the work that is done, 0 to 1.
 
     Notes
     -----
@@ -134,12 +134,12 @@ def scan(
     blocks = int(sum(np.sum(state.counts) * state.run.reading_step for state in passes) / length)
     rules = SearchRules(len(items), blocks, alpha)
     runs = [BaseProjection(state, model, separate) for state in passes]
-    report(0.1)
-    evidence = CandidateScores(runs, items, report=lambda share: report(0.1 + 0.5 * share))
+    progress(0.1)
+    evidence = CandidateScores(runs, items, progress=lambda share: progress(0.1 + 0.5 * share))
     finalists = shortlist(evidence, rules.beam(evidence), rules)
-    report(0.65)
+    progress(0.65)
     lists = refine(runs, starting_points(evidence, finalists, rules))
-    report(0.85)
+    progress(0.85)
     found = max(
         (BestSet.of(CandidateScores(runs, hypotheses), length, rules) for hypotheses in lists),
         key=lambda each: rules.net_gain_of_set(each.evidence, each.chosen),
@@ -150,7 +150,7 @@ def scan(
     if process is not None:
         found, (entering, changing) = process, process.divided(evidence, rules)
     final, scatter, chosen = found.evidence, found.scatter, found.chosen
-    report(1.0)
+    progress(1.0)
     return Scan(
         rank(final, scatter, chosen, rules, passes),
         entering,

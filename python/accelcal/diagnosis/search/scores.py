@@ -140,7 +140,7 @@ class BaseProjection:
             yield rows, columns
 
     def remainder(
-        self, terms: Sequence[Term], report: Callable[[float], None] = lambda share: None
+        self, terms: Sequence[Term], progress: Callable[[float], None] = lambda share: None
     ) -> tuple[Array, Array, Array, Array, Array]:
         """Project the base out of columns.
 
@@ -160,7 +160,7 @@ class BaseProjection:
             G += Z @ Z.T
             products += self.B[:, rows] @ Z.T
             score += Z @ self.y[rows]
-            report(rows.stop / len(self.y))
+            progress(rows.stop / len(self.y))
         weights, own = self.weights(products), np.diag(G).copy()
         beyond_line = own.copy()
         static = np.array([is_power(term.effect) for term in terms], dtype=np.bool_)
@@ -216,7 +216,7 @@ class CandidateScores:
         runs: Sequence[BaseProjection],
         items: Sequence[Hypothesis],
         *,
-        report: Callable[[float], None] = lambda share: None,
+        progress: Callable[[float], None] = lambda share: None,
     ) -> None:
         self.items = items
         self.terms, self.columns = columns_of(items)
@@ -229,9 +229,9 @@ class CandidateScores:
         alike = [ALIKE if item.effect.seen_by_sets else DEGENERATE for item in items]
         self._degenerate: Array = np.array(alike)
         """Share of a column's power below which nothing of it is left beside those chosen, of each hypothesis."""
-        self._sum(runs, report)
+        self._sum(runs, progress)
 
-    def _sum(self, runs: Sequence[BaseProjection], report: Callable[[float], None] = lambda share: None) -> None:
+    def _sum(self, runs: Sequence[BaseProjection], progress: Callable[[float], None] = lambda share: None) -> None:
         """Sum Gram matrix and scores over the runs."""
         m = len(self.terms)
         self.runs = runs
@@ -242,7 +242,7 @@ class CandidateScores:
         """The same beyond a straight line of the acceleration, of its powers."""
         self._weights: list[Array] = []
         for run in runs:
-            G, c, own, beyond_line, weights = run.remainder(self.terms, report)
+            G, c, own, beyond_line, weights = run.remainder(self.terms, progress)
             self.G += G
             self.own += own
             self.beyond_line += beyond_line
