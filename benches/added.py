@@ -31,7 +31,6 @@ from accelcal import workflow
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
 from accelcal.io import load
-from accelcal.model import Model
 
 Outcome = dict[str, Any]
 STRENGTH = 20.0
@@ -83,7 +82,7 @@ def added(trial: Trial) -> Outcome:
         return {"skipped": str(refused)}
     with tempfile.TemporaryDirectory() as folder:
         recording = load(world.record().write(folder))
-    base = workflow.fit(Model.linear(), recording)
+    base = workflow.fit(recording)
     before = workflow.diagnose(base, recording)
     model = base if trial.effect in base.model.effects else workflow.add(base, recording, trial.effect)
     after = workflow.diagnose(model, recording)

@@ -40,7 +40,7 @@ def main() -> None:
     for number in range(given.count):
         rng = np.random.default_rng([given.seed, number])
         count, D = int(rng.integers(4, 13)), 10.0 ** rng.uniform(-3.5, -1.5)
-        fit = ac.fit(ac.Model.linear(), runs(rng, MEAN + D * rng.standard_normal(count)))
+        fit = ac.fit(runs(rng, MEAN + D * rng.standard_normal(count)))
         z.append((fit["scale_factor"].value - SCALE) / fit["scale_factor"].std)
         goes += bool(fit.goes_with)
         said += len(fit.spreads)
@@ -52,7 +52,7 @@ def main() -> None:
     equal = 0
     for number in range(given.count):
         rng = np.random.default_rng([given.seed, 1 << 20, number])
-        fit = ac.fit(ac.Model.linear(), runs(rng, np.full(int(rng.integers(4, 13)), MEAN)))
+        fit = ac.fit(runs(rng, np.full(int(rng.integers(4, 13)), MEAN)))
         equal += bool(fit.spreads)
     rms = float(np.sqrt(np.mean(np.square(z))))
     print(f"{given.count} campaigns: z-rms of k {rms:.3f} (0.9 to 1.1), the bias differs in {said}")

@@ -23,7 +23,6 @@ from benches.outcomes import Outcome, run_all
 from tests.hidden.trials import Trial, draw
 
 from accelcal import io, workflow
-from accelcal.model import Model
 
 EFFECTS = (
     *("coulomb", "velocity", "velocity_odd", "velocity_squared", "acceleration_velocity"),
@@ -77,7 +76,7 @@ def run(trial: Trial) -> Outcome:
     with tempfile.TemporaryDirectory() as folder:
         recording = io.load(settled.record().write(folder))
         unseen = io.load(settled.again(world.motion, world.seed + 1).record().write(Path(folder), "unseen"))
-        base = workflow.fit(Model.linear(), recording)
+        base = workflow.fit(recording)
         try:
             added = workflow.add(base, recording, trial.names[0])
         except ValueError as refused:

@@ -126,7 +126,7 @@ def records(seed: tuple[int, ...], one: World, size: float) -> tuple[Recording, 
 def answer(one: World, runs: tuple[Recording, Recording]) -> FormulaSet:
     """What the product says of one record."""
     run, other = runs
-    return ac.formulas(ac.fit(ac.Model.linear(), run), run, one.curve, holdout=other)
+    return ac.formulas(ac.fit(run), run, one.curve, holdout=other)
 
 
 def normalised(value: float, interval: tuple[float, float], truth: float) -> float:
@@ -151,7 +151,7 @@ def held_out_errors(one: World, runs: tuple[Recording, Recording], found: Formul
     drifts = []
     for effect in (found.formulas[0].effect("first_formula").effect, true):
         CATALOGUE[effect.name] = effect
-        fit = ac.fit(ac.Model.linear().add(effect.name), run)
+        fit = ac.fit(run, ac.Model.linear().add(effect.name))
         drifts.append(rms(Prediction.of(fit, other).at_horizon(HORIZON).rezeroed) or 0.0)
         del CATALOGUE[effect.name]
     return drifts[0], drifts[1]

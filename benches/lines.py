@@ -139,7 +139,7 @@ def run(trial: Trial) -> Outcome:
     rig = ac.Rig(ac.Sensor(noise=made.density))
     units = {"accel": "m/s^2", "position": "m"}
     recording = ac.Recording.from_arrays(made.t, made.output, made.position, units=units, rig=rig)
-    fit = ac.fit(ac.Model.linear(), recording)
+    fit = ac.fit(recording)
     before = ac.diagnose(fit, recording)
     outcome: Outcome = {
         "key": trial.key,

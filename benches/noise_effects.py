@@ -92,7 +92,7 @@ def main() -> None:
             for world, run in records(name, not given.hidden_off, given.seed, given.count, given.sensor, Path(folder)):
                 last = float(run.position.t[-1])
                 train, held = run.part(0.0, TRAINING * last), run.part(TRAINING * last, last)
-                base = ac.fit(ac.Model.linear(), train)
+                base = ac.fit(train)
                 try:
                     fit = ac.add(base, train, name)
                 except ValueError as refused:

@@ -50,7 +50,7 @@ def main() -> None:
                 hidden = (Hidden("scale_gauss_markov", size, {"tau": tau}),)
                 world = World(MOTIONS[k % 2], given.sensor, hidden, seed=1000 * given.seed + k).settled()
                 run = recorded(world, folder)
-                linear = ac.fit(ac.Model.linear(), run)
+                linear = ac.fit(run)
                 found = ac.diagnose(linear, run)
                 group = named(found)
                 fine = bool(group & CLASS)
@@ -59,7 +59,7 @@ def main() -> None:
                 line = f"{size:g} {tau:g} {world.motion} {world.seed}: {sorted(group) or found.verdict}"
                 if fine and found.scan.found:
                     with_process = found.scan.found[0].enter(with_process)
-                fit = ac.fit(with_process, run)
+                fit = ac.fit(run, with_process)
                 truth = {"scale_factor": world.scale_factor or 0.0}
                 for each, values in scores.items():
                     values.append((fit[each].value - truth.get(each, 0.0)) / fit[each].std)
@@ -69,7 +69,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         for k in range(given.nulls):
             run = recorded(World(MOTIONS[k % 2], given.sensor, (), seed=1000 * given.seed + 500 + k), Path(name))
-            group = named(ac.diagnose(ac.fit(ac.Model.linear(), run), run))
+            group = named(ac.diagnose(ac.fit(run), run))
             false += bool(group & CLASS)
             if group:
                 print(f"nothing hidden, {MOTIONS[k % 2]} {k}: {sorted(group)}", flush=True)

@@ -63,7 +63,7 @@ def made(rng: np.random.Generator, which: object, effect: str, size: float) -> l
 
 def judged(runs: list[Recording]) -> Diagnosis:
     """The verdict on the linear model."""
-    return ac.diagnose(ac.fit(ac.Model.linear(), runs), runs)
+    return ac.diagnose(ac.fit(runs), runs)
 
 
 def named_in(found: Diagnosis, effect: str) -> bool:
@@ -77,8 +77,8 @@ def deviation(which: object, effect: str) -> float:
     """Standard deviation of the effect in a set."""
     runs = made(np.random.default_rng(0), which, "", 0.0)
     model = ac.Model.linear()
-    free = ac.fit(model, runs).model
-    fit = ac.fit(free if effect in free.effects else free.alike("bias").add(effect), runs)
+    free = ac.fit(runs, model).model
+    fit = ac.fit(runs, free if effect in free.effects else free.alike("bias").add(effect))
     return fit[effect].std
 
 

@@ -7,7 +7,7 @@ Examples
 >>> truth = {"bias": 0.05, "scale_factor": 0.01}
 >>> rng = np.random.default_rng(1)
 >>> made = ac.simulate("tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters=truth, rng=rng)
->>> found = ac.fit(ac.Model.linear(), made.recording)
+>>> found = ac.fit(made.recording)
 >>> abs(found["scale_factor"].value - 0.01) < 4 * found["scale_factor"].std
 True
 """

@@ -132,7 +132,7 @@ def diagnose(
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> fit = ac.fit(made.recording)
     >>> ac.diagnose(fit, made.recording).effects
     ('cubic',)
     """
@@ -204,7 +204,7 @@ def formulas(
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> fit = ac.fit(made.recording)
     >>> ac.formulas(fit, made.recording, "shape_of_acceleration").variable
     'acceleration'
     """
@@ -234,8 +234,8 @@ def formulas(
 @checked
 @one_thread
 def fit(
-    model: Model,
     recordings: Recording | Dwells | Sequence[Recording | Dwells],
+    model: Model | None = None,
     *,
     start: float | None = None,
     end: float | None = None,
@@ -249,8 +249,8 @@ def fit(
 
     Parameters
     ----------
-    model : what is to be estimated.
     recordings : one run, or several with one sensor; static dwells of it, alone (a tumble test) or with runs.
+    model : what is to be estimated; by default bias, scale factor and time offset, `Model.linear()`.
     start, end : s, optional; only this part is used.
     band : bandwidth of the smoothed motion, Hz; by default the most likely one.
     origins : zero of time, position and side channels; by default those of the first recording, and the mean of each
@@ -279,10 +279,11 @@ def fit(
     >>> import accelcal as ac
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters={"bias": 0.05}, rng=rng)
-    >>> found = ac.fit(ac.Model.linear(), made.recording)
+    >>> found = ac.fit(made.recording)
     >>> abs(found["bias"].value - 0.05) < 4 * found["bias"].std
     True
     """
+    model = Model.linear() if model is None else model
     several = with_dwells(recordings)
     if isinstance(several, Dwells):
         return estimate_dwells(model, several, origins)
@@ -414,7 +415,7 @@ def add(
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> fit = ac.fit(made.recording)
     >>> better = ac.add(fit, made.recording, "cubic")
     >>> abs(better["cubic"].value - 1e-3) < 4 * better["cubic"].std
     True
@@ -500,7 +501,7 @@ def drop(
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> cubic = ac.fit(ac.Model.linear().add("cubic"), made.recording)
+    >>> cubic = ac.fit(made.recording, ac.Model.linear().add("cubic"))
     >>> ac.drop(cubic, made.recording, "cubic").model.added
     ()
     """
@@ -535,7 +536,7 @@ def run_values(fit: Fit, recordings: Sequence[Recording | Dwells]) -> RunValues:
     >>> from accelcal.workflow import run_values
     >>> settings = {"seconds": 8.0, "rig": ac.CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(1)}
     >>> one, two = (ac.simulate("tones", **settings).recording for _ in range(2))
-    >>> bool(run_values(ac.fit(ac.Model.linear(), [one, two]), [one, two]).p_values.min() > 1e-4)
+    >>> bool(run_values(ac.fit([one, two]), [one, two]).p_values.min() > 1e-4)
     True
     """
     several, _ = usable_recordings(runs_of(recordings))
@@ -713,7 +714,7 @@ def nested(
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(ac.Model.linear().add("cubic"), made.recording)
+    >>> fit = ac.fit(made.recording, ac.Model.linear().add("cubic"))
     >>> ac.compare(ac.nested(fit, made.recording), made.recording).names
     ('base', 'base + cubic')
     """
@@ -776,7 +777,7 @@ def compare(
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> fit = ac.fit(made.recording)
     >>> better = ac.add(fit, made.recording, "cubic")
     >>> comparison = ac.compare([fit, better], made.recording)
     >>> comparison[1].coast_rms[1.0] < comparison[0].coast_rms[1.0]
@@ -878,7 +879,7 @@ def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> fit = ac.fit(made.recording)
     >>> ac.coast(fit, made.recording, 2.0, 5.0)
     Coast(from 2 s to 6.999 s: 4167 readings)
     """

@@ -323,12 +323,12 @@ def test_recordings_that_disagree_are_seen_and_those_that_agree_are_not():
 
     for scale, agree in ((0.01, True), (0.012, False)):
         pair = [made(1, 0.01), made(2, scale)]
-        found = run_values(ac.fit(ac.Model.linear(), pair), pair)
+        found = run_values(ac.fit(pair), pair)
         at = found.parameters.index("scale_factor")
         assert (found.p_values[at] > 1e-3) == agree
         assert np.abs(found.value[1, at] - scale) < 5.0 * found.std[1, at]
     with pytest.raises(ValueError, match="two recordings or more"):
-        run_values(ac.fit(ac.Model.linear(), pair[:1]), pair[:1])
+        run_values(ac.fit(pair[:1]), pair[:1])
 
 
 def test_the_schema_names_every_role():

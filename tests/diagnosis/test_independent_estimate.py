@@ -55,7 +55,7 @@ def test_they_agree_with_an_effect_in_the_model_and_two_runs() -> None:
 def test_a_fault_of_the_replay_alone_is_the_first_thing_that_is_said(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An output that is linear between its samples moves the scale factor on a nanometre reference."""
     recording = record("b-nm-1k-1k-0.25", 0, tmp_path)
-    fit = ac.fit(ac.Model.linear(), recording, method="replay")
+    fit = ac.fit(recording, method="replay")
     before = ac.diagnose(fit, recording)
     assert before.verdict == "adequate"
     assert "independent estimates" not in before.sentence

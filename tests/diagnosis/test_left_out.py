@@ -61,7 +61,7 @@ def test_wrong_readings_take_no_part_in_a_fit(kind, rig):
     """4 sigma of two parameters in 8 records: one false alarm in a thousand runs. The twin, a fit to every reading, is
     off by more."""
     bad, expected = faulty(kind, record("interleaved", RIGS[rig], 31))
-    found = workflow.fit(Model.linear(), bad)
+    found = workflow.fit(bad)
     errors = [(found[name].value - value) / found[name].std for name, value in TRUTH.items()]
     every = estimate(Model.linear(), bad)
     twin = max(abs(every[name].value - value) / found[name].std for name, value in TRUTH.items())
@@ -79,7 +79,7 @@ def test_wrong_readings_take_no_part_in_a_fit(kind, rig):
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_verdict_is_that_of_the_rest(kind):
     bad, (channel, code) = faulty(kind, record("interleaved", CXL02_RIG, 32))
-    found = workflow.diagnose(workflow.fit(Model.linear(), bad), bad)
+    found = workflow.diagnose(workflow.fit(bad), bad)
     print(found.sentence)
     assert found.verdict == "adequate"
     assert found.effects == ()

@@ -81,7 +81,7 @@ def test_a_part_is_judged_by_itself_and_a_swapped_sign_is_related() -> None:
 
 def test_every_verb_refuses_before_it_names_a_mount() -> None:
     with pytest.raises(RecordingError, match="not one axis") as refused:
-        ac.fit(ac.Model.linear(), record(3, motion=103))
+        ac.fit(record(3, motion=103))
     assert "reversed" not in str(refused.value)
 
 
@@ -99,4 +99,4 @@ def test_a_mount_is_named_only_where_it_explains_the_factor(factor: float, noise
     found = record(11, noise=0.0)
     y = factor * found.accel.y + noise * np.random.default_rng(12).standard_normal(len(found.accel))
     with pytest.raises(RecordingError, match=said):
-        ac.fit(ac.Model.linear(), dataclasses.replace(found, accel=dataclasses.replace(found.accel, y=y)))
+        ac.fit(dataclasses.replace(found, accel=dataclasses.replace(found.accel, y=y)))

@@ -33,7 +33,7 @@ def record(seed, *, process=0.0, tau=20.0, sensor=1.0, seconds=300.0):
 
 
 def said(recording):
-    fit = ac.fit(ac.Model.linear(), recording)
+    fit = ac.fit(recording)
     return coloured_position(fit, recording, (0.0, float(recording.position.t[-1])))
 
 

@@ -38,7 +38,7 @@ def test_estimates_are_those_of_the_record_without_the_jump():
     plain = record(5)
     jumped = zeroed(plain)
     names = ("bias", "scale_factor", "time_offset")
-    before, after = ac.fit(ac.Model.linear(), plain), ac.fit(ac.Model.linear(), jumped)
+    before, after = ac.fit(plain), ac.fit(jumped)
     for name in names:
         assert abs(after[name].value - before[name].value) < 0.3 * before[name].std, name
         assert after[name].std == pytest.approx(before[name].std, rel=0.05), name
@@ -54,7 +54,7 @@ def test_the_jump_is_named_and_nothing_else():
 
 
 def test_held_out_errors_are_those_of_the_record_without_the_jump():
-    plain, model = record(7), ac.fit(ac.Model.linear(), record(8))
+    plain, model = record(7), ac.fit(record(8))
     jumped = zeroed(plain)
     before, after = ac.compare(model, plain)[0], ac.compare(model, jumped)[0]
     assert after.accel_rms == pytest.approx(before.accel_rms, rel=0.02)

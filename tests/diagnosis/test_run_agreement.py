@@ -25,7 +25,7 @@ def runs(scales: tuple[float, ...]) -> list[Recording]:
 
 @pytest.mark.parametrize("departs", [True, False])
 def test_the_recording_that_disagrees_is_said(departs: bool) -> None:
-    found = ac.fit(ac.Model.linear(), runs((0.01, 0.02 if departs else 0.01, 0.01)))
+    found = ac.fit(runs((0.01, 0.02 if departs else 0.01, 0.01)))
     said = [text for text in found.remarks if "disagree" in text]
     assert bool(said) == departs
     if departs:

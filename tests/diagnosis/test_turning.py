@@ -113,20 +113,20 @@ def touched(*instants):
 
 def test_a_reference_that_feels_gravity_too_leaves_no_tilt():
     made = rig_of_tones(1, lambda t: 0.06 * np.sin(0.2 * np.pi * t), reference="reference_acceleration")
-    found = ac.fit(ac.Model.linear(), made)
+    found = ac.fit(made)
     assert found.tilt == 0.0
     assert not any("tilt" in text for text in found.remarks)
     judged = ac.diagnose(found, made)
     assert not {"turning_sensor", "tilt_or_drift"} & {remark.code for remark in judged.remarks}
     assert judged.verdict != "adequate"
-    same = ac.fit(ac.Model.linear(), rig_of_tones(1, lambda t: 0.06 * np.sin(0.2 * np.pi * t)))
+    same = ac.fit(rig_of_tones(1, lambda t: 0.06 * np.sin(0.2 * np.pi * t)))
     assert same.tilt > 0.0  # a position does not feel it
 
 
 @pytest.mark.parametrize("instants", [(14.0,), (29.5,)])
 def test_a_touched_cable_is_a_stretch_and_no_tilt(instants, tmp_path, monkeypatch):
     made = rig_of_tones(2, touched(*instants))
-    found = ac.fit(ac.Model.linear(), made)
+    found = ac.fit(made)
     assert found.tilt == 0.0
     assert found.remarks[0].startswith("Something disturbed the record between ")
     judged = ac.improve(made, holdout=made)
@@ -145,12 +145,12 @@ def test_a_touched_cable_is_a_stretch_and_no_tilt(instants, tmp_path, monkeypatc
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 0, result.output
     rest = ac.load(tmp_path / "run_cut.csv")
-    assert ac.fit(ac.Model.linear(), rest)["bias"].value == pytest.approx(found["bias"].value, abs=1e-4)
+    assert ac.fit(rest)["bias"].value == pytest.approx(found["bias"].value, abs=1e-4)
 
 
 def test_a_disturbance_that_lasts_or_recurs_is_none_of_a_few_stretches():
     for disturbed in (touched(3.0, 11.0, 19.0, 27.0, 35.0), lambda t: 0.1 * (np.abs(t - 20.0) < 5.0)):
-        found = ac.fit(ac.Model.linear(), rig_of_tones(3, disturbed))
+        found = ac.fit(rig_of_tones(3, disturbed))
         assert found.remarks[0].startswith("A tilt of ")
 
 
@@ -163,7 +163,7 @@ def test_a_disturbance_that_lasts_or_recurs_is_none_of_a_few_stretches():
 )
 def test_a_drift_of_the_bias_is_named_with_a_tilt_in_its_class(name, drift):
     made = rig_of_tones(4, drift)
-    judged = ac.diagnose(ac.fit(ac.Model.linear(), made), made)
+    judged = ac.diagnose(ac.fit(made), made)
     assert judged.effects[0] == name
     assert {name, "tilt"} <= set(judged.classes[0].members)
     assert "tilt_or_drift" in {remark.code for remark in judged.remarks}

@@ -45,7 +45,7 @@ def test_a_process_of_any_coefficient_is_its_column_times_that_of_the_bias():
 
 
 def test_a_planted_process_is_found_and_the_mean_has_its_uncertainty(record, tmp_path):
-    plain = ac.fit(Model.cubic(), record)
+    plain = ac.fit(record, Model.cubic())
     grown = ac.add(plain, record, NAME)
     assert grown.model.priors[f"{NAME}.c1"].std == pytest.approx(SIGMA, rel=0.3)
     assert 1.0 < grown.model.shapes[NAME]["tau"] < 9.0

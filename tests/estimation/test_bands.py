@@ -52,7 +52,7 @@ def test_a_reference_without_noise_is_fitted(noise: float, rate: float) -> None:
         rig=ac.Rig(),
         name="smooth.csv",
     )
-    found = ac.fit(ac.Model.linear(), made)  # "innovation variance ... is not positive" without a floor of R
+    found = ac.fit(made)  # "innovation variance ... is not positive" without a floor of R
     assert found["scale_factor"].value == pytest.approx(0.01, abs=2e-4)
     assert found["bias"].value == pytest.approx(0.02, abs=1e-4)
 

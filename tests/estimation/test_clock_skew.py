@@ -28,11 +28,11 @@ def test_a_skew_of_milliseconds_leaves_scale_and_offset_right(tmp_path: Path) ->
     rig = Rig(CXL02, clocks=Clocks(skew=SKEW))
     record = replace(TABLE["s-skew"], profile="random", rig=rig, seconds=12.0).build(4)
     recording = ac.load(record.write(tmp_path))
-    fit = ac.fit(ac.Model.linear().add("clock_skew"), recording)
+    fit = ac.fit(recording, ac.Model.linear().add("clock_skew"))
     truth = {**record.truth, "clock_skew": SKEW}
     for name, true in truth.items():
         assert abs(fit[name].value - true) < 4.0 * fit[name].std, name
     assert fit["clock_skew"].std < 0.02 * SKEW
     # The twin: to the one who knows of no skew, the offset is another.
-    plain = ac.fit(ac.Model.linear(), recording)
+    plain = ac.fit(recording)
     assert abs(plain["time_offset"].value - truth["time_offset"]) > 20.0 * plain["time_offset"].std

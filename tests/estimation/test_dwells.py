@@ -65,7 +65,7 @@ def by_optimiser(dwells, std, order=4):
 
 def test_a_tumble_is_generalised_least_squares():
     dwells = tumble(np.random.default_rng(1), angle_std=1e-4, zero=2e-3)
-    fit = ac.fit(ac.Model.cubic(), dwells)
+    fit = ac.fit(dwells, ac.Model.cubic())
     x, covariance = by_optimiser(dwells, np.array(fit.dwells.std))
     angle = dwells.angle + x[4]
     assert fit.dwells.std == pytest.approx(np.sqrt(dwells.variance_at(angle, 1.0 + x[1])), rel=1e-3)
@@ -80,7 +80,7 @@ def test_angles_do_not_take_the_scale_factor():
     """At +-1 g any angle is as good, and those dwells weigh most: a wrong scale must not turn them."""
     for seed in range(20):
         dwells = tumble(np.random.default_rng(seed), {**TRUTH, "scale_factor": 0.03}, angle_std=9e-4, instability=0.0)
-        fit = ac.fit(ac.Model.cubic(), dwells)
+        fit = ac.fit(dwells, ac.Model.cubic())
         assert abs(fit.dwells.zeros[0][1]) < 4.0 * 9e-4
         assert abs(fit["scale_factor"].value - 0.03) < 5.0 * fit["scale_factor"].std
 
@@ -93,7 +93,7 @@ def test_tumbles_with_errors_of_the_angle_are_consistent(understated):
         dwells = tumble(np.random.default_rng(seed), angle_std=1e-3, zero=3e-3)
         if understated:
             dwells = dataclasses.replace(dwells, angle_std=3e-4)
-        fit = ac.fit(ac.Model.cubic(), dwells)
+        fit = ac.fit(dwells, ac.Model.cubic())
         error = np.array([e.value - TRUTH[e.name] for e in fit.free])
         scatter = fit.covariance if not understated else fit.covariance * (1e-9 + _declared_share(fit))
         found.append(error @ np.linalg.solve(scatter, error))
@@ -125,7 +125,7 @@ def motion():
 
 def test_motion_and_dwells_together_are_the_stacked_problem(motion):
     dwells = tumble(np.random.default_rng(4), rig=motion.rig, noise=225e-6 * G, instability=0.0)
-    fit = ac.fit(ac.Model.cubic(), [motion, dwells])
+    fit = ac.fit([motion, dwells], ac.Model.cubic())
     assert fit.model.added == ("quadratic", "cubic", "tilt")  # dwells separate it
     states = restored_states(fit, [motion.with_dwells(dwells)])
     joint = normal_equations(states[0], fit.model.free)
@@ -150,8 +150,8 @@ def test_motion_and_dwells_together_are_the_stacked_problem(motion):
 
 def test_a_motion_and_dwells_are_more_certain_than_each(motion):
     dwells = tumble(np.random.default_rng(4), rig=motion.rig, noise=225e-6 * G, instability=0.0, angle_std=3e-4)
-    together = ac.fit(ac.Model.cubic(), [motion, dwells])
-    for alone in (ac.fit(ac.Model.cubic(), motion), ac.fit(ac.Model.cubic(), dwells)):
+    together = ac.fit([motion, dwells], ac.Model.cubic())
+    for alone in (ac.fit(motion, ac.Model.cubic()), ac.fit(dwells, ac.Model.cubic())):
         for name in ("scale_factor", "cubic"):
             assert together[name].std < alone[name].std
     for name, value in TRUTH.items():
@@ -163,7 +163,7 @@ def test_dwells_show_the_scale_of_the_encoder(motion, size):
     dwells = tumble(np.random.default_rng(5), rig=motion.rig, noise=225e-6 * G, instability=0.0)
     position = dataclasses.replace(motion.position, y=motion.position.y * (1.0 + size))
     both = dataclasses.replace(motion, position=position, digest="").with_dwells(dwells)
-    found = ac.diagnose(ac.fit(ac.Model.cubic(), both), both)
+    found = ac.diagnose(ac.fit(both, ac.Model.cubic()), both)
     named = {member for group in found.classes for member in group.members}
     assert ("encoder_scale" in named) is (size > 0.0), found.sentence
     if size:
@@ -176,8 +176,8 @@ def test_one_table_that_two_sidecars_name_counts_once(motion):
     other = ac.simulate(
         "tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(8)
     ).recording
-    once = ac.fit(ac.Model.linear(), [motion.with_dwells(dwells), other])
-    twice = ac.fit(ac.Model.linear(), [motion.with_dwells(dwells), other.with_dwells(dwells)])
+    once = ac.fit([motion.with_dwells(dwells), other])
+    twice = ac.fit([motion.with_dwells(dwells), other.with_dwells(dwells)])
     assert [e.value for e in once.estimates] == pytest.approx([e.value for e in twice.estimates], rel=1e-12)
 
 
@@ -186,7 +186,7 @@ def test_a_bias_that_differs_from_run_to_run_differs_in_dwells_too(motion):
     other = ac.simulate(
         "tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters={**TRUTH, "bias": 0.1}, rng=np.random.default_rng(8)
     ).recording
-    fit = ac.fit(ac.Model.cubic().vary("bias"), [motion, other, dwells])
+    fit = ac.fit([motion, other, dwells], ac.Model.cubic().vary("bias"))
     assert abs(fit["cubic"].value - TRUTH["cubic"]) < 4.0 * fit["cubic"].std
     assert fit.dwells.p_value > 1e-3
 
@@ -194,7 +194,7 @@ def test_a_bias_that_differs_from_run_to_run_differs_in_dwells_too(motion):
 def test_scatter_beyond_what_is_declared_is_reported_and_widens():
     linear = {**TRUTH, "quadratic": 0.0, "cubic": 0.0}
     plain, wild = (tumble(np.random.default_rng(7), linear, further=further) for further in (0.0, 5e-3))
-    quiet, fit = (ac.fit(ac.Model.linear(), dwells) for dwells in (plain, wild))
+    quiet, fit = (ac.fit(dwells) for dwells in (plain, wild))
     assert quiet.dwells.scatter == 0.0
     assert not any("more than is declared" in text for text in quiet.remarks)
     assert fit.dwells.scatter == pytest.approx(5e-3, rel=0.5)
@@ -210,9 +210,9 @@ def test_a_null_tumble_lacks_nothing_and_a_cubic_one_does():
     false = missed = 0
     for seed in range(100):
         dwells = tumble(np.random.default_rng(seed), linear, angle_std=2e-4, zero=1e-3)
-        false += ac.diagnose_dwells(ac.fit(ac.Model.linear(), dwells), dwells).verdict != "adequate"
+        false += ac.diagnose_dwells(ac.fit(dwells), dwells).verdict != "adequate"
         dwells = tumble(np.random.default_rng(seed), {**linear, "cubic": 2e-5}, angle_std=2e-4, zero=1e-3)
-        missed += "cubic" not in ac.diagnose_dwells(ac.fit(ac.Model.linear(), dwells), dwells).members
+        missed += "cubic" not in ac.diagnose_dwells(ac.fit(dwells), dwells).members
     assert false <= stats.binom.ppf(0.975, 100, 0.005)
     assert missed == 0
 
@@ -220,13 +220,13 @@ def test_a_null_tumble_lacks_nothing_and_a_cubic_one_does():
 def test_what_no_dwell_shows_is_refused(motion):
     dwells = tumble(np.random.default_rng(1))
     with pytest.raises(ac.NotIdentifiable, match="velocity does not act"):
-        ac.fit(ac.Model.linear().add("velocity"), dwells)
+        ac.fit(dwells, ac.Model.linear().add("velocity"))
     with pytest.raises(ac.NotIdentifiable, match="needs temperature"):
-        ac.fit(ac.Model.linear().add("temperature_bias"), dwells)
+        ac.fit(dwells, ac.Model.linear().add("temperature_bias"))
     with pytest.raises(ac.NotIdentifiable, match=r"confounded.*2 dwells at 2 elevations"):
-        ac.fit(ac.Model.cubic(), dwells.rows(np.array([6, 18])))
+        ac.fit(dwells.rows(np.array([6, 18])), ac.Model.cubic())
     with pytest.raises(ac.RecordingError, match="dwells alone"):
-        ac.compare(ac.fit(ac.Model.linear(), dwells), motion)[0]
+        ac.compare(ac.fit(dwells), motion)[0]
 
 
 def test_which_dwells_determine_the_bias():
@@ -247,7 +247,7 @@ def test_every_effect_that_acts_at_rest_does_so_without_motion():
     from accelcal.estimation.dwell_rows import columns_at, signals_at
     from accelcal.model import terms_of
 
-    s = signals_at(dwells, dwells.angle, 1.0, ac.fit(ac.Model.linear(), dwells).origins)
+    s = signals_at(dwells, dwells.angle, 1.0, ac.fit(dwells).origins)
     tried = 0
     for effect in CATALOGUE.values():
         if not acts_at_rest(effect) or set(effect.needs) - {"temperature"}:
@@ -266,7 +266,7 @@ def test_every_effect_that_acts_at_rest_does_so_without_motion():
 
 
 def test_a_model_file_keeps_the_dwells(tmp_path):
-    fit = ac.fit(ac.Model.linear(), tumble(np.random.default_rng(1)))
+    fit = ac.fit(tumble(np.random.default_rng(1)))
     model_file.save(fit, tmp_path / "m.json")
     again = model_file.load(tmp_path / "m.json")
     assert again.dwells == fit.dwells
@@ -280,10 +280,10 @@ def test_origins_of_temperature_are_those_of_the_dwells():
     dwells = tumble(rng, {**TRUTH, "quadratic": 0.0, "cubic": 0.0})
     warmth = rng.uniform(20.0, 40.0, len(dwells))
     warm = dataclasses.replace(dwells, temperature=warmth, mean=dwells.mean + 1e-3 * (warmth - warmth.mean()))
-    found = ac.diagnose_dwells(ac.fit(ac.Model.linear(), warm), warm)
+    found = ac.diagnose_dwells(ac.fit(warm), warm)
     assert found.verdict == "named"
     assert found.members == ("temperature_bias",)
-    fit = ac.fit(ac.Model.linear().add("temperature_bias"), warm)
+    fit = ac.fit(warm, ac.Model.linear().add("temperature_bias"))
     assert abs(fit["temperature_bias"].value - 1e-3) < 4.0 * fit["temperature_bias"].std
 
 
@@ -294,8 +294,8 @@ def test_a_channel_that_the_dwells_lack_is_refused_and_its_effects_are_no_candid
         tumble(np.random.default_rng(4), rig=motion.rig, instability=0.0)
     )
     with pytest.raises(ac.RecordingError, match="temperature_bias needs temperature, which these dwells do not have"):
-        ac.fit(ac.Model.cubic().add("temperature_bias"), both)
-    found = ac.diagnose(ac.fit(ac.Model.cubic(), both), both)
+        ac.fit(both, ac.Model.cubic().add("temperature_bias"))
+    found = ac.diagnose(ac.fit(both, ac.Model.cubic()), both)
     names = {one.effect for one in found.scan.candidates}
     assert not names & {"temperature_bias", "temperature_scale"}, names
 
@@ -307,14 +307,14 @@ def test_recordings_and_tables_that_are_given_twice_count_once(motion):
         "tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(8)
     ).recording
     several = [motion.with_dwells(shared), other.with_dwells(shared), further]
-    assert len(ac.fit(ac.Model.linear(), several).dwells.angle) == 48
+    assert len(ac.fit(several).dwells.angle) == 48
     with pytest.raises(ac.RecordingError, match="once more: its readings would count twice"):
-        ac.fit(ac.Model.linear(), [motion, motion, shared])
+        ac.fit([motion, motion, shared])
 
 
 def test_a_model_of_motion_and_dwells_is_used_again_on_either(motion):
     dwells = tumble(np.random.default_rng(4), rig=motion.rig, noise=225e-6 * G, instability=0.0)
-    fit = ac.fit(ac.Model.cubic(), [motion, dwells])
+    fit = ac.fit([motion, dwells], ac.Model.cubic())
     assert "tilt" in fit.model.effects
     assert ac.diagnose_dwells(fit, dwells).verdict == "adequate"
     assert ac.diagnose(fit, motion).verdict == "adequate"
@@ -330,7 +330,7 @@ def test_a_model_of_motion_and_dwells_is_used_again_on_either(motion):
 
 
 def test_a_model_of_dwells_leaves_the_timing_of_a_motion_free(motion):
-    fit = ac.fit(ac.Model.cubic(), tumble(np.random.default_rng(4), rig=motion.rig, instability=0.0))
+    fit = ac.fit(tumble(np.random.default_rng(4), rig=motion.rig, instability=0.0), ac.Model.cubic())
     late = dataclasses.replace(motion, accel=dataclasses.replace(motion.accel, t=motion.accel.t + 5e-4))
     found = ac.diagnose(fit, late)
     assert found.effects == ("time_offset",)

@@ -105,7 +105,7 @@ def humming(seed: int) -> ac.Recording:
 
 def deviations(records: list[ac.Recording]) -> tuple[float, float]:
     """Rms error of the scale factor, and rms of the error over its standard deviation."""
-    found = [ac.fit(Model.linear(), record)["scale_factor"] for record in records]
+    found = [ac.fit(record)["scale_factor"] for record in records]
     error = np.array([one.value - TRUTH["scale_factor"] for one in found])
     return float(np.sqrt(np.mean(error**2))), float(np.sqrt(np.mean((error / [one.std for one in found]) ** 2)))
 

@@ -129,7 +129,7 @@ def test_a_fit_tells_that_the_bias_drifts_over_the_dates():
         labelled(k, 0.05 + 1e-3 * day + 2e-3 * rng.standard_normal(), date=day, mounting="AB"[k % 2])
         for k, day in enumerate(days)
     ]
-    fit = ac.fit(ac.Model.linear(), runs)
+    fit = ac.fit(runs)
     found = fit.goes_with[0]
     print(found.sentence)
     assert "line" in found.members

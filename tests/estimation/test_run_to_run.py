@@ -118,7 +118,7 @@ def campaign(biases, seed):
 @pytest.fixture(scope="module")
 def six():
     runs = campaign(BIASES, 11)
-    return runs, ac.fit(ac.Model.linear(), runs)
+    return runs, ac.fit(runs)
 
 
 def test_six_biases_are_six_and_their_spread_is_estimated(six):
@@ -141,10 +141,10 @@ def test_six_biases_are_six_and_their_spread_is_estimated(six):
 
 
 def test_one_bias_for_all_is_one(six):
-    found = ac.fit(ac.Model.linear(), campaign([0.02] * 4, 12))
+    found = ac.fit(campaign([0.02] * 4, 12))
     assert found.spreads == ()
     assert abs(found["bias"].value - 0.02) < 4.0 * found["bias"].std < 4e-4
-    forced = ac.fit(ac.Model.linear().vary("bias"), campaign([0.02] * 4, 12))
+    forced = ac.fit(campaign([0.02] * 4, 12), ac.Model.linear().vary("bias"))
     assert forced.spreads[0].low == 0.0
     assert any("no difference is seen" in text for text in forced.remarks)
     assert forced["bias"].value == pytest.approx(found["bias"].value, abs=2.0 * found["bias"].std)
@@ -173,14 +173,14 @@ def test_what_cannot_differ_is_refused():
 def test_gravity_in_one_of_two_runs_is_no_bias_that_differs():
     good, vertical = campaign((0.02, 0.02 + 9.80665), 13)
     with pytest.raises(ac.RecordingError, match=r"run1.csv: the output has a constant of 9.8"):
-        ac.fit(ac.Model.linear(), [good, vertical])
+        ac.fit([good, vertical])
 
 
 def test_parts_of_one_recording_have_the_bias_of_their_own():
     whole = campaign([0.02], 14)[0]
     first, second = whole.part(0.0, 9.5), whole.part(10.0, 19.5)
     stepped = dataclasses.replace(second, accel=dataclasses.replace(second.accel, y=second.accel.y + 0.05))
-    found = ac.fit(ac.Model.linear(), [first, stepped])
+    found = ac.fit([first, stepped])
     assert values_on(found, first).by_name["bias"] == found.spreads[0].runs[0]
     assert values_on(found, stepped).by_name["bias"] == found.spreads[0].runs[1]
 
@@ -209,7 +209,7 @@ def directions(encoder_scale, biases, seed):
 def test_the_scale_of_the_encoder_that_no_single_run_shows_is_seen_by_runs_up_and_down():
     """Moved by 5e-4 of the travel; gravity does not move with the encoder. It enters as the sentence says."""
     runs = directions(5e-4, (0.02, 0.02, 0.02), 21)
-    found = ac.fit(ac.Model.linear(), runs)
+    found = ac.fit(runs)
     assert [one.effect for one in found.seen_by_runs] == ["encoder_scale"]
     judged = ac.diagnose(found, runs)
     assert judged.verdict == "tied"
@@ -223,6 +223,6 @@ def test_the_scale_of_the_encoder_that_no_single_run_shows_is_seen_by_runs_up_an
 
 
 def test_biases_of_runs_up_and_down_are_no_scale_of_the_encoder():
-    found = ac.fit(ac.Model.linear(), directions(0.0, (0.02, 0.021, 0.022), 22))
+    found = ac.fit(directions(0.0, (0.02, 0.021, 0.022), 22))
     assert found.spreads[0].runs == pytest.approx((0.02, 0.021, 0.022), abs=6e-4)  # g times the uncertainty of k
     assert not any("encoder_scale" in text for text in found.remarks)

@@ -131,7 +131,7 @@ def test_place_and_attitude_give_the_scale_factor_and_the_one_axis_does_not(tmp_
     assert abs(found["bias"].value - BIAS) < 4.0 * found["bias"].std < 0.02
     assert found.noise().q == pytest.approx(0.01**2 / RATE, rel=0.3)
     one_axis = read(tmp_path, table, ONE_AXIS + BASE + ALONG, "one")
-    blind = ac.fit(Model.linear(), one_axis)
+    blind = ac.fit(one_axis)
     assert abs(blind["scale_factor"].value - K) > 50.0 * found["scale_factor"].std
     assert blind["scale_factor"].std > 100.0 * found["scale_factor"].std
     assert blind.tilt > 1.0
@@ -140,7 +140,7 @@ def test_place_and_attitude_give_the_scale_factor_and_the_one_axis_does_not(tmp_
 
 
 def test_a_known_orientation_needs_no_remark_and_predicts_unseen_motion(tmp_path: Path) -> None:
-    fitted = ac.fit(Model.linear(), read(tmp_path, columns(world(3), X), TRACKED))
+    fitted = ac.fit(read(tmp_path, columns(world(3), X), TRACKED))
     assert fitted.tilt == 0.0
     other = columns(world(5), X, seed=6)
     seen = ac.compare(fitted, read(tmp_path, other, TRACKED, "other"), band=5.0)[0]

@@ -60,7 +60,7 @@ def test_a_fit_of_the_change_has_the_standard_deviation_of_the_limit(found):
     for index in (8, 16, 24):
         f = float(drift.frequency[index])
         model = Model.linear().add(LINE, shapes={LINE: {"frequency": f}}).freeze(**{f"{LINE}.frequency": f})
-        fit = ac.fit(model, run)
+        fit = ac.fit(run, model)
         rows = [i for i, each in enumerate(fit.free) if each.name.startswith(LINE)]
         largest = np.linalg.eigvalsh(fit.covariance[np.ix_(rows, rows)])[-1]
         assert SIGMA * np.sqrt(largest) == pytest.approx(drift.bias[index], rel=0.02)
@@ -77,7 +77,7 @@ def test_a_change_at_the_limit_is_five_sigma_and_what_was_measured_does_not_coun
         phase = rng.uniform(0.0, 2.0 * np.pi)
         made.accel.y[:] += size * np.sin(2.0 * np.pi * f * made.accel.t + phase)
         model = Model.linear().add(LINE, shapes={LINE: {"frequency": f}}).freeze(**{f"{LINE}.frequency": f})
-        fit = ac.fit(model, made)
+        fit = ac.fit(made, model)
         rows = [i for i, each in enumerate(fit.free) if each.name.startswith(LINE)]
         c = np.array([fit.free[i].value for i in rows])
         scores.append(float(c @ np.linalg.solve(fit.covariance[np.ix_(rows, rows)], c)))

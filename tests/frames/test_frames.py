@@ -34,7 +34,7 @@ def run(made: Any) -> ac.Recording:
 
 @pytest.fixture(scope="module")
 def fit(run: ac.Recording) -> ac.Fit:
-    return ac.fit(ac.Model.linear(), run)
+    return ac.fit(run)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_a_recording_goes_through_a_frame_and_is_fitted_alike(run: ac.Recording,
     again = ac.Recording.from_dataframe(frame, rig=run.rig)
     np.testing.assert_array_equal(again.position.y, run.position.y)
     np.testing.assert_array_equal(again.accel.t, run.accel.t)
-    for e in ac.fit(ac.Model.linear(), again).estimates:
+    for e in ac.fit(again).estimates:
         assert e.value == fit[e.name].value
 
 

@@ -59,8 +59,8 @@ def enter_own_effect() -> None:
 def bases() -> tuple[dict[str, Any], ...]:
     """Contents of model files: a cubic model; a joint fit with a bias of each run; effects with shapes and noise."""
     enter_own_effect()
-    cubic = workflow.fit(ac.Model.cubic(), record())
-    joint = workflow.fit(ac.Model.linear().vary("bias"), [record(), recording(seed=2), recording(seed=3)])
+    cubic = workflow.fit(record(), ac.Model.cubic())
+    joint = workflow.fit([record(), recording(seed=2), recording(seed=3)], ac.Model.linear().vary("bias"))
     grown = workflow.add(cubic, record(), "own_drag", "hysteresis")
     contents = [json.loads(model_file.dumps(model_file.to_dict(fit))) for fit in (cubic, joint, grown)]
     contents[2]["model"]["effects"].append("vibration")
@@ -221,7 +221,7 @@ def dropped(fit: ac.Fit) -> Iterator[str]:
 
 def frozen(fit: ac.Fit) -> Iterator[str]:
     """The model with a bias that is held."""
-    yield from printed(workflow.fit(fit.model.freeze(bias=0.05), record(), origins=fit.origins))
+    yield from printed(workflow.fit(record(), fit.model.freeze(bias=0.05), origins=fit.origins))
 
 
 def compared_in_pairs(fit: ac.Fit) -> Iterator[str]:

@@ -399,7 +399,7 @@ def test_an_extra_that_misbehaves_is_refused_by_name():
         "interleaved", seconds=8.0, rig=ac.CXL02_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
     ).recording
     registry.effect("own", unit="1", symbol="c", scale=1.0)(lambda s: s.a[:-1])
-    own, base = find("own"), ac.fit(ac.Model.linear(), made)
+    own, base = find("own"), ac.fit(made)
     with pytest.raises(EffectsFileError, match="effect 'own' returns shape"):
         ac.diagnose(base, made, extra=(own,))
     with pytest.raises(EffectsFileError, match="effect 'own' returns shape"):

@@ -31,7 +31,7 @@ def test_samples_of_any_size_are_fitted_or_refused_with_a_sentence(
     given = getattr(recording, channel)
     scaled = dataclasses.replace(given, y=given.y / float(np.max(np.abs(given.y))) * size)
     try:
-        found = ac.fit(ac.Model.linear(), dataclasses.replace(recording, **{channel: scaled}), reject_outliers=False)
+        found = ac.fit(dataclasses.replace(recording, **{channel: scaled}), reject_outliers=False)
     except Exception as error:
         if not internal_error.is_for_user(error):
             raise

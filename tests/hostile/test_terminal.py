@@ -53,7 +53,7 @@ def test_names_of_a_recording_and_its_sensor_reach_no_terminal_as_escapes(capsys
     name = f"{text}\n.csv"
     rig = replace(record().rig, sensor=Sensor(model=text, serial="x" * 10_000))
     hostile = replace(record(), name=name, rig=replace(rig, assumptions=(f"assumed {text}",)))
-    fit = ac.fit(ac.Model.linear(), hostile)
+    fit = ac.fit(hostile)
     show_fit(fit, hostile)
     seen = compare(fit, hostile)
     show_comparison(seen)

@@ -40,7 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         rng = np.random.default_rng(seed)
         recording = ac.simulate("tones", seconds=5.0, rig=ac.ADXL105_RIG, parameters=TRUTH, rng=rng).recording
         write_recording(recording, place / f"{name}.csv")
-    ac.save_model(ac.fit(ac.Model.linear(), ac.load(place / "run.csv")), place / "m.json")
+    ac.save_model(ac.fit(ac.load(place / "run.csv")), place / "m.json")
     return place
 
 

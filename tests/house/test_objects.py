@@ -36,8 +36,8 @@ def tumble() -> ac.Dwells:
 def objects() -> dict[str, Any]:
     made, other, dwells = simulated(1), simulated(2).recording, tumble()
     run = made.recording
-    fit = ac.fit(ac.Model.linear(), run)
-    on_dwells = ac.fit(ac.Model.linear(), dwells)
+    fit = ac.fit(run)
+    on_dwells = ac.fit(dwells)
     _, filtered = ac.fit_recursive(ac.FilterChoice(), run)
     improvement = ac.improve(run, holdout=other, most=1)
     return {

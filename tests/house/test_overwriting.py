@@ -132,7 +132,7 @@ def test_the_demonstration_runs_again_in_its_folder(tmp_path: Path, monkeypatch:
             write_recording(
                 ac.simulate("tones", seconds=4.0, rig=ac.ADXL105_RIG, parameters=TRUTH, rng=rng).recording, path
             )
-        ac.save_model(ac.fit(ac.Model.linear(), ac.load(runs[0])), tmp_path / "m.json")
+        ac.save_model(ac.fit(ac.load(runs[0])), tmp_path / "m.json")
         for path in (*runs, tmp_path / "m.json"):
             require_replaceable(path, "", runs)
         runs[0].write_text("t,accel,position\n")

@@ -23,16 +23,16 @@ def run() -> ac.Recording:
 
 @pytest.fixture(scope="module")
 def fit(run: ac.Recording) -> ac.Fit:
-    return ac.fit(ac.Model.linear(), run)
+    return ac.fit(run)
 
 
 WRONG: dict[str, tuple[Any, str]] = {
-    "fit turned round": (lambda r, f: ac.fit(r, ac.Model.linear()), r"fit\(model, recordings\): model is a Recording"),
-    "fit a file name": (lambda r, f: ac.fit(ac.Model.linear(), "run.csv"), r'"run.csv".*accelcal\.load'),
-    "fit an array": (lambda r, f: ac.fit(ac.Model.linear(), r.accel.y), r"array of shape.*from_arrays"),
-    "fit a list of names": (lambda r, f: ac.fit(ac.Model.linear(), ["a.csv"]), r'list with the text "a.csv"'),
-    "fit a word": (lambda r, f: ac.fit("linear", r), r"Model\.linear\(\)"),
-    "fit at text": (lambda r, f: ac.fit(ac.Model.linear(), r, start="1 s"), r"start is .*expected a number"),
+    "fit turned round": (lambda r, f: ac.fit(r), r"fit\(model, recordings\): model is a Recording"),
+    "fit a file name": (lambda r, f: ac.fit("run.csv"), r'"run.csv".*accelcal\.load'),
+    "fit an array": (lambda r, f: ac.fit(r.accel.y), r"array of shape.*from_arrays"),
+    "fit a list of names": (lambda r, f: ac.fit(["a.csv"]), r'list with the text "a.csv"'),
+    "fit a word": (lambda r, f: ac.fit(r, "linear"), r"Model\.linear\(\)"),
+    "fit at text": (lambda r, f: ac.fit(r, start="1 s"), r"start is .*expected a number"),
     "add a function": (lambda r, f: ac.Model.linear().add(lambda s: s.p), r"a function.*@accelcal\.effect"),
     "add an effect": (lambda r, f: ac.Model.linear().add(ac.effects.find("cubic")), r'Give its name, "cubic"'),
     "hold at text": (lambda r, f: ac.Model.linear().freeze(bias="0"), r"bias is .*expected a number"),
@@ -101,7 +101,7 @@ def test_units_reach_the_fit(run: ac.Recording, fit: ac.Fit) -> None:
         ac.Channel("position", run.position.t, 1e3 * run.position.y, "mm"),
         run.rig,
     )
-    again = ac.fit(ac.Model.linear(), other)
+    again = ac.fit(other)
     for e in fit.estimates:
         assert again[e.name].value == pytest.approx(e.value, abs=1e-3 * e.std)
 

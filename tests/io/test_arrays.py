@@ -55,9 +55,9 @@ def test_what_a_mask_says_was_not_sampled_is_left_out(package: str) -> None:
     run = recorded(T, with_mask(package, output(), BAD), POSITION)
     assert len(run.accel) == N - np.count_nonzero(BAD)
     assert not np.isin(run.accel.t, T[BAD]).any()
-    bias = ac.fit(ac.Model.linear(), run)["bias"]
+    bias = ac.fit(run)["bias"]
     assert abs(bias.value) < 5.0 * bias.std
-    hidden = ac.fit(ac.Model.linear(), recorded(T, output(), POSITION))["bias"]
+    hidden = ac.fit(recorded(T, output(), POSITION))["bias"]
     assert hidden.value > 50.0 * hidden.std  # the sister that must fail: the same numbers without their mask
 
 
@@ -97,11 +97,11 @@ def test_arrays_of_the_caller_are_copied() -> None:
 @pytest.mark.parametrize("accel", [0.0, 1.3])
 def test_an_output_that_never_changes_is_refused_in_python_as_in_a_file(accel: float, tmp_path: Path) -> None:
     text = f"all {N} samples of accel read {accel:g} m/s²; expected an output that varies with the motion"
-    path, model = tmp_path / "run.csv", ac.fit(ac.Model.linear(), recorded(T, output() - 4.0 * BAD, POSITION))
+    path, model = tmp_path / "run.csv", ac.fit(recorded(T, output() - 4.0 * BAD, POSITION))
     header = "t_s,accel_m_per_s2,position_m"
     np.savetxt(path, np.c_[T, np.full(N, accel), POSITION], delimiter=",", header=header, comments="")
     for run in (recorded(T, np.full(N, accel), POSITION), ac.load(path)):
-        for act in (lambda run=run: ac.fit(ac.Model.linear(), run), lambda run=run: ac.diagnose(model, run)):
+        for act in (lambda run=run: ac.fit(run), lambda run=run: ac.diagnose(model, run)):
             with pytest.raises(RecordingError, match=text):
                 act()
     done = subprocess.run([sys.executable, "-m", "accelcal", "check", path], capture_output=True, text=True)
@@ -113,4 +113,4 @@ def test_an_output_that_never_changes_is_refused_in_python_as_in_a_file(accel: f
 def test_an_output_that_hardly_changes_is_no_sensor(size: float) -> None:
     run = ac.Recording.from_arrays(T, size * np.sin(6.0 * T), POSITION, units=UNITS, rig=RIG)
     with pytest.raises(RecordingError, match=r"as good as zero beside the acceleration|expected an output that varies"):
-        ac.fit(ac.Model.linear(), run)
+        ac.fit(run)

@@ -134,14 +134,14 @@ def test_recordings_at_rest_are_dwells_and_fit_together(tmp_path):
     several = [ac.load_dwells(path) for path in paths]
     assert several[0].mean[0] == pytest.approx(9.91, abs=3e-4)
     assert several[0].duration[0] == pytest.approx(20.0)
-    fit = ac.fit(ac.Model.linear(), several)
+    fit = ac.fit(several)
     assert fit["bias"].value == pytest.approx(0.05, abs=3e-4)
     assert 1.0 + fit["scale_factor"].value == pytest.approx(9.86 / 9.81, abs=1e-4)
     shown = run("fit", *paths)
     assert shown.exit_code == 0
     assert "scale_factor" in shown.output
     with pytest.raises(ac.RecordingError, match="is given twice"):
-        ac.fit(ac.Model.linear(), [several[0], several[0]])
+        ac.fit([several[0], several[0]])
     paths[0].with_suffix(".toml").unlink()
     with pytest.raises(ac.RecordingError, match=r"attitude of this dwell is not declared.*\n.*\[dwell\]"):
         ac.load_dwells(paths[0])
@@ -154,7 +154,7 @@ def test_the_sidecar_of_a_motion_names_its_table(table, tmp_path):
     recording = ac.load(tmp_path / "run.csv")
     assert recording.dwells is not None
     assert recording.dwells.name == "tumble.csv"
-    assert ac.fit(ac.Model.linear(), recording).dwells.name == "tumble.csv"
+    assert ac.fit(recording).dwells.name == "tumble.csv"
     sidecar.write_text(sidecar.read_text().replace("tumble.csv", "other.csv"))
     with pytest.raises((ac.RecordingError, OSError), match=r"other\.csv"):
         ac.load(tmp_path / "run.csv")
@@ -184,7 +184,7 @@ def test_rests_of_a_long_record_become_a_table(tmp_path):
     written = run("dwells", path, "--attitudes", "0:45", "-o", out, "--figure", tmp_path / "rests.png", "--yes")
     assert written.exit_code == 0, written.output
     assert (tmp_path / "rests.png").stat().st_size > 10_000
-    fit = ac.fit(ac.Model.linear(), ac.load_dwells(out))
+    fit = ac.fit(ac.load_dwells(out))
     assert abs(fit["scale_factor"].value - 0.004) < 4.0 * fit["scale_factor"].std
     assert run("dwells", path, "--attitudes", "0,45", "-o", tmp_path / "b.csv", "--yes").exit_code == 2
     bare = tmp_path / "bare.csv"

@@ -65,7 +65,7 @@ def test_the_fit_takes_the_rest(tmp_path):
     (note,) = [finding for finding in recording.findings if finding.kind == "alignment"]
     assert "two loggers: the stamps of the output are shifted by -37.2" in note.text
     assert "the next-best alignment" in note.text
-    found = accelcal.fit(Model.linear().add("clock_skew"), recording)
+    found = accelcal.fit(recording, Model.linear().add("clock_skew"))
     skew, late = found["clock_skew"], found["time_offset"]
     assert abs(skew.value - SKEW) < 4.0 * skew.std
     shift = recording.accel.t[0] - (OFFSET - 15.0)

@@ -86,7 +86,7 @@ def test_a_biased_scale_factor_is_not_saved(tmp_path: Path) -> None:
     u = 0.05 + 1.01 * (np.sin(w * t[:, None]) @ a) + 2e-2 * np.sqrt(rate / 2.0) * rng.standard_normal(len(t))
     z = np.round(p / 1e-7) * 1e-7
     recording = Recording(Channel("accel", t, u, "m/s^2"), Channel("position", t, z, "m"), rig, digest="noisy")
-    model_file.save(ac.fit(ac.Model.linear(), recording), tmp_path / "m.json")
+    model_file.save(ac.fit(recording), tmp_path / "m.json")
     lines = "\n".join(f"{a:.12g},{b:.12g},{c:.12g}" for a, b, c in zip(t, u, z, strict=True))
     (tmp_path / "run.txt").write_text(lines + "\n")
     (tmp_path / "rig.toml").write_text(

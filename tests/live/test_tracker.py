@@ -120,7 +120,7 @@ def test_parameters_are_those_of_the_sensor_however_it_is_mounted(rig: Rig) -> N
 def test_a_model_gives_parameters_noise_and_offset() -> None:
     truth = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4, "quadratic": 1e-3}
     made = ac.simulate("tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters=truth, rng=np.random.default_rng(1))
-    fit = ac.fit(ac.Model.cubic(), made.recording)
+    fit = ac.fit(made.recording, ac.Model.cubic())
     settings = settings_of(made.recording.rig, fit)
     assert settings.offset == fit["time_offset"].value
     assert settings.names == ("k", "K0", "K2", "K3")
@@ -138,7 +138,7 @@ def test_what_cannot_be_tracked_is_refused_with_the_cure(rig: Rig, tmp_path: Pat
     made = ac.simulate(
         "tones", seconds=10.0, rig=ac.ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
     )
-    fit = ac.fit(ac.Model.linear().add("velocity"), made.recording)
+    fit = ac.fit(made.recording, ac.Model.linear().add("velocity"))
     with pytest.raises(RecordingError, match="velocity cannot be tracked"):
         settings_of(made.recording.rig, fit)
 

@@ -56,7 +56,7 @@ def test_each_half_gives_delay_and_cross_axis_and_predicts_the_other(axis: str, 
     k, cross, coefficient = TRUTH[axis]
     side_channels([(name, channel.unit) for name, channel in made.side.items()])
     start, end = HALVES[half]
-    found = ac.fit(ac.Model.linear().add(cross), made, start=start, end=end)
+    found = ac.fit(made, ac.Model.linear().add(cross), start=start, end=end)
     print(axis, half, found, found.runs[0].noise.band)
     t, output, motion = made.accel.t, in_band(made.accel.y), in_band(reference(made))
     predicted = found.values().scale * delayed(t, motion, found["time_offset"].value)

@@ -22,7 +22,7 @@ def test_the_published_orientation_gives_the_sensor_back(name: str, axis: str) -
     whole = recording(name, f"turning/broad_{axis}")
     first, last = whole.position.t[0], whole.position.t[-1]
     middle = float(0.5 * (first + last))
-    found = ac.fit(ac.Model.linear(), whole.part(first, middle))
+    found = ac.fit(whole.part(first, middle))
     left = ac.compare(found, whole.part(middle, last), band=10.0)[0].accel_rms
     print(f"{name} {axis}: {found}; held out below 10 Hz: {left:.3f} m/s²")
     assert found.tilt == 0.0
@@ -34,7 +34,7 @@ def test_the_published_orientation_gives_the_sensor_back(name: str, axis: str) -
 
 def test_a_gyroscope_takes_the_road_out_of_the_scale_factor() -> None:
     whole = recording("drive", "turning/car_gyroscope")
-    found = ac.fit(ac.Model.linear(), whole.part(0.0, 40.0))
+    found = ac.fit(whole.part(0.0, 40.0))
     left = ac.compare(found, whole.part(40.0, 60.0), band=1.0)[0].accel_rms
     print(f"car: {found}; held out below 1 Hz: {left:.3f} m/s²")
     assert found.values().scale == pytest.approx(0.99, abs=0.02)
@@ -46,7 +46,7 @@ def test_a_gyroscope_takes_the_road_out_of_the_scale_factor() -> None:
 
 def test_without_it_tilt_comes_first() -> None:
     whole = recording("drive", "turning/car")
-    fitted = ac.fit(ac.Model.linear(), whole)
+    fitted = ac.fit(whole)
     assert fitted.remarks[0].startswith("A tilt of")
     assert fitted["scale_factor"].std > 0.02  # it knows that it does not know: 0.006 with the gyroscope
     found = ac.improve(whole)
@@ -68,7 +68,7 @@ LEGS = {
 def test_two_accelerometers_in_one_housing_show_no_tilt(side: str, axis: str) -> None:
     file = file_of(f"{side}_Lower_Leg")
     whole = io.load(file, rig=file.with_name(f"{side}_Lower_Leg_{axis}.toml"))
-    found = ac.fit(ac.Model.linear(), whole)
+    found = ac.fit(whole)
     for name, expected in zip(("scale_factor", "time_offset"), LEGS[side, axis], strict=True):
         assert abs(found[name].value - expected) < 3.0 * found[name].std
     assert found.tilt == 0.0

@@ -154,7 +154,7 @@ def full():
     """A fit with an effect on noise, a curve and a shape parameter beside its coefficients."""
     rng = np.random.default_rng(7)
     made = ac.simulate("interleaved", seconds=30.0, rig=ac.ADXL105_RIG, parameters=TRUTH, rng=rng, lsb=0.02)
-    fit = ac.fit(ac.Model.linear(), made.recording)
+    fit = ac.fit(made.recording)
     return ac.add(fit, made.recording, "shape_of_velocity", "creep", "quantisation"), made.recording
 
 

@@ -28,7 +28,7 @@ CURVE = "shape_of_velocity"
 def breakaway():
     one = WORLDS["v tanh"]
     run = record(np.random.default_rng(7), one, 0.004)
-    return run, ac.fit(Model.linear(), run)
+    return run, ac.fit(run)
 
 
 @pytest.mark.parametrize("name", ["v signed root", "v resonance", "p peak", "a tanh"])
@@ -46,7 +46,7 @@ def test_nothing_hidden_has_nothing_to_describe():
     false = 0
     for seed in range(10):
         run = record(np.random.default_rng([11, seed]), WORLDS["v tanh"], 0.0)
-        found = ac.formulas(ac.fit(Model.linear(), run), run, CURVE)
+        found = ac.formulas(ac.fit(run), run, CURVE)
         assert "shows no function of velocity" in found.sentence or found.formulas
         false += bool(found.formulas)
     assert false <= 1
@@ -65,7 +65,7 @@ def test_slow_noise_is_no_function_of_the_motion(size, tau):
         else:
             drift = np.cumsum(size * np.sqrt(step) * rng.standard_normal(n))
         run = replace(run, accel=replace(run.accel, y=run.accel.y + drift), digest=f"drifting {tau} {seed}")
-        fit = ac.fit(Model.linear(), run)
+        fit = ac.fit(run)
         for curve in (CURVE, "shape_of_position"):
             assert not ac.formulas(fit, run, curve).formulas
 
@@ -79,7 +79,7 @@ def test_a_holdout_of_another_range_is_scored_by_the_formula_itself():
         accel = made.recording.accel
         v = made.truth.motion.velocity(accel.t)
         gains.append(replace(made.recording, accel=replace(accel, y=accel.y + 20.0 * v * np.abs(v)), digest=f"{speed}"))
-    found = ac.formulas(ac.fit(Model.linear(), gains[0]), gains[0], CURVE, holdout=gains[1])
+    found = ac.formulas(ac.fit(gains[0]), gains[0], CURVE, holdout=gains[1])
     true = [each for each in found.formulas if each.elements == ("signed square",)]
     assert true, found.sentence
     assert true[0].held_out > true[0].gain
@@ -99,7 +99,7 @@ def test_the_hats_give_what_a_fit_of_the_same_function_gives(breakaway):
     found = ac.formulas(fit, run, CURVE)
     first = found.formulas[0]
     own = first.effect("own_breakaway", owner="rig")
-    grown = ac.fit(Model.linear().add(own.effect.name), run)
+    grown = ac.fit(run, Model.linear().add(own.effect.name))
     estimated = grown["own_breakaway"]
     assert estimated.value == pytest.approx(first.coefficients[0], abs=0.2 * first.std[0])
     assert (estimated.value / estimated.std) ** 2 == pytest.approx(first.gain, rel=0.05)

@@ -351,7 +351,7 @@ def test_what_remembers_reversals_has_a_bound_of_work(tmp_path, monkeypatch):
     """A friction that sticks and slips converges in a few nodes at a time only: 2000 windows, six minutes."""
     world = World("interleaved", "CXL02", (Hidden("breakaway", 0.05),), seed=7, nuisances=Nuisances())
     recording = ac.load(world.record().write(tmp_path))
-    added = ac.add(ac.fit(ac.Model.linear(), recording), recording, "shape_since_reversal")
+    added = ac.add(ac.fit(recording), recording, "shape_since_reversal")
     simulations, run = [], Simulation.run
     monkeypatch.setattr(Simulation, "run", lambda self, floor: simulations.append(self) or run(self, floor))
     coasting = Prediction.of(added, recording).at_horizon(5.0)

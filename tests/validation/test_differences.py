@@ -34,7 +34,7 @@ def runs() -> list[ac.Recording]:
 @pytest.fixture(scope="module")
 def fits() -> list[ac.Fit]:
     train = record(1, 16.0)
-    return [ac.fit(model, train) for model in (ac.Model.linear(), ac.Model.cubic())]
+    return [ac.fit(train, model) for model in (ac.Model.linear(), ac.Model.cubic())]
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,7 @@ def record(seed, effect="", size=0.0, shape=None):
 @pytest.fixture(scope="module")
 def stepped():
     recording = record(3, "bias_step", STEP, {"instant": INSTANT})
-    base = ac.fit(ac.Model.linear(), recording)
+    base = ac.fit(recording)
     return base, ac.add(base, recording, "bias_step"), recording
 
 
@@ -58,7 +58,7 @@ def test_on_its_own_record_the_step_stays(stepped):
 def test_creep_begins_on_another_record_as_after_a_long_rest():
     recording = record(5, "creep", 0.2, {"tau": 2.0, "start": 0.9})
     model = ac.Model.linear().add("creep", shapes={"creep": {"tau": 2.0, "start": 0.9}})
-    found = ac.fit(model.freeze(**{"creep.tau": 2.0, "creep.start": 0.9}), recording)
+    found = ac.fit(recording, model.freeze(**{"creep.tau": 2.0, "creep.start": 0.9}))
     [term] = (term for term in values_on(found, record(6)).terms if term.name == "creep")
     assert (term.shape["start"], term.shape["tau"]) == (0.0, 2.0)
     assert values_on(found, record(6)).by_name == found.values().by_name

@@ -26,7 +26,7 @@ def fitted(folder, reference: Reference, seed: int, quadratic: float = 0.0) -> t
     world = World("moves", "CXL02", hidden, seconds=40.0, seed=seed, reference=reference, nuisances=Nuisances())
     world = replace(world, encoder_rate=2.0 * ACCEL_RATE, encoder_noise=6e-7)
     recording = load(world.record().write(folder))
-    return ac.fit(ac.Model.linear(), recording), recording
+    return ac.fit(recording), recording
 
 
 @pytest.mark.parametrize("seed", [41, 42])
@@ -76,5 +76,5 @@ def test_an_integral_has_no_steps(tmp_path) -> None:
     recording = load(replace(world, encoder_rate=ACCEL_RATE, encoder_noise=3.4e-9).record().write(tmp_path))
     assert position_steps(RelationColumns(prepare(recording, every_reading=True)))
     assert with_position_steps(recording) is recording
-    found = ac.diagnose(ac.fit(ac.Model.linear(), recording), recording)
+    found = ac.diagnose(ac.fit(recording), recording)
     assert "position_step" not in [remark.code for remark in found.remarks]

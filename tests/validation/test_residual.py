@@ -16,7 +16,7 @@ def test_with_the_hidden_slack_the_residual_of_another_record_falls(tmp_path, mo
     world = World("long_rest", "ADXL105", (Hidden("encoder_backlash", SLACK),), seed=5, nuisances=Nuisances())
     train = ac.load(world.record().write(tmp_path))
     unseen = ac.load(world.again(world.motion, 6).record().write(tmp_path, "unseen"))
-    base = ac.fit(ac.Model.linear(), train)
+    base = ac.fit(train)
     added = ac.add(base, train, "encoder_backlash")
     assert added["encoder_backlash"].value == pytest.approx(SLACK, rel=0.3)
     ruler = Ruler.of([base, added])

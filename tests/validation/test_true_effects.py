@@ -62,7 +62,7 @@ def heated(seed: int) -> Recording:
 @pytest.fixture(scope="module")
 def even() -> tuple[list[ac.Fit], Recording]:
     recording = coupled(41)
-    base = ac.fit(ac.Model.linear(), recording)
+    base = ac.fit(recording)
     return [base, ac.add(base, recording, "quadratic")], coupled(42)
 
 
@@ -85,9 +85,9 @@ def test_the_mean_that_a_high_pass_blocks_would_drive_the_path_away(even, monkey
 
 def test_an_effect_with_memory_has_the_history_of_its_record() -> None:
     recording = heated(43)
-    base = ac.fit(ac.Model.linear(), recording, end=SPLIT)
+    base = ac.fit(recording, end=SPLIT)
     model = ac.Model.linear().add("self_heating", shapes={"self_heating": {"tau": HEAT_TAU}})
-    added = ac.fit(model, recording, end=SPLIT)
+    added = ac.fit(recording, model, end=SPLIT)
     assert added["self_heating"].value == pytest.approx(HEAT, rel=0.1)
     ruler = Ruler.of([base, added])
     before, after = compare_models([base, added], recording, ruler, start=SPLIT)

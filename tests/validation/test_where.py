@@ -86,7 +86,7 @@ def seen() -> Evaluation:
     """A model without the cubic that the record holds."""
     rng = np.random.default_rng(2)
     made = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters={"cubic": 2e-3}, rng=rng)
-    return ac.compare(ac.fit(ac.Model.linear(), made.recording), made.recording)[0]
+    return ac.compare(ac.fit(made.recording), made.recording)[0]
 
 
 def test_all_faces_say_the_same(seen: Evaluation) -> None:

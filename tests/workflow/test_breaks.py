@@ -29,7 +29,7 @@ def broken(seed):
 
 @pytest.fixture(scope="module")
 def fits():
-    return ac.fit(ac.Model.linear(), broken(1)), ac.fit(ac.Model.linear(), record(1))
+    return ac.fit(broken(1)), ac.fit(record(1))
 
 
 def test_a_fit_ends_at_a_break_and_says_so(fits):
@@ -40,7 +40,7 @@ def test_a_fit_ends_at_a_break_and_says_so(fits):
     assert not any("no relation" in text for text in whole.remarks)
     free = cut["scale_factor"]
     assert free.value == pytest.approx(0.01, abs=5.0 * free.std)
-    chosen = ac.fit(ac.Model.linear(), broken(1), start=0.0, end=20.0)
+    chosen = ac.fit(broken(1), start=0.0, end=20.0)
     assert not any("no relation" in text for text in chosen.remarks)
 
 

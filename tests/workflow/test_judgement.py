@@ -35,7 +35,7 @@ def test_nothing_is_named_and_nothing_is_adequate_beside_a_scale_that_no_sensor_
     plain = record(61, seconds=20.0)
     position = dataclasses.replace(plain.position, y=factor * plain.position.y)
     made = dataclasses.replace(plain, position=position, rig=dataclasses.replace(plain.rig, resolution=None))
-    fit = ac.fit(ac.Model.linear(), made)
+    fit = ac.fit(made)
     said, found = diagnose(fit, made), improve(made, most=1)
     assert (said.verdict, found.verdict) == (("adequate",) * 2 if factor == 1.0 else ("unexplained",) * 2)
     assert (said.effects, found.effects) == ((), ())

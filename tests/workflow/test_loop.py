@@ -73,10 +73,10 @@ def test_outliers_count_neither_in_a_fit_nor_when_an_effect_is_added():
     spoiled = clean.accel.y.copy()
     spoiled[5_000:60_000:5_000] += 3.0
     run = dataclasses.replace(clean, accel=dataclasses.replace(clean.accel, y=spoiled))
-    every, kept = ac.fit(ac.Model.linear(), run, reject_outliers=False), ac.fit(ac.Model.linear(), run)
+    every, kept = ac.fit(run, reject_outliers=False), ac.fit(run)
     assert every.noise().q > 2.0 * kept.noise().q
     assert kept.remarks[0] == "simulated interleaved: 11 of 66680 readings of accel were rejected as outliers."
-    grown, truth = add(kept, run, "cubic"), add(workflow.fit(ac.Model.linear(), clean), clean, "cubic")
+    grown, truth = add(kept, run, "cubic"), add(workflow.fit(clean), clean, "cubic")
     assert grown.remarks[0] == kept.remarks[0]
     assert grown["cubic"].value == pytest.approx(truth["cubic"].value, abs=0.5 * truth["cubic"].std)
     assert not any("outliers" in text for text in truth.remarks)
@@ -84,7 +84,7 @@ def test_outliers_count_neither_in_a_fit_nor_when_an_effect_is_added():
 
 def test_a_fit_of_a_record_without_outliers_is_that_of_all_readings():
     run = record(9)
-    rejecting, every = ac.fit(ac.Model.linear(), run), estimate(ac.Model.linear(), run)
+    rejecting, every = ac.fit(run), estimate(ac.Model.linear(), run)
     assert [e.value for e in rejecting.estimates] == [e.value for e in every.estimates]
     np.testing.assert_array_equal(rejecting.covariance, every.covariance)
     assert rejecting.remarks == every.remarks

@@ -33,23 +33,23 @@ def test_the_deviation_that_a_further_run_promises_is_the_one_it_gives():
     for effect in ("misalignment", "cross_axis_gravity"):
         assert "rolled" in promised[effect].run
     axis = "up" if "up" in promised["encoder_scale"].run else "down"
-    up = ac.fit(ac.Model.linear().add("encoder_scale"), [first, run(2, axis)])
+    up = ac.fit([first, run(2, axis)], ac.Model.linear().add("encoder_scale"))
     assert up["encoder_scale"].std == pytest.approx(promised["encoder_scale"].std, rel=0.15)
-    turned = ac.fit(ac.Model.linear(), [first, run(3, mount="reversed")])
+    turned = ac.fit([first, run(3, mount="reversed")])
     assert turned["tilt"].std == pytest.approx(promised["tilt"].std, rel=0.15)
-    rolled = ac.fit(ac.Model.linear(), [first, run(4, mount="rolled")])
+    rolled = ac.fit([first, run(4, mount="rolled")])
     assert rolled["misalignment"].std == pytest.approx(promised["misalignment"].std, rel=0.15)
     assert rolled["cross_axis_gravity"].std == pytest.approx(promised["cross_axis_gravity"].std, rel=0.15)
 
 
 def test_a_verdict_says_which_run_would_tell_and_that_run_tells():
-    blind = ac.diagnose(ac.fit(ac.Model.linear(), run(5, eps=3e-4)), run(5, eps=3e-4))
+    blind = ac.diagnose(ac.fit(run(5, eps=3e-4)), run(5, eps=3e-4))
     assert blind.verdict == "adequate"
     tie = next(tie for tie in blind.inseparable if "encoder_scale" in tie.members)
     assert "one further run with the axis" in tie.experiment
     assert "gives encoder_scale to" in tie.experiment
     several = [run(k, axis, eps=3e-4) for k, axis in enumerate(("level", "up", "down"), 5)]
-    found = ac.diagnose(ac.fit(ac.Model.linear(), several), several)
+    found = ac.diagnose(ac.fit(several), several)
     assert found.classes[0].members == ("encoder_scale", "bias")
     assert "dwells" in found.classes[0].experiment  # what tells it from a bias that differs
 
@@ -69,10 +69,10 @@ def test_dwells_alone_have_no_motion_to_diagnose():
     angle = np.arange(4) * np.pi / 2.0
     dwells = Dwells(angle, 0.05 + 1.01 * G * np.sin(angle), *each, ("0",) * 4, ac.CXL02_RIG, name="tumble.csv")
     with pytest.raises(ac.RecordingError, match="dwells alone show no motion; diagnose_dwells"):
-        ac.diagnose(ac.fit(ac.Model.linear(), dwells), dwells)
+        ac.diagnose(ac.fit(dwells), dwells)
     one = run(9)
     together = [one, dwells]
-    assert ac.diagnose(ac.fit(ac.Model.linear(), together), together).fit.dwells is not None
+    assert ac.diagnose(ac.fit(together), together).fit.dwells is not None
 
 
 def test_each_run_is_judged_on_its_own_clock_and_as_a_whole(tmp_path):
@@ -80,7 +80,7 @@ def test_each_run_is_judged_on_its_own_clock_and_as_a_whole(tmp_path):
     world = World("interleaved", "ADXL105", (), seed=5).settled()
     run = ac.load(world.record().write(tmp_path, "whole"))
     runs = [run.part(0.0, 22.0), run.part(22.0, 58.0)]
-    fitted = ac.fit(ac.Model.linear(), runs)
+    fitted = ac.fit(runs)
     found = ac.diagnose(fitted, runs)
     assert found.verdict == "adequate"
     assert [end - start > 35.0 for start, end in found.used] == [False, True]

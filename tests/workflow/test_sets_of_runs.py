@@ -51,7 +51,7 @@ def test_the_verdict_is_on_the_run_that_is_held_out_too() -> None:
 
 def test_two_runs_that_differ_may_show_an_encoder_scale() -> None:
     pair = runs(3404, ("level", "up"), 5e-4)
-    judged = ac.diagnose(ac.fit(ac.Model.linear(), pair), pair)
+    judged = ac.diagnose(ac.fit(pair), pair)
     assert judged.verdict == "tied"
     assert {"encoder_scale", "bias"} <= set(judged.classes[0].members)
 

@@ -45,7 +45,7 @@ def size(fit: ac.Fit, name: str) -> tuple[float, float]:
 def test_a_wave_that_only_slow_readings_resolve_is_added_where_it_was_found(period):
     amplitude = 2.5e-7
     run = record(51, lambda p: amplitude * np.sin(2.0 * np.pi * p / period + 0.4))
-    fit = ac.fit(ac.Model.linear(), run)
+    fit = ac.fit(run)
     assert ac.diagnose(fit, run).effects == ("encoder_cyclic",)
     grown = ac.add(fit, run, "encoder_cyclic")
     (shape,) = grown.shapes
@@ -61,7 +61,7 @@ def test_a_wave_that_only_slow_readings_resolve_is_added_where_it_was_found(peri
 @pytest.fixture(scope="module")
 def hum() -> tuple[ac.Recording, ac.Fit]:
     run = record(52, lines=LINES)
-    return run, ac.fit(ac.Model.linear(), run)
+    return run, ac.fit(run)
 
 
 def test_the_strongest_line_enters_first_and_the_other_one_is_still_named(hum, tmp_path):
@@ -96,7 +96,7 @@ def test_improve_has_a_step_for_each_line_and_a_model_that_holds_both(hum):
 @pytest.mark.parametrize(("sigma", "said"), [(1.5, True), (2.5, False)])
 def test_a_coefficient_below_two_standard_deviations_is_said(hum, sigma, said):
     run, _ = hum
-    fit = ac.fit(ac.Model.linear().add("velocity"), run)
+    fit = ac.fit(run, ac.Model.linear().add("velocity"))
     estimates = [replace(e, value=sigma * e.std) if e.name == "velocity" else e for e in fit.estimates]
     notes = barely_shown(replace(fit, estimates=tuple(estimates)), ["velocity"])
     assert [f"{sigma} standard deviations from zero" in note for note in notes] == [True] * said
@@ -138,14 +138,14 @@ def test_harmonics_of_one_period_enter_together_and_nothing_is_missing_then(tmp_
 def test_a_single_wave_has_no_second_harmonic(period):
     """Nor has one of 5 % of its period, which bends itself through the position that contains it."""
     run = record(54, scale(2e-6, period=period))
-    grown = ac.add(ac.fit(ac.Model.linear(), run), run, "encoder_cyclic")
+    grown = ac.add(ac.fit(run), run, "encoder_cyclic")
     assert [e.name for e in grown.estimates if "cyclic" in e.name] == ["encoder_cyclic.sin", "encoder_cyclic.cos"]
 
 
 def test_harmonics_of_the_mains_are_columns_of_one_line():
     hum = ((0.06, 50.02), (0.03, 100.04))
     run = record(55, lines=hum)
-    grown = ac.add(ac.fit(ac.Model.linear(), run), run, "tone")
+    grown = ac.add(ac.fit(run), run, "tone")
     sizes = pairs(grown, "tone")
     assert len(sizes) == len(hum)
     assert all(abs(value - true) < 4.0 * std for (value, std), (true, _) in zip(sizes, hum, strict=True))

@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 HOW_TO = {
     "Recording": "accelcal.load(PATH) reads one; Recording.from_arrays and Recording.from_dataframe make one",
-    "Fit": "accelcal.fit(model, recording) makes one; accelcal.load_model(PATH) reads one",
+    "Fit": "accelcal.fit(recording) makes one; accelcal.load_model(PATH) reads one",
     "Model": 'Model.linear(), Model.cubic() or Model.linear().add("cubic") makes one',
     "Channel": "Channel(name, t, y, unit) makes one; Recording.from_arrays makes a recording of arrays",
     "Rig": 'Rig(axis="level") makes one; Recording.rig is that of a recording',

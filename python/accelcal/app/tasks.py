@@ -67,7 +67,7 @@ def check(recording: Recording, *, progress: Report) -> Checked:
 
 def fitted(model: Model, train: Data, origins: Origins | None, *, progress: Report) -> Fit:
     """Fit a model."""
-    return fit(model, list(train), origins=origins, progress=progress)
+    return fit(list(train), model, origins=origins, progress=progress)
 
 
 def added(before: Fit, train: Data, name: str, own: Sequence[str], *, progress: Report) -> Fit:

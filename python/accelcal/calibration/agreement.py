@@ -145,7 +145,7 @@ def agreement(first: Fit, second: Fit, *, names: tuple[str, str] = ("A", "B")) -
     >>> import accelcal as ac
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("tones", seconds=10.0, rig=ac.CXL02_RIG, parameters={}, rng=rng)
-    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> fit = ac.fit(made.recording)
     >>> agreement(fit, fit).verdict
     'agree'
     """

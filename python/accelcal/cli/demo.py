@@ -46,7 +46,6 @@ def demo(
     import numpy as np
 
     from accelcal import io
-    from accelcal.model import Model
     from accelcal.plots import write
     from accelcal.serialization import model_file
     from accelcal.simulation.sensor import ADXL105_RIG
@@ -66,7 +65,7 @@ def demo(
     say_line(f"\n$ accelcal fit {paths[0]} -o {output / 'm.json'}")
     first = io.load(paths[0])
     with progress("fit") as report:
-        found = fit_replay(Model.linear(), first, progress=report)
+        found = fit_replay(first, progress=report)
     model_file.save(found, output / "m.json", seed=seed)
     show_fit(found, first)
     say_line(f"\n$ accelcal compare {output / 'm.json'} {paths[1]} --plots {output}")

@@ -119,7 +119,7 @@ def fit(
             base = chosen() if position is None else chosen().add("clock_skew")
             wanted, part = varying(base, vary or []), within(report, LOADED, 1.0)
             engine = cast("Method", method)
-            found = fit_runs(wanted, recordings, start=begin, end=stop, band=width, method=engine, progress=part)
+            found = fit_runs(recordings, wanted, start=begin, end=stop, band=width, method=engine, progress=part)
     else:
         if vary:
             raise UsageError(f"--vary needs --method auto, replay or weak; {method} accepts one recording")
@@ -281,8 +281,8 @@ def freeze(
     with progress("freeze") as report:
         recordings = [load_any(fitted, run, rig) for run in runs]
         found = fit_again(
-            chosen,
             recordings,
+            chosen,
             method=engine_of(fitted),
             origins=fitted.origins,
             progress=within(report, LOADED, 1.0),

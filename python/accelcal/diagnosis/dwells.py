@@ -85,7 +85,7 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
     >>> mean = 9.80665 * np.sin(angle) + 0.05
     >>> many = np.ones(8)
     >>> dwells = ac.Dwells(angle, mean, 1e-3 * many, 60.0 * many, 6000.0 * many, ("0",) * 8, ac.Rig())
-    >>> fit = ac.fit(ac.Model.linear(), dwells)
+    >>> fit = ac.fit(dwells)
     >>> ac.diagnose_dwells(fit, dwells).verdict
     'adequate'
     """

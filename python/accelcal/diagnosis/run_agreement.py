@@ -34,7 +34,7 @@ class RunValues:
     >>> from accelcal.workflow import run_values
     >>> settings = {"seconds": 8.0, "rig": ac.CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(1)}
     >>> one, two = (ac.simulate("tones", **settings).recording for _ in range(2))
-    >>> found = run_values(ac.fit(ac.Model.linear(), [one, two]), [one, two])
+    >>> found = run_values(ac.fit([one, two]), [one, two])
     >>> found.parameters, found.value.shape
     (('bias', 'scale_factor'), (2, 2))
     """

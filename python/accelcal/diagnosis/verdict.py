@@ -74,7 +74,7 @@ class Diagnosis(Result):
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> fit = ac.fit(made.recording)
     >>> found = ac.diagnose(fit, made.recording)
     >>> found.scan.candidates[0].effect
     'cubic'

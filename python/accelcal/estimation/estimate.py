@@ -81,7 +81,7 @@ class Fit(Result):
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> fit = ac.fit(made.recording)
     >>> fit["scale_factor"].unit, fit["bias"].std > 0.0
     ('1', True)
     """

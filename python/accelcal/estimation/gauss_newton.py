@@ -54,7 +54,7 @@ class NotIdentifiable(AccelcalError):
     ...     units={"accel": "m/s^2", "position": "m"},
     ... )
     >>> try:
-    ...     _ = ac.fit(ac.Model.linear(), still)
+    ...     _ = ac.fit(still)
     ... except ac.NotIdentifiable:
     ...     print("the stage never moves")
     the stage never moves

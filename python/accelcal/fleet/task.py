@@ -30,7 +30,7 @@ def fit_of(path: Path, *, model: str = "linear") -> dict[str, float]:
     squared, length (s), date (days), mean temperature (degC), NaN where not known; number of remarks.
     """
     recording = load(path)
-    found = fit(MODELS[model](), recording)
+    found = fit(recording, MODELS[model]())
     run = found.runs[0]
     warm = recording.side.get("temperature")
     kept = {

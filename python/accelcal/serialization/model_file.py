@@ -147,7 +147,7 @@ def save(fit: Fit, path: str | Path, *, seed: int | None = None) -> None:
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> fit = ac.fit(made.recording)
     >>> import pathlib, tempfile
     >>> path = pathlib.Path(tempfile.mkdtemp(), "m.json")
     >>> ac.save_model(fit, path)
@@ -174,7 +174,7 @@ def load(path: str | Path) -> Fit:
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> fit = ac.fit(made.recording)
     >>> import pathlib, tempfile
     >>> path = pathlib.Path(tempfile.mkdtemp(), "m.json")
     >>> ac.save_model(fit, path)

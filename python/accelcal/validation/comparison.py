@@ -43,7 +43,7 @@ class Coast(Result):
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> fit = ac.fit(made.recording)
     >>> bool(ac.coast(fit, made.recording, 2.0, 5.0).floor[-1] > 0.0)
     True
     """
@@ -209,7 +209,7 @@ class Evaluation(Result):
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> fit = ac.fit(made.recording)
     >>> sorted(ac.compare(fit, made.recording).coast_rms)
     [1.0, 5.0, 10.0]
     """

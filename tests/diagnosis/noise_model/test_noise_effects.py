@@ -41,7 +41,7 @@ def hidden_coefficient(world, name):
 def test_an_effect_on_noise_is_found_added_and_gains_on_held_out_data(name, tmp_path):
     """Four standard deviations: one false alarm in 16 000."""
     world, train, held = halves(name, tmp_path)
-    base = ac.fit(ac.Model.linear(), train)
+    base = ac.fit(train)
     assert name in ac.diagnose(base, train).effects
     grown = ac.add(base, train, name)
     one = grown.noise_effects[0]
@@ -62,7 +62,7 @@ def test_an_effect_on_noise_is_found_added_and_gains_on_held_out_data(name, tmp_
 def test_what_a_record_does_not_show_is_refused_with_the_size_that_would_show(name, tmp_path):
     """At 1 %: of four effects one is let in by chance in 4 % of records; this seed has none."""
     _, train, _ = halves("", tmp_path, seed=21)
-    base = ac.fit(ac.Model.linear(), train)
+    base = ac.fit(train)
     with pytest.raises(ValueError, match=f"'{name}' cannot be added: this record does not show it"):
         ac.add(base, train, name)
 
@@ -72,7 +72,7 @@ def test_a_score_of_a_record_without_the_effect_falls(name, tmp_path):
     """The twin: an effect that the fitted record has and the other has not is no gain."""
     _, train, _ = halves(name, tmp_path, seed=22)
     _, other, _ = halves("", tmp_path, seed=22)
-    grown = ac.add(ac.fit(ac.Model.linear(), train), train, name)
+    grown = ac.add(ac.fit(train), train, name)
     (score,) = ac.compare(grown, other)[0].noise_scores
     assert not score.gained
     assert score.ratio < 0.8
@@ -83,7 +83,7 @@ def test_intervals_of_jitter_cover_over_records(tmp_path):
     z = []
     for seed in range(12):
         world, train, _ = halves("timing_jitter", tmp_path, seed=300 + seed)
-        one = ac.add(ac.fit(ac.Model.linear(), train), train, "timing_jitter").noise_effects[0]
+        one = ac.add(ac.fit(train), train, "timing_jitter").noise_effects[0]
         z.append((one.value - hidden_coefficient(world, "timing_jitter")) / one.std)
     low, high = stats.chi2.ppf([0.0005, 0.9995], len(z))
     assert low < np.sum(np.square(z)) < high
@@ -96,18 +96,18 @@ def test_two_effects_share_the_noise_without_counting_it_twice(tmp_path):
     hidden = (Hidden("vibration", 0.3, {}), Hidden("timing_jitter", 1e-4, {}))
     world = World("interleaved", "ADXL105", hidden, seed=31).settled()
     run = ac.load(world.record().write(tmp_path, "both"))
-    both = ac.add(ac.fit(ac.Model.linear(), run), run, "vibration", "timing_jitter")
+    both = ac.add(ac.fit(run), run, "vibration", "timing_jitter")
     chain = pass_through(world)
     expected = {"vibration": (0.3 / np.max(np.abs(chain.scene.v)) ** 2) ** 2, "timing_jitter": 1e-8}
     for one in both.noise_effects:
         assert abs(one.value - expected[one.name]) < 4.0 * one.std
-    alone = ac.add(ac.fit(ac.Model.linear(), run), run, "vibration").noise_effects[0]
+    alone = ac.add(ac.fit(run), run, "vibration").noise_effects[0]
     assert alone.value > both.noise_effects[0].value + 2.0 * alone.std  # the jitter passes for vibration at all heights
 
 
 def test_a_model_file_holds_all_of_it(tmp_path):
     _, train, held = halves("vibration", tmp_path, seed=23)
-    grown = ac.add(ac.fit(ac.Model.linear(), train), train, "vibration")
+    grown = ac.add(ac.fit(train), train, "vibration")
     again = model_file.from_dict(model_file.to_dict(grown))
     assert again.noise() == grown.noise()
     assert ac.compare(again, held)[0].noise_scores == ac.compare(grown, held)[0].noise_scores
@@ -119,7 +119,7 @@ def test_a_model_file_holds_all_of_it(tmp_path):
 def test_a_fit_that_sees_no_outliers_is_compared_and_printed(tmp_path):
     """A model with an effect that a record lacks, fitted and not added."""
     _, train, held = halves("", tmp_path, seed=24)
-    found = ac.fit(ac.Model.linear().add("encoder_outliers", "accelerometer_outliers", "quantisation"), train)
+    found = ac.fit(train, ac.Model.linear().add("encoder_outliers", "accelerometer_outliers", "quantisation"))
     assert [one.value for one in found.noise_effects][:2] == [0.0, 0.0]
     assert all(np.isfinite(score.gain) for score in ac.compare(found, held)[0].noise_scores)
     with pytest.raises(KeyError, match="encoder_outliers' acts on noise"):
@@ -131,7 +131,7 @@ def test_a_fit_that_sees_no_outliers_is_compared_and_printed(tmp_path):
 def test_predicted_noise_holds_the_growth(tmp_path):
     """No region of the residual stands out of the noise of a model that has jitter of 1 ms (5 standard deviations)."""
     _, train, held = halves("timing_jitter", tmp_path, seed=25, size=1e-3)
-    base = ac.fit(ac.Model.linear(), train)
+    base = ac.fit(train)
     grown = ac.add(base, train, "timing_jitter")
     assert grown.noise().usual.q == pytest.approx(base.noise().q, rel=0.1)
     assert "no region stands out" in ac.compare(grown, held)[0].worst
@@ -139,7 +139,7 @@ def test_predicted_noise_holds_the_growth(tmp_path):
 
 def test_a_damaged_spectrum_is_refused(tmp_path):
     _, train, _ = halves("vibration", tmp_path, seed=23)
-    content = model_file.to_dict(ac.add(ac.fit(ac.Model.linear(), train), train, "vibration"))
+    content = model_file.to_dict(ac.add(ac.fit(train), train, "vibration"))
     content["noise_effects"][0]["spectrum"]["floor"].pop()
     with pytest.raises(ValueError, match="values each, as there are frequencies"):
         model_file.from_dict(content)
@@ -155,7 +155,7 @@ def test_an_export_says_that_noise_is_no_part_of_the_characteristic(tmp_path):
     from accelcal.calibration.characteristic import characteristic
 
     _, train, _ = halves("vibration", tmp_path, seed=23)
-    base = ac.fit(ac.Model.linear(), train)
+    base = ac.fit(train)
     grown = ac.add(base, train, "vibration")
     assert [one.effect for one in characteristic(grown).left_out] == ["time_offset", "vibration"]
     assert characteristic(grown).coefficients.keys() == characteristic(base).coefficients.keys()

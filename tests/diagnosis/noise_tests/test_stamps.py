@@ -23,7 +23,7 @@ def diagnosed(tmp_path: Path, rig: Rig, profile: str = "hand", seconds: float = 
     """The base model on one record of a rig, and the record."""
     record = replace(TABLE["a-mixed-adxl105"], rig=rig, profile=profile, seconds=seconds).build(3)
     recording = ac.load(record.write(tmp_path))
-    return ac.diagnose(ac.fit(ac.Model.linear(), recording), recording), record
+    return ac.diagnose(ac.fit(recording), recording), record
 
 
 def test_rounded_stamps_are_named_so_and_cost_nothing(tmp_path: Path) -> None:

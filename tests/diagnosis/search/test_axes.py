@@ -66,7 +66,7 @@ def test_a_model_file_keeps_the_means_and_an_older_one_has_none(improved, tmp_pa
 
 def test_the_mean_is_that_of_the_model_on_any_record_and_of_the_fitted_runs(folder):
     first, second = (sideways(seed, folder, constant=constant).recording for seed, constant in ((43, 9.0), (44, 7.0)))
-    fit = ac.fit(ac.Model.linear(), [first, second])
+    fit = ac.fit([first, second])
     together = np.concatenate([run.side["a_y"].y for run in (first, second)])
     assert fit.origins.side["a_y"] == pytest.approx(np.mean(together), rel=1e-3)  # of what both channels cover
     there = side_channels_at(prepare(second, fit.origins), second.position.t)["a_y"]

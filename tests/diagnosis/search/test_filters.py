@@ -25,7 +25,7 @@ def diagnosed(tmp_path: Path, rig: Rig, profile: str, planted: Planted = NOTHING
     """The base model on one record of a rig, and the record."""
     regime = replace(TABLE["a-mixed-adxl105"], rig=rig, profile=profile, seconds=SECONDS)
     recording = ac.load(regime.build(6, planted).write(tmp_path))
-    return ac.diagnose(ac.fit(ac.Model.linear(), recording), recording), recording
+    return ac.diagnose(ac.fit(recording), recording), recording
 
 
 def classes(found: Diagnosis) -> dict[str, tuple[str, ...]]:

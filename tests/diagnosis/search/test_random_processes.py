@@ -18,12 +18,12 @@ def recorded(folder, world):
 def test_it_is_named_and_the_scale_factor_has_the_error_that_it_states(tmp_path, size, tau, seed):
     world = World("tones", "ADXL105", (Hidden("scale_gauss_markov", size, {"tau": tau}),), seed=seed).settled()
     run = recorded(tmp_path, world)
-    linear = ac.fit(ac.Model.linear(), run)
+    linear = ac.fit(run)
     found = ac.diagnose(linear, run)
     assert SCALE & set(found.classes[0].members)
     entering = found.scan.found[0]
     assert entering.effect in SCALE
-    fit = ac.fit(entering.enter(linear.model), run)
+    fit = ac.fit(run, entering.enter(linear.model))
     assert abs(fit["scale_factor"].value - world.scale_factor) < 3.5 * fit["scale_factor"].std
     if entering.effect == "scale_gauss_markov":  # the mean of a random walk is that of the record, and no less certain
         assert fit["scale_factor"].std > 2.0 * linear["scale_factor"].std
@@ -34,7 +34,7 @@ def test_a_step_that_recurs_gives_way_to_the_process_with_which_it_is_confounded
     """The record on which a step leads; with the twin that never replaces it, nothing enters."""
     world = World("tones", "ADXL105", (Hidden("scale_gauss_markov", 2e-3, {"tau": 2.0}),), seed=1701001).settled()
     run = recorded(tmp_path, world)
-    fit = ac.fit(ac.Model.linear(), run)
+    fit = ac.fit(run)
     found = ac.diagnose(fit, run)
     assert [each.effect for each in found.scan.found] == ["scale_gauss_markov"]
     assert not found.scan.changing
@@ -47,6 +47,6 @@ def test_a_step_that_recurs_gives_way_to_the_process_with_which_it_is_confounded
 def test_a_constant_scale_factor_is_no_process(tmp_path):
     for seed in range(3):
         run = recorded(tmp_path, World("tones", "ADXL105", (), seed=900 + seed))
-        found = ac.diagnose(ac.fit(ac.Model.linear(), run), run)
+        found = ac.diagnose(ac.fit(run), run)
         assert not any(SCALE & set(group.members) for group in found.classes)
         assert np.isfinite(found.scan.detection_limits["scale_drift"])

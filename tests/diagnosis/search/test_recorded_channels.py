@@ -52,10 +52,10 @@ def recorded(seed, planted=None):
 @pytest.mark.parametrize("name", PLANTED)
 def test_an_effect_of_recorded_channels_is_named_with_its_size(name):
     run = recorded(5, name)
-    fit = ac.fit(ac.Model.linear(), run)
+    fit = ac.fit(run)
     found = ac.diagnose(fit, run)
     assert found.scan.found[0].effect == name
-    grown = ac.fit(found.scan.found[0].enter(fit.model), run)
+    grown = ac.fit(run, found.scan.found[0].enter(fit.model))
     assert abs(grown[name].value - PLANTED[name][0]) < 4.0 * grown[name].std
     assert grown[name].std < 0.1 * PLANTED[name][0]
 
@@ -63,7 +63,7 @@ def test_an_effect_of_recorded_channels_is_named_with_its_size(name):
 def test_a_model_whose_scale_follows_a_channel_is_saved_and_loaded(tmp_path):
     """In another process, where nothing has entered the channel's effects yet."""
     run = recorded(5, "supply_scale")
-    fit = ac.fit(ac.Model.linear(), run)
+    fit = ac.fit(run)
     grown = ac.add(ac.add(fit, run, "supply_scale"), run, "supply")
     model_file.save(grown, tmp_path / "m.json")
     text = f"import accelcal as ac; print(ac.load_model({str(tmp_path / 'm.json')!r}).model.effects[3:])"
@@ -77,5 +77,5 @@ def test_channels_that_do_nothing_are_not_named():
     wrong = 0
     for seed in range(10):
         run = recorded(100 + seed)
-        wrong += ac.diagnose(ac.fit(ac.Model.linear(), run), run).verdict != "adequate"
+        wrong += ac.diagnose(ac.fit(run), run).verdict != "adequate"
     assert wrong <= 1

@@ -32,7 +32,7 @@ def apart(one: ac.Fit, other: ac.Fit) -> np.ndarray:
 
 def test_the_loop_by_the_weak_form(tmp_path) -> None:
     several = [recording(0), recording(1, "moves")]
-    fit = ac.fit(ac.Model.linear(), several, method="weak")
+    fit = ac.fit(several, method="weak")
     assert fit.method == "weak"
     model_file.save(fit, tmp_path / "m.json")
     kept = model_file.load(tmp_path / "m.json")
@@ -42,7 +42,7 @@ def test_the_loop_by_the_weak_form(tmp_path) -> None:
     assert grown.method == "weak"
     assert abs(grown["cubic"].value - TRUTH["cubic"]) < 4.0 * grown["cubic"].std
     assert ac.diagnose(grown, several).verdict == "adequate"
-    moved = apart(ac.fit(grown.model, several), grown)
+    moved = apart(ac.fit(several, grown.model), grown)
     print(f"from the replay by {np.abs(moved).max():.2f} standard deviations (0.3)")
     assert np.max(np.abs(moved)) < 0.3
 
@@ -60,7 +60,7 @@ def test_a_clock_from_1970_changes_nothing() -> None:
     here = recording(3)
     accel, position = (replace(channel, t=channel.t + 1.7e9) for channel in (here.accel, here.position))
     there = replace(here, accel=accel, position=position)
-    fits = [ac.fit(ac.Model.linear(), one, method="weak") for one in (here, there)]
+    fits = [ac.fit(one, method="weak") for one in (here, there)]
     moved = apart(*fits)
     print(f"moved by {np.abs(moved).max():.1e} standard deviations")
     assert np.max(np.abs(moved)) < 0.05
@@ -71,14 +71,14 @@ def test_repeated_counts_of_a_coarse_encoder_count_a_few_times() -> None:
     state = solve_runs(ac.Model.linear(), [recording(4, "moves", rig)], engine="weak").states[0]
     assert state.run.rounding > 0.0
     assert state.run.read is None
-    fits = [ac.fit(ac.Model.linear(), recording(4, "moves", rig), method=method) for method in ("replay", "weak")]
+    fits = [ac.fit(recording(4, "moves", rig), method=method) for method in ("replay", "weak")]
     assert np.max(np.abs(apart(*fits))) < 1.5
 
 
 def test_a_run_without_a_weak_form_is_refused_in_a_sentence() -> None:
     rig = replace(ac.CXL02_RIG, output_filters=(ChannelFilter("RC", "highpass", 0.5),))
     with pytest.raises(RecordingError, match=r"no weak form: the output has passed a high-pass.*--method replay"):
-        ac.fit(ac.Model.linear(), recording(5, "moves", rig), method="weak")
+        ac.fit(recording(5, "moves", rig), method="weak")
 
 
 @pytest.mark.parametrize("method", ["weak", "replay"])
@@ -86,4 +86,4 @@ def test_a_model_without_a_free_coefficient_is_refused(method: str) -> None:
     made = ac.simulate("moves", seconds=5.0, rig=ac.CXL02_RIG, parameters={"bias": 0.0}, rng=np.random.default_rng(3))
     held = ac.Model.linear().freeze(bias=0.0, scale_factor=0.0, time_offset=0.0)
     with pytest.raises(ValueError, match="no coefficient of the model is free: set one free to fit it"):
-        ac.fit(held, made.recording, method=method)
+        ac.fit(made.recording, held, method=method)

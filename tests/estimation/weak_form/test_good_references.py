@@ -39,7 +39,7 @@ def world(crossover: float, number: int) -> World:
 def fitted(folder, crossover: float, number: int, method="auto") -> tuple[Fit, dict[str, float], int]:
     """The fit, normalised errors, and the number of readings that the record holds."""
     record = world(crossover, number).record()
-    fit = ac.fit(ac.Model.linear(), load(record.write(folder, f"r{number}")), method=method)
+    fit = ac.fit(load(record.write(folder, f"r{number}")), method=method)
     return fit, errors(fit, record.world), int(np.count_nonzero(np.isfinite(record.position)))
 
 
@@ -90,5 +90,5 @@ def test_the_engine_that_suits_fits(tmp_path, crossover, method):
 def test_a_record_without_a_weak_form_is_fitted_by_the_replay(tmp_path):
     recording = load(world(0.5, 0).record().write(tmp_path))
     blocked = replace(recording, rig=replace(recording.rig, output_filters=(ChannelFilter("RC", "highpass", 0.5),)))
-    assert ac.fit(ac.Model.linear(), recording).method == "weak"
-    assert ac.fit(ac.Model.linear(), blocked).method == "replay"
+    assert ac.fit(recording).method == "weak"
+    assert ac.fit(blocked).method == "replay"

@@ -62,7 +62,7 @@ def test_lost_readings_cost_what_they_tell_and_no_more(share):
     kept = rng.random(len(made.position.t)) >= share
     position = Channel("position", made.position.t[kept], made.position.y[kept], "m")
     recording = replace(made, position=position)
-    weak, replay = (ac.fit(ac.Model.linear(), recording, method=each) for each in ("weak", "replay"))
+    weak, replay = (ac.fit(recording, method=each) for each in ("weak", "replay"))
     for name in ("scale_factor", "bias"):
         ratio = weak[name].std / replay[name].std
         print(f"{name}: {ratio:.3f} of the replay (0.95 to 1.05)")

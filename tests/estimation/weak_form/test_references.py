@@ -30,7 +30,7 @@ def squares(found):
 
 @pytest.mark.parametrize("reference", ["velocity", "reference_acceleration"])
 def test_estimates_through_a_reference_are_as_right_as_they_say(reference):
-    found = [ac.fit(ac.Model.linear(), one) for one in recordings(reference)]
+    found = [ac.fit(one) for one in recordings(reference)]
     assert all(fitted.method == "weak" for fitted in found)
     assert LEAST < squares(found) < MOST
     noise = found[0].runs[0].noise
@@ -44,7 +44,7 @@ def test_a_reference_whose_scale_is_off_by_a_ten_thousandth_is_noticed():
     found = []
     for one in recordings("velocity"):
         off = dataclasses.replace(one.reference, y=1.0001 * one.reference.y)
-        found.append(ac.fit(ac.Model.linear(), dataclasses.replace(one, reference=off, position=integrated(off))))
+        found.append(ac.fit(dataclasses.replace(one, reference=off, position=integrated(off))))
     assert squares(found) > MOST
 
 
@@ -53,21 +53,21 @@ def test_a_reference_that_is_cut_stays_one():
     part = one.part(2.0, 12.0).without((5.0, 6.0))
     assert part.reference is not None
     assert np.array_equal(part.reference.t, part.position.t)
-    fitted = ac.fit(ac.Model.linear(), part)
+    fitted = ac.fit(part)
     assert fitted.free[1].value == pytest.approx(0.01, abs=5 * fitted.free[1].std)
 
 
 def test_the_floor_of_the_error_has_the_noise_of_the_reference():
     """Simulated noise covers the error of the true model, whose readings are the integral of white noise."""
     one = next(recordings("velocity"))
-    fitted = ac.fit(ac.Model.linear(), one)
+    fitted = ac.fit(one)
     seen = ac.compare(fitted, one)[0]
     floor = seen.noise_floor.drift[1.0]
     assert floor.low < seen.coast_rms[1.0] < floor.high
 
 
 def test_the_model_file_keeps_what_the_reference_is(tmp_path):
-    fitted = ac.fit(ac.Model.linear(), next(recordings("velocity")))
+    fitted = ac.fit(next(recordings("velocity")))
     path = tmp_path / "model.json"
     model_file.save(fitted, path)
     assert model_file.load(path).runs[0].noise.reference == "velocity"
