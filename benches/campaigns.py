@@ -13,6 +13,7 @@ import numpy as np
 import accelcal as ac
 from accelcal.data.recording import Recording
 from accelcal.data.run_labels import RunLabels
+from accelcal.simulation import CXL02_RIG
 
 SECONDS = 10.0
 MEAN, SCALE = 0.05, 0.01
@@ -24,7 +25,7 @@ def runs(rng: np.random.Generator, biases: np.ndarray) -> list[Recording]:
     made = []
     for k, (bias, day) in enumerate(zip(biases, days, strict=True)):
         truth = {"bias": float(bias), "scale_factor": SCALE}
-        one = ac.simulate("tones", seconds=SECONDS, rig=ac.CXL02_RIG, parameters=truth, rng=rng).recording
+        one = ac.simulate("tones", seconds=SECONDS, rig=CXL02_RIG, parameters=truth, rng=rng).recording
         labels = RunLabels(date=float(day), mounting="AB"[k % 2])
         made.append(replace(one, name=f"run{k}", digest=f"{rng.integers(1 << 60)}", labels=labels))
     return made

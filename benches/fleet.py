@@ -24,6 +24,7 @@ from accelcal.cli import write_recording
 from accelcal.fleet.summary import summarise
 from accelcal.fleet.task import fit_of
 from accelcal.serialization import model_file
+from accelcal.simulation import CXL02_RIG
 
 DIFFERENT = 20
 """Recordings that are simulated; the others are links to them under names of their own."""
@@ -36,7 +37,7 @@ def made(folder: Path, count: int) -> list[str]:
     rng, sources = np.random.default_rng(16), []
     for k in range(min(DIFFERENT, count)):
         truth = {"bias": 0.05 + 0.01 * rng.standard_normal(), "scale_factor": 0.01}
-        one = ac.simulate("tones", seconds=60.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng).recording
+        one = ac.simulate("tones", seconds=60.0, rig=CXL02_RIG, parameters=truth, rng=rng).recording
         path = folder / f"source{k}.parquet"
         write_recording(replace(one, name=path.name), path)
         sources.append(path)

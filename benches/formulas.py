@@ -17,6 +17,7 @@ from accelcal.data.recording import Recording
 from accelcal.effects import CATALOGUE, find
 from accelcal.estimation.estimate import solve_runs
 from accelcal.selection.curve_formulas import FormulaSet, HatGram, nodes_over, value_of
+from accelcal.simulation import CXL02_RIG
 from accelcal.validation.prediction import Prediction, rms
 
 Function = Callable[[np.ndarray], np.ndarray]
@@ -100,7 +101,7 @@ NONE = {
 
 def record(rng: np.random.Generator, one: World, size: float) -> Recording:
     """A record with the function in its output."""
-    made = ac.simulate("interleaved", seconds=60.0, rig=ac.CXL02_RIG, parameters={"bias": 0.05}, rng=rng)
+    made = ac.simulate("interleaved", seconds=60.0, rig=CXL02_RIG, parameters={"bias": 0.05}, rng=rng)
     accel = made.recording.accel
     p, v, a, _ = made.truth.motion.derivatives(accel.t)
     y = accel.y + size * one.function({V: v, P: p, A: a}[one.curve])

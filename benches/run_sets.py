@@ -15,6 +15,7 @@ import accelcal as ac
 from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.simulation import CXL02_RIG
 
 D = 10.0
 """Size of what is hidden, in standard deviations of it in the set that can tell."""
@@ -32,7 +33,7 @@ SETS = {
 
 def run(rng: np.random.Generator, axis: str, mount: str, effect: str, size: float) -> Recording:
     """One run with an effect hidden in it."""
-    rig = replace(ac.CXL02_RIG, axis=axis, mount=mount)
+    rig = replace(CXL02_RIG, axis=axis, mount=mount)
     truth = {"bias": 0.05, "scale_factor": 0.01}
     if effect == "tilt":  # of the stage: its sign is that of the mount
         truth["bias"] += 1.01 * rig.polarity * G * size

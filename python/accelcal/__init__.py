@@ -6,7 +6,7 @@ Examples
 >>> import accelcal as ac
 >>> truth = {"bias": 0.05, "scale_factor": 0.01}
 >>> rng = np.random.default_rng(1)
->>> made = ac.simulate("tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters=truth, rng=rng)
+>>> made = ac.simulate("tones", seconds=20.0, rig=ac.simulation.ADXL105_RIG, parameters=truth, rng=rng)
 >>> found = ac.fit(made.recording)
 >>> abs(found["scale_factor"].value - 0.01) < 4 * found["scale_factor"].std
 True
@@ -25,42 +25,30 @@ if TYPE_CHECKING:
     from accelcal.data.dwells import Dwells
     from accelcal.data.recording import Channel, Recording, RecordingError
     from accelcal.data.rig import LowPass, Rig, Sensor
-    from accelcal.diagnosis.dwells import diagnose_dwells
     from accelcal.diagnosis.verdict import Diagnosis
     from accelcal.effects import effect, load_effects
     from accelcal.estimation.estimate import Fit
     from accelcal.estimation.gauss_newton import NotIdentifiable
-    from accelcal.estimation.recursive import fit_recursive
     from accelcal.experiment import plan, power
     from accelcal.filters.choice import FilterChoice
     from accelcal.filters.live_model import LiveModel
-    from accelcal.filters.record import FilterRun
-    from accelcal.filters.stream import LiveFilter
     from accelcal.io import load, load_dwells
-    from accelcal.model import Estimate, Model, Prior
+    from accelcal.model import Model, Prior
     from accelcal.selection.improvement import Improvement
     from accelcal.serialization.model_file import load as load_model
-    from accelcal.serialization.model_file import save as save_model
-    from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
-    from accelcal.validation.comparison import Coast
+    from accelcal.simulation.sensor import simulate
     from accelcal.validation.differences import Comparison
-    from accelcal.workflow import add, coast, compare, diagnose, drop, fit, formulas, improve, nested
+    from accelcal.workflow import add, compare, diagnose, drop, fit, formulas, improve, nested
 
 __all__ = [
-    "ADXL105_RIG",
-    "CXL02_RIG",
     "AccelcalError",
     "Channel",
-    "Coast",
     "Comparison",
     "Diagnosis",
     "Dwells",
-    "Estimate",
     "FilterChoice",
-    "FilterRun",
     "Fit",
     "Improvement",
-    "LiveFilter",
     "LiveModel",
     "LowPass",
     "Model",
@@ -72,14 +60,11 @@ __all__ = [
     "Sensor",
     "__version__",
     "add",
-    "coast",
     "compare",
     "diagnose",
-    "diagnose_dwells",
     "drop",
     "effect",
     "fit",
-    "fit_recursive",
     "formulas",
     "improve",
     "load",
@@ -89,7 +74,7 @@ __all__ = [
     "nested",
     "plan",
     "power",
-    "save_model",
+    "response",
     "simulate",
 ]
 PACKAGES = (
@@ -104,8 +89,9 @@ PACKAGES = (
     "report",
     "response",
     "simulation",
+    "workflow",
 )
-"""Packages that are reached as attributes, imported on first use."""
+"""Modules below the public names that are reached as attributes, imported on first use; `response` is public."""
 _binding: set[int] = set()
 """Threads that are importing the public names."""
 
@@ -126,9 +112,8 @@ def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'accelcal' has no attribute {name!r}")
     from accelcal import experiment, workflow
-    from accelcal.diagnosis import dwells
 
-    home = {"plan": experiment, "power": experiment, "diagnose_dwells": dwells}.get(name, workflow)
+    home = experiment if name in ("plan", "power") else workflow
     return globals().setdefault(name, getattr(home, name))
 
 
@@ -147,17 +132,12 @@ def _bind() -> None:
         from accelcal.effects import effect, load_effects
         from accelcal.estimation.estimate import Fit
         from accelcal.estimation.gauss_newton import NotIdentifiable
-        from accelcal.estimation.recursive import fit_recursive
         from accelcal.filters.choice import FilterChoice
         from accelcal.filters.live_model import LiveModel
-        from accelcal.filters.record import FilterRun
-        from accelcal.filters.stream import LiveFilter
         from accelcal.io import load, load_dwells
-        from accelcal.model import Estimate, Model, Prior
+        from accelcal.model import Model, Prior
         from accelcal.serialization.model_file import load as load_model
-        from accelcal.serialization.model_file import save as save_model
-        from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
-        from accelcal.validation.comparison import Coast
+        from accelcal.simulation.sensor import simulate
         from accelcal.validation.differences import Comparison
 
         globals().update({name: value for name, value in locals().items() if name != "thread"})
@@ -166,4 +146,4 @@ def _bind() -> None:
 
 
 def __dir__() -> list[str]:
-    return sorted({*__all__, *PACKAGES})
+    return sorted(__all__)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import overload
 
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
@@ -22,6 +23,7 @@ from accelcal.data.dwells import Dwells
 from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.diagnosis.change_points import usable
+from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
 from accelcal.diagnosis.faults import position_steps_sought, with_position_steps
 from accelcal.diagnosis.findings import Confounded, in_model
 from accelcal.diagnosis.independent_tests import largest_wave
@@ -88,8 +90,27 @@ def runs_of(recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> li
     """
     several = with_dwells(recordings)
     if isinstance(several, Dwells):
-        raise RecordingError(f"{several.name or 'dwells'}: dwells alone show no motion; diagnose_dwells judges them")
+        raise RecordingError(
+            f"{several.name or 'dwells'}: dwells alone show no motion; only fit and diagnose take them"
+        )
     return [without_wrong_readings(one) for one in several]
+
+
+@overload
+def diagnose(fit: Fit, recordings: Dwells, *, alpha: float = FAMILYWISE_ALPHA) -> DwellDiagnosis: ...
+
+
+@overload
+def diagnose(
+    fit: Fit,
+    recordings: Recording | Sequence[Recording | Dwells],
+    *,
+    extra: Sequence[Effect] | None = None,
+    alpha: float = FAMILYWISE_ALPHA,
+    start: float | None = None,
+    end: float | None = None,
+    progress: Callable[[float], None] = ...,
+) -> Diagnosis: ...
 
 
 @checked
@@ -103,8 +124,8 @@ def diagnose(
     start: float | None = None,
     end: float | None = None,
     progress: Callable[[float], None] = lambda share: None,
-) -> Diagnosis:
-    """Say which physical effect a model lacks on a recording, if any.
+) -> Diagnosis | DwellDiagnosis:
+    """Say which physical effect a model lacks on a recording, or on static dwells alone, if any.
 
     Parameters
     ----------
@@ -131,11 +152,13 @@ def diagnose(
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
     >>> fit = ac.fit(made.recording)
     >>> ac.diagnose(fit, made.recording).effects
     ('cubic',)
     """
+    if isinstance(recordings, Dwells):
+        return diagnose_dwells(fit, recordings, alpha=alpha)
     several = runs_of(recordings)
     if "scale_factor" not in fit.model.fixed:
         require_motion_above_noise(several, start=start, end=end)
@@ -203,7 +226,7 @@ def formulas(
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
     >>> fit = ac.fit(made.recording)
     >>> ac.formulas(fit, made.recording, "shape_of_acceleration").variable
     'acceleration'
@@ -278,7 +301,7 @@ def fit(
     >>> import numpy as np
     >>> import accelcal as ac
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters={"bias": 0.05}, rng=rng)
+    >>> made = ac.simulate("tones", seconds=20.0, rig=ac.simulation.ADXL105_RIG, parameters={"bias": 0.05}, rng=rng)
     >>> found = ac.fit(made.recording)
     >>> abs(found["bias"].value - 0.05) < 4 * found["bias"].std
     True
@@ -414,7 +437,7 @@ def add(
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
     >>> fit = ac.fit(made.recording)
     >>> better = ac.add(fit, made.recording, "cubic")
     >>> abs(better["cubic"].value - 1e-3) < 4 * better["cubic"].std
@@ -500,7 +523,7 @@ def drop(
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
     >>> cubic = ac.fit(made.recording, ac.Model.linear().add("cubic"))
     >>> ac.drop(cubic, made.recording, "cubic").model.added
     ()
@@ -534,7 +557,7 @@ def run_values(fit: Fit, recordings: Sequence[Recording | Dwells]) -> RunValues:
     >>> import numpy as np
     >>> import accelcal as ac
     >>> from accelcal.workflow import run_values
-    >>> settings = {"seconds": 8.0, "rig": ac.CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(1)}
+    >>> settings = {"seconds": 8.0, "rig": ac.simulation.CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(1)}
     >>> one, two = (ac.simulate("tones", **settings).recording for _ in range(2))
     >>> bool(run_values(ac.fit([one, two]), [one, two]).p_values.min() > 1e-4)
     True
@@ -594,7 +617,7 @@ def improve(
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
     >>> ac.improve(made.recording, most=1).effects
     ('cubic',)
     """
@@ -713,7 +736,7 @@ def nested(
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
     >>> fit = ac.fit(made.recording, ac.Model.linear().add("cubic"))
     >>> ac.compare(ac.nested(fit, made.recording), made.recording).names
     ('base', 'base + cubic')
@@ -776,7 +799,7 @@ def compare(
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
     >>> fit = ac.fit(made.recording)
     >>> better = ac.add(fit, made.recording, "cubic")
     >>> comparison = ac.compare([fit, better], made.recording)
@@ -878,9 +901,9 @@ def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
     >>> fit = ac.fit(made.recording)
-    >>> ac.coast(fit, made.recording, 2.0, 5.0)
+    >>> ac.workflow.coast(fit, made.recording, 2.0, 5.0)
     Coast(from 2 s to 6.999 s: 4167 readings)
     """
     return evaluation.coast(fit, with_position_steps(recording), start, horizon)

@@ -6,6 +6,7 @@ import pytest
 import accelcal as ac
 from accelcal import io
 from accelcal.data.rig import STANDARD_GRAVITY
+from accelcal.simulation import CXL02_RIG
 from accelcal.simulation.sensor import Vibration
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
@@ -16,7 +17,7 @@ def write(path, seed, seconds=40.0, vibration=None, **more):
     made = ac.simulate(
         "interleaved",
         seconds=seconds,
-        rig=ac.CXL02_RIG,
+        rig=CXL02_RIG,
         parameters=TRUTH | more,
         rng=np.random.default_rng(seed),
         vibration=vibration,

@@ -19,6 +19,7 @@ from accelcal.app import script
 from accelcal.app.workbench import Workbench
 from accelcal.cli import app as command_line
 from accelcal.response import frequency_response
+from accelcal.simulation import ADXL105_RIG
 from accelcal.simulation.motion import sine_steps
 from tests.calibration.export.order import require_order
 
@@ -71,7 +72,7 @@ def test_it_is_computed_once_and_undone(shaken: Path, tmp_path: Path) -> None:
 
 
 def test_what_has_none_is_said_in_the_sentence_of_the_command_line(tmp_path: Path) -> None:
-    made = ac.simulate("rest", seconds=10.0, rig=ac.ADXL105_RIG, parameters={}, rng=np.random.default_rng(1)).recording
+    made = ac.simulate("rest", seconds=10.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(1)).recording
     path = written(made, tmp_path / "rest.csv")
     bench = Workbench(tmp_path / "bench")
     bench.load(path)

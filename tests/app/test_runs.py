@@ -19,6 +19,7 @@ from accelcal.app.workbench import Workbench
 from accelcal.cli import app as command_line
 from accelcal.estimation.noise_effects import NoiseScore
 from accelcal.serialization import model_file
+from accelcal.simulation import CXL02_RIG
 from accelcal.validation.pooled import pooled
 from accelcal.validation.stretches import headline_horizon
 
@@ -317,7 +318,7 @@ def test_recordings_that_disagree_are_seen_and_those_that_agree_are_not():
     def made(seed, scale):
         rng = np.random.default_rng(seed)
         truth = {"bias": 0.05, "scale_factor": scale}
-        return ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng).recording
+        return ac.simulate("interleaved", seconds=12.0, rig=CXL02_RIG, parameters=truth, rng=rng).recording
 
     from accelcal.workflow import run_values
 

@@ -16,6 +16,7 @@ from accelcal.estimation.run_to_run import Spread
 from accelcal.report import agreement_html
 from accelcal.report.agreement_view import agreement_view
 from accelcal.serialization import model_file
+from accelcal.simulation import CXL02_RIG
 from tests.report.reading import Page
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 2e-3}
@@ -23,7 +24,7 @@ TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 2e-3}
 
 def measured(seed):
     made = ac.simulate(
-        "interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng(seed)
+        "interleaved", seconds=12.0, rig=CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng(seed)
     ).recording
     labels = RunLabels(20760.0 + seed, "holder 1", "A. Meier")
     made = replace(made, name=f"run{seed}.csv", digest=f"{seed:064x}", labels=labels)

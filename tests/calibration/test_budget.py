@@ -11,6 +11,7 @@ from accelcal.calibration.apply import OutsideRange, apply, example
 from accelcal.calibration.budget import budget
 from accelcal.data.rig import STANDARD_GRAVITY, Sensor, Uncertainty
 from accelcal.estimation.estimate import estimate
+from accelcal.simulation import CXL02_RIG
 
 DECLARED = Uncertainty(encoder_scale=2e-4, level=1e-3, misalignment=4e-3)
 VALUES = {"bias": 0.05, "scale_factor": 0.02, "time_offset": 1e-4, "quadratic": 3e-4, "cubic": 1e-3}
@@ -22,7 +23,7 @@ DRAWS = 200_000
 def cubic():
     """Build a fit of round numbers; nothing in it comes from a filter."""
     run = ac.simulate(
-        "tones", seconds=10.0, rig=ac.CXL02_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
+        "tones", seconds=10.0, rig=CXL02_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
     ).recording
     found = estimate(ac.Model.cubic(), run)
     estimates = tuple(replace(e, value=VALUES[e.name], std=STD[e.name]) for e in found.estimates)

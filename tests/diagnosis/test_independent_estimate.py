@@ -12,6 +12,7 @@ from accelcal.diagnosis.policy import ENGINES_APART, ENGINES_LEAST_STD
 from accelcal.estimation import drive
 from accelcal.estimation.estimate import solve_runs
 from accelcal.io import load
+from accelcal.simulation import CXL02_RIG
 from tests.hostile.case import case_rng
 from tests.regimes.regimes import TABLE
 from tests.regimes.rig import Planted
@@ -40,7 +41,7 @@ def test_they_agree_with_an_effect_in_the_model_and_two_runs() -> None:
         ac.simulate(
             motion,
             seconds=20.0,
-            rig=ac.CXL02_RIG,
+            rig=CXL02_RIG,
             parameters={"bias": 0.05, "cubic": 1e-3},
             rng=case_rng("two", number),
         ).recording

@@ -12,6 +12,7 @@ from accelcal.data.recording import Channel, Recording
 from accelcal.diagnosis.faults import with_position_steps
 from accelcal.diagnosis.noise_tests.noise_test import POSITION_JUMPS
 from accelcal.estimation.estimate import estimate
+from accelcal.simulation import CXL02_RIG
 from accelcal.validation import evaluation
 
 PARAMETERS = {"bias": 0.1, "scale_factor": 0.02}
@@ -21,7 +22,7 @@ JUMP = 33.3
 
 def record(seed: int, motion: str = "interleaved") -> Recording:
     rng = np.random.default_rng(seed)
-    rig = replace(ac.CXL02_RIG, offset_tolerance=0.0)
+    rig = replace(CXL02_RIG, offset_tolerance=0.0)
     return ac.simulate(motion, seconds=60.0, rig=rig, parameters=PARAMETERS, rng=rng).recording
 
 

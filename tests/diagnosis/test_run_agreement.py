@@ -7,6 +7,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.data.recording import Recording
+from accelcal.simulation import ADXL105_RIG
 
 
 def runs(scales: tuple[float, ...]) -> list[Recording]:
@@ -15,7 +16,7 @@ def runs(scales: tuple[float, ...]) -> list[Recording]:
         ac.simulate(
             "tones",
             seconds=12.0,
-            rig=ac.ADXL105_RIG,
+            rig=ADXL105_RIG,
             parameters={"bias": 0.05, "scale_factor": scale},
             rng=np.random.default_rng(40 + number),
         ).recording

@@ -17,13 +17,14 @@ from accelcal.data.rig import STANDARD_GRAVITY, Rig, Sensor
 from accelcal.diagnosis.turning import output_noise, stretches_of, tilt
 from accelcal.io.sidecar import read_sidecar
 from accelcal.io.write import write_sidecar
+from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 
 from ..real.recordings import file_of
 
 ROOT = Path(__file__).parents[2]
 
 
-def record(seed=5, seconds=16.0, rig=ac.CXL02_RIG, **more):
+def record(seed=5, seconds=16.0, rig=CXL02_RIG, **more):
     rng = np.random.default_rng(seed)
     truth = {"bias": 0.05, "scale_factor": 0.01, **more}
     return ac.simulate("interleaved", seconds=seconds, rig=rig, parameters=truth, rng=rng).recording
@@ -71,7 +72,7 @@ def test_what_an_effect_of_the_motion_explains_is_named_as_ever():
 
 
 def test_the_noise_of_a_poor_sensor_is_no_tilt():
-    rig = dataclasses.replace(ac.ADXL105_RIG, sensor=Sensor(noise=0.05))
+    rig = dataclasses.replace(ADXL105_RIG, sensor=Sensor(noise=0.05))
     assert codes(ac.improve(record(rig=rig), most=0)) == []
 
 

@@ -11,6 +11,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.cli import write_recording
+from accelcal.simulation import CXL02_RIG
 
 from .pages import DOCS, examples
 
@@ -55,7 +56,7 @@ def prepare(page, folder):
         made = ac.simulate(
             "interleaved",
             seconds=70.0,
-            rig=replace(ac.CXL02_RIG, mount=mount),
+            rig=replace(CXL02_RIG, mount=mount),
             parameters={"bias": 0.05, "scale_factor": 0.01},
             rng=np.random.default_rng(len(name)),
         )

@@ -10,6 +10,7 @@ from accelcal.effects import BUILT_IN, CATALOGUE, find
 from accelcal.filters.live_model import LiveModel
 from accelcal.model import Model
 from accelcal.serialization import model_file
+from accelcal.simulation import CXL02_RIG
 
 from .motions import sines
 
@@ -22,7 +23,7 @@ def record():
     """A sensor whose K2 = 1e-3 is a Gauss-Markov process, by its exact recursion."""
     rng = np.random.default_rng(3)
     truth = {"bias": 0.05, "scale_factor": 0.01, "quadratic": 1e-3}
-    made = ac.simulate("tones", seconds=60.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    made = ac.simulate("tones", seconds=60.0, rig=CXL02_RIG, parameters=truth, rng=rng)
     accel = made.recording.accel
     keep = np.exp(-np.median(np.diff(accel.t)) / TAU)
     process = np.zeros(len(accel.t))
@@ -56,7 +57,7 @@ def test_a_planted_process_is_found_and_the_mean_has_its_uncertainty(record, tmp
     model_file.save(grown, tmp_path / "m.json")
     again = model_file.load(tmp_path / "m.json")
     assert again.model == grown.model
-    live = LiveModel(again.model, ac.CXL02_RIG, rate=1667.0, q=1e-8, r_position=1e-12, position=0.0)
+    live = LiveModel(again.model, CXL02_RIG, rate=1667.0, q=1e-8, r_position=1e-12, position=0.0)
     assert live[NAME].std == pytest.approx(grown.model.priors[f"{NAME}.c1"].std)
 
 
@@ -71,4 +72,4 @@ def test_a_process_of_what_looks_at_other_times_is_not_tracked_live():
         "hysteresis_random_walk", shapes={"hysteresis_random_walk": {"width": 0.1, "start": 0.0, "length": 9.0}}
     )
     with pytest.raises(ValueError, match=r"hysteresis_random_walk cannot be tracked live: .*other times"):
-        LiveModel(model, ac.CXL02_RIG, rate=1667.0, q=1e-8, r_position=1e-12, position=0.0)
+        LiveModel(model, CXL02_RIG, rate=1667.0, q=1e-8, r_position=1e-12, position=0.0)

@@ -16,6 +16,7 @@ from accelcal.estimation.estimate import restored_states
 from accelcal.estimation.normal_equations import normal_equations
 from accelcal.estimation.rows import rows_of_dwells
 from accelcal.serialization import model_file
+from accelcal.simulation import ADXL105_RIG
 from accelcal.validation.consistency import chi_square_region
 
 G = 9.80665
@@ -119,7 +120,7 @@ def test_the_moments_of_an_uncertain_angle_are_exact():
 @pytest.fixture(scope="module")
 def motion():
     rng = np.random.default_rng(3)
-    made = ac.simulate("tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters=TRUTH, rng=rng).recording
+    made = ac.simulate("tones", seconds=20.0, rig=ADXL105_RIG, parameters=TRUTH, rng=rng).recording
     return dataclasses.replace(made, digest="motion")
 
 
@@ -174,7 +175,7 @@ def test_dwells_show_the_scale_of_the_encoder(motion, size):
 def test_one_table_that_two_sidecars_name_counts_once(motion):
     dwells = dataclasses.replace(tumble(np.random.default_rng(6), rig=motion.rig), digest="the table")
     other = ac.simulate(
-        "tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(8)
+        "tones", seconds=20.0, rig=ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(8)
     ).recording
     once = ac.fit([motion.with_dwells(dwells), other])
     twice = ac.fit([motion.with_dwells(dwells), other.with_dwells(dwells)])
@@ -184,7 +185,11 @@ def test_one_table_that_two_sidecars_name_counts_once(motion):
 def test_a_bias_that_differs_from_run_to_run_differs_in_dwells_too(motion):
     dwells = tumble(np.random.default_rng(4), {**TRUTH, "bias": 0.3}, rig=motion.rig, instability=0.0)
     other = ac.simulate(
-        "tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters={**TRUTH, "bias": 0.1}, rng=np.random.default_rng(8)
+        "tones",
+        seconds=20.0,
+        rig=ADXL105_RIG,
+        parameters={**TRUTH, "bias": 0.1},
+        rng=np.random.default_rng(8),
     ).recording
     fit = ac.fit([motion, other, dwells], ac.Model.cubic().vary("bias"))
     assert abs(fit["cubic"].value - TRUTH["cubic"]) < 4.0 * fit["cubic"].std
@@ -200,7 +205,7 @@ def test_scatter_beyond_what_is_declared_is_reported_and_widens():
     assert fit.dwells.scatter == pytest.approx(5e-3, rel=0.5)
     assert any("more than is declared" in text for text in fit.remarks)
     assert fit["bias"].std > 10.0 * quiet["bias"].std
-    verdicts = [ac.diagnose_dwells(f, d).verdict for f, d in ((quiet, plain), (fit, wild))]
+    verdicts = [ac.diagnose(f, d).verdict for f, d in ((quiet, plain), (fit, wild))]
     assert verdicts == ["adequate", "unexplained"]
 
 
@@ -210,9 +215,9 @@ def test_a_null_tumble_lacks_nothing_and_a_cubic_one_does():
     false = missed = 0
     for seed in range(100):
         dwells = tumble(np.random.default_rng(seed), linear, angle_std=2e-4, zero=1e-3)
-        false += ac.diagnose_dwells(ac.fit(dwells), dwells).verdict != "adequate"
+        false += ac.diagnose(ac.fit(dwells), dwells).verdict != "adequate"
         dwells = tumble(np.random.default_rng(seed), {**linear, "cubic": 2e-5}, angle_std=2e-4, zero=1e-3)
-        missed += "cubic" not in ac.diagnose_dwells(ac.fit(dwells), dwells).members
+        missed += "cubic" not in ac.diagnose(ac.fit(dwells), dwells).members
     assert false <= stats.binom.ppf(0.975, 100, 0.005)
     assert missed == 0
 
@@ -280,7 +285,7 @@ def test_origins_of_temperature_are_those_of_the_dwells():
     dwells = tumble(rng, {**TRUTH, "quadratic": 0.0, "cubic": 0.0})
     warmth = rng.uniform(20.0, 40.0, len(dwells))
     warm = dataclasses.replace(dwells, temperature=warmth, mean=dwells.mean + 1e-3 * (warmth - warmth.mean()))
-    found = ac.diagnose_dwells(ac.fit(warm), warm)
+    found = ac.diagnose(ac.fit(warm), warm)
     assert found.verdict == "named"
     assert found.members == ("temperature_bias",)
     fit = ac.fit(warm, ac.Model.linear().add("temperature_bias"))
@@ -304,7 +309,7 @@ def test_recordings_and_tables_that_are_given_twice_count_once(motion):
     shared = dataclasses.replace(tumble(np.random.default_rng(6), rig=motion.rig), digest="shared", name="shared.csv")
     further = dataclasses.replace(tumble(np.random.default_rng(7), rig=motion.rig), digest="further", name="more.csv")
     other = ac.simulate(
-        "tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(8)
+        "tones", seconds=20.0, rig=ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(8)
     ).recording
     several = [motion.with_dwells(shared), other.with_dwells(shared), further]
     assert len(ac.fit(several).dwells.angle) == 48
@@ -316,11 +321,15 @@ def test_a_model_of_motion_and_dwells_is_used_again_on_either(motion):
     dwells = tumble(np.random.default_rng(4), rig=motion.rig, noise=225e-6 * G, instability=0.0)
     fit = ac.fit([motion, dwells], ac.Model.cubic())
     assert "tilt" in fit.model.effects
-    assert ac.diagnose_dwells(fit, dwells).verdict == "adequate"
+    assert ac.diagnose(fit, dwells).verdict == "adequate"
     assert ac.diagnose(fit, motion).verdict == "adequate"
     others = [
         ac.simulate(
-            "tones", seconds=10.0, rig=ac.ADXL105_RIG, parameters={**TRUTH, "bias": bias}, rng=np.random.default_rng(k)
+            "tones",
+            seconds=10.0,
+            rig=ADXL105_RIG,
+            parameters={**TRUTH, "bias": bias},
+            rng=np.random.default_rng(k),
         ).recording
         for k, bias in enumerate((0.02, 0.09), 30)
     ]

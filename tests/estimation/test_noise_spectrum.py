@@ -15,6 +15,7 @@ from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.noise_spectrum import measured_spectrum, whitener
 from accelcal.estimation.rows import spectrum_of
 from accelcal.model import Model
+from accelcal.simulation import CXL02_RIG
 
 RATE, ROWS = 100.0, 6000
 RECORDS = 12
@@ -86,7 +87,7 @@ def test_above_the_crossover_no_row_counts_more() -> None:
 
 def test_a_white_run_has_no_measured_spectrum() -> None:
     rng = np.random.default_rng(5)
-    plain = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters=TRUTH, rng=rng).recording
+    plain = ac.simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters=TRUTH, rng=rng).recording
     state = solve_runs(Model.linear(), [plain]).states[0]
     assert state.band is None
     assert state.spectrum is None
@@ -96,7 +97,7 @@ def test_a_white_run_has_no_measured_spectrum() -> None:
 def humming(seed: int) -> ac.Recording:
     """A record whose output hums between 2 and 5 Hz, where it moves too, far above its own noise."""
     rng = np.random.default_rng([8, seed])
-    plain = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters=TRUTH, rng=rng).recording
+    plain = ac.simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters=TRUTH, rng=rng).recording
     rate = 1.0 / float(np.median(np.diff(plain.accel.t)))
     sections = scipy.signal.butter(4, [2.0, 5.0], "bandpass", fs=rate, output="sos")
     hum = scipy.signal.sosfilt(sections, 2.0 * rng.standard_normal(len(plain.accel.y)))

@@ -18,6 +18,7 @@ from accelcal.estimation.run_covariates import (
     likelihood,
 )
 from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns
+from accelcal.simulation import CXL02_RIG
 
 V = 1e-6
 """Variance of one run."""
@@ -115,7 +116,7 @@ def labelled(number, bias, **labels):
     made = ac.simulate(
         "tones",
         seconds=8.0,
-        rig=ac.CXL02_RIG,
+        rig=CXL02_RIG,
         parameters={"bias": bias, "scale_factor": 0.01},
         rng=np.random.default_rng(number),
     )

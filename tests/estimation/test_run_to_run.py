@@ -12,6 +12,7 @@ from accelcal.data.rig import Uncertainty
 from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns
 from accelcal.model import Prior
 from accelcal.serialization import model_file
+from accelcal.simulation import CXL02_RIG
 from accelcal.validation.other_record import values_on
 
 BIASES = (0.020, 0.021, 0.022, 0.023, 0.024, 0.025)
@@ -110,7 +111,7 @@ def campaign(biases, seed):
     for number, bias in enumerate(biases):
         rng = np.random.default_rng([seed, number])
         truth = {"bias": bias, "scale_factor": 0.01}
-        one = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng).recording
+        one = ac.simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters=truth, rng=rng).recording
         made.append(dataclasses.replace(one, digest=f"{seed} {number}", name=f"run{number}.csv"))
     return made
 
@@ -198,7 +199,7 @@ def directions(encoder_scale, biases, seed):
     made = []
     for number, (axis, bias) in enumerate(zip(("level", "up", "down"), biases, strict=True)):
         rng = np.random.default_rng([seed, number])
-        rig = dataclasses.replace(ac.CXL02_RIG, axis=axis)
+        rig = dataclasses.replace(CXL02_RIG, axis=axis)
         truth = {"bias": bias, "scale_factor": 0.01}
         one = ac.simulate("interleaved", seconds=20.0, rig=rig, parameters=truth, rng=rng).recording
         read = dataclasses.replace(one.position, y=one.position.y * (1.0 + encoder_scale))

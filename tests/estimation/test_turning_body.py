@@ -19,6 +19,7 @@ from accelcal.estimation.recursive import fit_recursive
 from accelcal.estimation.run import prepare
 from accelcal.filters.choice import FilterChoice
 from accelcal.model import Model
+from accelcal.simulation import CXL02_RIG
 
 G = 9.80665
 K, BIAS = 0.013, 0.21
@@ -252,9 +253,7 @@ def test_the_path_has_the_projected_acceleration() -> None:
 @pytest.mark.parametrize("drifting", [True, False])
 def test_noise_that_the_output_does_not_show_is_not_the_outputs(drifting: bool) -> None:
     rng = np.random.default_rng(8)
-    made = ac.simulate(
-        "tones", seconds=20.0, rig=ac.CXL02_RIG, parameters={"bias": 0.05, "scale_factor": 0.01}, rng=rng
-    )
+    made = ac.simulate("tones", seconds=20.0, rig=CXL02_RIG, parameters={"bias": 0.05, "scale_factor": 0.01}, rng=rng)
     recording, position = made.recording, made.recording.position
     if drifting:  # white as an acceleration, twenty times the noise of the sensor
         shaken = 20.0 * 1e-2 * rng.standard_normal(len(position))

@@ -10,6 +10,7 @@ from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.values import Noise, NoiseGrowth
 from accelcal.estimation.varying_noise import VarianceFunction, most_likely, with_growth
+from accelcal.simulation import ADXL105_RIG
 
 GROWS = found_by("noise over speed")
 
@@ -18,7 +19,7 @@ GROWS = found_by("noise over speed")
 def state() -> RunState:
     """A simulated run, for its settings alone."""
     rng = np.random.default_rng(3)
-    made = ac.simulate("tones", seconds=40.0, rig=ac.ADXL105_RIG, parameters={}, rng=rng)
+    made = ac.simulate("tones", seconds=40.0, rig=ADXL105_RIG, parameters={}, rng=rng)
     return solve_runs(ac.Model.linear(), [made.recording]).states[0]
 
 

@@ -15,6 +15,7 @@ import accelcal as ac
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION
 from accelcal.experiment import Limits, plan
 from accelcal.experiment.planned_bursts import PATTERNS, Recipe, build
+from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 from tests.schemas import require_published
 
 LIMITS = (Limits(0.2, 0.1, 20.0), Limits(0.02, 1.0, 5.0), Limits(1.0, 0.5, 2.0))
@@ -29,7 +30,7 @@ def extremes(motion) -> tuple[float, float, float]:
 
 @pytest.fixture(scope="module")
 def odd():
-    return plan(["cubic", "odd_quadratic"], stroke=0.2, v_max=0.1, a_max=20.0, seconds=30.0, rig=ac.CXL02_RIG)
+    return plan(["cubic", "odd_quadratic"], stroke=0.2, v_max=0.1, a_max=20.0, seconds=30.0, rig=CXL02_RIG)
 
 
 @pytest.mark.parametrize("limits", LIMITS, ids=["paper", "short", "slow"])
@@ -63,13 +64,13 @@ def test_a_plan_beats_the_motion_of_the_paper(odd):
     from accelcal.experiment import power_of_motion
     from accelcal.simulation.motion import motion
 
-    usual = power_of_motion(motion("interleaved", 30.0, np.random.default_rng(1)), ac.CXL02_RIG)
+    usual = power_of_motion(motion("interleaved", 30.0, np.random.default_rng(1)), CXL02_RIG)
     for name in odd.effects:
         assert odd.power[name].smallest[0] < usual[name].smallest[0]
 
 
 def test_a_plan_for_position_moves_and_a_plan_for_acceleration_shakes():
-    asked = {"stroke": 0.2, "v_max": 0.1, "a_max": 20.0, "seconds": 12.0, "rig": ac.ADXL105_RIG}
+    asked = {"stroke": 0.2, "v_max": 0.1, "a_max": 20.0, "seconds": 12.0, "rig": ADXL105_RIG}
     place, shake = plan(["rail_curve"], **asked), plan(["quadratic"], **asked)
     assert place.power["rail_curve"].smallest[0] < shake.power["rail_curve"].smallest[0]
     assert shake.power["quadratic"].smallest[0] < place.power["quadratic"].smallest[0]
@@ -95,7 +96,14 @@ def test_set_points_are_the_motion(odd):
     ],
 )
 def test_what_no_motion_can_do_is_refused(changed, said):
-    asked = {"effects": ["cubic"], "stroke": 0.2, "v_max": 0.1, "a_max": 20.0, "seconds": 20.0, "rig": ac.CXL02_RIG}
+    asked = {
+        "effects": ["cubic"],
+        "stroke": 0.2,
+        "v_max": 0.1,
+        "a_max": 20.0,
+        "seconds": 20.0,
+        "rig": CXL02_RIG,
+    }
     with pytest.raises(ValueError, match=said):
         plan(**{**asked, **changed})
 
@@ -131,7 +139,7 @@ def test_a_plan_is_written_to_a_file_that_power_reads(tmp_path):
 def test_power_of_a_recording_and_its_refusals(tmp_path):
     from accelcal.cli import write_recording
 
-    made = ac.simulate("bursts", seconds=10.0, rig=ac.ADXL105_RIG, parameters={}, rng=np.random.default_rng(1))
+    made = ac.simulate("bursts", seconds=10.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(1))
     write_recording(made.recording, tmp_path / "run.csv")
     seen = accelcal("power", "run.csv", "--json", cwd=tmp_path)
     assert seen.returncode == 0, seen.stderr

@@ -17,7 +17,9 @@ from accelcal.diagnosis.search.thresholds import least_distance
 from accelcal.effects import BUILT_IN
 from accelcal.experiment import power, power_of_motion, predicted_detection, through
 from accelcal.experiment.planned_motion import planned_noise, planned_state
+from accelcal.experiment.power_analysis import detectability_of, with_drift
 from accelcal.model import Model
+from accelcal.simulation import ADXL105_RIG
 from accelcal.simulation.motion import Motion, Tones, motion
 from accelcal.simulation.sensor import PARAMETERS, Truth
 from tests.consistency.cramer_rao import bound
@@ -98,10 +100,10 @@ def test_information_is_that_of_the_cramer_rao_bound(name):
 
 
 def test_a_plan_and_its_record_agree():
-    rig = ac.ADXL105_RIG
+    rig = ADXL105_RIG
     moving = motion("interleaved", 20.0, np.random.default_rng(3))
     made = ac.simulate(moving, seconds=20.0, rig=rig, parameters={"bias": 0.05}, rng=np.random.default_rng(4))
-    ahead, after = power_of_motion(moving, rig), power(made.recording)
+    ahead, after = power_of_motion(moving, rig), power(Model.linear(), made.recording)
     assert (ahead.examined, ahead.alpha) == (after.examined, after.alpha)
     for name in ("quadratic", "cubic", "coulomb", "bias_drift", "clock_skew", "encoder_backlash"):
         # The fitted density is uncertain by 3 % on 20 s.
@@ -217,7 +219,7 @@ def test_detections_are_as_frequent_as_predicted_and_not_as_for_twice_the_size(p
 
 def test_limits_of_a_diagnosis_are_those_of_power():
     state = fitted(World("interleaved", "CXL02", seconds=20.0, seed=3))
-    limits, seen = scan([state], Model.linear()).detection_limits, power(state)
+    limits, seen = scan([state], Model.linear()).detection_limits, with_drift(detectability_of(state, Model.linear()))
     sizes = {limit.effect: min(limit.smallest) for limit in seen.detectabilities}
     random_processes = {effect.name for effect in BUILT_IN if effect.port == "process"}
     # Instants of jumps and periods of waves come from the record in a diagnosis, and are spread evenly by power.

@@ -10,7 +10,6 @@ from functools import cache
 
 import numpy as np
 
-import accelcal as ac
 from accelcal import io
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.diagnosis.search.hypotheses import Hypothesis
@@ -18,10 +17,12 @@ from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.search.thresholds import least_distance
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.run_state import RunState
-from accelcal.experiment import Plan, plan, power
+from accelcal.experiment import Plan, plan
 from accelcal.experiment.detection_probability import DetectionModel
+from accelcal.experiment.power_analysis import detectability_of, with_drift
 from accelcal.model import Model
 from accelcal.signals.signals import Origins
+from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 from accelcal.simulation.motion import Motion
 from tests.worlds import MOTIONS, Hidden, World
 
@@ -30,7 +31,7 @@ UNCOUNTED = 10_000
 """Seed of the record on which the size of an effect is chosen."""
 DRAWS = 2000
 """Of the scores, for each prediction; over the records of a pair their errors of one point average out."""
-RIGS = {"ADXL105": ac.ADXL105_RIG, "CXL02": ac.CXL02_RIG}
+RIGS = {"ADXL105": ADXL105_RIG, "CXL02": CXL02_RIG}
 
 Row = tuple[float, bool]
 """Predicted probability of detection, and whether anything was found."""
@@ -54,7 +55,7 @@ class Pair:
     def sized(self) -> Sized:
         """Choose the magnitude on a record that is not counted."""
         state = fitted(World(self.motion, self.sensor, seconds=SECONDS, seed=UNCOUNTED))
-        limits = power(state)
+        limits = with_drift(detectability_of(state, Model.linear()))
         truth, unit = hypothesis_of(self, state, limits.detection_model)
         if truth.effect.port == "process":
             smallest = limits[self.effect].smallest[0]

@@ -13,6 +13,7 @@ from accelcal.estimation.recursive import fit_recursive
 from accelcal.filters.choice import FilterChoice
 from accelcal.filters.stage_sense import to_stage
 from accelcal.model import Model
+from accelcal.simulation import ADXL105_RIG
 
 
 def test_the_sense_of_the_stage_is_that_of_the_polynomial() -> None:
@@ -28,7 +29,7 @@ def test_the_sense_of_the_stage_is_that_of_the_polynomial() -> None:
 
 @pytest.mark.parametrize("placed", [{}, {"mount": "reversed"}, {"axis": "up"}, {"axis": "down", "mount": "reversed"}])
 def test_a_cubic_filter_agrees_with_the_replay_however_the_sensor_is_mounted(placed: dict[str, str]) -> None:
-    rig = replace(ac.ADXL105_RIG, **placed)  # type: ignore[arg-type]
+    rig = replace(ADXL105_RIG, **placed)  # type: ignore[arg-type]
     truth = {"bias": 0.05, "scale_factor": 0.01, "quadratic": 2e-3, "cubic": 1e-4}
     rng = np.random.default_rng(1)
     recording = ac.simulate("tones", seconds=20.0, rig=rig, parameters=truth, rng=rng).recording

@@ -18,6 +18,7 @@ from accelcal.fleet.population import population
 from accelcal.fleet.summary import AGEING_ALPHA, OUTLYING, moving_range, summarise
 from accelcal.fleet.task import fit_of
 from accelcal.serialization import model_file
+from accelcal.simulation import CXL02_RIG
 from tests.schemas import require_published
 
 SENSORS, RUNS = 24, 4
@@ -103,7 +104,7 @@ def sensors(tmp_path_factory):
         for j in range(5):
             bias = b + 5e-4 * rng.standard_normal() + 0.02 * j * (i == 1)
             truth = {"bias": bias, "scale_factor": k}
-            made = ac.simulate("tones", seconds=6.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+            made = ac.simulate("tones", seconds=6.0, rig=CXL02_RIG, parameters=truth, rng=rng)
             side = write_recording(made.recording, folder / f"s{i}" / f"r{j}.csv")
             side.write_text(f"{side.read_text()}\n[run]\ndate = 2026-{j + 1:02d}-0{i + 1}\n")
     (folder / "s2" / "r4.csv").write_text("t_s,accel_g\n0,1\n")
@@ -171,7 +172,7 @@ def test_a_fleet_grows_and_tries_again_what_failed(tmp_path):
     for i in range(2):
         (tmp_path / f"s{i}").mkdir()
         for j in range(2):
-            made = ac.simulate("tones", seconds=6.0, rig=ac.CXL02_RIG, parameters={"bias": 0.05}, rng=rng)
+            made = ac.simulate("tones", seconds=6.0, rig=CXL02_RIG, parameters={"bias": 0.05}, rng=rng)
             write_recording(made.recording, tmp_path / f"s{i}" / f"r{j}.csv")
     store, good = tmp_path / "f.sqlite", (tmp_path / "s0" / "r1.csv").read_text()
     (tmp_path / "s0" / "r1.csv").write_text("t_s,accel_g\n0,1\n")

@@ -12,6 +12,8 @@ import pytest
 import accelcal as ac
 from accelcal._support.errors import MissingExtra
 from accelcal.estimation.parameter_tracks import track
+from accelcal.estimation.recursive import fit_recursive
+from accelcal.simulation import CXL02_RIG
 from accelcal.validation.comparison import Evaluation
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
@@ -19,7 +21,7 @@ TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
 
 def simulated(seed: int) -> Any:
     rng = np.random.default_rng(seed)
-    return ac.simulate("interleaved", seconds=15.0, rig=ac.CXL02_RIG, parameters=TRUTH, rng=rng)
+    return ac.simulate("interleaved", seconds=15.0, rig=CXL02_RIG, parameters=TRUTH, rng=rng)
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +161,7 @@ def test_a_diagnosis_as_a_frame(fit: ac.Fit, run: ac.Recording) -> None:
 
 
 def test_filters_tracks_and_motions_have_axes(fit: ac.Fit, run: ac.Recording, made: Any) -> None:
-    _, filtered = ac.fit_recursive(ac.FilterChoice(), run)
+    _, filtered = fit_recursive(ac.FilterChoice(), run)
     data = filtered.to_xarray()
     np.testing.assert_array_equal(data["state"].sel(state_name="k").values, filtered.states[:, 2])
     np.testing.assert_array_equal(filtered.to_dataframe()["K0"], filtered.states[:, 3])
@@ -174,9 +176,9 @@ def test_filters_tracks_and_motions_have_axes(fit: ac.Fit, run: ac.Recording, ma
 def test_other_results_as_frames(fit: ac.Fit, run: ac.Recording) -> None:
     comparison = ac.compare([fit, fit], run)
     assert comparison.to_dataframe()["simulation"].iloc[0] == comparison[0].simulated_rms
-    power = ac.power(run)
+    power = ac.power(fit, run)
     assert power.to_dataframe().loc["cubic", "smallest"] == power["cubic"].smallest[0]
-    coast = ac.coast(fit, run, 2.0, 5.0)
+    coast = ac.workflow.coast(fit, run, 2.0, 5.0)
     np.testing.assert_array_equal(coast.to_dataframe()["floor"], coast.floor)
     np.testing.assert_array_equal(coast.to_xarray()["floor"].values, coast.floor)
 

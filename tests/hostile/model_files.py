@@ -24,6 +24,7 @@ from accelcal.calibration.characteristic import characteristic
 from accelcal.cli.printing import show, show_comparison, show_export, show_fit, show_formulas
 from accelcal.effects import from_expression
 from accelcal.serialization import diagnosis_json, model_file
+from accelcal.simulation import ADXL105_RIG
 
 PACKAGE = str(Path(ac.__file__).parent)
 FOREIGN = (np.linalg.LinAlgError, UnicodeError, json.JSONDecodeError)
@@ -37,7 +38,7 @@ def recording(seconds: float = 3.0, seed: int = 1, temperature: bool = False) ->
     made = ac.simulate(
         "tones",
         seconds=seconds,
-        rig=ac.ADXL105_RIG,
+        rig=ADXL105_RIG,
         parameters={"bias": 0.05, "cubic": 1e-3},
         rng=np.random.default_rng(seed),
     )

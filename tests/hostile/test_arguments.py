@@ -16,6 +16,7 @@ import accelcal as ac
 from accelcal.cli import app, write_recording
 from accelcal.estimation.estimate import estimate
 from accelcal.serialization import model_file
+from accelcal.simulation import ADXL105_RIG
 from tests.hostile.case import LONG, case_rng
 
 ABSURD = ("1e400", "1e12", "nan", "-1", "inf", "-inf", "1e-320", "0", "9" * 400, "1_000", "٣", "")
@@ -43,9 +44,7 @@ FEW = 2
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     here = tmp_path_factory.mktemp("runs")
-    made = ac.simulate(
-        "tones", seconds=6.0, rig=ac.ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
-    )
+    made = ac.simulate("tones", seconds=6.0, rig=ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1))
     write_recording(made.recording, here / "run.csv")
     model_file.save(estimate(ac.Model.linear(), made.recording), here / "m.json")
     return here
@@ -131,7 +130,12 @@ def test_absurd_numbers_end_in_one_sentence(folder, tmp_path, monkeypatch, capsy
     ids=str,
 )
 def test_a_simulation_beyond_its_limits_is_refused(settings, said):
-    given = {"seconds": 2.0, "rig": ac.ADXL105_RIG, "parameters": {}, "rng": np.random.default_rng(1)} | settings
+    given = {
+        "seconds": 2.0,
+        "rig": ADXL105_RIG,
+        "parameters": {},
+        "rng": np.random.default_rng(1),
+    } | settings
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # the sentence comes alone
         with pytest.raises(ValueError, match=said):

@@ -21,6 +21,7 @@ from accelcal.cli import app, write_recording
 from accelcal.data import summary
 from accelcal.data.recording import RecordingError
 from accelcal.data.units import quantity
+from accelcal.simulation import ADXL105_RIG
 
 SECRET = "4.2424242"
 LIBRARIES = internal_error._libraries()
@@ -65,9 +66,7 @@ def raising(kind: str) -> Callable[..., object]:
 def here(tmp_path, monkeypatch):
     (tmp_path / "reports").mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "reports"))
-    made = ac.simulate(
-        "tones", seconds=5.0, rig=ac.ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
-    )
+    made = ac.simulate("tones", seconds=5.0, rig=ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1))
     write_recording(made.recording, tmp_path / "run.csv")
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -119,7 +118,7 @@ def test_reports_are_never_written_over_and_find_another_place(here, monkeypatch
 
 def raise_own() -> None:
     """What accelcal raises on purpose where it has no class of its own for it."""
-    ac.simulate("tones", seconds=-1.0, rig=ac.ADXL105_RIG, parameters={}, rng=np.random.default_rng(1))
+    ac.simulate("tones", seconds=-1.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(1))
 
 
 @pytest.mark.parametrize(

@@ -31,6 +31,7 @@ from accelcal.effects.formula import FUNCTIONS, MOTION, RESERVED
 from accelcal.effects.guard import Guarded
 from accelcal.effects.user_file import probe
 from accelcal.signals.signals import Signals
+from accelcal.simulation import CXL02_RIG
 
 from .case import LONG, case_rng, cases
 
@@ -396,7 +397,7 @@ def test_effects_of_accelcal_are_not_looked_at_again():
 
 def test_an_extra_that_misbehaves_is_refused_by_name():
     made = ac.simulate(
-        "interleaved", seconds=8.0, rig=ac.CXL02_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
+        "interleaved", seconds=8.0, rig=CXL02_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
     ).recording
     registry.effect("own", unit="1", symbol="c", scale=1.0)(lambda s: s.a[:-1])
     own, base = find("own"), ac.fit(made)

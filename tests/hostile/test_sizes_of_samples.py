@@ -10,6 +10,7 @@ import pytest
 import accelcal as ac
 from accelcal._support import internal_error
 from accelcal.data.recording import Recording
+from accelcal.simulation import CXL02_RIG
 
 from .case import LONG
 
@@ -19,7 +20,7 @@ SIZES = [10.0**power for power in (range(-300, 308, 8) if LONG else (-300, -40, 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
     rng = np.random.default_rng(1)
-    return ac.simulate("interleaved", seconds=6.0, rig=ac.CXL02_RIG, parameters={"bias": 0.05}, rng=rng).recording
+    return ac.simulate("interleaved", seconds=6.0, rig=CXL02_RIG, parameters={"bias": 0.05}, rng=rng).recording
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")

@@ -23,6 +23,7 @@ from accelcal._support.scratch import scratch_folder
 from accelcal.cli import app, write_recording
 from accelcal.estimation.estimate import estimate
 from accelcal.serialization import model_file
+from accelcal.simulation import ADXL105_RIG
 from tests.hostile.case import LONG, case_rng
 
 WRITERS = 6
@@ -50,7 +51,7 @@ def umask() -> Iterator[None]:
 def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made")
     recording = ac.simulate(
-        "tones", seconds=10.0, rig=ac.ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
+        "tones", seconds=10.0, rig=ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
     ).recording
     write_recording(recording, folder / "run.csv")
     model_file.save(estimate(ac.Model.linear(), recording), folder / "m.json")

@@ -21,6 +21,7 @@ import pytest
 import accelcal as ac
 from accelcal import io
 from accelcal.app.server import HOST, free_port
+from accelcal.simulation import CXL02_RIG
 
 LONG = 240_000
 """ms; a loaded machine takes its time."""
@@ -157,6 +158,6 @@ def write(path: Path, seed: int, seconds: float = 20.0) -> Path:
     """A simulated recording with a hidden cubic, and its sidecar."""
     parameters = {"bias": 0.05, "scale_factor": 0.01, "cubic": 4e-3}
     rng = np.random.default_rng(seed)
-    made = ac.simulate("interleaved", seconds=seconds, rig=ac.CXL02_RIG, parameters=parameters, rng=rng).recording
+    made = ac.simulate("interleaved", seconds=seconds, rig=CXL02_RIG, parameters=parameters, rng=rng).recording
     io.write_sidecar(made.rig, io.write_csv(made, path), io.sidecar_of(path))
     return path

@@ -17,6 +17,7 @@ import accelcal as ac
 from accelcal.cli import write_recording
 from accelcal.estimation.estimate import estimate
 from accelcal.serialization import model_file
+from accelcal.simulation import ADXL105_RIG
 
 PLOTS = tuple(
     f"plots/{name}.{kind}"
@@ -108,7 +109,7 @@ def make_inputs(folder: Path) -> None:
     for name, seed, cubic in (("run", 1, 0.0), ("other", 2, 0.0), ("curved", 3, 0.01)):
         truth = {"bias": 0.05, "cubic": cubic}
         rng = np.random.default_rng(seed)
-        made = ac.simulate("tones", seconds=10.0, rig=ac.ADXL105_RIG, parameters=truth, rng=rng)
+        made = ac.simulate("tones", seconds=10.0, rig=ADXL105_RIG, parameters=truth, rng=rng)
         write_recording(made.recording, folder / f"{name}.csv")
         if name == "run":
             model_file.save(estimate(ac.Model.linear(), made.recording), folder / "m.json")
@@ -116,13 +117,17 @@ def make_inputs(folder: Path) -> None:
         if name == "curved":
             model_file.save(estimate(ac.Model.linear(), made.recording), folder / "m3.json")
     rng = np.random.default_rng(4)
-    steps = ac.simulate("sine_steps", seconds=20.0, rig=ac.ADXL105_RIG, parameters={}, rng=rng)
+    steps = ac.simulate("sine_steps", seconds=20.0, rig=ADXL105_RIG, parameters={}, rng=rng)
     write_recording(steps.recording, folder / "shaker.csv")
     (folder / "bare.csv").write_bytes((folder / "other.csv").read_bytes())
     (folder / "sensors" / "a").mkdir(parents=True)
     for seed in (1, 2):
         made = ac.simulate(
-            "tones", seconds=5.0, rig=ac.ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(seed)
+            "tones",
+            seconds=5.0,
+            rig=ADXL105_RIG,
+            parameters={"bias": 0.05},
+            rng=np.random.default_rng(seed),
         )
         write_recording(made.recording, folder / "sensors" / "a" / f"r{seed}.csv")
     rng = np.random.default_rng(3)

@@ -13,6 +13,7 @@ import accelcal as ac
 from accelcal.cli import write_recording
 from accelcal.data.recording import Recording
 from accelcal.data.rig import STANDARD_GRAVITY
+from accelcal.simulation import ADXL105_RIG
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 
@@ -24,7 +25,7 @@ def accelcal(*arguments: object, cwd: Path | None = None) -> subprocess.Complete
 
 def record(seed: int = 1, seconds: float = 20.0) -> Recording:
     rng = np.random.default_rng(seed)
-    return ac.simulate("tones", seconds=seconds, rig=ac.ADXL105_RIG, parameters=TRUTH, rng=rng).recording
+    return ac.simulate("tones", seconds=seconds, rig=ADXL105_RIG, parameters=TRUTH, rng=rng).recording
 
 
 def scaled(recording: Recording, *, accel: float = 1.0, position: float = 1.0, constant: float = 0.0) -> Recording:

@@ -18,6 +18,7 @@ import accelcal as ac
 from accelcal.cli import hints, write_recording
 from accelcal.diagnosis.noise_tests.block_spectra import power_fit
 from accelcal.signals.series import interpolation_spread, local_spread
+from accelcal.simulation import ADXL105_RIG
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 HASHED = "from pathlib import Path; from accelcal.app.opened_session import digest_at; print(digest_at(Path({!r})))"
@@ -38,9 +39,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("first")
     for name, seed in (("run", 8101), ("held", 8102)):
         rng = np.random.default_rng(seed)
-        recording = ac.simulate("tones", seconds=5.0, rig=ac.ADXL105_RIG, parameters=TRUTH, rng=rng).recording
+        recording = ac.simulate("tones", seconds=5.0, rig=ADXL105_RIG, parameters=TRUTH, rng=rng).recording
         write_recording(recording, place / f"{name}.csv")
-    ac.save_model(ac.fit(ac.load(place / "run.csv")), place / "m.json")
+    ac.fit(ac.load(place / "run.csv")).save(place / "m.json")
     return place
 
 

@@ -12,6 +12,7 @@ from accelcal.cli import app, write_recording
 from accelcal.estimation.estimate import estimate
 from accelcal.io import sidecar_of
 from accelcal.serialization import model_file
+from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 
 
 def record(path: Path, rig: ac.Rig, seed: int) -> None:
@@ -23,9 +24,9 @@ def record(path: Path, rig: ac.Rig, seed: int) -> None:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     here = tmp_path_factory.mktemp("runs")
-    record(here / "run.csv", ac.ADXL105_RIG, 1)
-    record(here / "same.csv", ac.ADXL105_RIG, 2)
-    record(here / "other.csv", ac.CXL02_RIG, 3)
+    record(here / "run.csv", ADXL105_RIG, 1)
+    record(here / "same.csv", ADXL105_RIG, 2)
+    record(here / "other.csv", CXL02_RIG, 3)
     (here / "copy.csv").write_bytes((here / "run.csv").read_bytes())
     (here / "copy.toml").write_bytes((here / "run.toml").read_bytes())
     model_file.save(estimate(ac.Model.linear(), ac.load(here / "run.csv")), here / "m.json")

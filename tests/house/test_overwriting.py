@@ -14,6 +14,7 @@ import accelcal as ac
 from accelcal.cli import write_recording
 from accelcal.cli.overwriting import Writing, writing
 from accelcal.io.written import writer_of
+from accelcal.simulation import ADXL105_RIG
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 
@@ -33,7 +34,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 def measured(path: Path, seed: int) -> None:
     """A recording and a sidecar of the user's own."""
     recording = ac.simulate(
-        "tones", seconds=4.0, rig=ac.ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(seed)
+        "tones", seconds=4.0, rig=ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(seed)
     ).recording
     write_recording(recording, path)
     assert writer_of(path) == ""
@@ -130,9 +131,10 @@ def test_the_demonstration_runs_again_in_its_folder(tmp_path: Path, monkeypatch:
         for number, path in enumerate(runs):
             rng = np.random.default_rng(8310 + number)
             write_recording(
-                ac.simulate("tones", seconds=4.0, rig=ac.ADXL105_RIG, parameters=TRUTH, rng=rng).recording, path
+                ac.simulate("tones", seconds=4.0, rig=ADXL105_RIG, parameters=TRUTH, rng=rng).recording,
+                path,
             )
-        ac.save_model(ac.fit(ac.load(runs[0])), tmp_path / "m.json")
+        ac.fit(ac.load(runs[0])).save(tmp_path / "m.json")
         for path in (*runs, tmp_path / "m.json"):
             require_replaceable(path, "", runs)
         runs[0].write_text("t,accel,position\n")

@@ -16,6 +16,7 @@ from accelcal import io
 from accelcal.cli import app, write_recording
 from accelcal.estimation.estimate import estimate
 from accelcal.serialization import model_file
+from accelcal.simulation import ADXL105_RIG
 
 PLAN = ["plan", "--effects", "cubic", "--stroke", "0.2 m", "--vmax", "0.1 m/s", "--amax", "9 m/s^2"]
 
@@ -24,7 +25,7 @@ PLAN = ["plan", "--effects", "cubic", "--stroke", "0.2 m", "--vmax", "0.1 m/s", 
 def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made")
     simulated = ac.simulate(
-        "tones", seconds=10.0, rig=ac.ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
+        "tones", seconds=10.0, rig=ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
     )
     write_recording(simulated.recording, folder / "run.csv")
     model_file.save(estimate(ac.Model.linear(), simulated.recording), folder / "m.json")

@@ -16,6 +16,7 @@ from accelcal.cli.printing import show_fit, show_improvement
 from accelcal.cli.terminal import show_table
 from accelcal.estimation.estimate import estimate
 from accelcal.results.words import interval
+from accelcal.simulation import CXL02_RIG
 from accelcal.workflow import improve
 
 TRUTH = {"bias": 0.05, "cubic": 1e-3}
@@ -24,7 +25,7 @@ TRUTH = {"bias": 0.05, "cubic": 1e-3}
 @pytest.fixture(scope="module")
 def recording():
     rng = np.random.default_rng(21)
-    return ac.simulate("interleaved", seconds=40.0, rig=ac.CXL02_RIG, parameters=TRUTH, rng=rng).recording
+    return ac.simulate("interleaved", seconds=40.0, rig=CXL02_RIG, parameters=TRUTH, rng=rng).recording
 
 
 @pytest.fixture(autouse=True)

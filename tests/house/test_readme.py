@@ -14,13 +14,26 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", README.read_text(), flags=re.M | re.S)
 
 
-def test_python_examples_run_and_draw_the_figure(tmp_path):
-    examples = blocks("python")
-    assert examples
-    for example in examples:
-        subprocess.run([sys.executable, "-c", example], cwd=tmp_path, check=True, capture_output=True, timeout=300)
+METRES = {"nm": 1e-9, "µm": 1e-6, "mm": 1e-3, "m": 1.0}
+
+
+def test_the_python_example_runs_prints_a_falling_error_and_draws_the_figure(tmp_path):
+    (example,), (recordings, *_) = blocks("python"), blocks("sh")
+    for line in recordings.splitlines():
+        command = [sys.executable, "-m", *shlex.split(line)]
+        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=300)
+    assert len([line for line in example.splitlines() if line]) <= 15
+    done = subprocess.run(
+        [sys.executable, "-c", example], cwd=tmp_path, check=True, capture_output=True, text=True, timeout=300
+    )
+    pattern = r"Unaided drift after \d+ s: ([\d.]+) (\S+) → ([\d.]+) (\S+); noise alone [\d.]+ \S+ to ([\d.]+) (\S+)\. "
+    (found,) = re.findall(pattern, done.stdout)
+    before, after, floor = (float(found[i]) * METRES[found[i + 1]] for i in (0, 2, 4))
+    print(f"drift {before:.3g} -> {after:.3g} m, noise alone at most {floor:.3g} m")
+    assert after < 0.5 * before
+    assert after < floor
     (shown,) = re.findall(r"!\[[^]]+\]\(docs/static/([\w.-]+)\)", README.read_text())
-    assert {path.name for path in tmp_path.iterdir()} == {shown}
+    assert {path.name for path in tmp_path.iterdir() if not path.name.startswith("run1")} == {shown, "sensor12.json"}
     assert (README.parent / "docs" / "static" / shown).stat().st_size < 100_000
 
 

@@ -13,12 +13,13 @@ from tests.house.test_layers import MODULES
 import accelcal as ac
 from accelcal._support.arguments import accepts, hints_of
 from accelcal.effects import from_expression
+from accelcal.simulation import CXL02_RIG
 
 
 @pytest.fixture(scope="module")
 def run() -> ac.Recording:
     rng = np.random.default_rng(1)
-    return ac.simulate("tones", seconds=10.0, rig=ac.CXL02_RIG, parameters={"bias": 0.05}, rng=rng).recording
+    return ac.simulate("tones", seconds=10.0, rig=CXL02_RIG, parameters={"bias": 0.05}, rng=rng).recording
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +28,7 @@ def fit(run: ac.Recording) -> ac.Fit:
 
 
 WRONG: dict[str, tuple[Any, str]] = {
-    "fit turned round": (lambda r, f: ac.fit(r), r"fit\(model, recordings\): model is a Recording"),
+    "fit turned round": (lambda r, f: ac.fit(ac.Model.linear(), r), r"fit\(recordings, model\): recordings is a Model"),
     "fit a file name": (lambda r, f: ac.fit("run.csv"), r'"run.csv".*accelcal\.load'),
     "fit an array": (lambda r, f: ac.fit(r.accel.y), r"array of shape.*from_arrays"),
     "fit a list of names": (lambda r, f: ac.fit(["a.csv"]), r'list with the text "a.csv"'),
@@ -44,8 +45,8 @@ WRONG: dict[str, tuple[Any, str]] = {
         r"horizons is a list .*expected a list of numbers",
     ),
     "improve a model": (lambda r, f: ac.improve(ac.Model.linear()), r"recordings is a Model"),
-    "power of a model": (lambda r, f: ac.power(ac.Model.linear()), r"source is a Model"),
-    "save a recording": (lambda r, f: ac.save_model(r, "m.json"), r"fit is a Recording"),
+    "power turned round": (lambda r, f: ac.power(r, f), r"model is a Recording; expected a Model or Fit"),
+    "save a recording": (lambda r, f: r.save("m.json"), r"fit is a Recording"),
     "load a number": (lambda r, f: ac.load(3), r"path is 3; expected text or a Path"),
     "arrays for channels": (lambda r, f: ac.Recording(r.accel.t, r.accel.y, r.position.y), r"expected a Channel"),
     "a word for a rig": (lambda r, f: ac.Recording(r.accel, r.position, "level"), r"expected a Rig"),

@@ -5,13 +5,14 @@ import pytest
 
 import accelcal as ac
 from accelcal.estimation.estimate import solve_runs
+from accelcal.simulation import CXL02_RIG
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 
 
 @pytest.fixture(scope="module")
 def whole():
-    made = ac.simulate("interleaved", seconds=40.0, rig=ac.CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng(5))
+    made = ac.simulate("interleaved", seconds=40.0, rig=CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng(5))
     return made.recording
 
 

@@ -5,6 +5,8 @@ import pytest
 
 import accelcal as ac
 from accelcal import io
+from accelcal.estimation.recursive import fit_recursive
+from accelcal.simulation import CXL02_RIG
 
 
 def table(path, *columns):
@@ -58,7 +60,7 @@ def test_an_angle_is_refused_in_a_sentence(tmp_path, moved):
 
 
 def test_a_reference_is_written_and_read_back(tmp_path):
-    settings = {"seconds": 4.0, "rig": ac.CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(3)}
+    settings = {"seconds": 4.0, "rig": CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(3)}
     made = ac.simulate("tones", reference="velocity", **settings).recording
     path = tmp_path / "run.csv"
     io.write_sidecar(made.rig, io.write_csv(made, path), io.sidecar_of(path))
@@ -76,14 +78,14 @@ def test_arrays_may_be_a_velocity(moved):
 
 
 def test_a_live_filter_refuses_what_it_would_take_for_a_position():
-    settings = {"seconds": 4.0, "rig": ac.CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(3)}
+    settings = {"seconds": 4.0, "rig": CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(3)}
     made = ac.simulate("tones", reference="velocity", **settings).recording
     with pytest.raises(ac.RecordingError, match="reads positions, and here is velocity"):
-        ac.fit_recursive(ac.FilterChoice("aci", "linear"), made)
+        fit_recursive(ac.FilterChoice("aci", "linear"), made)
 
 
 def test_two_loggers_keep_the_reference(tmp_path):
-    settings = {"seconds": 20.0, "rig": ac.CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(3)}
+    settings = {"seconds": 20.0, "rig": CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(3)}
     made = ac.simulate("interleaved", reference="velocity", **settings).recording
     t, v = made.reference.t, made.reference.y
     output = table(tmp_path / "output.csv", ("t_s", made.accel.t), ("accel_m_per_s2", made.accel.y))

@@ -27,6 +27,7 @@ from accelcal.data.recording import Channel
 from accelcal.filters import run
 from accelcal.io import load, read_sidecar
 from accelcal.live import settings_of
+from accelcal.simulation import ADXL105_RIG
 from tests.live.streams import RIG, Stream, stream
 from tests.schemas import require_published
 
@@ -256,7 +257,7 @@ def test_a_model_is_followed_and_saved(tmp_path: Path) -> None:
     truth = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
     for seed, name in ((1, "one"), (2, "two")):
         rng = np.random.default_rng(seed)
-        made = ac.simulate("tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters=truth, rng=rng)
+        made = ac.simulate("tones", seconds=20.0, rig=ADXL105_RIG, parameters=truth, rng=rng)
         write_recording(made.recording, tmp_path / f"{name}.csv")
     call = [sys.executable, "-m", "accelcal"]
     subprocess.run([*call, "fit", "one.csv", "-o", "m.json"], cwd=tmp_path, check=True, capture_output=True)

@@ -17,6 +17,7 @@ from accelcal.io.stream_lines import Rows
 from accelcal.live.monitor import SETTLING
 from accelcal.live.settings import LiveSettings, settings_of
 from accelcal.live.tracker import MOST_BETWEEN, Innovation, Tracker
+from accelcal.simulation import ADXL105_RIG
 from tests.live.streams import BIAS, RIG, SCALE, Stream, stream
 
 
@@ -119,7 +120,7 @@ def test_parameters_are_those_of_the_sensor_however_it_is_mounted(rig: Rig) -> N
 
 def test_a_model_gives_parameters_noise_and_offset() -> None:
     truth = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4, "quadratic": 1e-3}
-    made = ac.simulate("tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters=truth, rng=np.random.default_rng(1))
+    made = ac.simulate("tones", seconds=20.0, rig=ADXL105_RIG, parameters=truth, rng=np.random.default_rng(1))
     fit = ac.fit(made.recording, ac.Model.cubic())
     settings = settings_of(made.recording.rig, fit)
     assert settings.offset == fit["time_offset"].value
@@ -135,9 +136,7 @@ def test_what_cannot_be_tracked_is_refused_with_the_cure(rig: Rig, tmp_path: Pat
         settings_of(replace(rig, sensor=replace(rig.sensor, noise=None)))
     with pytest.raises(RecordingError, match="no resolution of the position"):
         settings_of(replace(rig, resolution=None))
-    made = ac.simulate(
-        "tones", seconds=10.0, rig=ac.ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
-    )
+    made = ac.simulate("tones", seconds=10.0, rig=ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1))
     fit = ac.fit(made.recording, ac.Model.linear().add("velocity"))
     with pytest.raises(RecordingError, match="velocity cannot be tracked"):
         settings_of(made.recording.rig, fit)

@@ -60,7 +60,7 @@ class Example:
         self.seen = self.diagnosis.where
         self.grown = nested_fits(self.fit, [self.run], self.diagnosis.scan.found)
         self.nested = ac.compare(self.grown.fits, self.other, names=self.grown.names)
-        self.power = power(self.run)
+        self.power = power(ac.Model.linear(), self.run)
         self.track = track(self.fit, self.run)
         self.marks = timeline.marks(self.run)
         shaped = ac.Model.linear().add("shape_of_position", shapes=self.ends)

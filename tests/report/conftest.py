@@ -10,6 +10,7 @@ from accelcal import report
 from accelcal.data.recording import Channel
 from accelcal.data.rig import Uncertainty
 from accelcal.estimation.estimate import estimate
+from accelcal.simulation import CXL02_RIG
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 2e-3}
 HOSTILE = "<script>alert(1)</script>"
@@ -18,7 +19,7 @@ FILE = '<img src=x onerror=alert(2)> & "run".csv'
 
 def record(seed, uncertainty=None):
     made = ac.simulate(
-        "interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng(seed)
+        "interleaved", seconds=20.0, rig=CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng(seed)
     ).recording
     t = np.arange(0.0, 20.0, 0.5)
     channel = Channel(HOSTILE, t, np.random.default_rng(seed).standard_normal(len(t)), "V")

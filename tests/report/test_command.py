@@ -10,6 +10,7 @@ import accelcal as ac
 from accelcal.cli import write_recording
 from accelcal.estimation.estimate import estimate
 from accelcal.serialization import model_file
+from accelcal.simulation import ADXL105_RIG
 from tests.report.reading import Page
 
 
@@ -22,7 +23,7 @@ def accelcal(*arguments, cwd):
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("run")
     truth = {"bias": 0.05, "scale_factor": 0.01}
-    run = ac.simulate("tones", seconds=12.0, rig=ac.ADXL105_RIG, parameters=truth, rng=np.random.default_rng(1))
+    run = ac.simulate("tones", seconds=12.0, rig=ADXL105_RIG, parameters=truth, rng=np.random.default_rng(1))
     write_recording(run.recording, path / "run.csv")
     model_file.save(estimate(ac.Model.linear(), ac.load(path / "run.csv")), path / "m.json")
     return path

@@ -18,6 +18,7 @@ from accelcal.estimation.estimate import estimate
 from accelcal.report.page import script_json
 from accelcal.report.view import METHOD, view
 from accelcal.results.words import readable
+from accelcal.simulation import ADXL105_RIG
 from tests.report.conftest import FILE, HOSTILE
 from tests.report.reading import Page
 
@@ -144,9 +145,7 @@ def test_thinned_traces_say_how_many_points_are_shown(pages, lacking):
 
 def test_a_record_too_short_for_a_verdict_has_a_report(tmp_path):
     truth = {"bias": 0.05, "scale_factor": 0.01}
-    run = ac.simulate(
-        "tones", seconds=0.6, rig=ac.ADXL105_RIG, parameters=truth, rng=np.random.default_rng(6)
-    ).recording
+    run = ac.simulate("tones", seconds=0.6, rig=ADXL105_RIG, parameters=truth, rng=np.random.default_rng(6)).recording
     content = report.gather(estimate(ac.Model.linear(), run), run)
     assert content.diagnosis.verdict == "too_short"
     for text in (report.html(content), report.light(content)):

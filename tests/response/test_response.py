@@ -21,6 +21,7 @@ from accelcal.data.references import integrated
 from accelcal.response import Point, Reference, fit_response, frequency_response, stepped_response
 from accelcal.response.certificate import draft_response
 from accelcal.response.table import to_dict
+from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 from accelcal.simulation.motion import sine_steps
 from tests.calibration.export.order import require_order
 from tests.schemas import require_published
@@ -181,7 +182,7 @@ def test_frequencies_that_are_asked_for_are_kept_or_said_to_be_missing(recording
 
 
 def test_rest_has_no_response():
-    made = ac.simulate("rest", seconds=10.0, rig=ac.ADXL105_RIG, parameters={}, rng=np.random.default_rng(1))
+    made = ac.simulate("rest", seconds=10.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(1))
     with pytest.raises(RecordingError, match="no frequency in common"):
         frequency_response(made.recording)
 
@@ -222,7 +223,7 @@ def test_steps_of_close_frequencies_are_all_found():
 def test_other_motions_are_not_one_of_steps_and_a_moment_tells(motion, monkeypatch):
     from accelcal.response import measure
 
-    made = ac.simulate(motion, seconds=60.0, rig=ac.CXL02_RIG, parameters={}, rng=np.random.default_rng(2)).recording
+    made = ac.simulate(motion, seconds=60.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(2)).recording
     monkeypatch.setattr(measure, "_sine", lambda *_: pytest.fail("the whole search"))
     assert stepped_response(made) is None
 
@@ -276,7 +277,7 @@ def test_the_certificate_is_whole_and_states_the_table(recording):
 
 
 def test_a_sweep_is_certified_without_amplitudes():
-    made = ac.simulate("sweep", seconds=20.0, rig=ac.CXL02_RIG, parameters={}, rng=np.random.default_rng(1)).recording
+    made = ac.simulate("sweep", seconds=20.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1)).recording
     found = frequency_response(made, method="broadband", check=False)
     text = draft_response(found, made.rig.sensor, Laboratory()).text
     require_order(text)
@@ -285,7 +286,7 @@ def test_a_sweep_is_certified_without_amplitudes():
 
 
 def test_the_json_of_every_kind_of_motion_follows_its_schema(recording):
-    made = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
+    made = ac.simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
     for each in (recording, made.recording):
         require_published(json.loads(json.dumps(to_dict(frequency_response(each)))))
 

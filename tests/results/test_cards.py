@@ -15,6 +15,7 @@ from accelcal.data.dwells import Dwells
 from accelcal.estimation.estimate import estimate
 from accelcal.results import table as tables
 from accelcal.results.words import concise, interval, plain
+from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 from accelcal.validation.stretches import headline_horizon
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
@@ -22,13 +23,13 @@ TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
 
 def record(seed):
     rng = np.random.default_rng(seed)
-    return ac.simulate("interleaved", seconds=30.0, rig=ac.CXL02_RIG, parameters=TRUTH, rng=rng).recording
+    return ac.simulate("interleaved", seconds=30.0, rig=CXL02_RIG, parameters=TRUTH, rng=rng).recording
 
 
 def tumble():
     angle = np.arange(8) * np.pi / 4.0
     each = (np.full(8, 1e-3), np.full(8, 60.0), np.full(8, 6000.0))
-    return Dwells(angle, 9.8 * np.sin(angle), *each, ("0",) * 8, ac.CXL02_RIG, name="tumble.csv")
+    return Dwells(angle, 9.8 * np.sin(angle), *each, ("0",) * 8, CXL02_RIG, name="tumble.csv")
 
 
 @pytest.fixture(scope="module")
@@ -153,7 +154,7 @@ def test_the_face_is_loaded_when_a_result_is_shown_and_not_before():
 def full():
     """A fit with an effect on noise, a curve and a shape parameter beside its coefficients."""
     rng = np.random.default_rng(7)
-    made = ac.simulate("interleaved", seconds=30.0, rig=ac.ADXL105_RIG, parameters=TRUTH, rng=rng, lsb=0.02)
+    made = ac.simulate("interleaved", seconds=30.0, rig=ADXL105_RIG, parameters=TRUTH, rng=rng, lsb=0.02)
     fit = ac.fit(made.recording)
     return ac.add(fit, made.recording, "shape_of_velocity", "creep", "quantisation"), made.recording
 

@@ -10,12 +10,13 @@ import accelcal as ac
 from accelcal.diagnosis.policy import SEARCH_MODELS, SEARCH_SECONDS
 from accelcal.selection import budget
 from accelcal.selection.budget import MARGIN, SearchBudget
+from accelcal.simulation import CXL02_RIG
 
 
 def record(seconds=16.0, **more):
     rng = np.random.default_rng(9)
     truth = {"bias": 0.05, "quadratic": 1e-3, **more}
-    return ac.simulate("interleaved", seconds=seconds, rig=ac.CXL02_RIG, parameters=truth, rng=rng).recording
+    return ac.simulate("interleaved", seconds=seconds, rig=CXL02_RIG, parameters=truth, rng=rng).recording
 
 
 @pytest.fixture

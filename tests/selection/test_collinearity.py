@@ -23,6 +23,7 @@ from accelcal.selection.collinearity import (
     sum_families,
 )
 from accelcal.selection.stepwise import SelectionHistory
+from accelcal.simulation import CXL02_RIG
 
 FAMILIES = [effect for effect in BUILT_IN if effect.family]
 
@@ -175,7 +176,7 @@ def test_a_random_process_replaces_two_effects_that_are_confounded_with_it():
 
 def test_an_absent_effect_is_not_significant():
     rng = np.random.default_rng(7)
-    run = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters={"quadratic": 1e-3}, rng=rng).recording
+    run = ac.simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters={"quadratic": 1e-3}, rng=rng).recording
     fit = estimate(ac.Model.linear().add("quadratic").add("velocity"), run)
     assert log_significance(fit, "quadratic") < math.log(1e-9)
     assert log_significance(fit, "velocity") > math.log(1e-3)  # by chance 0.1 %

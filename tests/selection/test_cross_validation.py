@@ -20,6 +20,7 @@ from accelcal.selection.cross_validation import (
     refusing,
     rows_of,
 )
+from accelcal.simulation import CXL02_RIG
 
 BASE = {"bias": 0.05, "scale_factor": 0.01}
 
@@ -27,7 +28,7 @@ BASE = {"bias": 0.05, "scale_factor": 0.01}
 def record(seed, motion="interleaved", random_walk=0.0, coulomb=0.0, **truth):
     """A record of 40 s; `random_walk` is the density of a random walk of the bias, (m/s²)/sqrt(s)."""
     rng = np.random.default_rng(seed)
-    simulated = ac.simulate(motion, seconds=40.0, rig=ac.CXL02_RIG, parameters={**BASE, **truth}, rng=rng)
+    simulated = ac.simulate(motion, seconds=40.0, rig=CXL02_RIG, parameters={**BASE, **truth}, rng=rng)
     made, t = simulated.recording, simulated.recording.accel.t
     if coulomb:
         friction = coulomb * np.sign(simulated.truth.motion.velocity(t))
@@ -104,7 +105,7 @@ def test_blocks_share_time_and_power_alike():
 def burst(seed, **truth):
     """A record of 40 s whose motion comes in bursts."""
     rng = np.random.default_rng(seed)
-    made = ac.simulate("bursts", seconds=40.0, rig=ac.CXL02_RIG, parameters={**BASE, **truth}, rng=rng).recording
+    made = ac.simulate("bursts", seconds=40.0, rig=CXL02_RIG, parameters={**BASE, **truth}, rng=rng).recording
     return made
 
 

@@ -20,6 +20,7 @@ from accelcal.selection.curve_formulas import Trial, nodes_over, per
 from accelcal.selection.grammar import GRAMMAR
 from accelcal.serialization import model_file
 from accelcal.signals.signals import Signals
+from accelcal.simulation import CXL02_RIG
 
 CURVE = "shape_of_velocity"
 
@@ -75,7 +76,7 @@ def test_a_holdout_of_another_range_is_scored_by_the_formula_itself():
     gains = []
     for speed in (0.3, 3.0):
         rng = np.random.default_rng(31)
-        made = ac.simulate("tones", seconds=40.0, rig=ac.CXL02_RIG, parameters={}, rng=rng, a_rms=speed)
+        made = ac.simulate("tones", seconds=40.0, rig=CXL02_RIG, parameters={}, rng=rng, a_rms=speed)
         accel = made.recording.accel
         v = made.truth.motion.velocity(accel.t)
         gains.append(replace(made.recording, accel=replace(accel, y=accel.y + 20.0 * v * np.abs(v)), digest=f"{speed}"))

@@ -10,13 +10,14 @@ import accelcal as ac
 from accelcal.diagnosis.findings import Confounded, Finding, equivalent_sigma, with_findings
 from accelcal.serialization import model_file
 from accelcal.serialization.diagnosis_json import improvement_to_dict
+from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 from tests.schemas import require_published
 
 
 def late(seconds, delay=2e-3, seed=5):
     rng = np.random.default_rng(seed)
     truth = {"bias": 0.05, "scale_factor": 0.01, "time_offset": delay}
-    return ac.simulate("interleaved", seconds=seconds, rig=ac.ADXL105_RIG, parameters=truth, rng=rng).recording
+    return ac.simulate("interleaved", seconds=seconds, rig=ADXL105_RIG, parameters=truth, rng=rng).recording
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +67,7 @@ def test_few_blocks_need_more_than_a_normal_deviate_to_name_a_delay():
 def test_what_is_lacking_but_not_added_is_not_said_to_explain():
     rng = np.random.default_rng(8)
     truth = {"bias": 0.05, "quadratic": 1e-3}
-    made = ac.simulate("interleaved", seconds=30.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng).recording
+    made = ac.simulate("interleaved", seconds=30.0, rig=CXL02_RIG, parameters=truth, rng=rng).recording
     found = ac.improve(made, most=0)
     assert found.effects == ()
     assert found.verdict == "unexplained"

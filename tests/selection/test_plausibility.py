@@ -10,13 +10,14 @@ from accelcal.data.recording import Channel
 from accelcal.diagnosis.contribution import Size
 from accelcal.estimation.estimate import result, solve_runs
 from accelcal.selection.plausibility import implausible, unconfirmed, undetermined
+from accelcal.simulation import CXL02_RIG
 
 
 @pytest.fixture(scope="module")
 def recording():
     t = np.linspace(0.0, 10.0, 1001)
     position = Channel("position", t, 0.05 * np.sin(t), "m")  # 0.1 m of travel
-    rig = ac.CXL02_RIG
+    rig = CXL02_RIG
     return ac.Recording(Channel("accel", t, np.sin(t), "m/s²"), position, rig)
 
 
@@ -60,7 +61,7 @@ def test_a_lost_zero_and_a_lag_are_no_errors_of_the_scale(recording, name):
 def plain_and_curved():
     rng = np.random.default_rng(4)
     truth = {"bias": 0.05, "scale_factor": 0.01}
-    plain = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng).recording
+    plain = ac.simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters=truth, rng=rng).recording
     accel = plain.accel
     return plain, dataclasses.replace(plain, accel=dataclasses.replace(accel, y=accel.y + 4e-3 * accel.y**3))
 

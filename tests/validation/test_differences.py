@@ -13,6 +13,7 @@ import accelcal as ac
 from accelcal.cli import app, write_recording
 from accelcal.cli.printing import show_comparison
 from accelcal.serialization import diagnosis_json, model_file
+from accelcal.simulation import CXL02_RIG
 from accelcal.validation.differences import Comparison, ModelDifference, verdict_of
 from accelcal.validation.paired import HeldOutChange, PairedStretches
 from accelcal.validation.stretches import LEAST_STRETCHES, headline_horizon, stretch_count
@@ -23,7 +24,7 @@ TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 2e-3}
 
 def record(seed: int, seconds: float) -> ac.Recording:
     rng = np.random.default_rng([41, seed])
-    return ac.simulate("interleaved", seconds=seconds, rig=ac.CXL02_RIG, parameters=TRUTH, rng=rng).recording
+    return ac.simulate("interleaved", seconds=seconds, rig=CXL02_RIG, parameters=TRUTH, rng=rng).recording
 
 
 @pytest.fixture(scope="module")

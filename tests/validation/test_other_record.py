@@ -9,6 +9,7 @@ import accelcal as ac
 from accelcal.demo import with_effect
 from accelcal.effects import BUILT_IN, find, of_one_record
 from accelcal.estimation.run import prepare
+from accelcal.simulation import CXL02_RIG
 from accelcal.validation.other_record import left_out, values_on
 
 STEP, INSTANT = 0.02, 21.0
@@ -16,7 +17,7 @@ STEP, INSTANT = 0.02, 21.0
 
 def record(seed, effect="", size=0.0, shape=None):
     rng = np.random.default_rng(seed)
-    made = ac.simulate("interleaved", seconds=40.0, rig=ac.CXL02_RIG, parameters={"bias": 0.05}, rng=rng)
+    made = ac.simulate("interleaved", seconds=40.0, rig=CXL02_RIG, parameters={"bias": 0.05}, rng=rng)
     digest = f"{effect} {seed}"
     if not effect:
         return dataclasses.replace(made.recording, digest=digest)

@@ -14,6 +14,7 @@ import accelcal as ac
 from accelcal.cli.printing import show
 from accelcal.results import comparisons
 from accelcal.serialization import model_file
+from accelcal.simulation import CXL02_RIG
 from accelcal.validation.comparison import Bins, Evaluation, Region
 from accelcal.validation.worst import STRETCHES, seen_at, worst_regions, worst_sentence
 
@@ -85,7 +86,7 @@ def test_a_region_is_seen_where_the_residual_is() -> None:
 def seen() -> Evaluation:
     """A model without the cubic that the record holds."""
     rng = np.random.default_rng(2)
-    made = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters={"cubic": 2e-3}, rng=rng)
+    made = ac.simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters={"cubic": 2e-3}, rng=rng)
     return ac.compare(ac.fit(made.recording), made.recording)[0]
 
 

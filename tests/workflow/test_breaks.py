@@ -9,6 +9,7 @@ import pytest
 import accelcal as ac
 from accelcal.data.recording import Channel
 from accelcal.serialization import diagnosis_json, model_file
+from accelcal.simulation import CXL02_RIG
 
 BREAK = 25.0
 
@@ -16,7 +17,7 @@ BREAK = 25.0
 def record(seed, seconds=40.0):
     rng = np.random.default_rng(seed)
     truth = {"bias": 0.05, "scale_factor": 0.01}
-    return ac.simulate("interleaved", seconds=seconds, rig=ac.CXL02_RIG, parameters=truth, rng=rng).recording
+    return ac.simulate("interleaved", seconds=seconds, rig=CXL02_RIG, parameters=truth, rng=rng).recording
 
 
 def broken(seed):

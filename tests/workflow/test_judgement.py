@@ -12,6 +12,7 @@ from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.diagnosis.contribution import Size, split
 from accelcal.estimation.estimate import estimate
 from accelcal.serialization import diagnosis_json, model_file
+from accelcal.simulation import CXL02_RIG
 from accelcal.simulation.motion import motion
 from accelcal.simulation.sensor import Vibration
 from accelcal.validation.evaluation import compare
@@ -21,7 +22,7 @@ TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 MG = 1e-3 * STANDARD_GRAVITY
 
 
-def record(seed, seconds=40.0, rig=ac.CXL02_RIG, profile="interleaved", vibration=None, **more):
+def record(seed, seconds=40.0, rig=CXL02_RIG, profile="interleaved", vibration=None, **more):
     rng = np.random.default_rng(seed)
     truth = {**TRUTH, **more}
     return ac.simulate(profile, seconds=seconds, rig=rig, parameters=truth, rng=rng, vibration=vibration).recording
@@ -154,7 +155,7 @@ def test_readings_outside_the_trained_range_are_counted_and_scored_apart():
     small = record(21, profile="tones", cubic=1e-3)
     fitted = estimate(ac.Model.linear(), small)
     rng = np.random.default_rng(22)
-    made = ac.simulate("tones", seconds=40.0, rig=ac.CXL02_RIG, parameters={**TRUTH, "cubic": 1e-3}, rng=rng, a_rms=8.0)
+    made = ac.simulate("tones", seconds=40.0, rig=CXL02_RIG, parameters={**TRUTH, "cubic": 1e-3}, rng=rng, a_rms=8.0)
     seen = compare(fitted, made.recording)
     of_a = next(o for o in seen.outside if o.variable == "a")
     low, high = of_a.range

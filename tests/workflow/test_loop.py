@@ -16,12 +16,13 @@ from accelcal.diagnosis.search.likelihood_gain import log_survival, score_gain, 
 from accelcal.estimation.estimate import estimate, restored_states, solve_runs
 from accelcal.estimation.normal_equations import normal_equations
 from accelcal.serialization import diagnosis_json, model_file
+from accelcal.simulation import CXL02_RIG
 from accelcal.workflow import add, diagnose, drop, improve
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 
 
-def record(seed, seconds=40.0, rig=ac.CXL02_RIG, motion="interleaved", **more):
+def record(seed, seconds=40.0, rig=CXL02_RIG, motion="interleaved", **more):
     rng = np.random.default_rng(seed)
     return ac.simulate(motion, seconds=seconds, rig=rig, parameters={**TRUTH, **more}, rng=rng).recording
 
@@ -118,13 +119,13 @@ def test_coasting_with_any_effect_never_looks_at_position(plain, effect):
     y = recording.position.y.copy()
     y[late] = noise
     blind = dataclasses.replace(recording, position=dataclasses.replace(recording.position, y=y))
-    seen, unseen = (ac.coast(grown, run, start, 5.0) for run in (recording, blind))
+    seen, unseen = (ac.workflow.coast(grown, run, start, 5.0) for run in (recording, blind))
     np.testing.assert_array_equal(seen.frozen, unseen.frozen)
     np.testing.assert_array_equal(seen.rezeroed, unseen.rezeroed)
     # The sister: noise before the start does change the prediction.
     y = recording.position.y + 1e-5 * np.random.default_rng(1).standard_normal(len(recording.position))
     other = dataclasses.replace(recording, position=dataclasses.replace(recording.position, y=y))
-    assert np.any(ac.coast(grown, other, start, 5.0).frozen != seen.frozen)
+    assert np.any(ac.workflow.coast(grown, other, start, 5.0).frozen != seen.frozen)
 
 
 def test_what_is_added_can_be_dropped(plain):

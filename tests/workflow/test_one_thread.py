@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import accelcal as ac
 from accelcal._support.threads import one_thread
 from accelcal.estimation.estimate import estimate
+from accelcal.simulation import CXL02_RIG
 from accelcal.workflow import diagnose
 
 
@@ -55,7 +56,7 @@ def test_in_another_thread_it_changes_nothing():
 
 
 def test_a_fit_and_a_diagnosis_ask_for_it():
-    run = ac.simulate("tones", seconds=10.0, rig=ac.CXL02_RIG, parameters={}, rng=np.random.default_rng(1)).recording
+    run = ac.simulate("tones", seconds=10.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1)).recording
     within: list[set[int]] = []
     fit = estimate(ac.Model.linear(), run)
     diagnose(fit, run, progress=lambda share: within.append(threads()))

@@ -10,6 +10,7 @@ from accelcal import workflow
 from accelcal.estimation.estimate import estimate
 from accelcal.selection.improvement import Step
 from accelcal.serialization import diagnosis_json
+from accelcal.simulation import CXL02_RIG
 from accelcal.validation.paired import heldout_change, paired_change
 from accelcal.validation.ruler import Ruler
 from accelcal.workflow import heldout_rises
@@ -19,7 +20,7 @@ TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 2e-3}
 
 def record(seed, seconds=40.0):
     rng = np.random.default_rng(seed)
-    return ac.simulate("interleaved", seconds=seconds, rig=ac.CXL02_RIG, parameters=TRUTH, rng=rng).recording
+    return ac.simulate("interleaved", seconds=seconds, rig=CXL02_RIG, parameters=TRUTH, rng=rng).recording
 
 
 @pytest.fixture(scope="module")

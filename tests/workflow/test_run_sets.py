@@ -9,13 +9,14 @@ import accelcal as ac
 from accelcal.data.dwells import Dwells
 from accelcal.diagnosis.further_run import further_runs
 from accelcal.estimation.estimate import solve_runs
+from accelcal.simulation import CXL02_RIG
 from tests.worlds import World
 
 G = 9.80665
 
 
 def run(number, axis="level", mount="normal", eps=0.0, **truth):
-    rig = replace(ac.CXL02_RIG, axis=axis, mount=mount)
+    rig = replace(CXL02_RIG, axis=axis, mount=mount)
     parameters = {"bias": 0.05, "scale_factor": 0.01, **truth}
     made = ac.simulate("tones", seconds=12.0, rig=rig, parameters=parameters, rng=np.random.default_rng(number))
     one = made.recording
@@ -64,12 +65,13 @@ def test_the_last_of_three_runs_is_held_out_as_a_whole():
     assert few.same_run
 
 
-def test_dwells_alone_have_no_motion_to_diagnose():
+def test_dwells_alone_are_diagnosed_and_have_no_motion_to_improve_on():
     each = (np.full(4, 1e-3), np.full(4, 60.0), np.full(4, 6000.0))
     angle = np.arange(4) * np.pi / 2.0
-    dwells = Dwells(angle, 0.05 + 1.01 * G * np.sin(angle), *each, ("0",) * 4, ac.CXL02_RIG, name="tumble.csv")
-    with pytest.raises(ac.RecordingError, match="dwells alone show no motion; diagnose_dwells"):
-        ac.diagnose(ac.fit(dwells), dwells)
+    dwells = Dwells(angle, 0.05 + 1.01 * G * np.sin(angle), *each, ("0",) * 4, CXL02_RIG, name="tumble.csv")
+    with pytest.raises(ac.RecordingError, match="dwells alone show no motion; only fit and diagnose"):
+        ac.improve(dwells)
+    assert ac.diagnose(ac.fit(dwells), dwells).seen.name == "tumble.csv"
     one = run(9)
     together = [one, dwells]
     assert ac.diagnose(ac.fit(together), together).fit.dwells is not None

@@ -8,6 +8,7 @@ import pytest
 import accelcal as ac
 from accelcal.data.recording import Recording
 from accelcal.estimation.run_differences import run_to_hold_out
+from accelcal.simulation import CXL02_RIG
 
 THREE = ("level", "up", "down")
 
@@ -19,7 +20,7 @@ def runs(
     made = []
     for number, (axis, bias) in enumerate(zip(axes, biases or len(axes) * (0.05,), strict=True)):
         rng = np.random.default_rng([seed, number])
-        rig, truth = replace(ac.CXL02_RIG, axis=axis), {"bias": bias, "scale_factor": 0.01}
+        rig, truth = replace(CXL02_RIG, axis=axis), {"bias": bias, "scale_factor": 0.01}
         one = ac.simulate("tones", seconds=15.0, rig=rig, parameters=truth, rng=rng).recording
         read = replace(one.position, y=one.position.y * (1.0 + encoder_scale))
         made.append(replace(one, position=read, digest=f"{seed} {number}", name=f"{axis} {number}"))

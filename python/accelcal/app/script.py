@@ -38,7 +38,7 @@ def python(state: State) -> str:
         lines += [f"print(run_values({names[-1]}, train))  # whether the recordings agree"]
     lines += [
         f"print(ac.diagnose({names[-1]}, train).sentence)",
-        f'ac.save_model({names[-1]}, "model.json")',
+        f'{names[-1]}.save("model.json")',
     ]
     return "\n".join(lines) + "\n"
 

@@ -45,12 +45,12 @@ class Change:
     def python(self) -> str:
         """The expression that makes the fit, with PARENT for the one before."""
         if self.kind == "base":
-            return f"ac.fit(ac.Model.{self.name}(), train)"
+            return f"ac.fit(train, ac.Model.{self.name}())"
         if self.kind in ("add", "drop"):
             return f"ac.{self.kind}(PARENT, train, {quoted(self.name)})"
         name = quoted(self.name)
         held = f"freeze(**{{{name}: {self.value!r}}})" if self.kind == "hold" else f"release({name})"
-        return f"ac.fit(PARENT.model.{held}, train, origins=PARENT.origins)"
+        return f"ac.fit(train, PARENT.model.{held}, origins=PARENT.origins)"
 
     def command(self, own_files: str, data: str) -> str:
         """The shell command that makes the model, with PARENT and THIS for the model files, from the files `data`."""

@@ -286,13 +286,14 @@ def power(
     from accelcal.cli.printing import show_power
     from accelcal.experiment import power as power_of
     from accelcal.experiment import power_of_set_points
+    from accelcal.model import Model
 
     load_own_effects(effects_file)
     with progress("power") as report:
         recording = io.load(run, rig, need_accel=False)
         if len(recording.accel):
             begin, stop = parse_quantity(start, "time", "--from"), parse_quantity(end, "time", "--to")
-            seen = power_of(recording, start=begin, end=stop, progress=within(report, LOADED, 1.0))
+            seen = power_of(Model.linear(), recording, start=begin, end=stop, progress=within(report, LOADED, 1.0))
         elif start is not None or end is not None:
             raise UsageError("--from and --to are for recordings; a planned motion is always used as a whole")
         else:

@@ -86,7 +86,7 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
     >>> many = np.ones(8)
     >>> dwells = ac.Dwells(angle, mean, 1e-3 * many, 60.0 * many, 6000.0 * many, ("0",) * 8, ac.Rig())
     >>> fit = ac.fit(dwells)
-    >>> ac.diagnose_dwells(fit, dwells).verdict
+    >>> ac.diagnose(fit, dwells).verdict
     'adequate'
     """
     solution = solve_dwells(fit.model, dwells, fit.origins)

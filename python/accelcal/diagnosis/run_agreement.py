@@ -32,7 +32,7 @@ class RunValues:
     >>> import numpy as np
     >>> import accelcal as ac
     >>> from accelcal.workflow import run_values
-    >>> settings = {"seconds": 8.0, "rig": ac.CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(1)}
+    >>> settings = {"seconds": 8.0, "rig": ac.simulation.CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(1)}
     >>> one, two = (ac.simulate("tones", **settings).recording for _ in range(2))
     >>> found = run_values(ac.fit([one, two]), [one, two])
     >>> found.parameters, found.value.shape

@@ -50,6 +50,8 @@ from accelcal.model import Estimate, Model, Prior, terms_of
 from accelcal.signals.signals import Origins
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
@@ -80,7 +82,7 @@ class Fit(Result):
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
     >>> fit = ac.fit(made.recording)
     >>> fit["scale_factor"].unit, fit["bias"].std > 0.0
     ('1', True)
@@ -149,6 +151,10 @@ class Fit(Result):
         """
         made: Figure = face("plots").parameters(self, theme=theme)
         return made
+
+    def save(self, path: str | Path) -> None:
+        """Write a model file, whole or not at all; `accelcal.load_model` reads it."""
+        face("serialization.model_file").save(self, path)
 
     def correlations(self) -> DataFrame:
         """Return the correlations of the free parameters as a pandas DataFrame, names on both sides.

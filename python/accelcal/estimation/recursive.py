@@ -65,8 +65,8 @@ def fit_recursive(
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit, run = ac.fit_recursive(ac.FilterChoice("aci", "cubic"), made.recording)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit, run = fit_recursive(ac.FilterChoice("aci", "cubic"), made.recording)
     >>> run.names
     ('p', 'v', 'k', 'K0', 'K2', 'K3')
     """

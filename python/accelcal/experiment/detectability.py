@@ -93,7 +93,7 @@ class Power(Result):
             If it was left behind when this was pickled.
         """
         if self.detection_model is None:
-            raise AccelcalError("this was pickled, without the run; accelcal.power(recording) makes it anew")
+            raise AccelcalError("this was pickled, without the run; accelcal.power(model, recording) makes it anew")
         return self.detection_model
 
     def __getstate__(self) -> list[object]:

@@ -28,7 +28,7 @@ from accelcal.diagnosis.search.scan import largest
 from accelcal.diagnosis.search.scores import CandidateScores
 from accelcal.diagnosis.search.thresholds import entry_gains
 from accelcal.effects import Effect
-from accelcal.estimation.estimate import solve_runs
+from accelcal.estimation.estimate import Fit, solve_runs
 from accelcal.estimation.run_state import RunState
 from accelcal.experiment.detectability import Detectability, Group, Power
 from accelcal.experiment.detection_probability import DetectionModel
@@ -42,8 +42,8 @@ RANDOM_PROCESS_PATHS = 40
 @checked
 @one_thread
 def power(
-    source: Recording | RunState,
-    model: Model | None = None,
+    model: Model | Fit,
+    recording: Recording,
     *,
     extra: Sequence[Effect] | None = None,
     alpha: float = FAMILYWISE_ALPHA,
@@ -55,11 +55,11 @@ def power(
 
     Parameters
     ----------
-    source : a recording, which is fitted first up to its first break, or a run that has been fitted.
-    model : what is known already; the linear model by default. For a fitted run the model it was fitted with.
+    model : what is known already, a model or a fit.
+    recording : it is fitted first, up to its first break.
     extra : users' effects to consider besides the built-in catalogue; by default all that are registered.
     alpha : family-wise false-alarm rate of `diagnose`.
-    start, end : s, optional; only this part of a recording is used.
+    start, end : s, optional; only this part of the recording is used.
     progress : called with the share of the work that is done, 0 to 1.
 
     Raises
@@ -71,19 +71,18 @@ def power(
     --------
     >>> import numpy as np
     >>> import accelcal as ac
-    >>> made = ac.simulate("bursts", seconds=20.0, rig=ac.ADXL105_RIG, parameters={}, rng=np.random.default_rng(1))
-    >>> limits = power(made.recording)
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("bursts", seconds=20.0, rig=ac.simulation.ADXL105_RIG, parameters={}, rng=rng)
+    >>> limits = power(ac.Model.linear(), made.recording)
     >>> limits.detection("quadratic", limits["quadratic"].smallest[0]) > 0.94
     True
     """
-    model = Model.linear() if model is None else model
-    if isinstance(source, RunState):
-        return with_drift(detectability_of(source, model, extra, alpha))
+    model = model.model if isinstance(model, Fit) else model
     if start is None and end is None:
-        whole = usable(source)
+        whole = usable(recording)
         start, end = whole.start, whole.end
     progress(0.1)
-    solution = solve_runs(model, [source], start=start, end=end, progress=within(progress, 0.1, 0.4))
+    solution = solve_runs(model, [recording], start=start, end=end, progress=within(progress, 0.1, 0.4))
     found = detectability_of(solution.states[0], model, extra, alpha)
     progress(0.9)
     return with_drift(found)

@@ -35,8 +35,9 @@ class FilterRun(Result):
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> _, run = ac.fit_recursive(ac.FilterChoice(), made.recording)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> from accelcal.estimation.recursive import fit_recursive
+    >>> _, run = fit_recursive(ac.FilterChoice(), made.recording)
     >>> run.states.shape == (len(run.times), 4)
     True
     """

@@ -113,7 +113,7 @@ def gather(
     def see(progress: Report) -> Power | None:
         return attempt(
             "the detection limits",
-            lambda: power(recording, fit.model, extra=extra, start=start, end=end, progress=progress),
+            lambda: power(fit, recording, extra=extra, start=start, end=end, progress=progress),
         )
 
     def nest() -> tuple[NestedFits, Comparison]:

@@ -1,5 +1,8 @@
 """Simulation: motion of a stage, the paper's sensors, and records drawn from the model of a filter."""
 
 from accelcal._support.listing import listing
+from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Simulated, simulate
+
+__all__ = ["ADXL105_RIG", "CXL02_RIG", "Simulated", "simulate"]
 
 __dir__ = listing(globals())

@@ -42,9 +42,9 @@ class Coast(Result):
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
     >>> fit = ac.fit(made.recording)
-    >>> bool(ac.coast(fit, made.recording, 2.0, 5.0).floor[-1] > 0.0)
+    >>> bool(ac.workflow.coast(fit, made.recording, 2.0, 5.0).floor[-1] > 0.0)
     True
     """
 
@@ -208,7 +208,7 @@ class Evaluation(Result):
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
     >>> fit = ac.fit(made.recording)
     >>> sorted(ac.compare(fit, made.recording).coast_rms)
     [1.0, 5.0, 10.0]

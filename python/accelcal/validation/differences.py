@@ -90,7 +90,7 @@ class Comparison(Result):
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 2e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> made = ac.simulate("interleaved", seconds=20.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
     >>> fits = [ac.fit(made.recording), ac.fit(made.recording, ac.Model.cubic())]
     >>> comparison = ac.compare(fits, made.recording)
     >>> comparison.differences[0].verdict, comparison.errors[1] < comparison.errors[0]

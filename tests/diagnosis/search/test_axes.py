@@ -55,7 +55,7 @@ def test_the_bias_is_that_at_the_mean_of_the_channel(improved, folder):
 
 def test_a_model_file_keeps_the_means_and_an_older_one_has_none(improved, tmp_path):
     path = tmp_path / "m.json"
-    ac.save_model(improved[G].best, path)
+    improved[G].best.save(path)
     assert ac.load_model(path).origins == improved[G].best.origins
     content = json.loads(path.read_text())
     assert content["parameters"][0]["stands_for"].endswith("+ cross_axis at the mean of a_y")

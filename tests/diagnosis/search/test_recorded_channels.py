@@ -10,6 +10,7 @@ import pytest
 import accelcal as ac
 from accelcal.data.recording import Channel
 from accelcal.serialization import model_file
+from accelcal.simulation import CXL02_RIG
 
 RATES = {"rate_i": 0.7, "rate_p": 0.4, "alpha_o": 2.0}
 """Amplitude of each rotation, rad/s and rad/s²."""
@@ -29,7 +30,7 @@ def recorded(seed, planted=None):
     """A run whose sensor is shaken sideways and turned a little while its supply moves; one effect in its output."""
     rng = np.random.default_rng(seed)
     truth = {"bias": 0.05, "scale_factor": 0.01}
-    made = ac.simulate("tones", seconds=20.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    made = ac.simulate("tones", seconds=20.0, rig=CXL02_RIG, parameters=truth, rng=rng)
     accel = made.recording.accel
     t = accel.t
 

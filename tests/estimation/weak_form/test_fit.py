@@ -13,14 +13,13 @@ from accelcal.data.recording import RecordingError
 from accelcal.diagnosis.independent_estimate import differences
 from accelcal.estimation.estimate import solve_runs
 from accelcal.serialization import model_file
+from accelcal.simulation import CXL02_RIG
 from tests.hostile.case import case_rng
 
 TRUTH = {"bias": 0.05, "cubic": 1e-3}
 
 
-def recording(
-    number: int, motion: str = "interleaved", rig: ac.Rig = ac.CXL02_RIG, seconds: float = 20.0
-) -> ac.Recording:
+def recording(number: int, motion: str = "interleaved", rig: ac.Rig = CXL02_RIG, seconds: float = 20.0) -> ac.Recording:
     rng = case_rng("fit by the weak form", number)
     return ac.simulate(motion, seconds=seconds, rig=rig, parameters=TRUTH, rng=rng).recording
 
@@ -67,7 +66,7 @@ def test_a_clock_from_1970_changes_nothing() -> None:
 
 
 def test_repeated_counts_of_a_coarse_encoder_count_a_few_times() -> None:
-    rig = replace(ac.CXL02_RIG, resolution=2e-5)
+    rig = replace(CXL02_RIG, resolution=2e-5)
     state = solve_runs(ac.Model.linear(), [recording(4, "moves", rig)], engine="weak").states[0]
     assert state.run.rounding > 0.0
     assert state.run.read is None
@@ -76,14 +75,14 @@ def test_repeated_counts_of_a_coarse_encoder_count_a_few_times() -> None:
 
 
 def test_a_run_without_a_weak_form_is_refused_in_a_sentence() -> None:
-    rig = replace(ac.CXL02_RIG, output_filters=(ChannelFilter("RC", "highpass", 0.5),))
+    rig = replace(CXL02_RIG, output_filters=(ChannelFilter("RC", "highpass", 0.5),))
     with pytest.raises(RecordingError, match=r"no weak form: the output has passed a high-pass.*--method replay"):
         ac.fit(recording(5, "moves", rig), method="weak")
 
 
 @pytest.mark.parametrize("method", ["weak", "replay"])
 def test_a_model_without_a_free_coefficient_is_refused(method: str) -> None:
-    made = ac.simulate("moves", seconds=5.0, rig=ac.CXL02_RIG, parameters={"bias": 0.0}, rng=np.random.default_rng(3))
+    made = ac.simulate("moves", seconds=5.0, rig=CXL02_RIG, parameters={"bias": 0.0}, rng=np.random.default_rng(3))
     held = ac.Model.linear().freeze(bias=0.0, scale_factor=0.0, time_offset=0.0)
     with pytest.raises(ValueError, match="no coefficient of the model is free: set one free to fit it"):
         ac.fit(made.recording, held, method=method)

@@ -11,6 +11,7 @@ import accelcal as ac
 from accelcal.data.recording import Channel
 from accelcal.estimation.weak_form.channel import NEIGHBOURS, SampledChannel, from_neighbours
 from accelcal.estimation.weak_form.splines import Splines
+from accelcal.simulation import CXL02_RIG
 from tests.hostile.case import case_rng
 
 STEP = 1.0 / 833.0
@@ -58,7 +59,7 @@ def test_the_weights_of_the_samples_are_those_of_the_sums():
 def test_lost_readings_cost_what_they_tell_and_no_more(share):
     """The weak form is as sure as the replay, which a lost reading does not stop."""
     rng = case_rng("lost readings of a record", round(100 * share))
-    made = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters={"bias": 0.05}, rng=rng).recording
+    made = ac.simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters={"bias": 0.05}, rng=rng).recording
     kept = rng.random(len(made.position.t)) >= share
     position = Channel("position", made.position.t[kept], made.position.y[kept], "m")
     recording = replace(made, position=position)

@@ -9,6 +9,7 @@ from scipy.stats import chi2
 import accelcal as ac
 from accelcal.data.references import integrated
 from accelcal.serialization import model_file
+from accelcal.simulation import CXL02_RIG
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 3e-4}
 RECORDS = 6
@@ -19,7 +20,7 @@ LEAST, MOST = chi2.ppf([0.0005, 0.9995], 3 * RECORDS)
 def recordings(reference):
     for seed in range(RECORDS):
         rng = np.random.default_rng([7, seed])
-        settings = {"seconds": 20.0, "rig": ac.CXL02_RIG, "parameters": TRUTH, "rng": rng}
+        settings = {"seconds": 20.0, "rig": CXL02_RIG, "parameters": TRUTH, "rng": rng}
         yield ac.simulate("tones", reference=reference, **settings).recording
 
 

@@ -21,6 +21,7 @@ from accelcal.estimation.weak_form.covariance import NoWeakForm, factor, solved
 from accelcal.estimation.weak_form.noise import with_noise
 from accelcal.estimation.weak_form.rows import WeakRows, refined
 from accelcal.model import Term, terms_of
+from accelcal.simulation import CXL02_RIG
 from tests.hostile.case import case_rng
 
 MODEL = ac.Model.linear().add("cubic")
@@ -28,7 +29,7 @@ TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
 MOTIONS = ("interleaved", "tones", "moves")
 
 
-def recording(motion: str, number: int, rig: ac.Rig = ac.CXL02_RIG) -> ac.Recording:
+def recording(motion: str, number: int, rig: ac.Rig = CXL02_RIG) -> ac.Recording:
     rng = case_rng(f"weak form {motion}", number)
     return ac.simulate(motion, seconds=30.0, rig=rig, parameters=TRUTH, rng=rng).recording
 
@@ -173,7 +174,7 @@ def test_no_row_crosses_a_break() -> None:
 
 
 def test_a_run_behind_a_high_pass_has_none() -> None:
-    rig = replace(ac.CXL02_RIG, output_filters=(ChannelFilter("RC", "highpass", 0.5),))
+    rig = replace(CXL02_RIG, output_filters=(ChannelFilter("RC", "highpass", 0.5),))
     state = solve_runs(ac.Model.linear(), [replace(recording("moves", 2), rig=rig)]).states[0]
     with pytest.raises(NoWeakForm, match="high-pass"):
         WeakRows(state)
