@@ -82,7 +82,8 @@ def test_a_fit_by_the_weak_form_stays_one_when_a_parameter_is_held(folder):
 def test_horizons_the_record_does_not_allow_are_null(folder):
     write_recording(record(3, seconds=4.0), folder / "short.csv")
     accelcal("fit", "one.csv", "-o", "m2.json", cwd=folder)
-    seen = json.loads(accelcal("compare", "m2.json", "short.csv", "--json", cwd=folder).stdout)
+    compared = json.loads(accelcal("compare", "m2.json", "short.csv", "--json", cwd=folder).stdout)
+    seen = compared["recordings"][0]["comparisons"][0]
     assert seen["coast_rms_m"]["1"] is not None
     assert seen["coast_rms_m"]["5"] is None
     assert seen["coast_rms_m"]["10"] is None
