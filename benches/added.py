@@ -28,19 +28,23 @@ from tests.worlds import SENSORS, Nuisances, World, at_d
 from tests.worlds.motion import RAMPS
 
 from accelcal import workflow
-from accelcal.effects import find
+from accelcal.effects import CATALOGUE, find
 from accelcal.estimation.estimate import Fit
 from accelcal.io import load
 
 Outcome = dict[str, Any]
 STRENGTH = 20.0
 MOST_SIGMA = 4.0
-ALIKE = ("time_offset", "sensor_lag", "sensor_resonance"), ("bias_random_walk", "bias_gauss_markov")
+DELAYS = "time_offset", "sensor_lag", "sensor_resonance"
+"""Effects whose size in the worlds is a delay: on smooth ramps the time offset, which every model has."""
+PROCESSES = tuple(name for name, effect in CATALOGUE.items() if effect.port == "process")
+ALIKE = DELAYS, ("bias_random_walk", "bias_gauss_markov"), ("scale_random_walk", "scale_gauss_markov")
 """Effects of which one accounts for the other on these records."""
 REASONS = {
     "saturation": "its coefficient is 1 by definition",
     "vibration_rectification": "its coefficient is another quantity in the worlds",
     "timing_jitter": "its size is a standard deviation that a few moves determine to tens of per cent",
+    **dict.fromkeys(PROCESSES, "its coefficients are a path, of which the worlds state the intensity"),
 }
 """Effects whose size is not compared, and why."""
 
@@ -84,12 +88,13 @@ def added(trial: Trial) -> Outcome:
         recording = load(world.record().write(folder))
     base = workflow.fit(recording)
     before = workflow.diagnose(base, recording)
-    model = base if trial.effect in base.model.effects else workflow.add(base, recording, trial.effect)
+    present = trial.effect in (*DELAYS, *base.model.effects)
+    model = base if present else workflow.add(base, recording, trial.effect)
     after = workflow.diagnose(model, recording)
     return {
         "before": list(before.effects),
         "classes": [list(group.members) for group in before.classes],
-        "sizes": errors(model, world) | waves(model, world),
+        "sizes": errors(model, world) | waves(model, world) | delay(model, world),
         "noise": [[e.name, e.value, e.std] for e in model.noise_effects],
         "after": list(after.effects),
         "verdict": after.verdict,
@@ -113,6 +118,13 @@ def waves(model: Fit, world: World) -> dict[str, list[float]]:
     return sizes
 
 
+def delay(model: Fit, world: World) -> dict[str, list[float]]:
+    """Time offset of the model beside a hidden delay: estimate, std, truth."""
+    (hidden,) = world.hidden
+    offset = model["time_offset"]
+    return {hidden.name: [offset.value, offset.std, hidden.magnitude]} if hidden.name in DELAYS else {}
+
+
 def misses(outcome: Outcome) -> list[str]:
     """Claims that an outcome misses, in words."""
     if "error" in outcome:
@@ -125,8 +137,8 @@ def misses(outcome: Outcome) -> list[str]:
             claims.append(f"{name} {value:.6g} ± {std:.2g}, truth {truth:.6g}")
     if effect not in outcome["sizes"] and not outcome["noise"] and effect not in REASONS:
         claims.append("no size to compare")
-    lacking = same & set(outcome["after"]) if find(effect).port != "noise" else {effect} & set(outcome["after"])
-    if lacking and effect != "time_offset":
+    lacking = set(outcome["after"]) & ({effect} if find(effect).port == "noise" else same) - {"time_offset"}
+    if lacking:
         claims.append(f"still lacks {', '.join(sorted(lacking))}: {outcome['sentence']}")
     return claims
 

@@ -468,7 +468,8 @@ def add(
         requested = scan(states, model, extra=extra, only=(effect,), progress=within(progress, 0.4, 0.6))
         if not requested.entered:
             lacking = [n for n in effect.needs if n not in several[0].side]
-            why = "this record does not excite it; `accelcal power` says what the record can show"
+            power = "`accelcal power` says what the record can show"
+            why = f"this record does not excite it, or not apart from what the model holds; {power}"
             if lacking:
                 why = f"it needs the channel {' and '.join(lacking)}; record it, or name its column in the sidecar"
             if lacks_its_position(effect, states):
