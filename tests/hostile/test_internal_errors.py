@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import math
 import os
@@ -155,6 +156,20 @@ def test_a_value_error_that_a_function_of_accelcal_lets_through_is_its_error():
         with pytest.raises(ValueError, match=r"x: expected 1|math domain error") as caught:
             namespace[function](-1.0)  # type: ignore[operator]
         assert internal_error.is_for_user(caught.value) is for_user
+
+
+def test_every_error_that_accelcal_words_derives_from_its_base() -> None:
+    bare, classes = [], []
+    for path in sorted(internal_error.PACKAGE.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and node.exc.args:
+                name, codes = ast.unparse(node.exc.func), ast.unparse(node.exc.args[0]).startswith("errno.")
+                if name in ("ValueError", "ImportError") or (name == "OSError" and not codes):
+                    bare.append(f"{path.name}:{node.lineno}")
+            if isinstance(node, ast.ClassDef) and "ValueError" in map(ast.unparse, node.bases):
+                classes.append(node.name)
+    assert not bare
+    assert classes == ["AccelcalError"]
 
 
 def test_an_effect_of_the_user_that_fails_is_named_by_its_line(here, monkeypatch, capsys):

@@ -142,7 +142,7 @@ def test_workers_end_with_a_server_that_was_killed(tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; from accelcal.app.workers import Workers;"
         "from accelcal.app.known import Known; from tests.hostile import workbench_tasks as work;"
-        "Workers(Path(sys.argv[1]), 1)(work.sleep, Path(sys.argv[1], 'note'), report=lambda s: None, known=Known())"
+        "Workers(Path(sys.argv[1]), 1)(work.sleep, Path(sys.argv[1], 'note'), progress=lambda s: None, known=Known())"
     )
     server = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)])
     while not (tmp_path / "note").exists():

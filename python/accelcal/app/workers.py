@@ -37,7 +37,7 @@ class Compute(Protocol):
     """How a workbench has long work done: in another process, or here."""
 
     def __call__(self, task: Callable[..., Any], *args: Any, progress: Report, known: Known) -> Any:
-        """Return ``task(*args, report=report)``."""
+        """Return ``task(*args, progress=progress)``."""
 
 
 def direct(task: Callable[..., Any], *args: Any, progress: Report, known: Known) -> Any:
