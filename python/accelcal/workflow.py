@@ -6,6 +6,7 @@ rejected before every fit.
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -309,7 +310,7 @@ def fit(
     model = Model.linear() if model is None else model
     several = with_dwells(recordings)
     if isinstance(several, Dwells):
-        return estimate_dwells(model, several, origins)
+        return remembered(estimate_dwells(model, several, origins), recordings)
     several = [without_wrong_readings(one) for one in several]
     if "scale_factor" not in model.fixed:
         require_motion_above_noise(several, start=start, end=end)
@@ -345,7 +346,15 @@ def fit(
         slow = slow_residual(found, run, stretches=False)
     said = tuple(f"{one.sentence}." for one in (slow, disturbed) if one is not None)
     tilt = 0.0 if slow is None else float(slow.values["tilt_deg"])
-    return replace(found, tilt=tilt, remarks=(*said, *found.remarks)) if said else found
+    found = replace(found, tilt=tilt, remarks=(*said, *found.remarks)) if said else found
+    return remembered(found, recordings)
+
+
+def remembered(fit: Fit, recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> Fit:
+    """The fit, for which `nested` finds its recordings again while both live."""
+    several = [recordings] if isinstance(recordings, Recording | Dwells) else recordings
+    found_before(fit, "recordings", (), lambda: tuple(map(weakref.ref, several)))
+    return fit
 
 
 def without_stretches(recordings: Sequence[Recording], disturbed: Remark) -> list[Recording]:
@@ -492,7 +501,8 @@ def add(
         raise AccelcalError(
             f"{unsettled[0]!r} cannot be added: the fit with it does not settle, so its noise would not be calibrated"
         )
-    return with_breaks(replace(grown, remarks=(*grown.remarks, *barely_shown(grown, names))), broken)
+    grown = replace(grown, remarks=(*grown.remarks, *barely_shown(grown, names)))
+    return remembered(with_breaks(grown, broken), recordings)
 
 
 def barely_shown(fit: Fit, names: Sequence[str]) -> list[str]:
@@ -535,7 +545,7 @@ def drop(
         model, several, origins=fit.origins, engine=engine_of(fit), progress=within(progress, 0.0, 0.9)
     )
     left, solution = fit_without_outliers(result(solution), solution, several)
-    return with_breaks(with_noise_effects(left, several, solution.states), broken)
+    return remembered(with_breaks(with_noise_effects(left, several, solution.states), broken), recordings)
 
 
 @checked
@@ -709,7 +719,7 @@ def clean_holdout(
 @one_thread
 def nested(
     fit: Fit,
-    recordings: Recording | Dwells | Sequence[Recording | Dwells],
+    recordings: Recording | Dwells | Sequence[Recording | Dwells] | None = None,
     *,
     start: float | None = None,
     end: float | None = None,
@@ -719,7 +729,8 @@ def nested(
     Parameters
     ----------
     fit : the largest model, which is returned as it is.
-    recordings : one or several that the smaller models are fitted to, as `fit` was.
+    recordings : one or several that the smaller models are fitted to; by default those of `fit`, as long as they are in
+        memory.
     start, end : s, optional; only this part is used.
 
     Returns
@@ -730,6 +741,8 @@ def nested(
     ------
     NotIdentifiable
         If the motion does not determine even the base.
+    RecordingError
+        If the recordings of the fit are no longer in memory.
 
     Examples
     --------
@@ -739,9 +752,17 @@ def nested(
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
     >>> fit = ac.fit(made.recording, ac.Model.linear().add("cubic"))
-    >>> ac.compare(ac.nested(fit, made.recording), made.recording).names
+    >>> ac.compare(ac.nested(fit), made.recording).names
     ('base', 'base + cubic')
     """
+    if recordings is None:
+        living: tuple[weakref.ref[Recording | Dwells], ...] = found_before(fit, "recordings", (), tuple)
+        recordings = [one for one in (each() for each in living) if one is not None]
+    if not recordings:
+        raise RecordingError(
+            f"{', '.join(name for name, _ in fit.sources)}: no longer in memory; give what the fit was made from: "
+            "accelcal.nested(fit, recordings)"
+        )
     several, _ = usable_recordings(runs_of(recordings), start is not None or end is not None)
     grown = nested_fits(fit, several, start=start, end=end)
     *smaller, last = grown.fits

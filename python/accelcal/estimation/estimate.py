@@ -72,7 +72,7 @@ REVERSED_COHERENCE = 0.5
 
 
 @immutable
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, weakref_slot=True)
 class Fit(Result):
     """Estimates of a model with their covariance, and where they come from.
 

@@ -73,8 +73,9 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def typeset(text: str) -> str:
-    """Numbers in a text with true minus signs and short exponents."""
-    return re.sub(r"e([+-])0*(?=\d)", r"e\1", text).replace("e+", "e").replace("-", "−")
+    """Numbers in a text with true minus signs and short exponents; a hyphen between words stays."""
+    short = re.sub(r"e([+-])0*(?=\d)", r"e\1", text).replace("e+", "e")
+    return re.sub(r"(?:(?<=\de)|(?<=\be)|(?<!\w))-(?=[\d.]|inf)", "−", short)
 
 
 def with_unit(text: str, unit: str) -> str:
