@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accelcal import CXL02_RIG, Model, simulate
+from accelcal import Model, simulate
 from accelcal.data.recording import Recording
 from accelcal.data.rig import LowPass
 from accelcal.estimation.estimate import estimate
 from accelcal.serialization import model_file
+from accelcal.simulation import CXL02_RIG
 from accelcal.workflow import improve
 from tests.consistency.campaign import rms_region
 from tests.consistency.toleranced import NAMES, TRUTH, normalised, record

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from accelcal import CXL02_RIG, Model, simulate
+from accelcal import Model, simulate
 from accelcal.data.recording import Recording
 from accelcal.data.rig import LowPass
 from accelcal.estimation.estimate import estimate
+from accelcal.simulation import CXL02_RIG
 
 NAMES = ("bias", "scale_factor", "time_offset")
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 1e-4}

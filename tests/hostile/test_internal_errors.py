@@ -147,9 +147,7 @@ def test_a_value_error_that_a_function_of_accelcal_lets_through_is_its_error():
     namespace: dict[str, object] = {"math": math, "Own": ac.AccelcalError}
     name = str(internal_error.PACKAGE / "made_up.py")
     exec(
-        compile(
-            "def f(x):\n    return math.sqrt(x)\ndef g(x):\n    raise AccelcalError('x: expected 1')\n", name, "exec"
-        ),
+        compile("def f(x):\n    return math.sqrt(x)\ndef g(x):\n    raise Own('x: expected 1')\n", name, "exec"),
         namespace,
     )
     for function, for_user in (("f", False), ("g", True)):

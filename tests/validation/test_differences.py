@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from accelcal.cli import app, write_recording
 from accelcal.cli.printing import show_comparison
 from accelcal.serialization import diagnosis_json, model_file
 from accelcal.simulation import CXL02_RIG
+from accelcal.validation import evaluation
 from accelcal.validation.differences import Comparison, ModelDifference, verdict_of
 from accelcal.validation.paired import HeldOutChange, PairedStretches
 from accelcal.validation.stretches import LEAST_STRETCHES, headline_horizon, stretch_count
@@ -125,6 +127,45 @@ def test_the_headline_is_the_longest_horizon_with_enough_stretches(paired: Compa
     assert counts[1.0] >= LEAST_STRETCHES > counts[5.0]
     assert headline_horizon(seen) == 1.0
     assert max(counts) > 1.0  # the longest would have been another
+
+
+def test_a_single_model_is_judged_as_by_itself(fits: list[ac.Fit], runs: list[ac.Recording]) -> None:
+    alone, several = ac.compare(fits[0], runs[0]), ac.compare([fits[0]], runs)
+    expected = evaluation.compare(fits[0], runs[0])  # with the filter of the fit itself
+    for seen in (alone[0], alone.seen[0][0], several.seen[0][0]):
+        assert (seen.coast_rms, seen.one_step_rms, seen.band) == (
+            expected.coast_rms,
+            expected.one_step_rms,
+            expected.band,
+        )
+        assert np.array_equal(seen.accel_residual[1], expected.accel_residual[1])
+    assert alone.differences == several.differences == ()
+    rows = several.table().rows
+    assert [row["recording"] for row in rows if row["model"] == "base"] == ["", *several.recordings]
+
+
+def test_parts_of_each_recording_stand_in_the_table(paired: Comparison) -> None:
+    rows = [row for row in paired.table().rows if row["model"] == paired.names[1]]
+    assert [row["drift_1s"] for row in rows] == [paired[1].coast_rms[1.0]] + [s[1].coast_rms[1.0] for s in paired.seen]
+    (one,) = paired.differences
+    changes = [None if change is None else change.percent for change in (one.pooled, *one.recordings)]
+    assert [row["change"] for row in rows] == changes
+    models = {row["model"] for row in paired.table("regions").rows}
+    assert models == set(paired.names)
+
+
+def test_nested_models_are_fitted_to_the_recordings_of_the_fit() -> None:
+    train, unseen = record(1, 16.0), record(2, 16.0)
+    fit = ac.add(ac.fit(train), train, "cubic")
+    nested = ac.nested(fit)
+    assert [each.model.added for each in nested] == [(), ("cubic",)]
+    assert nested[0]["bias"] == ac.nested(fit, train)[0]["bias"]
+    comparison = ac.compare(nested, unseen)
+    assert comparison.names == ("base", "base + cubic")
+    assert comparison.errors[1] < comparison.errors[0]
+    again = pickle.loads(pickle.dumps(fit))
+    with pytest.raises(ac.RecordingError, match=r"no longer in memory; .*accelcal\.nested\(fit, recordings\)"):
+        ac.nested(again)
 
 
 def test_mistakes_are_said(fits: list[ac.Fit], runs: list[ac.Recording]) -> None:

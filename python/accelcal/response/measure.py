@@ -87,7 +87,7 @@ def frequency_response(
     Examples
     --------
     >>> import numpy as np
-    >>> from accelcal import ADXL105_RIG, simulate
+    >>> from accelcal.simulation import ADXL105_RIG, simulate
     >>> rng = np.random.default_rng(1)
     >>> made = simulate("sine_steps", seconds=60.0, rig=ADXL105_RIG, parameters={"scale_factor": 0.01}, rng=rng)
     >>> found = frequency_response(made.recording, check=False)

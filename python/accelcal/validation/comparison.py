@@ -210,7 +210,7 @@ class Evaluation(Result):
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
     >>> fit = ac.fit(made.recording)
-    >>> sorted(ac.compare(fit, made.recording).coast_rms)
+    >>> sorted(ac.compare(fit, made.recording)[0].coast_rms)
     [1.0, 5.0, 10.0]
     """
 

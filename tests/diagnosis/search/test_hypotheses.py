@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accelcal import CXL02_RIG
 from accelcal.data.arrays import Array
 from accelcal.data.references import Reference
 from accelcal.diagnosis.search.hypotheses import hypotheses_for
@@ -17,6 +16,7 @@ from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import find
 from accelcal.estimation.estimate import estimate, solve_runs
 from accelcal.model import Model
+from accelcal.simulation import CXL02_RIG
 from accelcal.simulation.sensor import Simulated, simulate
 from accelcal.workflow import add, diagnose
 from tests.diagnosis.search.records import fitted
