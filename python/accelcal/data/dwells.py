@@ -38,7 +38,7 @@ class DwellSetup:
 
 
 @immutable
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
 class Dwells(Result):
     """Means of the output of one sensor at rest. All arrays are (n,), one value for each dwell.
 
