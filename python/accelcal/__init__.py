@@ -92,6 +92,23 @@ PACKAGES = (
     "workflow",
 )
 """Modules below the public names that are reached as attributes, imported on first use; `response` is public."""
+HOMES = {
+    "_core": "__version__",
+    "_support.errors": "AccelcalError",
+    "data.dwells": "Dwells",
+    "data.recording": "Channel Recording RecordingError",
+    "data.rig": "LowPass Rig Sensor",
+    "effects": "effect load_effects",
+    "estimation.estimate": "Fit",
+    "estimation.gauss_newton": "NotIdentifiable",
+    "filters.choice": "FilterChoice",
+    "filters.live_model": "LiveModel",
+    "io": "load load_dwells",
+    "model": "Model Prior",
+    "simulation.sensor": "simulate",
+    "validation.differences": "Comparison",
+}
+"""Modules of the public names that are bound together; the workflow loads SciPy's statistics, which takes longer."""
 _binding: set[int] = set()
 """Threads that are importing the public names."""
 
@@ -124,23 +141,11 @@ def _bind() -> None:
         return  # a module asks for a submodule: Python imports it
     _binding.add(thread)
     try:
-        from accelcal._core import __version__
-        from accelcal._support.errors import AccelcalError
-        from accelcal.data.dwells import Dwells
-        from accelcal.data.recording import Channel, Recording, RecordingError
-        from accelcal.data.rig import LowPass, Rig, Sensor
-        from accelcal.effects import effect, load_effects
-        from accelcal.estimation.estimate import Fit
-        from accelcal.estimation.gauss_newton import NotIdentifiable
-        from accelcal.filters.choice import FilterChoice
-        from accelcal.filters.live_model import LiveModel
-        from accelcal.io import load, load_dwells
-        from accelcal.model import Model, Prior
-        from accelcal.serialization.model_file import load as load_model
-        from accelcal.simulation.sensor import simulate
-        from accelcal.validation.differences import Comparison
+        from accelcal._support.faces import face
 
-        globals().update({name: value for name, value in locals().items() if name != "thread"})
+        globals()["load_model"] = face("serialization.model_file").load
+        for home, names in HOMES.items():
+            globals().update({name: getattr(face(home), name) for name in names.split()})
     finally:
         _binding.discard(thread)
 
