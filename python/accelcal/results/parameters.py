@@ -69,7 +69,8 @@ def parameter_rows(fit: Fit, *, in_full: bool = False) -> tuple[Row, ...]:
     zero, because a simpler curve suffices, are no parameters.
     """
     unused = [e for e in fit.estimates if e.std <= 0.0 and e.value == 0.0 and find(owner_of(e)).family]
-    counts = Counter(owner_of(e) for e in fit.estimates if e not in unused)
+    named = {e.name: e for e in fit.estimates if e not in unused}  # a time offset of each run is no curve
+    counts = Counter(map(owner_of, named.values()))
     summed = {name for name, count in counts.items() if count > MOST_COLUMNS and name in CATALOGUE and not in_full}
     rows: list[Row] = []
     for e in fit.estimates:
