@@ -134,7 +134,7 @@ def test_a_diagnosis_outlives_values_that_cannot_be_had_and_is_not_that_of_the_f
 
 
 def test_curves_are_those_of_the_data_in_use(grown, tmp_path):
-    bench, recorder = with_answers(replace(grown.state, shown=1), tmp_path, {tasks.compared: object()})
+    bench, recorder = with_answers(replace(grown.state, shown=1), tmp_path, {tasks.compared: [object()]})
     bench.whole()
     bench.whole()
     assert len(recorder.asked) == 1
