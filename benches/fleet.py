@@ -23,7 +23,7 @@ from accelcal import campaign
 from accelcal.cli import write_recording
 from accelcal.fleet.summary import summarise
 from accelcal.fleet.task import fit_of
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 
 DIFFERENT = 20
 """Recordings that are simulated; the others are links to them under names of their own."""

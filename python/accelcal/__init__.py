@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     from accelcal.filters.stream import LiveFilter
     from accelcal.io import load, load_dwells
     from accelcal.model import Estimate, Model, Prior
+    from accelcal.results.model_file import load as load_model
+    from accelcal.results.model_file import save as save_model
     from accelcal.selection.improvement import History, Improvement
-    from accelcal.serialization.model_file import load as load_model
-    from accelcal.serialization.model_file import save as save_model
     from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
     from accelcal.validation.comparison import Coast, Comparison
     from accelcal.validation.differences import PairedComparison
@@ -154,8 +154,8 @@ def _bind() -> None:
         from accelcal.filters.stream import LiveFilter
         from accelcal.io import load, load_dwells
         from accelcal.model import Estimate, Model, Prior
-        from accelcal.serialization.model_file import load as load_model
-        from accelcal.serialization.model_file import save as save_model
+        from accelcal.results.model_file import load as load_model
+        from accelcal.results.model_file import save as save_model
         from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
         from accelcal.validation.comparison import Coast, Comparison
 

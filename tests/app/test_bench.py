@@ -19,7 +19,7 @@ from accelcal.app.workbench import Busy, Workbench
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module, to_dict
 from accelcal.cli import app as command_line
 from accelcal.estimation.estimate import estimate
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 
 
 @pytest.fixture

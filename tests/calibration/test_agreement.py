@@ -15,7 +15,7 @@ from accelcal.estimation.estimate import estimate
 from accelcal.estimation.run_to_run import Spread
 from accelcal.report import agreement_html
 from accelcal.report.agreement_view import agreement_view
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from tests.report.reading import Page
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 2e-3}

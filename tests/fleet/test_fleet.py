@@ -17,7 +17,7 @@ from accelcal.fleet import task
 from accelcal.fleet.population import population
 from accelcal.fleet.summary import AGEING_ALPHA, OUTLYING, moving_range, summarise
 from accelcal.fleet.task import fit_of
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from tests.schemas import require_published
 
 SENSORS, RUNS = 24, 4

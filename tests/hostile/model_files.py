@@ -31,7 +31,7 @@ from accelcal.cli.printing import (
     show_steps,
 )
 from accelcal.effects import from_expression
-from accelcal.serialization import diagnosis_json, model_file
+from accelcal.results import diagnosis_json, model_file
 
 PACKAGE = str(Path(ac.__file__).parent)
 FOREIGN = (np.linalg.LinAlgError, UnicodeError, json.JSONDecodeError)

@@ -15,7 +15,7 @@ import pytest
 import accelcal as ac
 from accelcal.cli import app, write_recording
 from accelcal.estimation.estimate import estimate
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from tests.hostile.case import LONG, case_rng
 
 ABSURD = ("1e400", "1e12", "nan", "-1", "inf", "-inf", "1e-320", "0", "9" * 400, "1_000", "٣", "")

@@ -20,8 +20,8 @@ import accelcal as ac
 from accelcal._support.plain_text import OBEYED
 from accelcal.cli import write_recording
 from accelcal.effects import CATALOGUE
-from accelcal.serialization import model_file
-from accelcal.serialization.model_file import ModelFileError
+from accelcal.results import model_file
+from accelcal.results.model_file import ModelFileError
 
 from .case import LONG, case_rng, cases
 from .model_files import CHEAP, DEAR, NO_NUMBER, bases, enter_own_effect, mutated, place, record, verdict, wrong

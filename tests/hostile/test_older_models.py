@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from accelcal._core import __version__
-from accelcal.serialization import model_file
-from accelcal.serialization.migrations import MODEL_SCHEMA, PRESENT, STEPS
-from accelcal.serialization.model_file import ModelFileError
+from accelcal.results import model_file
+from accelcal.results.migrations import MODEL_SCHEMA, PRESENT, STEPS
+from accelcal.results.model_file import ModelFileError
 
 from .model_files import bases
 

@@ -14,7 +14,7 @@ from accelcal.cli import common
 from accelcal.cli.printing import show_comparison, show_fit
 from accelcal.cli.terminal import say, say_line, show_table, show_wrapped_table
 from accelcal.data.rig import Sensor
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from accelcal.workflow import compare
 
 from .model_files import bases, enter_own_effect, record

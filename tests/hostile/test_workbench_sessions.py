@@ -19,8 +19,8 @@ from accelcal.app.kept import MOST, Keeper
 from accelcal.app.session_file import CONTENT, MOST_FILE, MOST_MEMBER, SessionError, peek, read
 from accelcal.app.state import Change
 from accelcal.app.workbench import Workbench
-from accelcal.serialization import model_file
-from accelcal.serialization.schema.session import MOST_GUESTS, MOST_MODELS
+from accelcal.results import model_file
+from accelcal.app.session_content import MOST_GUESTS, MOST_MODELS
 
 from ..schemas import require_published
 from .case import case_rng, cases

@@ -22,7 +22,7 @@ from accelcal._support import locks
 from accelcal._support.scratch import scratch_folder
 from accelcal.cli import app, write_recording
 from accelcal.estimation.estimate import estimate
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from tests.hostile.case import LONG, case_rng
 
 WRITERS = 6

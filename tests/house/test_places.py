@@ -15,7 +15,7 @@ import accelcal as ac
 from accelcal import io
 from accelcal.cli import app, write_recording
 from accelcal.estimation.estimate import estimate
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 
 PLAN = ["plan", "--effects", "cubic", "--stroke", "0.2 m", "--vmax", "0.1 m/s", "--amax", "9 m/s^2"]
 

@@ -15,8 +15,8 @@ from tests.schemas import SCHEMAS, require_published
 import accelcal
 from accelcal.cli.dwells import triad_to_dict
 from accelcal.estimation.triad import fit_triad
-from accelcal.serialization import model_file
-from accelcal.serialization.schema.publish import FILES, file_name, name_of, publish
+from accelcal.results import model_file
+from accelcal.results.schema.publish import FILES, file_name, name_of, publish
 
 PACKAGE = Path(accelcal.__file__).parent
 NOT_JSON = {"accelcal/campaign/1"}
@@ -24,7 +24,7 @@ NOT_JSON = {"accelcal/campaign/1"}
 
 
 def test_the_published_schemas_are_those_of_the_code(tmp_path):
-    # Renewed by: python -m accelcal.serialization schemas
+    # Renewed by: python -m accelcal.results schemas
     made = {path.name: path.read_text() for path in publish(tmp_path)}
     assert made == {path.name: path.read_text() for path in SCHEMAS.iterdir()}
 

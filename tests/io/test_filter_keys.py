@@ -15,7 +15,7 @@ from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.recording import RecordingError
 from accelcal.data.rig import LowPass, Rig
 from accelcal.io.sidecar import Source, read_sidecar
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 
 ALL = """
 [channels.accel]

@@ -13,7 +13,7 @@ from accelcal.data.recording import Channel, Recording
 from accelcal.io.stream_lines import Rows
 from accelcal.live import Tracker, settings_of
 from accelcal.live.regressor import OutputMoments
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 
 SCALE = 0.01
 

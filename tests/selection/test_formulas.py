@@ -18,7 +18,7 @@ from accelcal.effects import from_expression
 from accelcal.model import Model
 from accelcal.selection.curve_formulas import Trial, nodes_over, per
 from accelcal.selection.grammar import GRAMMAR
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from accelcal.signals.signals import Signals
 
 CURVE = "shape_of_velocity"

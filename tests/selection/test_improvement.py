@@ -8,8 +8,8 @@ import pytest
 
 import accelcal as ac
 from accelcal.diagnosis.findings import Confounded, Finding, equivalent_sigma, with_findings
-from accelcal.serialization import model_file
-from accelcal.serialization.diagnosis_json import improvement_to_dict
+from accelcal.results import model_file
+from accelcal.results.diagnosis_json import improvement_to_dict
 from tests.schemas import require_published
 
 

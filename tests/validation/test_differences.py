@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import accelcal as ac
 from accelcal.cli import app, write_recording
 from accelcal.cli.printing import show_paired
-from accelcal.serialization import diagnosis_json, model_file
+from accelcal.results import diagnosis_json, model_file
 from accelcal.validation.differences import ModelDifference, PairedComparison, verdict_of
 from accelcal.validation.paired import HeldOutChange, PairedStretches
 from accelcal.validation.stretches import LEAST_STRETCHES, headline_horizon, stretch_count

@@ -13,7 +13,7 @@ import pytest
 import accelcal as ac
 from accelcal.cli.printing import show_comparison
 from accelcal.plots.numbers import REGION_HEAD, region_cells, region_rows
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from accelcal.validation.comparison import Bins, Comparison, Region
 from accelcal.validation.worst import STRETCHES, seen_at, worst_regions, worst_sentence
 

@@ -8,7 +8,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.data.recording import Channel
-from accelcal.serialization import diagnosis_json, model_file
+from accelcal.results import diagnosis_json, model_file
 
 BREAK = 25.0
 

@@ -11,7 +11,7 @@ from accelcal.data.recording import Channel
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.diagnosis.contribution import Size, split
 from accelcal.estimation.estimate import estimate
-from accelcal.serialization import diagnosis_json, model_file
+from accelcal.results import diagnosis_json, model_file
 from accelcal.simulation.motion import motion
 from accelcal.simulation.sensor import Vibration
 from accelcal.validation.evaluation import compare

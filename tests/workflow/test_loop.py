@@ -15,7 +15,7 @@ from accelcal.cli import write_recording
 from accelcal.diagnosis.search.likelihood_gain import log_survival, score_gain, variance_gain
 from accelcal.estimation.estimate import estimate, restored_states, solve_runs
 from accelcal.estimation.normal_equations import normal_equations
-from accelcal.serialization import diagnosis_json, model_file
+from accelcal.results import diagnosis_json, model_file
 from accelcal.workflow import add, diagnose, drop, improve
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from accelcal.workflow import barely_shown
 
 DENSITY, RATE = 1.4e-3, 1000.0

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from accelcal.app.session_content import Content, Source
 from accelcal.io.dwell_table import digest_of
-from accelcal.serialization.schema.session import Content, Source
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -29,6 +29,9 @@ from accelcal.cli.common import (
 )
 from accelcal.cli.hints import after_comparison, fitted_files, held_out, suggest
 from accelcal.cli.models import LOADED, load_like
+
+if TYPE_CHECKING:
+    from accelcal.validation.differences import PairedComparison
 
 
 @app.command()
@@ -102,13 +105,14 @@ def compare_one(
 ) -> None:
     """One model on one recording."""
     from accelcal.cli.printing import show_comparison
-    from accelcal.serialization import model_file
+    from accelcal.results import json as results_json
+    from accelcal.results import model_file
     from accelcal.workflow import compare as compare_with
 
     fitted = model_file.load(model)
     with progress("compare") as report:
         seen = compare_with(fitted, load_like(fitted, run, rig), report=within(report, LOADED, 1.0), **part)
-    content = model_file.comparison_to_dict(seen)
+    content = results_json.content(seen)
 
     def draw(folder: Path) -> list[Path]:
         from accelcal.plots.static.comparison import write
@@ -134,7 +138,8 @@ def compare_several(
 ) -> None:
     """Each model against the first, on the same recordings."""
     from accelcal.cli.printing import show
-    from accelcal.serialization import diagnosis_json, model_file
+    from accelcal.results import json as results_json
+    from accelcal.results import model_file
     from accelcal.workflow import compare_paired
 
     twice = next((path for path in models if models.count(path) > 1), None)
@@ -145,7 +150,7 @@ def compare_several(
         recordings = [load_like(fits[0], path, rig) for path in runs]
         share = within(report, LOADED, 1.0)
         found = compare_paired(fits, recordings, names=[str(path) for path in models], report=share, **part)
-    content = diagnosis_json.paired_to_dict(found)
+    content = results_json.content(found)
 
     def draw(folder: Path) -> list[Path]:
         from accelcal.plots.static.overlay import write
@@ -157,16 +162,16 @@ def compare_several(
         print_json(content)
     else:
         show(found)
-        best = best_of(content)
+        best = best_of(found)
         after_comparison(fits[best], models[best], runs[0])
 
 
-def best_of(content: dict[str, Any]) -> int:
+def best_of(found: PairedComparison) -> int:
     """The model that differs most for the better from the first; the first where none is surely better."""
     better = [
-        (one["change"]["percent"], number)
-        for number, one in enumerate(content["differences"], start=1)
-        if one["verdict"] == "better"
+        (one.pooled.percent, number)
+        for number, one in enumerate(found.differences, start=1)
+        if one.pooled is not None and one.verdict == "better"
     ]
     return min(better, default=(0.0, 0))[1]
 
@@ -176,7 +181,7 @@ def write_results(
 ) -> None:
     """Write numbers and figures, all of them or none."""
     from accelcal.io import atomic_write, together
-    from accelcal.serialization import model_file
+    from accelcal.results import model_file
 
     written: list[Path] = []
     with together():
@@ -205,7 +210,8 @@ def history(
     Example: [bold]accelcal history m.json m2.json --on run13.csv[/bold]
     """
     from accelcal.cli.printing import show
-    from accelcal.serialization import diagnosis_json, model_file
+    from accelcal.results import json as results_json
+    from accelcal.results import model_file
     from accelcal.workflow import history as history_of
 
     load_own_effects(effects_file)
@@ -213,7 +219,7 @@ def history(
     with progress("history") as report:
         seen = history_of(fits, load_like(fits[0], on, rig), report=within(report, LOADED, 1.0))
     if json:
-        print_json(diagnosis_json.history_to_dict([str(m) for m in models], seen))
+        print_json(results_json.content(seen))
     else:
         show(seen)
         fitted = fitted_files(fits[-1], models[-1], on)

@@ -9,11 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from accelcal._support.result import Storable
 from accelcal.data.arrays import Array
 from accelcal.estimation.multiplicity import over_all
 
@@ -38,8 +40,10 @@ class Component:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Population:
+class Population(Storable):
     """One parameter of a fleet."""
+
+    told: ClassVar[tuple[str, ...]] = ("next_sensor_std", "next_run_std")
 
     mean: float
     mean_std: float

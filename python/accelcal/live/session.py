@@ -8,10 +8,11 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 
+from accelcal._support.result import Storable
 from accelcal.io.growing import GrowingParquet
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
 from accelcal.io.stream_lines import LineReader, Rows
@@ -60,6 +61,19 @@ class LiveState:
     refused: int
     refusal: str
     recorded: int
+
+
+@dataclass(frozen=True, slots=True)
+class LiveEvent(Storable):
+    """One line of `accelcal live --json`."""
+
+    event: Literal["state", "alarm", "end"]
+    source: str
+    """Name of the source."""
+    state: LiveState
+    alarm: Alarm | None = None
+    ended: str | None = None
+    """Why the source ended."""
 
 
 class LiveSession:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, ClassVar
 
 from accelcal._support.immutable import immutable
 from accelcal._support.listing import listing
@@ -16,6 +17,7 @@ from accelcal.diagnosis.verdict import Diagnosis, unsteady_effects, verdict_and_
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
 from accelcal.validation.comparison import Comparison
+from accelcal.validation.paired import HeldOutChange, heldout_change
 
 if TYPE_CHECKING:
     pass
@@ -51,6 +53,8 @@ class Improvement(Result):
     >>> found.best["cubic"].std > 0.0
     True
     """
+
+    told: ClassVar[tuple[str, ...]] = ("verdict", "sentence", "effects", "found", "left", "importance", "changes")
 
     steps: tuple[Step, ...]
     diagnosis: Diagnosis
@@ -108,6 +112,11 @@ class Improvement(Result):
         text = with_findings(self.found, self.left[1], self.diagnosis.fit.rig.tolerance)
         rises = [remark.sentence for remark in self.diagnosis.remarks if remark.code == "heldout_rises"]
         return " ".join([text, *(f"{sentence}." for sentence in rises)])
+
+    @property
+    def changes(self) -> tuple[HeldOutChange | None, ...]:
+        """Paired change of the held-out error from each step to the next; None where the data are too short for one."""
+        return tuple(heldout_change(one.heldout, other.heldout) for one, other in pairwise(self.steps))
 
     @property
     def importance(self) -> Importance | None:

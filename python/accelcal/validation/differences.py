@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
@@ -91,6 +91,8 @@ class PairedComparison(Result):
     >>> ac.compare_paired(fits, made.recording).differences[0].verdict
     'better'
     """
+
+    told: ClassVar[tuple[str, ...]] = ("differences",)
 
     fits: tuple[Fit, ...]
     names: tuple[str, ...]

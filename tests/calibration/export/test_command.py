@@ -11,7 +11,7 @@ import pytest
 
 from accelcal.calibration.export import calibrate, header, module, read_laboratory, to_dict
 from accelcal.calibration.export.content import SCHEMA
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 
 from .models import fit_of
 
