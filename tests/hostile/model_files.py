@@ -21,17 +21,10 @@ from accelcal import report, workflow
 from accelcal._support.plain_text import OBEYED
 from accelcal.calibration import apply, export
 from accelcal.calibration.characteristic import characteristic
-from accelcal.cli.printing import (
-    show_comparison,
-    show_diagnosis,
-    show_export,
-    show_fit,
-    show_formulas,
-    show_paired,
-    show_steps,
-)
+from accelcal.cli.printing import show, show_comparison, show_export, show_fit, show_formulas
 from accelcal.effects import from_expression
-from accelcal.results import diagnosis_json, model_file
+from accelcal.results import json as results_json
+from accelcal.results import model_file
 
 PACKAGE = str(Path(ac.__file__).parent)
 FOREIGN = (np.linalg.LinAlgError, UnicodeError, json.JSONDecodeError)
@@ -72,9 +65,9 @@ def bases() -> tuple[dict[str, Any], ...]:
     grown = workflow.add(cubic, record(), "own_drag", "hysteresis")
     contents = [json.loads(model_file.dumps(model_file.to_dict(fit))) for fit in (cubic, joint, grown)]
     contents[2]["model"]["effects"].append("vibration")
-    contents[2]["noise"][0]["growth"] = [{"effect": "vibration", "q": 1e-9, "r": 0.0, "mean": 1.0}]
+    contents[2]["runs"][0]["noise"]["noise"]["growth"] = [{"effect": "vibration", "q": 1e-9, "r": 0.0, "mean": 1.0}]
     f = np.geomspace(1.0, 100.0, 5).tolist()
-    spectrum = {"frequency_hz": f, "floor": [1e-4] * 5, "growth": {"vibration": [1e-5] * 5}}
+    spectrum = {"f": f, "floor": [1e-4] * 5, "growth": {"vibration": [1e-5] * 5}}
     contents[2]["noise_effects"] = [
         {
             **{"name": "vibration", "symbol": "c²", "unit": "m⁻²", "value": 0.1, "std": 0.01, "owner": "rig"},
@@ -179,12 +172,11 @@ def exported(fit: ac.Fit) -> Iterator[str]:
     except export.NotExportable:
         left = characteristic(fit).left_out
         made = export.calibrate(fit, without=[one.effect for one in left if one.needed])
-    content = export.to_dict(made)
     yield export.header(made, "x.h")
     yield export.module(made)
     yield export.draft(made, export.Laboratory()).text
-    yield model_file.dumps(content)
-    show_export(content)
+    show_export(made)
+    yield model_file.dumps(results_json.content(made))
 
 
 def applied(fit: ac.Fit) -> Iterator[str]:
@@ -205,16 +197,16 @@ def printed(fit: ac.Fit) -> Iterator[str]:
 
 def compared(fit: ac.Fit) -> Iterator[str]:
     """The comparison with a record."""
-    content = model_file.comparison_to_dict(workflow.compare(fit, record()))
-    yield model_file.dumps(content)
-    show_comparison(json.loads(model_file.dumps(content)))
+    seen = workflow.compare(fit, record())
+    show_comparison(seen)
+    yield model_file.dumps(results_json.content(seen))
 
 
 def diagnosed(fit: ac.Fit) -> Iterator[str]:
     """The diagnosis on a record."""
-    content = diagnosis_json.diagnosis_to_dict(workflow.diagnose(fit, record()))
-    yield model_file.dumps(content)
-    show_diagnosis(content)
+    found = workflow.diagnose(fit, record())
+    show(found)
+    yield model_file.dumps(results_json.content(found))
 
 
 def added(fit: ac.Fit) -> Iterator[str]:
@@ -234,23 +226,23 @@ def frozen(fit: ac.Fit) -> Iterator[str]:
 
 def compared_in_order(fit: ac.Fit) -> Iterator[str]:
     """The history of two models."""
-    content = diagnosis_json.history_to_dict(["a", "b"], workflow.history([fit, fit], record()))
-    yield model_file.dumps(content)
-    show_steps([(step["model"], step["heldout"]) for step in content["steps"]], content)
+    found = workflow.history([fit, fit], record())
+    show(found)
+    yield model_file.dumps(results_json.content(found))
 
 
 def compared_in_pairs(fit: ac.Fit) -> Iterator[str]:
     """Two models on a record, and their difference."""
-    content = diagnosis_json.paired_to_dict(workflow.compare_paired([fit, fit], record()))
-    yield model_file.dumps(content)
-    show_paired(json.loads(model_file.dumps(content)))
+    found = workflow.compare_paired([fit, fit], record())
+    show(found)
+    yield model_file.dumps(results_json.content(found))
 
 
 def put_into_formulas(fit: ac.Fit) -> Iterator[str]:
     """Formulas of a curve."""
     found = workflow.formulas(fit, record(), "shape_of_velocity")
-    yield model_file.dumps(found.to_dict())
     show_formulas(found)
+    yield model_file.dumps(results_json.content(found))
 
 
 def reported(fit: ac.Fit) -> Iterator[str]:
