@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml) $(shell find crates -path '*/src/*.rs')
 export CARGO_INCREMENTAL ?= 0
 
-.PHONY: help demo docs test test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls bench-added bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers stubs format clean bench-response
+.PHONY: help demo docs test test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls bench-added bench-lines bench-axes bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers stubs format clean bench-response
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -107,6 +107,15 @@ bench-nulls: $(STAMP) ## Read 300 honest records of every kind of rig; half an h
 
 bench-added: $(STAMP) ## Hide, name and add every effect of the catalogue; twenty minutes, restartable.
 	$(BIN)/python -m benches.added
+
+bench-lines: $(STAMP) ## Hide lines and waves over position, add them, compare with the truth; minutes, restartable.
+	$(BIN)/python -m benches.lines
+
+bench-axes: $(STAMP) ## Read records with gravity across and along the axis; minutes, restartable.
+	$(BIN)/python -m benches.axes
+
+bench-left-out: $(STAMP) ## Read records with saturated bursts; minutes, restartable.
+	$(BIN)/python -m benches.left_out
 
 bench-references: $(STAMP) ## Hide effects in records whose reference is a velocity or an acceleration; an hour, restartable.
 	$(BIN)/python -m benches.references --workers 2

@@ -120,16 +120,16 @@ def misses(outcome: Outcome) -> list[str]:
         return [outcome["error"].strip().splitlines()[-1]]
     effect = outcome["effect"]
     same = {effect, *(name for group in ALIKE if effect in group for name in group)}
-    found = []
+    claims = []
     for name, (value, std, truth) in outcome["sizes"].items():
         if name not in ("scale_factor", *REASONS) and abs(value - truth) > MOST_SIGMA * std:
-            found.append(f"{name} {value:.6g} ± {std:.2g}, truth {truth:.6g}")
+            claims.append(f"{name} {value:.6g} ± {std:.2g}, truth {truth:.6g}")
     if effect not in outcome["sizes"] and not outcome["noise"] and effect not in REASONS:
-        found.append("no size to compare")
+        claims.append("no size to compare")
     lacking = same & set(outcome["after"]) if find(effect).port != "noise" else {effect} & set(outcome["after"])
     if lacking and effect != "time_offset":
-        found.append(f"still lacks {', '.join(sorted(lacking))}: {outcome['sentence']}")
-    return found
+        claims.append(f"still lacks {', '.join(sorted(lacking))}: {outcome['sentence']}")
+    return claims
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -14,12 +14,12 @@ from plotly.graph_objects import Figure as InteractiveFigure
 
 import accelcal
 import accelcal.plots.interactive
-import accelcal.plots.static.diagnosis
 from accelcal.cli import app as cli
 from accelcal.effects import BUILT_IN, Effect, spelled
 from accelcal.effects.cards import symptoms
-from accelcal.plots.static.signature import caption, signature
-from accelcal.plots.style import THEMES, save
+from accelcal.plots import matplotlib
+from accelcal.plots.signature import caption, signature
+from accelcal.plots.style import THEMES
 from accelcal.results import json as results_json
 from accelcal.results import json_text
 
@@ -56,7 +56,8 @@ pygments_dark_style = "github-dark"
 
 for module in [m for name, m in sys.modules.items() if name.startswith("accelcal.plots")]:
     # They import these types for type checkers alone; with the type known, the link leads to the right class.
-    vars(module).setdefault("Figure", InteractiveFigure if ".interactive" in module.__name__ else StillFigure)
+    vars(module).setdefault("Figure", StillFigure)
+    vars(module).setdefault("Drawn", InteractiveFigure if module.__name__.endswith(".plotly") else StillFigure)
 
 SYMPTOMS = "<!-- symptoms of the catalogue -->"
 """Mark of a page for the table of what every effect looks like."""
@@ -81,7 +82,7 @@ def draw(app: Any) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for effect in BUILT_IN:
         for theme in THEMES:
-            save(signature(effect, theme=theme), folder / f"{effect.name}-{theme}.png")
+            matplotlib.save(matplotlib.draw(signature(effect), theme), folder / f"{effect.name}-{theme}.png")
 
 
 def complete(app: Any, page: str, source: list[str]) -> None:

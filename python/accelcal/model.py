@@ -72,12 +72,20 @@ class Term:
     @property
     def name(self) -> str:
         """The effect's name, with the column's where it has several: rail_wave.sin."""
-        return self.effect.name if self.effect.width == 1 else f"{self.effect.name}.{self.effect.parts[self.part]}"
+        return (
+            self.effect.name
+            if self.effect.width == 1
+            else f"{self.effect.name}.{self.effect.parts_at(self.shape)[self.part]}"
+        )
 
     @property
     def symbol(self) -> str:
         """Letter in tables."""
-        return self.effect.symbol if self.effect.width == 1 else f"{self.effect.symbol}_{self.effect.parts[self.part]}"
+        return (
+            self.effect.symbol
+            if self.effect.width == 1
+            else f"{self.effect.symbol}_{self.effect.parts_at(self.shape)[self.part]}"
+        )
 
     @property
     def unit(self) -> str:
@@ -103,7 +111,7 @@ class Term:
 def terms_of(effect: Effect, shape: Mapping[str, float] | None = None) -> tuple[Term, ...]:
     """Every coefficient of an effect at given shape parameters."""
     shape = shape or {}
-    return tuple(Term(effect, part, shape) for part in range(effect.width))
+    return tuple(Term(effect, part, shape) for part in range(len(effect.parts_at(shape))))
 
 
 def evaluate(terms: Sequence[Term], s: Signals) -> Iterator[Array]:

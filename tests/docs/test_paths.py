@@ -73,8 +73,6 @@ def test_the_maps_name_files_that_exist_and_leave_none_out():
     described = {
         "effects",
         "plots",
-        "plots/static",
-        "plots/interactive",
         "paper",
         "app",
         "app/screens",

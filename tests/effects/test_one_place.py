@@ -28,6 +28,7 @@ HOMONYMS = {
     ("cli/models.py", "cubic"): "model of `fit`: linear or cubic",
     ("data/recording.py", "velocity"): "a reference",
     ("data/references.py", "velocity"): "a reference",
+    ("diagnosis/turning.py", "tilt"): "the cause that the file judges, and the class that it enters",
     ("estimation/axis_gravity.py", "cubic"): "interpolation",
     ("estimation/drive.py", "cubic"): "interpolation",
     ("estimation/recursive.py", "cubic"): "model of a live filter: linear or cubic",
@@ -41,7 +42,7 @@ HOMONYMS = {
     ("io/write.py", "misalignment"): "key of a sidecar",
     ("live/settings.py", "cubic"): "parameter of a live filter",
     ("live/settings.py", "quadratic"): "parameter of a live filter",
-    ("plots/static/signature.py", "velocity"): "variable of the motion",
+    ("plots/signature.py", "velocity"): "variable of the motion",
     ("report/first_page.py", "velocity"): "variable of the motion",
     ("validation/regions.py", "velocity"): "variable of the motion",
 }

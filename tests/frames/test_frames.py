@@ -188,7 +188,7 @@ def test_a_missing_library_is_asked_for(fit: ac.Fit, library: str, monkeypatch: 
 
 
 def test_where_it_fails_is_a_frame_of_the_worst_regions(seen: ac.Comparison) -> None:
-    frame = seen.where_it_fails()
+    frame = seen.to_dataframe("regions")
     assert frame.index.tolist() == [region.variable for region in seen.worst_regions]
     first = seen.worst_regions[0]
     assert first.stretch is not None

@@ -204,9 +204,9 @@ def compared(fit: ac.Fit) -> Iterator[str]:
 
 def diagnosed(fit: ac.Fit) -> Iterator[str]:
     """The diagnosis on a record."""
-    found = workflow.diagnose(fit, record())
-    show(found)
-    yield model_file.dumps(results_json.content(found))
+    seen = workflow.diagnose(fit, record())
+    show(seen)
+    yield model_file.dumps(results_json.content(seen))
 
 
 def added(fit: ac.Fit) -> Iterator[str]:
@@ -226,16 +226,16 @@ def frozen(fit: ac.Fit) -> Iterator[str]:
 
 def compared_in_order(fit: ac.Fit) -> Iterator[str]:
     """The history of two models."""
-    found = workflow.history([fit, fit], record())
-    show(found)
-    yield model_file.dumps(results_json.content(found))
+    seen = workflow.history([fit, fit], record())
+    show(seen)
+    yield model_file.dumps(results_json.content(seen))
 
 
 def compared_in_pairs(fit: ac.Fit) -> Iterator[str]:
     """Two models on a record, and their difference."""
-    found = workflow.compare_paired([fit, fit], record())
-    show(found)
-    yield model_file.dumps(results_json.content(found))
+    seen = workflow.compare_paired([fit, fit], record())
+    show(seen)
+    yield model_file.dumps(results_json.content(seen))
 
 
 def put_into_formulas(fit: ac.Fit) -> Iterator[str]:

@@ -98,15 +98,16 @@ def test_a_kill_leaves_old_or_new_and_nothing_else(number, inputs, references, t
     folder, temporary = tmp_path / "w", tmp_path / "temporary"
     shutil.copytree(inputs, folder)
     temporary.mkdir()
-    before = files(folder)
+    before, force = files(folder), list[str]()
     if rng.random() < 0.5 and name not in ("init", "dwells", "live"):  # these refuse to replace
         for output in outputs:
             (folder / output).parent.mkdir(exist_ok=True)
             (folder / output).write_bytes(OLD)
+        force = ["--force"]  # which replaces what is there
     environment = {**os.environ, "TMPDIR": str(temporary)}
     exactly = rng.random() < 0.7  # else at a random time
     at = (str(int(rng.integers(1, moments + 1))), str(int(sent))) if exactly else ("0", "0")
-    words = [sys.executable, DRIVER, "file", *at, str(folder), *absolute(name, folder)]
+    words = [sys.executable, DRIVER, "file", *at, str(folder), *absolute(name, folder), *force]
     child = subprocess.Popen(
         words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
     )

@@ -169,6 +169,25 @@ def test_a_reader_is_refused_what_no_reading_needs(act: str, place: Path, monkey
     assert sorted(os.listdir()) == ["run.c3d", "there"]
 
 
+@pytest.mark.parametrize("suffix", ["parquet", "npz", "mat", "h5"])
+def test_tables_of_many_rows_are_read_by_any_user(suffix: str, user: str) -> None:
+    h5py, pa = pytest.importorskip("h5py"), pytest.importorskip("pyarrow")
+    t = np.arange(40_000) / 1000.0
+    columns, path = {"t_s": t, "accel_m_per_s2": np.sin(t)}, Path(f"run.{suffix}")
+    if suffix == "parquet":
+        pytest.importorskip("pyarrow.parquet").write_table(pa.table(columns), path)
+    elif suffix == "npz":
+        np.savez(path, **columns)
+    elif suffix == "mat":
+        pytest.importorskip("scipy.io").savemat(path, columns)
+    else:
+        with h5py.File(path, "w") as file:
+            for name, values in columns.items():
+                file[name] = values
+    read = open_table(path).read(list(columns))
+    assert [len(column.values) for column in read.values()] == [len(t)] * 2
+
+
 @pytest.mark.parametrize("suffix", RECORDERS)
 def test_every_library_reads_within_its_guard(suffix: str, user: str, place: Path) -> None:
     columns = {"accel": np.sin(T), "position": np.cos(T)}

@@ -56,7 +56,7 @@ def test_names_of_a_recording_and_its_sensor_reach_no_terminal_as_escapes(capsys
     fit = ac.fit(ac.Model.linear(), hostile)
     show_fit(fit, hostile)
     seen = compare(fit, hostile)
-    show_comparison(model_file.comparison_to_dict(seen))
+    show_comparison(seen)
     common.print_json(model_file.comparison_to_dict(seen))
     model_file.save(fit, tmp_path / "m.json")  # and can be read again
     again = model_file.load(tmp_path / "m.json")

@@ -298,7 +298,7 @@ def test_a_full_disk_leaves_what_was_there(made, tmp_path, old):
     target = tmp_path / "big.csv"
     if old:
         target.write_text("old")
-    words = [sys.executable, "-m", "accelcal", "simulate", "--seconds", "5", "-o", str(target)]
+    words = [sys.executable, "-m", "accelcal", "simulate", "--seconds", "5", "-o", str(target), "--force"]
     done = subprocess.run(words, capture_output=True, text=True, preexec_fn=limited, timeout=300)
     assert done.returncode == 3
     assert done.stderr.startswith(f"accelcal: {target}: cannot be written (")

@@ -112,5 +112,5 @@ def test_an_output_that_never_changes_is_refused_in_python_as_in_a_file(accel: f
 @pytest.mark.parametrize("size", [5e-324, 1e-300, 1e-8])
 def test_an_output_that_hardly_changes_is_no_sensor(size: float) -> None:
     run = ac.Recording.from_arrays(T, size * np.sin(6.0 * T), POSITION, units=UNITS, rig=RIG)
-    with pytest.raises(RecordingError, match="as good as zero beside the acceleration"):
+    with pytest.raises(RecordingError, match=r"as good as zero beside the acceleration|expected an output that varies"):
         ac.fit(ac.Model.linear(), run)

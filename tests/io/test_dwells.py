@@ -192,7 +192,12 @@ def test_rests_of_a_long_record_become_a_table(tmp_path):
     with pytest.raises(ac.RecordingError, match=r'row 2, column "attitude_deg": expected a finite number'):
         ac.load_dwells(bare)
     again = run("dwells", path, "--attitudes", "0:45", "-o", out, "--yes")
-    assert again.exit_code == 3  # the sidecar is not overwritten
+    assert again.exit_code == 0, again.output  # what the same command wrote
+    sidecar = out.with_suffix(".toml")
+    sidecar.write_text(sidecar.read_text() + "# checked by hand\n")
+    edited = run("dwells", path, "--attitudes", "0:45", "-o", out, "--yes")
+    assert edited.exit_code == 2
+    assert sidecar.read_text().endswith("# checked by hand\n")
     none = run("dwells", path, "--least", "20 s")
     assert none.exit_code == 3
     assert "no rest of 20 s" in none.output + none.stderr

@@ -1,6 +1,8 @@
-"""Interactive figures carry the numbers of the API, units on every axis, and colours that everyone tells apart."""
+"""Figures carry the numbers of the API, units on every axis, and colours that everyone tells apart, in plotly too."""
 
+import base64
 import itertools
+import json
 import re
 from dataclasses import replace
 
@@ -17,12 +19,15 @@ from accelcal.estimation.parameter_tracks import track
 from accelcal.estimation.shape_functions import shapes
 from accelcal.experiment import power
 from accelcal.live.moments import LiveHistory
-from accelcal.plots import interactive, style
-from accelcal.plots.interactive.drawing import logarithmic, thin
-from accelcal.plots.interactive.regions import ordered
-from accelcal.plots.interactive.signatures import chosen
-from accelcal.plots.interactive.timeline import Marks
-from accelcal.plots.numbers import candidate_groups, model_names, nested_comparisons, tiles_of
+from accelcal.plots import bins, comparison, interactive, limits, matplotlib, plotly, residuals, style, timeline
+from accelcal.plots import diagnosis as findings
+from accelcal.plots import model as models
+from accelcal.plots import tracks as over_time
+from accelcal.plots.figure import Bars, Level, Line, Points, Text, decades, thin
+from accelcal.plots.limits import chosen
+from accelcal.plots.numbers import candidate_groups, model_names, nested_comparisons
+from accelcal.plots.response import sensitivity
+from accelcal.plots.timeline import Marks
 from accelcal.results import words as formatting
 from accelcal.selection.nested_models import nested_models
 from accelcal.simulation.sensor import CXL02_RIG, simulate
@@ -55,7 +60,7 @@ class Example:
         self.nested = nested_models(self.fit, self.run, self.diagnosis, holdout=self.other)
         self.power = power(self.run)
         self.track = track(self.fit, self.run)
-        self.marks = interactive.marks(self.run)
+        self.marks = timeline.marks(self.run)
         shaped = ac.Model.linear().add("shape_of_position", shapes=self.ends)
         self.shaped = estimate(shaped.freeze(**{"shape_of_position.p1": 0.0}), self.run)
 
@@ -64,30 +69,32 @@ class Example:
         low, high = self.fit.validity["p"]
         return {"shape_of_position": {"low": low - self.fit.origins.p, "high": high - self.fit.origins.p}}
 
-    def figures(self, theme):
+    def figures(self):
         seen = self.seen
         return {
-            "simulated": interactive.simulated(seen, theme=theme),
-            "coasting": interactive.coasting(seen, theme=theme),
-            "one_step": interactive.one_step(seen, previous=seen, theme=theme),
-            "accel_residual": interactive.accel_residual(seen, previous=seen, theme=theme),
-            "regions": interactive.regions(seen, theme=theme),
-            "spectrum": interactive.spectrum(self.fit, seen, [LINE], theme=theme),
-            "whiteness_plot": interactive.whiteness_plot(seen, theme=theme),
-            "quantile_plot": interactive.quantile_plot(seen, theme=theme),
-            "tiles": interactive.tiles(seen, theme=theme),
-            "tracks": interactive.tracks(self.track, theme=theme),
-            "ranking": interactive.ranking(self.diagnosis, theme=theme),
-            "signatures": interactive.signatures(self.power, theme=theme),
-            "error_reduction": interactive.error_reduction(self.nested, theme=theme),
-            "fitted_curve": interactive.fitted_curve(shapes(self.shaped), theme=theme),
-            "detectable_sizes": interactive.detectable_sizes(self.power, theme=theme),
-            "drift_limits": interactive.drift_limits(self.power.drift, theme=theme),
-            "timeline": interactive.timeline(self.run, self.marks, theme=theme),
-            "overlay": interactive.overlay(nested_comparisons(self.nested), theme=theme),
-            "live_tracks": interactive.live_tracks(followed(), theme=theme),
-            "sensitivity": interactive.sensitivity(responded(), theme=theme),
-            "linked": interactive.linked(self.run, seen, previous=seen, theme=theme),
+            "simulated": comparison.simulated(seen),
+            "coasting": comparison.coasting(seen),
+            "one_step": comparison.one_step(seen, previous=seen),
+            "accel_residual": comparison.accel_residual(seen, previous=seen),
+            "regions": bins.regions(seen),
+            "spectrum": residuals.spectrum(self.fit, seen, [LINE]),
+            "whiteness_plot": residuals.whiteness_plot(seen),
+            "quantile_plot": residuals.quantile_plot(seen),
+            "tiles": bins.tiles(seen),
+            "tracks": over_time.tracks(self.track),
+            "ranking": findings.ranking(self.diagnosis),
+            "signatures": limits.signatures(self.power),
+            "error_reduction": findings.error_reduction(self.nested),
+            "fitted_curve": over_time.fitted_curve(shapes(self.shaped)),
+            "detectable_sizes": limits.detectable_sizes(self.power),
+            "drift_limits": limits.drift_limits(self.power.drift),
+            "timeline": timeline.timeline(self.run, self.marks),
+            "overlay": timeline.overlay(nested_comparisons(self.nested)),
+            "live_tracks": over_time.live_tracks(followed()),
+            "sensitivity": sensitivity(responded()),
+            "linked": timeline.linked(self.run, seen, previous=seen, marked=[(3.0, 4.0, "chosen")]),
+            "parameters": models.parameters(self.fit),
+            "nonlinearity": models.nonlinearity(self.fit),
         }
 
 
@@ -110,46 +117,57 @@ def example():
 
 
 @pytest.fixture(scope="module")
-def drawn(example):
-    return {theme: example.figures(theme) for theme in THEMES}
+def defined(example):
+    return example.figures()
 
 
-def axes(figure, letter):
-    return [figure.layout[key] for key in figure.to_plotly_json()["layout"] if re.fullmatch(rf"{letter}axis\d*", key)]
+@pytest.fixture(scope="module")
+def drawn(defined):
+    return {theme: {name: plotly.as_dict(f, theme) for name, f in defined.items()} for theme in THEMES}
 
 
-def headline(figure):
-    return next(a.text for a in figure.layout.annotations if a.name == "headline")
+def marks(figure, kind):
+    return [mark for panel in figure.panels for mark in panel.marks if isinstance(mark, kind)]
 
 
 def named(figure, name):
-    return next(t for t in figure.data if t.name == name)
+    return next(m for m in marks(figure, Line | Points | Level) if m.name == name)
 
 
-def colours(figure):
-    return set(re.findall(r"#[0-9A-Fa-f]{6}", figure.to_json()))
+def decoded(values):
+    """Numbers of a trace as plotly.js reads them."""
+    if isinstance(values, dict):
+        return np.frombuffer(base64.b64decode(values["bdata"]), values["dtype"]).astype(float)
+    return np.array(values, dtype=float)
 
 
-def test_every_figure_is_offered(drawn):
-    assert set(drawn["light"]) == set(interactive.__all__) - {"marks"}
+def test_every_figure_is_offered_to_notebooks(defined):
+    assert set(interactive.__all__) == set(defined)
+    figure = interactive.coasting(a_comparison(), theme="dark")
+    assert figure.layout.paper_bgcolor == style.DARK.page
+    assert {trace.name for trace in figure.data} == {
+        m.name for m in comparison.coasting(a_comparison()).panels[0].marks
+    }
+
+
+def test_every_axis_carries_its_unit(defined):
+    names = ("tiles", "signatures", "ranking", "detectable_sizes", "parameters")  # of variables, effects and models
+    for name, figure in defined.items():
+        for panel in figure.panels:
+            assert name == "error_reduction" or re.search(r"\(.+\)", panel.x.label), name
+            assert name in names or re.search(r"\(.+\)", panel.y.label), name
 
 
 @pytest.mark.parametrize("theme", THEMES)
-def test_every_axis_carries_its_unit(drawn, theme):
-    for name, figure in drawn[theme].items():
-        for letter in "xy":
-            titles = [axis.title.text for axis in axes(figure, letter) if axis.title.text]
-            inherits = {
-                ("tiles", "y"),
-                ("signatures", "y"),
-                ("ranking", "y"),
-                ("detectable_sizes", "y"),
-                ("error_reduction", "x"),
-            }
-            if (name, letter) in inherits:  # names of variables, effects and models
-                continue
-            assert titles, (name, letter)
-            assert all(re.search(r"\(.+\)", title) for title in titles), (name, titles)
+def test_plotly_draws_every_title_of_an_axis(defined, drawn, theme):
+    for name, figure in defined.items():
+        axes = {k: v["title"].get("text") for k, v in drawn[theme][name]["layout"].items() if re.match("[xy]axis", k)}
+        assert len(axes) == 2 * len(figure.panels)
+        for number, panel in enumerate(figure.panels, 1):
+            at = "" if number == 1 else number
+            assert axes[f"yaxis{at}"] == panel.y.label, name
+            said = panel.x.label if not figure.shared_x or number == len(figure.panels) else None
+            assert axes[f"xaxis{at}"] == said, name
 
 
 @pytest.mark.parametrize("theme", THEMES)
@@ -157,33 +175,60 @@ def test_colours_are_those_of_the_palette(drawn, theme):
     look = style.theme_of(theme)
     allowed = {c.upper() for c in (*style.OKABE_ITO.values(), look.page, look.ink, look.grid, "#FFFFFF")}
     for name, figure in drawn[theme].items():
-        assert {c.upper() for c in colours(figure)} - allowed == set(), name
+        colours = set(re.findall(r"#[0-9A-Fa-f]{6}", json.dumps(figure)))
+        assert {c.upper() for c in colours} - allowed == set(), name
 
 
 def test_themes_differ_in_looks_alone(drawn):
     for name in drawn["light"]:
         day, night = drawn["light"][name], drawn["dark"][name]
-        assert day.layout.paper_bgcolor != night.layout.paper_bgcolor
-        assert headline(day) == headline(night)
-        for a, b in zip(day.data, night.data, strict=True):
-            if a.type == "scatter" and not isinstance(a.y[0], str):
-                np.testing.assert_array_equal(np.asarray(a.y, dtype=float), np.asarray(b.y, dtype=float))
+        assert day["layout"]["paper_bgcolor"] != night["layout"]["paper_bgcolor"]
+        assert [a["text"] for a in day["layout"]["annotations"]] == [a["text"] for a in night["layout"]["annotations"]]
+        for a, b in zip(day["data"], night["data"], strict=True):
+            assert all(a.get(key) == b.get(key) for key in ("x", "y", "z", "name", "text", "customdata")), name
 
 
-def test_one_step_keeps_extremes_and_states_statistics_of_all_data(example, drawn):
+def test_plotly_holds_the_numbers_of_every_line(defined, drawn):
+    for name, figure in defined.items():
+        # Those of bands have no text for the pointer.
+        traces = [t for t in drawn["light"][name]["data"] if "lines" in t.get("mode", "") and "hovertemplate" in t]
+        for trace, line in zip(traces, marks(figure, Line), strict=True):
+            np.testing.assert_allclose(decoded(trace["y"]), line.drawn[1], rtol=1e-6, atol=1e-300, err_msg=name)  # f4
+
+
+def test_matplotlib_draws_every_figure(defined):
+    for name, figure in defined.items():
+        drawing = matplotlib.draw(figure)
+        drawing.draw_without_rendering()
+        assert len(drawing.axes) >= len(figure.panels), name
+
+
+def test_text_of_a_file_is_no_markup_in_plotly(defined):
+    hostile = replace(defined["coasting"], headline="<b>run</b>", note="<i>")
+    text = json.dumps(plotly.as_dict(hostile))
+    assert "&lt;b&gt;run" in text
+    assert "<b>" not in text
+
+
+def test_an_unknown_theme_is_refused():
+    with pytest.raises(ValueError, match="there is no theme 'sepia'"):
+        interactive.coasting(a_comparison(), theme="sepia")
+
+
+def test_one_step_keeps_extremes_and_states_statistics_of_all_data(example, drawn, defined):
     t, e = example.seen.residual
-    figure = drawn["light"]["one_step"]
-    shown = np.asarray(named(figure, "residual").y)
+    figure = defined["one_step"]
+    shown = named(figure, "residual").drawn[1]
     assert len(t) > 2 * len(shown)
-    assert np.nanmax(shown) == pytest.approx(1e6 * e.max(), rel=1e-6)  # single precision, in µm
-    assert np.nanmin(shown) == pytest.approx(1e6 * e.min(), rel=1e-6)
+    assert np.nanmax(shown) == pytest.approx(1e6 * e.max(), rel=1e-15)  # one product, in µm
+    assert np.nanmin(shown) == pytest.approx(1e6 * e.min(), rel=1e-15)
     inside = np.mean(np.abs(e) <= 1.96 * example.seen.residual_std)
-    assert f"{100 * inside:.1f} % of" in headline(figure)
-    assert f"4 000 of {formatting.grouped(len(t))} points shown" in headline(figure)
+    assert f"{100 * inside:.1f} % of" in figure.headline
+    assert f"4 000 of {formatting.grouped(len(t))} points shown" in figure.small_print
 
 
-def test_coasting_shows_drift_and_floor(example, drawn):
-    figure = drawn["light"]["coasting"]
+def test_coasting_shows_drift_and_floor(example, defined):
+    figure = defined["coasting"]
     for name, found in (
         ("bias of this run re-estimated", example.seen.coast_rms),
         ("all parameters from the fit", example.seen.coast_frozen_rms),
@@ -195,16 +240,16 @@ def test_coasting_shows_drift_and_floor(example, drawn):
         np.testing.assert_allclose(line.y, [factor * found[h] for h in line.x], rtol=1e-12)  # one product
 
 
-def test_regions_come_in_the_order_of_what_they_explain(example, drawn):
-    found = ordered(example.seen)
+def test_regions_come_in_the_order_of_what_they_explain(example, defined):
+    found = bins.ordered(example.seen)
     shares = [share for _, share in found]
     assert shares == sorted(shares, reverse=True)
     assert found[0][0].variable == "acceleration"  # a cubic is a function of acceleration
     assert {"time", "position", "velocity", "acceleration", "jerk", "time since reversal"} == {
         b.variable for b, _ in found
     }
-    titles = [a.text for a in drawn["light"]["regions"].layout.annotations if a.name != "headline"]
-    assert [t.split(":")[0] for t in titles] == [b.variable for b, _ in found]
+    titles = [panel.title.split(":")[0] for panel in defined["regions"].panels]
+    assert titles == [*(b.variable for b, _ in found), "frequency"]
 
 
 def test_explained_share_of_a_pure_function_and_of_noise():
@@ -219,12 +264,12 @@ def test_explained_share_of_a_pure_function_and_of_noise():
         assert low <= one.explained(float(np.sqrt(np.mean(y**2)))) <= high
 
 
-def test_spectrum_names_lines_and_keeps_its_band(example, drawn):
-    figure = drawn["light"]["spectrum"]
-    assert "tone at 12.5 Hz" in headline(figure)
-    labels = [a for a in figure.layout.annotations if a.text == "tone 12.5 Hz"]
-    assert len(labels) == 2
-    assert all(a.x == pytest.approx(np.log10(12.5)) for a in labels)
+def test_spectrum_names_lines_and_keeps_its_band(example, drawn, defined):
+    figure = defined["spectrum"]
+    assert "tone at 12.5 Hz" in figure.small_print
+    assert [(m.at, m.text, m.upright) for m in marks(figure, Level)] == 2 * [(12.5, "tone 12.5 Hz", True)]
+    labels = [a for a in drawn["light"]["spectrum"]["layout"]["annotations"] if a["text"] == "tone 12.5 Hz"]
+    assert [a["x"] for a in labels] == 2 * [pytest.approx(np.log10(12.5))]  # on a logarithmic axis
 
 
 def test_spectrum_of_white_residuals_stays_in_its_region():
@@ -269,16 +314,15 @@ def test_cumulative_periodogram_tells_white_from_coloured():
         cumulative_periodogram(np.ones(40))
 
 
-def test_quantiles_are_those_of_all_residuals(example, drawn):
+def test_quantiles_are_those_of_all_residuals(example, defined):
     y = np.sort(example.seen.normalised[1])
-    shown = np.asarray(named(drawn["light"]["quantile_plot"], "residuals").y)
-    assert shown[0] == pytest.approx(y[0], rel=1e-6)
-    assert shown[-1] == pytest.approx(y[-1], rel=1e-6)
+    shown = named(defined["quantile_plot"], "residuals").y
+    assert (shown[0], shown[-1]) == (y[0], y[-1])
 
 
 def test_tiles_hold_scores(example):
-    seen = tiles_of(example.seen)
-    for row, sigma in zip(seen.rows, seen.sigma, strict=True):
+    seen = bins.tiles_of(example.seen)
+    for row, sigma in zip(seen.rows, seen.z, strict=True):
         one = next(b for b in example.seen.bins if row.startswith(f"{b.variable},"))
         known = one.std > 0.0
         np.testing.assert_array_equal(sigma[known], one.score[known])
@@ -307,16 +351,16 @@ def test_a_track_equals_a_fit_of_the_first_part():
         assert found.std[9, i] > 1.1 * found.std[-1, i]
 
 
-def test_ranking_draws_every_candidate_and_brackets_ties(example, drawn):
+def test_ranking_draws_every_candidate_and_brackets_ties(example, defined):
     groups = candidate_groups(example.diagnosis)
     flat = [c.effect for group in groups for c in group]
     assert sorted(flat) == sorted(c.effect for c in example.diagnosis.scan.candidates[:12])
-    figure = drawn["light"]["ranking"]
-    bars = [x for t in figure.data if t.type == "bar" for x in t.x]
-    assert sorted(bars) == sorted(c.snr for c in example.diagnosis.scan.candidates[:12])
+    (bars,) = marks(defined["ranking"], Bars)
+    assert sorted(bars.y) == sorted(c.snr for c in example.diagnosis.scan.candidates[:12])
+    assert list(bars.solid) == [c.p_value < example.diagnosis.alpha for group in groups for c in group]
     several = sum(1 for group in groups if len(group) > 1)
-    assert sum(1 for a in figure.layout.annotations if "confounded" in (a.text or "")) == several
-    assert sum(1 for t in figure.data if t.type == "scatter") == several
+    assert [m.text for m in marks(defined["ranking"], Text)] == several * ["confounded"]
+    assert len(marks(defined["ranking"], Line)) == several
 
 
 def test_a_tie_is_bracketed(example):
@@ -349,21 +393,24 @@ def test_signatures_are_the_correlations_of_the_record(example):
             assert {seen.names[i], seen.names[j]} in ties or len(example.power[seen.names[i]].members) > 1
 
 
-def test_falling_draws_errors_floor_and_shares(example, drawn):
-    figure = drawn["light"]["error_reduction"]
-    bars = [y for t in figure.data if t.type == "bar" for y in t.y]
-    factor = bars[0] / example.nested.errors[0]
-    np.testing.assert_allclose(bars, np.array(example.nested.errors) * factor, rtol=1e-12)  # one product
-    floor = example.nested.floor
+def test_falling_draws_errors_floor_and_shares(example, drawn, defined):
+    figure = defined["error_reduction"]
+    (bars,), floor = marks(figure, Bars), example.nested.floor
+    factor = bars.y[0] / example.nested.errors[0]
+    np.testing.assert_allclose(bars.y, np.array(example.nested.errors) * factor, rtol=1e-12)  # one product
+    intervals = [(i.low * factor, i.high * factor) for i in example.nested.intervals]
+    np.testing.assert_allclose(np.column_stack([bars.low, bars.high]), intervals, rtol=1e-12)
     line = named(figure, "noise alone, with 95 % prediction interval")
-    np.testing.assert_allclose(line.y, floor.value * factor, rtol=1e-12)
-    (region,) = (shape for shape in figure.layout.shapes if shape.type == "rect")
-    np.testing.assert_allclose((region.y0, region.y1), (floor.low * factor, floor.high * factor), rtol=1e-12)
-    texts = [text for t in figure.data if t.type == "bar" for text in t.text]
-    assert f"{100 * example.nested.shares[1]:.0f} % of the excess" in texts[1]
-    assert "declared noise density" in headline(figure)
+    expected = np.array([floor.value, floor.low, floor.high]) * factor
+    np.testing.assert_allclose((line.at, line.low, line.high), expected, rtol=1e-12)
+    assert f"{100 * example.nested.shares[1]:.0f} % of the excess" in bars.text[1]
+    assert "declared noise density" in figure.headline
     assert example.nested.errors[1] < 0.6 * example.nested.errors[0]
-    assert "not in the model yet" in {t.name for t in figure.data}
+    content = drawn["light"]["error_reduction"]
+    assert "not in the model yet" in {t.get("name") for t in content["data"]}
+    assert [y for t in content["data"] if t["type"] == "bar" for y in t["y"]] == bars.y.tolist()
+    (region,) = (shape for shape in content["layout"]["shapes"] if shape["type"] == "rect")
+    assert (region["y0"], region["y1"]) == (line.low, line.high)
 
 
 def test_a_base_at_the_floor_explains_nothing(example):
@@ -375,15 +422,14 @@ def test_a_base_at_the_floor_explains_nothing(example):
     assert replace(good, models=poor).at_floor == (True,)
 
 
-def test_the_overlay_draws_measurement_every_model_and_their_difference(example, drawn):
-    figure = drawn["light"]["overlay"]
+def test_the_overlay_draws_measurement_every_model_and_their_difference(example, drawn, defined):
     name, seen = nested_comparisons(example.nested)[-1]
-    mine = [t for t in figure.data if t.name and t.name.startswith(f"{name}, fit")]
+    mine = [t for t in drawn["light"]["overlay"]["data"] if t.get("name", "").startswith(f"{name}, fit")]
     assert len(mine) == 3  # output, residual, position
-    assert len({t.legendgroup for t in mine}) == 1
-    assert sum(t.showlegend is not False for t in mine) == 1
-    measured = next(t for t in figure.data if t.name == "measured")
-    assert np.nanmax(np.abs(measured.y)) == pytest.approx(np.max(np.abs(seen.measured)), rel=0.02)  # thinned
+    assert len({t["legendgroup"] for t in mine}) == 1
+    assert [t["showlegend"] for t in mine] == [True, False, False]
+    measured = named(defined["overlay"], "measured").drawn[1]
+    assert np.nanmax(np.abs(measured)) == np.max(np.abs(seen.measured))  # thinned
     share = np.linalg.norm(seen.accel_residual[1]) / np.linalg.norm(seen.measured - seen.measured.mean())
     assert seen.fit_percent == pytest.approx(100.0 * (1.0 - share))
     assert 90.0 < seen.fit_percent < 100.0
@@ -425,37 +471,38 @@ def test_recovered_shape_is_the_fitted_function(example):
     assert np.all(one.std > 0.0)
 
 
-def test_power_shows_contributions_by_port(example, drawn):
-    figure = drawn["light"]["detectable_sizes"]
-    shown = {y: x for t in figure.data for x, y in zip(t.x, t.y, strict=True)}
+def test_power_shows_contributions_by_port(example, defined):
+    shown = {
+        name: x
+        for panel in defined["detectable_sizes"].panels
+        for x, name in zip(panel.marks[0].x, panel.y.ticks[1], strict=True)
+    }
     for name, x in shown.items():
         assert x == example.power[name.replace(" ", "_")].largest
     assert {"cubic", "encoder cyclic"} <= set(shown)
 
 
 def test_breaks_and_faults_are_marked(example):
-    marks = Marks(0.0, 12.0, (12.0,), (), ((1.0, 2.0),))
-    figure = interactive.timeline(example.run, marks)
-    assert "1 break, no fault" in headline(figure)
-    lines = [s for s in figure.layout.shapes if s.type == "line"]
-    assert [s.x0 for s in lines] == [12.0, 12.0]
-    assert any("break at 12 s" in (a.text or "") for a in figure.layout.annotations)
-    assert [(s.x0, s.x1) for s in figure.layout.shapes if s.type == "rect"] == [(1.0, 2.0)]
+    figure = timeline.timeline(example.run, Marks(0.0, 12.0, (12.0,), (), ((1.0, 2.0),)))
+    assert "1 break, no fault" in figure.headline
+    layout = plotly.as_dict(figure)["layout"]
+    assert [s["x0"] for s in layout["shapes"] if s["type"] == "line"] == [12.0, 12.0]
+    assert any("break at 12 s" in a["text"] for a in layout["annotations"])
+    assert [(s["x0"], s["x1"]) for s in layout["shapes"] if s["type"] == "rect"] == [(1.0, 2.0)]
 
 
 @pytest.mark.parametrize("theme", THEMES)
 def test_records_too_short_are_said_in_place_of_figures(theme):
-    short = a_comparison(n=40, bins=(), accel_residual=(np.empty(0), np.empty(0)), **SHORT)
-    for draw in (interactive.coasting, interactive.regions, interactive.tiles, interactive.accel_residual):
-        texts = " ".join(a.text for a in draw(short, theme=theme).layout.annotations)
+    short = a_comparison(n=40, bins=(), accel_residual=(np.empty(0), np.empty(0)), measured=np.empty(0), **SHORT)
+    for define in (comparison.coasting, bins.regions, bins.tiles, comparison.accel_residual, timeline.overlay):
+        texts = " ".join(a["text"] for a in plotly.as_dict(define(short), theme)["layout"]["annotations"])
         assert "too short" in texts
-    assert interactive.whiteness_plot(a_comparison(n=12), theme=theme).layout.annotations
+    assert residuals.whiteness_plot(a_comparison(n=12)).panels[0].sentence
 
 
 def test_a_band_below_every_frequency_leaves_no_spectrum(example):
     assert accel_spectrum(example.fit, replace(example.seen, band=1e-3)) is None
-    alone = interactive.spectrum(example.fit, replace(example.seen, band=1e-3))
-    assert len(axes(alone, "x")) == 1
+    assert len(residuals.spectrum(example.fit, replace(example.seen, band=1e-3)).panels) == 1
 
 
 def test_power_of_few_effects_is_drawn(example):
@@ -463,27 +510,28 @@ def test_power_of_few_effects_is_drawn(example):
         example.power,
         detectabilities=tuple(s for s in example.power.detectabilities if s.effect in ("cubic", "quadratic")),
     )
-    figure = interactive.detectable_sizes(few)
-    assert [sorted(t.y) for t in figure.data] == [["cubic", "quadratic"]]
-    none = interactive.detectable_sizes(replace(example.power, detectabilities=()))
-    assert "No effect is detectable" in none.to_json()
+    assert [sorted(panel.y.ticks[1]) for panel in limits.detectable_sizes(few).panels] == [["cubic", "quadratic"]]
+    none = limits.detectable_sizes(replace(example.power, detectabilities=()))
+    assert "No effect is detectable" in none.panels[0].sentence
 
 
 def test_previous_residuals_are_drawn_pale(example):
-    figure = interactive.accel_residual(example.seen, previous=example.seen)
-    assert [t.name for t in figure.data] == ["before", "output − model"]
-    assert figure.data[0].opacity < 0.5
+    before, now = marks(comparison.accel_residual(example.seen, previous=example.seen), Line)
+    assert (before.name, now.name) == ("before", "output − model")
+    assert before.opacity < 0.5
 
 
 def test_thinning_keeps_extremes_and_leaves_short_traces_alone():
     t = np.arange(100_000.0)
     y = np.sin(t / 900.0)
-    y[54_321] = 7.0
-    assert thin(t, y).y.max() == 7.0
-    assert thin(t[:100], y[:100]).shown == 100
+    y[54_321], y[60_000:61_000] = 7.0, np.nan
+    at, shown = thin(t, y)
+    assert np.nanmax(shown) == 7.0
+    assert len(at) == len(shown) <= 4000
+    assert len(thin(t[:100], y[:100])[0]) == 100
+    assert len(thin(t, np.ones(100_000))[0]) == 2000  # of a flat line one point in each column
 
 
 def test_ticks_of_logarithmic_axes():
-    few = logarithmic(0.9, 30.0)
-    assert few["tickvals"] == pytest.approx([1, 2, 5, 10, 20])
-    assert logarithmic(1e-7, 1e-1)["ticktext"] == ["10⁻⁷", "10⁻⁶", "10⁻⁵", "10⁻⁴", "0.001", "0.01", "0.1"]
+    assert decades(0.9, 30.0)[0] == pytest.approx([1, 2, 5, 10, 20])
+    assert decades(1e-7, 1e-1)[1] == ["10⁻⁷", "10⁻⁶", "10⁻⁵", "10⁻⁴", "0.001", "0.01", "0.1"]

@@ -13,8 +13,11 @@ from accelcal import plots
 from accelcal.estimation.estimate import estimate
 from accelcal.model import Model
 from accelcal.plots import style
-from accelcal.plots.numbers import normal_quantiles
-from accelcal.plots.static.comparison import summary_sentence
+from accelcal.plots.bins import regions
+from accelcal.plots.comparison import summary_sentence
+from accelcal.plots.figure import Band, Line, Points, thin
+from accelcal.plots.matplotlib import save
+from accelcal.plots.residuals import autocorrelation, histogram, normal_quantiles
 from accelcal.results import words as formatting
 from accelcal.results.words import concise
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
@@ -78,6 +81,10 @@ def fitted():
     ).recording
     found = estimate(Model.cubic().freeze(quadratic=0.0), record)
     return record, found, compare(found, record)
+
+
+def marks_of(panel, kind):
+    return [mark for mark in panel.marks if isinstance(mark, kind)]
 
 
 def lines(axes):
@@ -217,15 +224,15 @@ def test_imposed_band_is_said():
         assert "not valid" not in texts(draw(a_comparison())).replace("\n", " ")
 
 
-def test_regions_come_in_order_of_prominence_with_their_means():
+def test_regions_come_in_order_of_what_they_explain_with_their_means():
     c = a_comparison()
-    shown = visible_axes(plots.regions(c))
-    assert [axes.get_xlabel() for axes in shown] == ["acceleration (m/s²)", "velocity (m/s)", "frequency (Hz)"]
-    assert [axes.get_ylabel() for axes in shown] == ["mean residual (mm/s²)"] * 2 + ["density / predicted (1)"]
+    figure = regions(c)
+    assert [panel.x.label for panel in figure.panels] == ["acceleration (m/s²)", "velocity (m/s)", "frequency (Hz)"]
+    assert [panel.y.label for panel in figure.panels] == ["mean residual (mm/s²)"] * 2 + ["density / predicted (1)"]
     by_name = {one.variable: one for one in c.bins}
-    line = lines(shown[1])["residual"]
-    np.testing.assert_allclose(line.get_ydata(), 1e3 * by_name["velocity"].mean, rtol=1e-15)
-    np.testing.assert_allclose(lines(shown[2])["residual"].get_ydata(), by_name["frequency"].mean, rtol=1e-15)
+    for panel, variable, factor in zip(figure.panels[1:], ("velocity", "frequency"), (1e3, 1.0), strict=True):
+        (line,) = marks_of(panel, Line)
+        np.testing.assert_allclose(line.y, factor * by_name[variable].mean, rtol=1e-15)
 
 
 def test_a_bin_without_a_standard_deviation_is_not_drawn():
@@ -250,11 +257,12 @@ def test_accelerometer_residual_and_its_rms():
 
 def test_histogram_is_a_density_of_all_residuals():
     c = a_comparison()
-    left, right = plots.histogram(c).axes
-    (stairs,) = left.patches
-    density, edges, _ = stairs.get_data()
-    assert np.sum(density * np.diff(edges)) == pytest.approx(1.0, rel=1e-12)  # none of 600 beyond 5 sigma
-    np.testing.assert_array_equal(drawn(lines(right)["residuals"])[1], np.sort(c.normalised[1]))
+    left, right = histogram(c).panels
+    (steps,) = marks_of(left, Band)
+    assert np.trapezoid(steps.high, steps.x) == pytest.approx(1.0, rel=1e-12)  # none of 600 beyond 5 sigma
+    assert not steps.low.any()
+    (points,) = marks_of(right, Points)
+    np.testing.assert_array_equal(points.y, np.sort(c.normalised[1]))
 
 
 def test_quantiles_of_a_long_record_keep_both_ends():
@@ -268,13 +276,13 @@ def test_quantiles_of_a_long_record_keep_both_ends():
 
 def test_autocorrelation_is_that_of_the_residuals():
     c = a_comparison()
-    (axes,) = plots.autocorrelation(c).axes
+    (panel,) = autocorrelation(c).panels
     y = c.normalised[1]
-    lag, rho = drawn(lines(axes)["residuals"])
-    np.testing.assert_array_equal(lag, np.arange(1, 41))
+    (points,) = marks_of(panel, Points)
+    np.testing.assert_array_equal(points.x, np.arange(1, 41))
     full = np.correlate(y, y, mode="full")[len(y) - 1 :]
-    np.testing.assert_allclose(rho, full[1:41] / full[0], rtol=0, atol=1e-13)  # 600 products of order 1
-    assert axes.get_xlabel() == "lag (readings)"
+    np.testing.assert_allclose(points.y, full[1:41] / full[0], rtol=0, atol=1e-13)  # 600 products of order 1
+    assert panel.x.label == "lag (readings)"
 
 
 def test_parameters_are_drawn_over_their_typical_size(fitted):
@@ -318,12 +326,12 @@ def test_thinning_keeps_least_and_largest_of_every_column():
     rng = np.random.default_rng(2)
     t = np.sort(rng.uniform(0.0, 60.0, 50_000))
     y = rng.standard_normal(50_000)
-    some = style.thin(t, y, columns=100)
-    assert some.shown == len(some.t) <= 200
-    assert np.all(np.diff(some.t) > 0.0)
+    some = thin(t, y, columns=100)
+    assert len(some[0]) == len(some[1]) <= 200
+    assert np.all(np.diff(some[0]) > 0.0)
     edges = np.linspace(t[0], t[-1], 101)
     for low, high in itertools.pairwise(edges):
-        full, kept = (v[(s > low) & (s < high)] for s, v in ((t, y), (some.t, some.y)))
+        full, kept = (v[(s > low) & (s < high)] for s, v in ((t, y), some))
         assert (kept.min(), kept.max()) == (full.min(), full.max())
 
 
@@ -521,12 +529,12 @@ def test_write_makes_every_file_whole_and_again_the_same(fitted, tmp_path):
 def test_a_width_of_eight_inches_is_1280_pixels(tmp_path):
     from matplotlib.image import imread
 
-    style.save(plots.coasting(a_comparison()), tmp_path / "c.png")
+    save(plots.coasting(a_comparison()), tmp_path / "c.png")
     assert imread(tmp_path / "c.png").shape[1] == 1280
 
 
 def test_long_traces_are_rasterised_in_svg(tmp_path):
-    style.save(plots.one_step(a_comparison(n=50_000)), tmp_path / "e.svg")
+    save(plots.one_step(a_comparison(n=50_000)), tmp_path / "e.svg")
     text = (tmp_path / "e.svg").read_text()
     assert "<image" in text
     assert len(text) < 400_000
@@ -560,8 +568,8 @@ def test_matplotlib_is_not_imported_before_a_figure_is_drawn():
 
 def test_pyplot_is_never_imported():
     code = (
-        "import sys, accelcal.plots.style as s, pathlib, tempfile;"
-        "s.save(s.new_figure(2, 2, s.DARK), pathlib.Path(tempfile.mkdtemp(), 'x.png'));"
+        "import sys, accelcal.plots.matplotlib as s, pathlib, tempfile; from accelcal.plots.style import DARK;"
+        "s.save(s.new_figure(2, 2, DARK), pathlib.Path(tempfile.mkdtemp(), 'x.png'));"
         "sys.exit('matplotlib.pyplot' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

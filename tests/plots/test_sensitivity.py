@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from accelcal.plots import interactive, sensitivity, style
-from accelcal.plots.response import fit_rows, response_curves, response_rows, response_sentences
+from accelcal.plots import interactive, response, sensitivity, style
+from accelcal.plots.figure import Points
+from accelcal.plots.response import FAILS, MEASURED, fit_rows, response_rows, response_sentences
 from accelcal.response import FrequencyResponse, Point, fit_response
 
 FREQUENCIES = np.geomspace(10.0, 320.0, 12)
@@ -34,19 +35,28 @@ def found():
     return responded()
 
 
+def points(panel):
+    """Frequency, value and uncertainty of every point of a panel, by frequency; which of them fail."""
+    several = [mark for mark in panel.marks if isinstance(mark, Points)]
+    x, y, error = (np.concatenate([getattr(mark, key) for mark in several]) for key in ("x", "y", "error"))
+    fails = np.concatenate([np.full(len(mark.x), mark.name == FAILS) for mark in several])
+    order = np.argsort(x)
+    return x[order], y[order], error[order], fails[order]
+
+
 def test_deviations_are_those_from_the_fit_with_the_uncertainty_of_the_point(found):
-    curves = response_curves(found)
-    magnitude, relative, phase, turned = curves.panels
-    fitted = found.model.best.response(curves.frequency)
-    np.testing.assert_allclose(relative.measured, 100.0 * (magnitude.measured / np.abs(fitted) - 1.0), atol=1e-9)
-    np.testing.assert_allclose(turned.measured, phase.measured - np.degrees(np.unwrap(np.angle(fitted))), atol=1e-9)
-    np.testing.assert_allclose(relative.expanded, 100.0 * magnitude.expanded / np.abs(fitted))
-    assert curves.failing[ODD]
-    assert f"fails at {FREQUENCIES[ODD]:.4g} Hz" in curves.sentence
-    assert relative.measured[ODD] == pytest.approx(0.08, abs=0.03)
-    plain = response_curves(responded(odd=False))
-    assert not plain.failing.any()
-    assert "fails at none of 12 points" in plain.sentence
+    figure = response.sensitivity(found)
+    (f, size, wide, fails), (_, relative, spread, _), (_, phase, _, _), (_, turned, _, _) = map(points, figure.panels)
+    fitted = found.model.best.response(f)
+    np.testing.assert_allclose(relative, 100.0 * (size / np.abs(fitted) - 1.0), atol=1e-9)
+    np.testing.assert_allclose(turned, phase - np.degrees(np.unwrap(np.angle(fitted))), atol=1e-9)
+    np.testing.assert_allclose(spread, 100.0 * wide / np.abs(fitted))
+    assert fails[ODD]
+    assert f"fails at {FREQUENCIES[ODD]:.4g} Hz" in figure.headline
+    assert relative[ODD] == pytest.approx(0.08, abs=0.03)
+    plain = response.sensitivity(responded(odd=False))
+    assert not points(plain.panels[0])[3].any()
+    assert "fails at none of 12 points" in plain.headline
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
@@ -65,18 +75,17 @@ def test_the_still_figure_has_plain_frequencies_and_marks_what_fails(found, them
     ]
     palette = style.theme_of(theme)
     for axes in figure.axes:
-        points = {c.get_label(): c.lines[0] for c in axes.containers}
-        assert points["measured, the fit fails"].get_color() == palette.other.colour
-        assert points["measured, the fit fails"].get_xdata().tolist() == [FREQUENCIES[ODD]]
-        assert len(points["measured, U (k = 2)"].get_xdata()) == 11
+        several = {c.lines[0].get_color(): c.lines[0] for c in axes.containers}
+        assert several[palette.other.colour].get_xdata().tolist() == [FREQUENCIES[ODD]]
+        assert len(several[palette.model.colour].get_xdata()) == 11
+    assert {MEASURED, FAILS} <= {text.get_text() for text in figure.axes[0].get_legend().get_texts()}
 
 
 def test_both_kinds_of_figures_draw_the_same_numbers(found):
     still, moving = sensitivity(found), interactive.sensitivity(found)
     for row, axes in enumerate(still.axes):
-        for container in axes.containers:
-            anchor = f"y{row + 1}" if row else "y"
-            trace = next(t for t in moving.data if t.name == container.get_label() and t.yaxis == anchor)
+        several = [t for t in moving.data if t.mode == "markers" and t.yaxis == (f"y{row + 1}" if row else "y")]
+        for trace, container in zip(several, axes.containers, strict=True):
             np.testing.assert_allclose(np.asarray(trace.y, dtype=float), container.lines[0].get_ydata())
 
 

@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 
 from accelcal.effects import BUILT_IN, find
-from accelcal.plots.static import signature as cards
-from accelcal.plots.static.signature import (
+from accelcal.plots import matplotlib
+from accelcal.plots.signature import (
     FOLLOWS,
     caption,
     card_motion,
     contributions,
     dependence,
     explained_share,
+    signature,
     typical_shape,
 )
 
@@ -55,7 +56,7 @@ def test_share_is_one_for_a_function_zero_for_chance_and_for_a_constant():
 
 @pytest.mark.parametrize("effect", BUILT_IN, ids=lambda e: e.name)
 def test_every_effect_has_a_picture_and_a_caption(effect):
-    figure = cards.signature(effect)
+    figure = matplotlib.draw(signature(effect))
     assert len(figure.axes) in (1, 2)
     for axes in figure.axes:
         assert "(" in axes.get_xlabel()  # a unit
@@ -65,5 +66,5 @@ def test_every_effect_has_a_picture_and_a_caption(effect):
 
 
 def test_a_picture_follows_the_theme():
-    light, dark = (cards.signature(find("cubic"), theme=theme) for theme in ("light", "dark"))
+    light, dark = (matplotlib.draw(signature(find("cubic")), theme) for theme in ("light", "dark"))
     assert light.get_facecolor() != dark.get_facecolor()

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import subprocess
-import sys
 import types
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
@@ -41,7 +39,11 @@ TEXTS = st.text(max_size=5)
 SHAPES = st.sampled_from([(0,), (3,), (0, 2), (2, 0), (2, 3), (1, 2, 2), (0, 2, 2)])
 VALID: Mapping[Any, st.SearchStrategy[Any]] = {
     Model: st.sampled_from(
-        [Model.linear(), Model.cubic().add("creep", shapes={"creep": {"start": 0.0, "tau": 2.0}}), Model.linear().add("quadratic", priors={"quadratic": Prior(0.0, 0.1)})]
+        [
+            Model.linear(),
+            Model.cubic().add("creep", shapes={"creep": {"start": 0.0, "tau": 2.0}}),
+            Model.linear().add("quadratic", priors={"quadratic": Prior(0.0, 0.1)}),
+        ]
     ),
     Rig: st.sampled_from([ac.ADXL105_RIG, ac.CXL02_RIG]),
     ChannelFilter: st.sampled_from(list(ac.CXL02_RIG.output_filters) or [ChannelFilter("RC", cutoff=50.0)]),
@@ -66,7 +68,11 @@ def values(hint: Any) -> st.SearchStrategy[Any]:
         return VALID[hint]
     origin, inside = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        return st.none() if any(isinstance(mark, NotStored) and not mark.by_commands for mark in inside[1:]) else values(inside[0])
+        return (
+            st.none()
+            if any(isinstance(mark, NotStored) and not mark.by_commands for mark in inside[1:])
+            else values(inside[0])
+        )
     if origin is Literal:
         return st.sampled_from(inside)
     if origin in (Union, types.UnionType):
@@ -83,7 +89,9 @@ def values(hint: Any) -> st.SearchStrategy[Any]:
         return st.dictionaries(keys, values(inside[1]), max_size=2)
     assert dataclasses.is_dataclass(hint), hint
     hints = get_type_hints(hint, include_extras=True)
-    return st.builds(hint, **{field.name: st.deferred(lambda h=hints[field.name]: values(h)) for field in dataclasses.fields(hint)})
+    return st.builds(
+        hint, **{field.name: st.deferred(lambda h=hints[field.name]: values(h)) for field in dataclasses.fields(hint)}
+    )
 
 
 def require_same(before: Any, after: Any, path: str) -> None:
@@ -129,7 +137,9 @@ def untold(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_a_result_comes_back_bit_for_bit(kind: Any) -> None:
     validator = jsonschema.Draft202012Validator(results_json.schema_of(kind))
 
-    @settings(max_examples=25, phases=[Phase.generate], deadline=None, suppress_health_check=[*HealthCheck], derandomize=True)
+    @settings(
+        max_examples=25, phases=[Phase.generate], deadline=None, suppress_health_check=[*HealthCheck], derandomize=True
+    )
     @given(values(kind))
     def holds(result: Any) -> None:
         text = result.to_json()

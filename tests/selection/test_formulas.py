@@ -16,9 +16,9 @@ from accelcal.cli import app, write_recording
 from accelcal.data.rig import Rig
 from accelcal.effects import from_expression
 from accelcal.model import Model
+from accelcal.results import model_file
 from accelcal.selection.curve_formulas import Trial, nodes_over, per
 from accelcal.selection.grammar import GRAMMAR
-from accelcal.results import model_file
 from accelcal.signals.signals import Signals
 
 CURVE = "shape_of_velocity"

@@ -5,11 +5,11 @@ import json
 
 import numpy as np
 import pytest
+from accelcal.results.diagnosis_json import improvement_to_dict
 
 import accelcal as ac
 from accelcal.diagnosis.findings import Confounded, Finding, equivalent_sigma, with_findings
 from accelcal.results import model_file
-from accelcal.results.diagnosis_json import improvement_to_dict
 from tests.schemas import require_published
 
 

@@ -12,8 +12,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.cli.printing import show_comparison
-from accelcal.plots.numbers import REGION_HEAD, region_cells, region_rows
-from accelcal.results import model_file
+from accelcal.results import comparisons
 from accelcal.validation.comparison import Bins, Comparison, Region
 from accelcal.validation.worst import STRETCHES, seen_at, worst_regions, worst_sentence
 
@@ -93,22 +92,28 @@ def test_all_faces_say_the_same(seen: Comparison) -> None:
     content = json.loads(model_file.dumps(model_file.comparison_to_dict(seen)))
     assert [model_file.region_from_dict(each) for each in content["where_it_fails"]] == list(seen.worst_regions)
     with redirect_stdout(io.StringIO()) as out:
-        show_comparison(content)
+        show_comparison(seen)
     said = out.getvalue()
-    assert all(title in said for title in REGION_HEAD)
-    first = region_rows(seen)[0]
+    head, rows = seen.table("regions").cells
+    assert all(title in said for title in head)
+    first = rows[0]
     assert first[0] == "acceleration"
     assert seen.worst_regions[0].p < 1e-6
     assert all(cell in said for cell in first)
-    frame = seen.where_it_fails()
+    frame = seen.to_dataframe("regions")
     assert [frame.loc["acceleration", key] for key in ("low", "high", "sigma", "p")] == [
         getattr(seen.worst_regions[0], key) for key in ("low", "high", "sigma", "p")
     ]
 
 
-def test_cells_have_units_that_read_well() -> None:
+def test_cells_have_units_that_read_well(seen: Comparison) -> None:
+    columns = comparisons.regions(seen).shown
+
+    def cells(region: Region) -> tuple[str, ...]:
+        return tuple(column.cell(comparisons.region_row(region)) for column in columns)
+
     region = Region("velocity", "m/s", -0.08, 0.02, 4e-4, "m/s²", 5.0, 0.01, 0.0, (1.0, 2.0))
-    assert region_cells(region) == ("velocity", "−80 to 20 mm/s", "+400 µm/s²", "5.0", "1 %", "<1e−300")
+    assert cells(region) == ("velocity", "−80 to 20 mm/s", "+400 µm/s²", "5.0", "1 %", "<1e−300")
     late = replace(region, variable="time", unit="s", low=1234.5, high=1240.25, share=None)
-    assert region_cells(late)[1] == "1234.5 to 1240.25 s"
-    assert region_cells(late)[4] == "–"
+    assert cells(late)[1] == "1234.5 to 1240.25 s"
+    assert cells(late)[4] == "–"

@@ -8,8 +8,8 @@ import pytest
 import accelcal as ac
 from accelcal import workflow
 from accelcal.estimation.estimate import estimate
-from accelcal.selection.improvement import Step
 from accelcal.results import diagnosis_json
+from accelcal.selection.improvement import Step
 from accelcal.validation.paired import heldout_change, paired_change
 from accelcal.validation.ruler import Ruler
 from accelcal.workflow import heldout_rises

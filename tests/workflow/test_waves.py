@@ -8,12 +8,18 @@ import numpy as np
 import pytest
 
 import accelcal as ac
+from accelcal.diagnosis.remarks import remark
 from accelcal.results import model_file
+from accelcal.selection import stepwise
 from accelcal.workflow import barely_shown
 
 DENSITY, RATE = 1.4e-3, 1000.0
-LINES = ((0.06, 50.02), (0.03, 100.04))
-"""Amplitude, m/s², and frequency, Hz, of the mains and of its harmonic."""
+LINES = ((0.06, 50.02), (0.03, 73.31))
+"""Amplitude, m/s², and frequency, Hz, of two lines that have nothing to do with each other."""
+SCALE = (2e-6, 1e-6, 5e-7, 3e-7)
+"""Amplitudes of the harmonics of a magnetic scale, m."""
+POLES = 1e-3
+"""Its period, m."""
 
 
 def record(seed: int, wave=lambda p: 0.0 * p, lines=(), seconds: float = 16.0) -> ac.Recording:
@@ -100,3 +106,59 @@ def test_a_further_line_needs_the_first(hum):
     run, fit = hum
     with pytest.raises(ValueError, match="only beside tone"):
         ac.add(fit, run, "tone_2")
+
+
+def pairs(fit: ac.Fit, name: str) -> list[tuple[float, float]]:
+    """Amplitudes of the harmonics of a wave of a fit, and their standard deviations."""
+    own = [e for e in fit.estimates if e.name.startswith(f"{name}.")]
+    return [(float(np.hypot(a.value, b.value)), max(a.std, b.std)) for a, b in zip(own[::2], own[1::2], strict=True)]
+
+
+def scale(*amplitudes: float, period: float = POLES):
+    """The error of a magnetic scale at a position."""
+    return lambda p: sum(m * np.sin(2.0 * np.pi * n * p / period + 0.4 * n) for n, m in enumerate(amplitudes, 1))
+
+
+def test_harmonics_of_one_period_enter_together_and_nothing_is_missing_then(tmp_path):
+    run = record(53, scale(*SCALE))
+    better = ac.improve(run)
+    assert [step.effects for step in better.steps] == [(), ("encoder_cyclic",)]
+    (shape,) = better.best.shapes
+    assert abs(shape.value - POLES) < 4.0 * shape.std
+    sizes = pairs(better.best, "encoder_cyclic")
+    assert len(sizes) == len(SCALE)
+    assert all(abs(value - true) < 4.0 * std for (value, std), true in zip(sizes, SCALE, strict=True))
+    assert better.left[0] == "adequate"
+    assert "harmonics 4" in better.sentence
+    model_file.save(better.best, tmp_path / "scale.json")
+    assert model_file.load(tmp_path / "scale.json").model == better.best.model
+
+
+@pytest.mark.parametrize("period", [POLES, 4e-5])
+def test_a_single_wave_has_no_second_harmonic(period):
+    """Nor has one of 5 % of its period, which bends itself through the position that contains it."""
+    run = record(54, scale(2e-6, period=period))
+    grown = ac.add(ac.fit(ac.Model.linear(), run), run, "encoder_cyclic")
+    assert [e.name for e in grown.estimates if "cyclic" in e.name] == ["encoder_cyclic.sin", "encoder_cyclic.cos"]
+
+
+def test_harmonics_of_the_mains_are_columns_of_one_line():
+    hum = ((0.06, 50.02), (0.03, 100.04))
+    run = record(55, lines=hum)
+    grown = ac.add(ac.fit(ac.Model.linear(), run), run, "tone")
+    sizes = pairs(grown, "tone")
+    assert len(sizes) == len(hum)
+    assert all(abs(value - true) < 4.0 * std for (value, std), (true, _) in zip(sizes, hum, strict=True))
+    assert ac.diagnose(grown, run).verdict == "adequate"
+
+
+def test_a_wave_that_was_kept_out_of_the_model_is_missing_and_not_found(hum, monkeypatch):
+    run, _ = hum
+    monkeypatch.setattr(
+        stepwise, "undetermined", lambda name, solution: remark("undetermined", effect=name, gain=1.0, coefficients=2)
+    )
+    better = ac.improve(run)
+    assert better.effects == better.best.model.added == ()
+    assert better.verdict == "unexplained"
+    assert better.sentence.startswith("tone would explain more of the record")
+    assert "found" not in better.sentence.partition("added")[0]

@@ -15,7 +15,6 @@ from accelcal.app.live_form import Form
 from accelcal.app.live_readout import Readout
 from accelcal.app.narrow import narrowed, roomy
 from accelcal.app.workbench import Workbench
-from accelcal.plots.interactive.live_tracks import live_curves, live_ranges
 
 TICK = 0.5
 """Time between two pictures, s."""
@@ -173,19 +172,13 @@ class LivePage:
         history = follower.history
         if not history.parameters:
             return
+        picture = figures.live(history, self.themes.theme)
+        sized = narrowed(picture) if self.is_narrow else roomy(picture)
         if self._plot is None:
-            picture = figures.live(history, self.themes.theme)
-            sized = narrowed(picture) if self.is_narrow else roomy(picture)
             with self._box:
                 self._plot = show(sized)
-            return
-        figure: Any = self._plot.figure
-        for trace, (x, y) in zip(figure["data"], live_curves(history), strict=True):
-            trace["x"], trace["y"] = x, y
-        for i, ends in enumerate(live_ranges(history), start=1):
-            if ends is not None:
-                figure["layout"][f"yaxis{i if i > 1 else ''}"]["range"] = ends
-        self._plot.update()
+        else:
+            self._plot.update_figure(sized.figure)
 
 
 def show(picture: Picture) -> ui.plotly:

@@ -52,6 +52,7 @@ def narrowed(picture: Picture) -> Picture:
         left += LINE
     if layout.get("showlegend", False):
         figure["data"] = [wrap_name(trace) for trace in figure["data"]]
+        layout["shapes"] = [wrap_name(shape) for shape in layout.get("shapes", [])]
     margin["l"], margin["r"] = min(margin["l"], left), min(margin["r"], 12)
     make_room(figure, WIDTH)
     return replace(picture, figure=figure)
@@ -128,7 +129,8 @@ def legend_rows(figure: dict[str, Any], width: float) -> int:
     """Lines that a horizontal legend takes: one where all fits, else its widest entry sets the columns."""
     if not figure["layout"].get("showlegend", False):
         return 1
-    named = (trace for trace in figure["data"] if trace.get("showlegend", True) and trace.get("name"))
+    named = [trace for trace in figure["data"] if trace.get("showlegend", True) and trace.get("name")]
+    named += [shape for shape in figure["layout"].get("shapes", []) if shape.get("showlegend")]
     groups = {trace.get("legendgroup") or trace["name"]: str(trace["name"]) for trace in named}
     names = [name.split("<br>") for name in groups.values()]
     widths = [KEY + LETTER * max(map(len, lines)) for lines in names]

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias
 
 from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Recording
-from accelcal.plots.interactive.timeline import Marks
+from accelcal.plots.timeline import Marks
 from accelcal.validation.comparison import HELD_OUT
 
 Stretch = tuple[float, float]

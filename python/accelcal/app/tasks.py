@@ -22,8 +22,7 @@ from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit
 from accelcal.model import Model
-from accelcal.plots.interactive import marks
-from accelcal.plots.interactive.timeline import Marks
+from accelcal.plots.timeline import Marks, marks
 from accelcal.report import gather, html
 from accelcal.response import FrequencyResponse, frequency_response
 from accelcal.results import model_file

@@ -115,7 +115,7 @@ def compare_one(
     content = results_json.content(seen)
 
     def draw(folder: Path) -> list[Path]:
-        from accelcal.plots.static.comparison import write
+        from accelcal.plots import write
 
         return write(fitted, seen, folder)
 
@@ -153,9 +153,9 @@ def compare_several(
     content = results_json.content(found)
 
     def draw(folder: Path) -> list[Path]:
-        from accelcal.plots.static.overlay import write
+        from accelcal.plots.timeline import write_overlays
 
-        return write(found, folder)
+        return write_overlays(found, folder)
 
     write_results(content, draw, plots, output)
     if json:

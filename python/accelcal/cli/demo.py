@@ -56,7 +56,7 @@ def demo(
 
     from accelcal import io
     from accelcal.model import Model
-    from accelcal.plots.static.comparison import write
+    from accelcal.plots import write
     from accelcal.results import model_file
     from accelcal.simulation.sensor import ADXL105_RIG
     from accelcal.simulation.sensor import simulate as simulate_rig

@@ -65,10 +65,10 @@ def dwells(
         found = load_rests(run, rig, shortest)
     degrees = angles(attitudes, len(found.rests))
     if figure is not None:
-        from accelcal.plots.static.rests import draw_rests
-        from accelcal.plots.style import save
+        from accelcal.plots.matplotlib import draw, save
+        from accelcal.plots.model import rests
 
-        save(draw_rests(found), figure)
+        save(draw(rests(found)), figure)
         print_status(f"wrote {figure}")
     triad = found.triad
     if not json:

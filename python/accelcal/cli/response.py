@@ -74,7 +74,7 @@ def response(
             atomic_write(dcc, certificate.text)
         if figure is not None:
             from accelcal.plots import sensitivity
-            from accelcal.plots.style import save
+            from accelcal.plots.matplotlib import save
 
             save(sensitivity(found), figure)
     if json:

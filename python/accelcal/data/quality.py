@@ -447,15 +447,15 @@ def _travel(t: Array, y: Array) -> list[Finding]:
 
 
 def require_varying(recording: Recording) -> None:
-    """Refuse a recording whose output never changes: its accelerometer was not read.
+    """Refuse a recording whose output never changes while its position does: its accelerometer was not read.
 
     Raises
     ------
     RecordingError
         With the reading and what to check.
     """
-    accel = recording.accel
-    if len(accel) and np.ptp(accel.y) == 0.0:
+    accel, position = recording.accel, recording.position
+    if len(accel) and np.ptp(accel.y) == 0.0 and not (len(position) and np.ptp(position.y) == 0.0):
         raise RecordingError(
             f"{recording.name or 'recording'}: all {len(accel)} samples of {accel.name} read {accel.y[0] + 0.0:.6g} "
             "m/s²; expected an output that varies with the motion. Check the sensor's supply and wiring, and which "

@@ -14,8 +14,9 @@ from accelcal.diagnosis.contribution import Size
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.search.homogeneity import PartSizes
 from accelcal.diagnosis.search.likelihood_gain import log_survival
-from accelcal.effects import find
+from accelcal.effects import HARMONICS, find
 from accelcal.estimation.estimate import Fit
+from accelcal.model import Model
 
 NOTHING_MISSING = "Nothing is missing"
 """Beginning of the sentence on an adequate model."""
@@ -84,10 +85,11 @@ class Finding:
 
     @property
     def size(self) -> str:
-        """Its coefficient, the amplitude of a wave, or the largest contribution where there are several; empty where
-        there is none."""
+        """Its coefficient, the amplitude of a wave and of its harmonics, or the largest contribution where there are
+        several; empty where there is none."""
         if self.wave and len(self.estimate) > 1:
-            return with_usual_unit(math.hypot(*self.estimate), self.unit)
+            pairs = zip(self.estimate[::2], self.estimate[1::2], strict=False)
+            return " + ".join(with_usual_unit(math.hypot(*pair), self.unit) for pair in pairs)
         if len(self.estimate) == 1 and math.isfinite(self.estimate[0]) and self.estimate[0] != 0.0:
             return with_usual_unit(self.estimate[0], self.unit)
         if self.largest is None:
@@ -121,8 +123,16 @@ def in_model(fit: Fit, group: Confounded, sizes: Mapping[str, Size]) -> Finding:
         find(name).unit,
         math.sqrt(gain) if dof == 1 else equivalent_sigma(log_survival(gain, dof)) if dof else None,
         sizes.get(name),
-        wave={shape: fit.model.shapes[name][shape] for shape, one in find(name).shapes.items() if one.width},
+        wave=wave_of(fit.model, name),
     )
+
+
+def wave_of(model: Model, name: str) -> dict[str, float]:
+    """Frequency or period of a wave of a model, and the highest of its harmonics where it has some; empty where it is
+    no wave."""
+    wave = {shape: model.shapes[name][shape] for shape, declared in find(name).shapes.items() if declared.width}
+    several = bool(wave) and model.shapes[name][HARMONICS] > 1.0
+    return {**wave, HARMONICS: model.shapes[name][HARMONICS]} if several else wave
 
 
 def in_noise(tests: Sequence[NoiseTest], group: Confounded, sizes: Mapping[str, Size]) -> Finding:

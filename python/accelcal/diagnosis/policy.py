@@ -234,6 +234,9 @@ and its estimate is rough. [share; tests/hidden/test_hidden.py]"""
 REPORTED_LINES = 5
 """Most spectral lines that are reported. More are a comb, which is vibration of a machine. [lines;
 tests/diagnosis/noise_tests/test_noise_tests.py]"""
+MOST_HARMONICS = 4
+"""Highest multiple of the frequency of a line, or of a wave over position, that is a column of the same effect. A scale
+and the mains have few beyond. [harmonics; tests/workflow/test_waves.py]"""
 COMB_HALF_WIDTH = 25.0
 """Distance on either side of a line within which other lines count as its comb. Mains and its sidebands lie closer.
 [Hz; tests/diagnosis/noise_tests/test_noise_tests.py]"""

@@ -123,14 +123,14 @@ class Diagnosis(Result):
         return f"Diagnosis({self.verdict}: {self.sentence})"
 
     def plot(self, *, theme: Literal["light", "dark"] = "light") -> Figure:
-        """Draw the candidates with what each explains, see `accelcal.plots.static.diagnosis.ranking`.
+        """Draw the candidates with what each explains, see `accelcal.plots.ranking`.
 
         Raises
         ------
         MissingExtra
             If matplotlib is not installed.
         """
-        made: Figure = face("plots.static.diagnosis").ranking(self, theme=theme)
+        made: Figure = face("plots").ranking(self, theme=theme)
         return made
 
     @property

@@ -18,6 +18,7 @@ from accelcal.effects import (  # noqa: F401  (importing a file enters its effec
 from accelcal.effects.cards import card, cards, spelled
 from accelcal.effects.registry import (
     CATALOGUE,
+    HARMONICS,
     Effect,
     Lumped,
     NoiseSource,
@@ -48,7 +49,8 @@ _BY_NAME = {effect.name: effect for effect in BUILT_IN}
 def is_local(effect: Effect) -> bool:
     """Whether an effect is known to have no memory, so that it can be evaluated on a part of a record."""
     stem = _BY_NAME.get(stem_of(effect))
-    return not effect.traits.memory and stem is not None and stem.function is effect.function
+    further = stem is not None and stem.name != effect.name and stem.function is effect.function
+    return not effect.traits.memory and (stem is effect or further)
 
 
 def of_one_record(effect: Effect) -> bool:
@@ -93,6 +95,7 @@ def found_by(test: NoiseTestKind) -> Effect:
 __all__ = [
     "BUILT_IN",
     "CATALOGUE",
+    "HARMONICS",
     "OF_TIME",
     "Effect",
     "EffectsFileError",

@@ -9,7 +9,7 @@ import scipy
 
 from accelcal import _core
 from accelcal.data.arrays import Array
-from accelcal.effects.registry import Shape
+from accelcal.effects.registry import HARMONICS, Shape
 from accelcal.signals.processing import derivative
 from accelcal.signals.signals import CORNER_NOISE, TINY, Signals
 
@@ -19,6 +19,8 @@ SLACK = 1e-4
 """Share of the stroke after which a turn counts as a reversal, which noise at rest does not reach."""
 MOVING, UNSURE = 5.0, 2.0
 """Standard deviations of the velocity beyond which the stage certainly moves, and beyond which it possibly does."""
+HIGHEST_HARMONIC = {HARMONICS: Shape("1", (1.0, 1.0), trials=1)}
+"""Shape parameter of a wave that a noise test finds; without a test the wave has one sine and one cosine."""
 STILL = 2e-5
 """Least standard deviation of the velocity as a share of the top speed."""
 
@@ -158,6 +160,12 @@ def wave(x: Array, period: float, low: float, high: float) -> Array:
     means = np.array([-np.diff(np.cos(angle)), np.diff(np.sin(angle))]).T / max(angle[1] - angle[0], TINY)
     turn = (2.0 * np.pi / period) * x
     return np.asarray(np.column_stack([np.sin(turn), np.cos(turn)]) - means)
+
+
+def harmonics_of(angle: Array, harmonics: float) -> Array:
+    """Sine and cosine of an angle (n,) and of its multiples up to `harmonics`, (n, 2 harmonics)."""
+    turns = angle[:, None] * np.arange(1.0, harmonics + 1.0)
+    return np.stack([np.sin(turns), np.cos(turns)], axis=2).reshape(len(angle), -1)
 
 
 def stroke() -> dict[str, Shape]:

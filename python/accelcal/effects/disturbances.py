@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from accelcal.data.arrays import Array
+from accelcal.effects.building_blocks import HIGHEST_HARMONIC, harmonics_of
 from accelcal.effects.noise_sizes import amplitude, half_a_step, largest
 from accelcal.effects.registry import NoiseSource, Shape, Traits, effect
 from accelcal.signals.signals import Signals
@@ -26,21 +27,21 @@ def _one_turn(s: Signals, frequency: float) -> float:
     symbol="ct",
     scale=1e-2,
     source="mains pick-up, no published figure",
-    shapes={"frequency": Shape("Hz", _lines, trials=4, spacing="log", width=_one_turn)},
+    shapes={"frequency": Shape("Hz", _lines, trials=4, spacing="log", width=_one_turn)} | HIGHEST_HARMONIC,
     parts=("sin", "cos"),
     traits=Traits(noise=NoiseSource("line", amplitude)),
 )
-def tone(s: Signals, frequency: float) -> Array:
+def tone(s: Signals, frequency: float, harmonics: float = 1.0) -> Array:
     """Narrow-band interference at a fixed frequency: mains, a fan, an alias of either.
 
-    Equation: e = c sin(2 pi f t) + d cos(2 pi f t). The line is as narrow as 1/record, so f is read off the spectrum
-    by the noise test; a second line, such as a harmonic of the mains, enters beside it as tone_2.
+    Equation: e = c sin(2 pi f t) + d cos(2 pi f t), and of harmonics n up to 4 that the record shows c_n sin(2 pi n f
+    t) + d_n cos(2 pi n f t), of one f. The line is as narrow as 1/record, so f and its harmonics are read off the
+    spectrum by the noise test; an unrelated line enters beside it as tone_2.
     Looks like: a peak in the spectrum of the residual that does not depend on motion.
     Easily confused with: vibration, an alias of content above half the sampling rate.
     Separate by: a record at rest; another sampling rate, with which an alias moves.
     """
-    angle = (2.0 * np.pi * frequency) * s.t
-    return np.column_stack([np.sin(angle), np.cos(angle)])
+    return harmonics_of((2.0 * np.pi * frequency) * s.t, harmonics)
 
 
 @effect(

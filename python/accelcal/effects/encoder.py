@@ -5,7 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.effects.building_blocks import direction, instants, lagged_at, one_turn, periods, since, slacks
+from accelcal.effects.building_blocks import (
+    HIGHEST_HARMONIC,
+    direction,
+    harmonics_of,
+    instants,
+    lagged_at,
+    one_turn,
+    periods,
+    since,
+    slacks,
+)
 from accelcal.effects.noise_sizes import amplitude, largest
 from accelcal.effects.registry import NoiseSource, Search, Shape, Traits, effect
 from accelcal.signals.signals import Signals
@@ -42,21 +52,21 @@ def encoder_outliers(s: Signals) -> Array:
     symbol="ec",
     scale=2e-7,
     source="1 % of a signal period of 20 µm",
-    shapes={"period": Shape("m", periods, trials=8, spacing="log", width=one_turn)},
+    shapes={"period": Shape("m", periods, trials=8, spacing="log", width=one_turn)} | HIGHEST_HARMONIC,
     parts=("sin", "cos"),
     traits=Traits(noise=NoiseSource("wave over position", amplitude)),
 )
-def encoder_cyclic(s: Signals, period: float) -> Array:
+def encoder_cyclic(s: Signals, period: float, harmonics: float = 1.0) -> Array:
     """Interpolation error: periodic in position with the period of the scale.
 
-    Equation: b = c sin(2 pi p/period) + d cos(2 pi p/period). The noise test finds the period; a harmonic or a second
-    scale enters beside it as encoder_cyclic_2.
+    Equation: b = c sin(2 pi p/period) + d cos(2 pi p/period), and of harmonics n up to 4 that the record shows c_n
+    sin(2 pi n p/period) + d_n cos(2 pi n p/period), of one period. The noise test finds the period and the harmonics;
+    another period enters beside it as encoder_cyclic_2.
     Looks like: noise of the readings that is a wave when folded on position.
     Easily confused with: rail_wave, encoder noise.
     Separate by: a slow scan folded on the period; two speeds: the encoder's wave grows with the square of speed.
     """
-    angle = (2.0 * np.pi / period) * s.p
-    return np.column_stack([np.sin(angle), np.cos(angle)])
+    return harmonics_of((2.0 * np.pi / period) * s.p, harmonics)
 
 
 @effect(

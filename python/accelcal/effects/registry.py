@@ -49,6 +49,10 @@ class Shape:
     """Of a state that is carried over from before the record: its value where the sensor had long been at rest. Such a
     state belongs to its record; None for all other parameters."""
 
+    def multiple(self, value: float, n: int) -> float:
+        """Value of the n-th harmonic of a wave, a frequency or a period."""
+        return value * n if self.unit == "Hz" else value / n
+
     @property
     def refined(self) -> bool:
         """Whether its value is found by likelihood."""
@@ -345,11 +349,20 @@ class Effect(Result):
         """Number of columns."""
         return len(self.parts)
 
+    def parts_at(self, shape: Mapping[str, float]) -> tuple[str, ...]:
+        """Names of its columns at shape parameters: of a wave with harmonics sin, cos, sin2, cos2 and so on."""
+        multiples = range(2, int(shape.get(HARMONICS, 1.0)) + 1)
+        return (*self.parts, *(f"{part}{n}" for n in multiples for part in self.parts))
+
     def column(self, s: Signals, **shape: float) -> Array:
-        """Contribution per unit coefficient at the times of `s`: (n,), or (n, width) where it has several columns."""
+        """Contribution per unit coefficient at the times of `s`: (n,), or (n, m), its `parts_at`, where it has
+        several columns."""
         y = np.asarray(self.function(s, **shape), dtype=np.float64)
         return np.broadcast_to(y, s.t.shape) if self.width == 1 else y
 
+
+HARMONICS = "harmonics"
+"""Shape parameter of a wave: the highest multiple of its frequency that it has, set by the test that finds it."""
 
 CARD = ("Equation", "Looks like", "Easily confused with", "Separate by")
 """Labels of the lines that every card has behind its first sentences."""

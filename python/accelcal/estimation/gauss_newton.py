@@ -178,6 +178,7 @@ def _estimated(
     x = layout.gather([state.values for state in states])
     belief, mean = layout.prior_information(model), layout.prior_mean(model)
     converged, moved = False, math.inf
+    rounds: list[tuple[Array, Array]] = []
     for round_number in range(MAX_ROUNDS):
         information, score = np.diag(belief), belief * (mean - x)
         normals = []
@@ -201,14 +202,28 @@ def _estimated(
         report(min(0.9, (round_number + 1) / USUAL_ROUNDS))
         before, moved = moved, float(np.max(np.abs(step) / np.sqrt(np.diag(covariance)), initial=0.0))
         converged = moved <= CONVERGED
+        if round_number >= NOISE_ROUNDS:
+            rounds.append((x, covariance))
         astray = trial and round_number >= NOISE_ROUNDS and moved > max(ASTRAY, before)
         if astray or (round_number + 1 >= least and converged):
             break
     converged = converged or (trial and moved <= TRIAL_SETTLED)
     if any(state.band is not None for state in states):
         covariance = robust(covariance, layout, normals, np.diag(belief) + drawn)
+    elif not converged and len(rounds) > 1:
+        covariance = unsettled(rounds)
     covariance = covariance + np.diag(clock_variance(layout, states))
     return Solution(model, layout, x, covariance, states, converged, between=between)
+
+
+def unsettled(rounds: Sequence[tuple[Array, Array]]) -> Array:
+    """Covariance, (n, n), where the iteration does not settle: the mean over rounds, and that of their estimates.
+
+    Which round is the last is chance, and down to rounding errors (law of total variance).
+    """
+    estimates, covariances = (np.array(values) for values in zip(*rounds, strict=True))
+    scatter = np.cov(estimates, rowvar=False, bias=True).reshape(covariances[0].shape)
+    return np.asarray(np.mean(covariances, axis=0) + scatter)
 
 
 def robust(covariance: Array, layout: Layout, normals: Sequence[NormalEquations], belief: Array) -> Array:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.effects import Effect
+from accelcal.effects import HARMONICS, Effect
 from accelcal.model import NOMINAL, Term, evaluate
 from accelcal.signals.signals import Signals
 
@@ -117,8 +117,13 @@ class Values:
     def fastest(self, speed: float = 0.0) -> float:
         """Highest frequency of a line among the terms, and of a wave over position at a speed (m/s), Hz; 0 without
         any."""
-        waves = ((term.effect.shapes[name], value) for term in self.terms for name, value in term.shape.items())
-        return max((value if one.unit == "Hz" else speed / value for one, value in waves if one.width), default=0.0)
+        waves = (
+            (shape.unit, shape.multiple(term.shape[name], int(term.shape.get(HARMONICS, 1.0))))
+            for term in self.terms
+            for name, shape in term.effect.shapes.items()
+            if shape.width and name in term.shape
+        )
+        return max((value if unit == "Hz" else speed / value for unit, value in waves), default=0.0)
 
     @property
     def constant(self) -> bool:

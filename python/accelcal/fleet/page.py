@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import base64
 import os
 from importlib import resources
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from accelcal.fleet.figures import draw_charts, draw_sensors
+from accelcal.fleet import figures
 from accelcal.fleet.summary import OUTLYING, Fleet
 from accelcal.fleet.task import STD
-from accelcal.report.page import environment, svg
+from accelcal.plots import matplotlib
+from accelcal.report.page import environment, svg_url
 from accelcal.results.words import concise, number, plain
 
 MOST_CHARTS = 12
@@ -35,12 +35,12 @@ def html(fleet: Fleet, folder: Path) -> str:
     template = environment().from_string(resources.files("accelcal.fleet").joinpath("page.html").read_text("utf-8"))
     style = resources.files("accelcal.report").joinpath("page.css").read_text(encoding="utf-8")
     charts = sorted(fleet.charts, key=lambda one: (not one.ages, -len(one.outside), one.p_value))[:MOST_CHARTS]
-    figures = [("Sensors", draw_sensors(fleet))] if fleet.populations else []
-    figures += [("Control charts", draw_charts(fleet, charts))] if charts else []
+    shown = [("Sensors", figures.sensors(fleet))] if fleet.populations else []
+    shown += [("Control charts", figures.charts(fleet, charts))] if charts else []
     return template.render(
         style=style,
         fleet=fleet,
-        figures=[(title, base64.b64encode(svg(figure)).decode()) for title, figure in figures],
+        figures=[(title, svg_url(matplotlib.draw(figure))) for title, figure in shown],
         population=[population_row(fleet, name) for name in fleet.populations],
         sensors=[sensor_row(fleet, i) for i in range(len(fleet.sensors))] if fleet.populations else [],
         runs=[run_row(fleet, k, folder) for k in range(len(fleet.files))],

@@ -112,9 +112,9 @@ def reproduce(
         `out` was given and matplotlib is not installed.
     """
     if out is not None:
-        from accelcal.plots.style import require_matplotlib
+        from accelcal.plots.matplotlib import require
 
-        require_matplotlib()  # before the work, not after it
+        require()  # before the work, not after it
     plan = Plan(quick, seed, workers=max(1, os.cpu_count() or 1))
     items = []
     for made in _ITEMS:

@@ -6,18 +6,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from accelcal.estimation.estimate import Fit
-from accelcal.io import atomic
-from accelcal.plots import nonlinearity, style
+from accelcal.plots import matplotlib
+from accelcal.plots.figure import Axis, Band, Figure, Level, Line, Mark, Panel
+from accelcal.plots.model import nonlinearity
+from accelcal.plots.style import Role
 
 if TYPE_CHECKING:
     from accelcal.paper.tracks import ParameterTrack, Tracks
 
 UNITS = {"k": "1", "K0": "m/s²", "K2": "(m/s²)⁻¹", "K3": "(m/s²)⁻²"}
-_STYLES = (("tab:orange", 2.0), ("tab:blue", 1.0))
-"""Colour and line width; the first is drawn below the others."""
+_ROLES: tuple[Role, ...] = ("band", "model")
+"""Of the filters; the first is drawn below the others."""
 _SPAN = 8.0
 """Half height of a panel, in standard deviations at a fifth of the record."""
 
@@ -33,7 +33,7 @@ def draw_mapping(fit: Fit, out: Path) -> Path:
     """
     out.mkdir(parents=True, exist_ok=True)
     path = out / "figure3.png"
-    style.save(nonlinearity(fit), path)
+    matplotlib.save(matplotlib.draw(nonlinearity(fit)), path)
     return path
 
 
@@ -52,36 +52,30 @@ def draw_tracks(tracks: Tracks, out: Path) -> tuple[Path, ...]:
         The files.
     """
     out.mkdir(parents=True, exist_ok=True)
-    return (
-        _figure(tracks.linear, out / "figure4.png", "Linear model: scale factor and bias"),
-        _figure(tracks.cubic, out / "figure5.png", "Cubic model: scale factor, bias and nonlinear coefficients"),
-    )
+    drawn = {
+        "figure4.png": _figure(tracks.linear, "Linear model: scale factor and bias"),
+        "figure5.png": _figure(tracks.cubic, "Cubic model: scale factor, bias and nonlinear coefficients"),
+    }
+    for name, figure in drawn.items():
+        matplotlib.save(matplotlib.draw(figure), out / name)
+    return tuple(out / name for name in drawn)
 
 
-def _figure(tracks: Sequence[ParameterTrack], path: Path, title: str) -> Path:
-    from matplotlib.figure import Figure
-
-    names = tracks[0].names
-    figure = Figure(figsize=(9.0, 2.1 * (len(names) + 1)), layout="constrained")
-    axes = figure.subplots(len(names) + 1, 1, sharex=True)
-    for i, (axis, name) in enumerate(zip(axes, names, strict=False)):
-        for track, (colour, width) in zip(reversed(tracks), _STYLES, strict=True):
-            estimate, sigma = track.estimates[:, i], track.sigmas[:, i]
-            axis.fill_between(track.t, estimate - 2 * sigma, estimate + 2 * sigma, color=colour, alpha=0.2, linewidth=0)
-            axis.plot(track.t, estimate, color=colour, linewidth=width, label=f"{track.title}, ±2 sigma")
-        truth = tracks[0].truth[i]
-        axis.axhline(truth, color="black", linewidth=0.8, linestyle="--", label="truth")
+def _figure(tracks: Sequence[ParameterTrack], headline: str) -> Figure:
+    """Estimates of every filter with two standard deviations about the truth, and the motion under them."""
+    time, panels = Axis("time", "s", range=(0.0, max(float(track.t[-1]) for track in tracks))), []
+    for i, name in enumerate(tracks[0].names):
+        truth, marks = float(tracks[0].truth[i]), list[Mark]()
+        for track, role in zip(reversed(tracks), _ROLES, strict=True):
+            estimate, reach = track.estimates[:, i], 2.0 * track.sigmas[:, i]
+            said = f"{track.title}, ±2 sigma"
+            marks += [
+                Band(track.t, estimate - reach, estimate + reach, role=role, outlined=False),
+                Line(track.t, estimate, said, role, solid=True),
+            ]
         half = _SPAN * max(track.sigmas[len(track.t) // 5, i] for track in tracks)
-        axis.set_ylim(truth - half, truth + half)
-        axis.set_ylabel(f"{name}  [{UNITS[name]}]")
-        axis.grid(alpha=0.3)
-    axes[0].legend(loc="upper right", fontsize="small", ncols=3)
-    axes[0].set_title(title)
-    axes[-1].plot(tracks[0].t, tracks[0].motion, color="gray", linewidth=0.5)
-    axes[-1].set_ylabel("mean a²  [1]")
-    axes[-1].set_ylim(0.0, 1.05)
-    axes[-1].set_xlabel("time  [s]")
-    axes[-1].set_xlim(0.0, float(np.max(tracks[0].t)))
-    with atomic(path) as part:
-        figure.savefig(part, format=path.suffix.removeprefix("."), dpi=120)
-    return path
+        size = Axis(name, UNITS[name], range=(truth - half, truth + half))
+        panels.append(Panel((*marks, Level(truth, name="truth")), time, size, height=160.0))
+    motion = Line(tracks[0].t, tracks[0].motion, role="ink", opacity=0.5)
+    panels.append(Panel((motion,), time, Axis("mean a²", "1", range=(0.0, 1.05)), height=160.0))
+    return Figure(tuple(panels), headline, shared_x=True)

@@ -1,52 +1,58 @@
-"""Figures. Each takes finished results and draws them; matplotlib is imported when a figure is drawn, not before."""
+"""Figures. Each takes finished results and draws them; matplotlib is imported when a figure is drawn, not before.
+
+What a figure shows is defined once, as data (`figure`), in a module for each topic; every function here draws it by
+matplotlib and takes `theme`, "light" or "dark". `interactive` has the same figures, and more, by plotly.
+"""
 
 from typing import Any
 
 from accelcal._support.extras import MissingExtra
 from accelcal._support.faces import face
-from accelcal.plots.static.comparison import (
-    accel_residual,
-    autocorrelation,
-    coasting,
-    histogram,
-    one_step,
-    overview,
-    parameters,
-    regions,
-    simulated,
-    write,
-)
-from accelcal.plots.static.nonlinearity import nonlinearity
-from accelcal.plots.static.overlay import overlay
-from accelcal.plots.static.sensitivity import sensitivity
+from accelcal.plots import bins, comparison, diagnosis, model, residuals, response, timeline
+from accelcal.plots.comparison import overview, write
+from accelcal.plots.matplotlib import still
 
 __all__ = [
     "MissingExtra",
     "accel_residual",
     "autocorrelation",
     "coasting",
+    "error_reduction",
     "histogram",
     "nonlinearity",
     "one_step",
     "overlay",
     "overview",
     "parameters",
+    "ranking",
     "regions",
     "sensitivity",
     "simulated",
+    "tiles",
     "write",
 ]
 
-
-PACKAGES = ("interactive", "static")
-"""Packages that are reached as attributes, imported on first use."""
+accel_residual = still(comparison.accel_residual)
+autocorrelation = still(residuals.autocorrelation)
+coasting = still(comparison.coasting)
+error_reduction = still(diagnosis.error_reduction)
+histogram = still(residuals.histogram)
+nonlinearity = still(model.nonlinearity)
+one_step = still(comparison.one_step)
+overlay = still(timeline.overlay)
+parameters = still(model.parameters)
+ranking = still(diagnosis.ranking)
+regions = still(bins.regions)
+sensitivity = still(response.sensitivity)
+simulated = still(comparison.simulated)
+tiles = still(bins.tiles)
 
 
 def __getattr__(name: str) -> Any:
-    if name not in PACKAGES:
+    if name != "interactive":
         raise AttributeError(f"module 'accelcal.plots' has no attribute {name!r}; it has {', '.join(__all__)}")
-    return face(f"plots.{name}")
+    return face("plots.interactive")
 
 
 def __dir__() -> list[str]:
-    return sorted({*__all__, *PACKAGES})
+    return sorted({*__all__, "interactive"})

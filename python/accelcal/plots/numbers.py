@@ -2,16 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-
-import numpy as np
-from scipy import special
-
-from accelcal.data.arrays import Array
-from accelcal.data.units import instant
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.results import words as formatting
@@ -22,32 +12,8 @@ from accelcal.validation.sensor_noise import SOURCES, Source
 from accelcal.validation.stretches import headline_horizon, quoted_error
 
 TWO_SIDED_95 = 1.96
-LAGS = 40
-"""Of the autocorrelation; fewer on short records."""
-TRANSIENT = 1.5
-"""Predicted deviations beyond this many medians, as before the filter has settled, do not size the axis."""
-QUANTILES = 2000
-"""Points of a Q-Q plot; as many again at each end are all drawn."""
 CANDIDATES = 12
 """Candidates that are drawn."""
-FULL_COLOUR = 8.0
-"""Standard deviations at which a tile has its full colour."""
-
-
-def normal_quantiles(y: Array) -> tuple[Array, Array]:
-    """Normal quantiles and those of `y` (n,): all of them at the two ends, evenly chosen ones between."""
-    n = len(y)
-    rank = np.arange(n)
-    if n > 3 * QUANTILES:
-        between = np.linspace(QUANTILES, n - 1 - QUANTILES, QUANTILES).astype(np.intp)
-        rank = np.unique(np.concatenate([rank[:QUANTILES], between, rank[-QUANTILES:]]))
-    return np.asarray(special.ndtri((rank + 0.5) / n)), np.sort(y)[rank]
-
-
-def allowed_horizons(found: Mapping[float, float | None]) -> tuple[Array, Array]:
-    """Horizons that the record allows, s, with their values, (n,) each."""
-    pairs = [(h, y) for h, y in sorted(found.items()) if y is not None]
-    return np.array([h for h, _ in pairs]), np.array([y for _, y in pairs])
 
 
 def drift_headline(comparison: Comparison) -> str:
@@ -58,37 +24,6 @@ def drift_headline(comparison: Comparison) -> str:
     floor = comparison.drift_floors.get(horizon)
     beside = "" if floor is None else f", noise floor {formatting.length(floor)}"
     return f"Unaided drift after {horizon:g} s: {formatting.length(quoted_error(comparison, horizon))} rms{beside}"
-
-
-@dataclass(frozen=True, slots=True)
-class OneStep:
-    """One-step residuals as they are drawn over time."""
-
-    t: Array
-    """(n,) s"""
-    e: Array
-    """(n,)"""
-    reach: Array
-    """Half-width of their 95 % band, (n,)."""
-    edge: float
-    """Half-height of an axis that holds both."""
-    unit: str
-    headline: str
-
-
-def one_step_residuals(comparison: Comparison) -> OneStep:
-    """Residuals in metres; where the reference is no position, over their standard deviations."""
-    (t, e), std, unit = comparison.residual, comparison.residual_std, "m"
-    what = f"One-step residuals: rms {formatting.length(comparison.one_step_rms)}"
-    if comparison.innovations is not None:
-        (t, e), unit = comparison.innovations, "1"
-        std = np.ones_like(e)
-        what = f"Innovations over their predicted deviation: rms {math.sqrt(np.mean(e**2)):.3f}"
-    reach = TWO_SIDED_95 * std
-    settled = std <= TRANSIENT * np.median(std)
-    edge = 1.15 * float(max(np.abs(e[settled]).max(), reach[settled].max()))
-    share = f"{100.0 * float(np.mean(np.abs(e) <= reach)):.1f} % of {formatting.grouped(len(e))} inside the 95 % band"
-    return OneStep(t, e, reach, edge, unit, f"{what}, {share}{imposed_band_note(comparison)}")
 
 
 def imposed_band_note(comparison: Comparison) -> str:
@@ -112,34 +47,6 @@ def model_names(nested: NestedModels) -> list[str]:
 def nested_comparisons(nested: NestedModels) -> list[tuple[str, Comparison]]:
     """Comparisons of all models with the names that figures give them."""
     return list(zip(model_names(nested), (member.heldout for member in nested.models), strict=True))
-
-
-def named_models(models: Comparison | Sequence[tuple[str, Comparison]]) -> list[tuple[str, Comparison]]:
-    """Comparisons with their names; that of a single model has none.
-
-    Raises
-    ------
-    ValueError
-        If there is no model.
-    """
-    several = [("", models)] if isinstance(models, Comparison) else list(models)
-    if not several:
-        raise ValueError("an overlay needs at least one comparison")
-    return several
-
-
-def fit_text(seen: Comparison) -> str:
-    """The fit of one model in percent."""
-    if seen.fit_percent is None:
-        return "too short for a fit in percent"
-    return f"fit {formatting.percent(seen.fit_percent)}"
-
-
-def overlay_headline(models: Sequence[tuple[str, Comparison]]) -> str:
-    """How well the current model gives the output, in one sentence."""
-    name, current = models[-1]
-    of = f" ({name})" if name else ""
-    return f"Measured and simulated output{of}: {fit_text(current)} below {current.band:.3g} Hz"
 
 
 def error_reduction_sentence(nested: NestedModels) -> str:
@@ -191,43 +98,3 @@ def candidate_groups(diagnosis: Diagnosis, most: int = CANDIDATES) -> list[list[
         found.append(group)
         left = [c for c in left if c not in group]
     return found
-
-
-@dataclass(frozen=True, slots=True)
-class Tiles:
-    """Scores of all bins."""
-
-    rows: tuple[str, ...]
-    """Variable with its range, most prominent first."""
-    sigma: Array
-    """(rows, bins) mean over its deviation expected from noise; NaN where a bin has too little data."""
-    ranges: tuple[tuple[str, ...], ...]
-    """What each tile covers, with unit."""
-
-
-def tiles_of(comparison: Comparison) -> Tiles:
-    """Scores of every variable, the one with the largest score first."""
-    chosen = sorted(comparison.bins, key=lambda b: -float(np.abs(b.score).max(initial=0.0)))
-    rows, sigma, ranges = [], [], []
-    for b in chosen:
-        factor, unit = (1.0, b.unit) if b.unit in ("s", "Hz") else formatting.prefixed(b.unit, b.edges)
-        shown = formatting.label("", unit).strip(" ()")
-        edges = b.edges * factor
-        texts = [instant(x) if unit == "s" else f"{x:.3g}" for x in edges]
-        rows.append(f"{b.variable}, {texts[0]} to {texts[-1]} {shown}".replace(" -", " −"))
-        sigma.append(np.where(b.std > 0.0, b.score, np.nan))
-        ranges.append(tuple(f"{a} to {z} {shown}" for a, z in itertools.pairwise(texts)))
-    width = max((len(s) for s in sigma), default=0)
-    return Tiles(tuple(rows), np.array(sigma).reshape(len(rows), width), tuple(ranges))
-
-
-def signed(value: float) -> str:
-    """A score as a tile shows it: whole standard deviations with their sign.
-
-    Examples
-    --------
-    >>> signed(2.6), signed(-3.2), signed(-0.1)
-    ('+3', '−3', '0')
-    """
-    shown = f"{value:+.0f}".replace("-", "−")
-    return "0" if shown in ("+0", "−0") else shown

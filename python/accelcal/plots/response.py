@@ -1,13 +1,14 @@
-"""A frequency response for people: curves of both kinds of figures, and the tables of report and workbench."""
+"""A frequency response for people: its figure, and the tables of report and workbench."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from accelcal.data.arrays import Array, Flags
+from accelcal.data.arrays import Array
+from accelcal.plots.figure import Axis, Figure, Line, Panel, Points
+from accelcal.plots.style import Role
 from accelcal.response import FrequencyResponse, Point
 from accelcal.response.parametric import Fitted
 from accelcal.results.words import number, probability, typeset, with_unit
@@ -19,6 +20,9 @@ RESPONSE_NOTE = (
     "standard uncertainties, sqrt(chi-square of two degrees of freedom)."
 )
 FIT_HEAD = ("structure", "parameters ± U (k = 2)", "chi-square", "degrees of freedom", "p", "class")
+MEASURED, FAILS = "measured, U (k = 2)", "measured, the fit fails"
+TALL, THIN = 180.0, 100.0
+"""Heights of a panel and of a deviation, px."""
 LINEARITY_HEAD = ("term", "from", "value ± U (k = 2)", "steps")
 
 
@@ -113,79 +117,56 @@ def response_sentences(found: FrequencyResponse) -> list[str]:
     return [f"{text[:1].upper()}{text[1:]}.".replace("+-", "±").replace(" us", " µs") for text in texts if text]
 
 
-@dataclass(frozen=True, slots=True)
-class ResponsePanel:
-    """One quantity of a frequency response against frequency."""
+def sensitivity(found: FrequencyResponse) -> Figure:
+    """Draw magnitude and phase against frequency with expanded uncertainties, each above its deviation from the fit.
 
-    quantity: str
-    unit: str
-    measured: Array
-    """(n,)"""
-    expanded: Array
-    """(n,) k = 2"""
-    fitted: Array | None
-    """(m,) the parametric fit at `ResponseCurves.grid`; None where there is none."""
-    is_deviation: bool = False
-    """Whether it is measured minus fitted."""
-
-    def reach(self) -> tuple[float, float]:
-        """Least and largest value that is drawn, with a margin."""
-        drawn = [self.measured - self.expanded, self.measured + self.expanded]
-        drawn += [] if self.fitted is None else [self.fitted]
-        low, high = float(min(map(np.min, drawn))), float(max(map(np.max, drawn)))
-        return low - 0.06 * (high - low), high + 0.06 * (high - low)
-
-
-@dataclass(frozen=True, slots=True)
-class ResponseCurves:
-    """What a figure of a frequency response shows."""
-
-    frequency: Array
-    """(n,) Hz, rising."""
-    failing: Flags
-    """(n,) where the structure deviates."""
-    grid: Array
-    """(m,) Hz, at which the fit is drawn."""
-    structure: str
-    """Name of the fitted structure; empty where there is none."""
-    panels: tuple[ResponsePanel, ...]
-    """Magnitude and phase, each followed by its deviation from the fit."""
-    sentence: str
-    """Whether the structure describes the response, and where not."""
-
-    def ends(self) -> tuple[float, float]:
-        """First and last frequency of the axis, Hz."""
-        return float(0.92 * self.frequency[0]), float(1.08 * self.frequency[-1])
-
-
-def response_curves(found: FrequencyResponse) -> ResponseCurves:
-    """Magnitude (1), phase (°, unwrapped) and their deviations (% and °) with expanded uncertainties."""
-    f = np.array([p.frequency for p in found.points])
-    value = np.array([p.value for p in found.points])
+    Parameters
+    ----------
+    found : from `accelcal.response.frequency_response`.
+    """
+    f, value = np.array([p.frequency for p in found.points]), np.array([p.value for p in found.points])
     magnitude, wide = np.abs(value), np.array([p.expanded for p in found.points])
     phase, wide_phase = np.unwrap(np.angle(value)), np.degrees([p.expanded_phase for p in found.points])
-    grid = np.geomspace(f[0], f[-1], 400)
-    span = f"Sensitivity from {f[0]:.4g} to {f[-1]:.4g} Hz"
+    headline = f"Sensitivity from {f[0]:.4g} to {f[-1]:.4g} Hz"
+    grid, failing = np.geomspace(f[0], f[-1], 400), np.zeros(len(f), dtype=np.bool_)
+    axis = Axis("frequency", "Hz", "log", (0.92 * float(f[0]), 1.08 * float(f[-1])))
+
+    def panel(quantity: str, unit: str, y: Array, expanded: Array, fitted: Array | None, height: float) -> Panel:
+        marks: list[Points | Line] = []
+        kinds: tuple[tuple[str, Role], ...] = ((MEASURED, "model"), (FAILS, "other"))
+        for chosen, (name, role) in zip((~failing, failing), kinds, strict=True):
+            if chosen.any():
+                hover = [
+                    f"{at:.5g} Hz: {v:.6g} ± {u:.2g}{'' if unit == '1' else f' {unit}'}"
+                    for at, v, u in zip(f[chosen], y[chosen], expanded[chosen], strict=True)
+                ]
+                marks.append(Points(f[chosen], y[chosen], name, role, expanded[chosen], hover=hover))
+        drawn = [y - expanded, y + expanded]
+        if fitted is not None and found.model is not None:
+            marks.append(Line(grid, fitted, found.model.best.structure.name, "band"))
+            drawn.append(fitted)
+        low, high = float(min(map(np.min, drawn))), float(max(map(np.max, drawn)))
+        margin = 0.06 * (high - low)
+        return Panel(tuple(marks), axis, Axis(quantity, unit, range=(low - margin, high + margin)), height=height)
+
     if found.model is None:
         bare = (
-            ResponsePanel("magnitude", "1", magnitude, wide, None),
-            ResponsePanel("phase", "°", np.degrees(phase), wide_phase, None),
+            panel("magnitude", "1", magnitude, wide, None, TALL),
+            panel("phase", "°", np.degrees(phase), wide_phase, None, TALL),
         )
-        return ResponseCurves(f, np.zeros(len(f), dtype=np.bool_), grid, "", bare, span)
+        return Figure(bare, headline, shared_x=True)
     best = found.model.best
+    failing = np.isin(f, found.model.failing)
     there, along = best.response(f), best.response(grid)
     turns = np.unwrap(np.angle(along))
     turns += 2.0 * np.pi * round((phase[0] - turns[0]) / (2.0 * np.pi))
-    relative = value / there
+    relative, zero = value / there, np.zeros(len(grid))
+    deviation, expanded = 100.0 * (np.abs(relative) - 1.0), 100.0 * wide / np.abs(there)
     panels = (
-        ResponsePanel("magnitude", "1", magnitude, wide, np.abs(along)),
-        ResponsePanel(
-            "deviation", "%", 100.0 * (np.abs(relative) - 1.0), 100.0 * wide / np.abs(there), np.zeros(len(grid)), True
-        ),
-        ResponsePanel("phase", "°", np.degrees(phase), wide_phase, np.degrees(turns)),
-        ResponsePanel("deviation", "°", np.degrees(np.angle(relative)), wide_phase, np.zeros(len(grid)), True),
+        panel("magnitude", "1", magnitude, wide, np.abs(along), TALL),
+        panel("deviation", "%", deviation, expanded, zero, THIN),
+        panel("phase", "°", np.degrees(phase), wide_phase, np.degrees(turns), TALL),
+        panel("deviation", "°", np.degrees(np.angle(relative)), wide_phase, zero, THIN),
     )
-    failing = np.isin(f, found.model.failing)
     verdict = found.model.failure.partition(":")[0].removeprefix("it ") or f"fails at none of {len(f)} points"
-    sentence = f"{span}: {best.structure.name} {verdict}"
-    return ResponseCurves(f, failing, grid, best.structure.name, panels, sentence)
+    return Figure(panels, f"{headline}: {best.structure.name} {verdict}", shared_x=True)

@@ -19,7 +19,7 @@ from accelcal.estimation.estimate import Fit
 from accelcal.estimation.parameter_tracks import Track, track
 from accelcal.estimation.shape_functions import Shape, shapes
 from accelcal.experiment import Power, power
-from accelcal.plots.interactive.timeline import Marks, marks
+from accelcal.plots.timeline import Marks, marks
 from accelcal.response import FrequencyResponse, stepped_response
 from accelcal.selection.nested_models import NestedModels, nested_models
 from accelcal.validation.comparison import Comparison

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io as memory
 import json
 from importlib import resources
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from accelcal._support.extras import MissingExtra
 from accelcal.io import atomic_write
-from accelcal.plots import style
+from accelcal.plots import matplotlib, plotly
 from accelcal.report.content import Content
 from accelcal.report.figures import Entry, entries
 from accelcal.report.view import view
@@ -37,7 +36,7 @@ def html(content: Content) -> str:
     Raises
     ------
     MissingExtra
-        If plotly, tsdownsample or jinja2 is not installed.
+        If plotly, which holds plotly.js, or jinja2 is not installed.
     """
     shown = [
         {"name": e.name, "section": e.section, "caption": e.caption, "json": script_json(both_themes(e))}
@@ -60,16 +59,9 @@ def light(content: Content) -> str:
     """
     shown = []
     for e in entries(content):
-        if e.static is not None:
-            code = base64.b64encode(svg(e.static("light"))).decode()
-            shown.append(
-                {
-                    "name": e.name,
-                    "section": e.section,
-                    "caption": e.caption,
-                    "image": f"data:image/svg+xml;base64,{code}",
-                }
-            )
+        if e.still is not None:
+            image = svg_url(matplotlib.draw(e.still))
+            shown.append({"name": e.name, "section": e.section, "caption": e.caption, "image": image})
     return render(content, shown, "")
 
 
@@ -78,7 +70,7 @@ def write(text: str, path: str | Path) -> None:
     atomic_write(path, text)
 
 
-def render(content: Content, figures: list[dict[str, Any]], plotly: str) -> str:
+def render(content: Content, figures: list[dict[str, Any]], library: str) -> str:
     """Fill the template; everything but plotly.js and figure data is escaped."""
     folder = resources.files("accelcal.report")
     template = environment().from_string(folder.joinpath("page.html").read_text(encoding="utf-8"))
@@ -86,9 +78,9 @@ def render(content: Content, figures: list[dict[str, Any]], plotly: str) -> str:
     return template.render(
         v=view(content),
         figures=by_section,
-        plotly=plotly,
+        plotly=library,
         style=folder.joinpath("page.css").read_text(encoding="utf-8"),
-        script=folder.joinpath("page.js").read_text(encoding="utf-8") if plotly else "",
+        script=folder.joinpath("page.js").read_text(encoding="utf-8") if library else "",
     )
 
 
@@ -109,7 +101,7 @@ def environment() -> Environment:
 
 def both_themes(entry: Entry) -> dict[str, Any]:
     """A figure in the light theme, and its differences in the dark one."""
-    day, night = (json.loads(entry.interactive(theme).to_json()) for theme in ("light", "dark"))
+    day, night = (plotly.as_dict(entry.figure, theme) for theme in ("light", "dark"))
     skins = [{key: value for key, value in trace.items() if key not in DRAWN} for trace in night["data"]]
     return {"data": day["data"], "layout": day["layout"], "dark": {"data": skins, "layout": night["layout"]}}
 
@@ -120,17 +112,6 @@ def script_json(value: Any) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def svg(figure: StaticFigure) -> bytes:
-    """A static figure as SVG; text is drawn literally, a $ as a $."""
-    from matplotlib.text import Text
-
-    for text in figure.findobj(Text):
-        text.set_parse_math(False)
-    out = memory.BytesIO()
-    figure.savefig(
-        out,
-        format="svg",
-        dpi=style.PIXELS_PER_INCH * 0.6,
-        metadata={"Date": None, "Creator": None, "Format": None, "Type": None},
-    )
-    return out.getvalue()
+def svg_url(drawn: StaticFigure) -> str:
+    """A static figure as a URL that holds it."""
+    return f"data:image/svg+xml;base64,{base64.b64encode(matplotlib.svg(drawn)).decode()}"

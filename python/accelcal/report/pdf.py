@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from accelcal.io import atomic_write
+from accelcal.plots import matplotlib
 from accelcal.report.content import Content
 from accelcal.report.figures import entries
-from accelcal.report.page import svg
 from accelcal.report.typesetting import typeset
 from accelcal.report.view import view
 
@@ -33,7 +33,7 @@ def paper(content: Content) -> tuple[dict[str, Any], dict[str, bytes]]:
     """What is typeset: texts with the list of figures, and the figures by file name."""
     drawn, listed = {}, []
     for e in entries(content):
-        if e.static is not None:
-            drawn[f"{e.name}.svg"] = svg(e.static("light"))
+        if e.still is not None:
+            drawn[f"{e.name}.svg"] = matplotlib.svg(matplotlib.draw(e.still))
             listed.append({"file": f"{e.name}.svg", "section": e.section, "caption": e.caption})
     return {**view(content), "figures": listed}, drawn

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -13,14 +14,20 @@ from accelcal.data.summary import describe
 from accelcal.data.units import instant
 from accelcal.effects import Effect, spelled
 from accelcal.effects.registry import CARD
+from accelcal.estimation.parameter_tracks import Track
 from accelcal.filters.choice import STATE_UNITS
 from accelcal.filters.record import FilterRun
 from accelcal.model import Model
-from accelcal.results.table import Column, Table, require, table
+from accelcal.results.comparisons import length_column
+from accelcal.results.table import Column, Table, as_sentence, require, table
 from accelcal.results.words import amount, grouped, label, number, plain, with_unit
+from accelcal.simulation.sensor import Simulated
+from accelcal.validation.comparison import Coast
 
 TERMS = 12
 """Coefficients of a model that are shown."""
+COASTED = 6
+"""Instants of an unaided drift that are shown."""
 
 
 @table.register
@@ -138,19 +145,69 @@ def _(effect: Effect, which: str = "") -> Table:
 def _(run: FilterRun, which: str = "") -> Table:
     require(which)
     last = zip(run.names, run.states[-1].tolist(), run.variances[-1].tolist(), strict=True)
-    return Table(
-        title=f"Filter {run.choice.system}, {run.choice.model} model",
-        sentence=f"{grouped(len(run.times))} events, {instant(run.times[0])} s to {instant(run.times[-1])} s; "
+    rows = ((name, x, math.sqrt(max(v, 0.0)), STATE_UNITS[name]) for name, x, v in last)
+    return last_values(
+        "state",
+        f"Filter {run.choice.system}, {run.choice.model} model",
+        f"{grouped(len(run.times))} events, {instant(run.times[0])} s to {instant(run.times[-1])} s; "
         f"{len(run.rejections)} readings rejected.",
+        rows,
+    )
+
+
+@table.register
+def _(track: Track, which: str = "") -> Table:
+    require(which)
+    return last_values(
+        "parameter",
+        "Estimates over time",
+        f"{grouped(len(track.t))} instants, {instant(track.t[0])} s to {instant(track.t[-1])} s.",
+        zip(track.names, track.values[-1].tolist(), track.std[-1].tolist(), track.units, strict=True),
+    )
+
+
+def last_values(kind: str, title: str, sentence: str, rows: Iterable[tuple[str, float, float, str]]) -> Table:
+    """Table of name, value, standard deviation and unit at the end of a time series."""
+    return Table(
+        title=title,
+        sentence=sentence,
         columns=(
-            Column("state", "state"),
+            Column(kind, kind),
             Column("", "last value", lambda r: plain(r["unit"], r["value"], r["std"])),
             Column("", "SI value (u)", lambda r: amount(r["value"], r["std"], r["unit"])),
             *(Column(key) for key in ("value", "std", "unit")),
         ),
-        rows=tuple(
-            {"state": name, "value": x, "std": math.sqrt(max(v, 0.0)), "unit": STATE_UNITS[name]} for name, x, v in last
+        rows=tuple({kind: name, "value": x, "std": std, "unit": unit} for name, x, std, unit in rows),
+    )
+
+
+@table.register
+def _(coast: Coast, which: str = "") -> Table:
+    require(which)
+    instants = np.unique(np.linspace(0, len(coast.t) - 1, COASTED).round().astype(int)) if len(coast.t) else ()
+    return Table(
+        title="Unaided drift",
+        sentence=f"{grouped(len(coast.t))} positions are predicted from {instant(coast.start)} s.",
+        columns=(
+            Column("t", "time", lambda r: f"{instant(r['t'])} s", "s"),
+            length_column("frozen", "position, all parameters held"),
+            length_column("rezeroed", "position, constant of this run"),
+            length_column("floor", "std from noise alone"),
         ),
+        rows=tuple(
+            {key: float(getattr(coast, key)[i]) for key in ("t", "frozen", "rezeroed", "floor")} for i in instants
+        ),
+    )
+
+
+@table.register
+def _(made: Simulated, which: str = "") -> Table:
+    require(which)
+    return Table(
+        title=made.recording.name,
+        sentence=as_sentence(f"{made.truth!r}"),
+        columns=(Column("parameter", "parameter"), Column("value", "true value", lambda r: number(r["value"]))),
+        rows=tuple({"parameter": name, "value": value} for name, value in made.truth.parameters.items()),
     )
 
 

@@ -209,7 +209,7 @@ def length(metres: float) -> str:
     '1.23 µm'
     """
     factor, unit = prefixed("m", metres)
-    return f"{metres * factor:.3g} {unit}"
+    return typeset(f"{metres * factor:.3g} {unit}")
 
 
 def percent(value: float) -> str:

@@ -207,7 +207,8 @@ class StepwiseSelection:
             )
             self.history.classes.insert(0, Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
             self.fits = [((), undelayed), *((("time_offset", *names), fitted) for names, fitted in self.fits)]
-        found_by_tests = {test.effect for test in verdict.channels} - set(self.history.effects)
+        in_noise = {test.effect for test in verdict.channels if not test.shape}  # a wave enters, or is missing
+        found_by_tests = in_noise - set(self.history.effects)
         tested = {group.effect: group for group in verdict.classes if group.effect in found_by_tests}
         self.history.classes += tested.values()  # one that the search names too has two groups
         self.fits[-1] = (self.history.effects, self.fits[-1][1])
@@ -232,10 +233,13 @@ class StepwiseSelection:
             reason = "the search was stopped"
             stop = remark("search_stopped", models=self.budget.models, seconds=self.budget.seconds)
             verdict = replace(verdict, remarks=(*verdict.remarks, stop))
-        if not verdict.scan.found:
+        sigmas = {test.effect: math.sqrt(test.evidence) for test in reversed(verdict.channels) if test.shape}
+        sigmas |= {one.effect: 0.0 for one in verdict.scan.found} | {c.effect: c.snr for c in verdict.scan.candidates}
+        lacking = [one.effect for one in verdict.scan.found] or [t.effect for t in verdict.channels if t.shape]
+        if not lacking:
             return verdict
-        missing = verdict.scan.found[0].effect
-        sigma = next((c.snr for c in verdict.scan.candidates if c.effect == missing), 0.0)
+        missing = lacking[0]
+        sigma = sigmas[missing]
         if missing in self.refused:
             reason = REASONS[self.refused[missing].code]
         note = remark("not_added", effect=missing, sigma=sigma, reason=reason)

@@ -18,7 +18,6 @@ from accelcal.validation.sensor_noise import SensorNoise
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from pandas import DataFrame
 
 FigureName = Literal[
     "overlay", "coasting", "simulated", "one_step", "regions", "accel_residual", "histogram", "autocorrelation"
@@ -322,19 +321,6 @@ class Comparison(Result):
             raise ValueError(f"plot: there is no figure {figure!r}; expected one of {', '.join(get_args(FigureName))}")
         made: Figure = getattr(face("plots"), figure)(self, theme=theme)
         return made
-
-    def where_it_fails(self) -> DataFrame:
-        """Return the worst region of every variable as a pandas DataFrame, worst first.
-
-        Columns: unit, low, high, excess, excess_unit, sigma, share, p (adjusted for the number of regions), start and
-        end (s) of the stretch in which most of it is seen.
-
-        Raises
-        ------
-        MissingExtra
-            If pandas is not installed.
-        """
-        return self.to_dataframe("regions")
 
 
 HELD_OUT = 0.3

@@ -8,9 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from accelcal.calibration.export.content import SCHEMA
 
 from accelcal.calibration.export import calibrate, header, module, read_laboratory, to_dict
-from accelcal.calibration.export.content import SCHEMA
 from accelcal.results import model_file
 
 from .models import fit_of

@@ -48,6 +48,16 @@ def test_a_second_line_of_the_model_explains_its_own_test_and_no_other():
     assert next_name("tone", model.effects) == "tone_3"
 
 
+def test_harmonics_of_the_models_wave_explain_their_tests_and_no_other():
+    hum, scale = {"frequency": 50.0, "harmonics": 3.0}, {"period": 1e-3, "harmonics": 2.0}
+    model = Model.linear().add("tone", "encoder_cyclic", shapes={"tone": hum, "encoder_cyclic": scale})
+    assert [line(50.0 * n).in_model(model, S) for n in (1, 2, 3, 4)] == [True, True, True, False]
+    assert [wave(1e-3 / n).in_model(model, S) for n in (1, 2, 3)] == [True, True, False]
+    assert [term.name for term in model.free[-4:]] == [
+        f"encoder_cyclic.{part}" for part in ("sin", "cos", "sin2", "cos2")
+    ]
+
+
 def test_what_is_no_wave_is_in_the_model_by_its_name():
     jump = NoiseTest("encoder_step", 1.0, 0.0, 1e-6, "m", 1e-8, "a jump", {"count": 1.0})
     assert not jump.shape
@@ -77,7 +87,7 @@ def test_a_significant_test_whose_effect_is_not_named_forbids_that_nothing_is_mi
     driven = [line(4.0, within_motion=1.0, made_by_motion=1.0)]
     assert own_tests(driven) == driven
     assert independent_tests(driven, no_effect_found=True) == ()
-    scan, fit = Scan((), (), 100, 50), SimpleNamespace(runs=())
+    scan, fit = Scan((), (), 100, 50), SimpleNamespace(runs=(), seen_by_runs=(), spreads=())
     assert verdict_and_sentence(fit, scan, (), ())[0] == "adequate"
     verdict, sentence = verdict_and_sentence(fit, scan, (), (), unnamed=driven)
     assert verdict == "unexplained"

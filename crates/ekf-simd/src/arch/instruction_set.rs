@@ -31,7 +31,19 @@ impl InstructionSet {
     /// The widest set that this processor has.
     #[must_use]
     pub fn best() -> Self {
-        [Self::Eight, Self::Four].into_iter().find(|path| path.is_available()).unwrap_or(Self::Portable)
+        Self::Eight.or_narrower()
+    }
+
+    /// This set where the processor has it, else the widest below it, whose answer has the same bits if it is fused too.
+    #[must_use]
+    pub fn or_narrower(self) -> Self {
+        let sets: &[Self] = match self {
+            Self::Portable => &[],
+            Self::Fused => &[Self::Fused],
+            Self::Four => &[Self::Four],
+            Self::Eight => &[Self::Eight, Self::Four],
+        };
+        sets.iter().copied().find(|path| path.is_available()).unwrap_or(Self::Portable)
     }
 
     /// Runs side by side.

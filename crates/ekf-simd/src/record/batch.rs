@@ -389,8 +389,7 @@ fn dispatch<K: Dispatch<M>, const M: usize>(
     path: InstructionSet,
     threads: usize,
 ) -> Vec<Final> {
-    let path = match path {
-        path if !path.is_available() => InstructionSet::Portable,
+    let path = match path.or_narrower() {
         InstructionSet::Four | InstructionSet::Eight if job.batch.runs == 1 => InstructionSet::Fused,
         path => path,
     };

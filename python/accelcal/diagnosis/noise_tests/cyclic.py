@@ -11,9 +11,11 @@ from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.noise_test import POSITION_WAVE, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.tones import local_level, pair_fit
-from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, RECORD_PARTS
+from accelcal.diagnosis.policy import MOST_HARMONICS, NOISE_TEST_ALPHA, RECORD_PARTS
 from accelcal.diagnosis.search.beam import block_length, block_sums, shrunk_inflation
 from accelcal.diagnosis.search.homogeneity import PartSizes
+from accelcal.effects import HARMONICS
+from accelcal.effects.building_blocks import harmonics_of
 from accelcal.estimation.adjoint import gradient_in_readings
 from accelcal.estimation.columns import whitened_reading_errors
 
@@ -58,20 +60,23 @@ def encoder_cyclic(residuals: Residuals) -> NoiseTest:
             trial = float(kappa[rows][k]) + shift * step
             best = max(best, cyclic_fit(residuals, trial), key=lambda f: f[0])
     gained, amplitude, std, at = best
-    scatter, sizes = steadiness(residuals, at)
+    phase = 2.0 * np.pi * at * residuals.smooth_position
+    columns = whitened_reading_errors(residuals.state, [np.cos(phase), np.sin(phase)])
+    scatter, sizes = steadiness(columns, residuals.readings, residuals)
     gained /= scatter
     p_value = min(1.0, len(spectrum) * math.exp(-0.5 * gained))
     if not sizes.homogeneous:
         p_value = 1.0  # an error of the scale is the same whenever the stage comes by
     if amplitude < 0.5 * residuals.run.rounding:
         p_value = 1.0  # rounding to counts is itself a wave over position, and rests sample it at few places
-    found = p_value < NOISE_TEST_ALPHA
-    text = (
-        f"the encoder errs by {amplitude * 1e6:.2g} um with a period of {1e6 / at:.4g} um"
-        if found
-        else "no cyclic error of the encoder"
-    )
+    text = "no cyclic error of the encoder"
     parts = {"period": 1.0 / at, "period_std": 0.55 / (math.sqrt(max(gained, 1.0)) * travel * at**2)}
+    if p_value < NOISE_TEST_ALPHA:
+        text = f"the encoder errs by {amplitude * 1e6:.2g} um with a period of {1e6 / at:.4g} um"
+        highest, refined = highest_harmonic(residuals, at, 0.2 * step, shortest)
+        if highest > 1:
+            parts |= {"period": 1.0 / refined, HARMONICS: float(highest)}
+            text += f" and harmonics of it up to number {highest}"
     return NoiseTest(POSITION_WAVE, gained, p_value, amplitude, "m", std, text, parts)
 
 
@@ -88,11 +93,61 @@ def over_position(residuals: Residuals, cell: float, travel: float) -> Array:
     )
 
 
-def steadiness(residuals: Residuals, kappa: float) -> tuple[float, PartSizes]:
+def highest_harmonic(residuals: Residuals, kappa: float, reach: float, shortest: float) -> tuple[int, float]:
+    """The highest significant multiple of a wave, 1 without any, and 1/period where all of them fit best.
+
+    All harmonics are fitted together; what each gains beside the others has, times their number, the null of the wave
+    itself. The smoothed position contains the wave, which so makes harmonics of its own: amplitude a times
+    (2 pi a kappa)^(n - 1) bounds them from above.
+
+    Parameters
+    ----------
+    residuals : of the fit without the wave.
+    kappa, reach : 1/period, m⁻¹, and how far from it it may lie.
+    shortest : period that the test resolves, m.
+    """
+    most = min(MOST_HARMONICS, int(1.0 / (kappa * shortest)))
+    if most < 2:
+        return 1, kappa
+    y = residuals.readings
+
+    def left(at: float) -> float:
+        X, c = harmonic_fit(residuals, at, most)
+        return float(np.sum((y - X @ c) ** 2))
+
+    at = min((kappa + reach * np.linspace(-1.0, 1.0, 5)).tolist(), key=left)
+    X, c = harmonic_fit(residuals, at, most)
+    rest = y - X @ c
+    covariance = np.linalg.inv(X.T @ X) * float(np.mean(rest**2))
+    sizes = np.hypot(c[::2], c[1::2])
+
+    def significant(n: int) -> bool:
+        rows = slice(2 * n - 2, 2 * n)
+        scatter, in_parts = steadiness(X[:, rows], rest + X[:, rows] @ c[rows], residuals)
+        gain = float(c[rows] @ np.linalg.solve(covariance[rows, rows], c[rows])) / scatter
+        p_value = (most - 1) * math.exp(-0.5 * gain)
+        least = max(0.5 * residuals.run.rounding, sizes[0] * (2.0 * np.pi * sizes[0] * at) ** (n - 1))
+        return p_value < NOISE_TEST_ALPHA and in_parts.homogeneous and bool(sizes[n - 1] > least)
+
+    return next((n for n in range(most, 1, -1) if significant(n)), 1), at
+
+
+def harmonic_fit(residuals: Residuals, kappa: float, most: int) -> tuple[Array, Array]:
+    """Columns of a wave and its harmonics up to `most`, (n, 2 most), and their coefficients, m."""
+    columns = harmonics_of(2.0 * np.pi * kappa * residuals.smooth_position, most)
+    X = whitened_reading_errors(residuals.state, list(np.ascontiguousarray(columns.T)))
+    return X, np.asarray(np.linalg.lstsq(X, residuals.readings, rcond=None)[0], dtype=np.float64)
+
+
+def steadiness(X: Array, y: Array, residuals: Residuals) -> tuple[float, PartSizes]:
     """How much more the scores of a wave scatter from block to block than white noise, at least 1; its sizes in parts
-    of the record."""
-    phase = 2.0 * np.pi * kappa * residuals.smooth_position
-    X, y = whitened_reading_errors(residuals.state, [np.cos(phase), np.sin(phase)]), residuals.readings
+    of the record.
+
+    Parameters
+    ----------
+    X, y : its two whitened columns (n, 2), and what they are to explain (n,).
+    residuals : whose readings these are.
+    """
     c, *_ = np.linalg.lstsq(X, y, rcond=None)
     u, level = X @ c, float(np.mean(y**2))
     scores, information = u * (y - u) / level, u**2 / level

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from accelcal.diagnosis.policy import OWN_WAVE_TURNS
-from accelcal.effects import find, found_by, stem_of
+from accelcal.effects import HARMONICS, find, found_by, stem_of
 from accelcal.model import Model
 from accelcal.signals.signals import Signals
 
@@ -46,7 +46,8 @@ class NoiseTest:
     def shape(self) -> dict[str, float]:
         """Shape parameters of the wave that it tells, at which a fit begins; empty where the effect is no wave."""
         shapes = {} if self.effect == WHITENESS else find(self.effect).shapes
-        return {name: self.parts[name] for name, one in shapes.items() if one.width and name in self.parts}
+        is_wave = any(shape.width for shape in shapes.values())
+        return {name: self.parts[name] for name in shapes if is_wave and name in self.parts}
 
     @property
     def evidence(self) -> float:
@@ -54,13 +55,15 @@ class NoiseTest:
         return (self.estimate / self.std) ** 2 if self.std > 0.0 else 0.0
 
     def in_model(self, model: Model, s: Signals) -> bool:
-        """Whether a model has what it tells: the effect, or of a wave one with as many turns over the record."""
+        """Whether a model has what it tells: the effect, or of a wave one with as many turns over the record, or with a
+        harmonic that has."""
         if not self.shape:
             return self.effect in model.effects
         waves = [model.shapes[name] for name in model.added if stem_of(find(name)) == self.effect]
         return any(
-            abs(value - wave[name]) < OWN_WAVE_TURNS * width(s, wave[name])
+            abs(value - own) < OWN_WAVE_TURNS * width(s, own)
             for name, value in self.shape.items()
-            if (width := find(self.effect).shapes[name].width)
+            if (width := (shape := find(self.effect).shapes[name]).width)
             for wave in waves
+            for own in (shape.multiple(wave[name], n) for n in range(1, int(wave[HARMONICS]) + 1))
         )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -20,13 +21,14 @@ from accelcal.diagnosis.policy import (
     CONVERTER_LINE_SHARE,
     DRIVEN_LINE_RATIO,
     DRIVEN_LINE_SHARE,
+    MOST_HARMONICS,
     MOTION_LINE_RATIO,
     NOISE_TEST_ALPHA,
     NOISE_TEST_LEAST_BLOCKS,
     PRESENT_SHARE,
     REPORTED_LINES,
 )
-from accelcal.effects import BUILT_IN, Effect, find
+from accelcal.effects import BUILT_IN, HARMONICS, Effect, find
 from accelcal.estimation.columns import whitened_accelerations
 from accelcal.signals.signals import Signals
 from accelcal.signals.transfer import Response
@@ -75,9 +77,32 @@ def tones(residuals: Residuals) -> tuple[NoiseTest, ...]:
     peaks.sort()
     significant = [candidate for candidate in peaks if candidate[0] < NOISE_TEST_ALPHA] or peaks[:1]
     of_output, of_readings = (residuals.t, residuals.residual, residuals.rate), (t, y, rate)
-    return tuple(
+    tests = [
         tone_test(residuals, of_output if up else of_readings, f, -minus, p, up) for p, minus, f, up in significant
-    )
+    ]
+    return with_harmonics(tests, 0.25 * resolved)
+
+
+def with_harmonics(tests: Sequence[NoiseTest], width: float) -> tuple[NoiseTest, ...]:
+    """Tests for lines, the largest of them with the highest of its multiples that the others are.
+
+    Lines that the motion makes, or that follow it, take no part. A multiple lies within half a `width`, Hz, of one turn
+    over the record.
+    """
+    lines = [
+        test
+        for test in tests
+        if test.p_value < NOISE_TEST_ALPHA and not test.parts["made_by_motion"] and not test.parts["follows_motion"]
+    ]
+    if not lines:
+        return tuple(tests)
+    largest = max(lines, key=lambda test: test.estimate)
+    frequencies = np.array([test.parts["frequency"] for test in lines])
+    multiples = np.arange(1, MOST_HARMONICS + 1)
+    near = np.abs(frequencies[:, None] - multiples * largest.parts["frequency"]) < 0.5 * width
+    highest = int(np.max(multiples[near.any(axis=0)]))
+    grown = replace(largest, parts={**largest.parts, **({HARMONICS: float(highest)} if highest > 1 else {})})
+    return tuple(grown if test is largest else test for test in tests)
 
 
 def reading_grid(residuals: Residuals) -> tuple[Array, Array, float]:

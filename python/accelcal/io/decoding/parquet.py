@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,10 +15,20 @@ from accelcal.io.limits import MOST_NAME
 from accelcal.io.table import Column
 
 
-def opened(path: str) -> Source:
-    """Open a file: the ``unit`` entry of a column's metadata is its unit, null means not sampled."""
+def _start_threads() -> None:
+    """Start the threads by which Arrow reads files, by a small one: a process that is limited may start none."""
     pa.set_cpu_count(1)
     pa.set_io_thread_count(1)
+    small = io.BytesIO()
+    parquet.write_table(pa.table({"t": [0.0]}), small)
+    parquet.ParquetFile(pa.PythonFile(small, mode="r")).read(use_threads=False)
+
+
+_start_threads()
+
+
+def opened(path: str) -> Source:
+    """Open a file: the ``unit`` entry of a column's metadata is its unit, null means not sampled."""
     file = parquet.ParquetFile(path, page_checksum_verification=True)
     schema, rows = file.schema_arrow, file.metadata.num_rows
 

@@ -5,26 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import ANGULAR_ACCELERATION, LEVERS, RATES, TURNED
 from accelcal.effects import Effect, spelled
-from accelcal.plots import style
-from accelcal.plots.style import ThemeName
+from accelcal.plots.figure import Axis, Figure, Line, Panel
+from accelcal.plots.style import Role
 from accelcal.results import words as formatting
 from accelcal.signals.signals import Signals
 from accelcal.simulation.motion import motion
 from accelcal.simulation.sensor import ADXL105_RIG
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-WIDTH, HEIGHT = 8.0, 2.3
-"""Inches."""
+HEIGHT = 150.0
+"""px"""
 SECONDS, RATE = 30.0, 400.0
 """Length (s) and samples per second of the motion on every card."""
 WARMING = 4.0, 12.0
@@ -52,48 +47,41 @@ VARIABLES = {
 AXIS_WORDS = {"a_y": "transverse acceleration", "a_z": "acceleration along the pendulous axis"}
 
 
-def signature(effect: Effect, *, theme: ThemeName = "light") -> Figure:
+def signature(effect: Effect) -> Figure:
     """Draw an effect of typical size on the motion of the cards.
 
     Parameters
     ----------
     effect : of the catalogue, or a user's own that needs no channel but temperature and a_y.
-    theme : "light" or "dark".
 
     Raises
     ------
     KeyError
         If the effect needs another side channel.
-    MissingExtra
-        If matplotlib is not installed.
     """
-    palette = style.theme_of(theme)
     s = card_motion()
     shape = typical_shape(effect, s)
     curves = contributions(effect, s, shape)
     right = dependence(effect, s, shape, curves)
-    figure = style.new_figure(WIDTH, HEIGHT, palette)
-    axes = figure.subplots(1, 1 if right is None else 2, squeeze=False)[0]
     factor, unit = formatting.prefixed("m" if at_encoder(effect) else "m/s²", *curves.values())
-    title = formatting.label("standard deviation" if effect.port == "noise" else "contribution", unit)
-    style.format_axes(axes[0], palette, x=formatting.label("time", "s"), y=title)
+    size = Axis("standard deviation" if effect.port == "noise" else "contribution", unit)
     largest = max(float(np.max(np.abs(y))) for y in curves.values()) * factor
     scaled = s.a * (largest / float(np.max(np.abs(s.a))))
-    axes[0].plot(s.t, scaled, color=palette.grid, linewidth=0.7, label="acceleration, scaled")
-    lines = palette.residual, palette.other, palette.floor
-    drawn = [(line, name or spelled(effect.name)) for line, name in zip(lines, curves, strict=False)]
-    for (line, name), y in zip(drawn, curves.values(), strict=True):
-        style.trace(axes[0], s.t, y, line, factor=factor, name=name, columns=len(s.t))
-    if "frequency" in shape:
-        axes[0].set_xlim(0.0, PERIODS / shape["frequency"])
-    style.legend(axes[0], palette)
+    roles: tuple[Role, ...] = ("residual", "other", "floor")
+    drawn = [(role, name or spelled(effect.name)) for role, name in zip(roles, curves, strict=False)]
+    over_time = [Line(s.t, y * factor, name, role) for (role, name), y in zip(drawn, curves.values(), strict=True)]
+    time = Axis("time", "s", range=(0.0, PERIODS / shape["frequency"]) if "frequency" in shape else None)
+    motion_line = Line(s.t, scaled, "acceleration, scaled", "grid")
+    panels = [Panel((motion_line, *over_time), time, size, height=HEIGHT)]
     if right is not None:
         scale, x_unit = formatting.prefixed(VARIABLES[right.variable], right.x)
-        x_title = formatting.label(AXIS_WORDS.get(right.variable, right.variable), x_unit)
-        style.format_axes(axes[1], palette, x=x_title, y=title)
-        for (line, _), y in zip(drawn, right.curves.values(), strict=True):
-            axes[1].plot(right.x * scale, y * factor, color=line.colour, linestyle=line.line, linewidth=0.9)
-    return figure
+        lines = [
+            Line(right.x * scale, y * factor, name, role)
+            for (role, name), y in zip(drawn, right.curves.values(), strict=True)
+        ]
+        variable = Axis(AXIS_WORDS.get(right.variable, right.variable), x_unit)
+        panels.append(Panel(tuple(lines), variable, size, height=HEIGHT))
+    return Figure(tuple(panels), columns=2)
 
 
 def caption(effect: Effect) -> str:
@@ -205,6 +193,3 @@ def explained_share(x: Array, y: Array) -> float:
     if scatter <= 1e-12 * float(np.mean(y**2)):
         return 0.0
     return 1.0 - 0.5 * float(np.mean(np.diff(y[np.argsort(x, kind="stable")]) ** 2)) / scatter
-
-
-__dir__ = listing(globals())

@@ -1,0 +1,231 @@
+"""Figures of a comparison: simulation, unaided drift, residuals over time, and one page of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from accelcal.data.units import instant
+from accelcal.estimation.estimate import Fit
+from accelcal.plots import matplotlib
+from accelcal.plots.bins import regions
+from accelcal.plots.figure import COLUMNS, Axis, Band, Figure, Level, Line, Mark, Panel, sentence
+from accelcal.plots.model import nonlinearity, parameters
+from accelcal.plots.numbers import TWO_SIDED_95, drift_headline, imposed_band_note
+from accelcal.plots.residuals import autocorrelation, histogram
+from accelcal.plots.style import Role, ThemeName
+from accelcal.plots.timeline import TIME, overlay
+from accelcal.results.words import grouped, length, prefixed
+from accelcal.validation.comparison import Comparison
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawn
+
+TRANSIENT = 1.5
+"""Predicted deviations beyond this many medians, as before the filter has settled, do not size the axis."""
+PALE = 0.35
+"""Opacity of what the previous model gave."""
+
+
+def simulated(comparison: Comparison) -> Figure:
+    """Draw measured and simulated position, and below them the error of the simulation.
+
+    Parameters
+    ----------
+    comparison : from `accelcal.compare`.
+    """
+    t, measured, position = comparison.simulated
+    error, spread = position - measured, 2.0 * comparison.simulated_std
+    factor, unit = prefixed("m", measured, position)
+    error_factor, error_unit = prefixed("m", error)
+    largest = float(np.abs(error).max())
+    edge = 1.1 * error_factor * max(largest, min(float(spread.max()), 3.0 * largest))  # a band grows beyond all bounds
+    reach = spread * error_factor
+    above = (
+        Line(t, measured * factor, "measured", "measured", COLUMNS),
+        Line(t, position * factor, "simulated", "model", COLUMNS),
+    )
+    below = (
+        Level(0.0),
+        Band(t, -reach, reach, "expected from noise, ± 2 σ"),
+        Line(t, error * error_factor, "simulated − measured", "residual", COLUMNS),
+    )
+    headline = f"Simulated without position from {instant(t[0])} s on: rms error {length(comparison.simulated_rms)}"
+    panels = (
+        Panel(above, TIME, Axis("position", unit), height=220.0),
+        Panel(below, TIME, Axis("error", error_unit, range=(-edge, edge) if edge > 0.0 else None), height=160.0),
+    )
+    return Figure(panels, headline, shared_x=True)
+
+
+def coasting(comparison: Comparison) -> Figure:
+    """Draw rms unaided drift against the time since position was withheld, with its noise floor.
+
+    Parameters
+    ----------
+    comparison : from `accelcal.compare`; horizons that the record does not allow are absent.
+    """
+    curves: tuple[tuple[str, Role, Mapping[float, float | None]], ...] = (
+        ("bias of this run re-estimated", "model", comparison.coast_rms),
+        ("all parameters from the fit", "other", comparison.coast_frozen_rms),
+        ("noise floor", "floor", comparison.drift_floors),
+    )
+    allowed = [[(h, y) for h, y in sorted(found.items()) if y is not None] for _, _, found in curves]
+    ticks = [h for h, _ in allowed[0]]
+    if not ticks:
+        least = min(comparison.coast_rms, default=1.0)
+        return sentence("Unaided drift", f"The record is too short for a drift over {least:g} s.")
+    points = [np.array(pairs).reshape(-1, 2).T for pairs in allowed]
+    factor, unit = prefixed("m", *(y for _, y in points))
+    drawn = tuple(
+        Line(h, y * factor, name, role, marker=".") for (name, role, _), (h, y) in zip(curves, points, strict=True)
+    )
+    every = np.concatenate([line.y for line in drawn])
+    middle, ratio = math.sqrt(every.min() * every.max()), math.sqrt(every.max() / every.min())
+    reach = max(1.5 * ratio, math.sqrt(10.0))  # a flat curve must not appear steep
+    time = Axis(
+        "time without position",
+        "s",
+        "log",
+        (ticks[0] / 1.4, ticks[-1] * 1.4),
+        (ticks, [f"{h:g}\n{_starts(comparison, h)}" for h in ticks]),
+    )
+    drift = Axis("rms unaided drift", unit, "log", (middle / reach, middle * reach))
+    return Figure((Panel(drawn, time, drift),), drift_headline(comparison))
+
+
+def _starts(comparison: Comparison, horizon: float) -> str:
+    count = comparison.coast_starts[horizon]
+    return f"{count} start" + ("" if count == 1 else "s")
+
+
+def one_step(comparison: Comparison, *, previous: Comparison | None = None) -> Figure:
+    """Draw one-step residuals against time with the band that should hold 95 % of them.
+
+    Parameters
+    ----------
+    comparison : from `accelcal.compare`.
+    previous : of the previous model, on the same recording; drawn pale.
+    """
+    (t, e), std, unit = comparison.residual, comparison.residual_std, "m"
+    what = f"One-step residuals: rms {length(comparison.one_step_rms)}"
+    if comparison.innovations is not None:  # the reference is no position
+        (t, e), std, unit = comparison.innovations, np.ones(len(comparison.innovations[1])), "1"
+        what = f"Innovations over their predicted deviation: rms {math.sqrt(np.mean(e**2)):.3f}"
+    reach, settled = TWO_SIDED_95 * std, std <= TRANSIENT * np.median(std)
+    edge = 1.15 * float(max(np.abs(e[settled]).max(), reach[settled].max()))
+    share = f"{100.0 * float(np.mean(np.abs(e) <= reach)):.1f} % of {grouped(len(e))} inside the 95 % band"
+    factor, unit = prefixed(unit, edge)
+    marks = list[Mark]()
+    if previous is not None:
+        at, old = previous.innovations or previous.residual
+        edge = max(edge, 1.15 * float(np.quantile(np.abs(old), 0.999)))
+        marks.append(Line(at, old * factor, "before", "before", COLUMNS, opacity=PALE))
+    reach = np.minimum(reach, 1.1 * edge) * factor
+    marks += [
+        Line(t, e * factor, "residual", "residual", COLUMNS),
+        Band(t, -reach, reach, "predicted 95 % band"),
+    ]
+    beyond = int(np.count_nonzero(np.abs(e) > edge))
+    off = f"{grouped(beyond)} reading{'s'[: beyond > 1]} beyond the axis" if beyond else ""
+    y = Axis("one-step residual", unit, range=(-edge * factor, edge * factor))
+    return Figure((Panel(tuple(marks), TIME, y, height=262.0),), f"{what}, {share}{imposed_band_note(comparison)}", off)
+
+
+def accel_residual(comparison: Comparison, *, previous: Comparison | None = None) -> Figure:
+    """Draw the accelerometer residual below the highest frequency at which the encoder is a reference.
+
+    Parameters
+    ----------
+    comparison : from `accelcal.compare`.
+    previous : of the previous model, on the same recording; drawn pale.
+    """
+    t, residual = comparison.accel_residual
+    headline = "Accelerometer residual"
+    if len(t) == 0:
+        return sentence(headline, f"The record is too short for a residual below {comparison.band:.3g} Hz.")
+    factor, unit = prefixed("m/s²", residual)
+    rms = comparison.accel_rms * factor
+    marks: list[Mark] = [
+        Line(t, residual * factor, "output − model", "residual", COLUMNS),
+        Level(rms, name="± rms", role="other"),
+        Level(-rms, name="± rms", role="other"),
+    ]
+    if previous is not None and len(previous.accel_residual[0]):
+        at, old = previous.accel_residual
+        marks.insert(0, Line(at, old * factor, "before", "before", COLUMNS, opacity=PALE))
+    text = f"{headline} below {comparison.band:.3g} Hz: rms {rms:.3g} {unit}"
+    return Figure((Panel(tuple(marks), TIME, Axis("accelerometer residual", unit), height=262.0),), text)
+
+
+def overview(fit: Fit, comparison: Comparison, *, theme: ThemeName = "light") -> Drawn:
+    """Draw one page: simulation, unaided drift, one-step residuals, and the most significant regions.
+
+    Parameters
+    ----------
+    fit : the model that was compared.
+    comparison : from `accelcal.compare`.
+    theme : "light" or "dark".
+
+    Raises
+    ------
+    MissingExtra
+        If matplotlib is not installed.
+    """
+    parts = (simulated(comparison), coasting(comparison), one_step(comparison), regions(comparison, 2))
+    return matplotlib.page(parts, summary_sentence(fit, comparison), theme)
+
+
+def write(fit: Fit, comparison: Comparison, directory: str | Path, *, theme: ThemeName = "light") -> list[Path]:
+    """Write every figure as PNG and SVG, all of them or none.
+
+    Parameters
+    ----------
+    fit : the model that was compared.
+    comparison : from `accelcal.compare`.
+    directory : made if it does not exist. Dark figures end in "-dark", so both themes can share a folder.
+    theme : "light" or "dark".
+
+    Returns
+    -------
+    The files, the overview first.
+
+    Raises
+    ------
+    MissingExtra
+        If matplotlib is not installed; nothing is written then.
+    """
+    of_comparison: tuple[Callable[..., Figure], ...] = (
+        overlay,
+        simulated,
+        coasting,
+        one_step,
+        regions,
+        accel_residual,
+        histogram,
+        autocorrelation,
+    )
+
+    def drawn() -> Iterator[tuple[str, Drawn]]:
+        yield "overview", overview(fit, comparison, theme=theme)
+        for define in of_comparison:
+            yield define.__name__, matplotlib.draw(define(comparison), theme)
+        for name, figure in (("parameters", parameters(fit)), ("nonlinearity", nonlinearity(fit))):
+            yield name, matplotlib.draw(figure, theme)
+
+    return matplotlib.write(drawn(), directory, theme)
+
+
+def summary_sentence(fit: Fit, comparison: Comparison) -> str:
+    """The key figures: one-step rms, unaided drift with its noise floor, largest residual."""
+    drifted = drift_headline(comparison)
+    drifted = f"{drifted[:1].lower()}{drifted[1:]}"
+    added = ", ".join(e.symbol for e in fit.estimates)
+    return (
+        f"{comparison.recording or 'recording'}, model with {added}: one-step rms "
+        f"{length(comparison.one_step_rms)}; {drifted}; {comparison.worst}"
+    )

@@ -1,0 +1,52 @@
+"""Figures of `accelcal.plots` for a notebook, as Figures of plotly; each takes `theme`, "light" or "dark"."""
+
+from accelcal.plots import bins, comparison, diagnosis, limits, model, residuals, response
+from accelcal.plots import timeline as record
+from accelcal.plots import tracks as over_time
+from accelcal.plots.plotly import moving
+
+__all__ = [
+    "accel_residual",
+    "coasting",
+    "detectable_sizes",
+    "drift_limits",
+    "error_reduction",
+    "fitted_curve",
+    "linked",
+    "live_tracks",
+    "nonlinearity",
+    "one_step",
+    "overlay",
+    "parameters",
+    "quantile_plot",
+    "ranking",
+    "regions",
+    "sensitivity",
+    "signatures",
+    "simulated",
+    "spectrum",
+    "tiles",
+    "timeline",
+    "tracks",
+    "whiteness_plot",
+]
+
+accel_residual, coasting = moving(comparison.accel_residual), moving(comparison.coasting)
+detectable_sizes, drift_limits = moving(limits.detectable_sizes), moving(limits.drift_limits)
+error_reduction, ranking = moving(diagnosis.error_reduction), moving(diagnosis.ranking)
+fitted_curve, live_tracks, tracks = (
+    moving(over_time.fitted_curve),
+    moving(over_time.live_tracks),
+    moving(over_time.tracks),
+)
+linked, overlay, timeline = moving(record.linked), moving(record.overlay), moving(record.timeline)
+nonlinearity, parameters = moving(model.nonlinearity), moving(model.parameters)
+one_step, simulated = moving(comparison.one_step), moving(comparison.simulated)
+quantile_plot, spectrum = moving(residuals.quantile_plot), moving(residuals.spectrum)
+regions, tiles = moving(bins.regions), moving(bins.tiles)
+sensitivity, signatures = moving(response.sensitivity), moving(limits.signatures)
+whiteness_plot = moving(residuals.whiteness_plot)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,334 @@
+"""Figures over time: a recording with its marks, and measurement and models over each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Channel, Recording
+from accelcal.data.summary import rest
+from accelcal.data.units import instant
+from accelcal.diagnosis.change_points import usable
+from accelcal.diagnosis.faults import Fault, fault_remarks, faults
+from accelcal.diagnosis.left_out import left_out_remarks, without_wrong_readings
+from accelcal.diagnosis.remarks import Remark
+from accelcal.estimation.run import prepare
+from accelcal.plots import matplotlib
+from accelcal.plots.figure import COLUMNS, Axis, Figure, Level, Line, Mark, Panel, Points, Stretch, sentence
+from accelcal.plots.style import Role, ThemeName, role_of_model
+from accelcal.results.words import percent, prefixed
+from accelcal.validation.comparison import Comparison
+from accelcal.validation.differences import PairedComparison
+from accelcal.validation.worst import worst_stretches
+
+TIME = Axis("time", "s")
+MOST = 400
+"""Stretches of rest that are shaded, the longest ones."""
+SIDE = 3
+"""Side channels that are drawn, temperature first."""
+CHOSEN = "chosen"
+"""Name of a stretch that was chosen."""
+CLOSE = 2.0
+"""Length of the stretch in which two outputs are drawn closely, s."""
+CLOSE_COLUMNS = 240
+"""Columns of a curve in it: few enough for thick lines."""
+Models = Comparison | Sequence[tuple[str, Comparison]]
+"""From `accelcal.compare`; or name and comparison of several models with one recording, the current one last."""
+Window = tuple[float, float]
+"""From and to, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Marks:
+    """Marks on the time axis, s."""
+
+    start: float
+    end: float
+    """Used part."""
+    breaks: tuple[float, ...]
+    faults: tuple[Fault, ...]
+    rest: tuple[tuple[float, float], ...]
+    left_out: tuple[Remark, ...] = ()
+
+    @property
+    def remarks(self) -> tuple[Remark, ...]:
+        """What is left out, and the faults as remarks, many of one kind as one."""
+        return (*self.left_out, *fault_remarks(self.faults, self.end - self.start))
+
+
+def marks(recording: Recording) -> Marks:
+    """Breaks, faults, rest and the stretch on which one model can hold.
+
+    Raises
+    ------
+    RecordingError
+        If the channels do not overlap.
+    """
+    recording = without_wrong_readings(recording)
+    found = usable(recording)
+    seen = faults(recording, prepare(recording, start=found.start, end=found.end))
+    gone = tuple(left_out_remarks([recording], "", found.start, found.end))
+    return Marks(found.start, found.end, found.breaks, seen, tuple(rest(recording)), gone)
+
+
+def timeline(recording: Recording, seen: Marks) -> Figure:
+    """Draw position and output over time with breaks, faults and rest marked.
+
+    Parameters
+    ----------
+    recording : whole.
+    seen : from `marks`.
+    """
+    position, accel = recording.position, recording.accel
+    factor, unit = prefixed("m", position.y)
+    above: list[Mark] = [Line(position.t, position.y * factor, "position", "measured", COLUMNS)]
+    below: list[Mark] = [Line(accel.t, accel.y, "output", "residual", COLUMNS)]
+    above += [Level(at, role="other", upright=True, text=f"break at {instant(at)} s") for at in seen.breaks]
+    below += [Level(at, role="other", upright=True) for at in seen.breaks]
+    if seen.faults:
+        times = np.array([f.time for f in seen.faults])
+        at = np.interp(times, position.t, position.y * factor)
+        above.append(Points(times, at, "fault", "fault", hover=[f.sentence for f in seen.faults]))
+    longest = sorted(seen.rest, key=lambda stretch: stretch[0] - stretch[1])[:MOST]
+    text = ", ".join(
+        f"{len(found)} {what}{'s'[: len(found) != 1]}" if found else f"no {what}"
+        for found, what in ((seen.breaks, "break"), (seen.faults, "fault"))
+    )
+    return Figure(
+        (
+            Panel(tuple(above), TIME, Axis("position", unit), height=160.0),
+            Panel(tuple(below), TIME, Axis("output", "m/s²"), height=160.0),
+        ),
+        f"Used from {instant(seen.start)} s to {instant(seen.end)} s: {text}",
+        "shaded: at rest" if seen.rest else "",
+        shared_x=True,
+        stretches=tuple(Stretch(begin, end, role="grid") for begin, end in longest),
+    )
+
+
+def linked(
+    recording: Recording,
+    comparison: Comparison | None = None,
+    *,
+    previous: Comparison | None = None,
+    window: Window | None = None,
+    marked: Iterable[tuple[float, float, str]] = (),
+) -> Figure:
+    """Draw position, output, accelerometer residual and side channels over one time axis.
+
+    Parameters
+    ----------
+    recording : what was measured.
+    comparison : of a model with it, for the residual; previous : of the previous model, drawn pale.
+    window : s, optional; only this part is drawn, thinned for it.
+    marked : stretches (from, to, label), s.
+    """
+    low, high = window or (float(recording.position.t[0]), float(recording.position.t[-1]))
+    time = Axis("time", "s", range=(low, high))
+    side = sorted(recording.side.values(), key=lambda side: (side.name != "temperature", side.name))[:SIDE]
+    shown: list[tuple[Channel, str, Role]] = [
+        (recording.position, "position", "measured"),
+        (Channel("accel", recording.accel.t, recording.accel.y, "m/s²"), "output", "measured"),
+    ]
+    residual = comparison is not None and len(comparison.accel_residual[0]) > 0
+    if comparison is not None and residual:
+        shown.append((Channel("residual", *comparison.accel_residual, "m/s²"), "residual", "residual"))
+    panels = []
+    for channel, name, role in (*shown, *((channel, channel.name, "other") for channel in side)):
+        t, y = inside(channel.t, channel.y, window)
+        factor, unit = prefixed(channel.unit, y) if channel.unit in ("m", "m/s²") else (1.0, channel.unit)
+        lines = [Line(t, y * factor, "" if name != "residual" or previous is None else name, role, COLUMNS, solid=True)]
+        if name == "residual" and previous is not None and len(previous.accel_residual[0]):
+            at, old = inside(*previous.accel_residual, window)
+            lines.insert(0, Line(at, old * factor, "before", "before", COLUMNS, opacity=0.35))
+        panels.append(Panel(tuple(lines), time, Axis(name, unit), height=122.0))
+    return Figure(
+        tuple(panels),
+        f"From {instant(low)} s to {instant(high)} s",
+        shared_x=True,
+        stretches=tuple(mark(*stretch) for stretch in marked),
+        key="linked",
+    )
+
+
+def inside(t: Array, y: Array, window: Window | None) -> tuple[Array, Array]:
+    """A series (n,) within a window of time, one sample more at either end; whole without a window."""
+    if window is None:
+        return t, y
+    a, b = np.searchsorted(t, window)
+    return t[max(0, a - 1) : b + 1], y[max(0, a - 1) : b + 1]
+
+
+def mark(begin: float, end: float, name: str) -> Stretch:
+    """A stretch of time in the role that its name gives it."""
+    roles: dict[str, Role] = {"held out": "band", CHOSEN: "model"}
+    return Stretch(begin, end, name, roles.get(name, "other"), strong=name == CHOSEN)
+
+
+def overlay(models: Models, *, window: Window | None = None, chosen: Window | None = None) -> Figure:
+    """Draw what was measured, what each model says, and the difference, over one time axis.
+
+    The stretches in which the residual of the last model is largest are shaded in all panels.
+
+    Parameters
+    ----------
+    models : from `accelcal.compare`; or name and comparison of several models with one recording, the current one last.
+    window : s, optional; only this part is drawn, thinned for it.
+    chosen : a stretch of time that is marked in all panels, s.
+
+    Raises
+    ------
+    ValueError
+        If there is no model.
+    """
+    several = named_models(models)
+    current = several[-1][1]
+    t, moved, _ = current.simulated
+    scale, unit = prefixed("m", moved)
+    ruler, residual_unit = prefixed("m/s²", *(seen.accel_residual[1] for _, seen in several))
+
+    def line(t: Array, y: Array, name: str, role: Role, opacity: float = 1.0, *, solid: bool = False) -> Line:
+        return Line(*inside(t, y, window), name, role, COLUMNS, solid, opacity=opacity)
+
+    output = [line(current.accel_residual[0], current.measured, "measured", "measured")]
+    residual, position = list[Line](), [line(t, moved * scale, "measured", "measured")]
+    for number, (name, seen) in enumerate(several):
+        role, faint = role_of_model(number, len(several)), 1.0 if seen is current else 0.5 + 0.4 * number / len(several)
+        at, left = seen.accel_residual
+        said = f"{name or 'model'}, {fit_text(seen)}"
+        output.append(line(at, seen.measured - left, said, role, faint))
+        residual.append(line(at, left * ruler, said, role, faint, solid=True))
+        position.append(line(seen.simulated[0], seen.simulated[2] * scale, said, role, faint))
+    ends = [float(end) for axis in (t, current.accel_residual[0]) if len(axis) for end in (axis[0], axis[-1])]
+    time = Axis("time", "s", range=window or (min(ends, default=0.0), max(ends, default=1.0)))
+    worst = [stretch for stretch in worst_stretches(*current.accel_residual) if stretch != chosen]
+    shades = [Stretch(*stretch, "" if i else "largest residual") for i, stretch in enumerate(worst)]
+    short = (
+        "" if len(current.accel_residual[0]) else f"The record is too short for a residual below {current.band:.3g} Hz."
+    )
+    return Figure(
+        (
+            Panel(() if short else tuple(output), time, Axis("output", "m/s²"), height=174.0, sentence=short),
+            Panel((Level(0.0), *residual), time, Axis("residual", residual_unit), height=130.0),
+            Panel(tuple(position), time, Axis("position", unit), height=174.0),
+        ),
+        overlay_headline(several),
+        "position: simulated from the output alone",
+        shared_x=True,
+        stretches=(*shades, *([mark(*chosen, CHOSEN)] if chosen is not None else [])),
+        key="overlay",
+    )
+
+
+def named_models(models: Models) -> list[tuple[str, Comparison]]:
+    """Comparisons with their names; that of a single model has none.
+
+    Raises
+    ------
+    ValueError
+        If there is no model.
+    """
+    several = [("", models)] if isinstance(models, Comparison) else list(models)
+    if not several:
+        raise ValueError("an overlay needs at least one comparison")
+    return several
+
+
+def fit_text(seen: Comparison) -> str:
+    """The fit of one model in percent."""
+    if seen.fit_percent is None:
+        return "too short for a fit in percent"
+    return f"fit {percent(seen.fit_percent)}"
+
+
+def overlay_headline(models: Sequence[tuple[str, Comparison]]) -> str:
+    """How well the current model gives the output, in one sentence."""
+    name, current = models[-1]
+    of = f" ({name})" if name else ""
+    return f"Measured and simulated output{of}: {fit_text(current)} below {current.band:.3g} Hz"
+
+
+def closely(models: Sequence[tuple[str, Comparison]]) -> Figure:
+    """Draw what was measured and what the last model says where its residual is largest, and the whole residual.
+
+    Parameters
+    ----------
+    models : name and comparison of each model, with one recording, in order; the last one is the current model. The
+        residual of the first is drawn as well, behind that of the last.
+
+    Raises
+    ------
+    ValueError
+        If there is no model.
+    """
+    several = named_models(models)
+    name, current = several[-1]
+    t, residual = current.accel_residual
+    if len(t) == 0:
+        return sentence("Measured and simulated output", f"The record is too short below {current.band:.3g} Hz.")
+    begin, end = close_stretch(current)
+    part = (t >= begin) & (t <= end)
+    factor, unit = prefixed("m/s²", *(seen.accel_residual[1] for _, seen in several))
+    above = (
+        Line(t[part], current.measured[part], "measured", "measured", CLOSE_COLUMNS),
+        Line(t[part], (current.measured - residual)[part], f"simulated, {name}", "model", CLOSE_COLUMNS),
+    )
+    shown: list[tuple[str, Comparison, Role]] = [(*several[0], "other")] if len(several) > 1 else []
+    shown.append((name, current, "residual"))
+    below = [
+        Line(seen.accel_residual[0], seen.accel_residual[1] * factor, f"residual, {called}", role, COLUMNS)
+        for called, seen, role in shown
+    ]
+    text = "too short for a fit in percent"
+    if current.fit_percent is not None:
+        text = f"fit {percent(current.fit_percent)} below {current.band:.3g} Hz"
+    stretch = Level(low=begin, high=end, name="stretch drawn above", role="band", upright=True)
+    return Figure(
+        (
+            Panel(above, Axis("time", "s", range=(begin, end)), Axis("output", "m/s²"), height=140.0),
+            Panel((*below, stretch), TIME, Axis("residual", unit), height=95.0),
+        ),
+        f"Measured and simulated output: {text}",
+    )
+
+
+def close_stretch(seen: Comparison) -> tuple[float, float]:
+    """The stretch of a record, at most `CLOSE` long, about the largest residual or, where none stands out, the largest
+    output.
+
+    Both ends lie in the record, s.
+    """
+    t, residual = seen.accel_residual
+    first, last = float(t[0]), float(t[-1])
+    worst = worst_stretches(t, residual)
+    middle = float(np.mean(worst[0])) if worst else float(t[np.argmax(np.abs(seen.measured - np.mean(seen.measured)))])
+    begin = min(max(first, middle - 0.5 * CLOSE), max(first, last - CLOSE))
+    return begin, min(last, begin + CLOSE)
+
+
+def write_overlays(found: PairedComparison, directory: str | Path, *, theme: ThemeName = "light") -> list[Path]:
+    """Write the figure of each recording, with all models in it, as PNG and SVG, all of them or none.
+
+    Parameters
+    ----------
+    found : from `accelcal.compare_paired`.
+    directory : made if it does not exist.
+    theme : "light" or "dark".
+
+    Returns
+    -------
+    The files.
+
+    Raises
+    ------
+    MissingExtra
+        If matplotlib is not installed; nothing is written then.
+    """
+    several = [list(zip(found.names, seen, strict=True)) for seen in found.seen]
+    names = ["overlay"] if len(several) == 1 else [f"overlay-{i + 1}" for i in range(len(several))]
+    drawn = ((name, matplotlib.draw(overlay(seen), theme)) for name, seen in zip(names, several, strict=True))
+    return matplotlib.write(drawn, directory, theme)
