@@ -23,7 +23,6 @@ from accelcal import campaign
 from accelcal.cli import write_recording
 from accelcal.fleet.summary import summarise
 from accelcal.fleet.task import fit_of
-from accelcal.results import model_file
 
 DIFFERENT = 20
 """Recordings that are simulated; the others are links to them under names of their own."""
@@ -87,7 +86,7 @@ def main() -> None:
             store = ["--store", str(folder / f"w{workers}.sqlite"), "--workers", str(workers), "--json"]
             texts.append(subprocess.run([*command, *store], capture_output=True, text=True, check=True).stdout)
         same = len(set(texts)) == 1
-        size = len(model_file.dumps(found.to_dict()))
+        size = len(found.to_json())
         print(f"same bytes on 1 and 2 workers: {same}; summary of {given.count} runs: {size} bytes")
 
 

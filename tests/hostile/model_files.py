@@ -29,8 +29,9 @@ from accelcal.results import model_file
 PACKAGE = str(Path(ac.__file__).parent)
 FOREIGN = (np.linalg.LinAlgError, UnicodeError, json.JSONDecodeError)
 """Kinds of ValueError that nobody raised on purpose."""
-NO_NUMBER = re.compile(r"(?<![A-Za-z0-9_])[-+]?(?:nan|inf|infinity)(?![A-Za-z0-9_])", re.IGNORECASE)
-"""NaN or infinity as any of the outputs would write it; INFINITY of math.h aside, which no header uses."""
+NO_NUMBER = re.compile(r"(?<![A-Za-z0-9_\"-])[-+]?(?:nan|inf|infinity)(?![A-Za-z0-9_])", re.IGNORECASE)
+"""NaN or infinity as any of the outputs would write it; INFINITY of math.h aside, which no header uses, and the
+words of JSON in quotes."""
 
 
 def recording(seconds: float = 3.0, seed: int = 1, temperature: bool = False) -> ac.Recording:

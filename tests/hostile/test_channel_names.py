@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from accelcal.results.schema.leaves import LONGEST_NAME
 
 from accelcal import io
 from accelcal.data.recording import RecordingError
 from accelcal.effects import side_channels
+from accelcal.results.consistency import LONGEST_NAME
 
 from .case import case_rng, cases
 from .workbench import write

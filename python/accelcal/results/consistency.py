@@ -27,6 +27,10 @@ MOST_TYPICAL = 1e12
 
 LARGEST = 1e15
 """Largest magnitude of any number: products of a few of them stay finite."""
+LONGEST_NAME = 200
+"""Characters of the name of an effect, a channel or a unit."""
+NAMES = ("effect", "channel", "symbol", "unit", "name")
+"""Fields that hold one."""
 MOST_RUNS = 10_000
 """Recordings of one fit."""
 _LEVELS = tuple(f"runs.noise.{part}" for part in ("all", "rest", "motion"))
@@ -100,7 +104,7 @@ def _leaves(part: Any, where: str = "", rule: str = "") -> Found:
             yield from _leaves(below, f"{where}.{field.name}".lstrip("."), f"{rule}.{field.name}".lstrip("."))
     elif isinstance(part, Mapping):
         for key, below in part.items():
-            yield from _leaves(key, where, rule)
+            yield from _leaves(key, where, f"{rule}.name")
             yield from _leaves(below, f"{where}.{key}", rule)
     elif isinstance(part, tuple | list):
         for i, below in enumerate(part):
@@ -108,8 +112,11 @@ def _leaves(part: Any, where: str = "", rule: str = "") -> Found:
     elif isinstance(part, np.ndarray):
         yield from _leaves(part.tolist(), where, rule)
     elif isinstance(part, str):
-        if len(part) > LONGEST_TEXT or OBEYED_IN_NAMES.search(part):
-            yield where, f"expected a text of at most {LONGEST_TEXT} characters, without control characters"
+        most = (
+            LONGEST_NAME if rule.rpartition(".")[2] in ("effect", "channel", "symbol", "unit", "name") else LONGEST_TEXT
+        )
+        if len(part) > most or OBEYED_IN_NAMES.search(part):
+            yield where, f"expected a text of at most {most} characters, without control characters"
     elif isinstance(part, float | int) and not isinstance(part, bool):
         low, high = RANGES.get(rule, (-LARGEST, LARGEST))
         signed = low == 0.0 and math.copysign(1.0, part) < 0.0
