@@ -112,9 +112,7 @@ def _leaves(part: Any, where: str = "", rule: str = "") -> Found:
     elif isinstance(part, np.ndarray):
         yield from _leaves(part.tolist(), where, rule)
     elif isinstance(part, str):
-        most = (
-            LONGEST_NAME if rule.rpartition(".")[2] in ("effect", "channel", "symbol", "unit", "name") else LONGEST_TEXT
-        )
+        most = LONGEST_NAME if rule.rpartition(".")[2] in NAMES else LONGEST_TEXT
         if len(part) > most or OBEYED_IN_NAMES.search(part):
             yield where, f"expected a text of at most {most} characters, without control characters"
     elif isinstance(part, float | int) and not isinstance(part, bool):
@@ -246,8 +244,8 @@ def _noise(fit: Fit) -> Found:
             where = f"noise_effects[{i}].{key}"
             if spectrum is None:
                 continue
-            if any(len(y) != len(spectrum.f) for y in (spectrum.floor, *spectrum.growth.values())):
-                yield where, f"expected {len(spectrum.f)} values each, as there are frequencies"
+            if any(y.shape != (spectrum.f.size,) for y in (spectrum.f, spectrum.floor, *spectrum.growth.values())):
+                yield where, f"expected {spectrum.f.size} values each, as there are frequencies"
             if any(not low < high for low, high in pairwise(spectrum.f.tolist())):
                 yield f"{where}.f", "expected frequencies that grow"
 

@@ -56,13 +56,15 @@ SHOWN = 60
 
 def to_json(result: Any) -> str:
     """Text of a result in one line."""
-    return escaped(json.dumps(head(type(result)))[:-1] + ", " + written(codec(type(result)).writer, result)[1:])
+    kind: Any = type(result)
+    return escaped(json.dumps(head(kind))[:-1] + ", " + written(codec(kind).writer, result)[1:])
 
 
 def content(result: Any) -> dict[str, Any]:
     """Plain values of a result as commands write them, without series as long as the recording."""
-    values: dict[str, Any] = json.loads(written(codec(type(result)).short_writer, result))
-    return head(type(result)) | values
+    kind: Any = type(result)
+    values: dict[str, Any] = json.loads(written(codec(kind).short_writer, result))
+    return head(kind) | values
 
 
 def head(kind: Any) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import Any
 from accelcal._support.arguments import checked
 from accelcal._support.faces import face
 from accelcal._support.listing import listing
+from accelcal._support.plain_text import visible
 from accelcal.effects import CATALOGUE, side_channel
 from accelcal.effects.side_channels import side_channel_scale
 from accelcal.estimation.estimate import Fit
@@ -98,7 +99,8 @@ def from_dict(content: Any) -> Fit:
     except ModelFileError as error:
         for name in set(CATALOGUE) - set(known):  # side channels of a file that is refused
             del CATALOGUE[name]
-        raise ModelFileError(f"{error}. The model file is damaged or incomplete: {AGAIN}") from None
+        said = visible(str(error), one_line=True)
+        raise ModelFileError(f"{said}. The model file is damaged or incomplete: {AGAIN}") from None
     return fit
 
 
