@@ -23,7 +23,6 @@ from accelcal import campaign
 from accelcal.cli import write_recording
 from accelcal.fleet.summary import summarise
 from accelcal.fleet.task import fit_of
-from accelcal.serialization import model_file
 from accelcal.simulation import CXL02_RIG
 
 DIFFERENT = 20
@@ -88,7 +87,7 @@ def main() -> None:
             store = ["--store", str(folder / f"w{workers}.sqlite"), "--workers", str(workers), "--json"]
             texts.append(subprocess.run([*command, *store], capture_output=True, text=True, check=True).stdout)
         same = len(set(texts)) == 1
-        size = len(model_file.dumps(found.to_dict()))
+        size = len(found.to_json())
         print(f"same bytes on 1 and 2 workers: {same}; summary of {given.count} runs: {size} bytes")
 
 

@@ -125,19 +125,19 @@ def judged(arguments: argparse.Namespace, folder: Path, end: dict[str, object], 
     """Print figures beside their limits."""
     total = int(arguments.seconds * arguments.rate)
     recording = load(folder / "got.parquet")
-    counts = end["lines"]
+    counts = end["state"]
     assert isinstance(counts, dict)
     lost = total - len(recording.accel)
     share = used / arguments.seconds
     skipped = 1 if arguments.over == "pty" else 0
     print(f"{arguments.over}, {arguments.rate:g} lines a second for {arguments.seconds:g} s: {counts}")
-    print(f"rows sent {total}, lost {lost}, limit 0; bytes dropped {end['dropped_bytes']}, limit 0")
-    print(f"broken {counts['broken']}, limit {skipped}; events refused {end['refused']}, limit 0")
+    print(f"rows sent {total}, lost {lost}, limit 0; bytes dropped {counts['dropped_bytes']}, limit 0")
+    print(f"broken {counts['broken']}, limit {skipped}; events refused {counts['refused']}, limit 0")
     print(f"processor time over real time {share:.3f}, limit {MOST_CPU:g}")
-    print(f"blocks alarmed {end['alarms']} of {end['blocks']}; NIS {end['nis']}")
+    print(f"blocks alarmed {counts['alarms']} of {counts['blocks']}; NIS {counts['nis']}")
     same = equals_run(folder)
     print(f"estimates are those of filters.run on the recording, bit for bit: {same}")
-    fine = not (lost or end["dropped_bytes"] or end["refused"]) and counts["broken"] == skipped
+    fine = not (lost or counts["dropped_bytes"] or counts["refused"]) and counts["broken"] == skipped
     ok = fine and share <= MOST_CPU and same
     print("ok" if ok else "MISSED")
     return ok
@@ -153,9 +153,9 @@ def equals_run(folder: Path) -> bool:
     found = run(settings.choice, accel, recording.position, q=q, r_position=r, x0=x0, P0=P0)
     end = json.loads((folder / "said.jsonl").read_text().splitlines()[-1])
     covariance = found.covariance.copy()  # what is shown holds the bias by noise of the output as well
-    covariance[2, 2] += end["regressor_bias"]["value"] ** 2
+    covariance[2, 2] += end["state"]["regressor_bias"]["value"] ** 2
     estimates = settings.estimates(found.states[-1], covariance)
-    shown = [(e["name"], e["value"], e["std"]) for e in end["parameters"]]
+    shown = [(e["name"], e["value"], e["std"]) for e in end["state"]["estimates"]]
     return shown == [(e.name, e.value, e.std) for e in estimates]
 
 

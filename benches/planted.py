@@ -287,7 +287,7 @@ def run(trial: Trial) -> Outcome:
         "d": trial.d,
         "effects": found["effects"],
         "classes": found["classes"],
-        "inseparable": found["inseparable"],
+        "inseparable": found["diagnosis"]["inseparable"],
         "verdict": found["verdict"],
         "sentence": found["sentence"],
         "base": errors(found["steps"][0]["heldout"]),
@@ -299,10 +299,10 @@ def run(trial: Trial) -> Outcome:
 def errors(seen: dict[str, Any]) -> dict[str, float | None]:
     """What a comparison with the held-out part leaves."""
     return {
-        "accel": seen["accel_rms_m_per_s2"],
-        "band": seen["band_hz"],
-        "one_step": seen["one_step_rms_m"],
-        **seen["coast_rms_m"],
+        "accel": seen["accel_rms"],
+        "band": seen["band"],
+        "one_step": seen["one_step_rms"],
+        **{f"{float(horizon):g}": drift for horizon, drift in seen["coast_rms"].items()},
     }
 
 

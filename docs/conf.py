@@ -20,6 +20,8 @@ from accelcal.effects.cards import symptoms
 from accelcal.plots import matplotlib
 from accelcal.plots.signature import caption, signature
 from accelcal.plots.style import THEMES
+from accelcal.results import json as results_json
+from accelcal.results import json_text
 
 project = "accelcal"
 version = release = accelcal.__version__
@@ -65,6 +67,10 @@ COMMANDS = "<!-- commands -->"
 """Mark of a page for the table of all commands."""
 
 
+SCHEMAS = "<!-- schemas -->"
+"""Mark of a page for the table of all JSON schemas."""
+
+
 def pictures(app: Any) -> Path:
     """Folder of the cards' pictures, next to the doctrees and never among the sources."""
     return Path(app.doctreedir) / "pictures"
@@ -90,6 +96,7 @@ def complete(app: Any, page: str, source: list[str]) -> None:
     if GALLERY in source[0]:
         source[0] = source[0].replace(GALLERY, gallery(os.path.relpath(pictures(app), app.srcdir)))
     source[0] = source[0].replace(SYMPTOMS, symptoms(BUILT_IN)).replace(COMMANDS, commands())
+    source[0] = source[0].replace(SCHEMAS, schemas())
 
 
 def pair(effect: Effect, folder: str, options: str = "") -> str:
@@ -123,6 +130,24 @@ def gallery(folder: str) -> str:
             parts.append(f":::{{container}} tile\n{pair(effect, folder, target)}\n{name}\n\n{effect.summary}\n:::\n")
         parts.append("::::\n")
     return "\n".join(parts)
+
+
+def schemas() -> str:
+    """Every JSON schema with what it is of, and a link to its file."""
+    rows = [
+        f"| `accelcal schema {name}` | {(inspect.getdoc(results_json.kind_of(name)) or '').splitlines()[0]} | "
+        f'<a href="schemas/{name}.json">{name}.json</a> |'
+        for name in results_json.SCHEMAS
+    ]
+    return "\n".join(["| command | what it is of | file |", "|---|---|---|", *rows])
+
+
+def publish(app: Any, error: Exception | None) -> None:
+    """Write the schemas beside the pages."""
+    folder = Path(app.outdir) / "schemas"
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in results_json.SCHEMAS:
+        (folder / f"{name}.json").write_text(json_text.dumps(results_json.schema(name)), encoding="utf-8")
 
 
 def commands() -> str:
@@ -169,5 +194,6 @@ def setup(app: Any) -> None:
     """Hook all of it into the build."""
     app.connect("builder-inited", draw)
     app.connect("source-read", complete)
+    app.connect("build-finished", publish)
     app.connect("autodoc-process-docstring", described, priority=400)
     app.connect("autodoc-process-docstring", unguarded, priority=600)

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from accelcal.filters.live_model import LiveModel
     from accelcal.io import load, load_dwells
     from accelcal.model import Model, Prior
+    from accelcal.results.model_file import load as load_model
     from accelcal.selection.improvement import Improvement
-    from accelcal.serialization.model_file import load as load_model
     from accelcal.simulation.sensor import simulate
     from accelcal.validation.differences import Comparison
     from accelcal.workflow import add, compare, diagnose, drop, fit, formulas, improve, nested
@@ -143,7 +143,7 @@ def _bind() -> None:
     try:
         from accelcal._support.faces import face
 
-        globals()["load_model"] = face("serialization.model_file").load
+        globals()["load_model"] = face("results.model_file").load
         for home, names in HOMES.items():
             globals().update({name: getattr(face(home), name) for name in names.split()})
     finally:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from accelcal._support.short_repr import short_repr
 from accelcal.data.arrays import Array
 from accelcal.effects import Effect, find, polynomial
 from accelcal.effects.registry import Owner, Port
+from accelcal.effects.side_channels import follows_output
 from accelcal.signals.signals import Signals
 
 BASE = ("bias", "scale_factor", "time_offset")
@@ -38,6 +40,26 @@ class Prior:
 
     mean: float
     std: float
+
+
+@dataclass(frozen=True, slots=True)
+class OwnEffect:
+    """An effect of the user, with the file that it comes from."""
+
+    name: str
+    digest: str
+    """SHA-256 of that file, hex."""
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class SideChannel:
+    """An effect that is a recorded channel."""
+
+    channel: str
+    unit: str
+    """Of the coefficient."""
+    of: Literal["output", "scale_factor"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +143,8 @@ class Model(Result):
     >>> Model.linear().add("cubic").freeze(bias=0.05)
     Model(effects=('bias', 'scale_factor', 'time_offset', 'cubic'), fixed={'bias': 0.05})
     """
+
+    told: ClassVar[tuple[str, ...]] = ("own", "side_channels")
 
     effects: tuple[str, ...] = BASE
     """Names in the order in which they were added; the base comes first."""
@@ -261,6 +285,23 @@ class Model(Result):
         return replace(self, fixed={n: c for n, c in self.fixed.items() if n not in names})
 
     @property
+    def own(self) -> tuple[OwnEffect, ...]:
+        """Effects of the user."""
+        several = map(find, self.effects)
+        return tuple(OwnEffect(effect.name, effect.digest, effect.text) for effect in several if effect.text)
+
+    @property
+    def side_channels(self) -> Mapping[str, SideChannel]:
+        """Effects that are recorded channels, by name."""
+        several = [effect for effect in map(find, self.effects) if effect.traits.follows]
+        return {
+            effect.name: SideChannel(
+                effect.needs[0], effect.unit, "output" if follows_output(effect) else "scale_factor"
+            )
+            for effect in several
+        }
+
+    @property
     def added(self) -> tuple[str, ...]:
         """Effects beyond the base."""
         return self.effects[len(BASE) :]
@@ -299,7 +340,7 @@ class Estimate(Result):
     value: float
     std: float
     """0 when the parameter was held fixed."""
-    owner: str
+    owner: Owner
     run: int | None = None
     """Number of the run that it belongs to in a joint fit; None when all runs share it."""
 

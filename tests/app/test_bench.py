@@ -16,10 +16,11 @@ from accelcal.app import mapping, reading, script, wording, workbench
 from accelcal.app.roles import Refused
 from accelcal.app.state import State
 from accelcal.app.workbench import Busy, Workbench
-from accelcal.calibration.export import Laboratory, calibrate, draft, header, module, to_dict
+from accelcal.calibration.export import Laboratory, calibrate, draft, header, module
 from accelcal.cli import app as command_line
 from accelcal.estimation.estimate import estimate
-from accelcal.serialization import model_file
+from accelcal.results import json as results_json
+from accelcal.results import model_file
 
 
 @pytest.fixture
@@ -50,7 +51,7 @@ def test_numbers_are_those_of_the_library(grown, files):
     compared = ac.compare([base, cubic], unseen)
     for step, fit, seen in zip(grown.state.path, (base, cubic), compared, strict=True):
         assert model_file.to_dict(step.fit) == model_file.to_dict(fit)
-        assert model_file.comparison_to_dict(step.heldout) == model_file.comparison_to_dict(seen)
+        assert step.heldout.to_json() == seen.to_json()
     assert b - a == pytest.approx(workflow.HELD_OUT * 40.0, abs=0.01)  # rounded to a millisecond, ends of the channels
 
 
@@ -372,7 +373,7 @@ def test_exports_are_those_of_the_library(grown):
     made = calibrate(grown.state.step.fit)
     assert grown.export("C").read_text() == header(made, "sensor.h")
     assert grown.export("Rust").read_text() == module(made)
-    assert grown.export("JSON").read_text() == model_file.dumps(to_dict(made))
+    assert grown.export("JSON").read_text() == model_file.dumps(results_json.content(made))
     assert grown.export("DCC").read_text() == draft(made, Laboratory()).text
 
 

@@ -12,6 +12,7 @@ import pytest
 from accelcal import io
 from accelcal.app.follower import Asked, Follower, Followers, recording_path
 from accelcal.live.moments import LiveHistory
+from accelcal.live.session import LiveEvent, LiveState
 from tests.live.streams import RATE, RIG, stream
 
 PATIENCE = 30.0
@@ -36,7 +37,7 @@ def asked(tmp_path: Path) -> Asked:
 
 def rows(follower: Follower) -> int:
     newest = follower.history.newest
-    return 0 if newest is None else int(newest["lines"]["used"])
+    return 0 if newest is None else newest.state.used
 
 
 def test_a_file_is_followed_while_it_grows_and_until_its_last_page_is_closed(asked: Asked, tmp_path: Path) -> None:
@@ -52,7 +53,7 @@ def test_a_file_is_followed_while_it_grows_and_until_its_last_page_is_closed(ask
     until(lambda: follower.ended)
     assert follower.sentence == ""
     assert follower.history.newest is not None
-    assert follower.history.newest["ended"] == "stopped"
+    assert follower.history.newest.ended == "stopped"
     assert len(io.load(asked.recording).accel) == 1.5 * RATE
     assert [p.name for p in follower.history.parameters] == ["scale_factor", "bias"]
 
@@ -87,7 +88,7 @@ def test_a_recording_stays_in_its_folder(tmp_path: Path, name: str) -> None:
 def test_moments_stay_few_and_spread_over_the_whole_run() -> None:
     history = LiveHistory(most=64)
     for t in range(10_000):
-        history.add({"event": "state", "t_s": float(t), "parameters": [], "innovation": None, "nis": None})
+        history.add(LiveEvent("state", "lines", LiveState(float(t))))
     steps = np.diff([moment.t for moment in history.moments[:-1]])
     assert len(history.moments) <= 65
     assert len(set(steps.tolist())) == 1

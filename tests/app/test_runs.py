@@ -18,7 +18,7 @@ from accelcal.app.screens.side_by_side import own_error
 from accelcal.app.workbench import Workbench
 from accelcal.cli import app as command_line
 from accelcal.estimation.noise_effects import NoiseScore
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
 from accelcal.validation.pooled import pooled
 from accelcal.validation.stretches import headline_horizon
@@ -334,6 +334,6 @@ def test_recordings_that_disagree_are_seen_and_those_that_agree_are_not():
 
 def test_the_schema_names_every_role():
     from accelcal.app.roles import ROLES
-    from accelcal.serialization.schema.session import StoredRun
+    from accelcal.app.session_content import StoredRun
 
     assert json.loads(json.dumps(StoredRun.model_json_schema()))["properties"]["role"]["enum"] == list(ROLES)

@@ -12,7 +12,7 @@ from accelcal import Model, simulate
 from accelcal.data.recording import Recording
 from accelcal.data.rig import LowPass
 from accelcal.estimation.estimate import estimate
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
 from accelcal.workflow import improve
 from tests.consistency.campaign import rms_region

@@ -18,7 +18,7 @@ MAKERS = ("effects", "simulation", "paper", "demo.py", "app/examples.py")
 HOMONYMS = {
     ("app/screens/data.py", "cubic"): "model of `fit`: linear or cubic",
     ("app/workbench.py", "cubic"): "model of `fit`: linear or cubic",
-    ("serialization/schema/session.py", "cubic"): "model of `fit`: linear or cubic",
+    ("app/session_content.py", "cubic"): "model of `fit`: linear or cubic",
     ("fleet/task.py", "cubic"): "model of `fit`, and the simulated example",
     ("calibration/agreement.py", "velocity"): "variable of the motion",
     ("calibration/budget.py", "encoder_scale"): "key of a sidecar",

@@ -9,7 +9,7 @@ import accelcal as ac
 from accelcal.effects import BUILT_IN, CATALOGUE, find
 from accelcal.filters.live_model import LiveModel
 from accelcal.model import Model
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
 
 from .motions import sines

@@ -15,7 +15,7 @@ from accelcal.estimation.dwell_rows import acts_at_rest, determines
 from accelcal.estimation.estimate import restored_states
 from accelcal.estimation.normal_equations import normal_equations
 from accelcal.estimation.rows import rows_of_dwells
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from accelcal.simulation import ADXL105_RIG
 from accelcal.validation.consistency import chi_square_region
 

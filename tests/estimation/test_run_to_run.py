@@ -11,7 +11,7 @@ from accelcal.calibration.budget import budget
 from accelcal.data.rig import Uncertainty
 from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns
 from accelcal.model import Prior
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
 from accelcal.validation.other_record import values_on
 

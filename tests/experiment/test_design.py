@@ -120,9 +120,9 @@ def test_a_plan_is_written_to_a_file_that_power_reads(tmp_path):
     made = accelcal("plan", "--effects", "quadratic,cubic", *LIMITS_GIVEN, "-o", "m.csv", "--json", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     content = json.loads(made.stdout)
-    assert content["schema"] == "accelcal/plan/1"
+    assert content["schema"] == "accelcal/plan/3"
     require_published(content)
-    assert content["limits"]["stroke_m"] == 0.2
+    assert content["limits"]["stroke"] == 0.2
     with (tmp_path / "m.csv").open() as file:
         rows = list(csv.reader(file))
     assert rows[0] == ["t_s", "position_m"]
@@ -130,10 +130,10 @@ def test_a_plan_is_written_to_a_file_that_power_reads(tmp_path):
     assert np.ptp(position) <= 0.2
     seen = accelcal("power", "m.csv", "--json", cwd=tmp_path)
     assert seen.returncode == 0, seen.stderr
-    known = {each["effect"]: each for each in json.loads(seen.stdout)["effects"]}
-    for each in content["effects"]:
+    known = {each["effect"]: each for each in json.loads(seen.stdout)["detectabilities"]}
+    for each in (one for one in content["power"]["detectabilities"] if one["effect"] in content["effects"]):
         # The file is read at 1000 Hz, the plan was judged at 833.5 Hz: R counts for 20 % less.
-        assert known[each["effect"]]["smallest_detectable"] == pytest.approx(each["smallest_detectable"], rel=0.1)
+        assert known[each["effect"]]["smallest"] == pytest.approx(each["smallest"], rel=0.1)
 
 
 def test_power_of_a_recording_and_its_refusals(tmp_path):
@@ -144,7 +144,7 @@ def test_power_of_a_recording_and_its_refusals(tmp_path):
     seen = accelcal("power", "run.csv", "--json", cwd=tmp_path)
     assert seen.returncode == 0, seen.stderr
     content = json.loads(seen.stdout)
-    assert content["schema"] == "accelcal/power/1"
+    assert content["schema"] == "accelcal/power/3"
     require_published(content)
     (tmp_path / "bare.csv").write_text("t_s,position_m\n" + "".join(f"{k / 100},{k % 7}e-3\n" for k in range(100)))
     bare = accelcal("power", "bare.csv", cwd=tmp_path)

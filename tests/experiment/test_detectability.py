@@ -16,6 +16,7 @@ from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.search.thresholds import least_distance
 from accelcal.effects import BUILT_IN
 from accelcal.experiment import power, power_of_motion, predicted_detection, through
+from accelcal.experiment.detectability import Power
 from accelcal.experiment.planned_motion import planned_noise, planned_state
 from accelcal.experiment.power_analysis import detectability_of, with_drift
 from accelcal.model import Model
@@ -153,9 +154,11 @@ def test_one_tone_confounds_odd_powers_and_hides_functions_of_position():
     assert "odd_quadratic" in seen["cubic"].members
     assert any({"cubic", "odd_quadratic"} <= set(group.members) for group in seen.ties)
     assert not seen["rail_slope"].seen  # p is a times a constant: it belongs to the scale factor
-    written = {entry["effect"]: entry for entry in seen.to_dict()["effects"]}
-    assert written["rail_slope"]["smallest_detectable"] is None
-    assert written["cubic"]["smallest_detectable"] > 0.0
+    again = Power.from_json(seen.to_json())
+    assert again["rail_slope"].smallest == (math.inf,)
+    assert again["cubic"].smallest[0] > 0.0
+    with pytest.raises(AttributeError, match=r"detection_model is not stored in this JSON: accelcal\.power"):
+        again.of_run  # noqa: B018
 
 
 def test_confounded_groups_exceed_the_correlation_and_name_an_experiment():

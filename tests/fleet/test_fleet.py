@@ -17,7 +17,6 @@ from accelcal.fleet import task
 from accelcal.fleet.population import population
 from accelcal.fleet.summary import AGEING_ALPHA, OUTLYING, moving_range, summarise
 from accelcal.fleet.task import fit_of
-from accelcal.serialization import model_file
 from accelcal.simulation import CXL02_RIG
 from tests.schemas import require_published
 
@@ -122,9 +121,9 @@ def test_a_fleet_is_compared_and_its_page_links_reports(sensors, tmp_path):
     done = run(sensors, tmp_path / "a.sqlite", "--workers", "2", "-o", str(page), "--json")
     assert done.exit_code == 0, done.output
     found = json.loads(done.stdout)
-    assert found["parameters"]["scale_factor"]["between_sensors"]["value"] > 1e-3
-    assert [chart["sensor"] for chart in found["charts"] if chart["ages"]] == ["s1"]
-    assert [len(found["errors"]), len(found["runs"])] == [1, 19]
+    assert found["populations"]["scale_factor"]["between_sensors"]["value"] > 1e-3
+    assert [chart["sensor"] for chart in found["charts"] if chart["p_value"] < 0.01] == ["s1"]
+    assert [len(found["errors"]), len(found["files"])] == [1, 19]
     assert any("1 of 20 recordings could not be fitted" in text for text in found["sentences"])
     text = page.read_text()
     assert 'href="s0/r2.html"' in text
@@ -162,7 +161,7 @@ def test_a_call_that_was_killed_half_way_goes_on(sensors, tmp_path):
     assert 7 <= kept < 20
     done = campaign.run(fit_of, files, store=half, parameters={"model": "linear"})
     assert (done.computed, done.kept) == (20 - kept, kept)
-    kept, made = (model_file.dumps(summarise(campaign.load(store)).to_dict()) for store in (half, whole))
+    kept, made = (summarise(campaign.load(store)).to_json() for store in (half, whole))
     assert kept == made
     require_published(json.loads(made))
 

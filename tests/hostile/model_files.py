@@ -23,14 +23,16 @@ from accelcal.calibration import apply, export
 from accelcal.calibration.characteristic import characteristic
 from accelcal.cli.printing import show, show_comparison, show_export, show_fit, show_formulas
 from accelcal.effects import from_expression
-from accelcal.serialization import diagnosis_json, model_file
+from accelcal.results import json as results_json
+from accelcal.results import model_file
 from accelcal.simulation import ADXL105_RIG
 
 PACKAGE = str(Path(ac.__file__).parent)
 FOREIGN = (np.linalg.LinAlgError, UnicodeError, json.JSONDecodeError)
 """Kinds of ValueError that nobody raised on purpose."""
-NO_NUMBER = re.compile(r"(?<![A-Za-z0-9_])[-+]?(?:nan|inf|infinity)(?![A-Za-z0-9_])", re.IGNORECASE)
-"""NaN or infinity as any of the outputs would write it; INFINITY of math.h aside, which no header uses."""
+NO_NUMBER = re.compile(r"(?<![A-Za-z0-9_\"-])[-+]?(?:nan|inf|infinity)(?![A-Za-z0-9_])", re.IGNORECASE)
+"""NaN or infinity as any of the outputs would write it; INFINITY of math.h aside, which no header uses, and the
+words of JSON in quotes."""
 
 
 def recording(seconds: float = 3.0, seed: int = 1, temperature: bool = False) -> ac.Recording:
@@ -65,9 +67,9 @@ def bases() -> tuple[dict[str, Any], ...]:
     grown = workflow.add(cubic, record(), "own_drag", "hysteresis")
     contents = [json.loads(model_file.dumps(model_file.to_dict(fit))) for fit in (cubic, joint, grown)]
     contents[2]["model"]["effects"].append("vibration")
-    contents[2]["noise"][0]["growth"] = [{"effect": "vibration", "q": 1e-9, "r": 0.0, "mean": 1.0}]
+    contents[2]["runs"][0]["noise"]["noise"]["growth"] = [{"effect": "vibration", "q": 1e-9, "r": 0.0, "mean": 1.0}]
     f = np.geomspace(1.0, 100.0, 5).tolist()
-    spectrum = {"frequency_hz": f, "floor": [1e-4] * 5, "growth": {"vibration": [1e-5] * 5}}
+    spectrum = {"f": f, "floor": [1e-4] * 5, "growth": {"vibration": [1e-5] * 5}}
     contents[2]["noise_effects"] = [
         {
             **{"name": "vibration", "symbol": "c²", "unit": "m⁻²", "value": 0.1, "std": 0.01, "owner": "rig"},
@@ -172,12 +174,11 @@ def exported(fit: ac.Fit) -> Iterator[str]:
     except export.NotExportable:
         left = characteristic(fit).left_out
         made = export.calibrate(fit, without=[one.effect for one in left if one.needed])
-    content = export.to_dict(made)
     yield export.header(made, "x.h")
     yield export.module(made)
     yield export.draft(made, export.Laboratory()).text
-    yield model_file.dumps(content)
-    show_export(content)
+    show_export(made)
+    yield model_file.dumps(results_json.content(made))
 
 
 def applied(fit: ac.Fit) -> Iterator[str]:
@@ -199,15 +200,15 @@ def printed(fit: ac.Fit) -> Iterator[str]:
 def compared(fit: ac.Fit) -> Iterator[str]:
     """The comparison with a record."""
     seen = workflow.compare(fit, record())
-    yield model_file.dumps(diagnosis_json.compared_to_dict(seen))
     show_comparison(seen)
+    yield model_file.dumps(results_json.content(seen))
 
 
 def diagnosed(fit: ac.Fit) -> Iterator[str]:
     """The diagnosis on a record."""
-    diagnosis = workflow.diagnose(fit, record())
-    yield model_file.dumps(diagnosis_json.diagnosis_to_dict(diagnosis))
-    show(diagnosis)
+    seen = workflow.diagnose(fit, record())
+    show(seen)
+    yield model_file.dumps(results_json.content(seen))
 
 
 def added(fit: ac.Fit) -> Iterator[str]:
@@ -227,16 +228,16 @@ def frozen(fit: ac.Fit) -> Iterator[str]:
 
 def compared_in_pairs(fit: ac.Fit) -> Iterator[str]:
     """Two models on a record, and their difference."""
-    paired = workflow.compare([fit, fit], record())
-    yield model_file.dumps(diagnosis_json.compared_to_dict(paired))
-    show_comparison(paired)
+    seen = workflow.compare([fit, fit], record())
+    show_comparison(seen)
+    yield model_file.dumps(results_json.content(seen))
 
 
 def put_into_formulas(fit: ac.Fit) -> Iterator[str]:
     """Formulas of a curve."""
     found = workflow.formulas(fit, record(), "shape_of_velocity")
-    yield model_file.dumps(found.to_dict())
     show_formulas(found)
+    yield model_file.dumps(results_json.content(found))
 
 
 def reported(fit: ac.Fit) -> Iterator[str]:

@@ -15,7 +15,7 @@ import pytest
 import accelcal as ac
 from accelcal.cli import app, write_recording
 from accelcal.estimation.estimate import estimate
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from accelcal.simulation import ADXL105_RIG
 from tests.hostile.case import LONG, case_rng
 

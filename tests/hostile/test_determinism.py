@@ -69,10 +69,8 @@ def test_another_recording_gives_other_bytes(inputs: Path) -> None:
 def estimates(content: bytes) -> dict[tuple[str, str], tuple[float, float]]:
     """Value and standard deviation of each parameter, by its name and the recording that it belongs to."""
     made = json.loads(content)
-    files = [run["file"] for run in made["data"]]
-    return {
-        (p["name"], "" if p["run"] is None else files[p["run"]]): (p["value"], p["std"]) for p in made["parameters"]
-    }
+    files = [run["name"] for run in made["runs"]]
+    return {(p["name"], "" if p["run"] is None else files[p["run"]]): (p["value"], p["std"]) for p in made["estimates"]}
 
 
 def test_the_order_of_recordings_changes_no_estimate(inputs: Path) -> None:

@@ -20,8 +20,8 @@ import accelcal as ac
 from accelcal._support.plain_text import OBEYED
 from accelcal.cli import write_recording
 from accelcal.effects import CATALOGUE
-from accelcal.serialization import model_file
-from accelcal.serialization.model_file import ModelFileError
+from accelcal.results import model_file
+from accelcal.results.model_file import ModelFileError
 
 from .case import LONG, case_rng, cases
 from .model_files import CHEAP, DEAR, NO_NUMBER, bases, enter_own_effect, mutated, place, record, verdict, wrong
@@ -90,8 +90,8 @@ def test_mutated_model_files_end_in_a_sentence_or_in_finite_outputs(tmp_path):
 
 
 Path_ = tuple[Any, ...]
-MATRIX: Path_ = ("covariance", "matrix")
-NOISE: Path_ = ("noise", 0)
+MATRIX: Path_ = ("covariance",)
+NOISE: Path_ = ("runs", 0, "noise", "noise")
 SENSOR: Path_ = ("rig", "sensor")
 
 
@@ -100,11 +100,20 @@ def put(content: dict[str, Any], at: Path_, value: Any) -> None:
     place(content, at[:-1])[at[-1]] = value
 
 
+def growth(effect: str) -> dict[str, Any]:
+    """What an effect adds to the noise."""
+    return {"effect": effect, "q": 1.0, "r": 1.0, "mean": 1.0}
+
+
 NOT_NUMBERS: tuple[Any, ...] = (None, True, "1.0", [], {}, [1.0], "NaN")
 NOT_TEXTS: tuple[Any, ...] = (None, True, 1, [], {}, "\x1b[2J", "a\nb", "\u202ex", "\x9b1m", "x" * 5000)
 NOT_LISTS: tuple[Any, ...] = (None, True, 1.0, "x", {}, {"0": 1})
 REPLACED: tuple[tuple[Path_, str, tuple[Any, ...]], ...] = (
-    (("schema",), "schema", (*NOT_TEXTS[:5], "accelcal/model/0", "accelcal/model/3", "accelcal/model/1e9", "", "x")),
+    (
+        ("schema",),
+        "schema",
+        (*NOT_TEXTS[:5], *(f"accelcal/model/{n}" for n in ("0", "1", "4", "1e9")), "", "x"),
+    ),
     (("version",), "", (*NOT_TEXTS, "99.0", "99.0.0", "0.2.0", "1", "x", "")),
     (("method",), "method", NOT_TEXTS),
     (("model", "effects"), "", (*NOT_LISTS, [], ["bias"], ["scale_factor", "bias", "time_offset"], ["bias"] * 3)),
@@ -113,23 +122,25 @@ REPLACED: tuple[tuple[Path_, str, tuple[Any, ...]], ...] = (
     (("model", "priors"), "model", ({"bias": {"mean": 0.0, "std": 0.0}}, {"bias": {}}, {"x": None}, [], 1)),
     (("model", "shapes"), "model.shapes", ({"creep": {"tau": 1.0}}, {"bias": {"x": 1.0}}, {"bias": 1.0}, [], None)),
     (("model", "per_run"), "", (["bias", "bias"], ["other"], [1], None, "bias")),
-    (("parameters", 1, "value"), "parameters", (*NOT_NUMBERS, -1.0, -1.0 + 1e-9, 1e300, -1e300, 1e16, 10**17)),
-    (("parameters", 1, "std"), "", (*NOT_NUMBERS, -1.0, -0.0, 0.0, 1.0, 1e300)),
-    (("parameters", 1, "unit"), "parameters[1].unit", (*NOT_TEXTS, "m", "K", "")),
-    (("parameters", 1, "run"), "parameters", (0.5, -1, 7, "0", True, [], 10**17)),
-    (("parameters", 1, "owner"), "parameters[1].owner", ("nobody", None, 1, "")),
-    (("parameters", 1, "name"), "", ("bias", "", "cubic", None, "other")),
-    (MATRIX, "covariance.matrix", (None, [], [[]], [[1.0]], [[1.0] * 5] * 4, [[1.0] * 4] * 5, "x", {}, [1.0] * 5)),
-    ((*MATRIX, 0, 0), "covariance.matrix", (*NOT_NUMBERS, -1.0, 0.0, 1.0, 1e300)),
-    ((*MATRIX, 0, 1), "covariance.matrix", (*NOT_NUMBERS, 1e-3, 1.0, 1e300)),
-    (("covariance", "names"), "covariance.names", (None, [], ["bias"], ["x"] * 5)),
-    ((*NOISE, "q"), "noise[0].q", (*NOT_NUMBERS, -1.0, 0.0, 5e-324, 1e300)),
-    ((*NOISE, "r"), "noise[0].r", (*NOT_NUMBERS, -1.0, 0.0)),
-    ((*NOISE, "all"), "noise[0].all", (None, {}, [], 1.0)),
-    ((*NOISE, "crossover_hz"), "noise[0].crossover_hz", (*NOT_NUMBERS, -1.0, 0.0)),
-    ((*NOISE, "growth"), "noise[0].growth", ([{"effect": "vibration", "q": 1.0, "r": 1.0, "mean": 1.0}], [1], None)),
-    (("noise", 0, "growth"), "noise", ([{"effect": "no_such", "q": 1.0, "r": 1.0, "mean": 1.0}],)),
-    (("noise",), "noise", (*NOT_LISTS, [])),
+    (("estimates", 1, "value"), "estimates", (*NOT_NUMBERS, -1.0, -1.0 + 1e-9, 1e300, -1e300, 1e16, 10**17)),
+    (("estimates", 1, "std"), "", (*NOT_NUMBERS, -1.0, -0.0, 0.0, 1.0, 1e300)),
+    (("estimates", 1, "unit"), "estimates[1].unit", (*NOT_TEXTS, "m", "K", "")),
+    (("estimates", 1, "run"), "estimates", (0.5, -1, 7, "0", True, [], 10**17)),
+    (("estimates", 1, "owner"), "estimates[1].owner", ("nobody", None, 1, "")),
+    (("estimates", 1, "name"), "", ("bias", "", "cubic", None, "other")),
+    (MATRIX, "covariance", (None, [], [[]], [[1.0]], [[1.0] * 5] * 4, [[1.0] * 4] * 5, "x", {}, [1.0] * 5)),
+    ((*MATRIX, 0, 0), "covariance", (*NOT_NUMBERS, -1.0, 0.0, 1.0, 1e300)),
+    ((*MATRIX, 0, 1), "covariance", (*NOT_NUMBERS, 1e-3, 1.0, 1e300)),
+    ((*NOISE, "q"), "runs[0].noise.noise.q", (*NOT_NUMBERS, -1.0, 0.0, 5e-324, 1e300)),
+    ((*NOISE, "r"), "runs[0].noise.noise.r", (*NOT_NUMBERS, -1.0, 0.0)),
+    ((*NOISE[:3], "all"), "runs[0].noise.all", (None, {}, [], 1.0)),
+    ((*NOISE[:3], "crossover"), "runs[0].noise.crossover", (*NOT_NUMBERS, -1.0, 0.0)),
+    (
+        (*NOISE, "growth"),
+        "runs[0].noise.noise.growth",
+        ([{"effect": "vibration", "q": 1.0, "r": 1.0, "mean": 1.0}], [1], None),
+    ),
+    ((*NOISE, "growth"), "runs[0].noise", ([{"effect": "no_such", "q": 1.0, "r": 1.0, "mean": 1.0}],)),
     (("rig", "axis"), "rig.axis", (*NOT_TEXTS, "sideways", "Level", "")),
     (("rig", "mount"), "rig.mount", ("backwards", None, 1, "")),
     (
@@ -142,16 +153,16 @@ REPLACED: tuple[tuple[Path_, str, tuple[Any, ...]], ...] = (
     ((*SENSOR, "serial"), "rig.sensor.serial", NOT_TEXTS),
     ((*SENSOR, "scale"), "rig.sensor.scale", (*NOT_NUMBERS[1:], 0.0, 1e300, 5e-324)),
     ((*SENSOR, "noise"), "rig.sensor.noise", (-1.0, 0.0, "x")),
-    (("data",), "", (*NOT_LISTS, [])),
-    (("data", 0, "file"), "data[0].file", NOT_TEXTS),
-    (("data", 0, "used_s"), "data[0].used_s", (None, [], [1.0], [1.0, 0.0], [0.0, 1e300], ["a", "b"], [0.0, 1.0, 2.0])),
-    (("data", 0, "readings"), "data[0].readings", (-1, 1.5, "9", None, 10**17)),
+    (("runs",), "", (*NOT_LISTS, [])),
+    (("runs", 0, "name"), "runs[0].name", NOT_TEXTS),
+    (("runs", 0, "start"), "runs[0]", (*NOT_NUMBERS, 1e3, -1e300)),
+    (("runs", 0, "readings"), "runs[0].readings", (-1, 1.5, "9", None, 10**17)),
     (("validity",), "validity", (None, {}, [], {"a": [0.0, 1.0]}, {"a": None})),
     (("validity", "a"), "validity.a", (None, [], [1.0], [1.0, -1.0], [0.0, 1e300], "x")),
     (("validity", "frequency"), "validity.frequency", ([0.0, 0.0], [1.0, 0.0], None)),
     (("origins", "t"), "origins.t", (*NOT_NUMBERS, 1e300)),
     (("remarks",), "remarks", (*NOT_LISTS, ["\x1b]0;owned\x07"], [1], ["x" * 5000])),
-    (("tilt_deg",), "tilt_deg", (*NOT_NUMBERS, -1.0, 1e3)),
+    (("tilt",), "tilt", (*NOT_NUMBERS, -1.0, 1e3)),
     (("dwells",), "dwells", (1, "x", [], {"name": "x"})),
 )
 """Place, beginning of the path that the sentence names, and what is put there."""
@@ -187,20 +198,20 @@ TEXTS_OF_FILES: dict[str, tuple[Callable[[], str], str]] = {
     "list": (lambda: "[]", "expected a model file with the schema"),
     "deep": (lambda: "[" * 100_000, "brackets stand in brackets without end"),
     "deep objects": (lambda: '{"a":' * 100_000, "brackets stand in brackets without end"),
-    "deep leaf": (lambda: whole().replace('"seed": null', '"seed": ' + "[" * 900 + "]" * 900), "seed"),
+    "deep leaf": (lambda: whole().replace('"dwells": null', '"dwells": ' + "[" * 900 + "]" * 900), "dwells"),
     "cut": (lambda: whole()[:2000], "not JSON"),
-    "twice": (lambda: whole().replace('"seed": null', '"seed": null, "seed": 1'), "'seed' stands twice"),
-    "NaN": (lambda: whole().replace('"seed": null', '"seed": NaN'), "found NaN, which is no JSON"),
-    "Infinity": (lambda: whole().replace('"seed": null', '"seed": -Infinity'), "found -Infinity, which is no JSON"),
-    "beyond": (lambda: whole().replace('"seed": null', '"seed": 1e999'), "beyond every range"),
-    "digits": (lambda: whole().replace('"seed": null', '"seed": ' + "9" * 400), "whole number of 400 digits"),
-    "many digits": (lambda: whole().replace('"seed": null', '"seed": ' + "9" * 10_000), "of 10000 digits"),
+    "twice": (lambda: whole().replace('"dwells": null', '"dwells": null, "dwells": 1'), "'dwells' stands twice"),
+    "NaN": (lambda: whole().replace('"dwells": null', '"dwells": NaN'), "found NaN, which is no JSON"),
+    "Infinity": (lambda: whole().replace('"dwells": null', '"dwells": -Infinity'), "found -Infinity, which is no JSON"),
+    "beyond": (lambda: whole().replace('"dwells": null', '"dwells": 1e999'), "beyond every range"),
+    "digits": (lambda: whole().replace('"dwells": null', '"dwells": ' + "9" * 400), "whole number of 400 digits"),
+    "many digits": (lambda: whole().replace('"dwells": null', '"dwells": ' + "9" * 10_000), "of 10000 digits"),
     "BOM": (lambda: "\ufeff" + whole(), "begins with a byte-order mark"),
     "surrogate": (lambda: whole().replace('"method": "replay"', '"method": "\\ud800"'), "method"),
     "NUL": (lambda: whole().replace('"method": "replay"', '"method": "\\u0000"'), "method"),
     "trailing": (lambda: whole() + "x", "not JSON"),
     "python": (lambda: "{'schema': 1}", "not JSON"),
-    "foreign key": (lambda: whole().replace('"seed": null', '"seed": null, "sed": 1'), "sed is no key"),
+    "foreign key": (lambda: whole().replace('"dwells": null', '"dwells": null, "sed": 1'), "sed is no key"),
 }
 
 
@@ -256,7 +267,7 @@ def lopsided(n: int) -> np.ndarray:
 
 
 COVARIANCES: dict[str, tuple[Callable[[int], np.ndarray], str]] = {
-    "negative": (negative, "covariance.matrix[0][0]: found -"),
+    "negative": (negative, "covariance[0][0]: found -"),
     "correlation of 5": (correlated(5.0), "expected a correlation within 1"),
     "correlation of -1": (correlated(-1.0), "expected a positive semi-definite matrix"),
     "correlation of -0.5": (correlated(-0.5), "expected a positive semi-definite matrix"),
@@ -273,9 +284,9 @@ def test_a_covariance_that_none_is_is_refused_on_the_way_in_and_out(tmp_path, ki
 
     make, said = COVARIANCES[kind]
     content = copy.deepcopy(bases()[0])
-    std = np.array([p["std"] for p in content["parameters"]])
+    std = np.array([p["std"] for p in content["estimates"]])
     P = make(len(std)) * np.outer(std, std)
-    content["covariance"]["matrix"] = P.tolist()
+    content["covariance"] = P.tolist()
     (tmp_path / "m.json").write_text(json.dumps(content))
     with pytest.raises(ModelFileError) as caught:
         model_file.load(tmp_path / "m.json")
@@ -287,8 +298,8 @@ def test_a_covariance_that_none_is_is_refused_on_the_way_in_and_out(tmp_path, ki
 
 def test_rounding_of_a_covariance_is_let_pass():
     content = copy.deepcopy(bases()[0])
-    P = np.array(content["covariance"]["matrix"]) * (1.0 + 1e-12 * case_rng("rounding", 0).normal(size=(5, 5)))
-    content["covariance"]["matrix"] = P.tolist()
+    P = np.array(content["covariance"]) * (1.0 + 1e-12 * case_rng("rounding", 0).normal(size=(5, 5)))
+    content["covariance"] = P.tolist()
     assert model_file.from_dict(content).covariance.shape == (5, 5)
 
 
@@ -361,5 +372,5 @@ def test_a_negative_electrical_scale_has_positive_uncertainties():
     content = copy.deepcopy(bases()[0])
     content["rig"]["sensor"].update(scale=-0.25, scale_unit="V")
     fit = model_file.from_dict(content)
-    assert model_file.to_dict(fit)["electrical"]["sensitivity"]["std"] > 0.0
+    assert fit.electrical["sensitivity"].std > 0.0
     assert [verdict(command, fit) for command in CHEAP.values()] == ["", "", ""]

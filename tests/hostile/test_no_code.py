@@ -20,7 +20,7 @@ from accelcal.calibration import export
 from accelcal.data.recording import RecordingError
 from accelcal.data.units import UnitError, conversion, quantity
 from accelcal.effects import ExpressionError, from_expression
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 
 from .model_files import CHEAP, bases, paths, place, verdict
 

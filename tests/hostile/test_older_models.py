@@ -1,79 +1,55 @@
-"""Model files of every older shape are read as what they stood for; newer ones are refused with a sentence."""
+"""Model files of schema 2 are read as what they stood for; older and newer ones are refused with a sentence."""
 
 from __future__ import annotations
 
 import copy
+import json
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from accelcal._core import __version__
-from accelcal.serialization import model_file
-from accelcal.serialization.migrations import MODEL_SCHEMA, PRESENT, STEPS
-from accelcal.serialization.model_file import ModelFileError
+from accelcal.results import model_file
+from accelcal.results.migrations import MODEL_SCHEMA, PRESENT, STEPS
+from accelcal.results.model_file import ModelFileError
 
-from .model_files import bases
+from .model_files import bases, enter_own_effect
 
-YOUNGER: dict[str, tuple[tuple[tuple[str, ...], ...], ...]] = {
-    "first": (
-        (("shapes",), ("run_to_run",), ("noise_effects",), ("dwells",), ("tilt_deg",), ("model", "per_run")),
-        (("rig", "tolerance"), ("rig", "output_filters"), ("rig", "position_filters")),
-        (("rig", "sensor", "bias_instability"), ("rig", "sensor", "random_walk")),
-        (("data", "session_sha256"), ("noise", "growth")),
-    ),
-    "with a declared tolerance": (
-        (("run_to_run",), ("noise_effects",), ("dwells",), ("tilt_deg",), ("model", "per_run")),
-        (("rig", "output_filters"), ("rig", "position_filters"), ("rig", "sensor", "bias_instability")),
-        (("rig", "sensor", "random_walk"), ("data", "session_sha256"), ("noise", "growth")),
-    ),
-    "with declared filters": (
-        (("run_to_run",), ("noise_effects",), ("dwells",), ("tilt_deg",), ("model", "per_run")),
-        (("rig", "sensor", "random_walk"), ("data", "session_sha256"), ("noise", "growth")),
-    ),
-    "with runs that differ": (
-        (("noise_effects",), ("dwells",), ("rig", "sensor", "random_walk"), ("noise", "growth")),
-    ),
-    "with dwells": ((("noise_effects",), ("noise", "growth")),),
-    "last": (),
-}
-"""Keys that files of schema 1 lack, from the first of them to the last."""
+STORED = ("cubic", "joint", "grown")
+"""Files that schema 2 wrote: a cubic model, three runs with a bias of each, effects with shapes and noise."""
 
 
-def older(shape: str) -> dict[str, Any]:
-    """A model file of schema 1 as it was written at a time."""
-    content = copy.deepcopy(bases()[0])
-    content["schema"] = "accelcal/model/1"
-    for path in (path for group in YOUNGER[shape] for path in group):
-        *above, key = path
-        parts = [content]
-        for step in above:
-            below = [part[step] for part in parts]
-            parts = [inner for one in below for inner in (one if isinstance(one, list) else [one])]
-        for part in parts:
-            del part[key]
+def older(name: str) -> dict[str, Any]:
+    """Content of a file of schema 2."""
+    path = Path(__file__).parent / "schema_2" / f"{name}.json"
+    content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     return content
 
 
-@pytest.mark.parametrize("shape", YOUNGER)
-def test_a_file_of_schema_1_is_read_as_what_it_stood_for(shape):
-    before = older(shape)
-    kept = copy.deepcopy(before)
-    fit = model_file.from_dict(before)
-    assert before == kept  # a content is not changed by being read
-    expected = copy.deepcopy(bases()[0])
-    made = model_file.to_dict(fit)
-    if shape == "first":
-        assert made["rig"]["tolerance"] is None
-    assert made == expected
-
-
-def test_side_channels_of_schema_1_are_added_to_the_output():
-    content = older("first")
-    content["model"]["side_channels"] = {"supply": {"channel": "supply", "unit": "m/s²/V"}}
-    assert "supply" not in model_file.from_dict(content).model.effects  # known, and not in the model
-    content["model"]["side_channels"]["supply"] = 3
-    with pytest.raises(ModelFileError, match=r"model\.side_channels\.supply: found 3"):
-        model_file.from_dict(content)
+@pytest.mark.parametrize("name", STORED)
+def test_a_file_of_schema_2_is_read_as_what_it_stood_for(name):
+    enter_own_effect()
+    content = older(name)
+    kept = copy.deepcopy(content)
+    fit = model_file.from_dict(content)
+    assert content == kept  # a content is not changed by being read
+    for stored, estimate in zip(content["parameters"], fit.estimates, strict=True):
+        assert (stored["name"], stored["value"], stored["std"]) == (estimate.name, estimate.value, estimate.std)
+        assert fit.stands_for[estimate.name] == stored["stands_for"]
+    assert np.array_equal(fit.covariance, content["covariance"]["matrix"])
+    for stored, noise, run in zip(content["data"], content["noise"], fit.runs, strict=True):
+        assert (stored["file"], stored["sha256"], stored["used_s"]) == (run.name, run.digest, [run.start, run.end])
+        assert (noise["q"], noise["r"], noise["crossover_hz"]) == (
+            run.noise.noise.q,
+            run.noise.noise.r,
+            run.noise.crossover,
+        )
+        assert noise["all"]["density_m_per_s2_rthz"] == run.noise.all.density
+    assert [effect["name"] for effect in content["noise_effects"]] == [effect.name for effect in fit.noise_effects]
+    assert [spread["name"] for spread in content["run_to_run"]] == [spread.name for spread in fit.spreads]
+    assert model_file.to_dict(model_file.from_dict(model_file.to_dict(fit))) == model_file.to_dict(fit)
 
 
 DAMAGED: tuple[dict[str, Any], ...] = (
@@ -83,17 +59,25 @@ DAMAGED: tuple[dict[str, Any], ...] = (
     {"noise": 3},
     {"data": "x"},
     {"data": [3], "noise": [3]},
+    {"covariance": None},
+    {"run_to_run": [1]},
 )
 
 
 @pytest.mark.parametrize("damaged", DAMAGED)
-def test_a_damaged_file_of_schema_1_is_refused_by_the_schema(damaged):
-    with pytest.raises(ModelFileError, match=r"is missing|found"):
-        model_file.from_dict({"schema": "accelcal/model/1", **damaged})
+def test_a_damaged_file_of_schema_2_is_refused(damaged):
+    content = older("cubic") | damaged if damaged else {"schema": "accelcal/model/2", "version": __version__}
+    with pytest.raises(ModelFileError, match=r"schema 2 without a part|is missing|found"):
+        model_file.from_dict(content)
 
 
 def test_there_is_a_step_from_every_older_schema():
-    assert set(STEPS) == set(range(1, PRESENT))
+    assert set(STEPS) == set(range(2, PRESENT))
+
+
+def test_a_file_of_schema_1_is_refused_with_what_to_do():
+    with pytest.raises(ModelFileError, match="is no longer read; make one with: accelcal fit"):
+        model_file.from_dict(older("cubic") | {"schema": "accelcal/model/1"})
 
 
 @pytest.mark.parametrize(

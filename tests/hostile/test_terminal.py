@@ -14,7 +14,8 @@ from accelcal.cli import common
 from accelcal.cli.printing import show_comparison, show_fit
 from accelcal.cli.terminal import say, say_line, show_table, show_wrapped_table
 from accelcal.data.rig import Sensor
-from accelcal.serialization import model_file
+from accelcal.results import json as results_json
+from accelcal.results import model_file
 from accelcal.workflow import compare
 
 from .model_files import bases, enter_own_effect, record
@@ -57,7 +58,7 @@ def test_names_of_a_recording_and_its_sensor_reach_no_terminal_as_escapes(capsys
     show_fit(fit, hostile)
     seen = compare(fit, hostile)
     show_comparison(seen)
-    common.print_json(model_file.comparison_to_dict(seen))
+    common.print_json(results_json.content(seen))
     model_file.save(fit, tmp_path / "m.json")  # and can be read again
     again = model_file.load(tmp_path / "m.json")
     assert again.rig.sensor.model == visible(text, one_line=True)

@@ -22,7 +22,7 @@ from accelcal._support import locks
 from accelcal._support.scratch import scratch_folder
 from accelcal.cli import app, write_recording
 from accelcal.estimation.estimate import estimate
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from accelcal.simulation import ADXL105_RIG
 from tests.hostile.case import LONG, case_rng
 

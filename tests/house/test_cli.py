@@ -46,29 +46,27 @@ def folder(tmp_path_factory):
 
 
 def test_fit_then_compare_gives_the_documented_json(folder):
-    fitted = accelcal("fit", "one.csv", "-o", "m.json", "--json", "--seed", 7, cwd=folder)
+    fitted = accelcal("fit", "one.csv", "-o", "m.json", "--json", cwd=folder)
     assert fitted.returncode == 0, fitted.stderr
     model = json.loads(fitted.stdout)
     assert json.loads((folder / "m.json").read_text()) == model
-    assert model["schema"] == "accelcal/model/2"
-    assert model["seed"] == 7
-    names = [p["name"] for p in model["parameters"]]
-    assert names == ["bias", "scale_factor", "time_offset"] == model["covariance"]["names"]
-    assert {"name", "symbol", "unit", "value", "std", "owner"} <= set(model["parameters"][0])
-    assert {"noise", "rig", "data", "version", "origins", "validity"} <= set(model)
-    assert len(model["data"][0]["sha256"]) == 64
-    by_name = {p["name"]: p for p in model["parameters"]}
+    assert model["schema"] == "accelcal/model/3"
+    assert [p["name"] for p in model["estimates"]] == ["bias", "scale_factor", "time_offset"]
+    assert {"name", "symbol", "unit", "value", "std", "owner"} <= set(model["estimates"][0])
+    assert {"runs", "rig", "version", "origins", "validity", "stands_for", "covariance"} <= set(model)
+    assert len(model["runs"][0]["digest"]) == 64
+    by_name = {p["name"]: p for p in model["estimates"]}
     for name, truth in TRUTH.items():
         assert abs(by_name[name]["value"] - truth) < 4.5 * by_name[name]["std"]  # false alarm 7e-6 each
 
     compared = accelcal("compare", "m.json", "two.parquet", "--json", cwd=folder)
     assert compared.returncode == 0, compared.stderr
     seen = json.loads(compared.stdout)
-    assert seen["schema"] == "accelcal/compare-models/1"
-    seen = seen["recordings"][0]["comparisons"][0]
-    for key in ("coast_rms_m", "coast_frozen_rms_m", "coast_floor_m"):
-        assert set(seen[key]) == {"1", "5", "10"}
-    assert {"one_step_rms_m", "nis", "accel_rms_m_per_s2", "band_hz", "worst"} <= set(seen)
+    assert seen["schema"] == "accelcal/comparison/3"
+    ((seen,),) = seen["seen"]
+    for key in ("coast_rms", "coast_frozen_rms", "coast_floor"):
+        assert set(seen[key]) == {"1.0", "5.0", "10.0"}
+    assert {"one_step_rms", "nis", "accel_rms", "band", "worst"} <= set(seen)
     assert seen["nis"] == pytest.approx(1.0, abs=0.06)  # 5 sigma of 16 000 innovations
 
 
@@ -82,11 +80,10 @@ def test_a_fit_by_the_weak_form_stays_one_when_a_parameter_is_held(folder):
 def test_horizons_the_record_does_not_allow_are_null(folder):
     write_recording(record(3, seconds=4.0), folder / "short.csv")
     accelcal("fit", "one.csv", "-o", "m2.json", cwd=folder)
-    compared = json.loads(accelcal("compare", "m2.json", "short.csv", "--json", cwd=folder).stdout)
-    seen = compared["recordings"][0]["comparisons"][0]
-    assert seen["coast_rms_m"]["1"] is not None
-    assert seen["coast_rms_m"]["5"] is None
-    assert seen["coast_rms_m"]["10"] is None
+    ((seen,),) = json.loads(accelcal("compare", "m2.json", "short.csv", "--json", cwd=folder).stdout)["seen"]
+    assert seen["coast_rms"]["1.0"] is not None
+    assert seen["coast_rms"]["5.0"] is None
+    assert seen["coast_rms"]["10.0"] is None
 
 
 @pytest.mark.parametrize(
@@ -119,7 +116,7 @@ def test_the_line_that_the_message_names_cures_it(tmp_path, changed, cure):
     sidecar.write_text("\n".join(cure if line.startswith(f"{key} ") else line for line in lines))
     done = accelcal("fit", "run.csv", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    by_name = {p["name"]: p for p in json.loads(done.stdout)["parameters"]}
+    by_name = {p["name"]: p for p in json.loads(done.stdout)["estimates"]}
     assert abs(by_name["scale_factor"]["value"] - 0.01) < 4.5 * by_name["scale_factor"]["std"]
 
 
@@ -171,10 +168,10 @@ def test_rk2_that_loses_definiteness_is_said(folder):
     ids=" ".join,
 )
 def test_the_live_filters_agree_with_the_replay(folder, choice):
-    replayed = json.loads(accelcal("fit", "one.csv", "--json", cwd=folder).stdout)["parameters"]
+    replayed = json.loads(accelcal("fit", "one.csv", "--json", cwd=folder).stdout)["estimates"]
     done = accelcal("fit", "one.csv", "--json", "--method", *choice, cwd=folder)
     assert done.returncode == 0, done.stderr
-    filtered = json.loads(done.stdout)["parameters"]
+    filtered = json.loads(done.stdout)["estimates"]
     for stored, two in zip(replayed[:2], filtered[:2], strict=True):
         # Both see the same record; they differ by what the noisy regressor and the start cost, a part of a sigma.
         assert abs(stored["value"] - two["value"]) < 1.5 * stored["std"], stored["name"]

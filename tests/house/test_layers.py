@@ -31,7 +31,6 @@ LAYERS = (
     "selection",
     "experiment",
     "calibration",
-    "serialization",
     "workflow",
     "response",
     "results",

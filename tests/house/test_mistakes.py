@@ -11,7 +11,7 @@ import accelcal as ac
 from accelcal.cli import app, write_recording
 from accelcal.estimation.estimate import estimate
 from accelcal.io import sidecar_of
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 
 

@@ -15,7 +15,7 @@ import accelcal as ac
 from accelcal import io
 from accelcal.cli import app, write_recording
 from accelcal.estimation.estimate import estimate
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from accelcal.simulation import ADXL105_RIG
 
 PLAN = ["plan", "--effects", "cubic", "--stroke", "0.2 m", "--vmax", "0.1 m/s", "--amax", "9 m/s^2"]
@@ -176,7 +176,7 @@ def test_a_damaged_model_is_refused_by_the_key_that_is_wrong(refused, key, value
 
 def test_a_covariance_that_belongs_to_another_model_is_refused(refused):
     content = json.loads(Path("m.json").read_text())
-    content["covariance"]["matrix"] = np.eye(2).tolist()
+    content["covariance"] = np.eye(2).tolist()
     Path("m.json").write_text(json.dumps(content))
     message = refused("compare", "m.json", "run.csv", code=3)
     assert "shape (2, 2), expected a row and a column for each of bias, scale_factor, time_offset" in message
@@ -184,7 +184,7 @@ def test_a_covariance_that_belongs_to_another_model_is_refused(refused):
 
 def test_json_that_is_no_model_is_reported(refused):
     Path("m.json").write_text("{}")
-    assert 'the schema "accelcal/model/2", found none; make one with: accelcal fit' in refused(
+    assert 'the schema "accelcal/model/3", found none; make one with: accelcal fit' in refused(
         "export", "m.json", "--json", code=3
     )
 

@@ -1,4 +1,4 @@
-"""The published schemas are those of the code, and what commands write follows them."""
+"""What commands write follows the schemas that the command line prints."""
 
 from __future__ import annotations
 
@@ -10,34 +10,42 @@ import numpy as np
 import pytest
 from tests.estimation.test_triad import positions
 from tests.hostile.model_files import DEAR, bases, exported
-from tests.schemas import SCHEMAS, require_published
+from tests.schemas import require_published, validator
+from typer.testing import CliRunner
 
 import accelcal
-from accelcal.cli.dwells import triad_to_dict
+from accelcal.cli import app
 from accelcal.estimation.triad import fit_triad
-from accelcal.serialization import model_file
-from accelcal.serialization.schema.publish import FILES, file_name, name_of, publish
+from accelcal.results import model_file
+from accelcal.results.json import SCHEMAS, content, kind_of, schema_name
 
 PACKAGE = Path(accelcal.__file__).parent
-NOT_JSON = {"accelcal/campaign/1"}
+NOT_JSON = {"campaign"}
 """Schema of an SQLite file."""
 
 
-def test_the_published_schemas_are_those_of_the_code(tmp_path):
-    # Renewed by: python -m accelcal.serialization schemas
-    made = {path.name: path.read_text() for path in publish(tmp_path)}
-    assert made == {path.name: path.read_text() for path in SCHEMAS.iterdir()}
+def test_the_command_lists_every_schema_and_prints_each() -> None:
+    listed = CliRunner().invoke(app, ["schema"]).stdout.split()
+    assert listed == [*SCHEMAS]
+    for name in listed:
+        validator(f"accelcal/{name}/3")  # checked against its dialect
+        assert json.loads(CliRunner().invoke(app, ["schema", name]).stdout)["$schema"].endswith("2020-12/schema")
 
 
-def test_every_schema_that_the_code_names_is_published():
+def test_a_schema_that_does_not_exist_is_refused_with_those_that_do() -> None:
+    refused = CliRunner().invoke(app, ["schema", "models"])
+    assert refused.exit_code == 2
+    assert "expected one of model, comparison" in refused.stderr
+
+
+def test_every_schema_that_the_code_names_is_printed() -> None:
     named = {
         name
         for path in PACKAGE.rglob("*.py")
-        for name in re.findall(r'"(accelcal/[a-z-]+/\d+)"', path.read_text(encoding="utf-8"))
+        for name in re.findall(r'"accelcal/([a-z-]+)/\d+"', path.read_text(encoding="utf-8"))
     }
-    known = {name_of(schema) for schema in FILES}
-    assert named - NOT_JSON <= known
-    assert {file_name(schema) for schema in FILES} == {path.name for path in SCHEMAS.iterdir()}
+    assert named - NOT_JSON <= set(SCHEMAS)
+    assert all(schema_name(kind_of(name)) == f"accelcal/{name}/3" for name in SCHEMAS if name != "session")
 
 
 @pytest.mark.parametrize("number", range(3))
@@ -53,14 +61,13 @@ def test_results_follow_their_schema(command):
 
 
 def test_a_triad_follows_its_schema():
-    content = triad_to_dict(fit_triad(positions(np.random.default_rng(1))))
-    require_published(json.loads(model_file.dumps(content)))
+    require_published(content(fit_triad(positions(np.random.default_rng(1)))))
 
 
 def test_an_output_that_breaks_its_schema_is_caught():
     # The sister: the same validator on a content with a key too many, a leaf out of range and one that is missing.
     broken = json.loads(json.dumps(bases()[0]))
-    for change in (lambda c: c.update(sed=1), lambda c: c["rig"].update(axis="sideways"), lambda c: c.pop("noise")):
+    for change in (lambda c: c.update(sed=1), lambda c: c["rig"].update(axis="sideways"), lambda c: c.pop("runs")):
         content = json.loads(json.dumps(broken))
         change(content)
         with pytest.raises(AssertionError):

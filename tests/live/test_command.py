@@ -115,12 +115,12 @@ def require_equal_to_record(folder: Path, end: dict[str, Any], made: Stream, nam
     q, r = settings.q, settings.r_position
     record = run(settings.choice, accel, recording.position, q=q, r_position=r, x0=x0, P0=P0)
     covariance = record.covariance.copy()
-    covariance[2, 2] += end["regressor_bias"]["value"] ** 2
+    covariance[2, 2] += end["state"]["regressor_bias"]["value"] ** 2
     estimates = settings.estimates(record.states[-1], covariance)
-    assert [(e["name"], e["value"], e["std"]) for e in end["parameters"]] == [
+    assert [(e["name"], e["value"], e["std"]) for e in end["state"]["estimates"]] == [
         (e.name, e.value, e.std) for e in estimates
     ]
-    assert n == end["lines"]["used"] == end["recorded_rows"]
+    assert n == end["state"]["used"] == end["state"]["recorded"]
 
 
 def test_a_file_is_followed_recorded_and_equal_to_its_record(folder: Path) -> None:
@@ -129,8 +129,9 @@ def test_a_file_is_followed_recorded_and_equal_to_its_record(folder: Path) -> No
     found = done(folder, "--file", "lines.txt", "-o", "got.parquet", "--json")
     assert found.returncode == 0, found.stderr
     end = last(found.stdout)
-    assert end["lines"] == {"used": len(made.t), "broken": 1, "out_of_order": 0, "missing": 0}
-    assert (end["alarms"], end["holds"], end["ended"]) == (0, True, "the source has ended")
+    state = end["state"]
+    assert [state[key] for key in ("used", "broken", "out_of_order", "missing")] == [len(made.t), 1, 0, 0]
+    assert (state["alarms"], state["holds"], end["ended"]) == (0, True, "the source has ended")
     require_equal_to_record(folder, end, made)
     assert "wrote got.parquet" in found.stderr
 
@@ -142,8 +143,8 @@ def test_a_step_of_the_bias_raises_an_alarm_soon(folder: Path) -> None:
         alarms = [content for line in found.stdout.splitlines() if (content := json.loads(line))["event"] == "alarm"]
         assert bool(alarms) == bool(step)
         if step:
-            assert 12.0 < alarms[0]["alarm"]["t_s"] < 14.5
-            assert not last(found.stdout)["holds"] or len(alarms) >= 2
+            assert 12.0 < alarms[0]["alarm"]["t"] < 14.5
+            assert not last(found.stdout)["state"]["holds"] or len(alarms) >= 2
             plain = done(folder, "--file", "lines.txt")
             assert plain.stderr.count("alarm: t = ") >= 1
             assert "blocks of innovations raised an alarm" in plain.stdout
@@ -171,17 +172,17 @@ def test_a_port_is_followed_until_it_breaks_off(folder: Path) -> None:
         content = content[os.write(master, content[:1000]) :]
     began, used = time.monotonic(), 0
     while used < len(made.t):
-        used = json.loads(child.stdout.readline())["lines"]["used"]
+        used = json.loads(child.stdout.readline())["state"]["used"]
         assert time.monotonic() < began + MOST, used
     os.close(slave)
     os.close(master)
     said, errors = child.communicate(timeout=60)
     assert child.returncode == 0, errors
     end = last(said)
-    assert end["lines"]["broken"] == 1
+    assert end["state"]["broken"] == 1
     assert "broke off" in end["ended"]
     require_equal_to_record(folder, end, made)
-    assert end["lines"]["used"] == len(made.t)
+    assert end["state"]["used"] == len(made.t)
 
 
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=["Ctrl-C", "SIGTERM"])
@@ -198,7 +199,7 @@ def test_a_signal_ends_it_with_a_summary_and_whole_files(folder: Path, sent: sig
     assert "no file was left half-written" in errors
     end = last("".join(first) + rest)
     assert end["ended"] == "stopped"
-    assert 0 < end["lines"]["used"] <= len(made.t)
+    assert 0 < end["state"]["used"] <= len(made.t)
     require_equal_to_record(folder, end, made)
     assert {path.name for path in folder.iterdir()} == {"rig.toml", "got.parquet", "got.toml"}
 
@@ -264,10 +265,9 @@ def test_a_model_is_followed_and_saved(tmp_path: Path) -> None:
     words = ["--file", "two.csv", "--rig", "two.toml", "--model", "m.json", "--save", "m2.json", "--json"]
     found = subprocess.run([*call, "live", *words], cwd=tmp_path, capture_output=True, text=True)
     assert found.returncode == 0, found.stderr
-    assert last(found.stdout)["alarms"] == 0
+    assert last(found.stdout)["state"]["alarms"] == 0
     before, after = (
-        {p["name"]: p for p in json.loads((tmp_path / name).read_text())["parameters"]}
-        for name in ("m.json", "m2.json")
+        {p["name"]: p for p in json.loads((tmp_path / name).read_text())["estimates"]} for name in ("m.json", "m2.json")
     )
     for name in ("bias", "scale_factor"):
         assert after[name]["std"] < 0.8 * before[name]["std"]

@@ -13,7 +13,7 @@ from accelcal.data.recording import Channel, Recording
 from accelcal.io.stream_lines import Rows
 from accelcal.live import Tracker, settings_of
 from accelcal.live.regressor import OutputMoments
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 
 SCALE = 0.01
 
@@ -99,8 +99,9 @@ def test_a_biased_scale_factor_is_not_saved(tmp_path: Path) -> None:
         [sys.executable, "-m", "accelcal", "live", *words], cwd=tmp_path, capture_output=True, text=True
     )
     end = json.loads(done.stdout.splitlines()[-1])
-    assert end["regressor_bias"]["sigma"] > 3.0
-    assert "accelcal fit" in end["regressor_bias"]["sentence"]
+    bias = end["state"]["regressor_bias"]
+    assert bias["sigma"] > 3.0
+    assert "accelcal fit" in bias["sentence"]
     assert done.returncode == 3
     assert "nothing is written" in done.stderr
     assert not (tmp_path / "m2.json").exists()

@@ -19,6 +19,9 @@ from accelcal.estimation.parameter_tracks import track
 from accelcal.estimation.shape_functions import shapes
 from accelcal.experiment import power
 from accelcal.live.moments import LiveHistory
+from accelcal.live.monitor import Alarm, Interval
+from accelcal.live.session import LiveEvent, LiveState
+from accelcal.live.tracker import Innovation
 from accelcal.plots import bins, comparison, interactive, limits, matplotlib, plotly, residuals, style, timeline
 from accelcal.plots import diagnosis as findings
 from accelcal.plots import model as models
@@ -105,11 +108,11 @@ def followed():
     history = LiveHistory()
     for i in range(10):
         std = 1e-3 / (i + 1)
-        parameters = [{"name": name, "unit": unit, "value": 0.01, "std": std} for name, unit in LIVE]
-        moment = {"event": "state", "t_s": 0.5 * i, "parameters": parameters}
-        innovation = {"t_s": 0.5 * i, "e_m": 1e-7, "std_m": 2e-7}
-        history.add(moment | {"innovation": innovation, "nis": {"value": 1.0, "low": 0.9, "high": 1.1}})
-    history.add({"event": "alarm", "alarm": {"t_s": 4.0, "since_s": 3.0}})
+        estimates = tuple(ac.Estimate(name, name, unit, 0.01, std, "sensor") for name, unit in LIVE)
+        newest, nis = Innovation(0.5 * i, 1e-7, 4e-14), Interval(1.0, 0.9, 1.1, 100)
+        state = LiveState(0.5 * i, estimates, innovation=newest, nis=nis)
+        history.add(LiveEvent("state", "lines", state))
+    history.add(LiveEvent("alarm", "lines", state, Alarm(4.0, "nis", 2.0, 0.9, 1.1, 100, since=3.0)))
     return history
 
 

@@ -9,7 +9,7 @@ import pytest
 import accelcal as ac
 from accelcal.cli import write_recording
 from accelcal.estimation.estimate import estimate
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from accelcal.simulation import ADXL105_RIG
 from tests.report.reading import Page
 

@@ -1,15 +1,13 @@
 """What an improvement says: what was found apart from what is left, and nothing named on too short a record."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
 
 import accelcal as ac
 from accelcal.diagnosis.findings import Confounded, Finding, equivalent_sigma, with_findings
-from accelcal.serialization import model_file
-from accelcal.serialization.diagnosis_json import improvement_to_dict
+from accelcal.results import json as results_json
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 from tests.schemas import require_published
 
@@ -26,21 +24,19 @@ def delayed():
 
 
 def test_the_sentence_opens_with_what_was_found_and_left_speaks_of_the_last_model(delayed):
-    content = improvement_to_dict(delayed)
-    assert content["schema"] == "accelcal/improve/2"
-    require_published(json.loads(model_file.dumps(content)))
+    content = results_json.content(delayed)
+    assert content["schema"] == "accelcal/improvement/3"
+    require_published(content)
     assert content["effects"] == ["time_offset"]
     assert content["sentence"].startswith("time_offset was found (2")
     assert "nothing else is missing" in content["sentence"]
     assert content["verdict"] == "tied"  # with a lag of the sensor
-    assert content["left"]["verdict"] == "adequate"
-    assert content["left"]["effects"] == []
-    (one,) = content["found"]
-    assert one["estimate"] == pytest.approx(2e-3, abs=4.5 * one["std"])
-    assert one["sigma"] == pytest.approx(one["estimate"] / one["std"])
-    assert len(one["class"]) > 1
-    # Keys of the schema before it keep their place.
-    assert {"suspect_data", "classes", "inseparable", "dropped", "breaks", "used", "steps", "model"} <= set(content)
+    assert content["left"][0] == "adequate"
+    (finding,) = content["found"]
+    assert finding["estimate"][0] == pytest.approx(2e-3, abs=4.5 * finding["std"][0])
+    assert finding["sigma"] == pytest.approx(finding["estimate"][0] / finding["std"][0])
+    assert len(finding["group"]["members"]) > 1
+    assert {"classes", "diagnosis", "steps", "changes"} <= set(content)
 
 
 def test_a_diagnosis_says_the_delay_as_well(delayed):
@@ -54,7 +50,7 @@ def test_few_blocks_need_more_than_a_normal_deviate_to_name_a_delay():
     short, longer = ac.improve(late(1.0, delay)), ac.improve(late(4.0, delay))
     assert short.verdict == "too_short"
     assert short.effects == ()
-    assert improvement_to_dict(short)["found"] == []
+    assert short.found == ()
     found = short.steps[-1].fit["time_offset"]
     assert found.value - 5e-5 > 5.0 * found.std  # the tolerance of the low-pass is not counted
     assert longer.effects == ("time_offset",)
@@ -74,7 +70,7 @@ def test_what_is_lacking_but_not_added_is_not_said_to_explain():
     assert "explains what the model lacks" not in found.sentence
     (note,) = (r for r in found.diagnosis.remarks if r.code == "not_added")
     assert note.values["effect"] == "quadratic"
-    assert improvement_to_dict(found)["left"]["effects"][0] == "quadratic"
+    assert found.diagnosis.scan.found[0].effect == "quadratic"
 
 
 def test_findings_are_joined_as_a_sentence():

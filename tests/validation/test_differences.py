@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import accelcal as ac
 from accelcal.cli import app, write_recording
 from accelcal.cli.printing import show_comparison
-from accelcal.serialization import diagnosis_json, model_file
+from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
 from accelcal.validation import evaluation
 from accelcal.validation.differences import Comparison, ModelDifference, verdict_of
@@ -205,11 +205,11 @@ def test_the_command_says_the_same(
 
     content = json.loads(call("a.json", "b.json", "0.csv", "1.csv", "--json", "-o", "seen.json", "--plots", "drawn"))
     require_published(content)
-    expected = diagnosis_json.compared_to_dict(paired)["differences"][0]["change"]
-    found = content["differences"][0]
-    assert found["verdict"] == "better"
-    assert found["change"]["percent"] == pytest.approx(expected["percent"], rel=1e-3)  # a CSV rounds
-    assert [each["recording"] for each in found["recordings"]] == ["0.csv", "1.csv"]
+    again, expected = Comparison.from_json(json.dumps(content)), paired.differences[0].pooled
+    assert expected is not None
+    pooled = content["differences"][0]["pooled"]
+    assert 100.0 * (pooled["after"] / pooled["before"] - 1.0) == pytest.approx(expected.percent, rel=1e-3)  # CSV rounds
+    assert again.recordings == ("0.csv", "1.csv")
     assert json.loads(Path("seen.json").read_text()) == content
     assert {path.name for path in Path("drawn").iterdir()} == {
         f"{name}.{k}" for name in ("overlay-1", "overlay-2", "error_reduction") for k in ("png", "svg")

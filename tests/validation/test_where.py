@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 from contextlib import redirect_stdout
 from dataclasses import replace
 
@@ -13,7 +12,6 @@ import pytest
 import accelcal as ac
 from accelcal.cli.printing import show
 from accelcal.results import comparisons
-from accelcal.serialization import model_file
 from accelcal.simulation import CXL02_RIG
 from accelcal.validation.comparison import Bins, Evaluation, Region
 from accelcal.validation.worst import STRETCHES, seen_at, worst_regions, worst_sentence
@@ -91,8 +89,7 @@ def seen() -> Evaluation:
 
 
 def test_all_faces_say_the_same(seen: Evaluation) -> None:
-    content = json.loads(model_file.dumps(model_file.comparison_to_dict(seen)))
-    assert [model_file.region_from_dict(each) for each in content["where_it_fails"]] == list(seen.worst_regions)
+    assert Evaluation.from_json(seen.to_json()).worst_regions == seen.worst_regions
     with redirect_stdout(io.StringIO()) as out:
         show(seen, "regions")
     said = out.getvalue()

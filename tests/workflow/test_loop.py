@@ -15,7 +15,8 @@ from accelcal.cli import write_recording
 from accelcal.diagnosis.search.likelihood_gain import log_survival, score_gain, variance_gain
 from accelcal.estimation.estimate import estimate, restored_states, solve_runs
 from accelcal.estimation.normal_equations import normal_equations
-from accelcal.serialization import diagnosis_json, model_file
+from accelcal.results import json as results_json
+from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
 from accelcal.workflow import add, diagnose, drop, improve
 
@@ -156,15 +157,14 @@ def test_a_model_with_shapes_survives_its_file(plain, tmp_path):
 
 def test_a_diagnosis_has_its_documented_keys(nonlinear):
     fitted = estimate(ac.Model.linear(), nonlinear[0])
-    content = diagnosis_json.diagnosis_to_dict(diagnose(fitted, nonlinear[0]))
-    assert json.loads(model_file.dumps(content)) is not None
-    keys = {"schema", "verdict", "effects", "classes", "inseparable", "breaks", "used", "suspect_data", "candidates"}
-    assert keys | {"detection_limits", "where"} <= set(content)
-    first = content["candidates"][0]
-    assert {"effect", "estimate", "unit", "std", "snr", "p_value", "p_raw", "log_evidence", "class"} <= set(first)
+    content = results_json.content(diagnose(fitted, nonlinear[0]))
+    keys = {"schema", "verdict", "sentence", "effects", "classes", "inseparable", "breaks", "used", "suspect", "scan"}
+    assert keys | {"where", "importance"} <= set(content)
+    first = content["scan"]["candidates"][0]
+    assert {"effect", "estimate", "unit", "std", "p_value", "p_raw", "log_evidence", "members"} <= set(first)
     assert first["effect"] == "quadratic"
-    assert abs(first["estimate"] - 1e-3) < 4.5 * first["std"]
-    evidence = [c["log_evidence"] for c in content["candidates"]]
+    assert abs(first["estimate"][0] - 1e-3) < 4.5 * first["std"][0]
+    evidence = [c["log_evidence"] for c in content["scan"]["candidates"]]
     assert evidence == sorted(evidence, reverse=True)
 
 
@@ -230,11 +230,11 @@ def test_a_users_own_effect_is_ranked_first_on_data_that_contain_it(tmp_path):
     assert accelcal("fit", "run.csv", "-o", "m.json").returncode == 0
     diagnosed = accelcal("diagnose", "m.json", "run.csv", "--json", *own)
     assert diagnosed.returncode == 0, diagnosed.stderr
-    assert json.loads(diagnosed.stdout)["candidates"][0]["effect"] == "my_quintic"
+    assert json.loads(diagnosed.stdout)["scan"]["candidates"][0]["effect"] == "my_quintic"
     added = accelcal("add", "m.json", "run.csv", "--effect", "my_quintic", "-o", "m2.json", *own)
     assert added.returncode == 0, added.stderr
     compared = accelcal("compare", "m.json", "m2.json", "other.csv", "--json", *own)
-    before, after = (seen["coast_rms_m"]["10"] for seen in json.loads(compared.stdout)["recordings"][0]["comparisons"])
+    before, after = (seen["coast_rms"]["10.0"] for seen in json.loads(compared.stdout)["seen"][0])
     assert after < before
     lost = accelcal("compare", "m2.json", "other.csv")
     assert lost.returncode == 3

@@ -9,8 +9,8 @@ import pytest
 
 import accelcal as ac
 from accelcal.diagnosis.remarks import remark
+from accelcal.results import model_file
 from accelcal.selection import stepwise
-from accelcal.serialization import model_file
 from accelcal.workflow import barely_shown
 
 DENSITY, RATE = 1.4e-3, 1000.0

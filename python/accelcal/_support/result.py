@@ -5,7 +5,8 @@ What is shown lives in `accelcal.results`, which is imported when a result is sh
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Self, get_type_hints
 
 from accelcal._support.faces import face
 
@@ -14,7 +15,56 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 
-class Result:
+@dataclass(frozen=True)
+class NotStored:
+    """Mark of a field that JSON leaves out, with the sentence on how to make it again."""
+
+    again: str
+    by_commands: bool = False
+    """Whether the output of commands leaves it out, and `to_json` holds it: series as long as the recording."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        return face("results.json").marked(self, source, handler)
+
+
+class Storable:
+    """An object whose fields are its JSON."""
+
+    __slots__ = ()
+    told: ClassVar[tuple[str, ...]] = ()
+    """Properties that JSON holds beside the fields."""
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            kind = type(self)
+            if name not in getattr(kind, "__dataclass_fields__", ()):
+                raise AttributeError(f"{kind.__name__!r} object has no attribute {name!r}")
+            mark = get_type_hints(kind, include_extras=True)[name].__metadata__[0]
+            raise AttributeError(f"{kind.__name__}.{name} is not stored in this JSON: {mark.again}")
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
+        return face("results.json").schema_of_result(cls, source, handler)
+
+    def to_json(self) -> str:
+        """JSON of the fields under their names; numbers that are not finite are 'NaN', 'Infinity' and '-Infinity'."""
+        return str(face("results.json").to_json(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Object that `to_json` wrote; the schema is that of `accelcal schema`.
+
+        Raises
+        ------
+        ValueError
+            If the text does not follow the schema; the sentence names the path to the first wrong value.
+        """
+        made: Self = face("results.json").from_json(cls, text)
+        return made
+
+
+class Result(Storable):
     """An object with one table, from which every face is made."""
 
     __slots__ = ()

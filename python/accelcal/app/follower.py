@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import re
 import subprocess
@@ -12,9 +11,10 @@ import threading
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from accelcal.live.moments import LiveHistory
+from accelcal.live.session import LiveEvent
 
 EVERY = "0.25 s"
 """Time between two states."""
@@ -134,12 +134,10 @@ class Follower:
             self.version += 1
 
     def _take(self, line: str) -> None:
-        content: Any = None
         with contextlib.suppress(ValueError):
-            content = json.loads(line)
-        if isinstance(content, dict):
+            event = LiveEvent.from_json(line)
             with self.lock:
-                self.history.add(content)
+                self.history.add(event)
                 self.version += 1
 
     def _listen_to_complaints(self) -> None:
@@ -150,10 +148,10 @@ class Follower:
     def _complaint(self, status: int) -> str:
         """What the process said against what it was asked, in words of the page."""
         newest = self.history.newest
-        if newest is not None and newest["event"] == "end" and not newest["ended"].startswith("the source broke off"):
+        if newest is not None and newest.ended and not newest.ended.startswith("the source broke off"):
             return ""
-        if newest is not None and newest["event"] == "end":
-            return f"{newest['ended'].capitalize()}. The recording holds what came until then."
+        if newest is not None and newest.ended:
+            return f"{newest.ended.capitalize()}. The recording holds what came until then."
         text = "".join(line for line in self._said if not line.startswith("wrote ")).strip()
         text = text.removeprefix("accelcal: ").removeprefix("live: ")
         for option, word in (("--output", "recording"), ("--model", "a model"), ("--tcp", "address")):

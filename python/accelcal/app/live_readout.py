@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Any
 
 from nicegui import ui
@@ -11,6 +11,10 @@ from nicegui import ui
 from accelcal.app import widgets
 from accelcal.app.follower import Follower
 from accelcal.effects import spelled
+from accelcal.live.monitor import Interval
+from accelcal.live.session import LiveEvent
+from accelcal.live.tracker import Innovation
+from accelcal.model import Estimate
 from accelcal.results.words import number
 
 COUNTS = {
@@ -24,7 +28,7 @@ MORE = {
     "dropped_bytes": "bytes dropped",
     "untested": "readings not tested",
     "refused": "refused by the filter",
-    "recorded_rows": "rows recorded",
+    "recorded": "rows recorded",
 }
 BADGES = {
     None: ("Waiting for innovations", ""),
@@ -67,41 +71,41 @@ class Readout:
         """Show the newest state; the lock of the follower is held."""
         history = self.follower.history
         newest = history.newest
-        text, kind = BADGES[None if newest is None else newest["holds"]]
+        text, kind = BADGES[None if newest is None else newest.state.holds]
         self.badge.set_text("Stopped" if self.follower.ended and newest is None else text)
         self.badge.classes(replace=f"badge {kind}")
         if newest is None:
             self.when.set_text("Starting …" if not self.follower.ended else "")
             return
         self.when.set_text(self._when(newest))
-        self.nis.set_text(nis_text(newest["nis"]))
-        self.innovation.set_text(innovation_text(newest["innovation"]))
-        self._show_parameters(newest["parameters"])
-        bias = newest["regressor_bias"]
-        self.bias.set_text((bias and bias["sentence"]) or "")
-        self.bias.set_visibility(bool(bias and bias["sentence"]))
+        state = newest.state
+        self.nis.set_text(nis_text(state.nis))
+        self.innovation.set_text(innovation_text(state.innovation))
+        self._show_parameters(state.estimates)
+        sentence = state.regressor_bias.sentence if state.regressor_bias else ""
+        self.bias.set_text(sentence)
+        self.bias.set_visibility(bool(sentence))
         for key, label in self.counts.items():
-            value = newest["lines"][key] if key in COUNTS else newest[key]
-            label.set_text(f"{value:,}".replace(",", " "))
+            label.set_text(f"{getattr(state, key):,}".replace(",", " "))
         self._show_alarms()
 
-    def _when(self, newest: Mapping[str, Any]) -> str:
-        t = newest["t_s"]
+    def _when(self, newest: LiveEvent) -> str:
+        t = newest.state.t
         when = "No row yet" if t is None else f"t = {t:.3f} s"
-        blocks = f"{newest['alarms']} of {newest['blocks']} blocks of innovations raised an alarm"
-        ended = f"; {newest['ended']}" if newest["ended"] else ""
+        blocks = f"{newest.state.alarms} of {newest.state.blocks} blocks of innovations raised an alarm"
+        ended = f"; {newest.ended}" if newest.ended else ""
         return f"{when}{ended}; {blocks}."
 
-    def _show_parameters(self, parameters: list[Mapping[str, Any]]) -> None:
+    def _show_parameters(self, parameters: Sequence[Estimate]) -> None:
         if not self._values:
             self.parameters.clear()
             with self.parameters:
                 self._table(parameters)
         for p in parameters:
-            self._values[p["name"]].set_text(number(p["value"], 6))
-            self._bands[p["name"]].set_text("" if p["std"] is None else f"± {number(2.0 * p['std'], 2)}")
+            self._values[p.name].set_text(number(p.value, 6))
+            self._bands[p.name].set_text(f"± {number(2.0 * p.std, 2)}" if math.isfinite(p.std) else "")
 
-    def _table(self, parameters: list[Mapping[str, Any]]) -> None:
+    def _table(self, parameters: Sequence[Estimate]) -> None:
         def cells(name: str, unit: str) -> list[widgets.Cell]:
             def value() -> None:
                 self._values[name] = ui.label().props(f'data-parameter="{name}"')
@@ -111,7 +115,7 @@ class Readout:
 
             return [spelled(name), value, band, unit.replace("^2", "²")]
 
-        rows = [cells(p["name"], p["unit"]) for p in parameters]
+        rows = [cells(p.name, p.unit) for p in parameters]
         widgets.table(["parameter", "estimate", "± 2 σ", "unit"], rows, "Parameters")
 
     def _count(self, name: str) -> ui.label:
@@ -121,27 +125,26 @@ class Readout:
 
     def _show_alarms(self) -> None:
         newest = list(self.follower.history.alarms)[-SHOWN_ALARMS:]
-        seen = tuple(alarm["t_s"] for alarm in newest)
+        seen = tuple(alarm.t for alarm in newest)
         if seen == self._alarms_seen:
             return
         self._alarms_seen = seen
         self.alarms.clear()
         with self.alarms:
             for alarm in reversed(newest):
-                ui.label(f"Alarm: {alarm['sentence']}").classes("warning")
+                ui.label(f"Alarm: {alarm.sentence}").classes("warning")
 
 
-def nis_text(nis: Mapping[str, Any] | None) -> str:
+def nis_text(nis: Interval | None) -> str:
     """The running NIS with its interval."""
     if nis is None:
         return "NIS: no innovation yet"
-    low, high, readings = nis["low"], nis["high"], nis["readings"]
-    return f"NIS {nis['value']:.3f}; 99 % in {low:.3f} to {high:.3f} ({readings} readings)"
+    return f"NIS {nis.value:.3f}; 99 % in {nis.low:.3f} to {nis.high:.3f} ({nis.readings} readings)"
 
 
-def innovation_text(innovation: Mapping[str, Any] | None) -> str:
+def innovation_text(innovation: Innovation | None) -> str:
     """The newest innovation with what is expected."""
-    if innovation is None or not math.isfinite(innovation["e_m"]):
+    if innovation is None or not math.isfinite(innovation.e):
         return "Innovation: none yet"
-    e, std = 1e6 * innovation["e_m"], 2e6 * innovation["std_m"]
+    e, std = 1e6 * innovation.e, 2e6 * math.sqrt(innovation.variance)
     return f"Innovation {number(e, 3)} µm, expected ± {number(std, 3)} µm"

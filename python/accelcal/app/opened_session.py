@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from accelcal._support.errors import AccelcalError
+from accelcal.app.session_content import Content, Source
 from accelcal.io.dwell_table import digest_of
-from accelcal.serialization.schema.session import Content, Source
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from accelcal.app.session_content import Formula
 from accelcal.effects import Own, from_expression
 from accelcal.effects.formula import from_tried_expression
-from accelcal.serialization.schema.session import Formula
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,9 +22,7 @@ from accelcal.app import mapping
 from accelcal.app.known import Known
 from accelcal.app.own_formula import OwnFormula
 from accelcal.app.run import Run
-from accelcal.app.state import State
-from accelcal.serialization import model_file
-from accelcal.serialization.schema.session import (
+from accelcal.app.session_content import (
     MOST_GUESTS,
     MOST_MODELS,
     SCHEMA,
@@ -32,8 +30,9 @@ from accelcal.serialization.schema.session import (
     Source,
     StoredRun,
     StoredStep,
-    content_of,
 )
+from accelcal.app.state import State
+from accelcal.results import model_file
 
 SUFFIX = ".accelcal"
 CONTENT = "session.json"
@@ -100,7 +99,7 @@ def read(path: Path) -> tuple[Content, dict[int, str], tuple[str, ...]]:
     """
     with _reading(path):
         texts = _texts(path)
-        content = content_of(texts.pop(CONTENT))
+        content = Content.model_validate_json(texts.pop(CONTENT))
         models = {step.key: texts.pop(model_name(step.key)) for step in content.steps}
         guests = tuple(texts.pop(guest_name(number)) for number in range(1, len(content.guests) + 1))
     if texts:
@@ -111,7 +110,7 @@ def read(path: Path) -> tuple[Content, dict[int, str], tuple[str, ...]]:
 def peek(path: Path) -> Content:
     """Read what a session file says of itself, without its models; errors as `read`."""
     with _reading(path):
-        return content_of(_texts(path, (CONTENT,))[CONTENT])
+        return Content.model_validate_json(_texts(path, (CONTENT,))[CONTENT])
 
 
 @contextmanager

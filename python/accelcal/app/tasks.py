@@ -12,7 +12,7 @@ from accelcal._support.progress import within
 from accelcal.app import mapping
 from accelcal.app.examples import EXAMPLES
 from accelcal.app.own_formula import OwnFormula
-from accelcal.calibration.export import Laboratory, calibrate, draft, header, module, to_dict
+from accelcal.calibration.export import Laboratory, calibrate, draft, header, module
 from accelcal.data import summary
 from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Recording
@@ -25,7 +25,8 @@ from accelcal.model import Model
 from accelcal.plots.timeline import Marks, marks
 from accelcal.report import gather, html
 from accelcal.response import FrequencyResponse, frequency_response
-from accelcal.serialization import model_file
+from accelcal.results import model_file
+from accelcal.results.json import content as content_of
 from accelcal.signals.signals import Origins
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.differences import Comparison
@@ -134,7 +135,7 @@ def exported(found: Fit, kind: Export, name: str, *, progress: Report) -> str:
     texts: dict[Export, Callable[[], str]] = {
         "C": lambda: header(made, name),
         "Rust": lambda: module(made),
-        "JSON": lambda: model_file.dumps(to_dict(made)),
+        "JSON": lambda: model_file.dumps(content_of(made)),
         "DCC": lambda: draft(made, Laboratory()).text,
     }
     return texts[kind]()

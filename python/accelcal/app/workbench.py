@@ -28,6 +28,7 @@ from accelcal.app.own_formula import OwnFormula
 from accelcal.app.reading import Reader
 from accelcal.app.roles import Refused
 from accelcal.app.run import Role, Run, Stretch, time_span
+from accelcal.app.session_content import MOST_GUESTS
 from accelcal.app.state import Cancelled, Change, Guest, Job, State, Step
 from accelcal.app.tasks import Export
 from accelcal.app.workers import Compute, Report, direct
@@ -38,8 +39,7 @@ from accelcal.estimation.estimate import Fit, require_distinct
 from accelcal.io.formats import READABLE
 from accelcal.model import Model
 from accelcal.response import FrequencyResponse
-from accelcal.serialization import model_file
-from accelcal.serialization.schema.session import MOST_GUESTS
+from accelcal.results import model_file
 from accelcal.signals.signals import Origins
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.differences import Comparison

@@ -62,7 +62,6 @@ Band = Annotated[str | None, typer.Option("--band", help='Use the encoder up to 
 From = Annotated[str | None, typer.Option("--from", help="Start time on the position clock, s.")]
 To = Annotated[str | None, typer.Option("--to", help="End time on the position clock, s.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that this command did not write before.")]
-Seed = Annotated[int | None, typer.Option("--seed", help="Random seed; stored in the output file.", min=0)]
 
 
 def writable_file(option: typer.CallbackParam, path: Path | None) -> Path | None:
@@ -191,7 +190,7 @@ def print_alignment(recording: Any) -> None:
 
 def print_json(content: dict[str, Any], indent: int | None = 2) -> None:
     """Print JSON on stdout, in ASCII where its encoding lacks a character; without an indent in one line."""
-    from accelcal.serialization.json_text import dumps
+    from accelcal.results.json_text import dumps
 
     text = dumps(content, indent)
     try:

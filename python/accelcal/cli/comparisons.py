@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -29,6 +29,9 @@ from accelcal.cli.common import (
 )
 from accelcal.cli.hints import after_comparison
 from accelcal.cli.models import LOADED, load_like
+
+if TYPE_CHECKING:
+    from accelcal.validation.differences import Comparison
 
 
 @app.command()
@@ -63,7 +66,8 @@ def compare(
     """
     from accelcal.cli.printing import show_comparison
     from accelcal.io import atomic_write, together
-    from accelcal.serialization import diagnosis_json, model_file
+    from accelcal.results import json as results_json
+    from accelcal.results import model_file
     from accelcal.workflow import compare as compare_with
 
     load_own_effects(effects_file)
@@ -79,7 +83,7 @@ def compare(
             end=parse_quantity(end, "time", "--to"),
             progress=within(report, LOADED, 1.0),
         )
-    content = diagnosis_json.compared_to_dict(comparison)
+    content = results_json.content(comparison)
 
     written: list[Path] = []
     with together():
@@ -96,7 +100,7 @@ def compare(
         print_json(content)
     else:
         show_comparison(comparison)
-        best = best_of(content)
+        best = best_of(comparison)
         after_comparison(fits[best], models[best], runs[0])
 
 
@@ -121,11 +125,11 @@ def models_and_runs(files: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     return models, runs
 
 
-def best_of(content: dict[str, Any]) -> int:
+def best_of(found: Comparison) -> int:
     """The model that differs most for the better from the first; the first where none is surely better."""
     better = [
-        (one["change"]["percent"], number)
-        for number, one in enumerate(content["differences"], start=1)
-        if one["verdict"] == "better"
+        (one.pooled.percent, number)
+        for number, one in enumerate(found.differences, start=1)
+        if one.pooled is not None and one.verdict == "better"
     ]
     return min(better, default=(0.0, 0))[1]

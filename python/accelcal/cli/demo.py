@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from accelcal.cli.common import Json, app, print_json, print_status, progress, with_exit_codes, writable_folder
+from accelcal.cli.common import (
+    Json,
+    UsageError,
+    app,
+    print_json,
+    print_status,
+    progress,
+    with_exit_codes,
+    writable_folder,
+)
 from accelcal.cli.data import truth_text, write_recording
 from accelcal.cli.hints import suggest
 from accelcal.cli.overwriting import require_replaceable
@@ -47,7 +56,7 @@ def demo(
 
     from accelcal import io
     from accelcal.plots import write
-    from accelcal.serialization import model_file
+    from accelcal.results import model_file
     from accelcal.simulation.sensor import ADXL105_RIG
     from accelcal.simulation.sensor import simulate as simulate_rig
     from accelcal.workflow import compare as compare_with
@@ -66,7 +75,7 @@ def demo(
     first = io.load(paths[0])
     with progress("fit") as report:
         found = fit_replay(first, progress=report)
-    model_file.save(found, output / "m.json", seed=seed)
+    model_file.save(found, output / "m.json")
     show_fit(found, first)
     say_line(f"\n$ accelcal compare {output / 'm.json'} {paths[1]} --plots {output}")
     with progress("compare") as report:
@@ -82,7 +91,7 @@ def demo_hidden(effect: str, output: Path, seed: int) -> None:
     """Hide an effect in two recordings and find it with `improve`."""
     from accelcal.cli.printing import show_improvement
     from accelcal.demo import hide, seal
-    from accelcal.serialization import model_file
+    from accelcal.results import model_file
     from accelcal.workflow import improve as improve_with
 
     hidden = hide(effect, seed)
@@ -94,7 +103,7 @@ def demo_hidden(effect: str, output: Path, seed: int) -> None:
     say_line(f"\n$ accelcal improve {paths[0]} --holdout {paths[1]} -o {output / 'best.json'}")
     with progress("improve") as report:
         found = improve_with(hidden.train, holdout=hidden.holdout, progress=report)
-    model_file.save(found.diagnosis.fit, output / "best.json", seed=seed)
+    model_file.save(found.diagnosis.fit, output / "best.json")
     show_improvement(found)
     say_line(f"\nFound: {', '.join(found.effects) or 'nothing'}. Hidden: {hidden_text(hidden)}.")
     suggest("report", output / "best.json", paths[0], "--holdout", paths[1], "-o", output / "report.html")
@@ -132,15 +141,37 @@ def paper(
     Example: [bold]accelcal paper -o figures[/bold]
     """
     from accelcal.paper import reproduce
+    from accelcal.results.json import content
 
     with progress("paper") as report:
         found = reproduce(quick=not full, seed=seed, out=output, progress=lambda name, share: report(share))
     if json:
-        print_json(found.to_dict())
+        print_json(content(found))
     else:
         say_line(found.to_text())
     for path in found.figures:
         print_status(f"wrote {path}")
+
+
+@app.command()
+@with_exit_codes
+def schema(
+    name: Annotated[str | None, typer.Argument(help="Schema to print; without it all are listed.")] = None,
+) -> None:
+    """Print the JSON schema of what a command writes, or list all schemas.
+
+    Example: [bold]accelcal schema diagnosis[/bold]
+    """
+    from accelcal.results import json as results_json
+
+    if name is None:
+        for known in results_json.SCHEMAS:
+            say_line(known)
+        return
+    try:
+        print_json(results_json.schema(name))
+    except ValueError as error:
+        raise UsageError(str(error)) from None
 
 
 @app.command()

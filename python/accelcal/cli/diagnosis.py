@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -64,7 +65,8 @@ def diagnose(
     from accelcal.data.dwells import Dwells
     from accelcal.diagnosis.dwells import diagnose_dwells
     from accelcal.io import atomic_write
-    from accelcal.serialization import diagnosis_json, model_file
+    from accelcal.results import model_file
+    from accelcal.results.json import content
     from accelcal.workflow import compare as compare_with
     from accelcal.workflow import diagnose as diagnose_with
 
@@ -80,19 +82,18 @@ def diagnose(
             raise UsageError("--holdout needs a recording of a motion; these are dwells alone")
         report_on_dwells(diagnose_dwells(fitted, recordings), output, json)
         return
-    content = diagnosis_json.diagnosis_to_dict(found)
+    if seen is not None:
+        found = replace(found, heldout=seen[0])
     others = [r.name for r in recordings if r.digest not in {fitted_run.digest for fitted_run in fitted.runs}]
     if others:
         print_status(
             f"{', '.join(others)} is not what {model} was fitted to: all coefficients were estimated again on it"
         )
-    if seen is not None:
-        content["heldout"] = model_file.comparison_to_dict(seen[0])
     if output is not None:
-        atomic_write(output, model_file.dumps(content))
+        atomic_write(output, model_file.dumps(content(found)))
         print_status(f"wrote {output}")
     if json:
-        print_json(content)
+        print_json(content(found))
         return
     show(found)
     if seen is not None:
@@ -104,14 +105,14 @@ def report_on_dwells(found: DwellDiagnosis, output: Path | None, json: bool) -> 
     """Print and write a diagnosis of dwells."""
     from accelcal.cli.printing import show
     from accelcal.io import atomic_write
-    from accelcal.serialization import diagnosis_json, model_file
+    from accelcal.results.json import content
+    from accelcal.results.json_text import dumps
 
-    content = diagnosis_json.dwells_to_dict(found)
     if output is not None:
-        atomic_write(output, model_file.dumps(content))
+        atomic_write(output, dumps(content(found)))
         print_status(f"wrote {output}")
     if json:
-        print_json(content)
+        print_json(content(found))
     else:
         show(found)
 
@@ -140,7 +141,8 @@ def improve(
     from accelcal.cli.printing import show_improvement
     from accelcal.data.recording import Recording
     from accelcal.estimation.estimate import require_distinct
-    from accelcal.serialization import diagnosis_json, model_file
+    from accelcal.results import model_file
+    from accelcal.results.json import content
     from accelcal.workflow import improve as improve_with
 
     load_own_effects(effects_file)
@@ -162,9 +164,8 @@ def improve(
     if output is not None:
         model_file.save(found.diagnosis.fit, output)
         print_status(f"wrote {output}")
-    content = diagnosis_json.improvement_to_dict(found)
     if json:
-        print_json(content)
+        print_json(content(found))
     else:
         show_improvement(found)
         suggest("report", output, runs[0], *held_out(holdout), "-o", f"{runs[0].stem}.html")
@@ -173,7 +174,7 @@ def improve(
 @contextmanager
 def kept_on_the_way(steps: Sequence[Fit], output: Path | None) -> Iterator[None]:
     """Where a signal ends the search, write the newest of its models to the file that was asked for."""
-    from accelcal.serialization import model_file
+    from accelcal.results import model_file
 
     try:
         yield
@@ -208,7 +209,8 @@ def formula(
     from accelcal.data.recording import RecordingError
     from accelcal.effects import ExpressionError, find
     from accelcal.io import atomic_write
-    from accelcal.serialization import model_file
+    from accelcal.results import model_file
+    from accelcal.results.json import content
     from accelcal.workflow import formulas
 
     load_own_effects(effects_file)
@@ -227,7 +229,7 @@ def formula(
     except ValueError as error:
         raise UsageError(f"--curve {curve}: {error}") from None
     if json:
-        print_json(found.to_dict())
+        print_json(content(found))
     else:
         show_formulas(found)
     if output is None:
@@ -287,6 +289,7 @@ def power(
     from accelcal.experiment import power as power_of
     from accelcal.experiment import power_of_set_points
     from accelcal.model import Model
+    from accelcal.results.json import content
 
     load_own_effects(effects_file)
     with progress("power") as report:
@@ -299,7 +302,7 @@ def power(
         else:
             seen = power_of_set_points(recording)
     if json:
-        print_json(seen.to_dict())
+        print_json(content(seen))
     else:
         show_power(seen)
         suggest("fit", run if len(recording.accel) else None, "-o", f"{run.stem}.json")
@@ -325,6 +328,7 @@ def plan(
     from accelcal import io
     from accelcal.cli.printing import limit, show_plan
     from accelcal.experiment import plan as plan_for
+    from accelcal.results.json import content
     from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG
 
     rigs = {"ADXL105": ADXL105_RIG, "CXL02": CXL02_RIG}
@@ -345,7 +349,7 @@ def plan(
         for path in write_set_points(found, used, output):
             print_status(f"wrote {path}")
     if json:
-        print_json(found.to_dict())
+        print_json(content(found))
     else:
         show_plan(found)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -78,15 +78,17 @@ def dwells(
         print_status("nothing was used or written")
         return
     if triad:
+        from accelcal.results.json import content
+
         fitted = fit_triad(positions(found))
-        content = triad_to_dict(fitted)
+        values = content(fitted)
         if output is not None:
             from accelcal.io import atomic_write
-            from accelcal.serialization import model_file
+            from accelcal.results.json_text import dumps
 
-            atomic_write(output, model_file.dumps(content))
+            atomic_write(output, dumps(values))
             print_status(f"wrote {output}")
-        print_json(content) if json else show_triad(fitted)
+        print_json(values) if json else show_triad(fitted)
         return
     if output is not None:
         sidecar = write_table(found, degrees, output, mark_of(output))
@@ -151,28 +153,6 @@ def line(k: int, rest: Rest, degrees: list[float]) -> tuple[str, ...]:
     means = (f"{y:.7g}" for y in rest.mean)
     shown = f"{degrees[k]:g} deg" if degrees else ""
     return (str(k + 1), f"{rest.start:.6g}", f"{rest.end:.6g}", *means, f"{max(rest.std):.3g}", shown)
-
-
-def triad_to_dict(fit: TriadFit) -> dict[str, Any]:
-    """Parameters, residual and verdict of a triad."""
-    return {
-        "schema": "accelcal/triad/1",
-        "file": fit.name,
-        "gravity_m_per_s2": fit.gravity,
-        "output_unit": fit.unit,
-        "parameters": {name: {"value": y, "std": dict(fit.std)[name]} for name, y in fit.values.items()},
-        "T": fit.T.tolist(),
-        "K": fit.K.tolist(),
-        "b": fit.b.tolist(),
-        "positions": len(fit.residual),
-        "residual_m_per_s2": fit.residual.tolist(),
-        "rms_m_per_s2": fit.rms,
-        "ratio": fit.ratio,
-        "verdict": fit.verdict,
-        "sentence": fit.sentence,
-        "terms": [{"members": list(t.members), "t": t.t, "p": t.p_value} for t in fit.terms],
-        "remarks": list(fit.remarks),
-    }
 
 
 def show_triad(fit: TriadFit) -> None:

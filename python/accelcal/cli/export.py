@@ -58,7 +58,7 @@ def report(
     """
     from accelcal import report as page
     from accelcal.io import together
-    from accelcal.serialization import model_file
+    from accelcal.results import model_file
 
     if compare:
         if holdout or rig or light:
@@ -95,7 +95,7 @@ def report_agreement(
     from accelcal.cli.printing import show_agreement
     from accelcal.io import together
     from accelcal.report.agreement_view import agreement_view
-    from accelcal.serialization import model_file
+    from accelcal.results import model_file
 
     written = pages_to_write(output if output is not None else second.with_suffix(".html"), pdf)
     load_own_effects(effects_file)
@@ -149,7 +149,8 @@ def export(
     from accelcal.calibration import export as exports
     from accelcal.cli.printing import show_export
     from accelcal.io import atomic_write, together
-    from accelcal.serialization import model_file
+    from accelcal.results import model_file
+    from accelcal.results.json import content
 
     if not (c or rust or dcc or json):
         raise UsageError("nothing to write: give --c sensor.h, --rust sensor.rs, --dcc draft.xml or --json")
@@ -171,9 +172,9 @@ def export(
         for path, text in files.items():
             atomic_write(path, text)
     if json:
-        print_json(exports.to_dict(made))
+        print_json(content(made))
     else:
-        show_export(exports.to_dict(made))
+        show_export(made)
     for path in files:
         print_status(f"wrote {path}")
     if dcc is not None:

@@ -44,6 +44,7 @@ def fleet(
     from accelcal.cli.printing import show_fleet
     from accelcal.fleet.summary import summarise
     from accelcal.fleet.task import MODELS, fit_of
+    from accelcal.results.json import content
 
     if model not in MODELS:
         raise UsageError(f"--model {model!r}: expected {' or '.join(MODELS)}")
@@ -67,7 +68,7 @@ def fleet(
         atomic_write(output, html(found, output.parent))
         print_status(f"wrote {output}")
     if json:
-        print_json(found.to_dict())
+        print_json(content(found))
     else:
         show_fleet(found)
 

@@ -58,7 +58,7 @@ def live(
     """
     from accelcal.io import read_sidecar
     from accelcal.live import LiveSession, settings_of
-    from accelcal.serialization import model_file
+    from accelcal.results import model_file
 
     interval = parse_quantity(every, "time", "--every")
     if interval is None or not interval > 0.0:

@@ -12,9 +12,9 @@ from accelcal._support.plain_text import visible
 from accelcal.cli.common import print_json, print_status
 from accelcal.cli.terminal import say_line
 from accelcal.live.monitor import Alarm
-from accelcal.live.session import LiveState
-from accelcal.live.state_json import state_to_dict
+from accelcal.live.session import LiveEvent, LiveState
 from accelcal.model import Estimate
+from accelcal.results.json import content
 from accelcal.results.words import number, with_unit
 
 if TYPE_CHECKING:
@@ -68,17 +68,20 @@ class Lines:
 class JsonLines(Lines):
     """JSON, one object a line."""
 
+    def _print(self, event: LiveEvent) -> None:
+        print_json(content(event), indent=None)
+
     def show(self, state: LiveState) -> None:
         """One object of what is known."""
-        print_json(state_to_dict(state, self.source), indent=None)
+        self._print(LiveEvent("state", self.source, state))
 
     def alarm(self, alarm: Alarm, state: LiveState) -> None:
         """One object of the alarm."""
-        print_json(state_to_dict(state, self.source, "alarm", alarm=alarm), indent=None)
+        self._print(LiveEvent("alarm", self.source, state, alarm))
 
     def end(self, state: LiveState, ended: str) -> None:
         """The last object."""
-        print_json(state_to_dict(state, self.source, "end", ended=ended), indent=None)
+        self._print(LiveEvent("end", self.source, state, ended=ended))
 
 
 class Screen(Lines):

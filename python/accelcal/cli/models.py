@@ -18,7 +18,6 @@ from accelcal.cli.common import (
     OfPosition,
     Output,
     Rig,
-    Seed,
     To,
     UsageError,
     app,
@@ -82,7 +81,6 @@ def fit(
     carrier: Annotated[str, typer.Option("--carrier", help="aci, cwpa: dense or factored.")] = "dense",
     output: Output = None,
     json: Json = False,
-    seed: Seed = None,
 ) -> None:
     """Estimate bias, scale factor and time offset (and K2, K3) with their uncertainty.
 
@@ -99,7 +97,7 @@ def fit(
     from accelcal.data.recording import Recording
     from accelcal.estimation.run import Method
     from accelcal.model import Model
-    from accelcal.serialization import model_file
+    from accelcal.results import model_file
     from accelcal.workflow import fit as fit_runs
 
     chosen = {"linear": Model.linear, "cubic": Model.cubic}.get(model)
@@ -134,9 +132,9 @@ def fit(
         with progress("fit"):
             found, _ = fit_recursive(choice, recordings[0], start=begin, end=stop)
     if output is not None:
-        model_file.save(found, output, seed=seed)
+        model_file.save(found, output)
     if json:
-        print_json(model_file.to_dict(found, seed=seed))
+        print_json(model_file.to_dict(found))
     else:
         show_fit(found, *(one for one in recordings if isinstance(one, Recording)))
     if output is not None:
@@ -201,7 +199,7 @@ def add(
 
     Example: [bold]accelcal add m.json run12.csv --effect cubic -o m2.json[/bold]
     """
-    from accelcal.serialization import model_file
+    from accelcal.results import model_file
     from accelcal.workflow import add as add_to
 
     load_own_effects(effects_file)
@@ -229,7 +227,7 @@ def drop(
 
     Example: [bold]accelcal drop m2.json run12.csv --effect cubic -o m3.json[/bold]
     """
-    from accelcal.serialization import model_file
+    from accelcal.results import model_file
     from accelcal.workflow import drop as drop_from
 
     load_own_effects(effects_file)
@@ -259,7 +257,7 @@ def freeze(
     Example: [bold]accelcal freeze m.json run12.csv --at bias=0.05 -o m2.json[/bold]
     """
     from accelcal.estimation.estimate import engine_of
-    from accelcal.serialization import model_file
+    from accelcal.results import model_file
     from accelcal.workflow import fit as fit_again
 
     load_own_effects(effects_file)
@@ -296,7 +294,7 @@ def finish_fit(found: Fit, recordings: Sequence[Recording | Dwells], output: Pat
     """Write and print a fit."""
     from accelcal.cli.printing import show_fit
     from accelcal.data.recording import Recording
-    from accelcal.serialization import model_file
+    from accelcal.results import model_file
 
     if output is not None:
         model_file.save(found, output)

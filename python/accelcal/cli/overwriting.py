@@ -140,7 +140,7 @@ def _of_file(path: Path, command: str, read: Sequence[Path], models: Sequence[Pa
     if not path.is_file() or path.suffix in FIGURES or not path.stat().st_size:
         return ""
     from accelcal.io.dwell_table import digest_of
-    from accelcal.serialization.json_text import read_json
+    from accelcal.results.json_text import read_json
 
     if path.suffix == ".json":
         try:
@@ -151,11 +151,11 @@ def _of_file(path: Path, command: str, read: Sequence[Path], models: Sequence[Pa
         if schema.startswith("accelcal/model/"):
             if command not in MODELLING:
                 return f"{path} is a model"
-            used = _sources(content)
-            if joined or (not content.get("data") and len(read) > 1):  # made of several files, with a digest of its own
-                same = any(file.name in str(source.get("file", source.get("name"))) for source in used for file in read)
+            runs, used = _sources(content)
+            if joined or (not runs and len(read) > 1):  # made of several files, with a digest of its own
+                same = any(file.name in str(source.get("name")) for source in used for file in read)
             elif command == "live":  # which goes on with a model
-                same = any(_digests(used) & _digests(_sources(read_json(model))) for model in models)
+                same = any(_digests(used) & _digests(_sources(read_json(model))[1]) for model in models)
             elif not _digests(used):  # of arrays of a program
                 same = any(path.samefile(model) for model in models)
             else:
@@ -168,14 +168,21 @@ def _of_file(path: Path, command: str, read: Sequence[Path], models: Sequence[Pa
     return f"accelcal {command} did not write {path}"
 
 
-def _sources(model: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Recordings and dwells that a model was fitted to."""
-    dwells = model.get("dwells")
-    return [*(model.get("data") or ()), *([dwells] if isinstance(dwells, Mapping) else ())]
+def _sources(model: Any) -> tuple[list[Any], list[Any]]:
+    """Recordings that a model was fitted to; the same and its dwells."""
+    from accelcal.results.migrations import migrated
+
+    try:
+        present = migrated(model)
+    except ValueError:
+        return [], []
+    runs = [run for run in present.get("runs") or () if isinstance(run, Mapping)]
+    dwells = present.get("dwells")
+    return runs, [*runs, *([dwells] if isinstance(dwells, Mapping) else ())]
 
 
 def _digests(sources: Sequence[Mapping[str, Any]]) -> set[Any]:
-    return {source.get(key) for source in sources for key in ("sha256", "session_sha256", "digest")} - {None, ""}
+    return {source.get(key) for source in sources for key in ("digest", "session")} - {None, ""}
 
 
 def _is_text_of_accelcal(path: Path) -> bool:

@@ -14,6 +14,7 @@ DRIFT_ROWS = 8
 
 if TYPE_CHECKING:
     from accelcal._support.result import Result
+    from accelcal.calibration.export import Calibration
     from accelcal.data.recording import Recording
     from accelcal.estimation.estimate import Fit
     from accelcal.experiment.design import Plan
@@ -55,7 +56,6 @@ def show_improvement(result: Improvement) -> None:
 
 def show_fit(fit: Fit, *recordings: Recording) -> None:
     """Print a fit, with warnings on its recordings, electrical parameters, dwells and assumptions."""
-    from accelcal.calibration.electrical import electrical
     from accelcal.effects import spelled
 
     for recording in recordings:
@@ -63,33 +63,31 @@ def show_fit(fit: Fit, *recordings: Recording) -> None:
             if finding.severity == "warning":
                 say(f"warning: {recording.name}: {finding.text}", style="bold red")
     show(fit)
-    rig = recordings[0].rig if recordings else fit.rig
-    for key, quantity in (electrical(fit, rig) or {}).items():
-        value, std, unit = quantity["value"], quantity["std"], quantity["unit"]
+    for key, quantity in fit.electrical.items():
+        value, std, unit = quantity.value, quantity.std, quantity.unit
         say(f"{spelled(key)}: {plain(unit, value, std)} ({concise(value, std)} {unit})")
     show_dwells(fit)
     for text in recordings[0].rig.assumptions if recordings else ():
         say(f"assumed: {text}")
 
 
-def show_export(content: dict[str, Any]) -> None:
+def show_export(made: Calibration) -> None:
     """Print what was exported: its range, its error bounds, omitted effects."""
     from accelcal.calibration.export.words import upwards
 
-    low, high = content["validity"]["acceleration_m_per_s2"]
-    say_line(content["model"])
+    low, high = made.domain.acceleration
+    say_line(made.equation)
     say_line(f"valid for {low:.6g} to {high:.6g} m/s²", end="")
-    warm = content["validity"]["temperature_degC"]
+    warm = made.domain.temperature
     say_line("" if warm is None else f", {warm[0]:.4g} to {warm[1]:.4g} degC")
-    for kind in ("double", "float"):
-        code = content[kind]
-        terms = sum(len(row) for s in code["segments"] for row in s["coefficients"])
-        say_line(f"{kind}: within {upwards(code['bound_m_per_s2'])} m/s² of the exact inverse, {terms} coefficients")
-    least, most = content["std_m_per_s2"]
+    for code in made.codes:
+        kind, terms = code.inverse.format.name, sum(len(row) for s in code.inverse.segments for row in s.coefficients)
+        say_line(f"{kind}: within {upwards(code.bound)} m/s² of the exact inverse, {terms} coefficients")
+    least, most = made.std
     say_line(f"standard uncertainty from the fit: {least:.2g} to {most:.2g} m/s²")
-    for one in content["left_out"]:
-        say_line(f"not exported: {one['effect']} {one['why']}")
-    for text in content["remarks"]:
+    for missing in made.left_out:
+        say_line(f"not exported: {missing.effect} {missing.why}")
+    for text in made.remarks:
         say_line(f"note: {text}")
 
 
@@ -122,19 +120,18 @@ def show_power(result: Power) -> None:
 
 def show_drift_bandwidth(drift: DriftBandwidth) -> None:
     """Print the smallest sinusoidal changes of bias and scale factor that a record shows, and those of a tumble."""
-    content = drift.to_dict()
-    frequency, tumble = content["frequency_Hz"], content["tumble"]
-    say_line(f"smallest sinusoidal change that this record shows at {content['sigma']:g} sigma, whatever its phase")
-    names = [name for name in tumble if name in content and name != "frequency_Hz"]
-    few = range(0, len(frequency), max(1, len(frequency) // DRIFT_ROWS))
+    from accelcal.experiment.drift_bandwidth import SIGMA
+
+    frequency, tumble, curves = drift.frequency, drift.tumble, (drift.bias, drift.scale_factor)
+    say_line(f"smallest sinusoidal change that this record shows at {SIGMA:g} sigma, whatever its phase")
     rows = [
-        (f"{frequency[i]:.3g}", *("-" if content[name][i] is None else f"{content[name][i]:.2g}" for name in names))
-        for i in few
+        (f"{frequency[i]:.3g}", *(f"{y[i]:.2g}" if math.isfinite(y[i]) else "-" for y in curves))
+        for i in range(0, len(frequency), max(1, len(frequency) // DRIFT_ROWS))
     ]
-    slow = (f"below {tumble['frequency_Hz']:.1g}", *(f"{tumble[name]:.2g}" for name in names))
+    slow = (f"below {tumble.frequency:.1g}", f"{tumble.bias:.2g}", f"{tumble.scale_factor:.2g}")
     show_table(("frequency, Hz", "bias, m/s²", "scale_factor"), [*rows, slow])
     say_line(
-        f"  the last row: a tumble test of {tumble['seconds'] / 60:.0f} min with this noise and angles to 0.001 degrees"
+        f"  the last row: a tumble test of {tumble.seconds / 60:.0f} min with this noise and angles to 0.001 degrees"
     )
 
 
@@ -157,17 +154,16 @@ def show_formulas(found: FormulaSet) -> None:
 
 def show_plan(result: Plan) -> None:
     """Print what a planned motion would detect, and whether it separates the requested effects."""
-    content = result.to_dict()
-    names, limits = ", ".join(result.effects), content["limits"]
-    verdict = "can be separated" if content["separated"] else "cannot all be separated within these limits"
+    names, limits = ", ".join(result.effects), result.limits
+    verdict = "can be separated" if result.separated else "cannot all be separated within these limits"
     say(
-        f"{names} {verdict}; {content['motions_tried']} motions of {content['seconds']:g} s tried within "
-        f"{limits['stroke_m']:g} m, {limits['speed_m_per_s']:g} m/s, {limits['acceleration_m_per_s2']:g} m/s²",
+        f"{names} {verdict}; {result.tried} motions of {result.seconds:g} s tried within "
+        f"{limits.stroke:g} m, {limits.speed:g} m/s, {limits.acceleration:g} m/s²",
         style="bold",
     )
     show(result)
-    for pair in content["correlations"]:
-        say(f"{' and '.join(pair['effects'])}: correlation {pair['correlation']:.3f}")
+    for first, second, correlation in result.correlations:
+        say(f"{first} and {second}: correlation {correlation:.3f}")
 
 
 def show_dwells(found: Fit) -> None:

@@ -52,7 +52,8 @@ def response(
     from accelcal.io import atomic_write, together
     from accelcal.response.certificate import draft_response
     from accelcal.response.measure import Method, frequency_response
-    from accelcal.response.table import lines, to_csv, to_dict
+    from accelcal.response.table import lines, to_csv
+    from accelcal.results.json import content
 
     require_usable(dcc, lab, schema)
     if method not in get_args(Method):
@@ -77,7 +78,7 @@ def response(
 
             save(sensitivity(found), figure)
     if json:
-        print_json(to_dict(found))
+        print_json(content(found))
     else:
         print("\n".join(lines(found)))
     for path in (csv, dcc, figure):

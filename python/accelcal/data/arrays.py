@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from accelcal._support.faces import face
+
+
+@dataclass(frozen=True)
+class Stored:
+    """Kind of the numbers of an array, by which JSON restores it."""
+
+    kind: type[np.generic]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        return face("results.json").array_schema(self.kind)
+
+
+Array = Annotated[NDArray[np.float64], Stored(np.float64)]
+Flags = Annotated[NDArray[np.bool_], Stored(np.bool_)]
+Counts = Annotated[NDArray[np.int64], Stored(np.int64)]
 
 
 def copied(values: Any) -> NDArray[Any]:

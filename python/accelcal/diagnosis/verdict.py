@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
@@ -80,6 +80,8 @@ class Diagnosis(Result):
     'cubic'
     """
 
+    told: ClassVar[tuple[str, ...]] = ("suspect", "importance")
+
     verdict: Verdict
     """On what the model lacks."""
     sentence: str
@@ -114,6 +116,8 @@ class Diagnosis(Result):
     """Significant noise tests whose effect is not named, since a missing effect of the motion may be behind them."""
     left: str = ""
     """The part of the sentence on what is left."""
+    heldout: Evaluation | None = None
+    """The model against a held-out recording; None where there is none."""
 
     def __repr__(self) -> str:
         return f"Diagnosis({self.verdict}: {self.sentence})"

@@ -9,11 +9,12 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
+from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
 from accelcal.data.arrays import Array
@@ -260,6 +261,10 @@ class Effect(Result):
     """The user's file that it comes from, whole; empty in the built-in catalogue."""
     digest: str = ""
     """SHA-256 of that file, hex."""
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
+        return face("results.json").named(face("effects").find)
 
     def __repr__(self) -> str:
         return f"Effect({self.name}: {self.summary}; {self.unit}, {self.owner})"

@@ -6,7 +6,7 @@ import difflib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
@@ -71,6 +71,15 @@ REVERSED_COHERENCE = 0.5
 """Squared coherence of output and motion below which a relation with the other sign is none of a mount."""
 
 
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A value with its standard uncertainty and unit."""
+
+    value: float
+    std: float
+    unit: str
+
+
 @immutable
 @dataclass(frozen=True, slots=True, weakref_slot=True)
 class Fit(Result):
@@ -87,6 +96,8 @@ class Fit(Result):
     >>> fit["scale_factor"].unit, fit["bias"].std > 0.0
     ('1', True)
     """
+
+    told: ClassVar[tuple[str, ...]] = ("electrical", "stands_for")
 
     model: Model
     estimates: tuple[Estimate, ...]
@@ -106,12 +117,12 @@ class Fit(Result):
     spreads: tuple[Spread, ...] = ()
     """Coefficients that differ from run to run; their estimates are the means over runs."""
     seen_by_runs: tuple[SeenByRuns, ...] = ()
-    """Effects that no single run shows and that explain how the runs differ; model files have their remarks alone."""
+    """Effects that no single run shows and that explain how the runs differ."""
     tilt: float = 0.0
     """Turning of the axis that would explain the slow residual, degrees rms; 0 where there is none to explain, or where
     orientation was recorded."""
     goes_with: tuple[GoesWith, ...] = ()
-    """What coefficients that differ from run to run go with; model files have their remarks alone."""
+    """What coefficients that differ from run to run go with."""
     dwells: DwellFit | None = None
     """What is left of the dwells of the fit; None where it has none."""
     noise_effects: tuple[NoiseEffect, ...] = ()
@@ -154,7 +165,7 @@ class Fit(Result):
 
     def save(self, path: str | Path) -> None:
         """Write a model file, whole or not at all; `accelcal.load_model` reads it."""
-        face("serialization.model_file").save(self, path)
+        face("results.model_file").save(self, path)
 
     def correlations(self) -> DataFrame:
         """Return the correlations of the free parameters as a pandas DataFrame, names on both sides.
@@ -172,6 +183,24 @@ class Fit(Result):
         """Name and SHA-256 of every file that it was made from, of the whole file where a part of it was used."""
         runs = [(run.name or "recording", run.session or run.digest) for run in self.runs]
         return (*runs, *([(self.dwells.name or "dwells", self.dwells.digest)] if self.dwells else []))
+
+    @property
+    def electrical(self) -> Mapping[str, Quantity]:
+        """Sensitivity and zero-g output where an electrical scale is declared; else none."""
+        sensor = self.rig.sensor
+        if sensor.scale is None:
+            return {}
+        unit, k, bias = sensor.scale_unit or "V", self["scale_factor"], self["bias"]
+        g, size = STANDARD_GRAVITY, abs(sensor.scale)
+        return {
+            "sensitivity": Quantity(sensor.scale * (1.0 + k.value) * g, size * k.std * g, f"{unit}/g"),
+            "zero_g_output": Quantity((sensor.zero or 0.0) + sensor.scale * bias.value, size * bias.std, unit),
+        }
+
+    @property
+    def stands_for(self) -> Mapping[str, str]:
+        """Sum that each parameter equals on this rig, by name."""
+        return {e.name: tied_sum(self, e.name) for e in self.estimates}
 
     @property
     def free(self) -> tuple[Estimate, ...]:

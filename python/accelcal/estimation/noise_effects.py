@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from accelcal.data.arrays import Array
+from accelcal.effects.registry import Owner
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +34,7 @@ class NoiseEffect:
     value: float
     """Factor of the effect's variance function."""
     std: float
-    owner: str
+    owner: Owner
     p_value: float
     """Probability of such a value, or a larger one, by chance where there is none."""
     sentence: str

@@ -10,10 +10,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
+from typing import ClassVar
 
 import numpy as np
 import scipy
 
+from accelcal._support.result import Storable
 from accelcal.data.arrays import Array
 from accelcal.data.recording import RecordingError
 from accelcal.estimation.dwell_fit import SCATTER_REMARK
@@ -63,8 +65,10 @@ class NormTerm:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TriadFit:
+class TriadFit(Storable):
     """Nine parameters of a triad."""
+
+    told: ClassVar[tuple[str, ...]] = ("values", "rms", "verdict", "sentence", "remarks")
 
     T: Array
     """Upper triangular, unit diagonal: angles between the axes, rad."""

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import combinations, product
-from typing import Any
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
-from accelcal._support.result import Result
+from accelcal._support.result import NotStored, Result
 from accelcal._support.threads import one_thread
 from accelcal.data.arrays import Array
 from accelcal.data.rig import Rig
@@ -27,7 +27,7 @@ from accelcal.diagnosis.search.scores import CandidateScores
 from accelcal.effects import find
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.values import Noise
-from accelcal.experiment.detectability import Detectability, Power, detectability_to_dict
+from accelcal.experiment.detectability import Detectability, Power
 from accelcal.experiment.detection_probability import evidence_of, rules_for
 from accelcal.experiment.planned_bursts import PATTERNS, Limits, Recipe, build
 from accelcal.experiment.planned_motion import ACCEL_RATE, POSITION_RATE, planned_noise, planned_state
@@ -35,7 +35,6 @@ from accelcal.experiment.power_analysis import detectability_of, most_visible_di
 from accelcal.model import Model
 from accelcal.simulation.motion import Motion
 
-SCHEMA = "accelcal/plan/1"
 SHARES = (0.2, 0.5)
 """Shares of the time for moves that are tried."""
 SEEDS = 12
@@ -52,7 +51,9 @@ LEAST_LIMIT = 1e-6
 class Plan(Result):
     """A motion that separates named effects, and its detection limits."""
 
-    motion: Motion
+    told: ClassVar[tuple[str, ...]] = ("seconds", "separated")
+
+    motion: Annotated[Motion, NotStored("accelcal.plan with the same arguments makes it again")]
     effects: tuple[str, ...]
     limits: Limits
     recipe: Recipe
@@ -71,6 +72,11 @@ class Plan(Result):
         return tuple(self.power[name] for name in self.effects)
 
     @property
+    def seconds(self) -> float:
+        """Length of the motion, s."""
+        return self.motion.seconds
+
+    @property
     def separated(self) -> bool:
         """Whether every pair is separated, and each effect visible."""
         return all(correlation < CONFOUNDED_CORRELATION for *_, correlation in self.correlations) and all(
@@ -81,37 +87,6 @@ class Plan(Result):
         """Times (n,) s and positions (n,) m to drive the stage through."""
         t = np.arange(math.floor(self.motion.seconds * rate) + 1) / rate
         return t, self.motion.position(t)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Content of `plan --json`."""
-        return {
-            "schema": SCHEMA,
-            "effects": [
-                {
-                    **detectability_to_dict(detectability),
-                    "typical_size": find(detectability.effect).scale,
-                    "typical_d": d,
-                }
-                for detectability, d in zip(self.detectabilities, self.typical, strict=True)
-            ],
-            "correlations": [{"effects": [a, b], "correlation": rho} for a, b, rho in self.correlations],
-            "separated": self.separated,
-            "seconds": self.motion.seconds,
-            "limits": {
-                "stroke_m": self.limits.stroke,
-                "speed_m_per_s": self.limits.speed,
-                "acceleration_m_per_s2": self.limits.acceleration,
-            },
-            "recipe": {
-                "bursts": [asdict(burst) for burst in self.recipe.pattern],
-                "share_of_moves": self.recipe.share,
-                "aligned": self.recipe.aligned,
-                "seed": self.recipe.seed,
-            },
-            "motions_tried": self.tried,
-            "candidates_examined": self.power.examined,
-            "alpha": self.power.alpha,
-        }
 
 
 @checked

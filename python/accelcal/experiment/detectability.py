@@ -5,21 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any
+from typing import Annotated
 
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
 from accelcal._support.immutable import immutable
-from accelcal._support.result import Result
-from accelcal.diagnosis.policy import DETECTION_PROBABILITY
+from accelcal._support.result import NotStored, Result
 from accelcal.experiment.detection_probability import DetectionModel
 from accelcal.experiment.drift_bandwidth import DriftBandwidth
-
-if TYPE_CHECKING:
-    pass
-
-SCHEMA = "accelcal/power/1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +67,9 @@ class Power(Result):
     blocks: int
     """Effective blocks."""
     alpha: float
-    detection_model: DetectionModel | None = field(repr=False, compare=False)
+    detection_model: Annotated[
+        DetectionModel | None, NotStored("accelcal.power(recording) makes it from the recording")
+    ] = field(repr=False, compare=False)
     """Model from which probabilities of detection are simulated; None in one that was pickled."""
     name: str = ""
     drift: DriftBandwidth | None = None
@@ -143,41 +139,3 @@ class Power(Result):
                 f"{effect!r} has {len(detectability.parts)} parts ({', '.join(detectability.parts)}), not {len(sizes)}"
             )
         return self.of_run.detection(truth, sizes)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Content of `power --json`."""
-        return {
-            "schema": SCHEMA,
-            "name": self.name,
-            "candidates_examined": self.examined,
-            "blocks": self.blocks,
-            "alpha": self.alpha,
-            "probability": DETECTION_PROBABILITY,
-            "effects": [detectability_to_dict(s) for s in self.detectabilities],
-            "ties": [
-                {"members": list(g.members), "correlation": g.correlation, "experiment": g.experiment}
-                for g in self.ties
-            ],
-            "drift_bandwidth": None if self.drift is None else self.drift.to_dict(),
-        }
-
-
-def detectability_to_dict(detectability: Detectability) -> dict[str, Any]:
-    """One effect; null for sizes that are not visible."""
-
-    def plain(values: tuple[float, ...]) -> Any:
-        finite = [v if math.isfinite(v) else None for v in values]
-        return finite[0] if len(finite) == 1 else finite
-
-    return {
-        "effect": detectability.effect,
-        "unit": detectability.unit,
-        "shape": dict(detectability.shape),
-        "parts": [part for part in detectability.parts if part],
-        "d_per_unit": plain(detectability.d),
-        "smallest_detectable": plain(detectability.smallest),
-        "largest_contribution": plain((detectability.largest,)),
-        "largest_contribution_unit": detectability.largest_unit,
-        "class": list(detectability.members),
-        "experiment": detectability.experiment,
-    }

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -67,25 +66,6 @@ class DriftBandwidth:
             raise AccelcalError(f"{parameter!r}: the drift bandwidth is known of {' and '.join(BASE[:2])}")
         smallest = self.bias if parameter == BASE[0] else self.scale_factor
         return float(np.max(self.frequency[smallest <= amplitude], initial=0.0))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Content of `power --json`; null where the record cannot show a change."""
-
-        def plain(y: Array) -> list[float | None]:
-            return [float(v) if math.isfinite(v) else None for v in y]
-
-        return {
-            "sigma": SIGMA,
-            "frequency_Hz": plain(self.frequency),
-            "bias": plain(self.bias),
-            "scale_factor": plain(self.scale_factor),
-            "tumble": {
-                "seconds": self.tumble.seconds,
-                "frequency_Hz": self.tumble.frequency,
-                "bias": self.tumble.bias,
-                "scale_factor": self.tumble.scale_factor,
-            },
-        }
 
 
 def drift_bandwidth(state: RunState, model: Model) -> DriftBandwidth:

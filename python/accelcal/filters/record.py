@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from accelcal import _core
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
 from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
-from accelcal.data.arrays import Array, Flags, copied
+from accelcal.data.arrays import Array, Counts, Flags, copied
 from accelcal.data.recording import Channel
 from accelcal.filters.choice import PARAMETERS, FilterChoice, GaussMarkov
 from accelcal.filters.core_settings import core_prior, core_samples, core_setup
@@ -57,7 +57,7 @@ class FilterRun(Result):
     """(n,) unit of the reading: e = z - expected; NaN where the output drove the state."""
     innovation_variances: Array
     """(n,) unit of the reading squared: S; NaN likewise."""
-    rejections: NDArray[np.intp]
+    rejections: Counts
     """Indices of the readings that the gate rejected."""
     covariance: Array
     """(N, N) SI: the whole covariance after the last event."""

@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from accelcal._support.errors import AccelcalError
+from accelcal._support.result import Storable
 from accelcal.data.arrays import Array
 from accelcal.estimation.multiplicity import over_all
 
@@ -39,8 +41,10 @@ class Component:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Population:
+class Population(Storable):
     """One parameter of a fleet."""
+
+    told: ClassVar[tuple[str, ...]] = ("next_sensor_std", "next_run_std")
 
     mean: float
     mean_std: float

@@ -6,21 +6,20 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from accelcal._support.errors import AccelcalError
+from accelcal._support.result import Storable
 from accelcal.campaign import Results
-from accelcal.data.arrays import Array
+from accelcal.data.arrays import Array, Counts
 from accelcal.estimation.multiplicity import over_all
 from accelcal.fleet.population import Population, population
 from accelcal.fleet.task import STD
 from accelcal.model import Model
 
-SCHEMA = "accelcal/fleet/1"
 LIMIT = 3.0
 """Standard deviations of a control chart."""
 OUTLYING = 0.01
@@ -61,13 +60,15 @@ class Chart:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fleet:
+class Fleet(Storable):
     """Many runs of many sensors."""
+
+    told: ClassVar[tuple[str, ...]] = ("sentences",)
 
     sensors: tuple[str, ...]
     files: tuple[str, ...]
     """Of all runs that were fitted, in the order in which they were given."""
-    sensor_of: NDArray[np.intp]
+    sensor_of: Counts
     """Number of the sensor of each."""
     values: dict[str, Array]
     """By name, as `fleet.task` keeps them, (runs,)."""
@@ -121,22 +122,6 @@ class Fleet:
         if failed:
             said.append(f"{failed} of {failed + len(self.files)} recordings could not be fitted")
         return said
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values ready for JSON."""
-        runs: list[dict[str, Any]] = []
-        for k, file in enumerate(self.files):
-            row = {name: float(y[k]) for name, y in self.values.items()}
-            runs.append({"file": file, "sensor": self.sensors[self.sensor_of[k]], **row})
-        return {
-            "schema": SCHEMA,
-            "sentences": self.sentences,
-            "parameters": {name: self.parameter_to_dict(name) for name in self.populations},
-            "sensors": [self.sensor_to_dict(i) for i in range(len(self.sensors))],
-            "charts": [{**asdict(chart), "ages": chart.ages} for chart in self.charts],
-            "runs": runs,
-            "errors": self.errors,
-        }
 
     def parameter_to_dict(self, name: str) -> dict[str, Any]:
         """Population of a parameter."""
@@ -199,7 +184,7 @@ def summarise(results: Results) -> Fleet:
 
 def control_charts(
     sensors: Sequence[str],
-    sensor_of: NDArray[np.intp],
+    sensor_of: Counts,
     values: dict[str, Array],
     parameters: Sequence[str],
     populations: dict[str, Population],

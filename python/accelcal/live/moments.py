@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from accelcal.data.arrays import Array
+from accelcal.live.monitor import Alarm
+from accelcal.live.session import LiveEvent, LiveState
 
 MOST = 300
 """Moments that are kept; then every second one goes."""
@@ -46,7 +46,7 @@ class Parameter:
 
 
 class LiveHistory:
-    """Moments of a live view from the objects of schema `accelcal/live/1`, the newest among them.
+    """Moments of a live view from its events, the newest among them.
 
     Parameters
     ----------
@@ -54,35 +54,36 @@ class LiveHistory:
 
     Examples
     --------
+    >>> from accelcal.live.session import LiveEvent, LiveState
     >>> history = LiveHistory(most=4)
     >>> for t in range(100):
-    ...     history.add({"event": "state", "t_s": float(t), "parameters": [], "innovation": None, "nis": None})
+    ...     history.add(LiveEvent("state", "lines", LiveState(float(t))))
     >>> len(history.moments) <= 5, history.moments[0].t, history.moments[-1].t
     (True, 0.0, 99.0)
     """
 
     def __init__(self, most: int = MOST) -> None:
         self.most = most
-        self.newest: Mapping[str, Any] | None = None
-        """The newest state as it came."""
+        self.newest: LiveEvent | None = None
+        """The newest state, or the end."""
         self.parameters: tuple[Parameter, ...] = ()
-        self.alarms: deque[Mapping[str, Any]] = deque(maxlen=MOST_ALARMS)
-        """The newest alarms; of blocks in a row the last, whose `since_s` tells the first."""
+        self.alarms: deque[Alarm] = deque(maxlen=MOST_ALARMS)
+        """The newest alarms; of blocks in a row the last, whose `since` tells the first."""
         self._kept: list[Moment] = []
         self._last: Moment | None = None
         self._stride, self._count = 1, 0
 
-    def add(self, content: Mapping[str, Any]) -> None:
-        """Take in one object: a state, an alarm or the end."""
-        if content["event"] == "alarm":
-            self._alarm(content["alarm"])
+    def add(self, event: LiveEvent) -> None:
+        """Take in a state, an alarm or the end."""
+        if event.alarm is not None:
+            self._alarm(event.alarm)
             return
-        self.newest = content
-        t = content["t_s"]
+        self.newest = event
+        t = event.state.t
         if t is None or (self._last is not None and t <= self._last.t):
             return
-        self.parameters = tuple(Parameter(e["name"], e["unit"]) for e in content["parameters"])
-        self._last = _moment(content)
+        self.parameters = tuple(Parameter(e.name, e.unit) for e in event.state.estimates)
+        self._last = _moment(t, event.state)
         if self._count % self._stride == 0:
             self._kept.append(self._last)
         self._count += 1
@@ -96,8 +97,8 @@ class LiveHistory:
         kept = list(self._kept)
         return kept if self._last is None or (kept and kept[-1] is self._last) else [*kept, self._last]
 
-    def _alarm(self, alarm: Mapping[str, Any]) -> None:
-        if self.alarms and self.alarms[-1]["since_s"] == alarm["since_s"]:
+    def _alarm(self, alarm: Alarm) -> None:
+        if self.alarms and self.alarms[-1].since == alarm.since:
             self.alarms.pop()
         self.alarms.append(alarm)
 
@@ -127,23 +128,9 @@ class Columns:
         )
 
 
-def _moment(content: Mapping[str, Any]) -> Moment:
-    innovation, nis = content["innovation"], content["nis"]
-    e, std = (math.nan, math.nan) if innovation is None else (innovation["e_m"], innovation["std_m"])
-    value, low, high = (math.nan,) * 3 if nis is None else (nis["value"], nis["low"], nis["high"])
-    parameters = content["parameters"]
-    return Moment(
-        content["t_s"],
-        tuple(p["value"] for p in parameters),
-        tuple(_number(p["std"]) for p in parameters),
-        _number(e),
-        _number(std),
-        _number(value),
-        _number(low),
-        _number(high),
-    )
-
-
-def _number(value: float | None) -> float:
-    """A number of JSON; null is one that is not finite."""
-    return math.nan if value is None else value
+def _moment(t: float, state: LiveState) -> Moment:
+    innovation, nis = state.innovation, state.nis
+    e, std = (math.nan, math.nan) if innovation is None else (innovation.e, math.sqrt(innovation.variance))
+    value, low, high = (math.nan,) * 3 if nis is None else (nis.value, nis.low, nis.high)
+    values, stds = tuple(e.value for e in state.estimates), tuple(e.std for e in state.estimates)
+    return Moment(t, values, stds, e, std, value, low, high)

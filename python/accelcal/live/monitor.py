@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
+
+from accelcal._support.result import Storable
 
 FALSE_ALARM = 1e-6
 """Probability of an alarm in one block while the model holds."""
@@ -24,8 +26,10 @@ CONFIDENCE = 0.99
 
 
 @dataclass(frozen=True, slots=True)
-class Alarm:
+class Alarm(Storable):
     """A block of innovations that the model does not explain."""
+
+    told: ClassVar[tuple[str, ...]] = ("sentence",)
 
     t: float
     """End of the block, s."""

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
+from accelcal._support.result import Storable
 from accelcal.data.arrays import Array
 from accelcal.io.stream_lines import Rows
 from accelcal.live.settings import LiveSettings
@@ -22,8 +24,10 @@ MOST_SAVED = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class RegressorBias:
+class RegressorBias(Storable):
     """Expected error of the scale factor by noise of the output, and by straight lines between its samples."""
+
+    told: ClassVar[tuple[str, ...]] = ("sigma", "sentence")
 
     value: float
     """Estimate less truth, 1."""

@@ -8,10 +8,11 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 
+from accelcal._support.result import Storable
 from accelcal.io.growing import GrowingParquet
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
 from accelcal.io.stream_lines import LineReader, Rows
@@ -36,30 +37,43 @@ UNITS = {"t": "s", "accel": "m/s^2", "position": "m"}
 class LiveState:
     """What a live view knows at one moment."""
 
-    t: float | None
+    t: float | None = None
     """Stamp of the newest row, s."""
-    estimates: tuple[Estimate, ...]
+    estimates: tuple[Estimate, ...] = ()
     """Their uncertainty contains `regressor_bias`."""
-    regressor_bias: RegressorBias | None
+    regressor_bias: RegressorBias | None = None
     """What noise of the output biases the scale factor by; None before there is motion."""
-    innovation: Innovation | None
+    innovation: Innovation | None = None
     """The newest."""
-    nis: Interval | None
-    holds: bool | None
+    nis: Interval | None = None
+    holds: bool | None = None
     """Whether the newest block of innovations is what the model expects; None before the first."""
-    blocks: int
-    alarms: int
-    outputs: int
-    readings: int
-    used: int
-    broken: int
-    out_of_order: int
-    missing: int
-    dropped_bytes: int
-    untested: int
-    refused: int
-    refusal: str
-    recorded: int
+    blocks: int = 0
+    alarms: int = 0
+    outputs: int = 0
+    readings: int = 0
+    used: int = 0
+    broken: int = 0
+    out_of_order: int = 0
+    missing: int = 0
+    dropped_bytes: int = 0
+    untested: int = 0
+    refused: int = 0
+    refusal: str = ""
+    recorded: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class LiveEvent(Storable):
+    """One line of `accelcal live --json`."""
+
+    event: Literal["state", "alarm", "end"]
+    source: str
+    """Name of the source."""
+    state: LiveState
+    alarm: Alarm | None = None
+    ended: str | None = None
+    """Why the source ended."""
 
 
 class LiveSession:

@@ -10,13 +10,14 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import ClassVar
 
+from accelcal._support.result import Storable
 from accelcal.io import together
 from accelcal.paper.alignment import alignment_item
 from accelcal.paper.consider import consider_item
 from accelcal.paper.convergence import convergence_item, robustness_item
-from accelcal.paper.coverage import STATEMENTS, coverage_text
+from accelcal.paper.coverage import STATEMENTS, Statement, coverage_text
 from accelcal.paper.encoder_speed import encoder_speed_item
 from accelcal.paper.filter_consistency import consistency_item
 from accelcal.paper.gaps import gaps_item
@@ -33,8 +34,6 @@ from accelcal.paper.varying import varying_item
 from accelcal.paper.vibration import vibration_item
 
 __all__ = ["Item", "Reproduction", "Row", "render", "reproduce"]
-
-SCHEMA = "accelcal/paper/1"
 
 _ITEMS: tuple[Callable[[Plan], Item], ...] = (
     three_axes_item,
@@ -57,8 +56,10 @@ _ITEMS: tuple[Callable[[Plan], Item], ...] = (
 
 
 @dataclass(frozen=True, slots=True)
-class Reproduction:
+class Reproduction(Storable):
     """Every item with its rows, and the figures that were written."""
+
+    told: ClassVar[tuple[str, ...]] = ("holds", "statements")
 
     quick: bool
     seed: int
@@ -70,18 +71,15 @@ class Reproduction:
         """All rows in order."""
         return tuple(row for item in self.items for row in item.rows)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, ready for JSON."""
-        return {
-            "schema": SCHEMA,
-            "quick": self.quick,
-            "seed": self.seed,
-            "holds": sum(row.holds for row in self.rows),
-            "rows": len(self.rows),
-            "items": [item.to_dict() for item in self.items],
-            "figures": [str(path) for path in self.figures],
-            "statements": [statement.to_dict() for statement in STATEMENTS],
-        }
+    @property
+    def holds(self) -> int:
+        """Number of rows that hold."""
+        return sum(row.holds for row in self.rows)
+
+    @property
+    def statements(self) -> tuple[Statement, ...]:
+        """The paper, statement by statement."""
+        return STATEMENTS
 
     def to_text(self) -> str:
         """Tables, the list of what does not hold, and the paper statement by statement."""

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+from typing import ClassVar
+
+from accelcal._support.result import Storable
 
 
 @dataclass(frozen=True, slots=True)
-class Statement:
+class Statement(Storable):
     """One statement of the paper."""
+
+    told: ClassVar[tuple[str, ...]] = ("state",)
 
     where: str
     text: str
@@ -30,10 +34,6 @@ class Statement:
         if self.impossible:
             return "closed in part, the rest cannot be" if answered else "cannot be closed"
         return "closed"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, ready for JSON."""
-        return {**asdict(self), "items": list(self.items), "state": self.state}
 
 
 NO_ANGLE = "their reference is an angle, that of this method a length"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
-from typing import Any, Literal, TypeVar
+from dataclasses import dataclass
+from typing import Literal, TypeVar
 from zlib import crc32
 
 import numpy as np
@@ -51,10 +51,6 @@ class Item:
     source: str
     """Where the paper says it."""
     rows: tuple[Row, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain lists and dictionaries, ready for JSON."""
-        return asdict(self)
 
 
 @dataclass(frozen=True, slots=True)

@@ -76,7 +76,7 @@ def live_tracks(history: LiveHistory) -> Figure:
     wide = 2.0 * seen.std * factor
     marks = (Band(t, -wide, wide, SIGMAS), Line(t, seen.e * factor, role="residual", marker="."))
     panels.append(Panel(marks, TIME, Axis("innovation", "µm"), "innovation", 150.0))
-    at = np.array([alarm["since_s"] for alarm in history.alarms], dtype=float)
+    at = np.array([alarm.since for alarm in history.alarms], dtype=float)
     known = np.isfinite(seen.nis)
     height = np.interp(at, t[known], seen.nis[known]) if known.any() and len(at) else np.zeros(0)
     nis = (Band(t, seen.low, seen.high), Line(t, seen.nis, role="residual"))

@@ -14,7 +14,7 @@ from accelcal.plots import matplotlib, plotly
 from accelcal.report.content import Content
 from accelcal.report.figures import Entry, entries
 from accelcal.report.view import view
-from accelcal.serialization.json_text import finite
+from accelcal.results.json_text import finite
 
 if TYPE_CHECKING:
     from jinja2 import Environment

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from accelcal._support.errors import MissingExtra
 from accelcal._support.scratch import scratch_folder
-from accelcal.serialization.json_text import dumps
+from accelcal.results.json_text import dumps
 
 Form = Literal["pdf", "png"]
 

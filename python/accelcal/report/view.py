@@ -7,7 +7,6 @@ from typing import Any
 
 from accelcal._core import __version__
 from accelcal.calibration.budget import COVERAGE_FACTOR, Component
-from accelcal.calibration.electrical import electrical
 from accelcal.data.references import UNITS
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.data.units import instant
@@ -270,11 +269,10 @@ def parameters(content: Content) -> Table:
 
 def volts(content: Content) -> list[dict[str, Any]]:
     """Sensitivity and zero-g output where a scale is declared; V/g as mV/g."""
-    both = electrical(content.fit, content.fit.rig)
     rows = []
-    for key, quantity in (both or {}).items():
-        factor, unit = (1e3, f"m{quantity['unit']}") if quantity["unit"].startswith("V") else (1.0, quantity["unit"])
-        value, std = factor * quantity["value"], factor * quantity["std"]
+    for key, quantity in content.fit.electrical.items():
+        factor, unit = (1e3, f"m{quantity.unit}") if quantity.unit.startswith("V") else (1.0, quantity.unit)
+        value, std = factor * quantity.value, factor * quantity.std
         rows.append(
             {
                 "name": spelled(key),

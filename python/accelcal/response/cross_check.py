@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
+from accelcal._support.result import Storable
 from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.data.stamps import usual_step
@@ -19,8 +21,10 @@ from accelcal.signals.transfer import response
 
 
 @dataclass(frozen=True, slots=True)
-class CrossCheck:
+class CrossCheck(Storable):
     """What a fit of scale factor and delay to all motion says, and how far the response is from it."""
+
+    told: ClassVar[tuple[str, ...]] = ("sentence",)
 
     gain: float
     """1 + k"""

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from accelcal._support.immutable import immutable
+from accelcal._support.result import Storable
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.data.references import POSITION_ORDER, require_reference
 from accelcal.data.stamps import usual_step
@@ -37,7 +38,7 @@ CHANNELS = 16
 
 @immutable
 @dataclass(frozen=True, slots=True)
-class FrequencyResponse:
+class FrequencyResponse(Storable):
     """Sensitivity by frequency of one recording."""
 
     recording: str

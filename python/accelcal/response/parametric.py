@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import scipy
 
+from accelcal._support.result import Storable
 from accelcal.data.arrays import Array
 from accelcal.response.points import COVERAGE, Point
 from accelcal.signals.transfer import Spectrum
@@ -147,8 +149,10 @@ class Fitted:
 
 
 @dataclass(frozen=True, slots=True)
-class ResponseModel:
+class ResponseModel(Storable):
     """The chosen structure, those that the data do not separate from it, and where it fails."""
+
+    told: ClassVar[tuple[str, ...]] = ("sentences",)
 
     best: Fitted
     rivals: tuple[Fitted, ...]

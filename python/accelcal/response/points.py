@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import scipy
 
+from accelcal._support.result import Storable
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel
 from accelcal.signals.transfer import Response, Spectrum
@@ -41,8 +42,10 @@ class Reference:
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class Point(Storable):
     """Sensitivity at one frequency: output over acceleration, in the sense of exp(+i w t): a lag is negative."""
+
+    told: ClassVar[tuple[str, ...]] = ("magnitude", "expanded", "phase", "expanded_phase")
 
     frequency: float
     """Hz"""

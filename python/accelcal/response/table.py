@@ -1,4 +1,4 @@
-"""The response as a table: JSON, CSV, and lines for a terminal."""
+"""The response as a table: CSV, and lines for a terminal."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ import io
 import math
 from typing import Any
 
-from accelcal.response.cross_check import CrossCheck
 from accelcal.response.measure import FrequencyResponse
-from accelcal.response.parametric import Fitted
 from accelcal.response.points import Point
 
 COLUMNS = (
@@ -42,61 +40,6 @@ def row(point: Point) -> dict[str, Any]:
         point.end,
     )
     return dict(zip(COLUMNS, values, strict=True))
-
-
-def to_dict(found: FrequencyResponse) -> dict[str, Any]:
-    """The response as JSON of the schema accelcal/response/1."""
-    model = found.model
-    return {
-        "schema": "accelcal/response/1",
-        "recording": found.recording,
-        "points": [row(p) for p in found.points],
-        "model": None if model is None else _fitted(model.best),
-        "not_separated": [] if model is None else [_fitted(f) for f in model.rivals],
-        "fails_at_hz": [] if model is None else list(model.failing),
-        "deviations": [] if model is None else model.best.deviations.tolist(),
-        "sentences": [] if model is None else list(model.sentences),
-        "linearity": [
-            {
-                "name": t.name,
-                "source": t.source,
-                "unit": t.unit,
-                "value": t.value,
-                "std": t.std,
-                "expanded": t.expanded,
-                "steps": t.count,
-            }
-            for t in found.terms
-        ],
-        "time_domain": _check(found.check),
-    }
-
-
-def _fitted(fitted: Fitted) -> dict[str, Any]:
-    return {
-        "structure": fitted.structure.name,
-        "parameters": [
-            {"name": p.name, "unit": p.unit, "value": p.value, "std": p.std, "expanded": p.expanded}
-            for p in fitted.parameters
-        ],
-        "chi_square": fitted.chi_square,
-        "degrees_of_freedom": fitted.degrees,
-        "p": fitted.p_value,
-    }
-
-
-def _check(check: CrossCheck | str | None) -> dict[str, Any] | None:
-    if check is None:
-        return None
-    if isinstance(check, str):
-        return {"sentence": check, "gain": None, "gain_std": None, "delay_s": None, "delay_std_s": None}
-    return {
-        "sentence": check.sentence,
-        "gain": check.gain,
-        "gain_std": check.gain_std,
-        "delay_s": check.delay,
-        "delay_std_s": check.delay_std,
-    }
 
 
 def to_csv(found: FrequencyResponse) -> str:

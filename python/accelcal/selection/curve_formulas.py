@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy
 
 from accelcal._support.errors import AccelcalError
 from accelcal._support.listing import listing
+from accelcal._support.result import Storable
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, FORMULA_LACK_OF_FIT_ALPHA, FORMULA_LOG_EVIDENCE
 from accelcal.diagnosis.search.beam import block_length
@@ -41,12 +42,13 @@ DIFFERENCE = 1e-3
 """Step of the derivative with respect to the inner parameter, over its value."""
 FARTHEST = 30.0
 """Factor beyond which an interval of the inner parameter is open."""
-SCHEMA = "accelcal/formula/1"
 
 
 @dataclass(frozen=True, slots=True)
-class Formula:
+class Formula(Storable):
     """One formula with its numbers."""
+
+    told: ClassVar[tuple[str, ...]] = ("text",)
 
     elements: tuple[str, ...]
     summands: tuple[str, ...]
@@ -90,28 +92,12 @@ class Formula:
         whole = " + ".join([texts[0], *ratios])
         return from_expression(name, whole, unit=self.units[0], owner=owner, port=port, channels=channels)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, ready for JSON."""
-        return {
-            "formula": self.text,
-            "summands": self.texts(9),
-            "coefficients": list(self.coefficients),
-            "std": list(self.std),
-            "units": list(self.units),
-            "inner": self.inner,
-            "inner_interval_68": self.inner_interval
-            and [x if 0.0 < x < math.inf else None for x in self.inner_interval],
-            "inner_unit": self.inner_unit if self.inner is not None else None,
-            "gain": self.gain,
-            "log_evidence": self.log_evidence,
-            "lack_of_fit": self.lack_of_fit,
-            "held_out_gain": self.held_out,
-        }
-
 
 @dataclass(frozen=True, slots=True)
-class FormulaSet:
+class FormulaSet(Storable):
     """Formulas that a record does not separate."""
+
+    told: ClassVar[tuple[str, ...]] = ("sentence",)
 
     curve: str
     variable: str
@@ -145,21 +131,6 @@ class FormulaSet:
             f"what depends on {self.variable} is {first}, or one of these, which the record does not separate: "
             f"{others} ({tried})"
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Content of `formula --json`."""
-        return {
-            "schema": SCHEMA,
-            "curve": self.curve,
-            "variable": self.variable,
-            "unit": self.unit,
-            "origin": self.origin,
-            "sentence": self.sentence,
-            "examined": self.examined,
-            "p_value": self.chance,
-            "formulas": [each.to_dict() for each in self.formulas],
-            "rejected": [each.to_dict() for each in self.rejected],
-        }
 
 
 class HatGram:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import ClassVar
 
 from accelcal._support.immutable import immutable
 from accelcal._support.listing import listing
@@ -14,6 +16,7 @@ from accelcal.diagnosis.verdict import Diagnosis, unsteady_effects, verdict_and_
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
 from accelcal.validation.comparison import Evaluation
+from accelcal.validation.paired import HeldOutChange, heldout_change
 
 
 @immutable
@@ -46,6 +49,8 @@ class Improvement(Result):
     >>> found.best["cubic"].std > 0.0
     True
     """
+
+    told: ClassVar[tuple[str, ...]] = ("verdict", "sentence", "effects", "found", "left", "importance", "changes")
 
     steps: tuple[Step, ...]
     diagnosis: Diagnosis
@@ -103,6 +108,11 @@ class Improvement(Result):
         text = with_findings(self.found, self.left[1], self.diagnosis.fit.rig.tolerance)
         rises = [remark.sentence for remark in self.diagnosis.remarks if remark.code == "heldout_rises"]
         return " ".join([text, *(f"{sentence}." for sentence in rises)])
+
+    @property
+    def changes(self) -> tuple[HeldOutChange | None, ...]:
+        """Paired change of the held-out error from each step to the next; None where the data are too short for one."""
+        return tuple(heldout_change(one.heldout, other.heldout) for one, other in pairwise(self.steps))
 
     @property
     def importance(self) -> Importance | None:

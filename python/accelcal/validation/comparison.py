@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
 
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
 from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
-from accelcal._support.result import Result
+from accelcal._support.result import NotStored, Result
 from accelcal.data.arrays import Array
 from accelcal.data.units import instant
 from accelcal.estimation.noise_effects import NoiseScore
@@ -29,6 +29,8 @@ BINS = 12
 """Bins of the residual against each variable."""
 HORIZONS = (1.0, 5.0, 10.0)
 """Seconds after position is withheld at which the coasting error is taken."""
+SERIES = NotStored("accelcal.compare makes it from the recording", by_commands=True)
+"""Mark of a series as long as the recording."""
 
 
 @immutable
@@ -214,6 +216,8 @@ class Evaluation(Result):
     [1.0, 5.0, 10.0]
     """
 
+    told: ClassVar[tuple[str, ...]] = ("fit_percent", "drift_floors")
+
     recording: str
     one_step_rms: float
     """m"""
@@ -230,19 +234,19 @@ class Evaluation(Result):
     """Accelerometer-side residual inside the band, m/s²."""
     band: float
     """Hz"""
-    simulated: tuple[Array, Array, Array]
+    simulated: Annotated[tuple[Array, Array, Array], SERIES]
     """Free-running simulation: time (s), measured and simulated position (m)."""
-    simulated_std: Array
+    simulated_std: Annotated[Array, SERIES]
     """Standard deviation of the simulation from noise and start state, m."""
     simulated_rms: float
     """m"""
-    residual: tuple[Array, Array]
+    residual: Annotated[tuple[Array, Array], SERIES]
     """One-step residuals: time (s), innovation (m)."""
-    residual_std: Array
+    residual_std: Annotated[Array, SERIES]
     """Predicted standard deviation of each, m."""
-    accel_residual: tuple[Array, Array]
+    accel_residual: Annotated[tuple[Array, Array], SERIES]
     """Accelerometer-side residual: time (s), m/s²."""
-    measured: Array
+    measured: Annotated[Array, SERIES]
     """Measured output at the times of that residual and within its band, m/s²."""
     bins: tuple[Bins, ...]
     worst: str
@@ -251,7 +255,7 @@ class Evaluation(Result):
     remarks: tuple[str, ...] = field(default=())
     outside: tuple[Outside, ...] = ()
     """Readings beyond the range that the fit has seen, variable by variable; the last entry is any of them."""
-    drifts: Mapping[float, tuple[Array, Array]] = field(default_factory=dict)
+    drifts: Annotated[Mapping[float, tuple[Array, Array]], SERIES] = field(default_factory=dict)
     """Horizon in s -> start points (n,) s, and rezeroed errors (n,) m, of which `coast_rms` is the rms."""
     not_carried: tuple[str, ...] = ()
     """Sentences on effects that belong to the fitted recording and are left out on this one."""
@@ -267,7 +271,7 @@ class Evaluation(Result):
     """What noise of the sensor alone would give here; the same for all models that are compared under one ruler."""
     reference_noise: ReferenceNoise | None = None
     """That of position, velocity or acceleration, in the unit of the reference."""
-    innovations: tuple[Array, Array] | None = None
+    innovations: Annotated[tuple[Array, Array] | None, SERIES] = None
     """Of the weak form, over their standard deviations: time (s), (n,). Where the reference is no position: errors of
     the position that it integrates to are no white noise. Else None."""
 

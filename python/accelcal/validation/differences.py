@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from accelcal._support.errors import AccelcalError
 from accelcal._support.faces import face
@@ -96,6 +96,8 @@ class Comparison(Result):
     >>> comparison.differences[0].verdict, comparison.errors[1] < comparison.errors[0]
     ('better', True)
     """
+
+    told: ClassVar[tuple[str, ...]] = ("differences",)
 
     fits: tuple[Fit, ...]
     names: tuple[str, ...]

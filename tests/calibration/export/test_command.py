@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from accelcal.calibration.export import calibrate, header, module, read_laboratory, to_dict
-from accelcal.calibration.export.content import SCHEMA
-from accelcal.serialization import model_file
+from accelcal.calibration.export import Calibration, calibrate, header, module, read_laboratory
+from accelcal.results import json as results_json
+from accelcal.results import model_file
 
 from .models import fit_of
 
@@ -37,8 +37,8 @@ def test_everything_is_written_from_one_calibration(folder):
     assert done.returncode == 0, done.stderr
     made = calibrate(model_file.load(folder / "m.json"), source="m.json")
     content = json.loads(done.stdout)
-    assert content == json.loads(json.dumps(to_dict(made)))
-    assert content["schema"] == SCHEMA == "accelcal/export/1"
+    assert content == results_json.content(made)
+    assert content["schema"] == "accelcal/export/3"
     assert (folder / "s.h").read_text() == header(made, "s.h")
     assert (folder / "s.rs").read_text() == module(made)
     assert "d.xml is a draft; missing: certificate.identifier" in done.stderr
@@ -47,16 +47,17 @@ def test_everything_is_written_from_one_calibration(folder):
 
 def test_json_holds_every_number_of_the_code_exactly(folder):
     made = calibrate(model_file.load(folder / "m.json"))
-    content = json.loads(json.dumps(to_dict(made)))
-    for key, code in (("double", made.double), ("float", made.single)):
+    content = json.loads(made.to_json())
+    again = Calibration.from_json(made.to_json())
+    for key, code, read in (("double", made.double, again.double), ("single", made.single, again.single)):
         held = content[key]
-        assert [tuple(map(tuple, s["coefficients"])) for s in held["segments"]] == [
+        assert read == code
+        assert [tuple(map(tuple, s["coefficients"])) for s in held["proven"]["inverse"]["segments"]] == [
             s.coefficients for s in code.inverse.segments
         ]
-        assert held["bound_m_per_s2"] == code.bound
-        assert [e["acceleration"] for e in held["test_vector"]] == [e.acceleration for e in code.vector]
-    assert content["covariance"]["names"] == ["bias", "scale_factor", "cubic"]
-    assert [p["name"] for p in content["parameters"]] == ["bias", "scale_factor", "cubic"]
+        assert held["bound"] == code.bound
+        assert [e["acceleration"] for e in held["vector"]] == [e.acceleration for e in code.vector]
+    assert [*content["own"]["coefficients"]] == ["bias", "scale_factor", "cubic"]
 
 
 def test_what_is_left_out_is_said(folder):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accelcal.calibration.export import NotExportable, calibrate, header, module, to_dict
+from accelcal.calibration.export import NotExportable, calibrate, header, module
 from accelcal.calibration.export.inverse import READING_OUTSIDE, evaluate
 from accelcal.effects import BUILT_IN, from_expression
 from accelcal.effects.registry import CATALOGUE
@@ -41,7 +41,7 @@ def test_every_other_effect_is_left_out_or_refused_by_its_owner(effect):
         made = calibrate(fit)
     plain = calibrate(fit_of(BASE, temperature=(15.0, 40.0)))
     assert made.double.inverse == plain.double.inverse
-    absent = [missing["effect"] for missing in to_dict(made)["left_out"]]
+    absent = [missing.effect for missing in made.left_out]
     assert absent == ["time_offset", effect.name]
     assert f"{effect.name} " in header(made, "sensor.h")
     assert f"{effect.name} " in module(made)

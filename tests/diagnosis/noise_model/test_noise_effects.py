@@ -6,7 +6,7 @@ from scipy import stats
 
 import accelcal as ac
 from accelcal.effects import BUILT_IN
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from accelcal.simulation import ADXL105_RIG
 from tests.worlds import Hidden, World
 from tests.worlds.world import pass_through

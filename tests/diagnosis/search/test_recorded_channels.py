@@ -9,7 +9,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.data.recording import Channel
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
 
 RATES = {"rate_i": 0.7, "rate_p": 0.4, "alpha_o": 2.0}

@@ -12,7 +12,7 @@ from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.recording import RecordingError
 from accelcal.diagnosis.independent_estimate import differences
 from accelcal.estimation.estimate import solve_runs
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
 from tests.hostile.case import case_rng
 

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 import accelcal as ac
 from accelcal.data.references import integrated
-from accelcal.serialization import model_file
+from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 3e-4}

@@ -3,7 +3,6 @@
 from accelcal._support.listing import listing
 from accelcal.calibration.export.c99 import header
 from accelcal.calibration.export.calibration import Calibration, calibrate
-from accelcal.calibration.export.content import to_dict
 from accelcal.calibration.export.dcc import draft
 from accelcal.calibration.export.finite import NotExportable
 from accelcal.calibration.export.laboratory import Laboratory, LaboratoryError, read_laboratory
@@ -22,7 +21,6 @@ __all__ = [
     "module",
     "read_laboratory",
     "require_valid",
-    "to_dict",
 ]
 
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from typing import ClassVar
 
 import numpy as np
 
+from accelcal._support.faces import face
+from accelcal._support.result import Storable
 from accelcal.calibration.characteristic import Characteristic, LeftOut, characteristic
 from accelcal.calibration.export.approximate import Domain, NotInvertible, Proven, invert
 from accelcal.calibration.export.finite import NotExportable, require_covariance, require_finite
@@ -39,8 +42,10 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class Code:
+class Code(Storable):
     """The calibration in one number format."""
+
+    told: ClassVar[tuple[str, ...]] = ("bound", "tolerance")
 
     proven: Proven
     vector: tuple[Entry, ...]
@@ -62,8 +67,10 @@ class Code:
 
 
 @dataclass(frozen=True, slots=True)
-class Calibration:
+class Calibration(Storable):
     """Everything that the files of an export are written from."""
+
+    told: ClassVar[tuple[str, ...]] = ("equation", "unit", "std", "remarks")
 
     fit: Fit
     own: Characteristic
@@ -73,6 +80,11 @@ class Calibration:
     left_out: tuple[LeftOut, ...]
     source: str = ""
     """Name of the model file."""
+
+    @property
+    def equation(self) -> str:
+        """The model in words."""
+        return str(face("calibration.export.words").equation(self))
 
     @property
     def codes(self) -> tuple[Code, Code]:

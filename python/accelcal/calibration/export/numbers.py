@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
+from accelcal._support.faces import face
+
 
 @dataclass(frozen=True, slots=True)
 class Format:
@@ -20,6 +23,10 @@ class Format:
     """Bits of the significand."""
     least: Fraction
     """Smallest normal number; covers what underflow costs, with flushing to zero too."""
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
+        return face("results.json").named(format_of)
 
     @property
     def roundoff(self) -> Fraction:
@@ -52,3 +59,17 @@ class Format:
 
 DOUBLE = Format("double", np.float64, 53, Fraction(1, 2**1022))
 SINGLE = Format("float", np.float32, 24, Fraction(1, 2**126))
+
+
+def format_of(name: str) -> Format:
+    """Return the format that C calls `name`.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    known = {one.name: one for one in (DOUBLE, SINGLE)}
+    if name not in known:
+        raise AccelcalError(" or ".join(known))
+    return known[name]

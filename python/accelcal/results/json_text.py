@@ -9,11 +9,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.plain_text import visible
 from accelcal.data.recording import RecordingError
 from accelcal.io.files import content_of
 from accelcal.io.limits import MODEL_BYTES
-from accelcal.serialization.errors import ModelFileError
+
+
+class ModelFileError(AccelcalError):
+    """A file that is not a model file. The text names it, the place in it, and states what was expected."""
+
 
 LONGEST_TEXT = 4_000
 """Characters of a text in a model file: a sentence, the name of a file or of a sensor."""
@@ -30,8 +35,12 @@ def dumps(content: Mapping[str, Any], indent: int | None = 2) -> str:
 
     Characters that a terminal would obey are written as escapes. Without an indent it is one line.
     """
-    text = json.dumps(finite(content), indent=indent, ensure_ascii=False, allow_nan=False)
-    return ESCAPED.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + "\n"
+    return escaped(json.dumps(finite(content), indent=indent, ensure_ascii=False, allow_nan=False)) + "\n"
+
+
+def escaped(text: str) -> str:
+    """Text of JSON with escapes for characters that a terminal would obey."""
+    return ESCAPED.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def read_json(path: Path) -> Any:
@@ -45,9 +54,7 @@ def read_json(path: Path) -> Any:
     """
     text = _text(path)
     try:
-        return json.loads(
-            text, object_pairs_hook=_object, parse_int=_whole, parse_float=_number, parse_constant=_refuse_constant
-        )
+        return strict(text)
     except json.JSONDecodeError as error:
         raise ModelFileError(
             f"{path}: line {error.lineno}, column {error.colno}: not JSON ({error.msg}); expected a model file as "
@@ -59,6 +66,19 @@ def read_json(path: Path) -> Any:
         ) from None
     except ModelFileError as error:
         raise ModelFileError(f"{path}: {error}; {AGAIN}") from None
+
+
+def strict(text: str) -> Any:
+    """Plain values of a JSON text.
+
+    Raises
+    ------
+    ModelFileError
+        If a key stands twice in one object, or a number is not finite or has more digits than any count.
+    """
+    return json.loads(
+        text, object_pairs_hook=_object, parse_int=_whole, parse_float=_number, parse_constant=_refuse_constant
+    )
 
 
 def _text(path: Path) -> str:

@@ -1,7 +1,4 @@
-"""Schema `accelcal/session/2`: what `session.json` of a session file may hold, each leaf with its type and range.
-
-Files of version 1, which held one recording and at most one more, are read as well.
-"""
+"""Schema `accelcal/session/2`: what `session.json` of a session file may hold, each leaf with its type and range."""
 
 from __future__ import annotations
 
@@ -77,9 +74,10 @@ class StoredRun(_Strict):
     excluded: list[Span] = Field(default_factory=list, max_length=1000)
 
 
-class _Work(_Strict):
-    """What all versions hold of the work on recordings."""
+class Content(_Strict):
+    """What `session.json` holds."""
 
+    schema_: Literal["accelcal/session/2"] = Field(alias="schema")
     version: Text
     """Of the program that wrote it."""
     saved: Text
@@ -87,6 +85,11 @@ class _Work(_Strict):
     own: list[Formula] = Field(default_factory=list, max_length=100)
     steps: list[StoredStep] = Field(default_factory=list, max_length=MOST_MODELS)
     current: int | None = None
+    runs: list[StoredRun] = Field(min_length=1, max_length=MOST_RUNS)
+    shown: Annotated[int, Field(ge=0)] = 0
+    """Number of the one on the time line."""
+    guests: list[Text] = Field(default_factory=list, max_length=MOST_GUESTS)
+    """Names of models from elsewhere; their numbers are in ``guests/NUMBER.json``, counted from 1."""
 
     @model_validator(mode="after")
     def _is_a_tree(self) -> Self:
@@ -100,17 +103,6 @@ class _Work(_Strict):
         if self.current is not None and self.current not in known:
             raise AccelcalError("the current model is not in the tree")
         return self
-
-
-class Content(_Work):
-    """What `session.json` holds."""
-
-    schema_: Literal["accelcal/session/2"] = Field(alias="schema")
-    runs: list[StoredRun] = Field(min_length=1, max_length=MOST_RUNS)
-    shown: Annotated[int, Field(ge=0)] = 0
-    """Number of the one on the time line."""
-    guests: list[Text] = Field(default_factory=list, max_length=MOST_GUESTS)
-    """Names of models from elsewhere; their numbers are in ``guests/NUMBER.json``, counted from 1."""
 
     @model_validator(mode="after")
     def _is_divided(self) -> Self:
@@ -129,58 +121,3 @@ class Content(_Work):
         models = "no model yet" if not count else "1 model" if count == 1 else f"{count} models"
         more = f" and {others} more" if others else ""
         return f"{self.runs[0].source.path.name}{more}, {models}"
-
-
-class ContentOfOne(_Work):
-    """What `session.json` of version 1 holds: a recording, and perhaps one more that is held out."""
-
-    schema_: Literal["accelcal/session/1"] = Field(alias="schema")
-    recording: Source
-    sidecar: Lines | None
-    """What is declared of the recording; None: nothing, columns are found by their names."""
-    other: Source | None = None
-    """A recording that is held out as a whole."""
-    other_sidecar: Lines | None = None
-    held_out: Span | None = None
-    excluded: list[Span] = Field(default_factory=list, max_length=1000)
-
-    @model_validator(mode="after")
-    def _is_divided(self) -> Self:
-        if (self.other is None) == (self.held_out is None):
-            raise AccelcalError("either a part of the recording or another recording is held out")
-        return self
-
-    @property
-    def migrated(self) -> Content:
-        """The same work in the present version."""
-        runs = [
-            StoredRun(source=self.recording, sidecar=self.sidecar, held_out=self.held_out, excluded=list(self.excluded))
-        ]
-        if self.other is not None:
-            runs.append(StoredRun(source=self.other, sidecar=self.other_sidecar, role="hold out"))
-        return Content(
-            schema=SCHEMA,
-            version=self.version,
-            saved=self.saved,
-            own=self.own,
-            steps=self.steps,
-            current=self.current,
-            runs=runs,
-        )
-
-
-class _Version(BaseModel):
-    schema_: str = Field(alias="schema", max_length=100)
-
-
-def content_of(text: str) -> Content:
-    """What a `session.json` of any version holds, in the present one.
-
-    Raises
-    ------
-    pydantic.ValidationError
-        If it is not of a version that is understood.
-    """
-    if _Version.model_validate_json(text).schema_ == "accelcal/session/1":
-        return ContentOfOne.model_validate_json(text).migrated
-    return Content.model_validate_json(text)

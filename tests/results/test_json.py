@@ -1,0 +1,149 @@
+"""Results as JSON: back bit for bit, whatever their numbers, and as their schemas say."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import types
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import jsonschema
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+import accelcal as ac
+from accelcal._support.result import NotStored
+from accelcal.data.channel_filter import ChannelFilter
+from accelcal.data.rig import Rig
+from accelcal.diagnosis.dwells import DwellDiagnosis
+from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.effects import Effect, find
+from accelcal.estimation.estimate import Fit
+from accelcal.estimation.parameter_tracks import Track
+from accelcal.experiment.design import Plan
+from accelcal.experiment.detectability import Power
+from accelcal.filters.choice import FilterChoice
+from accelcal.filters.record import FilterRun
+from accelcal.model import Estimate, Model, Prior
+from accelcal.results import json as results_json
+from accelcal.selection.improvement import Improvement
+from accelcal.validation.comparison import Coast, Comparison
+
+FLOATS = st.floats(allow_nan=False) | st.sampled_from([np.nan, np.inf, -np.inf, -0.0, 5e-324])
+TEXTS = st.text(max_size=5)
+SHAPES = st.sampled_from([(0,), (3,), (0, 2), (2, 0), (2, 3), (1, 2, 2), (0, 2, 2)])
+VALID: Mapping[Any, st.SearchStrategy[Any]] = {
+    Model: st.sampled_from(
+        [
+            Model.linear(),
+            Model.cubic().add("creep", shapes={"creep": {"start": 0.0, "tau": 2.0}}),
+            Model.linear().add("quadratic", priors={"quadratic": Prior(0.0, 0.1)}),
+        ]
+    ),
+    Rig: st.sampled_from([ac.ADXL105_RIG, ac.CXL02_RIG]),
+    ChannelFilter: st.sampled_from(list(ac.CXL02_RIG.output_filters) or [ChannelFilter("RC", cutoff=50.0)]),
+    FilterChoice: st.just(FilterChoice()),
+    Effect: st.sampled_from([find("vibration"), find("encoder_outliers"), find("tone_2")]),
+    float: FLOATS,
+    int: st.integers(-(10**15), 10**15),
+    str: TEXTS,
+    bool: st.booleans(),
+    type(None): st.none(),
+}
+"""Values of types that refuse some, and of leaves."""
+RESULTS = (
+    Fit, Model, Estimate, Comparison, Coast, Diagnosis, DwellDiagnosis, Improvement, Power, Plan, Track, FilterRun
+)  # fmt: skip
+
+
+@cache
+def values(hint: Any) -> st.SearchStrategy[Any]:
+    """Any value of a declared type."""
+    if hint in VALID:
+        return VALID[hint]
+    origin, inside = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return (
+            st.none()
+            if any(isinstance(mark, NotStored) and not mark.by_commands for mark in inside[1:])
+            else values(inside[0])
+        )
+    if origin is Literal:
+        return st.sampled_from(inside)
+    if origin in (Union, types.UnionType):
+        return st.one_of([values(one) for one in inside])
+    if origin is np.ndarray:
+        kind = get_args(inside[1])[0]
+        return arrays(kind, SHAPES, elements=FLOATS if kind is np.float64 else None)
+    if origin is tuple and inside[-1:] == (...,):
+        return st.lists(values(inside[0]), max_size=2).map(tuple)
+    if origin is tuple:
+        return st.tuples(*map(values, inside))
+    if origin in (Mapping, dict):
+        keys = st.floats(allow_nan=False) if inside[0] is float else values(inside[0])
+        return st.dictionaries(keys, values(inside[1]), max_size=2)
+    assert dataclasses.is_dataclass(hint), hint
+    hints = get_type_hints(hint, include_extras=True)
+    return st.builds(
+        hint, **{field.name: st.deferred(lambda h=hints[field.name]: values(h)) for field in dataclasses.fields(hint)}
+    )
+
+
+def require_same(before: Any, after: Any, path: str) -> None:
+    """Compare two values bit by bit."""
+    if isinstance(before, np.ndarray):
+        assert (before.dtype, before.shape, before.tobytes()) == (after.dtype, after.shape, after.tobytes()), path
+    elif isinstance(before, Effect):
+        assert before is after
+    elif dataclasses.is_dataclass(before):
+        assert type(before) is type(after), path
+        hints = get_type_hints(type(before), include_extras=True)
+        for field in dataclasses.fields(before):
+            marks = getattr(hints[field.name], "__metadata__", ())
+            if any(isinstance(mark, NotStored) and not mark.by_commands for mark in marks):
+                with pytest.raises(AttributeError, match="is not stored in this JSON: accelcal"):
+                    getattr(after, field.name)
+            else:
+                require_same(getattr(before, field.name), getattr(after, field.name), f"{path}.{field.name}")
+    elif isinstance(before, Mapping):
+        assert [*map(repr, before)] == [*map(repr, after)], path
+        for key in before:
+            require_same(before[key], after[key], f"{path}[{key!r}]")
+    elif isinstance(before, Sequence) and not isinstance(before, str):
+        assert (type(before), len(before)) == (type(after), len(after)), path
+        for number, (one, other) in enumerate(zip(before, after, strict=True)):
+            require_same(one, other, f"{path}[{number}]")
+    else:
+        assert repr(before) == repr(after), path
+
+
+@pytest.fixture
+def untold(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Results whose JSON holds fields alone: made-up numbers have no properties."""
+    for kind in RESULTS:
+        monkeypatch.setattr(kind, "told", ())
+    results_json.codec.cache_clear()
+    yield
+    results_json.codec.cache_clear()
+
+
+@pytest.mark.parametrize("kind", RESULTS, ids=lambda kind: kind.__name__)
+@pytest.mark.usefixtures("untold")
+def test_a_result_comes_back_bit_for_bit(kind: Any) -> None:
+    validator = jsonschema.Draft202012Validator(results_json.schema_of(kind))
+
+    @settings(
+        max_examples=25, phases=[Phase.generate], deadline=None, suppress_health_check=[*HealthCheck], derandomize=True
+    )
+    @given(values(kind))
+    def holds(result: Any) -> None:
+        text = result.to_json()
+        require_same(result, kind.from_json(text), kind.__name__)
+        assert validator.is_valid(json.loads(text)), next(validator.iter_errors(json.loads(text))).message
+
+    holds()
