@@ -216,7 +216,7 @@ def test_the_command_says_the_same(
     }
     assert "found 1 files and no recording" in call("a.json", code=2)
     alone = json.loads(call("a.json", "0.csv", "1.csv", "--json"))
-    assert (len(alone["models"]), len(alone["recordings"]), alone["differences"]) == (1, 2, [])
+    assert (len(alone["names"]), len(alone["recordings"]), alone["differences"]) == (1, 2, [])
     assert "b.json comes after the recording 0.csv" in call("a.json", "0.csv", "b.json", code=2)
     assert "a.json is given twice" in call("a.json", "a.json", "0.csv", code=2)
     capsys.readouterr()
