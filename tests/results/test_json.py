@@ -16,7 +16,6 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-import accelcal as ac
 from accelcal._support.result import NotStored
 from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.rig import Rig
@@ -32,7 +31,9 @@ from accelcal.filters.record import FilterRun
 from accelcal.model import Estimate, Model, Prior
 from accelcal.results import json as results_json
 from accelcal.selection.improvement import Improvement
-from accelcal.validation.comparison import Coast, Comparison
+from accelcal.simulation import ADXL105_RIG, CXL02_RIG
+from accelcal.validation.comparison import Coast, Evaluation
+from accelcal.validation.differences import Comparison
 
 FLOATS = st.floats(allow_nan=False) | st.sampled_from([np.nan, np.inf, -np.inf, -0.0, 5e-324])
 TEXTS = st.text(max_size=5)
@@ -45,8 +46,8 @@ VALID: Mapping[Any, st.SearchStrategy[Any]] = {
             Model.linear().add("quadratic", priors={"quadratic": Prior(0.0, 0.1)}),
         ]
     ),
-    Rig: st.sampled_from([ac.ADXL105_RIG, ac.CXL02_RIG]),
-    ChannelFilter: st.sampled_from(list(ac.CXL02_RIG.output_filters) or [ChannelFilter("RC", cutoff=50.0)]),
+    Rig: st.sampled_from([ADXL105_RIG, CXL02_RIG]),
+    ChannelFilter: st.sampled_from(list(CXL02_RIG.output_filters) or [ChannelFilter("RC", cutoff=50.0)]),
     FilterChoice: st.just(FilterChoice()),
     Effect: st.sampled_from([find("vibration"), find("encoder_outliers"), find("tone_2")]),
     float: FLOATS,
@@ -57,7 +58,7 @@ VALID: Mapping[Any, st.SearchStrategy[Any]] = {
 }
 """Values of types that refuse some, and of leaves."""
 RESULTS = (
-    Fit, Model, Estimate, Comparison, Coast, Diagnosis, DwellDiagnosis, Improvement, Power, Plan, Track, FilterRun
+    Fit, Model, Estimate, Evaluation, Comparison, Coast, Diagnosis, DwellDiagnosis, Improvement, Power, Plan, Track, FilterRun
 )  # fmt: skip
 
 

@@ -38,11 +38,11 @@ def save(fit: Fit, path: str | Path) -> None:
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(made.recording)
     >>> import pathlib, tempfile
     >>> path = pathlib.Path(tempfile.mkdtemp(), "m.json")
-    >>> ac.save_model(fit, path)
+    >>> fit.save(path)
     >>> ac.load_model(path)["bias"] == fit["bias"]
     True
     """
@@ -65,11 +65,11 @@ def load(path: str | Path) -> Fit:
     >>> import accelcal as ac
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
-    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(made.recording)
     >>> import pathlib, tempfile
     >>> path = pathlib.Path(tempfile.mkdtemp(), "m.json")
-    >>> ac.save_model(fit, path)
+    >>> fit.save(path)
     >>> ac.load_model(path).model.added
     ()
     """
