@@ -58,7 +58,8 @@ VALID: Mapping[Any, st.SearchStrategy[Any]] = {
 }
 """Values of types that refuse some, and of leaves."""
 RESULTS = (
-    Fit, Model, Estimate, Evaluation, Comparison, Coast, Diagnosis, DwellDiagnosis, Improvement, Power, Plan, Track, FilterRun
+    Fit, Model, Estimate, Evaluation, Comparison, Coast, Diagnosis, DwellDiagnosis, Improvement, Power, Plan, Track,
+    FilterRun
 )  # fmt: skip
 
 
