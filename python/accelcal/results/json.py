@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from functools import cache, cached_property
-from importlib import import_module
 from typing import Any, TypeVar, get_type_hints
 
 import numpy as np
@@ -15,6 +14,7 @@ from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import CoreSchema, SchemaSerializer, SchemaValidator, core_schema
 
 from accelcal import _core
+from accelcal._support.faces import face
 from accelcal._support.plain_text import visible
 from accelcal._support.result import NotStored
 from accelcal.results.json_text import ModelFileError, escaped, strict
@@ -131,7 +131,7 @@ def schema(name: str) -> dict[str, Any]:
 def kind_of(name: str) -> Any:
     """Class of a schema name."""
     module, _, kind = SCHEMAS[name].partition(":")
-    return getattr(import_module(f"accelcal.{module}"), kind)
+    return getattr(face(module), kind)
 
 
 def schema_of(kind: Any) -> dict[str, Any]:
