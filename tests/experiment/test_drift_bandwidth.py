@@ -105,6 +105,6 @@ def test_the_command_prints_it_and_json_holds_it(found, tmp_path):
     assert done.exit_code == 0, done.output
     assert "smallest sinusoidal change that this record shows at 5 sigma" in done.stdout
     assert "a tumble test of 30 min" in " ".join(done.stdout.split())
-    content = json.loads(CliRunner().invoke(app, ["power", str(path), "--json"]).stdout)["drift_bandwidth"]
-    assert len(content["frequency_Hz"]) == len(content["bias"]) == len(content["scale_factor"])
+    content = json.loads(CliRunner().invoke(app, ["power", str(path), "--json"]).stdout)["drift"]
+    assert len(content["frequency"]) == len(content["bias"]) == len(content["scale_factor"])
     assert content["tumble"]["seconds"] == 1800.0

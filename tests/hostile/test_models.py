@@ -153,7 +153,7 @@ REPLACED: tuple[tuple[Path_, str, tuple[Any, ...]], ...] = (
     ((*SENSOR, "serial"), "rig.sensor.serial", NOT_TEXTS),
     ((*SENSOR, "scale"), "rig.sensor.scale", (*NOT_NUMBERS[1:], 0.0, 1e300, 5e-324)),
     ((*SENSOR, "noise"), "rig.sensor.noise", (-1.0, 0.0, "x")),
-    (("runs",), "", (*NOT_LISTS, [])),
+    (("runs",), "runs", NOT_LISTS),
     (("runs", 0, "name"), "runs[0].name", NOT_TEXTS),
     (("runs", 0, "start"), "runs[0]", (*NOT_NUMBERS, 1e3, -1e300)),
     (("runs", 0, "readings"), "runs[0].readings", (-1, 1.5, "9", None, 10**17)),

@@ -157,7 +157,7 @@ def test_a_file_that_cannot_be_written_is_named_and_leaves_nothing(here, place):
     assert contents(here) == before
 
 
-KEYS = ("method", "parameters", "data", "noise", "remarks", "model", "covariance", "rig", "origins", "validity")
+KEYS = ("method", "estimates", "runs", "spreads", "remarks", "model", "covariance", "rig", "origins", "validity")
 
 
 @pytest.mark.parametrize("key", KEYS)

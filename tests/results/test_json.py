@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import subprocess
+import sys
 import types
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
@@ -26,6 +28,7 @@ from accelcal.estimation.estimate import Fit
 from accelcal.estimation.parameter_tracks import Track
 from accelcal.experiment.design import Plan
 from accelcal.experiment.detectability import Power
+from accelcal.experiment.planned_bursts import Limits
 from accelcal.filters.choice import FilterChoice
 from accelcal.filters.record import FilterRun
 from accelcal.model import Estimate, Model, Prior
@@ -34,6 +37,7 @@ from accelcal.selection.improvement import Improvement
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 from accelcal.validation.comparison import Coast, Evaluation
 from accelcal.validation.differences import Comparison
+from tests.schemas import require_published
 
 FLOATS = st.floats(allow_nan=False) | st.sampled_from([np.nan, np.inf, -np.inf, -0.0, 5e-324])
 TEXTS = st.text(max_size=5)
@@ -48,6 +52,7 @@ VALID: Mapping[Any, st.SearchStrategy[Any]] = {
     ),
     Rig: st.sampled_from([ADXL105_RIG, CXL02_RIG]),
     ChannelFilter: st.sampled_from(list(CXL02_RIG.output_filters) or [ChannelFilter("RC", cutoff=50.0)]),
+    Limits: st.just(Limits(0.2, 0.1, 20.0)),
     FilterChoice: st.just(FilterChoice()),
     Effect: st.sampled_from([find("vibration"), find("encoder_outliers"), find("tone_2")]),
     float: FLOATS,
@@ -149,3 +154,71 @@ def test_a_result_comes_back_bit_for_bit(kind: Any) -> None:
         assert validator.is_valid(json.loads(text)), next(validator.iter_errors(json.loads(text))).message
 
     holds()
+
+
+TRUTHS: Mapping[str, tuple[float, Mapping[str, float]]] = {
+    "adequate": (12.0, {"bias": 0.05}),
+    "named": (20.0, {"quadratic": 1e-3}),
+    "tied": (12.0, {"cubic": 1e-3}),
+    "too_short": (1.0, {"bias": 0.05}),
+}
+"""Seconds and effects of a record by the verdict on it."""
+
+
+@pytest.mark.parametrize("kind", TRUTHS)
+def test_what_commands_write_follows_the_schema_and_is_read(kind: str) -> None:
+    seconds, truth = TRUTHS[kind]
+    rng = np.random.default_rng(8)
+    made = ac.simulate("interleaved", seconds=seconds, rig=ac.CXL02_RIG, parameters=truth, rng=rng).recording
+    fit = ac.fit(ac.Model.linear(), made)
+    several = (fit, ac.diagnose(fit, made), ac.compare(fit, made), ac.improve(made, most=1), ac.power(made, fit.model))
+    for result in several:
+        content = results_json.content(result)
+        require_published(content)
+        require_published(json.loads(result.to_json()))
+        again = type(result).from_json(json.dumps(content))
+        assert repr(again) == repr(result)
+    print(kind, several[1].verdict)
+
+
+def test_a_series_that_commands_leave_out_says_how_it_is_made_again() -> None:
+    made = ac.simulate("interleaved", seconds=5.0, rig=ac.CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
+    seen = ac.compare(ac.fit(ac.Model.linear(), made.recording), made.recording)
+    content = results_json.content(seen)
+    assert "residual" not in content
+    short = Comparison.from_json(json.dumps(content))
+    with pytest.raises(AttributeError, match=r"Comparison\.residual is not stored in this JSON: accelcal\.compare"):
+        short.residual  # noqa: B018
+    assert not hasattr(short, "no_such_field")
+    require_same(seen.residual, Comparison.from_json(seen.to_json()).residual, "residual")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"more": 1}, "more is no key of this schema"),
+        ({"band": "1.0"}, "band: found '1.0', expected a valid number"),
+        ({"band": True}, "band: found True, expected a valid number"),
+        ({"band": "nan"}, "band: found 'nan', expected a valid number"),
+        ({"coast_starts": {"1.0": 1.5}}, "coast_starts.1.0: found 1.5, expected a valid integer"),
+        ({"breaks": 3}, "breaks: found 3, expected a valid tuple"),
+        ({"schema": "accelcal/model/3"}, "found 'accelcal/model/3', expected 'accelcal/comparison/3'"),
+    ],
+)
+def test_a_value_of_another_kind_is_refused_by_its_path(change: dict[str, Any], said: str) -> None:
+    made = ac.simulate("interleaved", seconds=2.0, rig=ac.CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
+    content = results_json.content(ac.compare(ac.fit(ac.Model.linear(), made.recording), made.recording))
+    with pytest.raises(ValueError, match=r"expected|no key") as caught:
+        Comparison.from_json(json.dumps(content | change))
+    assert said in str(caught.value)
+
+
+def test_pydantic_is_imported_by_json_alone() -> None:
+    lines = (
+        "import sys, accelcal as ac",
+        "ac.fit, ac.Fit, hasattr(ac.Model.linear(), 'x')",
+        "print('pydantic' in sys.modules)",
+    )
+    probe = "; ".join(lines)
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
