@@ -18,6 +18,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+import accelcal as ac
 from accelcal._support.result import NotStored
 from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.rig import Rig
@@ -169,9 +170,9 @@ TRUTHS: Mapping[str, tuple[float, Mapping[str, float]]] = {
 def test_what_commands_write_follows_the_schema_and_is_read(kind: str) -> None:
     seconds, truth = TRUTHS[kind]
     rng = np.random.default_rng(8)
-    made = ac.simulate("interleaved", seconds=seconds, rig=ac.CXL02_RIG, parameters=truth, rng=rng).recording
-    fit = ac.fit(ac.Model.linear(), made)
-    several = (fit, ac.diagnose(fit, made), ac.compare(fit, made), ac.improve(made, most=1), ac.power(made, fit.model))
+    made = ac.simulate("interleaved", seconds=seconds, rig=CXL02_RIG, parameters=truth, rng=rng).recording
+    fit = ac.fit(made)
+    several = (fit, ac.diagnose(fit, made), ac.compare(fit, made), ac.improve(made, most=1), ac.power(fit, made))
     for result in several:
         content = results_json.content(result)
         require_published(content)
@@ -182,15 +183,15 @@ def test_what_commands_write_follows_the_schema_and_is_read(kind: str) -> None:
 
 
 def test_a_series_that_commands_leave_out_says_how_it_is_made_again() -> None:
-    made = ac.simulate("interleaved", seconds=5.0, rig=ac.CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
-    seen = ac.compare(ac.fit(ac.Model.linear(), made.recording), made.recording)
+    made = ac.simulate("interleaved", seconds=5.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
+    seen = ac.compare(ac.fit(made.recording), made.recording)[0]
     content = results_json.content(seen)
     assert "residual" not in content
-    short = Comparison.from_json(json.dumps(content))
-    with pytest.raises(AttributeError, match=r"Comparison\.residual is not stored in this JSON: accelcal\.compare"):
+    short = Evaluation.from_json(json.dumps(content))
+    with pytest.raises(AttributeError, match=r"Evaluation\.residual is not stored in this JSON: accelcal\.compare"):
         short.residual  # noqa: B018
     assert not hasattr(short, "no_such_field")
-    require_same(seen.residual, Comparison.from_json(seen.to_json()).residual, "residual")
+    require_same(seen.residual, Evaluation.from_json(seen.to_json()).residual, "residual")
 
 
 @pytest.mark.parametrize(
@@ -202,14 +203,14 @@ def test_a_series_that_commands_leave_out_says_how_it_is_made_again() -> None:
         ({"band": "nan"}, "band: found 'nan', expected a valid number"),
         ({"coast_starts": {"1.0": 1.5}}, "coast_starts.1.0: found 1.5, expected a valid integer"),
         ({"breaks": 3}, "breaks: found 3, expected a valid tuple"),
-        ({"schema": "accelcal/model/3"}, "found 'accelcal/model/3', expected 'accelcal/comparison/3'"),
+        ({"schema": "accelcal/model/3"}, "found 'accelcal/model/3', expected 'accelcal/evaluation/3'"),
     ],
 )
 def test_a_value_of_another_kind_is_refused_by_its_path(change: dict[str, Any], said: str) -> None:
-    made = ac.simulate("interleaved", seconds=2.0, rig=ac.CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
-    content = results_json.content(ac.compare(ac.fit(ac.Model.linear(), made.recording), made.recording))
+    made = ac.simulate("interleaved", seconds=2.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
+    content = results_json.content(ac.compare(ac.fit(made.recording), made.recording)[0])
     with pytest.raises(ValueError, match=r"expected|no key") as caught:
-        Comparison.from_json(json.dumps(content | change))
+        Evaluation.from_json(json.dumps(content | change))
     assert said in str(caught.value)
 
 
