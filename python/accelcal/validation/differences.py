@@ -109,8 +109,7 @@ class Comparison(Result):
     """A recording belongs to a fitted run: set-up and slow-drift errors cannot show."""
 
     def __repr__(self) -> str:
-        each = (f"{name}: {error:.3g} m" for name, error in zip(self.names, self.errors, strict=True))
-        return f"Comparison({self.measure} of {', '.join(each)})"
+        return f"Comparison({', '.join(self.names)} on {', '.join(name or 'recording' for name in self.recordings)})"
 
     def __len__(self) -> int:
         return len(self.fits)
