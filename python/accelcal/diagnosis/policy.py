@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from accelcal._support.errors import AccelcalError
-
 # ---- search: which effects enter ----
 
 FAMILYWISE_ALPHA = 0.005
@@ -442,12 +440,12 @@ def thresholds() -> tuple[Threshold, ...]:
             continue
         name = node.targets[0].id
         if any(threshold.name == name for threshold in found):
-            raise AccelcalError(f"{name} is defined twice")
+            raise ValueError(f"{name} is defined twice")
         value = after.value if isinstance(after, ast.Expr) else None
         text = value.value if isinstance(value, ast.Constant) else ""
         said = re.fullmatch(r"(.*?\.) (.*\.) \[([^;]*); (\S*)\]", " ".join(str(text).split()))
         if said is None:
-            raise AccelcalError(f'{name}: its docstring must be "What it decides. The reason. [unit; guard]"')
+            raise ValueError(f'{name}: its docstring must be "What it decides. The reason. [unit; guard]"')
         decides, reason, unit, guard = said.groups()
         group = headings[max(n for n in headings if n < node.lineno)]
         found.append(Threshold(name, globals()[name], decides, reason, unit, guard, group))
