@@ -35,7 +35,7 @@ def test_the_command_lists_every_schema_and_prints_each() -> None:
 def test_a_schema_that_does_not_exist_is_refused_with_those_that_do() -> None:
     refused = CliRunner().invoke(app, ["schema", "models"])
     assert refused.exit_code == 2
-    assert "expected one of model, comparison" in refused.stderr
+    assert "expected one of model, evaluation, comparison" in refused.stderr
 
 
 def test_every_schema_that_the_code_names_is_printed() -> None:
