@@ -191,6 +191,9 @@ def test_a_series_that_commands_leave_out_says_how_it_is_made_again() -> None:
     require_same(seen.residual, Comparison.from_json(seen.to_json()).residual, "residual")
 
 
+BIN = {"variable": "a", "unit": "m/s²", "edges": [0.0, 1.0], "mean": [1.0], "std": [1.0], "seen_at": [[0.0, 1.0]]}
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -200,6 +203,13 @@ def test_a_series_that_commands_leave_out_says_how_it_is_made_again() -> None:
         ({"band": "nan"}, "band: found 'nan', expected a valid number"),
         ({"coast_starts": {"1.0": 1.5}}, "coast_starts.1.0: found 1.5, expected a valid integer"),
         ({"breaks": 3}, "breaks: found 3, expected a valid tuple"),
+        ({"bins": [BIN | {"seen_at": {"shape": [10**9, 10**9]}}]}, "bins[0].seen_at: found {'shape'"),
+        (
+            {"bins": [BIN | {"seen_at": {"shape": [0, "x"]}}]},
+            "{'shape': [0, 'x']}, expected ints in lists",
+        ),
+        ({"bins": [BIN | {"seen_at": [[1.0, 2.0], [3.0]]}]}, "expected rows of equal length"),
+        ({"bins": [BIN | {"mean": [None]}]}, "mean: found [None], expected floats in lists, not null"),
         ({"schema": "accelcal/model/3"}, "found 'accelcal/model/3', expected 'accelcal/comparison/3'"),
     ],
 )
