@@ -131,7 +131,7 @@ def require_same(before: Any, after: Any, path: str) -> None:
 def untold(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Results whose JSON holds fields alone: made-up numbers have no properties."""
     for kind in RESULTS:
-        monkeypatch.setattr(kind, "told", ())
+        monkeypatch.setattr(kind, "derived", ())
     results_json.codec.cache_clear()
     yield
     results_json.codec.cache_clear()

@@ -31,7 +31,7 @@ class Storable:
     """An object whose fields are its JSON."""
 
     __slots__ = ()
-    told: ClassVar[tuple[str, ...]] = ()
+    derived: ClassVar[tuple[str, ...]] = ()
     """Properties that JSON holds beside the fields."""
 
     if not TYPE_CHECKING:

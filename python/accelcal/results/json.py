@@ -73,7 +73,7 @@ def head(kind: Any) -> dict[str, Any]:
 
 
 def written(writer: SchemaSerializer, result: Any) -> str:
-    """Text of the fields of a result, then of the properties that it tells beside them."""
+    """Text of the fields of a result, then of the properties derived from them."""
     return writer.to_json(result, warnings=False, fallback=lambda value: value.item()).decode()
 
 
@@ -246,19 +246,19 @@ def number(value: Any) -> Any:
 
 
 def schema_of_result(kind: Any, source: Any, handler: Any) -> CoreSchema:
-    """Core schema of a result: its fields, and the properties that it tells beside them."""
+    """Core schema of a result: its fields, and the properties derived from them."""
     made: CoreSchema = handler(source)
     dataclass = handler.resolve_ref_schema(made)
     dataclass["schema"]["computed_fields"] = [
         core_schema.computed_field(name, handler.generate_schema(get_type_hints(getattr(kind, name).fget)["return"]))
-        for name in kind.told
+        for name in kind.derived
     ]
 
-    def without_told(value: Any) -> Any:
-        return {key: one for key, one in value.items() if key not in kind.told} if isinstance(value, dict) else value
+    def without_derived(value: Any) -> Any:
+        return {key: one for key, one in value.items() if key not in kind.derived} if isinstance(value, dict) else value
 
     present = core_schema.no_info_after_validator_function(without_absent, dataclass["schema"])
-    dataclass["schema"] = core_schema.no_info_before_validator_function(without_told, present)
+    dataclass["schema"] = core_schema.no_info_before_validator_function(without_derived, present)
     return made
 
 

@@ -215,7 +215,7 @@ class Comparison(Result):
     [1.0, 5.0, 10.0]
     """
 
-    told: ClassVar[tuple[str, ...]] = ("fit_percent", "drift_floors")
+    derived: ClassVar[tuple[str, ...]] = ("fit_percent", "drift_floors")
 
     recording: str
     one_step_rms: float

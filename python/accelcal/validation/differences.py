@@ -92,7 +92,7 @@ class PairedComparison(Result):
     'better'
     """
 
-    told: ClassVar[tuple[str, ...]] = ("differences",)
+    derived: ClassVar[tuple[str, ...]] = ("differences",)
 
     fits: tuple[Fit, ...]
     names: tuple[str, ...]
