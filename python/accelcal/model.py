@@ -144,7 +144,7 @@ class Model(Result):
     Model(effects=('bias', 'scale_factor', 'time_offset', 'cubic'), fixed={'bias': 0.05})
     """
 
-    told: ClassVar[tuple[str, ...]] = ("own", "side_channels")
+    derived: ClassVar[tuple[str, ...]] = ("own", "side_channels")
 
     effects: tuple[str, ...] = BASE
     """Names in the order in which they were added; the base comes first."""

@@ -157,7 +157,7 @@ def test_one_tone_confounds_odd_powers_and_hides_functions_of_position():
     again = Power.from_json(seen.to_json())
     assert again["rail_slope"].smallest == (math.inf,)
     assert again["cubic"].smallest[0] > 0.0
-    with pytest.raises(AttributeError, match=r"detection_model is not stored in this JSON: accelcal\.power"):
+    with pytest.raises(ValueError, match=r"detection_model is not stored in this JSON: accelcal\.power"):
         again.of_run  # noqa: B018
 
 

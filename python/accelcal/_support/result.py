@@ -31,7 +31,7 @@ class Storable:
     """An object whose fields are its JSON."""
 
     __slots__ = ()
-    told: ClassVar[tuple[str, ...]] = ()
+    derived: ClassVar[tuple[str, ...]] = ()
     """Properties that JSON holds beside the fields."""
 
     if not TYPE_CHECKING:
@@ -39,9 +39,9 @@ class Storable:
         def __getattr__(self, name: str) -> Any:
             kind = type(self)
             if name not in getattr(kind, "__dataclass_fields__", ()):
-                raise AttributeError(f"{kind.__name__!r} object has no attribute {name!r}")
+                return object.__getattribute__(self, name)  # raises what it raised
             mark = get_type_hints(kind, include_extras=True)[name].__metadata__[0]
-            raise AttributeError(f"{kind.__name__}.{name} is not stored in this JSON: {mark.again}")
+            raise ValueError(f"{kind.__name__}.{name} is not stored in this JSON: {mark.again}")
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:

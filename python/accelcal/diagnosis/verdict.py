@@ -80,7 +80,7 @@ class Diagnosis(Result):
     'cubic'
     """
 
-    told: ClassVar[tuple[str, ...]] = ("suspect", "importance")
+    derived: ClassVar[tuple[str, ...]] = ("suspect", "importance")
 
     verdict: Verdict
     """On what the model lacks."""

@@ -97,7 +97,7 @@ class Fit(Result):
     ('1', True)
     """
 
-    told: ClassVar[tuple[str, ...]] = ("electrical", "stands_for")
+    derived: ClassVar[tuple[str, ...]] = ("electrical", "stands_for")
 
     model: Model
     estimates: tuple[Estimate, ...]

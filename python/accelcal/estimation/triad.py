@@ -68,7 +68,7 @@ class NormTerm:
 class TriadFit(Storable):
     """Nine parameters of a triad."""
 
-    told: ClassVar[tuple[str, ...]] = ("values", "rms", "verdict", "sentence", "remarks")
+    derived: ClassVar[tuple[str, ...]] = ("values", "rms", "verdict", "sentence", "remarks")
 
     T: Array
     """Upper triangular, unit diagonal: angles between the axes, rad."""

@@ -51,7 +51,7 @@ LEAST_LIMIT = 1e-6
 class Plan(Result):
     """A motion that separates named effects, and its detection limits."""
 
-    told: ClassVar[tuple[str, ...]] = ("seconds", "separated")
+    derived: ClassVar[tuple[str, ...]] = ("seconds", "separated")
 
     motion: Annotated[Motion, NotStored("accelcal.plan with the same arguments makes it again")]
     effects: tuple[str, ...]

@@ -44,7 +44,7 @@ class Component:
 class Population(Storable):
     """One parameter of a fleet."""
 
-    told: ClassVar[tuple[str, ...]] = ("next_sensor_std", "next_run_std")
+    derived: ClassVar[tuple[str, ...]] = ("next_sensor_std", "next_run_std")
 
     mean: float
     mean_std: float

@@ -63,7 +63,7 @@ class Chart:
 class Fleet(Storable):
     """Many runs of many sensors."""
 
-    told: ClassVar[tuple[str, ...]] = ("sentences",)
+    derived: ClassVar[tuple[str, ...]] = ("sentences",)
 
     sensors: tuple[str, ...]
     files: tuple[str, ...]

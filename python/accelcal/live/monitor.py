@@ -29,7 +29,7 @@ CONFIDENCE = 0.99
 class Alarm(Storable):
     """A block of innovations that the model does not explain."""
 
-    told: ClassVar[tuple[str, ...]] = ("sentence",)
+    derived: ClassVar[tuple[str, ...]] = ("sentence",)
 
     t: float
     """End of the block, s."""

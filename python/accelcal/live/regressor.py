@@ -27,7 +27,7 @@ MOST_SAVED = 3.0
 class RegressorBias(Storable):
     """Expected error of the scale factor by noise of the output, and by straight lines between its samples."""
 
-    told: ClassVar[tuple[str, ...]] = ("sigma", "sentence")
+    derived: ClassVar[tuple[str, ...]] = ("sigma", "sentence")
 
     value: float
     """Estimate less truth, 1."""

@@ -59,7 +59,7 @@ _ITEMS: tuple[Callable[[Plan], Item], ...] = (
 class Reproduction(Storable):
     """Every item with its rows, and the figures that were written."""
 
-    told: ClassVar[tuple[str, ...]] = ("holds", "statements")
+    derived: ClassVar[tuple[str, ...]] = ("holds", "statements")
 
     quick: bool
     seed: int

@@ -12,7 +12,7 @@ from accelcal._support.result import Storable
 class Statement(Storable):
     """One statement of the paper."""
 
-    told: ClassVar[tuple[str, ...]] = ("state",)
+    derived: ClassVar[tuple[str, ...]] = ("state",)
 
     where: str
     text: str

@@ -24,7 +24,7 @@ from accelcal.signals.transfer import response
 class CrossCheck(Storable):
     """What a fit of scale factor and delay to all motion says, and how far the response is from it."""
 
-    told: ClassVar[tuple[str, ...]] = ("sentence",)
+    derived: ClassVar[tuple[str, ...]] = ("sentence",)
 
     gain: float
     """1 + k"""

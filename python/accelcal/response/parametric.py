@@ -152,7 +152,7 @@ class Fitted:
 class ResponseModel(Storable):
     """The chosen structure, those that the data do not separate from it, and where it fails."""
 
-    told: ClassVar[tuple[str, ...]] = ("sentences",)
+    derived: ClassVar[tuple[str, ...]] = ("sentences",)
 
     best: Fitted
     rivals: tuple[Fitted, ...]

@@ -45,7 +45,7 @@ class Reference:
 class Point(Storable):
     """Sensitivity at one frequency: output over acceleration, in the sense of exp(+i w t): a lag is negative."""
 
-    told: ClassVar[tuple[str, ...]] = ("magnitude", "expanded", "phase", "expanded_phase")
+    derived: ClassVar[tuple[str, ...]] = ("magnitude", "expanded", "phase", "expanded_phase")
 
     frequency: float
     """Hz"""

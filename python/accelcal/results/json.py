@@ -73,7 +73,7 @@ def head(kind: Any) -> dict[str, Any]:
 
 
 def written(writer: SchemaSerializer, result: Any) -> str:
-    """Text of the fields of a result, then of the properties that it tells beside them."""
+    """Text of the fields of a result, then of the properties derived from them."""
     return writer.to_json(result, warnings=False, fallback=lambda value: value.item()).decode()
 
 
@@ -246,19 +246,19 @@ def number(value: Any) -> Any:
 
 
 def schema_of_result(kind: Any, source: Any, handler: Any) -> CoreSchema:
-    """Core schema of a result: its fields, and the properties that it tells beside them."""
+    """Core schema of a result: its fields, and the properties derived from them."""
     made: CoreSchema = handler(source)
     dataclass = handler.resolve_ref_schema(made)
     dataclass["schema"]["computed_fields"] = [
         core_schema.computed_field(name, handler.generate_schema(get_type_hints(getattr(kind, name).fget)["return"]))
-        for name in kind.told
+        for name in kind.derived
     ]
 
-    def without_told(value: Any) -> Any:
-        return {key: one for key, one in value.items() if key not in kind.told} if isinstance(value, dict) else value
+    def without_derived(value: Any) -> Any:
+        return {key: one for key, one in value.items() if key not in kind.derived} if isinstance(value, dict) else value
 
     present = core_schema.no_info_after_validator_function(without_absent, dataclass["schema"])
-    dataclass["schema"] = core_schema.no_info_before_validator_function(without_told, present)
+    dataclass["schema"] = core_schema.no_info_before_validator_function(without_derived, present)
     return made
 
 
@@ -295,8 +295,10 @@ def array_schema(kind: type[np.generic]) -> CoreSchema:
     shape = {"type": "object", "properties": {"shape": counts}, "required": ["shape"], "additionalProperties": False}
 
     def restored(value: Any) -> Any:
-        if isinstance(value, dict) and [*value] == ["shape"]:
-            return np.empty(value["shape"], dtype=kind)
+        if isinstance(value, dict) and isinstance(extent := value.get("shape"), list) and 0 in extent:
+            return np.empty([leaves(count, np.int64) for count in extent], dtype=kind)
+        if not isinstance(value, list):
+            raise ValueError("numbers in lists")
         return np.array(leaves(value, kind), dtype=kind)
 
     return core_schema.no_info_plain_validator_function(
@@ -321,16 +323,19 @@ def spelled(value: Any) -> Any:
     return value if math.isfinite(value) else "NaN" if math.isnan(value) else "Infinity" if value > 0.0 else "-Infinity"
 
 
-def leaves(value: Any, kind: type[np.generic]) -> Any:
+def leaves(value: Any, kind: type[np.generic], depth: int = 0) -> Any:
     """Nested lists with numbers for words.
 
     Raises
     ------
     ValueError
-        If a leaf is not of the kind.
+        If a leaf is not of the kind, rows differ in length, or lists stand in lists without end.
     """
     if isinstance(value, list):
-        return [leaves(inner, kind) for inner in value]
+        made = [leaves(inner, kind, depth + 1) for inner in value] if depth < DEEPEST else None
+        if made is None or len({len(row) if isinstance(row, list) else -1 for row in made}) > 1:
+            raise ValueError(f"rows of equal length, at most {DEEPEST} lists in one another")
+        return made
     value = number(value) if kind is np.float64 else value
     types = {np.bool_: (bool,), np.int64: (int,)}.get(kind, (float, int))
     if type(value) not in types:

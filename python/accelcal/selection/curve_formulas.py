@@ -48,7 +48,7 @@ FARTHEST = 30.0
 class Formula(Storable):
     """One formula with its numbers."""
 
-    told: ClassVar[tuple[str, ...]] = ("text",)
+    derived: ClassVar[tuple[str, ...]] = ("text",)
 
     elements: tuple[str, ...]
     summands: tuple[str, ...]
@@ -97,7 +97,7 @@ class Formula(Storable):
 class FormulaSet(Storable):
     """Formulas that a record does not separate."""
 
-    told: ClassVar[tuple[str, ...]] = ("sentence",)
+    derived: ClassVar[tuple[str, ...]] = ("sentence",)
 
     curve: str
     variable: str

@@ -50,7 +50,7 @@ class Improvement(Result):
     True
     """
 
-    told: ClassVar[tuple[str, ...]] = ("verdict", "sentence", "effects", "found", "left", "importance", "changes")
+    derived: ClassVar[tuple[str, ...]] = ("verdict", "sentence", "effects", "found", "left", "importance", "changes")
 
     steps: tuple[Step, ...]
     diagnosis: Diagnosis

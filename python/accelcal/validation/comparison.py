@@ -216,7 +216,7 @@ class Evaluation(Result):
     [1.0, 5.0, 10.0]
     """
 
-    told: ClassVar[tuple[str, ...]] = ("fit_percent", "drift_floors")
+    derived: ClassVar[tuple[str, ...]] = ("fit_percent", "drift_floors")
 
     recording: str
     one_step_rms: float

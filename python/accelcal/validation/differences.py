@@ -97,7 +97,7 @@ class Comparison(Result):
     ('better', True)
     """
 
-    told: ClassVar[tuple[str, ...]] = ("differences",)
+    derived: ClassVar[tuple[str, ...]] = ("differences",)
 
     fits: tuple[Fit, ...]
     names: tuple[str, ...]

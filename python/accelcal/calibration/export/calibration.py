@@ -45,7 +45,7 @@ class Entry:
 class Code(Storable):
     """The calibration in one number format."""
 
-    told: ClassVar[tuple[str, ...]] = ("bound", "tolerance")
+    derived: ClassVar[tuple[str, ...]] = ("bound", "tolerance")
 
     proven: Proven
     vector: tuple[Entry, ...]
@@ -70,7 +70,7 @@ class Code(Storable):
 class Calibration(Storable):
     """Everything that the files of an export are written from."""
 
-    told: ClassVar[tuple[str, ...]] = ("equation", "unit", "std", "remarks")
+    derived: ClassVar[tuple[str, ...]] = ("equation", "unit", "std", "remarks")
 
     fit: Fit
     own: Characteristic
