@@ -88,14 +88,17 @@ def added(trial: Trial) -> Outcome:
         recording = load(world.record().write(folder))
     base = workflow.fit(recording)
     before = workflow.diagnose(base, recording)
-    present = trial.effect in (*DELAYS, *base.model.effects)
+    jumps = [test for test in before.channels if test.effect == trial.effect == "encoder_step"]
+    present = jumps or trial.effect in (*DELAYS, *base.model.effects)
     model = base if present else workflow.add(base, recording, trial.effect)
     after = workflow.diagnose(model, recording)
+    left_out = {test.effect: [test.estimate, test.std, abs(world.hidden[0].magnitude)] for test in jumps}
     return {
         "before": list(before.effects),
         "classes": [list(group.members) for group in before.classes],
-        "sizes": errors(model, world) | waves(model, world) | delay(model, world),
+        "sizes": errors(model, world) | waves(model, world) | delay(model, world) | left_out,
         "noise": [[e.name, e.value, e.std] for e in model.noise_effects],
+        "accounted": bool(jumps),
         "after": list(after.effects),
         "verdict": after.verdict,
         "sentence": after.sentence,
@@ -138,7 +141,7 @@ def misses(outcome: Outcome) -> list[str]:
     if effect not in outcome["sizes"] and not outcome["noise"] and effect not in REASONS:
         claims.append("no size to compare")
     lacking = set(outcome["after"]) & ({effect} if find(effect).port == "noise" else same) - {"time_offset"}
-    if lacking:
+    if lacking and not outcome["accounted"]:
         claims.append(f"still lacks {', '.join(sorted(lacking))}: {outcome['sentence']}")
     return claims
 

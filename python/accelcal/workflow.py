@@ -30,6 +30,7 @@ from accelcal.diagnosis.findings import Confounded, in_model
 from accelcal.diagnosis.independent_tests import largest_wave
 from accelcal.diagnosis.left_out import left_out_remarks, left_out_sentences, without_wrong_readings
 from accelcal.diagnosis.noise_model.fitted import noise_scores, require_noise_shown, with_noise_effects
+from accelcal.diagnosis.noise_tests.noise_test import POSITION_JUMPS
 from accelcal.diagnosis.noise_tests.run_all import run_outlier_tests
 from accelcal.diagnosis.one_axis import require_one_axis
 from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit
@@ -470,6 +471,10 @@ def add(
         if states is None or model is not fit.model:
             shared = within(progress, 0.0, 0.4)
             states = solve_runs(model, several, origins=fit.origins, engine=engine_of(fit), progress=shared).states
+        jumps = [step for state in states for step in state.run.accounted_steps] if name == POSITION_JUMPS else ()
+        if jumps:
+            said = f"{max(jumps, key=lambda step: abs(step.size)).sentence}; every fit begins anew behind it"
+            raise AccelcalError(f"{name!r} cannot be added: its jump is accounted for already ({said})")
         wave = largest_wave(effect, model, states)
         if wave is not None and effect.search.beside in ("", *model.effects):
             model = model.add(name, shapes={name: wave.shape})

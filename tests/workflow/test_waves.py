@@ -162,3 +162,14 @@ def test_a_wave_that_was_kept_out_of_the_model_is_missing_and_not_found(hum, mon
     assert better.verdict == "unexplained"
     assert better.sentence.startswith("tone would explain more of the record")
     assert "found" not in better.sentence.partition("added")[0]
+
+
+def test_a_jump_that_is_left_out_is_not_added_elsewhere() -> None:
+    jumped = record(5, lambda p: 2e-5 * (np.arange(len(p)) > 9000))
+    fit = ac.fit(jumped)
+    assert ac.diagnose(fit, jumped).effects == ("encoder_step",)
+    with pytest.raises(ValueError, match=r"cannot be added: its jump is accounted for already .* at t = 9\.00"):
+        ac.add(fit, jumped, "encoder_step")
+    untouched = record(5)
+    added = ac.add(ac.fit(untouched), untouched, "encoder_step")
+    assert "encoder_step" in added.model.effects  # a twin without a jump is not refused

@@ -203,7 +203,7 @@ def doctor(json: Json = False) -> None:
         "peers": "filterpy",
     }
     named = {"serial": "pyserial", "nptdms": "npTDMS"}
-    needed = ("numpy", "scipy", "pyarrow", "pint", "uncertainties", "typer", "rich")
+    needed = ("numpy", "scipy", "pyarrow", "pint", "typer", "rich")
     content = {
         "accelcal": accelcal.__version__,
         "python": platform.python_version(),

@@ -14,7 +14,7 @@ from accelcal._support.found_before import found_before
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import ANGULAR_ACCELERATION, DERIVED, GRAVITY, LEVERS, RATES, holes
 from accelcal.data.quality import require_few_holes, require_pace, require_usable
-from accelcal.data.recording import Channel, Recording, RecordingError
+from accelcal.data.recording import Channel, PositionStep, Recording, RecordingError
 from accelcal.data.references import POSITION_ORDER, require_reference
 from accelcal.data.rig import Rig
 from accelcal.data.stamps import usual_step
@@ -142,6 +142,11 @@ class PreparedRun:
     def suits_weak_form(self) -> bool:
         """Whether its reference is so good that the weak form should fit it, if it has one."""
         return self.unpredicted.crossover >= NEAR_RATE
+
+    @property
+    def accounted_steps(self) -> tuple[PositionStep, ...]:
+        """Jumps of the position behind which the replay starts anew, so that no effect has to account for them."""
+        return tuple(step for step in self.recording.position_steps if step.time in self.restarts)
 
     @property
     def reference_readings(self) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ def position_jumps(residuals: Residuals) -> NoiseTest:
     every reading of the record.
     """
     run = residuals.run
-    steps = [step for step in run.recording.position_steps if step.time in run.restarts]
+    steps = run.accounted_steps
     if not steps:
         return NoiseTest(POSITION_JUMPS, 0.0, 1.0, 0.0, "m", math.inf, "no jump of the position")
     largest = max(steps, key=lambda step: abs(step.size))
