@@ -230,13 +230,15 @@ def detectable_rows(limits: Sequence[Detectability], *, in_full: bool = False) -
             "effect": limit.effect,
             "part": part,
             "smallest": size,
-            "unit": limit.unit,
+            "unit": units[part] if len(units) > 1 else units[0],
             "largest": limit.largest,
             "largest_unit": limit.largest_unit,
             "confounded_with": ", ".join(limit.members[1:]),
         }
         for limit in limits
-        for part, size in enumerate(limit.smallest if in_full else (min(limit.smallest),))
+        for units in [limit.unit.split(", ")]
+        for part, size in enumerate(limit.smallest)
+        if in_full or size == min(limit.smallest)
     )
 
 
@@ -253,7 +255,7 @@ def largest_text(row: Row) -> str:
 
 
 DETECTABLE_COLUMNS = (
-    Column("effect", "effect", lambda r: spelled(r["effect"])),
+    Column("effect", "effect"),
     Column("smallest", "smallest size (95 % probability)", smallest_text),
     Column("largest", "largest contribution at that size", largest_text),
     *(Column(key) for key in ("part", "unit", "largest_unit", "confounded_with")),

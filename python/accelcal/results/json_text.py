@@ -22,8 +22,8 @@ class ModelFileError(AccelcalError):
 
 LONGEST_TEXT = 4_000
 """Characters of a text in a model file: a sentence, the name of a file or of a sensor."""
-MOST_DIGITS = 18
-"""Digits of a whole number: no count in a model file has more."""
+MOST_DIGITS = 20
+"""Digits of a whole number with its sign: those of 64 bits."""
 ESCAPED = re.compile("[\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff\ufeff]")
 """What JSON allows in a string and a terminal obeys."""
 AGAIN = "take a copy that is whole, or fit again: accelcal fit RUN.csv -o MODEL.json"
