@@ -238,7 +238,7 @@ def detectable_rows(limits: Sequence[Detectability], *, in_full: bool = False) -
         for limit in limits
         for units in [limit.unit.split(", ")]
         for part, size in enumerate(limit.smallest)
-        if in_full or size == min(limit.smallest)
+        if in_full or part == limit.smallest.index(min(limit.smallest))
     )
 
 
