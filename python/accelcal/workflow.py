@@ -456,7 +456,7 @@ def add(
     several, broken = usable_recordings(runs_of(recordings))
     for one in several:  # their channels are effects by name
         side_channels([(name, channel.unit) for name, channel in one.side.items() if name not in DERIVED])
-    model, states = model_in_motion(fit), restored_states(fit, several)
+    model, states, waves = model_in_motion(fit), restored_states(fit, several), dict[str, float]()
     for name in names:
         effect = find(name)
         if name in model.effects and not may_be_refined(model, effect):
@@ -477,6 +477,7 @@ def add(
             raise AccelcalError(f"{name!r} cannot be added: its jump is accounted for already ({said})")
         wave = largest_wave(effect, model, states)
         if wave is not None and effect.search.beside in ("", *model.effects):
+            waves[name] = wave.estimate
             model = model.add(name, shapes={name: wave.shape})
             continue
         requested = scan(states, model, extra=extra, only=(effect,), progress=within(progress, 0.4, 0.6))
@@ -501,12 +502,15 @@ def add(
     clean, solution = fit_without_outliers(result(solution), solution, several)
     grown = with_noise_effects(clean, several, solution.states)
     require_noise_shown(grown, names)
-    unsettled = [name for name in names if find(name).port == "noise" and not solution.converged]
-    if unsettled:
+    shown = barely_shown(grown, names)
+    lost = [name for name in names if find(name).port == "noise" and not solution.converged]
+    lost += [name for name, size in waves.items() if max(in_model(grown, Confounded(name, (name,), ""), {}).std) > size]
+    if lost:
+        why = "does not determine its size" if solution.converged else "with it does not settle"
         raise AccelcalError(
-            f"{unsettled[0]!r} cannot be added: the fit with it does not settle, so its noise would not be calibrated"
+            f"{lost[0]!r} cannot be added: the fit {why}; `accelcal power` says what the record can show"
         )
-    grown = replace(grown, remarks=(*grown.remarks, *barely_shown(grown, names)))
+    grown = replace(grown, remarks=(*grown.remarks, *shown))
     return remembered(with_breaks(grown, broken), recordings)
 
 

@@ -173,3 +173,20 @@ def test_a_jump_that_is_left_out_is_not_added_elsewhere() -> None:
     untouched = record(5)
     added = ac.add(ac.fit(untouched), untouched, "encoder_step")
     assert "encoder_step" in added.model.effects  # a twin without a jump is not refused
+
+
+def test_a_line_beyond_what_the_weak_form_resolves_is_refused() -> None:
+    rng, t = np.random.default_rng(49), np.arange(30_000) / 1000.0
+    omega, size = 2.0 * np.pi * np.array([0.31, 0.67, 1.4, 2.3, 4.2]), np.array([20e-3, 9e-3, 4e-3, 2e-3, 6e-4])
+    turn = omega * t[:, None] + rng.uniform(0.0, 6.3, 5)
+    output = -np.sin(turn) @ (size * omega**2) + 2.2e-3 * np.sqrt(500.0) * rng.standard_normal(len(t))
+    output += 2.2 * np.sin(2.0 * np.pi * 322.01 * t)
+    position = np.sin(turn) @ size + 2e-7 * rng.standard_normal(len(t))
+    units = {"accel": "m/s^2", "position": "m"}
+    line = ac.Recording.from_arrays(t, output, position, units=units, rig=ac.Rig(ac.Sensor(noise=2.2e-3)))
+    fit = ac.fit(line)
+    assert "tone" in ac.diagnose(fit, line).effects
+    with pytest.raises(ac.AccelcalError, match=r"(does not determine its size|with it does not settle)"):
+        ac.add(fit, line, "tone")
+    clear = record(6, lines=LINES[:1])  # a twin whose line is resolved
+    assert "tone" in ac.add(ac.fit(clear), clear, "tone").model.effects
