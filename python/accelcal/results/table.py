@@ -75,6 +75,13 @@ class Table:
         columns = self.shown
         return tuple(c.head for c in columns), tuple(tuple(c.cell(row) for c in columns) for row in self.rows)
 
+    def __str__(self) -> str:
+        return as_text(self)
+
+    def _repr_html_(self) -> str:
+        """HTML of the table, as notebooks show it."""
+        return as_html(self)
+
     def with_columns(self, *columns: Column) -> Table:
         """Copy of the table with further columns."""
         return replace(self, columns=(*self.columns, *columns))
