@@ -47,7 +47,7 @@ def test_three_recordings_and_dwells_are_fitted_together(
     user.click("Model", "tab")
     user.sees("dwells.csv: 8 dwells")
     user.click("Compare on held-out data")
-    user.sees("free-running error")
+    user.page.get_by_role("table", name="Errors of two models on held-out data").wait_for(timeout=LONG)
     user.look("side by side")
     user.click("Export", "tab")
     with user.page.expect_download(timeout=LONG) as waiting:

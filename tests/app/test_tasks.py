@@ -87,7 +87,7 @@ def say_how_sure(user: User, cubic: Path, volts: Path) -> None:
     value = float(row.get_by_label("Value to fix cubic at").input_value())
     assert value == pytest.approx(4e-3, rel=0.02)
     assert "K3" in row.inner_text()
-    user.sees("standard uncertainty")
+    user.sees("95 % interval")
     user.click("Residuals", "tab")
     user.settles(figures=6)
 
@@ -120,7 +120,7 @@ def compare_two_models(user: User, cubic: Path, volts: Path) -> None:
     assert models.first.get_attribute("aria-pressed") == "true"
     user.settles(figures=4)
     number = user.page.locator("[data-number=error]").inner_text()
-    assert any(f"on held-out data: {number}" in text for text in user.page.locator("figcaption").all_inner_texts())
+    assert any(f": {number}" in text for text in user.page.locator("figcaption").all_inner_texts())
 
 
 def save_and_reopen(user: User, cubic: Path, volts: Path) -> None:

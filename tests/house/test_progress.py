@@ -20,7 +20,7 @@ from accelcal.estimation.estimate import Fit
 from accelcal.simulation.sensor import CXL02_RIG
 
 CLI = Path(ac.__file__).parent / "cli"
-QUICK = {"init", "effects", "export", "live", "app", "doctor"}
+QUICK = {"init", "effects", "export", "live", "app", "doctor", "schema"}
 """Commands that end within 2 s whatever the recording, or show what they do in another way."""
 
 

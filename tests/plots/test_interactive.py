@@ -22,6 +22,7 @@ from accelcal.live.moments import LiveHistory
 from accelcal.live.monitor import Alarm, Interval
 from accelcal.live.session import LiveEvent, LiveState
 from accelcal.live.tracker import Innovation
+from accelcal.model import Estimate
 from accelcal.plots import bins, comparison, interactive, limits, matplotlib, plotly, residuals, style, timeline
 from accelcal.plots import diagnosis as findings
 from accelcal.plots import model as models
@@ -108,7 +109,7 @@ def followed():
     history = LiveHistory()
     for i in range(10):
         std = 1e-3 / (i + 1)
-        estimates = tuple(ac.Estimate(name, name, unit, 0.01, std, "sensor") for name, unit in LIVE)
+        estimates = tuple(Estimate(name, name, unit, 0.01, std, "sensor") for name, unit in LIVE)
         newest, nis = Innovation(0.5 * i, 1e-7, 4e-14), Interval(1.0, 0.9, 1.1, 100)
         state = LiveState(0.5 * i, estimates, innovation=newest, nis=nis)
         history.add(LiveEvent("state", "lines", state))
