@@ -29,6 +29,8 @@ HOMONYMS = {
     ("data/recording.py", "velocity"): "a reference",
     ("data/references.py", "velocity"): "a reference",
     ("diagnosis/turning.py", "tilt"): "the cause that the file judges, and the class that it enters",
+    ("results/consistency.py", "tilt"): "the field of a fit, an angle",
+    ("results/migrations.py", "tilt"): "the field of a fit, an angle",
     ("estimation/axis_gravity.py", "cubic"): "interpolation",
     ("estimation/drive.py", "cubic"): "interpolation",
     ("estimation/recursive.py", "cubic"): "model of a live filter: linear or cubic",
