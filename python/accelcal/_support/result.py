@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_type_hints
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.faces import face
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ class Storable:
             if name not in getattr(kind, "__dataclass_fields__", ()):
                 return object.__getattribute__(self, name)  # raises what it raised
             mark = get_type_hints(kind, include_extras=True)[name].__metadata__[0]
-            raise ValueError(f"{kind.__name__}.{name} is not stored in this JSON: {mark.again}")
+            raise AccelcalError(f"{kind.__name__}.{name} is not stored in this JSON: {mark.again}")
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:

@@ -298,7 +298,7 @@ def array_schema(kind: type[np.generic]) -> CoreSchema:
         if isinstance(value, dict) and isinstance(extent := value.get("shape"), list) and 0 in extent:
             return np.empty([leaves(count, np.int64) for count in extent], dtype=kind)
         if not isinstance(value, list):
-            raise ValueError("numbers in lists")
+            raise AccelcalError("numbers in lists")
         return np.array(leaves(value, kind), dtype=kind)
 
     return core_schema.no_info_plain_validator_function(
@@ -334,7 +334,7 @@ def leaves(value: Any, kind: type[np.generic], depth: int = 0) -> Any:
     if isinstance(value, list):
         made = [leaves(inner, kind, depth + 1) for inner in value] if depth < DEEPEST else None
         if made is None or len({len(row) if isinstance(row, list) else -1 for row in made}) > 1:
-            raise ValueError(f"rows of equal length, at most {DEEPEST} lists in one another")
+            raise AccelcalError(f"rows of equal length, at most {DEEPEST} lists in one another")
         return made
     value = number(value) if kind is np.float64 else value
     types = {np.bool_: (bool,), np.int64: (int,)}.get(kind, (float, int))
