@@ -209,7 +209,7 @@ def add(
         found = add_to(fitted, recordings, *effects, progress=within(report, LOADED, 1.0))
     finish_fit(found, recordings, output, json)
     if not json and output is not None:
-        suggest("history", model, output, "--on", UNSEEN)
+        suggest("compare", model, output, UNSEEN)
 
 
 @app.command()
@@ -237,7 +237,7 @@ def drop(
         found = drop_from(fitted, recordings, *effects, progress=within(report, LOADED, 1.0))
     finish_fit(found, recordings, output, json)
     if not json and output is not None:
-        suggest("history", output, model, "--on", UNSEEN)
+        suggest("compare", output, model, UNSEEN)
 
 
 @app.command()
