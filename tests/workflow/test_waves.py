@@ -11,6 +11,7 @@ import accelcal as ac
 from accelcal.diagnosis.remarks import remark
 from accelcal.results import model_file
 from accelcal.selection import stepwise
+from accelcal.simulation.sensor import ADXL105_RIG
 from accelcal.workflow import barely_shown
 
 DENSITY, RATE = 1.4e-3, 1000.0
@@ -190,3 +191,9 @@ def test_a_line_beyond_what_the_weak_form_resolves_is_refused() -> None:
         ac.add(fit, line, "tone")
     clear = record(6, lines=LINES[:1])  # a twin whose line is resolved
     assert "tone" in ac.add(ac.fit(clear), clear, "tone").model.effects
+
+
+def test_harmonics_of_a_strong_cubic_are_not_named_as_lines() -> None:
+    rng = np.random.default_rng(77)
+    made = ac.simulate("fast", seconds=20.0, rig=ADXL105_RIG, parameters={"cubic": 1e-3}, rng=rng)
+    assert ac.diagnose(ac.fit(made.recording), made.recording).effects == ("cubic",)

@@ -61,10 +61,10 @@ def own_tests(significant: Sequence[NoiseTest]) -> list[NoiseTest]:
 def independent_tests(significant: Sequence[NoiseTest], *, no_effect_found: bool) -> tuple[NoiseTest, ...]:
     """Tests among `own_tests` that name their effect.
 
-    A line inside the band of the motion may be a harmonic of a missing nonlinearity, which the search finds: it counts
-    only with `no_effect_found`, when no effect of the motion was found, and where the motion makes no lines. A line
-    above that band where the motion makes lines counts when no effect was found, and then no wave over position does:
-    both are harmonics of the motion.
+    A line below thrice the band of the motion may be a harmonic of a missing nonlinearity, which the search finds: it
+    counts only with `no_effect_found`, when no effect of the motion was found, and where the motion makes no lines. A
+    line above that band where the motion makes lines counts when no effect was found, and then no wave over position
+    does: both are harmonics of the motion.
     """
     harmonic = any(test.effect == LINE and test.parts.get("made_by_motion") for test in significant)
 
