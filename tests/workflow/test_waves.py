@@ -195,5 +195,5 @@ def test_a_line_beyond_what_the_weak_form_resolves_is_refused() -> None:
 
 def test_harmonics_of_a_strong_cubic_are_not_named_as_lines() -> None:
     rng = np.random.default_rng(77)
-    made = ac.simulate("fast", seconds=20.0, rig=ADXL105_RIG, parameters={"cubic": 1e-3}, rng=rng)
+    made = ac.simulate("fast", seconds=60.0, rig=ADXL105_RIG, parameters={"cubic": 1e-3}, rng=rng)
     assert ac.diagnose(ac.fit(made.recording), made.recording).effects == ("cubic",)
