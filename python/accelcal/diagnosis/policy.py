@@ -260,6 +260,9 @@ in one of twenty. [standard deviations; tests/workflow/test_waves.py]"""
 OWN_WAVE_TURNS = 4.0
 """Turns over the record, or over the stroke, within which a line or a wave is the one that the model has. Nearer ones
 are one peak of a windowed spectrum. [turns; tests/diagnosis/noise_tests/test_waves.py]"""
+MOTION_HARMONICS = 3.0
+"""Multiple of the motion's band below which a line may be made by a missing effect. A cubic makes third harmonics.
+[ratio; tests/workflow/test_waves.py]"""
 MOTION_LINE_RATIO = 3.0
 """Amplitude of a line in the motion, over that in the residual, above which the drive makes the line. The smoothed
 motion holds a part of any line. [ratio; tests/diagnosis/noise_tests/test_noise_tests.py]"""

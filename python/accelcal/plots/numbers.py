@@ -5,10 +5,9 @@ from __future__ import annotations
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.results import words as formatting
-from accelcal.results.comparisons import density
+from accelcal.results.comparisons import source_of_noise
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.differences import Comparison
-from accelcal.validation.sensor_noise import SOURCES, Source
 from accelcal.validation.stretches import headline_horizon, quoted_error
 
 TWO_SIDED_95 = 1.96
@@ -47,15 +46,9 @@ def error_reduction_sentence(comparison: Comparison) -> str:
 
 def floor_sentence(comparison: Comparison) -> str:
     """The noise floor with its interval and its source."""
-    floor, sensor = comparison.floor, comparison.noise_floor.sensor
+    floor = comparison.floor
     ends = f"{formatting.length(floor.low)} to {formatting.length(floor.high)}"
-    return f"noise alone {ends} ({source_of_noise(sensor.source, sensor.density, sensor.declared)})"
-
-
-def source_of_noise(source: Source, value: float, declared: float | None) -> str:
-    """Where a noise density comes from, and the declared one where it differs, both in (m/s²)/sqrt(Hz)."""
-    beside = "" if declared is None else f"; declared {density(declared)}"
-    return f"{SOURCES[source]} {density(value)}{beside}"
+    return f"noise alone {ends} ({source_of_noise(comparison.noise_floor.sensor)})"
 
 
 def share_text(comparison: Comparison, number: int) -> str:

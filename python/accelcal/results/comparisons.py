@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any
 
 from accelcal._support.listing import listing
@@ -15,9 +14,9 @@ from accelcal.results.words import decimal, length, number, percent, prefixed, p
 from accelcal.selection.improvement import Improvement
 from accelcal.validation.comparison import Evaluation, NoiseFloor, Outside, Region
 from accelcal.validation.differences import Comparison, verdict_of
-from accelcal.validation.paired import HeldOutChange, heldout_change
+from accelcal.validation.paired import HeldOutChange
 from accelcal.validation.ruler import Ruler
-from accelcal.validation.sensor_noise import ONLY_WHITE, SOURCES
+from accelcal.validation.sensor_noise import ONLY_WHITE, SOURCES, SensorNoise
 from accelcal.validation.stretches import headline_horizon, quoted_error
 
 
@@ -164,12 +163,16 @@ def floor_notes(floor: NoiseFloor | None) -> list[str]:
     """Source of the noise floor, and what it leaves out."""
     if floor is None:
         return []
-    sensor = floor.sensor
-    beside = "" if sensor.declared is None else f"; declared {density(sensor.declared)}"
     return [
-        f"Noise alone: {SOURCES[sensor.source]} {density(sensor.density)}{beside}; 95 % prediction intervals for a "
-        f"record of this length; {ONLY_WHITE}."
+        f"Noise alone: {source_of_noise(floor.sensor)}; 95 % prediction intervals for a record of this length; "
+        f"{ONLY_WHITE}."
     ]
+
+
+def source_of_noise(sensor: SensorNoise) -> str:
+    """Source and size of the noise density of a sensor, and the declared one where it differs."""
+    beside = "" if sensor.declared is None else f"; declared {density(sensor.declared)}"
+    return f"{SOURCES[sensor.source]} {density(sensor.density)}{beside}"
 
 
 def density(value: float) -> str:
@@ -258,7 +261,7 @@ def _(result: Improvement, which: str = "") -> Table:
     return error_reduction(
         f"Improvement: {VERDICTS[last.verdict]}; held out: {same if result.same_run else 'another recording'}",
         [" + ".join(("base", *step.effects)) for step in result.steps],
-        [("", steps, [None, *(heldout_change(before, after) for before, after in pairwise(steps))])],
+        [("", steps, [None, *result.changes])],
         Ruler.of([step.fit for step in result.steps]),
         sentence=typeset(result.sentence),
         notes=[fall(steps, headline_horizon(*steps), " on held-out data"), *map(as_sentence, last.notes)],

@@ -1,4 +1,4 @@
-"""JSON of a result, out and in, and its schema, from its dataclass; pydantic is imported by this module alone."""
+"""JSON of a result, out and in, and its schema, from its dataclass; no other module of results imports pydantic."""
 
 from __future__ import annotations
 

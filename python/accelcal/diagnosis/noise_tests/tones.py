@@ -22,6 +22,7 @@ from accelcal.diagnosis.policy import (
     DRIVEN_LINE_RATIO,
     DRIVEN_LINE_SHARE,
     MOST_HARMONICS,
+    MOTION_HARMONICS,
     MOTION_LINE_RATIO,
     NOISE_TEST_ALPHA,
     NOISE_TEST_LEAST_BLOCKS,
@@ -41,8 +42,6 @@ LEVEL_SPAN = 0.04
 """Share of the sampling rate over which the noise level counts as constant."""
 GROUPS_PER_OCTAVE, LEAST_GROUP = 2, 8
 """Groups of bins to whose medians a level that falls with frequency is fitted, and the bins of the smallest."""
-HARMONICS_OF_MOTION = 3.0
-"""Multiple of the band of the motion up to which a missing nonlinearity of the third order makes lines."""
 NEIGHBOURS = 1001
 """Bins of the periodogram over which its local level is estimated."""
 
@@ -259,7 +258,7 @@ def tone_test(
     if is_coarse(residuals) and amplitude * residuals.lowpass_gain(frequency) < CONVERTER_LINE_SHARE * residuals.lsb:
         p_value = 1.0  # steps crossed by a periodic motion make lines of their own
     span = float(t[-1] - t[0])
-    within_motion = frequency < HARMONICS_OF_MOTION * residuals.reach
+    within_motion = frequency < MOTION_HARMONICS * residuals.reach
     parts = {
         "frequency": float(frequency),
         "frequency_std": math.sqrt(12.0) / (2.0 * math.pi * span) * std / max(amplitude, 1e-300),
