@@ -49,8 +49,9 @@ def test_every_key_is_in_a_table_of_the_page(tmp_path, monkeypatch):
     rows = re.findall(r"^\| (`[^|]*`) \|", text, flags=re.MULTILINE)
     explained = {key for row in rows for key in re.findall(r"`(\w+)`", row)}
     assert set().union(*known.values()) - {"accel", "position"} <= explained
-    for table in sidecar._TABLES:
+    for table in sidecar.KEYS:
         assert f"`[{table}]`" in text
+        assert table == "channels" or sidecar.markdown(table) in text, sidecar.markdown(table)
 
 
 @pytest.mark.parametrize("key", ["serial", "tolerance = 0.05", "resolution", "gravity_along_axis", "misalignment"])

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from accelcal._support import stopping, supervised
+from accelcal._support import process, stopping
 
 from .workbench import descendants, has_ended
 
@@ -103,7 +103,7 @@ def test_a_signal_at_the_edges_of_the_wait_ends_the_child(seen: bool, monkeypatc
 
     try:
         with pytest.raises(stopping.Stopped) as stopped:
-            supervised._code_of(child.pid, let_come)
+            process._code_of(child.pid, let_come)
         assert stopped.value.number == signal.SIGTERM
         assert has_ended(child.pid)
     finally:

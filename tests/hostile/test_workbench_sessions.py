@@ -126,12 +126,12 @@ def test_a_recording_that_is_missing_or_changed_is_asked_for(raw: bytes, place: 
     assert bench.sentence == ""
     assert bench.state.opened is not None
     assert bench.state.recording is None
-    bench.give(place / "other.csv")
+    bench.give([place / "other.csv"])
     assert "not the recording that this session was made with (run.csv, SHA-256" in bench.sentence
     assert bench.state.opened is not None
     copy = tmp_path / "copy.csv"
     copy.write_bytes((place / "run.csv").read_bytes())
-    bench.give(copy)
+    bench.give([copy])
     assert bench.sentence == ""
     assert len(bench.state.steps) == 3
     copy.write_bytes(copy.read_bytes() + b"\n")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
 import subprocess
@@ -79,15 +78,13 @@ class Follower:
             [sys.executable, "-m", "accelcal", *asked.words, "--json", f"--every={EVERY}"],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
             text=True,
             encoding="utf-8",
             errors="replace",
             cwd=folder,
             process_group=0,  # Ctrl-C in the terminal is for the server, which ends this in order
         )
-        self._complaints = threading.Thread(target=self._listen_to_complaints, daemon=True)
-        self._complaints.start()
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()
 
@@ -125,25 +122,19 @@ class Follower:
     def _listen(self) -> None:
         assert self.process.stdout is not None
         for line in self.process.stdout:
-            self._take(line)
+            try:
+                event = LiveEvent.from_json(line)
+            except ValueError:
+                self._said.append(line)
+                continue
+            with self.lock:
+                self.history.add(event)
+                self.version += 1
         status = self.process.wait()
-        self._complaints.join(PATIENCE)
         with self.lock:
             self.sentence = self._complaint(status)
             self.ended = True
             self.version += 1
-
-    def _take(self, line: str) -> None:
-        with contextlib.suppress(ValueError):
-            event = LiveEvent.from_json(line)
-            with self.lock:
-                self.history.add(event)
-                self.version += 1
-
-    def _listen_to_complaints(self) -> None:
-        assert self.process.stderr is not None
-        for line in self.process.stderr:
-            self._said.append(line)
 
     def _complaint(self, status: int) -> str:
         """What the process said against what it was asked, in words of the page."""

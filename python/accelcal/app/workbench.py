@@ -12,10 +12,11 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import replace
+from functools import wraps
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Concatenate, Literal, ParamSpec
 
 from accelcal import io
 from accelcal._support import internal_error
@@ -40,7 +41,6 @@ from accelcal.io.formats import READABLE
 from accelcal.model import Model
 from accelcal.response import FrequencyResponse
 from accelcal.results import model_file
-from accelcal.signals.signals import Origins
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.differences import Comparison
 from accelcal.validation.ruler import Ruler
@@ -55,6 +55,38 @@ UNUSED = 600.0
 """Age from which files that no state names are removed, s."""
 MOST_NAME = 100
 """Length of the name that an uploaded file is kept under, bytes; a file system takes 255."""
+
+
+P = ParamSpec("P")
+
+
+def action(
+    title: str = "",
+) -> Callable[[Callable[Concatenate[Workbench, State, Report, P], State]], Callable[Concatenate[Workbench, P], None]]:
+    """Make a method that returns the next state an action of the user, which replaces the state.
+
+    Parameters
+    ----------
+    title : of the action, for people; {0} is its first argument, {state} the state before it.
+    """
+
+    def enter(
+        work: Callable[Concatenate[Workbench, State, Report, P], State],
+    ) -> Callable[Concatenate[Workbench, P], None]:
+        @wraps(work)
+        def act(self: Workbench, /, *args: P.args, **kwargs: P.kwargs) -> None:
+            called = title.format(*map(in_few_words, args), state=self.state)
+            self._perform(called, lambda state, progress: work(self, state, progress, *args, **kwargs))
+
+        return act
+
+    return enter
+
+
+def in_few_words(given: object) -> str:
+    """An argument of an action, files by their names."""
+    files = given if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
+    return f"{len(files)} files" if len(files) > 1 else str(files[0].name if isinstance(files[0], Path) else files[0])
 
 
 class Workbench:
@@ -147,7 +179,8 @@ class Workbench:
         kept = stem.encode(errors="ignore")[: MOST_NAME - len(ending)].decode(errors="ignore").rstrip()
         return upload_folder / f"{kept or 'recording'}{bare[len(stem) :]}"
 
-    def load(self, path: str | Path, sidecar: str | None = None) -> None:
+    @action("reading {0}")
+    def load(self, state: State, progress: Report, path: Path, sidecar: str | None = None) -> State:
         """Begin anew with a recording; where its columns are not understood, `Run.problem` says why until they are.
 
         Parameters
@@ -155,61 +188,48 @@ class Workbench:
         path : the file.
         sidecar : text in place of the sidecar beside the file.
         """
-        path = Path(path)
-        self._perform(f"reading {path.name}", lambda state, progress: self._load(path, sidecar, progress))
-
-    def _load(self, path: Path, sidecar: str | None, progress: Report) -> State:
         return State(runs=roles.divided([self._reader().run(path, sidecar, None, progress)]))
 
-    def load_several(self, paths: Sequence[Path]) -> None:
+    @action("reading {0}")
+    def load_several(self, state: State, progress: Report, paths: Sequence[Path]) -> State:
         """Begin anew with recordings and dwells of one sensor."""
+        return with_one_to_map(State(runs=roles.divided(self._reader().several(paths, (), progress))))
 
-        def work(state: State, progress: Report) -> State:
-            return with_one_to_map(State(runs=roles.divided(self._reader().several(paths, (), progress))))
-
-        self._perform(f"reading {names_of_files(paths)}", work)
-
-    def include(self, paths: Sequence[Path], role: Role = "fit") -> None:
+    @action("reading {0}")
+    def include(self, state: State, progress: Report, paths: Sequence[Path], role: Role = "fit") -> State:
         """Read further recordings and dwells, of the sensor of those that are there."""
+        loaded(state)
+        further = self._reader().several(paths, state.runs, within(progress, 0.0, 0.5))
+        runs = (*state.runs, *further)
+        if role != "fit":
+            for number in range(len(state.runs), len(runs)):
+                runs = roles.with_role(runs, number, role)
+        made = with_one_to_map(replace(state, runs=runs))
+        return replace(self._divided(state, made.runs, within(progress, 0.5, 0.98)), shown=made.shown)
 
-        def work(state: State, progress: Report) -> State:
-            loaded(state)
-            further = self._reader().several(paths, state.runs, within(progress, 0.0, 0.5))
-            runs = (*state.runs, *further)
-            if role != "fit":
-                for number in range(len(state.runs), len(runs)):
-                    runs = roles.with_role(runs, number, role)
-            made = with_one_to_map(replace(state, runs=runs))
-            return replace(self._divided(state, made.runs, within(progress, 0.5, 0.98)), shown=made.shown)
-
-        self._perform(f"reading {names_of_files(paths)}", work)
-
-    def declare(self, sidecar: str) -> None:
+    @action("reading {state.title}")
+    def declare(self, state: State, progress: Report, sidecar: str) -> State:
         """Read the file on the time line again, with a text in place of its sidecar.
 
         Files with the same columns that are not understood either are read so, too.
         """
-
-        def work(state: State, progress: Report) -> State:
-            asked = state.run
-            if asked is None:
-                raise Refused("load a recording first")
-            alike = [run for run in state.runs if run is asked or (run.problem and run.columns == asked.columns)]
-            read = {}
-            for number, run in enumerate(alike):
-                part = within(progress, number / len(alike), (number + 1) / len(alike))
-                read[id(run)] = declared_anew(run, self._reader().run(run.file, sidecar, None, part))
-            if read[id(asked)].problem and not asked.problem and len(state.runs) > 1:
-                raise Refused(read[id(asked)].problem)
-            runs = tuple(read.get(id(run), run) for run in state.runs)
-            all_new = all(run.problem for run in state.runs)
-            return without_models(
-                with_one_to_map(
-                    replace(state, runs=roles.divided(runs) if all_new else roles.with_something_held_out(runs))
-                )
+        asked = state.run
+        if asked is None:
+            raise Refused("load a recording first")
+        alike = [run for run in state.runs if run is asked or (run.problem and run.columns == asked.columns)]
+        read = {}
+        for number, run in enumerate(alike):
+            part = within(progress, number / len(alike), (number + 1) / len(alike))
+            read[id(run)] = declared_anew(run, self._reader().run(run.file, sidecar, None, part))
+        if read[id(asked)].problem and not asked.problem and len(state.runs) > 1:
+            raise Refused(read[id(asked)].problem)
+        runs = tuple(read.get(id(run), run) for run in state.runs)
+        all_new = all(run.problem for run in state.runs)
+        return without_models(
+            with_one_to_map(
+                replace(state, runs=roles.divided(runs) if all_new else roles.with_something_held_out(runs))
             )
-
-        self._perform(f"reading {self.state.title}", work)
+        )
 
     def _divided(self, state: State, runs: tuple[Run, ...], progress: Report) -> State:
         """The state with other runs; its models stay where what they were fitted to does, and are compared again."""
@@ -232,51 +252,40 @@ class Workbench:
 
     # Roles
 
-    def assign(self, number: int, role: Role) -> None:
+    @action("choosing what is held out")
+    def assign(self, state: State, progress: Report, number: int, role: Role) -> State:
         """Choose what a file is used for."""
+        return self._divided(state, roles.with_role(state.runs, known_number(state, number), role), progress)
 
-        def work(state: State, progress: Report) -> State:
-            return self._divided(state, roles.with_role(state.runs, known_number(state, number), role), progress)
-
-        self._perform("choosing what is held out", work)
-
-    def remove(self, number: int) -> None:
+    @action()
+    def remove(self, state: State, progress: Report, number: int) -> State:
         """Remove a file."""
+        rest = tuple(run for at, run in enumerate(state.runs) if at != known_number(state, number))
+        if not any(run.recording is not None for run in rest):
+            raise Refused("this is the only recording; load another one to begin anew")
+        return self._divided(replace(state, shown=0), roles.with_something_held_out(rest), progress)
 
-        def work(state: State, progress: Report) -> State:
-            rest = tuple(run for at, run in enumerate(state.runs) if at != known_number(state, number))
-            if not any(run.recording is not None for run in rest):
-                raise Refused("this is the only recording; load another one to begin anew")
-            return self._divided(replace(state, shown=0), roles.with_something_held_out(rest), progress)
-
-        self._perform("", work)
-
-    def show(self, number: int) -> None:
+    @action()
+    def show(self, state: State, progress: Report, number: int) -> State:
         """Bring a file to the time line, where stretches of it are held out or excluded."""
-        self._perform("", lambda state, progress: replace(state, shown=known_number(state, number)))
+        return replace(state, shown=known_number(state, number))
 
-    def look_at_heldout(self, number: int) -> None:
+    @action()
+    def look_at_heldout(self, state: State, progress: Report, number: int) -> State:
         """Draw the curves of another held-out recording."""
-        self._perform("", lambda state, progress: replace(state, looked_at=number % len(state.unseen_runs)))
+        return replace(state, looked_at=number % len(state.unseen_runs))
 
-    def open(self, path: str | Path) -> None:
+    @action("opening {0}")
+    def open(self, state: State, progress: Report, path: Path) -> State:
         """Go on with the work of a session file; a recording that is missing is asked for: `State.opened`."""
-        path = Path(path)
+        return self._resumed(OpenedSession(*session_file.read(path)), progress)
 
-        def work(state: State, progress: Report) -> State:
-            return self._resumed(OpenedSession(*session_file.read(path)), progress)
-
-        self._perform(f"opening {path.name}", work)
-
-    def give(self, *paths: Path) -> None:
+    @action("reading {0}")
+    def give(self, state: State, progress: Report, paths: Sequence[Path]) -> State:
         """Give recordings that an opened session asks for."""
-
-        def work(state: State, progress: Report) -> State:
-            if state.opened is None:
-                raise Refused("open a session first")
-            return self._resumed(state.opened.with_files(paths), progress)
-
-        self._perform(f"reading {names_of_files(paths)}", work)
+        if state.opened is None:
+            raise Refused("open a session first")
+        return self._resumed(state.opened.with_files(paths), progress)
 
     def _resumed(self, opened: OpenedSession, progress: Report) -> State:
         """The state that a session file holds, its recordings read again and its models compared again."""
@@ -346,105 +355,79 @@ class Workbench:
         """The work as a session file."""
         return session_file.dumps(self.state)
 
-    def hold_out(self, start: float, end: float) -> None:
+    @action("choosing the held-out part")
+    def hold_out(self, state: State, progress: Report, start: float, end: float) -> State:
         """Choose the part of the recording that is held out."""
+        if shown(state).role != "fit":
+            raise Refused(f"{shown(state).name} is not fitted; give it the role fit to hold out a part of it")
+        return self._divided(state, with_run(state, held_out=inside_used(state, start, end)).runs, progress)
 
-        def work(state: State, progress: Report) -> State:
-            if shown(state).role != "fit":
-                raise Refused(f"{shown(state).name} is not fitted; give it the role fit to hold out a part of it")
-            return self._divided(state, with_run(state, held_out=inside_used(state, start, end)).runs, progress)
-
-        self._perform("choosing the held-out part", work)
-
-    def fit_whole(self) -> None:
+    @action()
+    def fit_whole(self, state: State, progress: Report) -> State:
         """Fit all of the recording on the time line, where something else is held out."""
+        whole = with_run(state, held_out=None)
+        if not whole.unseen_runs:
+            raise Refused("nothing would be held out; give another recording the role hold out first")
+        return self._divided(state, whole.runs, progress)
 
-        def work(state: State, progress: Report) -> State:
-            whole = with_run(state, held_out=None)
-            if not whole.unseen_runs:
-                raise Refused("nothing would be held out; give another recording the role hold out first")
-            return self._divided(state, whole.runs, progress)
-
-        self._perform("", work)
-
-    def exclude(self, start: float, end: float) -> None:
+    @action("excluding a stretch")
+    def exclude(self, state: State, progress: Report, start: float, end: float) -> State:
         """Exclude a stretch from both fit and validation."""
+        excluded = (*shown(state).excluded, inside_used(state, start, end))
+        return self._divided(state, with_run(state, excluded=excluded).runs, progress)
 
-        def work(state: State, progress: Report) -> State:
-            excluded = (*shown(state).excluded, inside_used(state, start, end))
-            return self._divided(state, with_run(state, excluded=excluded).runs, progress)
-
-        self._perform("excluding a stretch", work)
-
-    def use_again(self, number: int) -> None:
+    @action("including a stretch again")
+    def use_again(self, state: State, progress: Report, number: int) -> State:
         """Include a stretch again that was excluded."""
-
-        def work(state: State, progress: Report) -> State:
-            before = shown(state).excluded
-            if not 0 <= number < len(before):
-                raise Refused(f"there is no excluded stretch {number}")
-            return self._divided(state, with_run(state, excluded=before[:number] + before[number + 1 :]).runs, progress)
-
-        self._perform("including a stretch again", work)
+        before = shown(state).excluded
+        if not 0 <= number < len(before):
+            raise Refused(f"there is no excluded stretch {number}")
+        return self._divided(state, with_run(state, excluded=before[:number] + before[number + 1 :]).runs, progress)
 
     # Models
 
-    def fit(self, model: Literal["linear", "cubic"] = "linear") -> None:
+    @action("fitting the base model")
+    def fit(self, state: State, progress: Report, model: Literal["linear", "cubic"] = "linear") -> State:
         """Fit a base model to what is not held out."""
+        chosen = {"linear": Model.linear, "cubic": Model.cubic}[model]()
+        bare = without_models(loaded(state))
+        return self._grown(bare, Change("base", model), progress, tasks.fitted, chosen, state.train, None)
 
-        def work(state: State, progress: Report) -> State:
-            chosen = {"linear": Model.linear, "cubic": Model.cubic}[model]()
-            bare = without_models(loaded(state))
-            return self._grown(bare, Change("base", model), self._fitted(chosen, None, state, progress), progress)
-
-        self._perform("fitting the base model", work)
-
-    def add(self, name: str) -> None:
+    @action("adding {0}")
+    def add(self, state: State, progress: Report, name: str) -> State:
         """Add an effect to the current model, and fit again."""
+        before = fitted(state).fit
+        return self._grown(
+            state, Change("add", name), progress, tasks.added, before, state.train, name, names_of(state)
+        )
 
-        def work(state: State, progress: Report) -> State:
-            before, own = fitted(state).fit, names_of(state)
-            found = self._done(tasks.added, before, state.train, name, own, progress=first_part(progress))
-            return self._grown(state, Change("add", name), found, progress)
-
-        self._perform(f"adding {name}", work)
-
-    def drop(self, name: str) -> None:
+    @action("removing {0}")
+    def drop(self, state: State, progress: Report, name: str) -> State:
         """Remove an effect from the current model, and fit again."""
+        before = fitted(state).fit
+        return self._grown(state, Change("drop", name), progress, tasks.dropped, before, state.train, name)
 
-        def work(state: State, progress: Report) -> State:
-            found = self._done(tasks.dropped, fitted(state).fit, state.train, name, progress=first_part(progress))
-            return self._grown(state, Change("drop", name), found, progress)
-
-        self._perform(f"removing {name}", work)
-
-    def freeze(self, name: str, value: float) -> None:
+    @action("fixing {0}")
+    def freeze(self, state: State, progress: Report, name: str, value: float) -> State:
         """Hold a parameter at a value (SI), and fit the others again."""
+        before = fitted(state).fit
+        if name not in {e.name for e in (*before.estimates, *before.shapes)}:
+            raise Refused(f"{name!r} is not a parameter of this model")
+        model = before.model.freeze(**{name: value})
+        return self._grown(
+            state, Change("hold", name, value), progress, tasks.fitted, model, state.train, before.origins
+        )
 
-        def work(state: State, progress: Report) -> State:
-            before = fitted(state).fit
-            require_parameter(before, name)
-            found = self._fitted(before.model.freeze(**{name: value}), before.origins, state, progress)
-            return self._grown(state, Change("hold", name, value), found, progress)
-
-        self._perform(f"fixing {name}", work)
-
-    def release(self, name: str) -> None:
+    @action("freeing {0}")
+    def release(self, state: State, progress: Report, name: str) -> State:
         """Let a held parameter be estimated again."""
+        before = fitted(state).fit
+        model = before.model.release(name)
+        return self._grown(state, Change("release", name), progress, tasks.fitted, model, state.train, before.origins)
 
-        def work(state: State, progress: Report) -> State:
-            before = fitted(state).fit
-            found = self._fitted(before.model.release(name), before.origins, state, progress)
-            return self._grown(state, Change("release", name), found, progress)
-
-        self._perform(f"freeing {name}", work)
-
-    def _fitted(self, model: Model, origins: Origins | None, state: State, progress: Report) -> Fit:
-        found: Fit = self._done(tasks.fitted, model, state.train, origins, progress=first_part(progress))
-        return found
-
-    def _grown(self, state: State, change: Change, found: Fit, progress: Report) -> State:
-        """The state with one more model, made the current one; all models are compared with one filter."""
+    def _grown(self, state: State, change: Change, progress: Report, task: Callable[..., Fit], *args: Any) -> State:
+        """The state with one more model, which a task fits, made the current one; all are compared with one filter."""
+        found: Fit = self._done(task, *args, progress=within(progress, 0.0, 0.8))
         before, ruler = [step.fit for step in state.steps], Ruler.of([*(step.fit for step in state.steps), found])
         again = state.steps if before and Ruler.of(before) != ruler else ()
         fits = [*(step.fit for step in again), found]
@@ -465,18 +448,23 @@ class Workbench:
         """The result of long work on the data of a state, by default the present one."""
         return self._compute(task, *args, progress=progress, known=Known.to(self.state if state is None else state))
 
-    def own_effect(self, name: str, expression: str, unit: str, port: Literal["output", "position"]) -> None:
+    @action("entering {0}")
+    def own_effect(
+        self,
+        state: State,
+        progress: Report,
+        name: str,
+        expression: str,
+        unit: str,
+        port: Literal["output", "position"],
+    ) -> State:
         """Add a user effect, given as a formula, to the candidates."""
-
-        def work(state: State, progress: Report) -> State:
-            channels = tuple(loaded(state).data.side)
-            if name in names_of(state):
-                raise Refused(f"{name} is a candidate already")
-            formula = OwnFormula(name, expression, unit or "1", port, channels)
-            self._done(tasks.tried, [formula], progress=progress)
-            return replace(state, own=(*state.own, formula.enter()))
-
-        self._perform(f"entering {name}", work)
+        channels = tuple(loaded(state).data.side)
+        if name in names_of(state):
+            raise Refused(f"{name} is a candidate already")
+        formula = OwnFormula(name, expression, unit or "1", port, channels)
+        self._done(tasks.tried, [formula], progress=progress)
+        return replace(state, own=(*state.own, formula.enter()))
 
     def diagnose(self) -> None:
         """Diagnose the current model; the result goes into `diagnoses`."""
@@ -493,19 +481,14 @@ class Workbench:
                 job.report(0.9)  # last chance to be cancelled
                 self.diagnoses[asked] = found
             if sum(isinstance(part, Recording) for part in state.train) > 1:
-                values = self._values_alone(step.fit, state.train, within(job.report, 0.9, 0.98))
+                values = None
+                with suppress(ValueError):  # a recording alone does not determine them
+                    report = within(job.report, 0.9, 0.98)
+                    values = self._done(tasks.values_of_runs, step.fit, state.train, progress=report)
                 with self._lock:
                     job.report(1.0)
                     if values is not None:
                         self._run_values[step.key] = values
-
-    def _values_alone(self, found: Fit, train: tasks.Data, progress: Report) -> RunValues | None:
-        """Parameters of each fitted recording; None where one alone does not determine them."""
-        try:
-            values: RunValues = self._done(tasks.values_of_runs, found, train, progress=progress)
-        except ValueError:
-            return None
-        return values
 
     @property
     def diagnosis(self) -> Diagnosis | None:
@@ -518,21 +501,18 @@ class Workbench:
         """Parameters of each fitted recording under the current model; None until it is diagnosed, or of one alone."""
         return None if self.state.current is None else self._run_values.get(self.state.current)
 
-    def respond(self) -> None:
+    @action("computing the frequency response")
+    def respond(self, state: State, progress: Report) -> State:
         """Compute the frequency response of the recording on the time line; see `response`."""
-
-        def work(state: State, progress: Report) -> State:
-            run = shown(state)
-            if run.role == "leave out":
-                raise Refused(f"{run.name} is left out; give it another role on the Data tab")
-            data = run.data
-            if data.digest in state.responded:
-                return state
-            if data.digest not in self._responses:
-                self._responses[data.digest] = self._done(tasks.responded, data, progress=progress)
-            return replace(state, responded=(*state.responded, data.digest))
-
-        self._perform("computing the frequency response", work)
+        run = shown(state)
+        if run.role == "leave out":
+            raise Refused(f"{run.name} is left out; give it another role on the Data tab")
+        data = run.data
+        if data.digest in state.responded:
+            return state
+        if data.digest not in self._responses:
+            self._responses[data.digest] = self._done(tasks.responded, data, progress=progress)
+        return replace(state, responded=(*state.responded, data.digest))
 
     @property
     def response(self) -> FrequencyResponse | None:
@@ -542,15 +522,12 @@ class Workbench:
             return None
         return self._responses.get(run.data.digest)
 
-    def look_at(self, key: int) -> None:
+    @action()
+    def look_at(self, state: State, progress: Report, key: int) -> State:
         """Make another model of the tree the current one; adding to it begins a branch."""
-
-        def work(state: State, progress: Report) -> State:
-            if key not in {s.key for s in state.steps}:
-                raise Refused("this model is no longer in the tree")
-            return replace(state, current=key)
-
-        self._perform("", work)
+        if key not in {s.key for s in state.steps}:
+            raise Refused("this model is no longer in the tree")
+        return replace(state, current=key)
 
     def undo(self) -> None:
         """Undo the last change."""
@@ -596,24 +573,18 @@ class Workbench:
 
     # Side by side
 
-    def invite(self, path: str | Path) -> None:
+    @action("reading {0}")
+    def invite(self, state: State, progress: Report, path: Path) -> State:
         """Put the models of a model file, or of another session, beside those of this one."""
-        path = Path(path)
-
-        def work(state: State, progress: Report) -> State:
-            loaded(state)
-            is_session = path.suffix.lower() == session_file.SUFFIX
-            found = self._guests(path, progress) if is_session else (Guest(path.name, model_file.load(path)),)
-            taken = set(state.models)
-            if len(state.guests) + len(found) > MOST_GUESTS:
-                raise Refused(
-                    f"{path.name}: more than {MOST_GUESTS} models beside those of this session; open it alone"
-                )
-            if any(guest.name in taken for guest in found):
-                raise Refused(f"{path.name}: its models are there already")
-            return replace(state, guests=(*state.guests, *found))
-
-        self._perform(f"reading {path.name}", work)
+        loaded(state)
+        is_session = path.suffix.lower() == session_file.SUFFIX
+        found = self._guests(path, progress) if is_session else (Guest(path.name, model_file.load(path)),)
+        taken = set(state.models)
+        if len(state.guests) + len(found) > MOST_GUESTS:
+            raise Refused(f"{path.name}: more than {MOST_GUESTS} models beside those of this session; open it alone")
+        if any(guest.name in taken for guest in found):
+            raise Refused(f"{path.name}: its models are there already")
+        return replace(state, guests=(*state.guests, *found))
 
     def _guests(self, path: Path, progress: Report) -> tuple[Guest, ...]:
         """Models of a session file; with the errors on its own held-out data where its recordings are at hand."""
@@ -652,7 +623,8 @@ class Workbench:
 
     # Export
 
-    def example(self, name: str) -> None:
+    @action("simulating a recording")
+    def example(self, state: State, progress: Report, name: str) -> State:
         """Simulate an example recording with a hidden effect, and load it.
 
         Parameters
@@ -660,12 +632,8 @@ class Workbench:
         name : of an example in `accelcal.app.examples.EXAMPLES`.
         """
         path = self.upload_folder() / f"{PREFIX}{name}.csv"
-
-        def work(state: State, progress: Report) -> State:
-            self._done(tasks.simulated, path, name, progress=within(progress, 0.0, 0.3))
-            return self._load(path, None, within(progress, 0.3, 1.0))
-
-        self._perform("simulating a recording", work)
+        self._done(tasks.simulated, path, name, progress=within(progress, 0.0, 0.3))
+        return State(runs=roles.divided([self._reader().run(path, None, None, within(progress, 0.3, 1.0))]))
 
     def model_text(self) -> str:
         """The current model, as `accelcal fit -o` writes it."""
@@ -734,14 +702,10 @@ class Workbench:
             if self.job is not None:
                 self.sentence = f"Please wait: {self.job.title}, or cancel it."
                 self.version += 1
-                return_early = True
-            else:
-                return_early = False
-                self.version += bool(self.sentence)
-                self.sentence = ""
-                job = self.job = Job(title)
-        if return_early:
-            raise Busy(self.sentence)
+                raise Busy(self.sentence)
+            self.version += bool(self.sentence)
+            self.sentence = ""
+            job = self.job = Job(title)
         try:
             with self.catalogue():
                 yield job
@@ -861,17 +825,6 @@ def require_both_parts(state: State) -> None:
             raise Refused(f"no data would be left {purpose}; choose a shorter stretch")
 
 
-def names_of_files(paths: Sequence[Path]) -> str:
-    """Files in a few words."""
-    return paths[0].name if len(paths) == 1 else f"{len(paths)} files"
-
-
-def require_parameter(found: Fit, name: str) -> None:
-    """Refuse a name that the fit does not have."""
-    if name not in {e.name for e in (*found.estimates, *found.shapes)}:
-        raise Refused(f"{name!r} is not a parameter of this model")
-
-
 def names_of(state: State) -> tuple[str, ...]:
     """Names of user-defined effects."""
     return tuple(own.effect.name for own in state.own)
@@ -894,8 +847,3 @@ def require_made(change: Change, found: Fit, parent: Fit | None) -> None:
 def question(state: State) -> tuple[int, int] | None:
     """Key of a diagnosis: the model, and the number of user effects among the candidates."""
     return None if state.current is None else (state.current, len(state.own))
-
-
-def first_part(progress: Report) -> Report:
-    """Progress of a fit that is then compared with held-out data."""
-    return within(progress, 0.0, 0.8)

@@ -7,7 +7,6 @@ import logging
 import os
 import pickle
 import queue
-import signal
 import subprocess
 import sys
 import threading
@@ -17,6 +16,7 @@ from typing import Any, Protocol
 
 from accelcal._support import internal_error
 from accelcal._support.errors import AccelcalError
+from accelcal._support.process import end, send
 from accelcal.app.known import Known
 from accelcal.app.worker import Answer, Request
 
@@ -165,10 +165,8 @@ class _Worker:
 
     def done(self, request: Request, progress: Report) -> Answer:
         """The last answer to a request."""
-        assert self.process.stdin is not None
         try:
-            pickle.dump(request, self.process.stdin, pickle.HIGHEST_PROTOCOL)
-            self.process.stdin.flush()
+            send(self.process, pickle.dumps(request, pickle.HIGHEST_PROTOCOL))
         except BrokenPipeError:
             raise self._lost() from None
         share = 0.0
@@ -187,17 +185,7 @@ class _Worker:
 
     def kill(self) -> None:
         """End the process and whatever it started, at once."""
-        with contextlib.suppress(OSError):
-            if hasattr(os, "killpg"):
-                os.killpg(self.process.pid, signal.SIGKILL)
-            else:
-                self.process.kill()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self.process.wait(ENDED)
-        for pipe in (self.process.stdin, self.process.stdout):
-            with contextlib.suppress(OSError):
-                if pipe is not None:
-                    pipe.close()
+        end(self.process, os.getpid(), group=True, patience=ENDED)
 
     def _listen(self) -> None:
         assert self.process.stdout is not None

@@ -19,8 +19,8 @@ import typer
 from accelcal._support import internal_error
 from accelcal._support.errors import AccelcalError
 from accelcal._support.plain_text import visible
+from accelcal._support.process import continue_in_child
 from accelcal._support.stopping import asked_to_end
-from accelcal._support.supervised import continue_in_child
 from accelcal.cli.overwriting import WRITTEN, OverwriteError, Writing, refuse_overwriting, writing
 
 USAGE, BAD_DATA, NOT_IDENTIFIABLE, INTERNAL, INTERRUPTED = 2, 3, 4, 70, 130

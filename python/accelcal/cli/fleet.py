@@ -123,6 +123,6 @@ def executor(workers: int, dask: str | None) -> AbstractContextManager[Executor 
             raise UsageError('--dask needs dask; install it with: pip install "accelcal[dask]"') from error
         client: Any = Client
         return nullcontext(client(dask).get_executor())
-    from accelcal._support.workers import processes
+    from accelcal._support.process import processes
 
     return processes(workers)

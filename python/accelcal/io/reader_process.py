@@ -21,6 +21,7 @@ from typing import IO, Any
 import numpy as np
 
 import accelcal
+from accelcal._support.process import end, send
 from accelcal._support.scratch import scratch_folder
 from accelcal.data.recording import RecordingError
 from accelcal.io.decoding.child import MEMORY, SECONDS
@@ -99,9 +100,7 @@ class ReaderProcess:
             )
 
     def _ask(self, content: Any) -> None:
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps(content, allow_nan=False).encode() + b"\n")
-        self._process.stdin.flush()
+        send(self._process, json.dumps(content, allow_nan=False).encode() + b"\n")
 
     def _answer(self) -> dict[str, Any]:
         assert self._process.stdout is not None
@@ -187,12 +186,9 @@ def start() -> subprocess.Popen[bytes]:
         stderr=subprocess.DEVNULL,
         env={**os.environ, **_ENVIRONMENT},
     )
-    assert process.stdin is not None
+    begin = {"path": [p for p in sys.path if p], "packages": packages}
     with suppress(BrokenPipeError):  # found when it does not answer
-        process.stdin.write(
-            json.dumps({"path": [p for p in sys.path if p], "packages": packages}, allow_nan=False).encode() + b"\n"
-        )
-        process.stdin.flush()
+        send(process, json.dumps(begin, allow_nan=False).encode() + b"\n")
     return process
 
 
@@ -214,15 +210,9 @@ def _stop(process: subprocess.Popen[bytes], late: Event) -> None:
 
 def _end(process: subprocess.Popen[bytes], left: ExitStack, owner: int) -> None:
     """End a process, and remove what it has left."""
-    if os.getpid() != owner:  # a fork of the process that started it
-        return
-    process.kill()
-    for pipe in (process.stdin, process.stdout):
-        if pipe is not None:
-            with suppress(OSError):
-                pipe.close()
-    process.wait()
-    left.close()
+    end(process, owner)
+    if os.getpid() == owner:
+        left.close()
 
 
 def _filled(pipe: IO[bytes], values: Any) -> Any:

@@ -8,6 +8,7 @@ import re
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,17 +24,7 @@ from accelcal.data.run_labels import NO_LABELS, RunLabels, days_of
 from accelcal.io.files import content_of, is_there, shown
 from accelcal.io.limits import SIDECAR_BYTES
 
-ASSUMED_AXIS = 'axis is not declared: "level" is assumed, so gravity along the stage axis is taken as 0 m/s^2'
-ASSUMED_MOUNT = 'mount is not declared: "normal" is assumed, so the input axis points along the stage axis'
-ASSUMED_LOWPASS = "no low-pass is declared for the accelerometer channel: none is assumed"
-ASSUMED_LOWPASS_TOLERANCE = (
-    "tolerance of the low-pass is not declared: the fit takes its corner as exact; a "
-    "delay counts as an effect only beyond 5 % of its time constant"
-)
-ASSUMED_RESOLUTION = "encoder resolution is not declared: position noise is estimated from the data alone"
-ASSUMED_NOISE = "sensor noise density is not declared: there is nothing to compare the fitted noise with"
 ASSUMED_OFFSET_TOLERANCE = "offset_tolerance is not declared: the clocks are taken as meant to agree"
-ASSUMED_ZERO = "sensor zero is not declared: 0 is assumed, so the whole electrical offset counts as bias"
 
 
 @dataclass(frozen=True, slots=True)
@@ -322,15 +313,26 @@ def _attitude(found: object) -> Attitude:
 
 
 _SOURCE: dict[str, _Check] = {"column": _text, "unit": _text, "time": _clock}
-_FILTERS: dict[str, tuple[str, ...]] = {
-    "RC": ("fc", "tau", "tolerance"),
-    "butterworth": ("fc", "order", "rate"),
-    "bessel": ("fc", "order", "rate"),
-    "biquad": ("b", "a", "rate"),
-    "sinc": ("length", "order", "rate"),
-    "fir": ("taps", "rate"),
+_CORNER = (
+    'fc and order are needed, e.g. {passes} = {{ kind = "{kind}", fc = "50 Hz", order = 4 }}, with the corner at -3 dB'
+)
+_FILTERS: dict[str, tuple[tuple[str, ...], set[str], str]] = {
+    "RC": (("fc", "tau", "tolerance"), set(), ""),
+    "butterworth": (("fc", "order", "rate"), {"fc", "order"}, _CORNER),
+    "bessel": (("fc", "order", "rate"), {"fc", "order"}, _CORNER),
+    "biquad": (
+        ("b", "a", "rate"),
+        {"b", "a"},
+        'b and a are needed, e.g. {{ kind = "biquad", b = [0.2, 0.4, 0.2], a = [1.0, -0.4, 0.2] }}',
+    ),
+    "sinc": (
+        ("length", "order", "rate"),
+        {"length"},
+        'length is needed, e.g. {{ kind = "sinc", length = 16, order = 3 }}',
+    ),
+    "fir": (("taps", "rate"), {"taps"}, 'taps are needed, e.g. {{ kind = "fir", taps = [0.25, 0.5, 0.25] }}'),
 }
-"""Keys that describe a filter of each kind."""
+"""Keys that describe a filter of each kind, those that it needs, and what is said where one is missing."""
 _FILTER: dict[str, _Check] = {
     "kind": _one_of(*KINDS),
     "fc": _amount("frequency", "positive"),
@@ -349,26 +351,18 @@ def _filter(found: object, passes: Pass) -> tuple[ChannelFilter, float | None]:
     """One filter, and the declared tolerance of its time constant."""
     values = _table(found, "", _FILTER)
     kind = values.pop("kind", "RC")
+    keys, needed, missing = _FILTERS[kind]
     for key in values:
-        if key not in _FILTERS[kind]:
-            raise _KeyError(key, f"no key of {kind}; known keys here: kind, {', '.join(_FILTERS[kind])}")
+        if key not in keys:
+            raise _KeyError(key, f"no key of {kind}; known keys here: kind, {', '.join(keys)}")
     if kind == "RC" and ("fc" in values) == ("tau" in values):
         word = "low" if passes == "lowpass" else "high"
         raise AccelcalError(
             f'a {word}-pass needs its corner frequency, e.g. {passes} = {{ kind = "RC", fc = "159 Hz" }}, or tau, '
             "not both"
         )
-    if kind in ("butterworth", "bessel") and not {"fc", "order"} <= values.keys():
-        raise AccelcalError(
-            f'fc and order are needed, e.g. {passes} = {{ kind = "{kind}", fc = "50 Hz", order = 4 }}, with the '
-            "corner at -3 dB"
-        )
-    if kind == "biquad" and not {"b", "a"} <= values.keys():
-        raise AccelcalError('b and a are needed, e.g. { kind = "biquad", b = [0.2, 0.4, 0.2], a = [1.0, -0.4, 0.2] }')
-    if kind == "fir" and "taps" not in values:
-        raise AccelcalError('taps are needed, e.g. { kind = "fir", taps = [0.25, 0.5, 0.25] }')
-    if kind == "sinc" and "length" not in values:
-        raise AccelcalError('length is needed, e.g. { kind = "sinc", length = 16, order = 3 }')
+    if not needed <= values.keys():
+        raise AccelcalError(missing.format(passes=passes, kind=kind))
     cutoff = 1.0 / (2.0 * math.pi * values["tau"]) if "tau" in values else values.get("fc")
     return ChannelFilter(
         kind,
@@ -419,58 +413,311 @@ def _source(**further: _Check) -> _Check:
     return check
 
 
-_TABLES: dict[str, dict[str, _Check]] = {
+_PROVENANCE = ("text", "provenance", "left empty")
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """One key of a sidecar: what it may hold, how it is written, and what people read of it."""
+
+    check: _Check
+    at: str = ""
+    """Where it is held: in a rig, in `DwellSetup` or in `RunLabels`, as "rig.sensor.noise"; "": written elsewhere."""
+    unit: str = ""
+    """Unit in which it is written in full, {0} for that of the sensor's output; "1": a bare number; "": a text."""
+    usual: str = ""
+    """Unit in which it is written where it is round there."""
+    about: tuple[str, ...] = ()
+    """What it may be, what it is for, what holds when it is missing: a row of the documents, as Markdown."""
+    example: str = ""
+    """Its value in the template, as TOML; keys without one are not in it."""
+    note: str = ""
+    """Comment beside it in the template."""
+    label: str = ""
+    """Its name in the form of the workbench."""
+    assumed: str = ""
+    """What is assumed where it is not declared."""
+
+
+KEYS: dict[str, dict[str, Key]] = {
     "sensor": {
-        "model": _text,
-        "serial": _text,
-        "noise": _amount("noise density", "positive"),
-        "bias_instability": _amount("acceleration", "positive"),
-        "random_walk": _amount("random walk", "positive"),
-        "range": _amount("acceleration", "positive"),
-        "scale": _electrical("scale in volts", "scale in counts", "not zero"),
-        "zero": _electrical("voltage", "count", "any"),
+        "model": Key(_text, "rig.sensor.model", about=_PROVENANCE, example='"ADXL105"'),
+        "serial": Key(_text, "rig.sensor.serial", about=_PROVENANCE, example='"12"'),
+        "noise": Key(
+            _amount("noise density", "positive"),
+            "rig.sensor.noise",
+            "m/s^2/Hz^0.5",
+            "ug/sqrt(Hz)",
+            (
+                'noise density, one-sided, as in `"225 ug/sqrt(Hz)"`',
+                "the fitted noise is compared with it: a residual above 1.5 times the data sheet is never called "
+                "adequate",
+                "no comparison",
+            ),
+            '"225 ug/sqrt(Hz)"',
+            "one-sided density",
+            "Noise density",
+        ),
+        "bias_instability": Key(
+            _amount("acceleration", "positive"),
+            "rig.sensor.bias_instability",
+            "m/s^2",
+            "ug",
+            (
+                'an acceleration, rms, as in `"100 ug"`',
+                "a slow residual beyond it, with no effect to explain it, is reported as a tilt of the sensor or a "
+                "slow drift of either channel (remark `turning_sensor`) and nothing is named",
+                "0.02 m/s²",
+            ),
+            '"100 ug"',
+            "slow change of the bias, rms",
+        ),
+        "random_walk": Key(
+            _amount("random walk", "positive"),
+            "rig.sensor.random_walk",
+            "m/s^2/s^0.5",
+            about=(
+                'a random walk of the bias, as in `"10 ug/sqrt(h)"`',
+                "variance of the mean of a long dwell",
+                "none",
+            ),
+        ),
+        "range": Key(
+            _amount("acceleration", "positive"),
+            "rig.sensor.range",
+            "m/s^2",
+            "g",
+            (
+                'full scale, ±, as in `"5 g"`',
+                "readings at it are left out of every estimate; contributions in percent of full scale",
+                "neither",
+            ),
+            '"5 g"',
+            label="Range",
+        ),
+        "scale": Key(
+            _electrical("scale in volts", "scale in counts", "not zero"),
+            "rig.sensor.scale",
+            "{0}/(m/s^2)",
+            about=(
+                '`"0.25 V/g"` or `"1024 count/g"`',
+                "raw readings to m/s²; sensitivity in V/g in the results",
+                "needed where the channel is in V or counts",
+            ),
+            example='"0.25 V/g"',
+            note="when the channel is in V or counts",
+            label="Scale",
+        ),
+        "zero": Key(
+            _electrical("voltage", "count", "any"),
+            "rig.sensor.zero",
+            "{0}",
+            about=(
+                '`"2.5 V"` or `"2048 count"`, the unit of the scale',
+                "output at zero acceleration",
+                "0, so the whole electrical offset counts as bias",
+            ),
+            example='"2.5 V"',
+            note="output at zero acceleration",
+            label="Output at 0 g",
+        ),
     },
     "rig": {
-        "axis": _one_of("level", "up", "down"),
-        "mount": _one_of("normal", "reversed", "rolled"),
-        "gravity_along_axis": _amount("acceleration"),
-        "input_axis": _input_axis,
+        "axis": Key(
+            _one_of("level", "up", "down"),
+            "rig.axis",
+            about=(
+                '`"level"`, `"up"` or `"down"`',
+                "gravity along the axis of the stage: none, or ±1 g",
+                '`"level"`',
+            ),
+            example='"level"',
+            note="level | up | down",
+            assumed='axis is not declared: "level" is assumed, so gravity along the stage axis is taken as 0 m/s^2',
+        ),
+        "mount": Key(
+            _one_of("normal", "reversed", "rolled"),
+            "rig.mount",
+            about=(
+                '`"normal"`, `"reversed"` or `"rolled"`',
+                "turned by 180° about the vertical axis, or rolled by 180° about the input axis; runs with different "
+                "mounts, fitted together, separate tilt and the cross-axis product",
+                '`"normal"`',
+            ),
+            example='"normal"',
+            note="normal | reversed | rolled",
+            assumed='mount is not declared: "normal" is assumed, so the input axis points along the stage axis',
+        ),
+        GRAVITY: Key(
+            _amount("acceleration"),
+            "rig.gravity_along_axis",
+            "m/s^2",
+            about=(
+                "an acceleration",
+                "for a stage at an angle: the specific force at rest along the axis, in place of what `axis` says",
+                "as `axis` says",
+            ),
+            example='"0 m/s^2"',
+        ),
+        "input_axis": Key(
+            _input_axis,
+            example='"x"',
+            note="of a body that turns: x | y | z | [0.0, 0.6, 0.8], in axes of attitude or gyroscope",
+        ),
     },
-    "clock": {"offset_tolerance": _amount("time", "not negative")},
+    "clock": {
+        "offset_tolerance": Key(
+            _amount("time", "not negative"),
+            "rig.offset_tolerance",
+            "s",
+            "us",
+            (
+                'a time, as in `"20 us"`',
+                "how far the two clocks may disagree without a fault; a delay beyond it is reported as an effect",
+                "0",
+            ),
+            '"0 us"',
+            "how far the clocks of accel and position may disagree",
+            assumed=ASSUMED_OFFSET_TOLERANCE,
+        )
+    },
     "channels": {
-        "time": _clock,
-        "rate": _amount("frequency", "positive"),
-        "accel": _source(**_FILTERED),
-        "position": _source(resolution=_amount("length", "positive"), **_FILTERED),
-        VELOCITY: _source(**_FILTERED),
-        ACCELERATION: _source(**_FILTERED),
-        "attitude": _attitude,
-        _ANY_OTHER: _source(),
+        "time": Key(_clock),
+        "rate": Key(_amount("frequency", "positive")),
+        "accel": Key(_source(**_FILTERED)),
+        "position": Key(_source(resolution=_amount("length", "positive"), **_FILTERED)),
+        VELOCITY: Key(_source(**_FILTERED)),
+        ACCELERATION: Key(_source(**_FILTERED)),
+        "attitude": Key(_attitude),
+        _ANY_OTHER: Key(_source()),
     },
     "uncertainty": {
-        "encoder_scale": _amount("ratio", "not negative"),
-        "level": _amount("angle", "not negative"),
-        "misalignment": _amount("angle", "not negative"),
+        "encoder_scale": Key(
+            _amount("ratio", "not negative"),
+            "rig.uncertainty.encoder_scale",
+            "1",
+            about=(
+                "a pure number",
+                "relative standard uncertainty of the encoder's scale: all of it goes into k",
+                "no budget; the report says which key is missing",
+            ),
+            example="1e-5",
+        ),
+        "level": Key(
+            _amount("angle", "not negative"),
+            "rig.uncertainty.level",
+            "rad",
+            about=(
+                'an angle, as in `"0.05 deg"`',
+                "standard uncertainty of level: times g0 it goes into K0",
+                "the same",
+            ),
+            example='"0.05 deg"',
+        ),
+        "misalignment": Key(
+            _amount("angle", "not negative"),
+            "rig.uncertainty.misalignment",
+            "rad",
+            about=("an angle", "standard uncertainty of the direction of the input axis", "the same"),
+            example='"0.1 deg"',
+        ),
     },
-    "run": {"date": days_of, "mounting": _text, "operator": _text},
+    "run": {
+        "date": Key(
+            days_of,
+            "run.date",
+            "date",
+            about=(
+                "a date, or a date with time, UTC without a zone",
+                "drift of the bias from run to run",
+                "not tried",
+            ),
+        ),
+        "mounting": Key(
+            _text,
+            "run.mounting",
+            about=(
+                "text",
+                "runs between which the sensor stayed in place share it; does the bias go with it?",
+                "not tried",
+            ),
+        ),
+        "operator": Key(_text, "run.operator", about=("text", "the same for the operator", "not tried")),
+    },
     "dwell": {
-        "attitude": _one_of(*ATTITUDES, "unknown"),
-        "angle": _amount("angle"),
-        "angle_std": _amount("angle", "not negative"),
-        "gravity": _amount("acceleration", "positive"),
-        "table": _text,
+        "attitude": Key(
+            _one_of(*ATTITUDES, "unknown"),
+            about=(
+                '`"up"`, `"down"`, `"level"` or `"unknown"`',
+                'elevation of the input axis: +90, -90 or 0 degrees; `"unknown"` for positions of a triad held by hand',
+                "the recording is no dwell",
+            ),
+        ),
+        "angle": Key(
+            _amount("angle"),
+            "dwell.angle",
+            "deg",
+            about=('an angle, as in `"30 deg"`', "the same, in place of `attitude`", "as `attitude` says"),
+        ),
+        "angle_std": Key(
+            _amount("angle", "not negative"),
+            "dwell.angle_std",
+            "deg",
+            about=(
+                "an angle",
+                "standard uncertainty of each angle, beside the zero of its group; `[uncertainty] level` is that of "
+                "the zero",
+                "the angles are exact, and a remark says so",
+            ),
+        ),
+        "gravity": Key(
+            _amount("acceleration", "positive"),
+            "dwell.gravity",
+            "m/s^2",
+            about=(
+                "an acceleration",
+                "local gravity; the scale factor is relative to it",
+                "standard gravity, and a remark says so",
+            ),
+        ),
+        "table": Key(_text, about=("a file", "dwells of the same sensor for every fit of this recording", "none")),
     },
-    "judge": {"tolerance": _amount("acceleration", "positive")},
+    "judge": {
+        "tolerance": Key(
+            _amount("acceleration", "positive"),
+            "rig.tolerance",
+            "m/s^2",
+            "mg",
+            (
+                'an acceleration, as in `"1 mg"`',
+                "effects that contribute less are listed as below tolerance",
+                "every effect is listed",
+            ),
+            '"1 mg"',
+            "effects that contribute less are listed as below tolerance",
+        )
+    },
 }
-"""Every key of a sidecar with its check; any other key of [channels] is a side channel."""
+"""Every key of a sidecar by its table; any other key of [channels] is a side channel."""
+
+
+def markdown(table: str) -> str:
+    """The keys of a table as a table of the documents."""
+    rows = [
+        f"| {', '.join(f'`{name}`' for name, _ in group)} | {' | '.join(about)} |\n"
+        for about, group in groupby(KEYS[table].items(), lambda item: item[1].about)
+        if about
+    ]
+    return "".join(["| key | value | what it is for | when it is missing |\n|---|---|---|---|\n", *rows])
 
 
 def _sidecar(content: Mapping[str, Any], path: Path) -> Sidecar:
     try:
         for name in content:
-            if name not in _TABLES:
-                raise _KeyError(name, f"unknown table; {_nearest(name, _TABLES)}")
-        tables = {name: _table(content.get(name, {}), name, checks) for name, checks in _TABLES.items()}
+            if name not in KEYS:
+                raise _KeyError(name, f"unknown table; {_nearest(name, KEYS)}")
+        checks = {name: {key: one.check for key, one in keys.items()} for name, keys in KEYS.items()}
+        tables = {name: _table(content.get(name, {}), name, checks[name]) for name in KEYS}
         channels = tables["channels"]
         time, rate = channels.pop("time", None), channels.pop("rate", None)
         if time is not None and rate is not None:
@@ -503,44 +750,52 @@ def _dwell(values: dict[str, Any]) -> DwellSetup:
 def _require_one_orientation(tables: Mapping[str, dict[str, Any]]) -> None:
     """Refuse an orientation that is declared twice, or in part."""
     rig, channels = tables["rig"], tables["channels"]
-    attitude, level = "attitude" in channels, GRAVITY in channels
-    for other in ("rig" if GRAVITY in rig else "", "channels" if attitude and level else ""):
-        if other and (attitude or level):
-            given = "[channels.attitude] gives" if attitude else "channels.gravity_along_axis gives"
-            raise _KeyError(f"{other}.{GRAVITY}", f"{given} gravity along the axis already; keep one of the two")
+    attitude, level, axis = "attitude" in channels, GRAVITY in channels, "input_axis" in rig
+    given = "[channels.attitude] gives" if attitude else "channels.gravity_along_axis gives"
+    twice = f"{given} gravity along the axis already; keep one of the two"
     rates = [name for name in GYROSCOPE if name in channels]
-    if "input_axis" in rig:
-        if not attitude and (level or not rates):
-            raise _KeyError(
-                "rig.input_axis",
-                "is the direction of the axis in a body whose turning is recorded; declare [channels.attitude] with "
-                f"{', '.join(PLACE)}, or a gyroscope as {', '.join(GYROSCOPE)}, or leave it out",
-            )
-        if not attitude and len(rates) < len(GYROSCOPE):
-            lost = next(name for name in GYROSCOPE if name not in rates)
-            raise _KeyError(f"channels.{lost}", f"is missing; a gyroscope is {', '.join(GYROSCOPE)}, in rad/s")
-    if not attitude:
-        return
-    if "input_axis" not in rig:
-        raise _KeyError(
-            "rig.input_axis", 'is missing beside [channels.attitude]; write input_axis = "x", "y", "z" or a unit vector'
-        )
-    missing = [name for name in PLACE if name not in channels]
-    if missing:
-        raise _KeyError(
-            f"channels.{missing[0]}",
+    rate = next((name for name in GYROSCOPE if name not in rates), "")
+    place = next((name for name in PLACE if name not in channels), "")
+    further = next((name for name in ("position", ACCELERATION) if name in channels), "")
+    faults = (
+        (GRAVITY in rig and (attitude or level), f"rig.{GRAVITY}", twice),
+        (attitude and level, f"channels.{GRAVITY}", twice),
+        (
+            axis and not attitude and (level or not rates),
+            "rig.input_axis",
+            "is the direction of the axis in a body whose turning is recorded; declare [channels.attitude] with "
+            f"{', '.join(PLACE)}, or a gyroscope as {', '.join(GYROSCOPE)}, or leave it out",
+        ),
+        (
+            axis and not attitude and rate,
+            f"channels.{rate}",
+            f"is missing; a gyroscope is {', '.join(GYROSCOPE)}, in rad/s",
+        ),
+        (
+            attitude and not axis,
+            "rig.input_axis",
+            'is missing beside [channels.attitude]; write input_axis = "x", "y", "z" or a unit vector',
+        ),
+        (
+            attitude and place,
+            f"channels.{place}",
             "is missing beside [channels.attitude]; the acceleration along a turning axis is made from "
             f'{", ".join(PLACE)}, each as {{ column = "...", unit = "m" }}',
-        )
-    for name in (name for name in ("position", ACCELERATION) if name in channels):
-        raise _KeyError(
-            f"channels.{name}",
+        ),
+        (
+            attitude and further,
+            f"channels.{further}",
             f"beside [channels.attitude] the position along the axis is made from {', '.join(PLACE)}; leave it out",
-        )
-    if rig.get("mount", "normal") != "normal":
-        raise _KeyError(
-            "rig.mount", "beside [channels.attitude] input_axis says how the sensor points; leave mount out"
-        )
+        ),
+        (
+            attitude and rig.get("mount", "normal") != "normal",
+            "rig.mount",
+            "beside [channels.attitude] input_axis says how the sensor points; leave mount out",
+        ),
+    )
+    for wrong, where, text in faults:
+        if wrong:
+            raise _KeyError(where, text)
 
 
 def _rig(tables: Mapping[str, dict[str, Any]], *, turning: bool) -> Rig:
@@ -549,13 +804,17 @@ def _rig(tables: Mapping[str, dict[str, Any]], *, turning: bool) -> Rig:
     resolution = channels["position"][1].get("resolution") if "position" in channels else None
     sensor = _sensor(tables["sensor"])
     assumptions = {
-        ASSUMED_AXIS: "axis" in rig or GRAVITY in rig or GRAVITY in channels or turning,
-        ASSUMED_MOUNT: "mount" in rig or turning,
-        ASSUMED_LOWPASS: lowpass is not None or bool(output_filters),
-        ASSUMED_LOWPASS_TOLERANCE: lowpass is None or lowpass.tolerance is not None,
-        ASSUMED_RESOLUTION: resolution is not None or reference_among(channels) is not None,
-        ASSUMED_NOISE: sensor.noise is not None,
-        ASSUMED_ZERO: sensor.scale is None or sensor.zero is not None,
+        KEYS["rig"]["axis"].assumed: "axis" in rig or GRAVITY in rig or GRAVITY in channels or turning,
+        KEYS["rig"]["mount"].assumed: "mount" in rig or turning,
+        "no low-pass is declared for the accelerometer channel: none is assumed": bool(lowpass or output_filters),
+        "tolerance of the low-pass is not declared: the fit takes its corner as exact; a delay counts as an effect "
+        "only beyond 5 % of its time constant": lowpass is None or lowpass.tolerance is not None,
+        "encoder resolution is not declared: position noise is estimated from the data alone": resolution is not None
+        or reference_among(channels) is not None,
+        "sensor noise density is not declared: there is nothing to compare the fitted noise with": sensor.noise
+        is not None,
+        "sensor zero is not declared: 0 is assumed, so the whole electrical offset counts as bias": sensor.scale is None
+        or sensor.zero is not None,
         ASSUMED_OFFSET_TOLERANCE: "offset_tolerance" in tables["clock"],
     }
     return Rig(

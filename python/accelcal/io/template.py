@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Set
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from accelcal.io.assign import discover
 from accelcal.io.atomic import atomic_write
 from accelcal.io.convert import UNKNOWN
 from accelcal.io.formats import open_table
-from accelcal.io.sidecar import sidecar_of
+from accelcal.io.sidecar import KEYS, sidecar_of
 from accelcal.io.table import Table
 from accelcal.io.write import toml_key, toml_text
 
@@ -61,12 +62,18 @@ def template(path: str | Path) -> str:
     quaternion = ", ".join(toml_text(roles.get(name, name)) for name in QUATERNION)
     attitude = f'[channels.attitude]\n# columns = [{quaternion}]\n# maps = "sensor to ENU"      # or "ENU to sensor"'
     lines = [_optional(table, column, turning.get(column) or by_name[column], clocks) for column in others]
-    electrical = _dimension(table, columns["accel"]) in ("V", "count")
-    return (
-        _TEXT.replace("NAME", path.name)
-        .replace("SCALE", _SCALE_NEEDED if electrical else _SCALE_OPTIONAL)
-        .replace("ATTITUDE", attitude)
-        .replace("CHANNELS", "\n".join(channels + lines))
+    text = re.sub("^KEYS (.*)$", _examples, _TEXT, flags=re.MULTILINE)
+    if _dimension(table, columns["accel"]) in ("V", "count"):
+        text = re.sub("^# scale .*$", _SCALE_NEEDED, text, flags=re.MULTILINE)
+    text = text.replace("NAME", path.name).replace("ATTITUDE", attitude)
+    return text.replace("CHANNELS", "\n".join(channels + lines))
+
+
+def _examples(asked: re.Match[str]) -> str:
+    """Examples of the keys of a table, a line each, commented out."""
+    keys = {key: one for key, one in KEYS[asked[1]].items() if one.example}
+    return "\n".join(
+        f"{f'# {key} = {one.example}':32}{'# ' * bool(one.note)}{one.note}".rstrip() for key, one in keys.items()
     )
 
 
@@ -74,21 +81,13 @@ _TEXT = """\
 # Declarations for NAME: sensor, rig and columns. Lines marked FILL IN need you;
 # lines that begin with # are examples of what else can be declared.
 [sensor]
-# model = "ADXL105"
-# serial = "12"
-# noise = "225 ug/sqrt(Hz)"     # one-sided density
-# bias_instability = "100 ug"   # slow change of the bias, rms
-# range = "5 g"
-SCALE
+KEYS sensor
 
 [rig]
-# axis = "level"                # level | up | down
-# mount = "normal"              # normal | reversed | rolled
-# gravity_along_axis = "0 m/s^2"
-# input_axis = "x"              # of a body that turns: x | y | z | [0.0, 0.6, 0.8], in axes of attitude or gyroscope
+KEYS rig
 
 [clock]
-# offset_tolerance = "0 us"     # how far the clocks of accel and position may disagree
+KEYS clock
 
 [channels]                      # accel may add: lowpass = { kind = "RC", fc = "159 Hz", tolerance = 0.0 }
                                 # position may add: resolution = "1 um", its own time = { column = "...", unit = "s" }
@@ -103,19 +102,12 @@ CHANNELS
 #ATTITUDE
 
 [uncertainty]                   # standard uncertainties, for the budget
-# encoder_scale = 1e-5
-# level = "0.05 deg"
-# misalignment = "0.1 deg"
+KEYS uncertainty
 
 [judge]
-# tolerance = "1 mg"            # effects that contribute less are listed as below tolerance
+KEYS judge
 """
-_SCALE_OPTIONAL = """\
-# scale = "0.25 V/g"            # when the channel is in V or counts
-# zero  = "2.5 V\""""
-_SCALE_NEEDED = """\
-scale = "?"                     # FILL IN, like "0.25 V/g" or "1024 count/g"
-# zero  = "2.5 V"               # output at zero acceleration"""
+_SCALE_NEEDED = 'scale = "?"                     # FILL IN, like "0.25 V/g" or "1024 count/g"'
 _UNITS = {"time": "s, ms, us", "accel": "m/s^2, g, mg, V, count", "position": "m, mm, um"}
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
+from operator import attrgetter
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,9 +22,9 @@ from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.references import reference_among
 from accelcal.data.rig import Rig
 from accelcal.data.run_labels import NO_LABELS, RunLabels
-from accelcal.io import naming, sidecar
+from accelcal.io import naming
 from accelcal.io.atomic import atomic, atomic_write
-from accelcal.io.sidecar import Clock, Source
+from accelcal.io.sidecar import KEYS, Clock, Key, Source
 
 
 def write_csv(recording: Recording, path: str | Path) -> dict[str, Clock | Source]:
@@ -92,35 +93,30 @@ def write_sidecar(
     mark : gives the text that is written from that which declares all this.
     """
     reference = reference_among(channels) or "position"
-    tables = {
-        "sensor": _sensor(rig),
-        "rig": _rig(rig, turning=GRAVITY in channels),
-        "clock": _clock(rig),
-        "channels": {name: _inline(_channel(rig, name, source, reference)) for name, source in channels.items()},
-        "uncertainty": _uncertainty(rig),
-        "run": _labels(labels),
-        "dwell": {} if dwell is None else _dwell(dwell),
-        "judge": _declared({"tolerance": _amount(rig.tolerance, "m/s^2", "mg")}),
-    }
+    holder = SimpleNamespace(rig=rig, dwell=dwell or DwellSetup(), run=labels)
+    tables = {name: {key: _written(one, holder) for key, one in keys.items()} for name, keys in KEYS.items()}
+    if GRAVITY in channels:  # gravity along the axis is not declared twice
+        tables["rig"][GRAVITY] = None
+    tables["channels"] = {name: _channel(rig, name, source, reference) for name, source in channels.items()}
     text = "\n".join(
-        f"[{name}]\n" + "".join(f"{toml_key(key)} = {value}\n" for key, value in entries.items())
+        f"[{name}]\n" + "".join(f"{toml_key(key)} = {value}\n" for key, value in entries.items() if value)
         for name, entries in tables.items()
-        if entries
+        if any(entries.values())
     )
     atomic_write(path, mark(text))
 
 
-def _labels(labels: RunLabels) -> dict[str, str]:
-    texts = {key: toml_text(text) for key in ("mounting", "operator") if (text := getattr(labels, key))}
-    at = None if labels.date is None else datetime.fromtimestamp(labels.date * 86400.0, UTC)
-    return texts if at is None else {"date": at.isoformat(), **texts}
-
-
-def _dwell(setup: DwellSetup) -> dict[str, str]:
-    degree = math.pi / 180.0
-    angles = {"angle": setup.angle, "angle_std": setup.angle_std}
-    shown = {key: None if y is None else f'"{y / degree!r} deg"' for key, y in angles.items()}
-    return _declared({**shown, "gravity": _amount(setup.gravity, "m/s^2")})
+def _written(key: Key, holder: object) -> str | None:
+    """A value as a sidecar has it; None where it is not declared, or written elsewhere."""
+    value = attrgetter(key.at)(holder) if key.at else None
+    rig = attrgetter("rig")(holder)
+    if value is None or value == "" or key.assumed in rig.assumptions:
+        return None
+    if key.unit == "date":
+        return datetime.fromtimestamp(value * 86400.0, UTC).isoformat()
+    if key.unit == "1":
+        return repr(float(value))
+    return _amount(value, key.unit.format(rig.sensor.scale_unit), key.usual) if key.unit else toml_text(value)
 
 
 def toml_key(name: str) -> str:
@@ -182,10 +178,6 @@ def _sources(recording: Recording, time: str, columns: Mapping[str, str]) -> dic
     return {"time": Clock(column=time, unit="s"), **sources}
 
 
-def _declared(entries: Mapping[str, str | None]) -> dict[str, str]:
-    return {key: value for key, value in entries.items() if value is not None}
-
-
 def _amount(value: float | None, unit: str, usual: str = "") -> str | None:
     """A quantity in its usual unit where it is round there and reads back as the same number, else in SI in full."""
     if value is None:
@@ -195,71 +187,23 @@ def _amount(value: float | None, unit: str, usual: str = "") -> str | None:
         number = f"{value / factor:.6g}"
         if float(number) * factor == value:
             return f'"{number} {usual}"'
-    return f'"{value!r} {unit}"'
+    return f'"{value / units.conversion(unit).factor!r} {unit}"'
 
 
-def _ratio(value: float | None) -> str | None:
-    return None if value is None else repr(float(value))
-
-
-def _sensor(rig: Rig) -> dict[str, str]:
-    sensor = rig.sensor
-    return _declared(
-        {
-            "model": toml_text(sensor.model) if sensor.model else None,
-            "serial": toml_text(sensor.serial) if sensor.serial else None,
-            "noise": _amount(sensor.noise, "m/s^2/Hz^0.5", "ug/sqrt(Hz)"),
-            "bias_instability": _amount(sensor.bias_instability, "m/s^2", "ug"),
-            "random_walk": _amount(sensor.random_walk, "m/s^2/s^0.5"),
-            "range": _amount(sensor.range, "m/s^2", "g"),
-            "scale": _amount(sensor.scale, f"{sensor.scale_unit}/(m/s^2)"),
-            "zero": _amount(sensor.zero, sensor.scale_unit),
-        }
-    )
-
-
-def _rig(rig: Rig, *, turning: bool) -> dict[str, str]:
-    """Return what is declared of the rig; gravity along an axis that a channel holds is not declared twice."""
-    assumed = rig.assumptions
-    return _declared(
-        {
-            "axis": None if sidecar.ASSUMED_AXIS in assumed else toml_text(rig.axis),
-            "mount": None if sidecar.ASSUMED_MOUNT in assumed else toml_text(rig.mount),
-            GRAVITY: None if turning else _amount(rig.gravity_along_axis, "m/s^2"),
-        }
-    )
-
-
-def _clock(rig: Rig) -> dict[str, str]:
-    assumed = sidecar.ASSUMED_OFFSET_TOLERANCE in rig.assumptions
-    return _declared({"offset_tolerance": None if assumed else _amount(rig.offset_tolerance, "s", "us")})
-
-
-def _uncertainty(rig: Rig) -> dict[str, str]:
-    declared = rig.uncertainty
-    return _declared(
-        {
-            "encoder_scale": _ratio(declared.encoder_scale),
-            "level": _amount(declared.level, "rad"),
-            "misalignment": _amount(declared.misalignment, "rad"),
-        }
-    )
-
-
-def _channel(rig: Rig, name: str, source: Clock | Source, reference: str) -> dict[str, str]:
+def _channel(rig: Rig, name: str, source: Clock | Source, reference: str) -> str:
     """Return the entries of one channel; low-pass and resolution are declared beside the channel they belong to."""
     entries = {
         "column": toml_text(source.column) if source.column is not None else None,
         "unit": toml_text(source.unit) if source.unit is not None else None,
     }
     if isinstance(source, Clock):
-        return _declared(entries | {"rate": _amount(source.rate, "Hz")})
+        return _inline(entries | {"rate": _amount(source.rate, "Hz")})
     if source.time is not None:
-        entries["time"] = _inline(_channel(rig, "time", source.time, reference))
+        entries["time"] = _channel(rig, "time", source.time, reference)
     entries |= _filters(rig, name, reference)
     if name == "position":
         entries["resolution"] = _amount(rig.resolution, "m", "um")
-    return _declared(entries)
+    return _inline(entries)
 
 
 def _filters(rig: Rig, name: str, reference: str) -> dict[str, str | None]:
@@ -267,8 +211,12 @@ def _filters(rig: Rig, name: str, reference: str) -> dict[str, str | None]:
     filters = {"accel": rig.output_filters, reference: rig.position_filters}.get(name, ())
     low, high = ([_filter(each) for each in kind] for kind in (low_passes(filters), high_passes(filters)))
     if name == "accel" and rig.lowpass is not None:
-        one = {"kind": '"RC"', "fc": _amount(rig.lowpass.cutoff, "Hz"), "tolerance": _ratio(rig.lowpass.tolerance)}
-        low = [_inline(_declared(one))]
+        one = {
+            "kind": '"RC"',
+            "fc": _amount(rig.lowpass.cutoff, "Hz"),
+            "tolerance": None if (share := rig.lowpass.tolerance) is None else repr(float(share)),
+        }
+        low = [_inline(one)]
     listed = {"lowpass": low, "highpass": high}
     return {
         key: each[0] if len(each) == 1 else f"[{', '.join(each)}]" if each else None for key, each in listed.items()
@@ -286,8 +234,9 @@ def _filter(declared: ChannelFilter) -> str:
         **{key: f"[{', '.join(map(repr, values))}]" if values else None for key, values in numbers.items()},
         "rate": _amount(declared.rate, "Hz"),
     }
-    return _inline(_declared(entries))
+    return _inline(entries)
 
 
-def _inline(entries: Mapping[str, str]) -> str:
-    return "{ " + ", ".join(f"{key} = {value}" for key, value in entries.items()) + " }"
+def _inline(entries: Mapping[str, str | None]) -> str:
+    """An inline table of what is declared; None is not."""
+    return "{ " + ", ".join(f"{key} = {value}" for key, value in entries.items() if value is not None) + " }"

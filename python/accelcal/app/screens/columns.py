@@ -10,16 +10,12 @@ from nicegui import ui
 from accelcal.app import mapping, widgets
 from accelcal.app.page import Page
 from accelcal.data.recording import RecordingError
+from accelcal.io.sidecar import KEYS
 
 NAMED = (*mapping.ESSENTIAL, *mapping.ORIENTATION, mapping.NOT_USED)
 ROLES = [*mapping.ESSENTIAL, "other", mapping.NOT_USED, *mapping.ORIENTATION]
-SENSOR = {
-    "scale": ("Scale", "0.25 V/g"),
-    "zero": ("Output at 0 g", "2.5 V"),
-    "noise": ("Noise density", "25 ug/sqrt(Hz)"),
-    "range": ("Range", "5 g"),
-}
-"""Fields of a sensor by their key in the sidecar: label and an example."""
+SENSOR = ("scale", "zero", "noise", "range")
+"""Keys of the sidecar that have a field in the form."""
 
 
 def ask(page: Page) -> None:
@@ -96,7 +92,8 @@ def form(page: Page) -> None:
     declared = mapping.sensor_in(text)
     sensor = {}
     with ui.row().classes("line"):
-        for key, (label, example) in SENSOR.items():
+        for key in SENSOR:
+            label, example = KEYS["sensor"][key].label, KEYS["sensor"][key].example.strip('"')
             made = ui.input(label, value=declared.get(key, ""), placeholder=example).props("dense outlined")
             sensor[key] = made.classes("short")
     with ui.expansion("The body can turn", icon="360").classes("full"):

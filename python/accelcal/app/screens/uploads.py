@@ -119,7 +119,7 @@ async def used(page: Page, kept: Sequence[Path], more: bool) -> None:
     elif sessions:
         await page.open(sessions[0], session=True)
     elif recordings and bench.state.opened is not None:
-        await page.act(bench.give, *recordings)
+        await page.act(bench.give, recordings)
     elif recordings:
         unmatched = beside(recordings, sidecars)
         if unmatched:
