@@ -8,13 +8,14 @@ constant, and the straight line where that is the scale factor or a delay.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
 from accelcal.effects.building_blocks import direction, since_reversal, wave
-from accelcal.effects.registry import Search, Shape, Traits, Variable, effect, family
+from accelcal.effects.registry import Search, Shape, Traits, Variable, enter
 from accelcal.signals.signals import TINY, Signals
 
 PIECES = 7
@@ -129,193 +130,6 @@ RECORD = {"start": Shape("s", _start, trials=1), "length": Shape("s", _length, t
 """Start and length of the cosines' half period: set by the record of the fit and kept by the model."""
 
 
-@family(Variable("time", "t", "s"), covers=("bias_drift", "bias_step", "warm_up"), basis="cosines")
-@effect(
-    "shape_of_time",
-    unit="m/s²",
-    symbol="f(t)",
-    scale=1e-3,
-    source="0.1 mg",
-    shapes=RECORD,
-    parts=COSINES,
-    search=Search(includes=("bias",)),
-)
-def shape_of_time(s: Signals, start: float, length: float) -> Array:
-    """A bias that is some slow function of time.
-
-    Equation: e = sum_j c_j cos(pi j (t - start)/length).
-    Looks like: a residual that depends on time only.
-    Easily confused with: bias_drift, warm_up, bias_step, bias_random_walk, temperature_bias.
-    Separate by: logging what else changes with time; a second record.
-    """
-    return cosines(s.t, start, length, np.ones(len(COSINES)))
-
-
-@family(
-    Variable("position", "p", "m"),
-    covers=("rail_slope", "rail_curve", "rail_wave", "rail_second_wave"),
-    groups=(("rail_wave", "rail_second_wave"),),
-    coarse=CUBIC,
-)
-@effect(
-    "shape_of_position",
-    unit="m/s²",
-    owner="rig",
-    symbol="f(p)",
-    scale=1e-3,
-    source="0.1 mg",
-    shapes=over("m", lambda s: (s.p, s.p_std))
-    | {"centre": Shape("m", (0.0, 0.0), trials=1, picked="bumps"), "width": Shape("m", (0.0, 0.0), trials=1)},
-    parts=CURVE,
-    search=Search(includes=("bias",)),
-)
-def shape_of_position(s: Signals, low: float, high: float, centre: float = 0.0, width: float = 0.0) -> Array:
-    """An acceleration that is some function of the place on the rail.
-
-    Equation: e = sum_j c_j B_j(p), polynomials of degree 1 to 3, then cubic splines; something local: polynomials of
-    degree 1 to 7, then a Gaussian bump of a width at a centre, and its slope.
-    Looks like: a residual that depends on position only, at any speed.
-    Easily confused with: rail_slope, rail_curve, rail_wave, encoder_shape_of_position.
-    Separate by: a very slow traverse; two speeds.
-    """
-    columns = bumped(s.p, low, high, centre, width) if width else curve(s.p, low, high)
-    return s.rig.polarity * columns
-
-
-@family(
-    Variable("velocity", "v", "m/s"), covers=("velocity", "velocity_squared", "velocity_odd", "coulomb"), coarse=CUBIC
-)
-@effect(
-    "shape_of_velocity",
-    unit="m/s²",
-    owner="rig",
-    symbol="f(v)",
-    scale=1e-3,
-    source="0.1 mg",
-    shapes=over("m/s", lambda s: (s.v, s.v_std)),
-    parts=CURVE,
-    search=Search(includes=("bias",)),
-)
-def shape_of_velocity(s: Signals, low: float, high: float) -> Array:
-    """An acceleration that is some function of velocity.
-
-    Equation: e = sum_j c_j B_j(v), polynomials of degree 1 to 3, then cubic splines.
-    Looks like: a residual that depends on velocity only.
-    Easily confused with: velocity, velocity_squared, velocity_odd, coulomb, vibration_rectification.
-    Separate by: several steady speeds in both directions.
-    """
-    return s.rig.polarity * curve(s.v, low, high)
-
-
-@family(
-    Variable("acceleration", "a", "m/s²"),
-    covers=("quadratic", "cubic", "odd_quadratic", "scale_asymmetry", "dead_zone", "saturation"),
-    groups=(("cubic", "odd_quadratic", "dead_zone", "saturation"), ("quadratic", "scale_asymmetry")),
-    coarse=CUBIC - 1,
-)
-@effect(
-    "shape_of_acceleration",
-    unit="m/s²",
-    symbol="f(a)",
-    scale=1e-3,
-    source="0.1 mg",
-    shapes=over("m/s²", lambda s: (s.a, s.a_std)) | {"ripple": Shape("m/s²", (0.0, 0.0), trials=1, picked="ripples")},
-    parts=CURVATURE,
-    search=Search(includes=("bias", "scale_factor")),
-)
-def shape_of_acceleration(s: Signals, low: float, high: float, ripple: float = 0.0) -> Array:
-    """A characteristic of the sensor that is some function of acceleration.
-
-    Equation: e = sum_j c_j B_j(a), polynomials of degree 2 and 3, then cubic splines; a ripple: 2 to 7, a sine.
-    Looks like: a residual that depends on acceleration only.
-    Easily confused with: quadratic, cubic, odd_quadratic, scale_asymmetry, dead_zone, saturation.
-    Separate by: several amplitudes at several frequencies.
-    """
-    return rippled(s.a, low, high, ripple) if ripple else curve(s.a, low, high, first=2)
-
-
-@family(Variable("jerk", "jerk", "m/s³"), coarse=CUBIC - 1)
-@effect(
-    "shape_of_jerk",
-    unit="m/s²",
-    owner="timing",
-    symbol="f(j)",
-    scale=1e-3,
-    source="0.1 mg",
-    shapes=over("m/s³", lambda s: (s.jerk, s.jerk_std)),
-    parts=CURVATURE,
-    search=Search(includes=("bias", "time_offset")),
-)
-def shape_of_jerk(s: Signals, low: float, high: float) -> Array:
-    """An error that is some function of the rate of change of acceleration.
-
-    Equation: e = sum_j c_j B_j(jerk), polynomials of degree 2 and 3, then cubic splines.
-    Looks like: a residual that depends on jerk only.
-    Easily confused with: hysteresis, time_offset, a slew-rate limit.
-    Separate by: rests after either direction; several amplitudes.
-    """
-    return curve(s.jerk, low, high, first=2)
-
-
-@family(Variable("temperature", "temperature", "degC"), covers=("temperature_bias",), coarse=CUBIC)
-@effect(
-    "shape_of_temperature",
-    unit="m/s²",
-    symbol="f(T)",
-    scale=1e-3,
-    source="0.1 mg",
-    shapes=over("K", lambda s: (s.temperature, 0.0)),
-    needs=("temperature",),
-    parts=CURVE,
-    search=Search(includes=("bias",)),
-)
-def shape_of_temperature(s: Signals, low: float, high: float) -> Array:
-    """A bias that is some function of temperature.
-
-    Equation: e = sum_j c_j B_j(T), polynomials of degree 1 to 3, then cubic splines.
-    Looks like: a residual that depends on temperature only.
-    Easily confused with: temperature_bias, shape_of_time while temperature changes steadily.
-    Separate by: a temperature cycle that is not monotone in time.
-    """
-    return curve(s.temperature, low, high)
-
-
-@family(Variable("lateral acceleration", "a_y", "m/s²"), covers=("cross_axis", "cross_axis_quadratic"), coarse=CUBIC)
-@effect(
-    "shape_of_a_y",
-    unit="m/s²",
-    owner="mounting",
-    symbol="f(a_y)",
-    scale=1e-3,
-    source="0.1 mg",
-    shapes=over("m/s²", lambda s: (s.side["a_y"], 0.0)),
-    needs=("a_y",),
-    parts=CURVE,
-    search=Search(includes=("bias",)),
-)
-def shape_of_a_y(s: Signals, low: float, high: float) -> Array:
-    """A response that is some function of the lateral acceleration.
-
-    Equation: e = sum_j c_j B_j(a_y), polynomials of degree 1 to 3, then cubic splines.
-    Looks like: a residual that depends on the lateral acceleration only.
-    Easily confused with: cross_axis, cross_axis_quadratic.
-    Separate by: lateral motion of two sizes; turning the sensor about its input axis.
-    """
-    return curve(s.side["a_y"], low, high)
-
-
-@family(Variable("time since reversal", "reversal", "s"))
-@effect(
-    "shape_since_reversal",
-    unit="m/s²",
-    owner="rig",
-    symbol="f(r)",
-    scale=1e-3,
-    source="0.1 mg",
-    parts=tuple(f"{kind} {age:g} s" for kind in ("both", "odd") for age in AGES),
-    traits=Traits(memory=True),
-    search=Search(includes=("bias",)),
-)
 def shape_since_reversal(s: Signals) -> Array:
     """A response to reversals of the stage: some function of the time since the last, even or odd in direction.
 
@@ -336,24 +150,203 @@ def shape_since_reversal(s: Signals) -> Array:
     return columns.T
 
 
-@family(Variable("position", "p", "m"), covers=("encoder_nonlinearity", "encoder_cyclic"))
-@effect(
-    "encoder_shape_of_position",
-    unit="m",
-    port="position",
-    owner="encoder",
-    symbol="b(p)",
-    scale=1e-6,
-    source="at most 10 µm (paper)",
-    shapes=over("m", lambda s: (s.p, s.p_std)),
-    parts=CURVATURE,
-)
-def encoder_shape_of_position(s: Signals, low: float, high: float) -> Array:
-    """An error of the encoder that is some function of position; its straight part is encoder_scale.
+CURVES: dict[str, dict[str, Any]] = {
+    "shape_of_time": {
+        "function": lambda s, start, length: cosines(s.t, start, length, np.ones(len(COSINES))),
+        "card": """A bias that is some slow function of time.
+
+    Equation: e = sum_j c_j cos(pi j (t - start)/length).
+    Looks like: a residual that depends on time only.
+    Easily confused with: bias_drift, warm_up, bias_step, bias_random_walk, temperature_bias.
+    Separate by: logging what else changes with time; a second record.
+    """,
+        "family": {
+            "variable": Variable("time", "t", "s"),
+            "covers": ("bias_drift", "bias_step", "warm_up"),
+            "basis": "cosines",
+        },
+        "unit": "m/s²",
+        "symbol": "f(t)",
+        "scale": 1e-3,
+        "source": "0.1 mg",
+        "shapes": RECORD,
+        "parts": COSINES,
+        "search": Search(includes=("bias",)),
+    },
+    "shape_of_position": {
+        "function": lambda s, low, high, centre=0.0, width=0.0: (
+            s.rig.polarity * (bumped(s.p, low, high, centre, width) if width else curve(s.p, low, high))
+        ),
+        "card": """An acceleration that is some function of the place on the rail.
+
+    Equation: e = sum_j c_j B_j(p), polynomials of degree 1 to 3, then cubic splines; something local: polynomials of
+    degree 1 to 7, then a Gaussian bump of a width at a centre, and its slope.
+    Looks like: a residual that depends on position only, at any speed.
+    Easily confused with: rail_slope, rail_curve, rail_wave, encoder_shape_of_position.
+    Separate by: a very slow traverse; two speeds.
+    """,
+        "family": {
+            "variable": Variable("position", "p", "m"),
+            "covers": ("rail_slope", "rail_curve", "rail_wave", "rail_second_wave"),
+            "groups": (("rail_wave", "rail_second_wave"),),
+            "coarse": CUBIC,
+        },
+        "unit": "m/s²",
+        "owner": "rig",
+        "symbol": "f(p)",
+        "scale": 1e-3,
+        "source": "0.1 mg",
+        "shapes": over("m", lambda s: (s.p, s.p_std))
+        | {"centre": Shape("m", (0.0, 0.0), trials=1, picked="bumps"), "width": Shape("m", (0.0, 0.0), trials=1)},
+        "parts": CURVE,
+        "search": Search(includes=("bias",)),
+    },
+    "shape_of_velocity": {
+        "function": lambda s, low, high: s.rig.polarity * curve(s.v, low, high),
+        "card": """An acceleration that is some function of velocity.
+
+    Equation: e = sum_j c_j B_j(v), polynomials of degree 1 to 3, then cubic splines.
+    Looks like: a residual that depends on velocity only.
+    Easily confused with: velocity, velocity_squared, velocity_odd, coulomb, vibration_rectification.
+    Separate by: several steady speeds in both directions.
+    """,
+        "family": {
+            "variable": Variable("velocity", "v", "m/s"),
+            "covers": ("velocity", "velocity_squared", "velocity_odd", "coulomb"),
+            "coarse": CUBIC,
+        },
+        "unit": "m/s²",
+        "owner": "rig",
+        "symbol": "f(v)",
+        "scale": 1e-3,
+        "source": "0.1 mg",
+        "shapes": over("m/s", lambda s: (s.v, s.v_std)),
+        "parts": CURVE,
+        "search": Search(includes=("bias",)),
+    },
+    "shape_of_acceleration": {
+        "function": lambda s, low, high, ripple=0.0: (
+            rippled(s.a, low, high, ripple) if ripple else curve(s.a, low, high, first=2)
+        ),
+        "card": """A characteristic of the sensor that is some function of acceleration.
+
+    Equation: e = sum_j c_j B_j(a), polynomials of degree 2 and 3, then cubic splines; a ripple: 2 to 7, a sine.
+    Looks like: a residual that depends on acceleration only.
+    Easily confused with: quadratic, cubic, odd_quadratic, scale_asymmetry, dead_zone, saturation.
+    Separate by: several amplitudes at several frequencies.
+    """,
+        "family": {
+            "variable": Variable("acceleration", "a", "m/s²"),
+            "covers": ("quadratic", "cubic", "odd_quadratic", "scale_asymmetry", "dead_zone", "saturation"),
+            "groups": (("cubic", "odd_quadratic", "dead_zone", "saturation"), ("quadratic", "scale_asymmetry")),
+            "coarse": CUBIC - 1,
+        },
+        "unit": "m/s²",
+        "symbol": "f(a)",
+        "scale": 1e-3,
+        "source": "0.1 mg",
+        "shapes": over("m/s²", lambda s: (s.a, s.a_std))
+        | {"ripple": Shape("m/s²", (0.0, 0.0), trials=1, picked="ripples")},
+        "parts": CURVATURE,
+        "search": Search(includes=("bias", "scale_factor")),
+    },
+    "shape_of_jerk": {
+        "function": lambda s, low, high: curve(s.jerk, low, high, first=2),
+        "card": """An error that is some function of the rate of change of acceleration.
+
+    Equation: e = sum_j c_j B_j(jerk), polynomials of degree 2 and 3, then cubic splines.
+    Looks like: a residual that depends on jerk only.
+    Easily confused with: hysteresis, time_offset, a slew-rate limit.
+    Separate by: rests after either direction; several amplitudes.
+    """,
+        "family": {"variable": Variable("jerk", "jerk", "m/s³"), "coarse": CUBIC - 1},
+        "unit": "m/s²",
+        "owner": "timing",
+        "symbol": "f(j)",
+        "scale": 1e-3,
+        "source": "0.1 mg",
+        "shapes": over("m/s³", lambda s: (s.jerk, s.jerk_std)),
+        "parts": CURVATURE,
+        "search": Search(includes=("bias", "time_offset")),
+    },
+    "shape_of_temperature": {
+        "function": lambda s, low, high: curve(s.temperature, low, high),
+        "card": """A bias that is some function of temperature.
+
+    Equation: e = sum_j c_j B_j(T), polynomials of degree 1 to 3, then cubic splines.
+    Looks like: a residual that depends on temperature only.
+    Easily confused with: temperature_bias, shape_of_time while temperature changes steadily.
+    Separate by: a temperature cycle that is not monotone in time.
+    """,
+        "family": {
+            "variable": Variable("temperature", "temperature", "degC"),
+            "covers": ("temperature_bias",),
+            "coarse": CUBIC,
+        },
+        "unit": "m/s²",
+        "symbol": "f(T)",
+        "scale": 1e-3,
+        "source": "0.1 mg",
+        "shapes": over("K", lambda s: (s.temperature, 0.0)),
+        "needs": ("temperature",),
+        "parts": CURVE,
+        "search": Search(includes=("bias",)),
+    },
+    "shape_of_a_y": {
+        "function": lambda s, low, high: curve(s.side["a_y"], low, high),
+        "card": """A response that is some function of the lateral acceleration.
+
+    Equation: e = sum_j c_j B_j(a_y), polynomials of degree 1 to 3, then cubic splines.
+    Looks like: a residual that depends on the lateral acceleration only.
+    Easily confused with: cross_axis, cross_axis_quadratic.
+    Separate by: lateral motion of two sizes; turning the sensor about its input axis.
+    """,
+        "family": {
+            "variable": Variable("lateral acceleration", "a_y", "m/s²"),
+            "covers": ("cross_axis", "cross_axis_quadratic"),
+            "coarse": CUBIC,
+        },
+        "unit": "m/s²",
+        "owner": "mounting",
+        "symbol": "f(a_y)",
+        "scale": 1e-3,
+        "source": "0.1 mg",
+        "shapes": over("m/s²", lambda s: (s.side["a_y"], 0.0)),
+        "needs": ("a_y",),
+        "parts": CURVE,
+        "search": Search(includes=("bias",)),
+    },
+    "shape_since_reversal": {
+        "function": shape_since_reversal,
+        "family": {"variable": Variable("time since reversal", "reversal", "s")},
+        "unit": "m/s²",
+        "owner": "rig",
+        "symbol": "f(r)",
+        "scale": 1e-3,
+        "source": "0.1 mg",
+        "parts": tuple(f"{kind} {age:g} s" for kind in ("both", "odd") for age in AGES),
+        "traits": Traits(memory=True),
+        "search": Search(includes=("bias",)),
+    },
+    "encoder_shape_of_position": {
+        "function": lambda s, low, high: curve(s.p, low, high, first=2),
+        "card": """An error of the encoder that is some function of position; its straight part is encoder_scale.
 
     Equation: b = sum_j c_j B_j(p), polynomials of degree 2 and 3, then cubic splines.
     Looks like: a residual that depends on position and grows with the square of speed.
     Easily confused with: encoder_nonlinearity, encoder_cyclic, shape_of_position.
     Separate by: two speeds; a shifted start position.
-    """
-    return curve(s.p, low, high, first=2)
+    """,
+        "family": {"variable": Variable("position", "p", "m"), "covers": ("encoder_nonlinearity", "encoder_cyclic")},
+        "unit": "m",
+        "port": "position",
+        "owner": "encoder",
+        "symbol": "b(p)",
+        "scale": 1e-6,
+        "source": "at most 10 µm (paper)",
+        "shapes": over("m", lambda s: (s.p, s.p_std)),
+        "parts": CURVATURE,
+    },
+}
+"""The curves, in the order of the catalogue."""
+enter(CURVES)

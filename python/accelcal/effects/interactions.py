@@ -6,10 +6,11 @@ them the response stays as it is there.
 
 from __future__ import annotations
 
+from typing import Any
+
 from accelcal.data.arrays import Array
 from accelcal.effects.curves import RECORD, legendre, over
-from accelcal.effects.registry import Search, Variable, effect, family
-from accelcal.signals.signals import Signals
+from accelcal.effects.registry import Search, Variable, enter
 
 PROFILE = ("mean", "slope", "bend")
 """Columns of a profile along a range: Legendre's first polynomials."""
@@ -20,91 +21,81 @@ def profile(x: Array, low: float, high: float) -> Array:
     return legendre(x, low, high, len(PROFILE) - 1)
 
 
-@family(Variable("position", "p", "m", per="v"))
-@effect(
-    "shape_of_position_and_velocity",
-    unit="s⁻¹",
-    owner="rig",
-    symbol="h(p) v",
-    scale=1e-2,
-    source="0.1 mg at 0.1 m/s",
-    shapes=over("m", lambda s: (s.p, s.p_std)),
-    parts=PROFILE,
-)
-def shape_of_position_and_velocity(s: Signals, low: float, high: float) -> Array:
-    """Viscous friction that varies along the rail.
+INTERACTIONS: dict[str, dict[str, Any]] = {
+    "shape_of_position_and_velocity": {
+        "function": lambda s, low, high: s.rig.polarity * s.v[:, None] * profile(s.p, low, high),
+        "card": """Viscous friction that varies along the rail.
 
     Equation: e = v (c0 + c1 u + c2 (3 u^2 - 1)/2), u = p over its range, -1 to 1.
     Looks like: a residual that grows with velocity, here more than there.
     Easily confused with: velocity, clock_skew, time_offset_step.
     Separate by: steady speed over the whole rail, forwards and backwards.
-    """
-    return s.rig.polarity * s.v[:, None] * profile(s.p, low, high)
-
-
-@family(Variable("position", "p", "m", per="a"))
-@effect(
-    "shape_of_position_and_acceleration",
-    unit="1",
-    owner="rig",
-    symbol="h(p) a",
-    scale=1e-3,
-    source="a scale factor known to 0.1 %",
-    shapes=over("m", lambda s: (s.p, s.p_std)),
-    parts=PROFILE[1:],
-    search=Search(includes=("scale_factor",)),
-)
-def shape_of_position_and_acceleration(s: Signals, low: float, high: float) -> Array:
-    """Scale factor that varies along the rail.
+    """,
+        "family": {"variable": Variable("position", "p", "m", per="v")},
+        "unit": "s⁻¹",
+        "owner": "rig",
+        "symbol": "h(p) v",
+        "scale": 1e-2,
+        "source": "0.1 mg at 0.1 m/s",
+        "shapes": over("m", lambda s: (s.p, s.p_std)),
+        "parts": PROFILE,
+    },
+    "shape_of_position_and_acceleration": {
+        "function": lambda s, low, high: s.a[:, None] * profile(s.p, low, high)[:, 1:],
+        "card": """Scale factor that varies along the rail.
 
     Equation: e = a (c1 u + c2 (3 u^2 - 1)/2), u = p over its range, -1 to 1.
     Looks like: a residual that follows acceleration, here more than there.
     Easily confused with: encoder_nonlinearity, rail_curve, scale_drift.
     Separate by: short fast strokes at several places of the rail.
-    """
-    return s.a[:, None] * profile(s.p, low, high)[:, 1:]
-
-
-@family(Variable("temperature", "temperature", "degC", per="v"))
-@effect(
-    "shape_of_temperature_and_velocity",
-    unit="s⁻¹",
-    owner="rig",
-    symbol="h(T) v",
-    scale=1e-2,
-    source="0.1 mg at 0.1 m/s",
-    shapes=over("K", lambda s: (s.temperature, 0.0)),
-    needs=("temperature",),
-    parts=PROFILE,
-)
-def shape_of_temperature_and_velocity(s: Signals, low: float, high: float) -> Array:
-    """Viscous friction that varies with temperature, as that of grease.
+    """,
+        "family": {"variable": Variable("position", "p", "m", per="a")},
+        "unit": "1",
+        "owner": "rig",
+        "symbol": "h(p) a",
+        "scale": 1e-3,
+        "source": "a scale factor known to 0.1 %",
+        "shapes": over("m", lambda s: (s.p, s.p_std)),
+        "parts": PROFILE[1:],
+        "search": Search(includes=("scale_factor",)),
+    },
+    "shape_of_temperature_and_velocity": {
+        "function": lambda s, low, high: s.rig.polarity * s.v[:, None] * profile(s.temperature, low, high),
+        "card": """Viscous friction that varies with temperature, as that of grease.
 
     Equation: e = v (c0 + c1 u + c2 (3 u^2 - 1)/2), u = T over its range, -1 to 1.
     Looks like: a residual that grows with velocity, warm less than cold.
     Easily confused with: velocity, shape_of_time_and_velocity.
     Separate by: the same motion at several temperatures that do not rise steadily.
-    """
-    return s.rig.polarity * s.v[:, None] * profile(s.temperature, low, high)
-
-
-@family(Variable("time", "t", "s", per="v"))
-@effect(
-    "shape_of_time_and_velocity",
-    unit="s⁻¹",
-    owner="rig",
-    symbol="h(t) v",
-    scale=1e-2,
-    source="0.1 mg at 0.1 m/s",
-    shapes=RECORD,
-    parts=PROFILE,
-)
-def shape_of_time_and_velocity(s: Signals, start: float, length: float) -> Array:
-    """Viscous friction that varies with time, as during run-in.
+    """,
+        "family": {"variable": Variable("temperature", "temperature", "degC", per="v")},
+        "unit": "s⁻¹",
+        "owner": "rig",
+        "symbol": "h(T) v",
+        "scale": 1e-2,
+        "source": "0.1 mg at 0.1 m/s",
+        "shapes": over("K", lambda s: (s.temperature, 0.0)),
+        "needs": ("temperature",),
+        "parts": PROFILE,
+    },
+    "shape_of_time_and_velocity": {
+        "function": lambda s, start, length: s.rig.polarity * s.v[:, None] * profile(s.t, start, start + length),
+        "card": """Viscous friction that varies with time, as during run-in.
 
     Equation: e = v (c0 + c1 u + c2 (3 u^2 - 1)/2), u = t over the record, -1 to 1.
     Looks like: a residual that grows with velocity, at first more than later.
     Easily confused with: velocity, clock_skew, shape_of_temperature_and_velocity.
     Separate by: a second record right after the first.
-    """
-    return s.rig.polarity * s.v[:, None] * profile(s.t, start, start + length)
+    """,
+        "family": {"variable": Variable("time", "t", "s", per="v")},
+        "unit": "s⁻¹",
+        "owner": "rig",
+        "symbol": "h(t) v",
+        "scale": 1e-2,
+        "source": "0.1 mg at 0.1 m/s",
+        "shapes": RECORD,
+        "parts": PROFILE,
+    },
+}
+"""The interactions, in the order of the catalogue."""
+enter(INTERACTIONS)

@@ -486,6 +486,23 @@ def family(
     return enter
 
 
+def enter(table: Mapping[str, Mapping[str, Any]]) -> None:
+    """Enter the effects of a table into the catalogue.
+
+    Parameters
+    ----------
+    table : by name what :func:`effect` takes, the function, its card where it has none, and for a nonparametric family
+        what :func:`family` takes.
+    """
+    for name, row in table.items():
+        function = row["function"]
+        function.__doc__ = row.get("card", function.__doc__)
+        declared = {key: value for key, value in row.items() if key not in ("function", "card", "family")}
+        effect(name, **declared)(function)
+        if "family" in row:
+            family(**row["family"])(function)
+
+
 def card_line(function: Callable[..., Array], label: str) -> str:
     """Text behind `label:` in a function's docstring, up to the next label."""
     found: list[str] = []
