@@ -40,8 +40,6 @@ HOMONYMS = {
     ("filters/fixed_rate_filter.py", "cubic"): "interpolation",
     ("io/sidecar.py", "encoder_scale"): "key of a sidecar",
     ("io/sidecar.py", "misalignment"): "key of a sidecar",
-    ("io/write.py", "encoder_scale"): "key of a sidecar",
-    ("io/write.py", "misalignment"): "key of a sidecar",
     ("live/settings.py", "cubic"): "parameter of a live filter",
     ("live/settings.py", "quadratic"): "parameter of a live filter",
     ("plots/signature.py", "velocity"): "variable of the motion",

@@ -56,10 +56,11 @@ def sentence(error: BaseException, command: Sequence[str] | None = None) -> str:
         text = " ".join(str(error).split())
         return f"{line}: {type(error).__name__}: {text}; change this line"
     place = write_report(error, sys.argv if command is None else command)
+    inside = [_place(f.f_code.co_filename, line, "") for f, line in _frames(error.__traceback__) if _is_own(f)]
     cause = (
         "it asked for more memory than there is; a shorter part of the recording may pass"
         if isinstance(error, MemoryError)
-        else f"{type(error).__name__} in {_where(error.__traceback__)}"
+        else f"{type(error).__name__} in {inside[-1].partition(' in ')[0] if inside else 'code that it calls'}"
     )
     sent = f"please send {place} to its authors; it holds no data" if place else "no folder accepts a report of it"
     return f"this is an error of accelcal: {cause}; {sent}"
@@ -119,7 +120,9 @@ def _report(error: BaseException, command: Sequence[str]) -> Iterator[str]:
         yield ""
         yield f"{type(seen).__module__}.{type(seen).__qualname__}, raised through"
         places = [_place(f.f_code.co_filename, line, f.f_code.co_qualname) for f, line in _frames(seen.__traceback__)]
-        yield from _shortened([f"  {place}" for place in (*places, *_remote(seen))])
+        sent = _FRAME.findall(str(getattr(seen, "tb", "")))  # by another process, as text
+        places += [_place(name, int(line), function) for name, line, function in sent]
+        yield from _shortened([f"  {place}" for place in places])
         seen = seen.__cause__ or (None if seen.__suppress_context__ else seen.__context__)
 
 
@@ -141,12 +144,6 @@ def _is_own(frame: FrameType) -> bool:
     return Path(frame.f_code.co_filename).is_relative_to(PACKAGE)
 
 
-def _remote(error: BaseException) -> Iterator[str]:
-    """Places of a traceback that another process sent as text."""
-    for name, line, function in _FRAME.findall(str(getattr(error, "tb", ""))):
-        yield _place(name, int(line), function)
-
-
 def _place(name: str, line: int, function: str) -> str:
     """File below the folder that holds it, line and function; paths of the user's machine are left out."""
     path = Path(name)
@@ -155,12 +152,6 @@ def _place(name: str, line: int, function: str) -> str:
             path = path.relative_to(folder)
             break
     return f"{path}:{line} in {function}"
-
-
-def _where(traceback: TracebackType | None) -> str:
-    """The innermost line of accelcal."""
-    own = [_place(f.f_code.co_filename, line, "") for f, line in _frames(traceback) if _is_own(f)]
-    return own[-1].partition(" in ")[0] if own else "code that it calls"
 
 
 def _line_of_user(traceback: TracebackType | None) -> str | None:

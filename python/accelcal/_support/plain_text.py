@@ -25,9 +25,6 @@ def visible(text: str, *, one_line: bool = False) -> str:
     >>> visible("\x1b[2J") == r"\x1b[2J"
     True
     """
-    return (OBEYED_IN_NAMES if one_line else OBEYED).sub(_escape, text)
-
-
-def _escape(found: re.Match[str]) -> str:
-    code = ord(found[0])
-    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
+    return (OBEYED_IN_NAMES if one_line else OBEYED).sub(
+        lambda found: f"\\x{code:02x}" if (code := ord(found[0])) < 0x100 else f"\\u{code:04x}", text
+    )

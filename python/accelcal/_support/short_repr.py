@@ -12,22 +12,16 @@ def short_repr(value: type[Value]) -> type[Value]:
     """Give a dataclass a representation that leaves out fields with their default value."""
 
     def representation(self: Any) -> str:
-        shown = ((f.name, getattr(self, f.name)) for f in fields(self) if f.repr)
-        defaults = {f.name: default_of(f) for f in fields(self)}
-        return f"{type(self).__name__}({', '.join(f'{k}={_short(v)}' for k, v in shown if not _is(v, defaults[k]))})"
+        shown = (_short(getattr(self, f.name), f) for f in fields(self) if f.repr)
+        return f"{type(self).__name__}({', '.join(filter(None, shown))})"
 
     type.__setattr__(value, "__repr__", representation)
     return value
 
 
-def default_of(declared: Field[Any]) -> object:
-    """The default of a field; MISSING where it has none."""
-    return declared.default if declared.default_factory is MISSING else declared.default_factory()
-
-
-def _is(value: object, default: object) -> bool:
-    return type(value) is type(default) and bool(value == default)
-
-
-def _short(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else repr(value)
+def _short(value: object, declared: Field[Any]) -> str:
+    """A value in a few digits; empty where it is the default."""
+    default = declared.default if declared.default_factory is MISSING else declared.default_factory()
+    if type(value) is type(default) and bool(value == default):
+        return ""
+    return f"{declared.name}={value:.6g}" if isinstance(value, float) else f"{declared.name}={value!r}"

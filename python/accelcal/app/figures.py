@@ -10,7 +10,6 @@ import numpy as np
 
 from accelcal.app.run import Run, Stretch
 from accelcal.app.state import State
-from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
 from accelcal.data.units import instant
 from accelcal.diagnosis.verdict import Diagnosis
@@ -114,7 +113,8 @@ def falling(state: State, theme: ThemeName) -> Picture:
     several, top = len(state.unseen_runs), panel.y.range[1] if panel.y.range else 0.0
     if several > 1:
         factor, _ = formatting.prefixed("m", np.array(compared.errors), compared.floor.value)
-        for run, errors, marker in zip(state.unseen_runs, errors_of(compared), itertools.cycle(MARKERS)):
+        for run, seen, marker in zip(state.unseen_runs, compared.seen, itertools.cycle(MARKERS)):
+            errors = np.array([quoted_error(evaluation, compared.horizon) for evaluation in seen])
             marks.append(Line(np.arange(float(len(errors))), errors * factor, run.name, "ink", marker=marker))
             top = max(top, 1.1 * float(np.max(errors)) * factor)
     panel = replace(
@@ -126,11 +126,6 @@ def falling(state: State, theme: ThemeName) -> Picture:
     )
     note = f"unseen data: {several} recordings; bars are their error together" if several > 1 else figure.note
     return picture(replace(figure, panels=(panel,), note=note), theme, displayModeBar=False)
-
-
-def errors_of(compared: Comparison) -> list[Array]:
-    """Error of every model on the path on each of the held-out recordings, m."""
-    return [np.array([quoted_error(evaluation, compared.horizon) for evaluation in seen]) for seen in compared.seen]
 
 
 def overlay(state: State, theme: ThemeName, window: Stretch | None = None, chosen: Stretch | None = None) -> Picture:

@@ -63,7 +63,8 @@ class LivePage:
         client = ui.context.client
         ui.on_exception(lambda error: self.bench.refuse(internal_error.sentence(error)))
         client.on_delete(lambda: self._closed(client.id))
-        self._attach(client.id)
+        if self.follower is not None:
+            self.follower.show(client.id)
         self.rebuild()
         ui.timer(TICK, self._tick)
 
@@ -120,10 +121,6 @@ class LivePage:
             widgets.button("Open in the workbench", "insert_chart", self._open, primary=True)
             widgets.button("Download recording", "download", download, flat=True)
         widgets.button("New measurement", "restart_alt", self._again, flat=True)
-
-    def _attach(self, page: str) -> None:
-        if self.follower is not None:
-            self.follower.show(page)
 
     def _closed(self, page: str) -> None:
         if self.follower is not None:

@@ -94,16 +94,11 @@ def choices(columns: Sequence[str], text: str, template: str) -> list[Choice]:
 def _guessed(found: Sequence[Choice]) -> list[Choice]:
     """Choices with a role for a column that is alone with its kind of unit: one in s, one in V, one in mm."""
     free = set(ESSENTIAL) - {c.channel for c in found}
-    stated = {c.column: c.unit or _unit_in(c.column) for c in found if c.channel not in (*ESSENTIAL, *ORIENTATION)}
+    named = {c.column: naming.take_apart(c.column) for c in found if c.channel not in (*ESSENTIAL, *ORIENTATION)}
+    stated = {c.column: c.unit or n.brackets or n.suffix or "" for c in found if (n := named.get(c.column))}
     kinds = {column: KINDS.get(_dimension(unit), "") for column, unit in stated.items()}
     alone = {kind for kind in free if list(kinds.values()).count(kind) == 1}
     return [Choice(c.column, kinds[c.column], stated[c.column]) if kinds.get(c.column) in alone else c for c in found]
-
-
-def _unit_in(column: str) -> str:
-    """The unit that the name of a column ends with; empty where there is none."""
-    named = naming.take_apart(column)
-    return named.brackets or named.suffix or ""
 
 
 def _dimension(unit: str) -> str:
@@ -129,14 +124,8 @@ def unknown(found: Sequence[Choice], text: str) -> list[str]:
 
 def sensor_in(text: str) -> dict[str, str]:
     """What a sidecar declares of the sensor, by key; empty where the text is no TOML."""
-    try:
-        table = tomllib.loads(text).get("sensor", {})
-    except (ValueError, RecursionError):
-        return {}
-    known = table if isinstance(table, dict) else {}
-    return {
-        key: str(value) for key, value in known.items() if isinstance(value, str | int | float) and value != UNKNOWN
-    }
+    known = _read_table(text, "sensor").items()
+    return {key: str(value) for key, value in known if isinstance(value, str | int | float) and value != UNKNOWN}
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,6 +212,15 @@ def _table(holder: Any, name: str) -> Any:
     return found
 
 
+def _read_table(text: str, name: str) -> dict[str, Any]:
+    """A table of a sidecar; empty where the text is no TOML, or has none."""
+    try:
+        table = tomllib.loads(text).get(name)
+    except (ValueError, RecursionError):
+        return {}
+    return table if isinstance(table, dict) else {}
+
+
 def _direction(text: str) -> str | list[float]:
     """An axis as the sidecar writes it."""
     if "," not in text:
@@ -235,12 +233,7 @@ def _direction(text: str) -> str | list[float]:
 
 def _channels(text: str) -> dict[str, tuple[str, str]]:
     """Column and unit by channel; empty where the text is no TOML."""
-    try:
-        table = tomllib.loads(text).get("channels", {})
-    except (ValueError, RecursionError):
-        return {}
-    if not isinstance(table, dict):
-        return {}
+    table = _read_table(text, "channels")
     attitude = table.get("attitude", {})
     listed = attitude.get("columns") if isinstance(attitude, dict) else None
     columns = listed if isinstance(listed, list) else []

@@ -44,7 +44,10 @@ def narrowed(picture: Picture) -> Picture:
     if len({x["domain"][0] for x, _ in panels}) > 1:
         stack(layout, panels)
     elif any(isinstance(y, str) for trace in figure["data"] for y in _listed(trace)):
-        figure["data"] = [{**trace, "y": [_in_two(y) for y in _listed(trace)]} for trace in figure["data"]]
+        figure["data"] = [
+            {**trace, "y": [y.replace(", ", ",<br>", 1) if isinstance(y, str) else y for y in _listed(trace)]}
+            for trace in figure["data"]
+        ]
         left = 2 * LEFT
     elif len(panels) == 1:
         layout["height"] = min(layout["height"], margin["t"] + margin["b"] + TALLEST)
@@ -147,8 +150,3 @@ def _listed(trace: dict[str, Any]) -> list[Any]:
 
 def _wrapped(text: str, letters: int) -> str:
     return "<br>".join(textwrap.wrap(text, letters)) if "<" not in text else text
-
-
-def _in_two(name: Any) -> Any:
-    """A name in two lines, broken at its comma; numbers as they are."""
-    return name.replace(", ", ",<br>", 1) if isinstance(name, str) else name

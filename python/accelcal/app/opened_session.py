@@ -33,7 +33,7 @@ class OpenedSession:
     def missing(self) -> Source | None:
         """The first recording that is not where it was, or has changed since."""
         sources = [run.source for run in self.content.runs]
-        return next((s for s in sources if not is_file_of(self.path(s), s)), None)
+        return next((s for s in sources if digest_at(self.path(s)) != s.sha256), None)
 
     def with_files(self, paths: Sequence[Path]) -> OpenedSession:
         """The session with files of the user in place of those that are missing.
@@ -55,11 +55,6 @@ class OpenedSession:
                 )
             given[source.sha256] = path
         return replace(self, given=given)
-
-
-def is_file_of(path: Path, source: Source) -> bool:
-    """Whether a file is the recording that a session names."""
-    return digest_at(path) == source.sha256
 
 
 def digest_at(path: Path) -> str:

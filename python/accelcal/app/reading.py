@@ -54,7 +54,8 @@ class Reader:
         order = sorted(range(len(paths)), key=lambda number: not has_sidecar(paths[number]))
         found: dict[int, Run] = {}
         for count, number in enumerate(order):
-            lender = next((run for run in (*present, *found.values()) if has_own_rig(run)), None)
+            runs = [run for run in (*present, *found.values()) if run.recording is not None and not run.lender]
+            lender = next((run for run in runs if run.sidecar is not None or has_sidecar(run.file)), None)
             share = within(progress, count / len(paths), (count + 1) / len(paths))
             found[number] = self.run(paths[number], None, lender, share)
         return tuple(found[number] for number in range(len(paths)))
@@ -133,11 +134,6 @@ class Reader:
             )
         side_channels(units_of(known))  # their effects have names in every process
         return known
-
-
-def has_own_rig(run: Run) -> bool:
-    """Whether a file has a rig of its own for those that have none."""
-    return run.recording is not None and not run.lender and (run.sidecar is not None or has_sidecar(run.file))
 
 
 def require_size(path: Path) -> None:

@@ -21,7 +21,6 @@ from accelcal._support.errors import AccelcalError
 from accelcal.app import mapping
 from accelcal.app.known import Known
 from accelcal.app.own_formula import OwnFormula
-from accelcal.app.run import Run
 from accelcal.app.session_content import (
     MOST_GUESTS,
     MOST_MODELS,
@@ -56,13 +55,22 @@ def dumps(state: State, *, when: datetime | None = None) -> bytes:
     """
     if state.recording is None:
         raise SessionError("load a recording first; a session without one is empty")
-    stored = [(run, stored_run(run)) for run in state.runs if run.known is not None]
+    stored = [run for run in state.runs if run.known is not None]
     content = Content(
         schema=SCHEMA,
         version=_core.__version__,
         saved=(when or datetime.now(UTC)).isoformat(timespec="seconds"),
-        runs=[made for _, made in stored],
-        shown=next((at for at, (run, _) in enumerate(stored) if run is state.run), 0),
+        runs=[
+            StoredRun(
+                source=Source(file=str(run.file), sha256=run.digest),
+                sidecar=mapping.text_of(run.file, run.sidecar, "") or None,
+                role=run.role,
+                held_out=run.held_out,
+                excluded=list(run.excluded),
+            )
+            for run in stored
+        ],
+        shown=next((at for at, run in enumerate(stored) if run is state.run), 0),
         own=[OwnFormula.of(own).stored for own in state.own],
         steps=[
             StoredStep(
@@ -165,17 +173,6 @@ def _texts(path: Path, wanted: Sequence[str] | None = None) -> dict[str, str]:
                 raise SessionError(f"{path.name}: unpacks to more than a session file can hold; it was not read on")
             found[member.filename] = raw.decode("utf-8")
     return found
-
-
-def stored_run(run: Run) -> StoredRun:
-    """What a session file holds of one file."""
-    return StoredRun(
-        source=Source(file=str(run.file), sha256=run.digest),
-        sidecar=mapping.text_of(run.file, run.sidecar, "") or None,
-        role=run.role,
-        held_out=run.held_out,
-        excluded=list(run.excluded),
-    )
 
 
 def _plain(text: str) -> str:

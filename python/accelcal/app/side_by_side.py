@@ -60,8 +60,3 @@ def same_sensor(fits: Sequence[Fit], state: State) -> bool:
     except RecordingError:
         return False
     return True
-
-
-def share_data(first: Fit, second: Fit) -> bool:
-    """Whether two models were fitted to some of the same files."""
-    return bool({digest for _, digest in first.sources} & {digest for _, digest in second.sources})

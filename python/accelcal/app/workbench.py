@@ -220,7 +220,9 @@ class Workbench:
         read = {}
         for number, run in enumerate(alike):
             part = within(progress, number / len(alike), (number + 1) / len(alike))
-            read[id(run)] = declared_anew(run, self._reader().run(run.file, sidecar, None, part))
+            new = self._reader().run(run.file, sidecar, None, part)
+            held_out = new.end if run.held_out is not None and new.recording is not None else None
+            read[id(run)] = replace(new, role=run.role, held_out=held_out)  # its time line may be another one
         if read[id(asked)].problem and not asked.problem and len(state.runs) > 1:
             raise Refused(read[id(asked)].problem)
         runs = tuple(read.get(id(run), run) for run in state.runs)
@@ -765,12 +767,6 @@ def with_run(state: State, **changes: Any) -> State:
     """The state with changes to the file on the time line."""
     made = tuple(replace(run, **changes) if at == state.shown else run for at, run in enumerate(state.runs))
     return replace(state, runs=made)
-
-
-def declared_anew(before: Run, read: Run) -> Run:
-    """A file that was read again, with the role that it had; its time line may be another one."""
-    held_out = read.end if before.held_out is not None and read.recording is not None else None
-    return replace(read, role=before.role, held_out=held_out)
 
 
 def with_one_to_map(state: State) -> State:

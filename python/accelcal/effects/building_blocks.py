@@ -124,11 +124,7 @@ def instants(s: Signals) -> tuple[float, float]:
 
 def slow(low: float, high: float) -> Callable[[Signals], tuple[float, float]]:
     """Time constants between two shares of the record's length, s."""
-
-    def bounds(s: Signals) -> tuple[float, float]:
-        return low * s.length, high * s.length
-
-    return bounds
+    return lambda s: (low * s.length, high * s.length)
 
 
 def periods(s: Signals) -> tuple[float, float]:
@@ -170,11 +166,7 @@ def harmonics_of(angle: Array, harmonics: float) -> Array:
 
 def stroke() -> dict[str, Shape]:
     """The range of positions, as shapes that the record sets; models of earlier versions may lack it."""
-
-    def low(s: Signals) -> tuple[float, float]:
-        return float(np.min(s.p)), float(np.min(s.p))
-
-    def high(s: Signals) -> tuple[float, float]:
-        return float(np.max(s.p)), float(np.max(s.p))
-
-    return {"low": Shape("m", low, trials=1, added=True), "high": Shape("m", high, trials=1, added=True)}
+    return {
+        "low": Shape("m", lambda s: (float(np.min(s.p)),) * 2, trials=1, added=True),
+        "high": Shape("m", lambda s: (float(np.max(s.p)),) * 2, trials=1, added=True),
+    }

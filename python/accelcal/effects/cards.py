@@ -26,7 +26,8 @@ def cards(effects: Iterable[Effect]) -> str:
         "|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| [{e.name}](#{e.name}) | {_cell(e.symbol)} | {e.unit} | {PORTS[e.port]} | {e.owner} | {_refined(e)} |"
+        f"| [{e.name}](#{e.name}) | {_cell(e.symbol)} | {e.unit} | {PORTS[e.port]} | {e.owner} | "
+        + f"{', '.join(name for name, shape in e.shapes.items() if shape.refined) or '–'} |"
         for e in effects
     ]
     for e in effects:
@@ -80,10 +81,6 @@ def spelled(name: str) -> str:
     'odd quadratic'
     """
     return name.replace("_", " ")
-
-
-def _refined(effect: Effect) -> str:
-    return ", ".join(name for name, shape in effect.shapes.items() if shape.refined) or "–"
 
 
 def _cell(text: str) -> str:

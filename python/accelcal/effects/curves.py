@@ -109,24 +109,16 @@ def over(unit: str, variable: Callable[[Signals], tuple[Array, float]]) -> dict[
         width = max(high - low, KNOT_NOISE * std * PIECES, TINY, 1e-9 * abs(middle))
         return middle - 0.5 * width, middle + 0.5 * width
 
-    def low(s: Signals) -> tuple[float, float]:
-        return ends(s)[0], ends(s)[0]
-
-    def high(s: Signals) -> tuple[float, float]:
-        return ends(s)[1], ends(s)[1]
-
-    return {"low": Shape(unit, low, trials=1), "high": Shape(unit, high, trials=1)}
+    return {
+        "low": Shape(unit, lambda s: (ends(s)[0],) * 2, trials=1),
+        "high": Shape(unit, lambda s: (ends(s)[1],) * 2, trials=1),
+    }
 
 
-def _start(s: Signals) -> tuple[float, float]:
-    return float(s.t[0]), float(s.t[0])
-
-
-def _length(s: Signals) -> tuple[float, float]:
-    return s.length, s.length
-
-
-RECORD = {"start": Shape("s", _start, trials=1), "length": Shape("s", _length, trials=1)}
+RECORD = {
+    "start": Shape("s", lambda s: (float(s.t[0]),) * 2, trials=1),
+    "length": Shape("s", lambda s: (s.length,) * 2, trials=1),
+}
 """Start and length of the cosines' half period: set by the record of the fit and kept by the model."""
 
 

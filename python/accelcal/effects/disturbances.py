@@ -16,10 +16,6 @@ def _lines(s: Signals) -> tuple[float, float]:
     return 0.02 * highest, highest
 
 
-def _one_turn(s: Signals, frequency: float) -> float:
-    return 1.0 / s.length
-
-
 @effect(
     "tone",
     unit="m/s²",
@@ -27,7 +23,8 @@ def _one_turn(s: Signals, frequency: float) -> float:
     symbol="ct",
     scale=1e-2,
     source="mains pick-up, no published figure",
-    shapes={"frequency": Shape("Hz", _lines, trials=4, spacing="log", width=_one_turn)} | HIGHEST_HARMONIC,
+    shapes={"frequency": Shape("Hz", _lines, trials=4, spacing="log", width=lambda s, frequency: 1.0 / s.length)}
+    | HIGHEST_HARMONIC,
     parts=("sin", "cos"),
     traits=Traits(noise=NoiseSource("line", amplitude)),
 )

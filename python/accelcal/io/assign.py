@@ -87,7 +87,7 @@ def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, 
         essential = channel == "accel" or (channel == "position" and not moved)
         if channel == "time" or channel in declared.channels or column in mapped:
             continue
-        if essential or (not declared.channels and _has_unit(table, column)):
+        if essential or (not declared.channels and units.is_unit(unit_of(table, column))):
             if channel in sources:
                 raise RecordingError(
                     f'{table.path}: columns "{sources[channel].column}" and "{column}" can both be {channel}; '
@@ -174,10 +174,10 @@ def _recorded(table: Table, sources: Mapping[str, Source], channel: str, clock: 
     return sources[channel].column in table.columns or bool({*table.columns} - claimed - stamps)
 
 
-def _has_unit(table: Table, column: str) -> bool:
+def unit_of(table: Table, column: str) -> str:
+    """The unit of a column by the file, else by the name of the column; empty where there is none."""
     name = naming.take_apart(column)
-    unit = table.units.get(column) or name.suffix or name.brackets
-    return unit is not None and units.is_unit(unit)
+    return table.units.get(column) or name.suffix or name.brackets or ""
 
 
 def line(channel: str, column: str, unit: str) -> str:

@@ -70,12 +70,8 @@ def open_container(path: Path, kind: str) -> Table:
         path,
         tuple(entry.name for entry in entries),
         read,
-        _sample,
+        lambda i: f"sample {i + 1}",
         {entry.name: entry.unit for entry in entries if entry.unit},
         BY_NAME[kind].units_from,
         {entry.name: entry.clock for entry in entries if entry.clock},
     )
-
-
-def _sample(i: int) -> str:
-    return f"sample {i + 1}"

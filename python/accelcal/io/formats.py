@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from accelcal.data.recording import RecordingError
-from accelcal.io.decoding.known_formats import FORMATS, SUFFIXES
+from accelcal.io.decoding.known_formats import FORMATS, MARKS, SUFFIXES
 from accelcal.io.files import open_regular, shown
 from accelcal.io.table import Table
 
@@ -19,7 +19,7 @@ def open_table(path: Path) -> Table:
         If the file is missing, no regular file, empty, of no known format, or of another format than its name says.
     """
     head = _first_bytes(path)
-    found = _format_of(head)
+    found = next((name for name, mark in MARKS.items() if mark.match(head)), None)
     suffix = path.suffix.lower()
     if found not in _ALLOWED.get(suffix, {found}):
         raise RecordingError(_mismatch(path, head, found))
@@ -57,11 +57,6 @@ def _first_bytes(path: Path) -> bytes:
     if not head:
         raise RecordingError(f"{path}: the file is empty (0 bytes); record or copy it again.")
     return head
-
-
-def _format_of(head: bytes) -> str | None:
-    """Return the format that the first bytes mark; None when they mark none."""
-    return next((each.name for each in FORMATS if each.marked(head)), None)
 
 
 def _mismatch(path: Path, head: bytes, found: str | None) -> str:

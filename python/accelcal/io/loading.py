@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -116,7 +116,8 @@ def recording_of(
     reference = channels.pop(reference_among(channels) or "", None) if needs["position"] else None
     if reference is not None:
         channels["position"] = of_reference(str(path), reference)
-        findings.append(integrated_from(reference))
+        text = f"position: not recorded; it is the integral of {reference.name}, from zero at the first reading"
+        findings.append(Finding("integrated", "position", len(reference), 0.0, text))
     position = channels.pop("position", Channel("position", np.empty(0), np.empty(0), "m"))
     if len(accel) and len(position):
         quality.require_overlap(str(path), accel, position)
@@ -144,12 +145,6 @@ def of_reference(where: str, reference: Channel) -> Channel:
         return integrated(reference)
     except RecordingError as error:
         raise RecordingError(f"{where}: {error}") from None
-
-
-def integrated_from(reference: Channel) -> Finding:
-    """The note that the position was not measured."""
-    text = f"position: not recorded; it is the integral of {reference.name}, from zero at the first reading"
-    return Finding("integrated", "position", len(reference), 0.0, text)
 
 
 def _declared(path: Path, rig: str | Path | Rig | None) -> tuple[Sidecar, list[Finding]]:
@@ -194,14 +189,9 @@ def _samples(table: Table, plan: Plan, rig: Rig) -> Iterator[tuple[str, quality.
                 t=stamps.values if kept is None else stamps.values[kept],
                 y=values,
                 unit=unit,
-                row=_row_of(table, kept),
+                row=table.row if kept is None else lambda i, kept=kept: table.row(int(np.flatnonzero(kept)[i])),  # type: ignore[misc]
             ),
         )
-
-
-def _row_of(table: Table, kept: NDArray[np.bool_] | None) -> Callable[[int], str]:
-    """Name rows by the index among the samples that were kept."""
-    return table.row if kept is None else lambda i: table.row(int(np.flatnonzero(kept)[i]))
 
 
 def _kept(table: Table, name: str, stamps: Column, y: Column) -> NDArray[np.bool_] | None:

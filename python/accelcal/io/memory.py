@@ -17,7 +17,7 @@ from accelcal.data.references import UNITS, Reference, reference_among
 from accelcal.data.rig import Rig
 from accelcal.data.units import same_unit
 from accelcal.io import naming
-from accelcal.io.assign import discover
+from accelcal.io.assign import discover, unit_of
 from accelcal.io.loading import recording_of
 from accelcal.io.sidecar import Sidecar
 from accelcal.io.table import Column, Table
@@ -129,8 +129,7 @@ def require_roles(table: Table, where: str) -> None:
                 f"{where}: no column for {role}; the columns are {', '.join(table.columns)}. Name one "
                 f"{'t' if role == 'time' else role}, or map its name before"
             )
-        named = naming.take_apart(by_role[role])
-        if by_role[role] not in table.units and named.suffix is None and named.brackets is None:
+        if by_role[role] not in table.units and not unit_of(table, by_role[role]):
             example = {"time": "s", "accel": "g", "position": "mm"}.get(role) or UNITS[role]
             raise RecordingError(
                 f"{where}: {by_role[role]} has no unit; units are never guessed. Give it, as in "
@@ -148,8 +147,7 @@ def require_scale(table: Table, where: str, rig: Rig | None) -> None:
     """
     scale = None if rig is None else rig.sensor.scale
     for column, (channel, _) in discover(table).items():
-        named = naming.take_apart(column)
-        unit = table.units.get(column) or named.suffix or named.brackets or ""
+        unit = unit_of(table, column)
         if channel == "accel" and scale is None and any(same_unit(unit, one) for one in ("V", "mV", "count")):
             counted = "count" if same_unit(unit, "count") else "V"
             raise RecordingError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Set
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from accelcal.data import units
 from accelcal.data.orientation import QUATERNION
 from accelcal.data.recording import RecordingError
 from accelcal.io import naming
-from accelcal.io.assign import discover
+from accelcal.io.assign import discover, unit_of
 from accelcal.io.atomic import atomic_write
 from accelcal.io.convert import UNKNOWN
 from accelcal.io.formats import open_table
@@ -52,7 +52,11 @@ def template(path: str | Path) -> str:
     found = discover(table)
     by_name = {column: channel for column, (channel, _) in found.items()}
     clocks = {column: clock.column for column, (_, clock) in found.items() if clock is not None and clock.column}
-    columns = {name: _column_for(name, by_name, {*clocks.values()}) for name in ("time", "accel", "position")}
+    alone = {column: channel for column, channel in by_name.items() if column not in {*clocks.values()}}
+    columns = {
+        name: next((column for column, channel in alone.items() if channel == name), None)
+        for name in ("time", "accel", "position")
+    }
     roles = {naming.orientation_role(naming.take_apart(column).base): column for column in table.columns}
     turning = {column: role for role, column in roles.items() if role and column not in columns.values()}
     taken = {*columns.values(), *clocks.values()}
@@ -111,15 +115,9 @@ _SCALE_NEEDED = 'scale = "?"                     # FILL IN, like "0.25 V/g" or "
 _UNITS = {"time": "s, ms, us", "accel": "m/s^2, g, mg, V, count", "position": "m, mm, um"}
 
 
-def _column_for(name: str, by_name: Mapping[str, str], owned: Set[str]) -> str | None:
-    found = [column for column, channel in by_name.items() if channel == name and column not in owned]
-    return found[0] if found else None
-
-
 def _unit(table: Table, column: str) -> str | None:
-    named = naming.take_apart(column)
-    unit = table.units.get(column) or named.suffix or named.brackets
-    return unit if unit is not None and units.is_unit(unit) else None
+    unit = unit_of(table, column)
+    return unit if units.is_unit(unit) else None
 
 
 def _dimension(table: Table, column: str | None) -> str | None:

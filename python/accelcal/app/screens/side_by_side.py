@@ -61,7 +61,7 @@ def parameters(state: State, pair: tuple[str, str]) -> None:
     rows = [row(one) for one in side_by_side.differences(first, second)]
     widgets.table(["parameter", "first", "second", "difference", "in joint σ"], rows, "Parameters of two models")
     note = "Joint σ is the root of the sum of both variances, that of independent fits."
-    if side_by_side.share_data(first, second):
+    if {digest for _, digest in first.sources} & {digest for _, digest in second.sources}:
         note += " These two share recordings and their noise, so that it is too large for most of their differences."
     ui.label(note).classes("note")
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,8 +17,8 @@ class Format:
     reader: str
     library: str
     """Module that must be there."""
-    marked: Callable[[bytes], bool] = field(repr=False)
-    """Whether a file that begins with these bytes says that it is one."""
+    mark: bytes
+    """Regular expression of the bytes with which it begins."""
     extra: str = ""
     """Extra of the package that brings the library; "" where the package itself does."""
     units_from: str = ""
@@ -32,55 +31,44 @@ class Format:
     """Whether its library writes temporary files."""
 
 
-_HDF5_MARK = b"\x89HDF\r\n\x1a\n"
-
-
 _OF_MESSAGES = "the definition of the messages"
 
 
-def _begins(*marks: bytes) -> Callable[[bytes], bool]:
-    return lambda head: head.startswith(marks)
-
-
-def _is_hdf5(head: bytes) -> bool:
-    """MATLAB 7.3 puts a text of 512 bytes in front."""
-    return head.startswith(_HDF5_MARK) or head[512:].startswith(_HDF5_MARK)
-
-
-def _is_uff(head: bytes) -> bool:
-    """A line with -1 alone, then one with the number of the data set."""
-    return re.match(rb" {0,6}-1 *\r?\n {0,6}\d{1,6}[b \r\n]", head) is not None
-
-
-def _is_mseed(head: bytes) -> bool:
-    """Version 3 has a mark; version 2 begins with a number, a letter for its quality, and a space or zero."""
-    return head.startswith(b"MS\x03") or re.match(rb"[0-9 \x00]{6}[DRQM][ \x00]", head) is not None
-
-
 FORMATS = (
-    Format("Parquet", (".parquet",), "parquet", "pyarrow", _begins(b"PAR1"), units_from="the column metadata"),
-    Format("npz", (".npz",), "npz", "numpy", _begins(b"PK\x03\x04")),
+    Format("Parquet", (".parquet",), "parquet", "pyarrow", rb"PAR1", units_from="the column metadata"),
+    Format("npz", (".npz",), "npz", "numpy", rb"PK\x03\x04"),
     Format(
         "HDF5",
         (".h5", ".hdf5", ".mat"),
         "hdf5",
         "h5py",
-        _is_hdf5,
+        rb"(?:.{512})?\x89HDF\r\n\x1a\n",  # MATLAB 7.3 puts a text of 512 bytes in front
         extra="hdf5",
         units_from="the data set's attributes",
         title="HDF5 (or MATLAB 7.3)",
     ),
-    Format("MAT", (".mat",), "mat", "scipy", _begins(b"MATLAB 5.0 MAT-file"), unmarked=True),
-    Format("TDMS", (".tdms",), "tdms", "nptdms", _begins(b"TDSm"), "tdms", "the channel's properties"),
-    Format("UFF", (".uff", ".unv"), "uff", "pyuff", _is_uff, "uff", "the header of the data set"),
-    Format("MF4", (".mf4",), "mf4", "asammdf", _begins(b"MDF     "), "mf4", "the channel", scratch=True),
-    Format("MCAP", (".mcap",), "mcap", "mcap", _begins(b"\x89MCAP0\r\n"), "mcap", _OF_MESSAGES),
-    Format("ROS bag", (".bag",), "bag", "rosbags", _begins(b"#ROSBAG"), "ros", _OF_MESSAGES),
-    Format("ROS 2 bag", (".db3",), "bag", "rosbags", _begins(b"SQLite format 3\x00"), "ros", _OF_MESSAGES),
-    Format("miniSEED", (".mseed", ".miniseed"), "mseed", "pymseed", _is_mseed, "mseed"),
-    Format("C3D", (".c3d",), "c3d", "c3d", _begins(b"\x02P"), "c3d", "the parameters of the file", unmarked=True),
+    Format("MAT", (".mat",), "mat", "scipy", rb"MATLAB 5\.0 MAT-file", unmarked=True),
+    Format("TDMS", (".tdms",), "tdms", "nptdms", rb"TDSm", "tdms", "the channel's properties"),
+    Format(  # a line with -1 alone, then one with the number of the data set
+        "UFF",
+        (".uff", ".unv"),
+        "uff",
+        "pyuff",
+        rb" {0,6}-1 *\r?\n {0,6}\d{1,6}[b \r\n]",
+        "uff",
+        "the header of the data set",
+    ),
+    Format("MF4", (".mf4",), "mf4", "asammdf", rb"MDF     ", "mf4", "the channel", scratch=True),
+    Format("MCAP", (".mcap",), "mcap", "mcap", rb"\x89MCAP0\r\n", "mcap", _OF_MESSAGES),
+    Format("ROS bag", (".bag",), "bag", "rosbags", rb"\#ROSBAG", "ros", _OF_MESSAGES),
+    Format("ROS 2 bag", (".db3",), "bag", "rosbags", rb"SQLite format 3\x00", "ros", _OF_MESSAGES),
+    Format(  # version 3 has a mark; version 2 begins with a number, a letter for its quality, and a space or zero
+        "miniSEED", (".mseed", ".miniseed"), "mseed", "pymseed", rb"MS\x03|[0-9 \x00]{6}[DRQM][ \x00]", "mseed"
+    ),
+    Format("C3D", (".c3d",), "c3d", "c3d", rb"\x02P", "c3d", "the parameters of the file", unmarked=True),
 )
 """Each is known by its first bytes, in this order."""
+MARKS = {each.name: re.compile(each.mark, re.DOTALL) for each in FORMATS}
 BY_NAME = {each.name: each for each in FORMATS}
 SUFFIXES = tuple(dict.fromkeys(suffix for each in FORMATS for suffix in each.suffixes))
 """Endings of containers."""

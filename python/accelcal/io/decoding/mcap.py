@@ -33,7 +33,7 @@ def opened(path: str) -> Source:
 def _topics(reader: SeekingReader, summary: Any, channels: list[Any], counts: Mapping[int, int]) -> Iterator[Topic]:
     """Those that can be read; if there are others alone, they are refused."""
     schemas = {each.id: summary.schemas.get(each.schema_id) for each in channels}
-    by_ros = [each for each in channels if _encoding(schemas[each.id], each) in _ROS]
+    by_ros = [c for c in channels if (getattr(schemas[c.id], "encoding", ""), c.message_encoding) in _ROS]
     by_json = [each for each in channels if each.message_encoding == "json"]
     if not by_ros and not by_json:
         found = ", ".join(sorted({each.message_encoding for each in channels})) or "nothing"
@@ -54,10 +54,6 @@ def _topics(reader: SeekingReader, summary: Any, channels: list[Any], counts: Ma
         first: Any = next(read(), (0, {}))[1]
         units = _units(schemas[each.id], each)
         yield Topic(each.topic, counts[each.id], tuple(_leaves(first, units, (), 0)), read)
-
-
-def _encoding(schema: Any, channel: Any) -> tuple[str, str]:
-    return (schema.encoding if schema is not None else "", channel.message_encoding)
 
 
 def _messages(

@@ -68,7 +68,7 @@ class Messages:
         """What reads the stamp of a message with a header, ns."""
         for field, node in self._store.fielddefs[_full(name)][1]:
             if node == (Nodetype.NAME, _HEADER):
-                return _taker((field, "stamp"), _nanoseconds)
+                return _taker((field, "stamp"), lambda stamp: int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec))
         return None
 
     def decoder(self, name: str, kind: Kind) -> Callable[[bytes], Any]:
@@ -131,7 +131,3 @@ def _taker(path: tuple[str | int, ...], convert: Callable[[Any], Any]) -> Callab
 
 def _step(value: Any, key: str | int) -> Any:
     return value[key] if isinstance(key, int) else getattr(value, key)
-
-
-def _nanoseconds(stamp: Any) -> int:
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from accelcal.io.decoding.sampled import Clock, Sampled, opened_channels, seconds_since
@@ -47,7 +48,9 @@ def opened_topics(topics: Iterable[Topic], zero: int) -> Source:
 
 
 def _sampled(topic: Topic, zero: int) -> Iterator[Sampled]:
-    read = _Once(topic)
+    @cache
+    def read() -> _Read:
+        return _Read(topic)
 
     def logged() -> Any:
         return seconds_since(read().logged, zero)
@@ -76,16 +79,3 @@ class _Read:
                 self.stamps.append(topic.stamp(message))
             for values, leaf in zip(self.values, topic.leaves, strict=True):
                 values.append(leaf.take(message))
-
-
-class _Once:
-    """Reads a topic when its first column is asked for, and keeps it."""
-
-    def __init__(self, topic: Topic) -> None:
-        self._topic = topic
-        self._read: _Read | None = None
-
-    def __call__(self) -> _Read:
-        if self._read is None:
-            self._read = _Read(self._topic)
-        return self._read

@@ -27,7 +27,11 @@ def opened(path: str) -> Source:
     file = UFF(path)
     sets = [k for k, kind in enumerate(file.get_set_types()) if int(kind) == 58]
     headers = {k: file.read_sets(k, header_only=True) for k in sets}
-    kept = {k: header for k, header in headers.items() if _is_time_response(header)}
+    kept = {
+        k: header
+        for k, header in headers.items()
+        if int(header["func_type"]) == _TIME_RESPONSE and int(header["ord_data_type"]) not in _COMPLEX
+    }
     if not kept:
         raise RefusedError(f"none of its {len(sets)} data sets 58 is a time response; export the time histories")
     return opened_channels(_sampled(file, kept))
@@ -40,10 +44,6 @@ def _require_end(path: str) -> None:
         lines = file.read().split()
     if not lines or lines[-1] != b"-1":
         raise AccelcalError("its last data set does not end")
-
-
-def _is_time_response(header: dict[str, Any]) -> bool:
-    return int(header["func_type"]) == _TIME_RESPONSE and int(header["ord_data_type"]) not in _COMPLEX
 
 
 def _sampled(file: Any, headers: dict[int, dict[str, Any]]) -> Iterator[Sampled]:
