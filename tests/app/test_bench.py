@@ -70,7 +70,7 @@ def test_the_cubic_is_offered_first_and_nothing_after_it(grown):
     assert last.verdict == "adequate"
     assert wording.offered(last)[:2] == ([], [])
     assert not wording.can_add(grown.state, last)
-    assert wording.limits(last)[0][0] == "quadratic"
+    assert last.table("limits").cells[1][0][0] == "quadratic"
 
 
 def test_nothing_is_offered_where_nothing_is_missing(bench, files):

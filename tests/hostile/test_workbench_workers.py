@@ -15,7 +15,7 @@ import pytest
 
 from accelcal._support import internal_error
 from accelcal.app.known import Known
-from accelcal.app.own_formula import OwnFormula
+from accelcal.app.session_content import Formula
 from accelcal.app.state import Cancelled, State
 from accelcal.app.workbench import Workbench
 from accelcal.app.workers import WorkerLost, Workers
@@ -130,8 +130,10 @@ def test_who_waits_for_a_worker_can_be_cancelled(tmp_path: Path) -> None:
 
 
 def test_a_session_knows_its_own_effects_alone(workers: Workers) -> None:
-    mine = Known((OwnFormula("my_drag", "v * abs(v)", "1/m", "output"),), (("supply", "V"),))
-    yours = Known((OwnFormula("my_drag", "v**3", "s/m²", "output"),))  # the same name for another effect
+    mine = Known((Formula(name="my_drag", expression="v * abs(v)", unit="1/m", port="output"),), (("supply", "V"),))
+    yours = Known(
+        (Formula(name="my_drag", expression="v**3", unit="s/m²", port="output"),)
+    )  # the same name for another effect
     workers.most = 1
     assert workers(work.names, progress=ignore, known=mine) == ["my_drag", "supply", "supply_scale"]
     assert workers(work.names, progress=ignore, known=yours) == ["my_drag"]

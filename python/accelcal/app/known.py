@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from accelcal.app.own_formula import OwnFormula
+from accelcal.app.session_content import Formula
 from accelcal.app.state import State
 from accelcal.data.recording import Recording
 from accelcal.effects import CATALOGUE, side_channels
@@ -16,7 +16,7 @@ from accelcal.effects import CATALOGUE, side_channels
 class Known:
     """Effects of one session, as they are sent to a worker."""
 
-    formulas: tuple[OwnFormula, ...] = ()
+    formulas: tuple[Formula, ...] = ()
     """Effects of the user."""
     channels: tuple[tuple[str, str], ...] = ()
     """Side channels of its recordings, and their units."""
@@ -26,7 +26,7 @@ class Known:
         """What a state holds."""
         recordings = [run.recording for run in state.runs if run.recording is not None]
         units = dict(pair for recording in recordings for pair in units_of(recording))
-        return cls(tuple(OwnFormula.of(own) for own in state.own), tuple(units.items()))
+        return cls(tuple(Formula.of(own) for own in state.own), tuple(units.items()))
 
     @contextmanager
     def catalogue(self) -> Iterator[None]:

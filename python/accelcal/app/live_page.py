@@ -9,11 +9,9 @@ from nicegui import background_tasks, ui
 
 from accelcal._support import internal_error
 from accelcal.app import background, figures, look, widgets
-from accelcal.app.figures import Picture
 from accelcal.app.follower import Follower, Followers
 from accelcal.app.live_form import Form
 from accelcal.app.live_readout import Readout
-from accelcal.app.narrow import narrowed, roomy
 from accelcal.app.workbench import Workbench
 
 TICK = 0.5
@@ -24,7 +22,7 @@ ABOUT = (
 )
 
 
-class LivePage:
+class LivePage(look.Frame):
     """One browser tab on the running measurement of a session."""
 
     def __init__(self, bench: Workbench, name: str, followers: Followers) -> None:
@@ -32,34 +30,18 @@ class LivePage:
         self.name = name
         self.followers = followers
         self.form = Form(bench)
-        self.is_narrow = False
         self._readout: Readout | None = None
         self._plot: ui.plotly | None = None
         self._seen: tuple[Follower | None, int, str] | None = None
         self._shown: tuple[Follower | None, bool] | None = None
 
-    def lay_out(self) -> None:
-        """Lay out the frame."""
-        look.dress()
-        with ui.header().classes("bar"):
-            skip = ui.link("Skip to content").classes("skip")
-            ui.label("accelcal").classes("brand")
-            ui.space()
-            with ui.row().classes("tools"):
-                widgets.button("Workbench", "arrow_back", self._leave, flat=True, label="Back to the workbench")
-                self.themes = look.ThemeSwitch(self.rebuild)
-        with ui.row().classes("sentence").props("role=alert") as self.alert:
-            ui.icon("error_outline").props("aria-hidden=true")
-            self.message = ui.label().classes("message")
-        self.alert.set_visibility(False)
-        self.body = ui.element("div").classes("body").props("tabindex=-1")
-        skip.props(f"href=#{self.body.html_id}")
-        ui.plotly({"data": [], "layout": {"width": 10, "height": 10}}).classes("unseen").props("aria-hidden=true")
+    def tools(self) -> None:
+        """The way back to the workbench."""
+        widgets.button("Workbench", "arrow_back", self._leave, flat=True, label="Back to the workbench")
 
     async def fill(self) -> None:
         """Show what there is, and follow it from now on."""
-        dark, self.is_narrow = await look.asked()
-        self.themes.set("dark" if dark else "light")
+        await self.ask_browser()
         client = ui.context.client
         ui.on_exception(lambda error: self.bench.refuse(internal_error.sentence(error)))
         client.on_delete(lambda: self._closed(client.id))
@@ -157,8 +139,7 @@ class LivePage:
         if self._seen == (follower, version, sentence):
             return
         self._seen = (follower, version, sentence)
-        self.alert.set_visibility(bool(sentence))
-        self.message.set_text(sentence)
+        self.tell(sentence)
         if follower is not None and self._readout is not None:
             with follower.lock:
                 self._readout.update()
@@ -169,18 +150,11 @@ class LivePage:
         history = follower.history
         if not history.parameters:
             return
-        picture = figures.live(history, self.themes.theme)
-        sized = narrowed(picture) if self.is_narrow else roomy(picture)
-        if self._plot is None:
-            with self._box:
-                self._plot = show(sized)
-        else:
-            self._plot.update_figure(sized.figure)
-
-
-def show(picture: Picture) -> ui.plotly:
-    """A figure with its caption."""
-    with ui.element("figure"):
-        with ui.element("figcaption"):
-            ui.label(picture.headline).classes("headline")
-        return ui.plotly(picture.figure).classes("plot")
+        picture = self.sized(figures.live(history, self.themes.theme))
+        if self._plot is not None:
+            self._plot.update_figure(picture.figure)
+            return
+        with self._box, ui.element("figure"):
+            with ui.element("figcaption"):
+                ui.label(picture.headline).classes("headline")
+            self._plot = ui.plotly(picture.figure).classes("plot")

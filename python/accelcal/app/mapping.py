@@ -128,18 +128,12 @@ def sensor_in(text: str) -> dict[str, str]:
     return {key: str(value) for key, value in known if isinstance(value, str | int | float) and value != UNKNOWN}
 
 
-@dataclass(frozen=True, slots=True)
-class Axis:
-    """How the sensor sits on a body that turns."""
-
-    input_axis: str = ""
-    """x, y, z, three numbers with commas between them, or empty: what the sidecar says stays."""
-    maps: str = ""
-    """What a quaternion turns into what; empty: what the sidecar says stays."""
-
-
 def sidecar_from(
-    text: str, chosen: Sequence[Choice], axis: Axis | None = None, sensor: Mapping[str, str] = MappingProxyType({})
+    text: str,
+    chosen: Sequence[Choice],
+    input_axis: str = "",
+    maps: str = "",
+    sensor: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
     """The sidecar with its columns as chosen; everything else in it stays, comments included.
 
@@ -147,7 +141,8 @@ def sidecar_from(
     ----------
     text : the sidecar.
     chosen : what each column is.
-    axis : how the sensor sits on a body that turns; None: as the sidecar says.
+    input_axis : of a body that turns: x, y, z, or three numbers with commas between them; empty: as the sidecar says.
+    maps : what a quaternion turns into what; empty: as the sidecar says.
     sensor : values of ``[sensor]`` by key; an empty one leaves what the sidecar says.
 
     Raises
@@ -156,7 +151,6 @@ def sidecar_from(
         If two columns are the same channel, a quaternion has not all its columns or nothing says what it maps, or the
         text is no TOML.
     """
-    axis = axis or Axis()
     used = [c for c in chosen if c.channel != NOT_USED]
     for i, choice in enumerate(used):
         twin = next((c for c in used[:i] if c.channel == choice.channel), None)
@@ -192,12 +186,12 @@ def sidecar_from(
     if quaternion:
         attitude = _table(table, "attitude")
         attitude["columns"] = [quaternion[name] for name in QUATERNION]
-        maps = axis.maps or attitude.get("maps", "")
+        maps = maps or attitude.get("maps", "")
         if not maps:
             raise RecordingError("say what the quaternion maps: sensor to ENU, or ENU to sensor")
         attitude["maps"] = maps
-    if axis.input_axis.strip():
-        _table(document, "rig")["input_axis"] = _direction(axis.input_axis.strip())
+    if input_axis.strip():
+        _table(document, "rig")["input_axis"] = _direction(input_axis.strip())
     for key, value in sensor.items():
         if value and value != sensor_in(text).get(key, ""):
             _table(document, "sensor")[key] = value

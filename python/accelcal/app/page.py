@@ -13,7 +13,6 @@ from nicegui import background_tasks, ui
 from accelcal._support import internal_error
 from accelcal.app import background, look, widgets
 from accelcal.app.figures import Picture
-from accelcal.app.narrow import narrowed, roomy
 from accelcal.app.sessions import Workbenches
 from accelcal.app.state import State
 from accelcal.app.workbench import Busy, Workbench
@@ -25,7 +24,7 @@ Screen: TypeAlias = "tuple[str, str, Callable[[Page], None]]"
 """Title, icon and builder of a screen."""
 
 
-class Page:
+class Page(look.Frame):
     """One browser tab on a workbench."""
 
     def __init__(
@@ -37,8 +36,6 @@ class Page:
         self.workbenches = workbenches
         self.screens = screens
         """By name, in the order of the tabs."""
-        self.is_narrow = False
-        """Whether the window is as narrow as that of a phone."""
         self.tab = "data" if bench.state.step is None else "improve"
         self.brushed: tuple[float, float] | None = None
         self.fields: tuple[ui.number, ...] = ()
@@ -61,42 +58,35 @@ class Page:
         """Whether a diagnosis begins as soon as the figures are drawn."""
 
     def lay_out(self) -> None:
-        """Lay out the frame."""
-        look.dress()
-        with ui.header().classes("bar"):
-            skip = ui.link("Skip to content").classes("skip")
-            ui.label("accelcal").classes("brand")
-            self.file = ui.label().classes("file")
-            ui.space()
-            with ui.row().classes("tools"):
-                self.undo = widgets.button("Undo", "undo", lambda: self.change(self.bench.undo), flat=True)
-                self.redo = widgets.button("Redo", "redo", lambda: self.change(self.bench.redo), flat=True)
-                self.themes = look.ThemeSwitch(self.rebuild)
+        """Lay out the frame, which listens to the keyboard."""
+        super().lay_out()
+        ui.keyboard(on_key=self._key)
+
+    def tools(self) -> None:
+        """Undo and redo."""
+        self.undo = widgets.button("Undo", "undo", lambda: self.change(self.bench.undo), flat=True)
+        self.redo = widgets.button("Redo", "redo", lambda: self.change(self.bench.redo), flat=True)
+
+    def above(self) -> None:
+        """Progress of the action under way."""
         with ui.row().classes("job").props("role=status aria-live=polite") as self.working:
             self.doing = ui.label()
             self.progress = ui.linear_progress(0.0, show_value=False).props("aria-label=Progress instant-feedback")
             self.left = ui.label().classes("note").props("aria-hidden=true")
             widgets.button("Cancel", "close", lambda: self.change(self.bench.cancel), flat=True)
-        with ui.row().classes("sentence").props("role=alert") as self.alert:
-            ui.icon("error_outline").props("aria-hidden=true")
-            self.message = ui.label().classes("message")
         self.working.set_visibility(False)
-        self.alert.set_visibility(False)
+
+    def below(self) -> None:
+        """The tabs."""
         self.tabs = ui.tabs(on_change=lambda e: self.go(e.value)).classes("tabs").props("align=left no-caps")
         with self.tabs:
             for name, (title, icon, _) in self.screens.items():
                 ui.tab(name, title, icon=icon)
         self.tabs.set_value(self.tab)
-        self.body = ui.element("div").classes("body").props("tabindex=-1")
-        skip.props(f"href=#{self.body.html_id}")
-        # plotly.js takes a second or two to load; a hidden figure loads it before the first recording is dropped.
-        ui.plotly({"data": [], "layout": {"width": 10, "height": 10}}).classes("unseen").props("aria-hidden=true")
-        ui.keyboard(on_key=self._key)
 
     async def fill(self) -> None:
         """Show the first screen in the theme of the browser, and follow the workbench from now on."""
-        dark, self.is_narrow = await look.asked()
-        self.themes.set("dark" if dark else "light")
+        await self.ask_browser()
         ui.on_exception(self.failed)
         self.rebuild()
         ui.timer(TICK, self._tick)
@@ -197,8 +187,7 @@ class Page:
         self._build_count += 1
         state = self.bench.state
         self.file.set_text(state.title)
-        self.alert.set_visibility(bool(self.bench.sentence))
-        self.message.set_text(self.bench.sentence)
+        self.tell(self.bench.sentence)
         widgets.clear(self.body)
         self.of_rest.clear()
         self.of_diagnosis, self._built = None, (state, self._beside)
@@ -218,10 +207,6 @@ class Page:
         """Whether the first screen is shown before any work has begun: it has a heading of its own."""
         state = self.bench.state
         return self.tab == "data" and self.bench.arriving is None and state.file is None and state.opened is None
-
-    def _sized(self, picture: Picture) -> Picture:
-        """A figure for the width of this window."""
-        return narrowed(picture) if self.is_narrow else roomy(picture)
 
     def pictures(
         self,
@@ -250,14 +235,14 @@ class Page:
                         headline = ui.label(picture.headline).classes("headline")
                         note = ui.label(picture.note).classes("note")
                     note.set_visibility(bool(picture.note))
-                    plot = ui.plotly(self._sized(picture).figure).classes("plot")
+                    plot = ui.plotly(self.sized(picture).figure).classes("plot")
 
                     def redraw(
                         new: Picture, plot: ui.plotly = plot, headline: ui.label = headline, note: ui.label = note
                     ) -> None:
                         headline.set_text(new.headline)
                         note.set_text(new.note)
-                        plot.update_figure(self._sized(new).figure)
+                        plot.update_figure(self.sized(new).figure)
 
                     prepare(plot, redraw)
 

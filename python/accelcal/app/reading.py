@@ -78,7 +78,12 @@ class Reader:
         template = ""
         borrowed = lender if lender is not None and sidecar is None and not has_sidecar(path) else None
         try:
-            require_size(path)
+            size = path.stat().st_size if path.is_file() else 0
+            if size > MOST_BYTES:
+                raise RecordingError(
+                    f"{path.name}: {size / 1e6:.0f} MB; the limit of the workbench is {MOST_BYTES / 1e6:.0f} MB. "
+                    "Convert it to Parquet, cut it, or use the command line"
+                )
             columns, template = self.done(tasks.columns, path, progress=within(progress, 0.0, 0.1))
             rig: Path | Rig | None = self.declared(path, sidecar)
             if borrowed is not None and borrowed.recording is not None:
@@ -134,19 +139,3 @@ class Reader:
             )
         side_channels(units_of(known))  # their effects have names in every process
         return known
-
-
-def require_size(path: Path) -> None:
-    """Refuse a file that is too large for the workbench.
-
-    Raises
-    ------
-    RecordingError
-        With the size and the limit.
-    """
-    size = path.stat().st_size if path.is_file() else 0
-    if size > MOST_BYTES:
-        raise RecordingError(
-            f"{path.name}: {size / 1e6:.0f} MB; the limit of the workbench is {MOST_BYTES / 1e6:.0f} MB. "
-            "Convert it to Parquet, cut it, or use the command line"
-        )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Callable
+from typing import TypeVar
 
 from nicegui import ui
 
@@ -12,6 +13,7 @@ from accelcal.app.live_page import LivePage
 from accelcal.app.page import Page, Screen
 from accelcal.app.screens import data, export, improvement, model, residuals
 from accelcal.app.sessions import Full, Workbenches
+from accelcal.app.workbench import Workbench
 
 SCREENS: dict[str, Screen] = {
     "data": ("Data", "insert_chart", data.show),
@@ -21,6 +23,9 @@ SCREENS: dict[str, Screen] = {
     "take": ("Export", "download", export.show),
 }
 """Title, icon and builder of each screen, in the order of the tabs."""
+
+
+AnyPage = TypeVar("AnyPage", Page, LivePage)
 
 
 def install(workbenches: Workbenches, followers: Followers) -> None:
@@ -42,31 +47,28 @@ def install(workbenches: Workbenches, followers: Followers) -> None:
 
     @ui.page("/bench/{name}")
     async def bench(name: str) -> None:
-        found = workbenches.find(name)
-        if found is None:
-            await absent(workbenches, name)
-            return
-        client, page = ui.context.client, Page(found, SCREENS, workbenches, name)
-        page.lay_out()
-        if not await connected():
-            return
-        await page.fill()
-        workbenches.show(name, lambda: not client.is_deleted)
-        if found.version == 0 and found.job is None:
-            await first(page, workbenches.keeper.path(name) or workbenches.recording)
+        page = await show(name, lambda found: Page(found, SCREENS, workbenches, name))
+        path = workbenches.keeper.path(name) or workbenches.recording
+        if page is not None and page.bench.version == 0 and page.bench.job is None and path is not None:
+            await page.open(path, session=path.suffix.lower() == session_file.SUFFIX)
 
     @ui.page("/bench/{name}/live")
     async def live(name: str) -> None:
+        await show(name, lambda found: LivePage(found, name, followers))
+
+    async def show(name: str, make: Callable[[Workbench], AnyPage]) -> AnyPage | None:
+        """A page on a session, followed as long as its browser is there; None where one of them is not."""
         found = workbenches.find(name)
         if found is None:
             await absent(workbenches, name)
-            return
-        client, page = ui.context.client, LivePage(found, name, followers)
+            return None
+        client, page = ui.context.client, make(found)
         page.lay_out()
         if not await connected():
-            return
+            return None
         await page.fill()
         workbenches.show(name, lambda: not client.is_deleted)
+        return page
 
 
 async def connected() -> bool:
@@ -94,9 +96,3 @@ async def absent(workbenches: Workbenches, name: str) -> None:
         text.set_text(str(error))
         return
     ui.run_javascript("location.reload()")
-
-
-async def first(page: Page, path: Path | None) -> None:
-    """Load what a fresh workbench begins with, if anything."""
-    if path is not None:
-        await page.open(path, session=path.suffix.lower() == session_file.SUFFIX)

@@ -8,6 +8,8 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraints, model_validator
 
 from accelcal._support.errors import AccelcalError
+from accelcal.effects import Own, from_expression
+from accelcal.effects.formula import from_tried_expression
 
 SCHEMA: Literal["accelcal/session/2"] = "accelcal/session/2"
 MOST_MODELS = 200
@@ -43,13 +45,40 @@ class Source(_Strict):
 
 
 class Formula(_Strict):
-    """An effect of the user."""
+    """A user's effect as it is passed on, to a worker or into a session file: its formula, never code."""
 
     name: Name
     expression: Text
     unit: Text
     port: Literal["output", "position"]
-    channels: list[Name] = Field(default_factory=list, max_length=100)
+    channels: tuple[Name, ...] = Field(default=(), max_length=100)
+    """Side channels that the formula uses."""
+
+    @classmethod
+    def of(cls, own: Own) -> Formula:
+        """The formula of an effect that is in the catalogue."""
+        e = own.effect
+        return cls.model_construct(name=e.name, expression=own.expression, unit=e.unit, port=e.port, channels=e.needs)
+
+    def try_out(self) -> None:
+        """Evaluate the effect on ordinary motions, and enter it.
+
+        Raises
+        ------
+        ExpressionError
+            If the name is taken, anything in it is not allowed, or it is constant or not finite.
+        """
+        from_expression(self.name, self.expression, unit=self.unit, port=self.port, channels=self.channels)
+
+    def enter(self) -> Own:
+        """Enter the effect into the catalogue, without evaluating it; a second time changes nothing.
+
+        Raises
+        ------
+        ExpressionError
+            If the name is taken or anything in it is not allowed.
+        """
+        return from_tried_expression(self.name, self.expression, unit=self.unit, port=self.port, channels=self.channels)
 
 
 class StoredStep(_Strict):

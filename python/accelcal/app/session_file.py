@@ -20,12 +20,12 @@ from accelcal import _core
 from accelcal._support.errors import AccelcalError
 from accelcal.app import mapping
 from accelcal.app.known import Known
-from accelcal.app.own_formula import OwnFormula
 from accelcal.app.session_content import (
     MOST_GUESTS,
     MOST_MODELS,
     SCHEMA,
     Content,
+    Formula,
     Source,
     StoredRun,
     StoredStep,
@@ -71,7 +71,7 @@ def dumps(state: State, *, when: datetime | None = None) -> bytes:
             for run in stored
         ],
         shown=next((at for at, run in enumerate(stored) if run is state.run), 0),
-        own=[OwnFormula.of(own).stored for own in state.own],
+        own=[Formula.of(own) for own in state.own],
         steps=[
             StoredStep(
                 key=step.key,

@@ -11,7 +11,7 @@ from accelcal import io
 from accelcal._support.progress import within
 from accelcal.app import mapping
 from accelcal.app.examples import EXAMPLES
-from accelcal.app.own_formula import OwnFormula
+from accelcal.app.session_content import Formula
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module
 from accelcal.data import summary
 from accelcal.data.dwells import Dwells
@@ -141,7 +141,7 @@ def exported(found: Fit, kind: Export, name: str, *, progress: Report) -> str:
     return texts[kind]()
 
 
-def tried(formulas: Sequence[OwnFormula], *, progress: Report) -> None:
+def tried(formulas: Sequence[Formula], *, progress: Report) -> None:
     """Evaluate formulas of the user for the first time."""
     for number, formula in enumerate(formulas, start=1):
         formula.try_out()

@@ -11,7 +11,7 @@ from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find, spelled
 from accelcal.plots.numbers import candidate_groups
-from accelcal.results.diagnoses import VERDICTS, contribution
+from accelcal.results.diagnoses import contribution
 from accelcal.results.words import probability, readable, with_plain
 
 
@@ -33,16 +33,6 @@ class Card:
     """Whether it may be added."""
     first: bool
     """Whether it explains most."""
-
-
-def badge(found: Diagnosis) -> str:
-    """The verdict in a few words."""
-    return VERDICTS[found.verdict].capitalize()
-
-
-def sentence(found: Diagnosis) -> str:
-    """The verdict in a sentence, without the identifiers of the catalogue."""
-    return readable(found.sentence)
 
 
 def cards(found: Diagnosis, most: int = 8) -> list[Card]:
@@ -78,11 +68,6 @@ def card(found: Diagnosis, c: Candidate, named: list[str]) -> Card:
         significant=significant,
         first=bool(named) and c.effect == named[0],
     )
-
-
-def limits(found: Diagnosis) -> list[tuple[str, ...]]:
-    """Detection limits: effect, and the smallest coefficient of it that would have been detected."""
-    return list(found.table("limits").cells[1])
 
 
 def offered(found: Diagnosis) -> tuple[list[Card], list[Card], list[Card]]:

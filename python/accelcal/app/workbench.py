@@ -25,11 +25,10 @@ from accelcal.app import mapping, roles, session_file, tasks
 from accelcal.app.examples import PREFIX
 from accelcal.app.known import Known
 from accelcal.app.opened_session import OpenedSession
-from accelcal.app.own_formula import OwnFormula
 from accelcal.app.reading import Reader
 from accelcal.app.roles import Refused
 from accelcal.app.run import Role, Run, Stretch, time_span
-from accelcal.app.session_content import MOST_GUESTS
+from accelcal.app.session_content import MOST_GUESTS, Formula
 from accelcal.app.state import Cancelled, Change, Guest, Job, State, Step
 from accelcal.app.tasks import Export
 from accelcal.app.workers import Compute, Report, direct
@@ -300,9 +299,8 @@ class Workbench:
     def _read_again(self, opened: OpenedSession, progress: Report) -> State:
         """The same, with every recording at hand."""
         content = opened.content
-        formulas = [OwnFormula.of_stored(formula) for formula in content.own]
-        self._done(tasks.tried, formulas, progress=within(progress, 0.0, 0.1), state=State())
-        own = tuple(formula.enter() for formula in formulas)
+        self._done(tasks.tried, content.own, progress=within(progress, 0.0, 0.1), state=State())
+        own = tuple(formula.enter() for formula in content.own)
         runs = self._runs_of(opened, within(progress, 0.1, 0.7))
         guests = tuple(
             Guest(name, self._model(text, f"guest{number}"))
@@ -464,7 +462,9 @@ class Workbench:
         channels = tuple(loaded(state).data.side)
         if name in names_of(state):
             raise Refused(f"{name} is a candidate already")
-        formula = OwnFormula(name, expression, unit or "1", port, channels)
+        formula = Formula.model_construct(
+            name=name, expression=expression, unit=unit or "1", port=port, channels=channels
+        )
         self._done(tasks.tried, [formula], progress=progress)
         return replace(state, own=(*state.own, formula.enter()))
 

@@ -166,7 +166,15 @@ def _made(
         return _value(tree, known)
 
     function.__doc__ = f"Own effect: {understood}."
-    file = _file(name, tree, understood, unit, port, owner, needs)
+    file = (  # every part of it has been checked
+        f'"""Own effect {name}."""\n\n'
+        "import numpy as np\n\nfrom accelcal.effects import effect\n\n\n"
+        f'@effect("{name}", unit="{unit}", port="{port}", owner="{owner}", symbol="{name}", scale=1.0, '
+        f'source="own expression", needs={needs!r})\n'
+        f"def {name}(s):\n"
+        f'    """Own effect: {understood}."""\n'
+        f"    return {_python(tree)} + 0.0 * s.t\n"
+    )
     made = Effect(
         name=name,
         unit=unit,
@@ -334,19 +342,6 @@ def _require_finite_constants(tree: ast.expr) -> None:
                 value = float(_value(node, {}))
             if not math.isfinite(value):
                 raise ExpressionError(f"{ast.unparse(node)[:40]}: this part is not finite whatever the motion is")
-
-
-def _file(name: str, tree: ast.expr, understood: str, unit: str, port: str, owner: str, needs: tuple[str, ...]) -> str:
-    """The effect as a file of Python; every part of it has been checked."""
-    return (
-        f'"""Own effect {name}."""\n\n'
-        "import numpy as np\n\nfrom accelcal.effects import effect\n\n\n"
-        f'@effect("{name}", unit="{unit}", port="{port}", owner="{owner}", symbol="{name}", scale=1.0, '
-        f'source="own expression", needs={needs!r})\n'
-        f"def {name}(s):\n"
-        f'    """Own effect: {understood}."""\n'
-        f"    return {_python(tree)} + 0.0 * s.t\n"
-    )
 
 
 def _python(node: ast.expr) -> str:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container
+from collections.abc import Container
 from dataclasses import replace
 from itertools import count
 
@@ -17,7 +17,7 @@ from accelcal.data.arrays import Array
 from accelcal.effects import registry
 from accelcal.effects.curves import RECORD, cosines
 from accelcal.effects.drift import BIAS_COSINES, STATIONARY, stationary
-from accelcal.effects.registry import CATALOGUE, Effect, Search, Shape, Traits, effect
+from accelcal.effects.registry import CATALOGUE, Effect, Search, Shape, Traits, enter
 from accelcal.signals.signals import Signals
 
 MADE = "a tenth of {}"
@@ -103,30 +103,26 @@ def _enter(name: str, stem: Effect, *, markov: bool) -> None:
         j = np.arange(1, len(BIAS_COSINES) + 1)
         return column[:, None] * cosines(s.t, start, length, np.sqrt(2.0 * length) / (np.pi * j))
 
-    _describe(moving, stem, markov=markov)
-    effect(
-        name,
-        unit=stem.unit if markov else "1/√s" if stem.unit == "1" else f"{stem.unit}/√s",
-        port="process",
-        owner=stem.owner,
-        symbol=f"{'sigma' if markov else 'sqrt(q)'}({stem.symbol})",
-        scale=0.1 * stem.scale,
-        source=MADE.format(stem.name),
-        shapes=shapes,
-        needs=stem.needs,
-        parts=STATIONARY if markov else BIAS_COSINES,
-        traits=Traits(positive=True, memory=stem.traits.memory, changes=stem.name),
-        search=Search(includes=(stem.name,)),
-    )(moving)
+    kind = "gauss_markov" if markov else "random_walk"
+    row = {
+        "function": moving,
+        "card": f"""The coefficient of {stem.name} is a {"Gauss-Markov process" if markov else "random walk"}.
 
-
-def _describe(moving: Callable[..., Array], stem: Effect, *, markov: bool) -> None:
-    """Write the card of a process, and the keywords that it takes."""
-    kind = "Gauss-Markov process" if markov else "random walk"
-    moving.__doc__ = f"""The coefficient of {stem.name} is a {kind}.
-
-    Equation: as bias_{"gauss_markov" if markov else "random_walk"}, times what one unit of {stem.name} adds.
+    Equation: as bias_{kind}, times what one unit of {stem.name} adds.
     Looks like: {stem.line("Looks like").rstrip(".")}, of a size that changes at random.
     Easily confused with: {stem.name}, bias_random_walk, scale_random_walk.
     Separate by: {stem.line("Separate by").rstrip(".")}; a longer record.
-    """
+    """,
+        "unit": stem.unit if markov else "1/√s" if stem.unit == "1" else f"{stem.unit}/√s",
+        "port": "process",
+        "owner": stem.owner,
+        "symbol": f"{'sigma' if markov else 'sqrt(q)'}({stem.symbol})",
+        "scale": 0.1 * stem.scale,
+        "source": MADE.format(stem.name),
+        "shapes": shapes,
+        "needs": stem.needs,
+        "parts": STATIONARY if markov else BIAS_COSINES,
+        "traits": Traits(positive=True, memory=stem.traits.memory, changes=stem.name),
+        "search": Search(includes=(stem.name,)),
+    }
+    enter({name: row})

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from accelcal.data.arrays import Array
 from accelcal.data.orientation import ANGULAR_ACCELERATION
-from accelcal.effects.registry import CATALOGUE, Effect, Search, Traits, effect
-from accelcal.signals.signals import Signals
+from accelcal.effects.registry import CATALOGUE, Effect, Search, Traits, enter
 
 KNOWN = ("temperature", "a_y", "a_z")
 """Channels whose named effects include the channel by itself and times the acceleration."""
@@ -31,7 +29,28 @@ def side_channel(name: str, unit: str = "") -> Effect:
     """
     own = free_name(name, name)
     if own not in CATALOGUE:
-        _enter(own, name, unit)
+        enter(
+            {
+                own: {
+                    "function": lambda s: s.side[name],
+                    "card": f"""The output follows the recorded channel {name!r}.
+
+    Equation: e = c {name}.
+    Looks like: a residual proportional to the channel.
+    Easily confused with: any effect that changes together with the channel on this record.
+    Separate by: changing the channel on purpose while everything else stays.
+    """,
+                    "unit": "m/s²" if unit in ("", "1") else f"m/s²/({unit})" if "/" in unit else f"m/s²/{unit}",
+                    "owner": "rig",
+                    "symbol": f"c({name})",
+                    "scale": 1e-3,
+                    "source": "0.1 mg per unit of the channel",
+                    "needs": (name,),
+                    "traits": Traits(follows=name),
+                    "search": Search(includes=("bias",)),
+                }
+            }
+        )
     return CATALOGUE[own]
 
 
@@ -46,7 +65,28 @@ def side_channel_scale(name: str, unit: str = "") -> Effect:
     """
     own = free_name(f"{name}_scale", name)
     if own not in CATALOGUE:
-        _enter_scale(own, name, unit)
+        enter(
+            {
+                own: {
+                    "function": lambda s: s.a * s.side[name],
+                    "card": f"""The scale factor follows the recorded channel {name!r}.
+
+    Equation: e = c {name} a.
+    Looks like: a residual proportional to acceleration, its size following the channel.
+    Easily confused with: scale_drift, temperature_scale where the channel changes with time or temperature.
+    Separate by: changing the channel on purpose while the motion stays.
+    """,
+                    "unit": "1" if unit in ("", "1") else f"({unit})⁻¹" if "/" in unit else f"{unit}⁻¹",
+                    "owner": "sensor",
+                    "symbol": f"k({name})",
+                    "scale": 1e-3,
+                    "source": "0.1 % per unit of the channel",
+                    "needs": (name,),
+                    "traits": Traits(follows=name),
+                    "search": Search(includes=("scale_factor",)),
+                }
+            }
+        )
     return CATALOGUE[own]
 
 
@@ -70,51 +110,3 @@ def free_name(wanted: str, channel: str) -> str:
     """A name in the catalogue for an effect of a channel: the wanted one, unless a physical effect has it."""
     known = CATALOGUE.get(wanted)
     return wanted if known is None or known.needs == (channel,) else f"{wanted}_channel"
-
-
-def _enter(name: str, channel: str, unit: str) -> None:
-    def follow(s: Signals) -> Array:
-        return s.side[channel]
-
-    follow.__doc__ = f"""The output follows the recorded channel {channel!r}.
-
-    Equation: e = c {channel}.
-    Looks like: a residual proportional to the channel.
-    Easily confused with: any effect that changes together with the channel on this record.
-    Separate by: changing the channel on purpose while everything else stays.
-    """
-    effect(
-        name,
-        unit="m/s²" if unit in ("", "1") else f"m/s²/({unit})" if "/" in unit else f"m/s²/{unit}",
-        owner="rig",
-        symbol=f"c({channel})",
-        scale=1e-3,
-        source="0.1 mg per unit of the channel",
-        needs=(channel,),
-        traits=Traits(follows=channel),
-        search=Search(includes=("bias",)),
-    )(follow)
-
-
-def _enter_scale(name: str, channel: str, unit: str) -> None:
-    def follow(s: Signals) -> Array:
-        return s.a * s.side[channel]
-
-    follow.__doc__ = f"""The scale factor follows the recorded channel {channel!r}.
-
-    Equation: e = c {channel} a.
-    Looks like: a residual proportional to acceleration, its size following the channel.
-    Easily confused with: scale_drift, temperature_scale where the channel changes with time or temperature.
-    Separate by: changing the channel on purpose while the motion stays.
-    """
-    effect(
-        name,
-        unit="1" if unit in ("", "1") else f"({unit})⁻¹" if "/" in unit else f"{unit}⁻¹",
-        owner="sensor",
-        symbol=f"k({channel})",
-        scale=1e-3,
-        source="0.1 % per unit of the channel",
-        needs=(channel,),
-        traits=Traits(follows=channel),
-        search=Search(includes=("scale_factor",)),
-    )(follow)

@@ -51,7 +51,8 @@ def in_si(table: Table, plan: Plan, name: str, source: Source, rig: Rig, values:
         If the unit is missing, unknown, contradictory, of the wrong dimension, or in want of a scale.
     """
     unit = _unit(table, plan, name, source.column, source.unit)
-    rule = _conversion(table, source.column, unit, _KIND.get(name))
+    kind = {"time": "time", "position": "length", "temperature": "temperature"}.get(name)
+    rule = _conversion(table, source.column, unit, kind)
     if name != "accel" or rule.si == "m/s^2":
         return rule.apply(values), rule.si
     if rule.si not in ("V", "count"):
@@ -101,9 +102,6 @@ def _unit(table: Table, plan: Plan, channel: str, column: str, declared: str | N
                 "correct one of the two."
             )
     return unit
-
-
-_KIND = {"time": "time", "position": "length", "temperature": "temperature"}
 
 
 def _conversion(table: Table, column: str, unit: str, kind: str | None) -> units.Conversion:

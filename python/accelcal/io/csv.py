@@ -71,7 +71,6 @@ def open_csv(path: Path) -> Table:
 _HEAD = 1 << 18  # bytes; a preamble and some hundred rows fit in
 _LONGEST_LINE = 1 << 16  # bytes; a row of numbers is far shorter, a file without line ends is longer
 _LONGEST_NUMBER = 40  # characters of a cell; a longer one is no number and no stamp
-_NOTHING = " \t,;|"
 _COMMENT = ("#", "%", "//")
 _NUMBER = {
     ".": re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE | re.ASCII),
@@ -151,7 +150,7 @@ def _recognise(path: Path, head: bytes, whole: bool) -> _Dialect:
         raise RecordingError(f"{path}: {_too_long(long)}")
     if not whole:
         lines = lines[:-1]  # the last one is cut
-    content = [(i, text) for i, (_, text) in enumerate(lines) if text.strip(_NOTHING) and not text.startswith(_COMMENT)]
+    content = [(i, text) for i, (_, text) in enumerate(lines) if text.strip(" \t,;|") and not text.startswith(_COMMENT)]
     tail = [text for _, text in content[-50:]]
     delimiter, decimal, width = _separators(tail)
     if width > MOST_COLUMNS:

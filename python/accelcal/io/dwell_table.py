@@ -134,11 +134,7 @@ def digest_of(path: Path) -> str:
     found = hashlib.sha256()
     with open_regular(path, "a recording") as file:
         left = os.fstat(file.fileno()).st_size
-        while left > 0 and (part := file.read(min(left, _TOGETHER))):
+        while left > 0 and (part := file.read(min(left, 1_000_000))):
             found.update(part)
             left -= len(part)
     return found.hexdigest()
-
-
-_TOGETHER = 1_000_000
-"""Bytes that are read at once."""

@@ -31,7 +31,10 @@ def open_regular(path: Path, expected: str, most: int | None = None) -> IO[bytes
     """
     found = _in_words(os.stat, path, expected)
     if not stat.S_ISREG(found.st_mode):
-        raise RecordingError(f"{shown(path)}: this is {_kind(found.st_mode)}; give {expected}.")
+        kinds = {stat.S_IFDIR: "directory", stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket"}
+        kinds |= {stat.S_IFCHR: "device", stat.S_IFBLK: "device"}
+        kind = kinds.get(stat.S_IFMT(found.st_mode))
+        raise RecordingError(f"{shown(path)}: this is {f'a {kind}' if kind else 'no regular file'}; give {expected}.")
     if most is not None and found.st_size > most:
         raise RecordingError(f"{shown(path)}: {found.st_size} bytes, expected at most {most}; give {expected}.")
     return os.fdopen(_in_words(lambda name: os.open(name, _FLAGS), path, expected), "rb")
@@ -79,14 +82,3 @@ def shown(path: Path) -> str:
 
 _SHOWN = 300
 """Characters of a path."""
-_KINDS = {
-    stat.S_IFDIR: "a directory",
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-    stat.S_IFSOCK: "a socket",
-}
-
-
-def _kind(mode: int) -> str:
-    return _KINDS.get(stat.S_IFMT(mode), "no regular file")

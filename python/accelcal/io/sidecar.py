@@ -93,7 +93,7 @@ def read_sidecar(path: Path) -> Sidecar:
             f"{path}: brackets lie too deep inside one another; expected tables as in the template, accelcal init"
         ) from None
     except tomllib.TOMLDecodeError as error:
-        raise RecordingError(f"{path}: not valid TOML: {str(error)[:_MOST_SHOWN]}; correct that line.") from None
+        raise RecordingError(f"{path}: not valid TOML: {str(error)[:200]}; correct that line.") from None
 
 
 def sidecar_text(path: Path) -> str:
@@ -114,8 +114,6 @@ def sidecar_text(path: Path) -> str:
 
 _MOST_DOTS = 100
 """Dots of a line outside decimal numbers: the parser takes the square of the parts of a dotted key."""
-_MOST_SHOWN = 200
-"""Characters of what the parser says."""
 
 
 def _parsed(text: str) -> dict[str, Any]:

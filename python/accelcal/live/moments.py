@@ -11,6 +11,7 @@ import numpy as np
 from accelcal.data.arrays import Array
 from accelcal.live.monitor import Alarm
 from accelcal.live.session import LiveEvent, LiveState
+from accelcal.model import Estimate
 
 MOST = 300
 """Moments that are kept; then every second one goes."""
@@ -37,14 +38,6 @@ class Moment:
     """Interval of the running NIS."""
 
 
-@dataclass(frozen=True, slots=True)
-class Parameter:
-    """What the view estimates."""
-
-    name: str
-    unit: str
-
-
 class LiveHistory:
     """Moments of a live view from its events, the newest among them.
 
@@ -66,7 +59,7 @@ class LiveHistory:
         self.most = most
         self.newest: LiveEvent | None = None
         """The newest state, or the end."""
-        self.parameters: tuple[Parameter, ...] = ()
+        self.parameters: tuple[Estimate, ...] = ()
         self.alarms: deque[Alarm] = deque(maxlen=MOST_ALARMS)
         """The newest alarms; of blocks in a row the last, whose `since` tells the first."""
         self._kept: list[Moment] = []
@@ -82,7 +75,7 @@ class LiveHistory:
         t = event.state.t
         if t is None or (self._last is not None and t <= self._last.t):
             return
-        self.parameters = tuple(Parameter(e.name, e.unit) for e in event.state.estimates)
+        self.parameters = event.state.estimates
         self._last = _moment(t, event.state)
         if self._count % self._stride == 0:
             self._kept.append(self._last)

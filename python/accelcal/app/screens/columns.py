@@ -104,9 +104,9 @@ def form(page: Page) -> None:
 
     async def use_columns() -> None:
         try:
-            axis = mapping.Axis(str(direction.value or ""), str(sense.value or ""))
+            axis = str(direction.value or ""), str(sense.value or "")
             entered = {key: str(one.value or "").strip() for key, one in sensor.items()}
-            made = mapping.sidecar_from(str(sheet.value), fields.chosen, axis, entered)
+            made = mapping.sidecar_from(str(sheet.value), fields.chosen, *axis, entered)
         except RecordingError as error:
             bench.refuse(str(error))
             return

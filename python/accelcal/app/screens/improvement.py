@@ -16,6 +16,8 @@ from accelcal.app.state import State, Step
 from accelcal.app.zoom import Zoom, stretches_of
 from accelcal.plots.style import ThemeName
 from accelcal.results import words as formatting
+from accelcal.results.diagnoses import VERDICTS
+from accelcal.results.words import readable
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.sensor_noise import ONLY_WHITE
 from accelcal.validation.stretches import quoted_error
@@ -151,17 +153,18 @@ def verdict(page: Page) -> None:
             ui.label("Testing every effect of the catalogue …")
         return
     nothing = not wording.can_add(bench.state, found)
-    ui.label(wording.badge(found)).classes("badge").classes("good" if found.verdict == "adequate" else "bad").props(
-        f"role=status data-verdict={found.verdict}"
-    )
-    ui.label(wording.sentence(found)).classes("verdict-text")
+    ui.label(VERDICTS[found.verdict].capitalize()).classes("badge").classes(
+        "good" if found.verdict == "adequate" else "bad"
+    ).props(f"role=status data-verdict={found.verdict}")
+    ui.label(readable(found.sentence)).classes("verdict-text")
     widgets.lines(wording.remarks(bench.state, found), "warning")
     if found.verdict == "adequate":
         ui.label("Detection limits: no missing effect is larger than").classes("strong")
-        widgets.table(["effect", "detected from"], wording.limits(found)[:LIMITS], "Detection limits")
-        if wording.limits(found)[LIMITS:]:
+        limits = found.table("limits").cells[1]
+        widgets.table(["effect", "detected from"], limits[:LIMITS], "Detection limits")
+        if limits[LIMITS:]:
             with ui.expansion("More limits", icon="list").classes("full"):
-                widgets.table(["effect", "detected from"], wording.limits(found)[LIMITS:], "More detection limits")
+                widgets.table(["effect", "detected from"], limits[LIMITS:], "More detection limits")
     if nothing:
         made = widgets.button("Add", "add", lambda: None, label="Nothing to add")
         made.set_enabled(False)

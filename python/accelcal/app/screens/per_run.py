@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 from nicegui import ui
 
@@ -45,12 +44,8 @@ def error_row(state: State, number: int | None, name: str) -> list[widgets.Cell]
     seen = [step.heldout if number is None else step.heldouts[number] for step in state.path]
     floor = compared.noise_floor.at(horizon) or compared.floor
     bias = "" if number is None else amount(*seen[-1].setup_bias, "m/s²")
-    return [name, *(error_text(quoted_error(one, horizon)) for one in seen), length(floor.value), bias]
-
-
-def error_text(error: float) -> str:
-    """An error for people."""
-    return "too short" if math.isnan(error) else length(error)
+    errors = [quoted_error(one, horizon) for one in seen]
+    return [name, *("too short" if math.isnan(e) else length(e) for e in errors), length(floor.value), bias]
 
 
 def fitted(page: Page) -> None:
@@ -63,7 +58,9 @@ def fitted(page: Page) -> None:
     with widgets.card("Do the recordings agree?"):
         if found is not None:
             ui.label(agreement(found)).classes("verdict-text")
-            widgets.table(["recording", *titles_of(step, found)], rows_of(step, found), "Parameters of each recording")
+            names = (*found.parameters, *(spread.name for spread in step.fit.spreads), *own_names(step))
+            titles = ["recording", *map(spelled, names), "noise"]
+            widgets.table(titles, rows_of(step, found), "Parameters of each recording")
             ui.label(
                 "Each value is that of one recording alone, with its standard uncertainty; p is the probability of "
                 "such differences if all have one value."
@@ -88,12 +85,6 @@ def agreement(found: RunValues) -> str:
     return f"The {len(found.runs)} recordings agree in every parameter that they share."
 
 
-def titles_of(step: Step, found: RunValues) -> list[str]:
-    """Shared parameters, those that differ from run to run, timing, and noise."""
-    spreads = [spelled(spread.name) for spread in step.fit.spreads]
-    return [*(spelled(name) for name in found.parameters), *spreads, *(spelled(n) for n in own_names(step)), "noise"]
-
-
 def own_names(step: Step) -> list[str]:
     """Parameters that belong to each run by their nature: the timing."""
     return list(dict.fromkeys(e.name for e in step.fit.estimates if e.run is not None))
@@ -108,19 +99,12 @@ def rows_of(step: Step, found: RunValues) -> list[list[widgets.Cell]]:
             for value, std, unit in zip(found.value[r], found.std[r], found.units, strict=True)
         ]
         spreads = [with_unit(number(spread.runs[r]), spread.unit) for spread in step.fit.spreads]
-        own = [own_value(step, name, r) for name in own_names(step)]
+        of_run = {e.name: amount(e.value, e.std, e.unit) for e in step.fit.estimates if e.run == r}
+        own = [of_run.get(name, "") for name in own_names(step)]
         rows.append([run, *shared, *spreads, *own, density(step.fit.runs[r].noise.all.density)])
     p_values = [f"p {probability(float(p))}" for p in found.p_values]
     p_values += [f"p {probability(spread.p_value)}" for spread in step.fit.spreads]
     return [*rows, ["one value in all", *p_values, *[""] * (len(own_names(step)) + 1)]]
-
-
-def own_value(step: Step, name: str, run: int) -> str:
-    """A parameter of one run."""
-    found: Sequence[str] = [
-        amount(e.value, e.std, e.unit) for e in step.fit.estimates if (e.name, e.run) == (name, run)
-    ]
-    return found[0] if found else ""
 
 
 def dwells_sentence(found: DwellFit) -> str:

@@ -44,8 +44,12 @@ def show(page: Page) -> None:
             for name, example in EXAMPLES.items():
                 offer(page, name, example)
         session.earlier(page)
-        with widgets.card("Supported files"):
-            formats()
+        with widgets.card("Supported files"), ui.element("dl").classes("formats"):
+            for name, text in FORMATS:
+                with ui.element("dt"):
+                    ui.label(name)
+                with ui.element("dd"):
+                    ui.label(text)
 
 
 def offer(page: Page, name: str, example: Example) -> None:
@@ -64,13 +68,3 @@ def answer(example: Example) -> None:
     """What is hidden in an example, behind a click."""
     with ui.expansion("Show the answer", icon="visibility").classes("full"):
         ui.label(example.answer)
-
-
-def formats() -> None:
-    """What can be dropped."""
-    with ui.element("dl").classes("formats"):
-        for name, text in FORMATS:
-            with ui.element("dt"):
-                ui.label(name)
-            with ui.element("dd"):
-                ui.label(text)

@@ -11,13 +11,12 @@ from accelcal.io.decoding.source import Entry, Source, is_vector, limited, numbe
 from accelcal.io.table import Column
 
 _NUMERIC = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
-_NESTED = {"struct", "cell"}
 
 
 def opened(path: str) -> Source:
     """Open a MAT file: each numeric vector is a column, named by its path (``run.X.Data``)."""
     declared = [(name, shape, kind) for name, shape, kind in matlab.whosmat(path) if not name.startswith("__")]
-    inside = [name for name, _, kind in declared if kind in _NESTED]
+    inside = [name for name, _, kind in declared if kind in ("struct", "cell")]
     content = matlab.loadmat(path, variable_names=inside, simplify_cells=True) if inside else {}
     nested: dict[str, Any] = dict(vectors({name: content[name] for name in inside if name in content}))
     shapes = {

@@ -14,8 +14,6 @@ from asammdf.blocks.v4_constants import FLAG_CG_REMOTE_MASTER
 from accelcal.io.decoding.sampled import Clock, Sampled, opened_channels
 from accelcal.io.decoding.source import RefusedError, Source
 
-_NUMBERS = range(6)
-"""Data types of channels that are whole or real numbers."""
 _AS_STORED, _RATIONAL, _FORMULA, _TO_TEXT = 0, 2, 3, range(7, 12)
 """Conversions: none; a quotient of polynomials; a formula in text; from numbers to texts and back."""
 
@@ -35,7 +33,7 @@ def _sampled(file: Any) -> Iterator[Sampled]:
         master, count = file.masters_db.get(g), int(group.channel_group.cycles_nr)
         clock = None if master is None else Clock(g, lambda g=g: _stamps(file, g))  # type: ignore[misc]
         for k, channel in enumerate(group.channels):
-            if k != master and count and channel.data_type in _NUMBERS:
+            if k != master and count and channel.data_type in range(6):  # whole or real numbers
                 unit = str(file.get_channel_unit(group=g, index=k) or "")
                 yield Sampled(channel.name, count, unit or None, lambda g=g, k=k: _values(file, g, k), clock)  # type: ignore[misc]
 

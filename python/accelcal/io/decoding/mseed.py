@@ -13,9 +13,6 @@ from accelcal._support.errors import AccelcalError
 from accelcal.io.decoding.sampled import Clock, Sampled, opened_channels, seconds_since
 from accelcal.io.decoding.source import RefusedError, Source
 
-_ENCODED = "ifd"
-"""Kinds of numbers: 32-bit integer, float, double; the rest is text."""
-
 
 def opened(path: str) -> Source:
     """Open a file: each source is a column, called by its identifier without ``FDSN:``; the format holds no units.
@@ -56,6 +53,6 @@ def _sampled(traces: Any, listed: list[tuple[str, list[Any]]]) -> Iterator[Sampl
 
 def _values(segment: Any) -> Any:
     values = segment.create_numpy_array_from_recordlist()
-    if segment.sampletype not in (None, *_ENCODED):
+    if segment.sampletype not in (None, "i", "f", "d"):  # 32-bit integer, float, double; the rest is text
         raise RefusedError("holds text, expected numbers; choose another source")
     return np.asarray(values, dtype=np.float64)

@@ -16,9 +16,6 @@ from accelcal.io.decoding.sampled import Clock, Sampled, opened_channels, unifor
 from accelcal.io.decoding.source import RefusedError, Source
 
 _TIME_RESPONSE, _EVEN, _COMPLEX = 1, 1, (5, 6)
-_NO_TEXT = ("", "NONE")
-_LAST = 1000
-"""Bytes at the end of a file in which the mark of an end is looked for."""
 
 
 def opened(path: str) -> Source:
@@ -40,7 +37,7 @@ def opened(path: str) -> Source:
 def _require_end(path: str) -> None:
     """Refuse a file whose last data set is cut off: the library passes over it in silence."""
     with Path(path).open("rb") as file:
-        file.seek(max(0, file.seek(0, os.SEEK_END) - _LAST))
+        file.seek(max(0, file.seek(0, os.SEEK_END) - 1000))  # the mark of an end is short
         lines = file.read().split()
     if not lines or lines[-1] != b"-1":
         raise AccelcalError("its last data set does not end")
@@ -61,4 +58,4 @@ def _sampled(file: Any, headers: dict[int, dict[str, Any]]) -> Iterator[Sampled]
 
 def _text(found: Any) -> str:
     text = str(found or "").strip()
-    return "" if text.upper() in _NO_TEXT else text
+    return "" if text.upper() == "NONE" else text
