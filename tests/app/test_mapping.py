@@ -63,7 +63,7 @@ def test_a_column_that_is_alone_with_its_kind_of_unit_gets_a_role(tmp_path: Path
     found = mapping.choices(GERMAN, template, template)
     assert [(c.channel, c.unit) for c in found] == [("time", "s"), ("accel", "V"), ("position", "mm")]
     assert mapping.unknown(found, template) == ["the scale of the sensor"]
-    text = mapping.sidecar_from(template, found, None, {"scale": "1.2 V/g", "zero": "2.5 V", "noise": ""})
+    text = mapping.sidecar_from(template, found, sensor={"scale": "1.2 V/g", "zero": "2.5 V", "noise": ""})
     assert mapping.sensor_in(text) == {"scale": "1.2 V/g", "zero": "2.5 V"}
     assert mapping.unknown(found, text) == []
     path = tmp_path / "messung.csv"

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import MISSING, Field, fields
 from typing import Any, TypeVar
 
-Value = TypeVar("Value")
+Kind = TypeVar("Kind")
 
 
-def short_repr(value: type[Value]) -> type[Value]:
+def short_repr(value: type[Kind]) -> type[Kind]:
     """Give a dataclass a representation that leaves out fields with their default value."""
 
     def representation(self: Any) -> str:

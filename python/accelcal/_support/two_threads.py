@@ -38,17 +38,13 @@ def on_two_threads(works: Sequence[Work], progress: Report, *, at_once: bool = T
     [1, 2]
     """
     shares = [0.0] * len(works)
-
-    def note(number: int, share: float) -> None:
-        shares[number] = share
-
     if not at_once or len(works) < 2 or (os.cpu_count() or 1) < MOST_THREADS:
         return [_alone(work, number, len(works), progress) for number, work in enumerate(works)]
     from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait  # not needed at start
 
     with ThreadPoolExecutor(MOST_THREADS) as pool:
         running = [
-            pool.submit(copy_context().run, work, lambda share, number=number: note(number, share))
+            pool.submit(copy_context().run, work, lambda share, number=number: shares.__setitem__(number, share))
             for number, work in enumerate(works)
         ]
         try:

@@ -168,9 +168,7 @@ class Followers:
 
     def start(self, session: str, asked: Asked) -> Follower:
         """Follow something in a session, in place of what it followed before."""
-        before = self._by_session.get(session)
-        if before is not None:
-            before.stop()
+        self.clear(session)
         made = self._by_session[session] = Follower(asked, self.folder)
         return made
 

@@ -96,12 +96,10 @@ class LivePage(look.Frame):
     def _afterwards(self, follower: Follower) -> None:
         if follower.has_recording:
             recording = follower.asked.recording
-
-            def download() -> None:
-                ui.download.file(recording, recording.name)
-
             widgets.button("Open in the workbench", "insert_chart", self._open, primary=True)
-            widgets.button("Download recording", "download", download, flat=True)
+            widgets.button(
+                "Download recording", "download", lambda: ui.download.file(recording, recording.name), flat=True
+            )
         widgets.button("New measurement", "restart_alt", self._again, flat=True)
 
     def _closed(self, page: str) -> None:

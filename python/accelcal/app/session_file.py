@@ -6,12 +6,12 @@ are checked before its content is used.
 
 from __future__ import annotations
 
-import io
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from io import BytesIO
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -85,7 +85,7 @@ def dumps(state: State, *, when: datetime | None = None) -> bytes:
         current=state.current,
         guests=[guest.name for guest in state.guests],
     )
-    packed = io.BytesIO()
+    packed = BytesIO()
     with Known.to(state).catalogue(), zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         # older versions read a session without guests
         unused = None if content.guests else {"guests"}

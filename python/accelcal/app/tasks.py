@@ -12,6 +12,7 @@ from accelcal._support.progress import within
 from accelcal.app import mapping
 from accelcal.app.examples import EXAMPLES
 from accelcal.app.session_content import Formula
+from accelcal.app.workers import Report
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module
 from accelcal.data import summary
 from accelcal.data.dwells import Dwells
@@ -33,7 +34,6 @@ from accelcal.validation.differences import Comparison
 from accelcal.validation.ruler import Ruler
 from accelcal.workflow import add, compare, compare_models, diagnose, drop, fit, run_values
 
-Report = Callable[[float], None]
 Data: TypeAlias = Sequence[Recording | Dwells]
 """What models are fitted to: recordings and dwells of one sensor."""
 Export = Literal["C", "Rust", "JSON", "DCC"]

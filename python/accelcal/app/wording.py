@@ -102,7 +102,7 @@ def capitalised(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}."
 
 
-def of_noise(state: State, found: Diagnosis) -> list[tuple[str, str, str]]:
+def found_in_noise(state: State, found: Diagnosis) -> list[tuple[str, str, str]]:
     """Effects that noise tests found and that can be added: name, title, sentence; one for each."""
     model = state.step.fit.model.effects if state.step else ()
     offered = {c.effect for c in found.scan.candidates if c.p_value < found.alpha}
@@ -124,4 +124,4 @@ def can_add(state: State, found: Diagnosis | None) -> bool:
     """Whether there is something to add: a candidate that is significant, or an effect on noise."""
     if state.step is None or found is None:
         return False
-    return any(c.significant for c in cards(found)) or bool(of_noise(state, found))
+    return any(c.significant for c in cards(found)) or bool(found_in_noise(state, found))

@@ -81,9 +81,10 @@ class Workers:
         try:
             answer = worker.done(Request(task, args, known), progress)
         except BaseException:
-            self._drop(worker)
+            worker.kill()
+            self._release(worker, self._all.remove)
             raise
-        self._give_back(worker)
+        self._release(worker, self._idle.append)
         if isinstance(answer.error, MemoryError):
             raise WorkerLost("this takes more memory than there is; use a shorter recording, or the command line")
         if answer.error is not None:
@@ -131,17 +132,11 @@ class Workers:
         self._all.append(worker)
         return worker
 
-    def _give_back(self, worker: _Worker) -> None:
+    def _release(self, worker: _Worker, settle: Callable[[_Worker], None]) -> None:
+        """Settle what becomes of a worker whose work has ended, unless all have been ended."""
         with self._changed:
             if worker in self._all:
-                self._idle.append(worker)
-            self._changed.notify()
-
-    def _drop(self, worker: _Worker) -> None:
-        worker.kill()
-        with self._changed:
-            if worker in self._all:
-                self._all.remove(worker)
+                settle(worker)
             self._changed.notify()
 
 

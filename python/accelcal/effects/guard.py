@@ -98,11 +98,10 @@ def words_for(function: Function, name: str) -> tuple[Sentence, Failure]:
     subject = f"effect {name!r}"
     if not path:
         return lambda wrong: f"{subject} {wrong}", lambda error: f"{subject} does not evaluate: {text_of(error)}"
-
-    def failure(error: Exception) -> str:
-        return f"{path}, line {line_of(path, error, first)}: {subject} does not evaluate: {text_of(error)}"
-
-    return lambda wrong: f"{path}, line {first}: {subject} {wrong}", failure
+    return (
+        lambda wrong: f"{path}, line {first}: {subject} {wrong}",
+        lambda error: f"{path}, line {line_of(path, error, first)}: {subject} does not evaluate: {text_of(error)}",
+    )
 
 
 def require_declared(name: Any, texts: Mapping[str, Any], scale: Any, sentence: Sentence) -> None:

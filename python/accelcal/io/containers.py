@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from threading import Lock
 
 from accelcal.data.recording import RecordingError
 from accelcal.io.decoding.known_formats import BY_NAME
 from accelcal.io.reader_process import ReaderProcess
-from accelcal.io.table import Column, Table
+from accelcal.io.table import Table
 
 
 class _Waiting:
@@ -63,13 +62,10 @@ def open_container(path: Path, kind: str) -> Table:
     if not entries:
         raise RecordingError(f"{path}: the file holds no vector of numbers; expected one per channel.")
 
-    def read(names: Sequence[str]) -> Mapping[str, Column]:
-        return _WAITING.take(path, kind).columns(names)
-
     return Table(
         path,
         tuple(entry.name for entry in entries),
-        read,
+        lambda names: _WAITING.take(path, kind).columns(names),
         lambda i: f"sample {i + 1}",
         {entry.name: entry.unit for entry in entries if entry.unit},
         BY_NAME[kind].units_from,

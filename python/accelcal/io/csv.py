@@ -57,15 +57,12 @@ def open_csv(path: Path) -> Table:
     head = _as_text_bytes(path, head)
     dialect = _recognise(path, head, whole)
 
-    def read(names: Sequence[str]) -> Mapping[str, Column]:
-        return _read(path, dialect, names)
-
     def row(i: int) -> str:
         number, _ = next(islice(_rows(_as_text_bytes(path, path.read_bytes()), dialect), i, None))
         return f"row {number}"
 
     declared = dict(dialect.units) | dict.fromkeys(dialect.stamps, "s")
-    return Table(path, dialect.columns, read, row, declared, "the unit row")
+    return Table(path, dialect.columns, lambda names: _read(path, dialect, names), row, declared, "the unit row")
 
 
 _HEAD = 1 << 18  # bytes; a preamble and some hundred rows fit in

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -94,11 +94,15 @@ def from_columns(columns: Mapping[str, ArrayLike], units: Mapping[str, str], rig
     if unknown:
         raise RecordingError(f'{where}: units names "{unknown[0]}", but the columns are {", ".join(columns)}')
 
-    def read(names: Sequence[str]) -> dict[str, Column]:
-        return {key: with_holes(numbers[key]) for key in names}
-
     given = {key: unit for key, unit in units.items() if key in columns}
-    table = Table(Path(where), tuple(numbers), read, lambda i: f"row {i}", given, "units")
+    table = Table(
+        Path(where),
+        tuple(numbers),
+        lambda names: {key: with_holes(numbers[key]) for key in names},
+        lambda i: f"row {i}",
+        given,
+        "units",
+    )
     require_roles(table, where)
     require_scale(table, where, rig)
     require_lengths(numbers, where)

@@ -149,10 +149,14 @@ def open_serial(device: str, baud: int) -> ByteSource:
             "no other program uses it."
         ) from None
 
-    def read() -> bytes | None:
-        return port.read(max(1, min(port.in_waiting, CHUNK))) or None
-
-    return ByteSource(device, read, port.close, waits=False, from_its_start=False, ends_lines=False)
+    return ByteSource(
+        device,
+        lambda: port.read(max(1, min(port.in_waiting, CHUNK))) or None,
+        port.close,
+        waits=False,
+        from_its_start=False,
+        ends_lines=False,
+    )
 
 
 class Intake:

@@ -13,7 +13,7 @@ from accelcal.data.recording import RecordingError
 from accelcal.io.sidecar import KEYS
 
 NAMED = (*mapping.ESSENTIAL, *mapping.ORIENTATION, mapping.NOT_USED)
-ROLES = [*mapping.ESSENTIAL, "other", mapping.NOT_USED, *mapping.ORIENTATION]
+CHOICES = [*mapping.ESSENTIAL, "other", mapping.NOT_USED, *mapping.ORIENTATION]
 SENSOR = ("scale", "zero", "noise", "range")
 """Keys of the sidecar that have a field in the form."""
 
@@ -64,7 +64,7 @@ class Fields:
         column = widgets.attribute(one.column)
 
         def role() -> None:
-            made = ui.select(ROLES, value=known)
+            made = ui.select(CHOICES, value=known)
             self.roles.append(made.props(f'dense outlined aria-label="Role of {column}"'))
 
         def name() -> None:

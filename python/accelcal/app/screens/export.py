@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
 from nicegui import ui
 
 from accelcal.app import mapping, widgets
@@ -53,26 +56,20 @@ def results(page: Page) -> None:
     assert file is not None
     stem = file.stem
 
-    async def report() -> None:
-        path = await page.act(bench.report)
+    async def download(action: Callable[..., Path | None], *kind: Export) -> None:
+        path = await page.act(action, *kind)
         if path is not None:
             with page.body:  # the button that was pressed has been rebuilt meanwhile
-                ui.download.file(path, f"{stem}.html")
-
-    async def export(kind: Export) -> None:
-        path = await page.act(bench.export, kind)
-        if path is not None:
-            with page.body:
-                ui.download.file(path, f"{stem}_{path.name}")
+                ui.download.file(path, f"{stem}_{path.name}" if kind else f"{stem}.html")
 
     widgets.button(
         "Model (.json)", "save", lambda: ui.download.content(bench.model_text(), f"{stem}.json"), primary=True
     )
-    widgets.button("Report (.html)", "article", report)
-    widgets.button("For firmware, C (.h)", "memory", lambda: export("C"))
-    widgets.button("For firmware, Rust (.rs)", "memory", lambda: export("Rust"))
-    widgets.button("Calibration (.json)", "data_object", lambda: export("JSON"))
-    widgets.button("Draft certificate (.xml)", "workspace_premium", lambda: export("DCC"))
+    widgets.button("Report (.html)", "article", lambda: download(bench.report))
+    widgets.button("For firmware, C (.h)", "memory", lambda: download(bench.export, "C"))
+    widgets.button("For firmware, Rust (.rs)", "memory", lambda: download(bench.export, "Rust"))
+    widgets.button("Calibration (.json)", "data_object", lambda: download(bench.export, "JSON"))
+    widgets.button("Draft certificate (.xml)", "workspace_premium", lambda: download(bench.export, "DCC"))
 
 
 def sources(page: Page) -> None:

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 from nicegui import ui
 
 from accelcal.app import figures, widgets, wording
 from accelcal.app.examples import example_of
-from accelcal.app.figures import Picture
 from accelcal.app.page import Page
-from accelcal.app.run import Stretch
 from accelcal.app.screens import per_run, start
 from accelcal.app.state import State, Step
 from accelcal.app.zoom import Zoom, stretches_of
-from accelcal.plots.style import ThemeName
 from accelcal.results import words as formatting
 from accelcal.results.diagnoses import VERDICTS
 from accelcal.results.words import readable
@@ -85,11 +83,7 @@ def show(page: Page) -> None:
 def overlay(page: Page, seen: Evaluation, shown: tuple[int, ...]) -> None:
     """What was measured and what every model says over each other, and where the current one fails."""
     state = page.bench.state
-
-    def draw(theme: ThemeName, window: Stretch | None, chosen: Stretch | None) -> Picture:
-        return figures.overlay(state, theme, window, chosen)
-
-    zoom = Zoom(page, draw, stretches_of(seen))
+    zoom = Zoom(page, partial(figures.overlay, state), stretches_of(seen))
     ui.label("Click a model in the legend to hide it; drag to zoom; click a shaded stretch to see it closer.").classes(
         "note"
     )
@@ -168,7 +162,7 @@ def verdict(page: Page) -> None:
     if nothing:
         made = widgets.button("Add", "add", lambda: None, label="Nothing to add")
         made.set_enabled(False)
-    for name, title, text in wording.of_noise(bench.state, found):
+    for name, title, text in wording.found_in_noise(bench.state, found):
         of_noise(page, name, title, text)
     leading, further, rest = wording.offered(found)
     for card in leading:

@@ -31,7 +31,7 @@ def card(page: Page) -> None:
 
 def row(page: Page, at: int, run: Run) -> list[widgets.Cell]:
     """A file with what can be done with it."""
-    return [run.name, use(page, at, run), length(run), held_out(run), time_line(page, at, run), remove(page, at, run)]
+    return [run.name, use(page, at, run), length(run), held_out(run), show_button(page, at, run), remove(page, at, run)]
 
 
 def use(page: Page, at: int, run: Run) -> Callable[[], None]:
@@ -70,7 +70,7 @@ def held_out(run: Run) -> str:
     return "" if run.held_out is None else f"{run.held_out[0]:.6g} s to {run.held_out[1]:.6g} s"
 
 
-def time_line(page: Page, at: int, run: Run) -> widgets.Cell:
+def show_button(page: Page, at: int, run: Run) -> widgets.Cell:
     """A button that brings a file to the time line."""
     if at == page.bench.state.shown:
         return "shown"

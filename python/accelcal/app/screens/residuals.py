@@ -5,13 +5,10 @@ from __future__ import annotations
 from nicegui import ui
 
 from accelcal.app import figures, widgets
-from accelcal.app.figures import Picture
 from accelcal.app.page import Page
-from accelcal.app.run import Stretch
 from accelcal.app.screens import response
 from accelcal.app.state import State
 from accelcal.app.zoom import Zoom
-from accelcal.plots.style import ThemeName
 from accelcal.validation.comparison import Evaluation
 
 
@@ -23,10 +20,7 @@ def show(page: Page) -> None:
         response.card(page)
         return
 
-    def draw(theme: ThemeName, window: Stretch | None, chosen: Stretch | None) -> Picture:
-        return figures.linked(state, bench.whole(), theme, window, chosen)
-
-    zoom = Zoom(page, draw)
+    zoom = Zoom(page, lambda theme, window, chosen: figures.linked(state, bench.whole(), theme, window, chosen))
     with widgets.card("Position, acceleration, residual, temperature"):
         ui.label("Drag to zoom; all panels follow, at full resolution. Double-click to reset.").classes("note")
         page.pictures(

@@ -27,7 +27,7 @@ def card(page: Page) -> None:
             with ui.row().classes("line"):
                 select(page, names, 0)
                 select(page, names, 1)
-            parameters(state, pair)
+            compared(state, pair)
             errors(page, pair)
         else:
             ui.label("A second model of the tree, or one of another sensor, can stand beside this one.").classes("note")
@@ -55,7 +55,7 @@ def select(page: Page, names: list[str], side: int) -> None:
     made.props("dense outlined").classes("grow")
 
 
-def parameters(state: State, pair: tuple[str, str]) -> None:
+def compared(state: State, pair: tuple[str, str]) -> None:
     """Parameters of both, and how they differ."""
     first, second = (state.models[name] for name in pair)
     rows = [row(one) for one in side_by_side.differences(first, second)]

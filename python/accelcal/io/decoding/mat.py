@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from itertools import starmap
 from typing import Any
 
 from scipy.io import matlab
 
 from accelcal.io.decoding.source import Entry, Source, is_vector, limited, numbers, vectors
-from accelcal.io.table import Column
 
 _NUMERIC = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
 
@@ -24,17 +23,10 @@ def opened(path: str) -> Source:
         for name, shape, kind in declared
         if kind in _NUMERIC and min(shape, default=0) >= 0 and is_vector(shape, "f") and max(shape) != 1
     }
+    lengths = {name: int(max(shape)) for name, shape in shapes.items()}
+    lengths |= {name: len(values) for name, values in nested.items()}
 
-    def entries() -> Iterator[Entry]:
-        for name, shape, _ in declared:
-            if name in shapes:
-                yield Entry(name, int(max(shape)))
-        for name, values in nested.items():
-            yield Entry(name, len(values))
+    def values_of(name: str) -> Any:
+        return nested if name in nested else matlab.loadmat(path, variable_names=[name], simplify_cells=True)
 
-    def column(name: str) -> Column:
-        if name in nested:
-            return numbers(nested[name])
-        return numbers(matlab.loadmat(path, variable_names=[name], simplify_cells=True)[name])
-
-    return Source(limited(entries()), column)
+    return Source(limited(starmap(Entry, lengths.items())), lambda name: numbers(values_of(name)[name]))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
 from typing import Any
 
 import pyarrow as pa
@@ -32,11 +31,6 @@ def opened(path: str) -> Source:
     file = parquet.ParquetFile(path, page_checksum_verification=True)
     schema, rows = file.schema_arrow, file.metadata.num_rows
 
-    def entries() -> Iterator[Entry]:
-        for entry in schema:
-            stamps = pa.types.is_timestamp(entry.type) or pa.types.is_duration(entry.type)
-            yield Entry(entry.name, rows, _declared(entry) or ("s" if stamps else None))
-
     def column(name: str) -> Column:
         read = file.read(columns=[name], use_threads=False)
         try:
@@ -44,9 +38,11 @@ def opened(path: str) -> Source:
         except pa.ArrowNotImplementedError:
             raise RefusedError(f"holds {schema.field(name).type}, expected numbers; convert it first") from None
 
-    return Source(limited(entries()), column)
+    return Source(limited(Entry(entry.name, rows, _unit(entry)) for entry in schema), column)
 
 
-def _declared(entry: Any) -> str | None:
+def _unit(entry: Any) -> str | None:
+    """The unit that a column declares; of stamps s."""
     unit = (entry.metadata or {}).get(b"unit")
-    return unit.decode("utf-8", errors="replace")[:MOST_NAME] if unit else None
+    stamps = pa.types.is_timestamp(entry.type) or pa.types.is_duration(entry.type)
+    return unit.decode("utf-8", errors="replace")[:MOST_NAME] if unit else "s" if stamps else None

@@ -10,7 +10,6 @@ import numpy as np
 
 from accelcal.io.decoding.source import Entry, Source, limited, numbers
 from accelcal.io.limits import MOST_NAME
-from accelcal.io.table import Column
 
 COMMON = "t"
 """The column of stamps where a file has one clock."""
@@ -69,10 +68,7 @@ def opened_channels(channels: Iterable[Sampled]) -> Source:
         enter(each.name, each.length, each.unit, each.read, clocks[each.clock.key] if each.clock else None)
         limited(entries)
 
-    def column(name: str) -> Column:
-        return numbers(np.asarray(readers[name]()))
-
-    return Source(limited(entries), column)
+    return Source(limited(entries), lambda name: numbers(np.asarray(readers[name]())))
 
 
 def plain(text: str) -> str:
