@@ -123,7 +123,7 @@ def __getattr__(name: str) -> Any:
     if name in globals():
         return globals()[name]
     if name in PACKAGES:
-        from accelcal._support.faces import face
+        from accelcal._support.values import face
 
         return face(name)
     if name not in __all__:
@@ -141,7 +141,7 @@ def _bind() -> None:
         return  # a module asks for a submodule: Python imports it
     _binding.add(thread)
     try:
-        from accelcal._support.faces import face
+        from accelcal._support.values import face
 
         globals()["load_model"] = face("results.model_file").load
         for home, names in HOMES.items():

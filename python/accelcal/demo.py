@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
 from accelcal.data.rig import Rig

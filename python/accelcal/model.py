@@ -10,14 +10,12 @@ import numpy as np
 
 from accelcal._support.arguments import check_fields, checked
 from accelcal._support.errors import AccelcalError
-from accelcal._support.immutable import immutable
-from accelcal._support.listing import listing
 from accelcal._support.result import Result
-from accelcal._support.short_repr import short_repr
+from accelcal._support.values import immutable, listing, short_repr
 from accelcal.data.arrays import Array
 from accelcal.effects import Effect, find, polynomial
+from accelcal.effects.processes import follows_output
 from accelcal.effects.registry import Owner, Port
-from accelcal.effects.side_channels import follows_output
 from accelcal.signals.signals import Signals
 
 BASE = ("bias", "scale_factor", "time_offset")

@@ -15,10 +15,9 @@ from typing import overload
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
 from accelcal._support.found_before import found_before
-from accelcal._support.listing import listing
 from accelcal._support.progress import within
-from accelcal._support.threads import one_thread
-from accelcal._support.two_threads import on_two_threads
+from accelcal._support.threads import on_two_threads, one_thread
+from accelcal._support.values import listing
 from accelcal.data.dwell_sets import with_dwells
 from accelcal.data.dwells import Dwells
 from accelcal.data.orientation import DERIVED

@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 
 import accelcal as ac
 from accelcal import io, workflow
-from accelcal.app import mapping, reading, script, wording, workbench
-from accelcal.app.roles import Refused
-from accelcal.app.state import State
+from accelcal.app import mapping, script, tasks, workbench
+from accelcal.app.screens import improvement
+from accelcal.app.state import Refused, State
 from accelcal.app.workbench import Busy, Workbench
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module
 from accelcal.cli import app as command_line
@@ -64,12 +64,12 @@ def test_the_held_out_error_falls_to_the_noise(grown):
 
 def test_the_cubic_is_offered_first_and_nothing_after_it(grown):
     first, last = (grown.diagnoses[(s.key, 0)] for s in grown.state.path)
-    near, _, _ = wording.offered(first)
+    near, _, _ = improvement.offered(first)
     assert near[0].effect == "cubic"
     assert near[0].significant
     assert last.verdict == "adequate"
-    assert wording.offered(last)[:2] == ([], [])
-    assert not wording.can_add(grown.state, last)
+    assert improvement.offered(last)[:2] == ([], [])
+    assert not improvement.can_add(grown.state, last)
     assert last.table("limits").cells[1][0][0] == "quadratic"
 
 
@@ -79,7 +79,7 @@ def test_nothing_is_offered_where_nothing_is_missing(bench, files):
     bench.fit()
     bench.diagnose()
     assert bench.diagnosis.verdict == "adequate"
-    assert not wording.can_add(bench.state, bench.diagnosis)
+    assert not improvement.can_add(bench.state, bench.diagnosis)
 
 
 def test_undo_redo_remove_and_branch(bench, files):
@@ -235,11 +235,11 @@ def test_an_uploaded_name_cannot_leave_its_drawer(bench):
 
 
 def test_sizes_are_limited_with_a_sentence(bench, files, monkeypatch):
-    monkeypatch.setattr(reading, "MOST_BYTES", 1000)
+    monkeypatch.setattr(tasks, "MOST_BYTES", 1000)
     bench.load(files / "cubic.csv")
     assert "the limit of the workbench is 0 MB" in bench.sentence
-    monkeypatch.setattr(reading, "MOST_BYTES", 10**9)
-    monkeypatch.setattr(reading, "MOST_SAMPLES", 100)
+    monkeypatch.setattr(tasks, "MOST_BYTES", 10**9)
+    monkeypatch.setattr(tasks, "MOST_SAMPLES", 100)
     bench.load(files / "cubic.csv")
     assert "samples; the limit of the workbench is 100" in (bench.sentence or bench.state.run.problem)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from accelcal.app.examples import EXAMPLES, example_of
+from accelcal.app.tasks import EXAMPLES, example_of
 from accelcal.app.workbench import Workbench
 from accelcal.effects import spelled
 

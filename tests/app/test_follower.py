@@ -11,8 +11,7 @@ import pytest
 
 from accelcal import io
 from accelcal.app.follower import Asked, Follower, Followers, recording_path
-from accelcal.live.moments import LiveHistory
-from accelcal.live.session import LiveEvent, LiveState
+from accelcal.live.session import LiveEvent, LiveHistory, LiveState
 from tests.live.streams import RATE, RIG, stream
 
 PATIENCE = 30.0

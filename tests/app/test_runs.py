@@ -12,9 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 import accelcal as ac
-from accelcal.app import figures, mapping, script, side_by_side, tasks
-from accelcal.app.screens import improvement, uploads
-from accelcal.app.screens.side_by_side import own_error
+from accelcal.app import figures, mapping, script, tasks
+from accelcal.app.screens import improvement, model, uploads
+from accelcal.app.screens.model import own_error
 from accelcal.app.workbench import Workbench
 from accelcal.cli import app as command_line
 from accelcal.estimation.noise_effects import NoiseScore
@@ -247,18 +247,18 @@ def test_models_of_elsewhere_stand_beside(grown, several, tmp_path):
     assert again.state.models["sensor.json"]["cubic"].value == bench.state.step.fit["cubic"].value
     base, cubic, *_ = bench.state.models
     fits = bench.state.models
-    alike = side_by_side.differences(fits[cubic], fits["sensor.json"])
+    alike = model.differences(fits[cubic], fits["sensor.json"])
     assert {one.sigma for one in alike} == {0.0}
     assert [one.name for one in alike] == ["bias", "scale_factor", "time_offset", "tilt", "cubic"]
-    (lacking,) = [one for one in side_by_side.differences(fits[base], fits[cubic]) if one.value is None]
+    (lacking,) = [one for one in model.differences(fits[base], fits[cubic]) if one.value is None]
     assert (lacking.name, lacking.first) == ("cubic", None)
     assert bench.pair((base, cubic)) is None
     bench.compare_pair((base, cubic))
     before, after = bench.pair((base, cubic))
     assert after.simulated_rms < 0.1 * before.simulated_rms
     other = replace(bench.state.step.fit, rig=replace(bench.state.step.fit.rig, sensor=ac.Sensor(model="ADXL105")))
-    assert side_by_side.same_sensor([bench.state.step.fit], bench.state)
-    assert not side_by_side.same_sensor([other], bench.state)
+    assert model.same_sensor([bench.state.step.fit], bench.state)
+    assert not model.same_sensor([other], bench.state)
     bench.invite(several / "run0.csv")
     assert bench.sentence != ""
     bench.undo()
@@ -333,7 +333,7 @@ def test_recordings_that_disagree_are_seen_and_those_that_agree_are_not():
 
 
 def test_the_schema_names_every_role():
-    from accelcal.app.roles import ROLES
     from accelcal.app.session_content import StoredRun
+    from accelcal.app.state import ROLES
 
     assert json.loads(json.dumps(StoredRun.model_json_schema()))["properties"]["role"]["enum"] == list(ROLES)

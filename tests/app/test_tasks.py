@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from accelcal import io
-from accelcal.app.examples import EXAMPLES
+from accelcal.app.tasks import EXAMPLES
 from accelcal.effects import spelled
 
 from .conftest import write

@@ -13,7 +13,7 @@ from accelcal.model import NOMINAL
 PACKAGE = Path(accelcal.__file__).parent
 NAMES = {effect.name for effect in BUILT_IN} - set(NOMINAL)
 """All names but those of the nominal output: bias, scale_factor, time_offset, clock_skew and lowpass_error."""
-MAKERS = ("effects", "simulation", "paper", "demo.py", "app/examples.py")
+MAKERS = ("effects", "simulation", "paper", "demo.py", "app/tasks.py")
 """Where names belong: the catalogue, and what makes recordings of known effects or repeats the paper's figures."""
 HOMONYMS = {
     ("app/screens/data.py", "cubic"): "model of `fit`: linear or cubic",
@@ -40,8 +40,8 @@ HOMONYMS = {
     ("filters/fixed_rate_filter.py", "cubic"): "interpolation",
     ("io/sidecar.py", "encoder_scale"): "key of a sidecar",
     ("io/sidecar.py", "misalignment"): "key of a sidecar",
-    ("live/settings.py", "cubic"): "parameter of a live filter",
-    ("live/settings.py", "quadratic"): "parameter of a live filter",
+    ("live/tracker.py", "cubic"): "parameter of a live filter",
+    ("live/tracker.py", "quadratic"): "parameter of a live filter",
     ("plots/signature.py", "velocity"): "variable of the motion",
     ("report/first_page.py", "velocity"): "variable of the motion",
     ("validation/regions.py", "velocity"): "variable of the motion",

@@ -26,7 +26,7 @@ import numpy as np
 from accelcal import io
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.data.summary import describe, summarise
-from accelcal.io import reader_process
+from accelcal.io import containers
 from accelcal.io.decoding import child
 
 from .mutations import CONTAINERS, case_files
@@ -42,7 +42,7 @@ FRESH = 500
 
 
 class Forked:
-    """A fork that serves one file: what `accelcal.io.reader_process.start` starts, without the time to import."""
+    """A fork that serves one file: what `accelcal.io.containers.start` starts, without the time to import."""
 
     def __init__(self) -> None:
         asked, self._ask = os.pipe()
@@ -145,9 +145,9 @@ def answer(section: str, number: int) -> dict[str, Any]:
     """Run one case."""
     signal.setitimer(signal.ITIMER_PROF, SECONDS)  # SIGPROF ends the process: no library can miss it
     before = time.process_time()
-    start = reader_process.start
+    start = containers.start
     if number % FRESH or section != "containers":
-        reader_process.start = Forked  # type: ignore[assignment]
+        containers.start = Forked  # type: ignore[assignment]
     with tempfile.TemporaryDirectory(prefix="hostile-") as folder:
         path: Path | None = None
         try:
@@ -161,7 +161,7 @@ def answer(section: str, number: int) -> dict[str, Any]:
         except BaseException as error:
             outcome, text = "failed", f"{type(error).__name__}: {error}"[:500]
         finally:
-            reader_process.start = start
+            containers.start = start
             signal.setitimer(signal.ITIMER_PROF, 0.0)
     return {"number": number, "outcome": outcome, "text": text[:500], "seconds": time.process_time() - before}
 

@@ -17,7 +17,7 @@ import typer
 from pyarrow import parquet
 
 from accelcal import io
-from accelcal._support.scratch import scratch_folder
+from accelcal._support.locks import scratch_folder
 from accelcal.cli import app
 from tests.hostile.case import LONG, case_rng, cases
 from tests.hostile.writers import WRITERS, is_whole, make_inputs

@@ -18,10 +18,10 @@ import pytest
 
 from accelcal import io
 from accelcal.data.recording import RecordingError
-from accelcal.io import reader_process
+from accelcal.io import containers
 from accelcal.io.decoding.child import WRITTEN
 from accelcal.io.decoding.known_formats import FORMATS
-from accelcal.io.formats import open_table
+from accelcal.io.files import open_table
 from tests.io.recorders import RECORDERS
 
 T = np.arange(60) / 100.0
@@ -73,7 +73,7 @@ def user(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Ite
         def popen(command: list[str], **options: Any) -> Any:
             return start([*change, *command], **options)
 
-        monkeypatch.setattr(reader_process.subprocess, "Popen", popen)
+        monkeypatch.setattr(containers.subprocess, "Popen", popen)
     return str(request.param)
 
 
@@ -230,7 +230,7 @@ def test_what_a_killed_reader_leaves_is_removed(place: Path) -> None:
     RECORDERS["mf4"](Path("run.mf4"), columns, {"accel": "m/s^2", "position": "m"}, 0.01)
     for name in os.listdir(place / "temporary"):
         (place / "temporary" / name).unlink()
-    process = reader_process.ReaderProcess(Path("run.mf4"), "MF4")
+    process = containers.ReaderProcess(Path("run.mf4"), "MF4")
     assert len(os.listdir(place / "temporary")) == 2  # the folder and its lock
     process._process.kill()
     while process.waits:

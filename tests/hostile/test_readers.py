@@ -27,7 +27,7 @@ from accelcal.data import units
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.data.summary import summarise
-from accelcal.io import containers, files, limits, reader_process
+from accelcal.io import containers, files, table
 from accelcal.io.sidecar import read_sidecar
 
 from .case import LONG, cases
@@ -213,13 +213,13 @@ def test_what_is_too_large_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text(TABLE)
     with path.with_suffix(".toml").open("wb") as file:
-        file.truncate(limits.SIDECAR_BYTES + 1)
-    refused(path, f"expected at most {limits.SIDECAR_BYTES}")
+        file.truncate(table.SIDECAR_BYTES + 1)
+    refused(path, f"expected at most {table.SIDECAR_BYTES}")
     model = tmp_path / "model.json"
     with model.open("wb") as file:
-        file.truncate(limits.MODEL_BYTES + 1)
+        file.truncate(table.MODEL_BYTES + 1)
     with pytest.raises(RecordingError, match="expected at most"):
-        files.content_of(model, "a model file", limits.MODEL_BYTES)
+        files.content_of(model, "a model file", table.MODEL_BYTES)
 
 
 # Sidecars.
@@ -366,7 +366,7 @@ def test_an_unused_array_of_4_gb_is_not_inflated(tmp_path: Path) -> None:
 
 
 def test_numbers_beyond_the_size_of_a_file_are_refused_before_they_are_read(tmp_path: Path) -> None:
-    n = limits.FREE_NUMBERS
+    n = table.FREE_NUMBERS
     constant = pa.array(np.zeros(n))
     path = tmp_path / "run.parquet"
     parquet.write_table(pa.table({"t_s": constant, "accel_g": constant, "position_m": constant}), path)
@@ -446,7 +446,7 @@ def test_deep_and_circular_groups_end(tmp_path: Path) -> None:
 def test_many_columns_are_refused_or_read_soon(tmp_path: Path) -> None:
     path = tmp_path / "run.npz"
     member = npy(T)
-    path.write_bytes(zip_of({f"x{k}.npy": member for k in range(limits.MOST_COLUMNS + 1)}))
+    path.write_bytes(zip_of({f"x{k}.npy": member for k in range(table.MOST_COLUMNS + 1)}))
     refused(path, "expected at most 4096")
     vectors = {"t_s": T, "accel_g": np.sin(T), "position_m": np.cos(T)}
     path.write_bytes(
@@ -492,8 +492,8 @@ def test_pickles_are_passed_over(tmp_path: Path) -> None:
 
 def in_child(monkeypatch: pytest.MonkeyPatch, code: str) -> None:
     """Let the process run some code in place of its reader."""
-    served = reader_process._START.replace("main(sys.stdin", f"{code}\nmain(sys.stdin")
-    monkeypatch.setattr(reader_process, "_START", served)
+    served = containers._START.replace("main(sys.stdin", f"{code}\nmain(sys.stdin")
+    monkeypatch.setattr(containers, "_START", served)
 
 
 @pytest.mark.parametrize(
@@ -529,7 +529,7 @@ def test_a_process_that_sleeps_is_stopped(tmp_path: Path, monkeypatch: pytest.Mo
     path = tmp_path / "run.npz"
     np.savez(path, t_s=T, accel_g=np.sin(T), position_m=np.cos(T))
     in_child(monkeypatch, "import time; time.sleep(3600)")
-    monkeypatch.setattr(reader_process, "PATIENCE", 0.2)
+    monkeypatch.setattr(containers, "PATIENCE", 0.2)
     refused(path, "takes longer than its size explains")
 
 
@@ -544,15 +544,15 @@ def test_no_process_is_left(tmp_path: Path) -> None:
     table = containers.open_container(path, "npz")
     assert table.read(["t_s"])["t_s"].values.tolist() == T.tolist()
     assert table.read(["accel_g"])["accel_g"].values.tolist() == np.sin(T).tolist()  # by another process
-    process = reader_process.ReaderProcess(path, "npz")
+    process = containers.ReaderProcess(path, "npz")
     served = process._process
     del process
     assert served.poll() is not None
 
 
 def test_a_file_that_is_looked_at_twice_is_opened_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path, started, start = container(tmp_path / "run.npz"), [], reader_process.start
-    monkeypatch.setattr(reader_process, "start", lambda: started.append(1) or start())
+    path, started, start = container(tmp_path / "run.npz"), [], containers.start
+    monkeypatch.setattr(containers, "start", lambda: started.append(1) or start())
     assert not io.declares_dwells(path)
     io.load(path)
     assert len(started) == 1

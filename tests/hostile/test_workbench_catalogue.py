@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from accelcal.app import background, tasks
+from accelcal.app import tasks
 from accelcal.app.session_file import read
 from accelcal.app.workbench import Workbench
-from accelcal.app.workers import Workers
+from accelcal.app.workers import Workers, draw
 from accelcal.effects import BUILT_IN, CATALOGUE, ExpressionError, find, from_expression
 from accelcal.effects.user_file import probe
 
@@ -94,7 +94,7 @@ def test_figures_are_drawn_with_the_effects_of_their_session(benches: tuple[Work
     async def drawn(bench: Workbench) -> float:
         with bench.catalogue():
             await asyncio.sleep(0.01)
-            return await background.draw(lambda: float(find(LAW).column(probe(()))[5]))
+            return await draw(lambda: float(find(LAW).column(probe(()))[5]))
 
     async def both() -> list[float]:
         return await asyncio.gather(*(drawn(bench) for bench in benches * 8))

@@ -10,8 +10,8 @@ import pytest
 
 pytest.importorskip("starlette")
 
-from accelcal.app import guard
-from accelcal.app.guard import Guard, is_foreign
+from accelcal.app import routes
+from accelcal.app.routes import Guard, is_foreign
 
 MOST = 1000
 
@@ -82,17 +82,17 @@ def test_few_uploads_run_at_a_time(tmp_path: Path) -> None:
     async def many() -> list[int]:
         server = Server()
         app = Guard(server, tmp_path, MOST)
-        tasks = [asyncio.create_task(posted(app, [b"x"], 1, "/wait/upload/1")) for _ in range(guard.MOST_UPLOADS + 3)]
+        tasks = [asyncio.create_task(posted(app, [b"x"], 1, "/wait/upload/1")) for _ in range(routes.MOST_UPLOADS + 3)]
         await asyncio.sleep(0.05)
         server.waiting.set()
         first = [answer[0] for answer in await asyncio.gather(*tasks)]
         return [*first, (await posted(app, [b"x"], 1))[0]]
 
-    assert asyncio.run(many()) == [200] * guard.MOST_UPLOADS + [503] * 3 + [200]
+    assert asyncio.run(many()) == [200] * routes.MOST_UPLOADS + [503] * 3 + [200]
 
 
 def test_a_full_disk_is_said_before_anything_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard, "SPARE", 10**18)
+    monkeypatch.setattr(routes, "SPARE", 10**18)
     status, text, asked = asyncio.run(posted(Guard(Server(), tmp_path, MOST), [b"x"], 1))
     assert (status, asked) == (507, 0)
     assert "make room" in text

@@ -7,10 +7,9 @@ from pathlib import Path
 import pytest
 
 from accelcal.app import sessions
-from accelcal.app.kept import Keeper
-from accelcal.app.run import Run
+from accelcal.app.session_file import Keeper
 from accelcal.app.sessions import MOST, Full, Workbenches
-from accelcal.app.state import Job, State
+from accelcal.app.state import Job, Run, State
 
 
 @pytest.fixture

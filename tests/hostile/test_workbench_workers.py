@@ -14,9 +14,8 @@ from pathlib import Path
 import pytest
 
 from accelcal._support import internal_error
-from accelcal.app.known import Known
 from accelcal.app.session_content import Formula
-from accelcal.app.state import Cancelled, State
+from accelcal.app.state import Cancelled, Known, State
 from accelcal.app.workbench import Workbench
 from accelcal.app.workers import WorkerLost, Workers
 
@@ -143,7 +142,7 @@ def test_a_session_knows_its_own_effects_alone(workers: Workers) -> None:
 def test_workers_end_with_a_server_that_was_killed(tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; from accelcal.app.workers import Workers;"
-        "from accelcal.app.known import Known; from tests.hostile import workbench_tasks as work;"
+        "from accelcal.app.state import Known; from tests.hostile import workbench_tasks as work;"
         "Workers(Path(sys.argv[1]), 1)(work.sleep, Path(sys.argv[1], 'note'), progress=lambda s: None, known=Known())"
     )
     server = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)])

@@ -19,7 +19,7 @@ import pytest
 import accelcal as ac
 from accelcal import io
 from accelcal._support import locks
-from accelcal._support.scratch import scratch_folder
+from accelcal._support.locks import scratch_folder
 from accelcal.cli import app, write_recording
 from accelcal.estimation.estimate import estimate
 from accelcal.results import model_file
@@ -221,7 +221,7 @@ def test_parts_of_dead_writers_are_swept_and_those_of_living_ones_are_not(tmp_pa
 
 def test_a_scratch_folder_of_a_dead_process_goes_with_the_next(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    code = "import os\nfrom accelcal._support.scratch import scratch_folder\n"
+    code = "import os\nfrom accelcal._support.locks import scratch_folder\n"
     code += "with scratch_folder() as folder:\n    (folder / 'x').write_text('x')\n    os._exit(9)\n"
     subprocess.run([sys.executable, "-c", code], env={**os.environ, "TMPDIR": str(tmp_path)}, check=False, timeout=60)
     assert len(names(tmp_path)) == 2

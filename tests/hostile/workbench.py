@@ -69,7 +69,7 @@ class Served:
     def workers(self) -> list[int]:
         """Process numbers of its workers."""
         assert self.process is not None
-        return [pid for pid in descendants(self.process.pid) if "accelcal.app.worker" in command_of(pid)]
+        return [pid for pid in descendants(self.process.pid) if "accelcal.app.workers" in command_of(pid)]
 
     def sessions(self) -> set[str]:
         """Names of the sessions that it holds."""

@@ -21,7 +21,7 @@ from accelcal.signals.series import interpolation_spread, local_spread
 from accelcal.simulation import ADXL105_RIG
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
-HASHED = "from pathlib import Path; from accelcal.app.opened_session import digest_at; print(digest_at(Path({!r})))"
+HASHED = "from pathlib import Path; from accelcal.app.session_content import digest_at; print(digest_at(Path({!r})))"
 WARNED = """import numpy as np
 from accelcal import cli
 cli.__getattr__ = lambda _: lambda: np.ones(1) / np.zeros(1)

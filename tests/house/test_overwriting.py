@@ -13,7 +13,7 @@ import pytest
 import accelcal as ac
 from accelcal.cli import write_recording
 from accelcal.cli.overwriting import Writing, writing
-from accelcal.io.written import writer_of
+from accelcal.io.write import writer_of
 from accelcal.simulation import ADXL105_RIG
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}

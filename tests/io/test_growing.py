@@ -14,8 +14,9 @@ import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
-from accelcal.io import atomic_write, growing
-from accelcal.io.growing import GrowingParquet
+from accelcal.io import atomic_write
+from accelcal.io import write as writing
+from accelcal.io.write import GrowingParquet
 
 ROWS, GROUPS = 50, 6
 UNITS = {"t": "s", "accel": "m/s^2", "position": "m"}
@@ -24,7 +25,7 @@ import os, signal, sys
 import numpy as np, pyarrow.parquet
 from pathlib import Path
 from tests.io.test_growing import ROWS, GROUPS, UNITS, group
-from accelcal.io.growing import GrowingParquet
+from accelcal.io.write import GrowingParquet
 at, folder, seen = int(sys.argv[1]), sys.argv[2], 0
 def moment(event, arguments):
     global seen
@@ -143,7 +144,7 @@ def test_after_a_group_that_could_not_be_written_none_follows(
     with GrowingParquet(path, UNITS) as file:
         file.append(group(0))
         with monkeypatch.context() as full:
-            full.setattr(growing._Copy, step, refuse)
+            full.setattr(writing._Copy, step, refuse)
             with pytest.raises(OSError, match="No space left"):
                 file.append(group(1))
         with pytest.raises(OSError, match="an earlier row group could not be written"):

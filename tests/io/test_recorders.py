@@ -10,7 +10,7 @@ from tests.io.recorders import RECORDERS
 from accelcal import io
 from accelcal.data.recording import RecordingError
 from accelcal.io.decoding.known_formats import FORMATS
-from accelcal.io.formats import open_table
+from accelcal.io.files import open_table
 
 STEP = 1.0 / 128.0
 N = 60

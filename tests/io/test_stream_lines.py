@@ -11,7 +11,7 @@ from accelcal.data.recording import RecordingError
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.io import load, read_sidecar
 from accelcal.io.sidecar import Sidecar
-from accelcal.io.stream_lines import LONGEST, LineReader, Rows
+from accelcal.io.stream import LONGEST, LineReader, Rows
 
 SIDECAR = """
 [channels]

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from accelcal.data.recording import RecordingError
-from accelcal.io.stream_source import ByteSource, Intake, open_file, open_serial, open_tcp
+from accelcal.io.stream import ByteSource, Intake, open_file, open_serial, open_tcp
 
 MOST = 60.0
 """Longest wait for anything, s."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from accelcal.live.monitor import FALSE_ALARM, InnovationMonitor, chi_square_bounds, normal_bound
+from accelcal.live.tracker import FALSE_ALARM, InnovationMonitor, chi_square_bounds, normal_bound
 
 READINGS = 200
 BLOCKS = 4000

@@ -10,9 +10,9 @@ import pytest
 
 import accelcal as ac
 from accelcal.data.recording import Channel, Recording
-from accelcal.io.stream_lines import Rows
+from accelcal.io.stream import Rows
 from accelcal.live import Tracker, settings_of
-from accelcal.live.regressor import OutputMoments
+from accelcal.live.tracker import OutputMoments
 from accelcal.results import model_file
 
 SCALE = 0.01

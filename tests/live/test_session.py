@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from accelcal.io import growing, load, read_sidecar
-from accelcal.io.stream_source import ByteSource
+from accelcal.io import load, read_sidecar, write
+from accelcal.io.stream import ByteSource
 from accelcal.live import LiveSession, session, settings_of
 from tests.live.streams import RIG, stream
 
@@ -67,7 +67,7 @@ def test_a_stop_in_the_middle_of_a_write_stays_what_ended_it(tmp_path: Path, mon
     def stopped(*_: object) -> None:
         raise SystemExit(130)
 
-    monkeypatch.setattr(growing._Copy, "take", stopped)
+    monkeypatch.setattr(write._Copy, "take", stopped)
     with pytest.raises(SystemExit), opened(tmp_path, iter([stream(0.5).lines()])) as view:
         followed(view)
     assert {path.name for path in tmp_path.iterdir()} == {"rig.toml"}

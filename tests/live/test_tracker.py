@@ -13,10 +13,8 @@ from accelcal.data.recording import Channel, RecordingError
 from accelcal.data.rig import LowPass, Rig
 from accelcal.filters import FilterRun, run
 from accelcal.io import read_sidecar
-from accelcal.io.stream_lines import Rows
-from accelcal.live.monitor import SETTLING
-from accelcal.live.settings import LiveSettings, settings_of
-from accelcal.live.tracker import MOST_BETWEEN, Innovation, Tracker
+from accelcal.io.stream import Rows
+from accelcal.live.tracker import MOST_BETWEEN, SETTLING, Innovation, LiveSettings, Tracker, settings_of
 from accelcal.simulation import ADXL105_RIG
 from tests.live.streams import BIAS, RIG, SCALE, Stream, stream
 

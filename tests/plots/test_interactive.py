@@ -18,10 +18,8 @@ from accelcal.estimation.estimate import estimate
 from accelcal.estimation.parameter_tracks import track
 from accelcal.estimation.shape_functions import shapes
 from accelcal.experiment import power
-from accelcal.live.moments import LiveHistory
-from accelcal.live.monitor import Alarm, Interval
-from accelcal.live.session import LiveEvent, LiveState
-from accelcal.live.tracker import Innovation
+from accelcal.live.session import LiveEvent, LiveHistory, LiveState
+from accelcal.live.tracker import Alarm, Innovation, Interval
 from accelcal.model import Estimate
 from accelcal.plots import bins, comparison, interactive, limits, matplotlib, plotly, residuals, style, timeline
 from accelcal.plots import diagnosis as findings

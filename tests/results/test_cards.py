@@ -160,7 +160,7 @@ def full():
 
 
 def test_an_effect_on_noise_a_curve_and_a_shape_stand_in_every_face(full, tmp_path, capsys):
-    from accelcal.app.side_by_side import by_name
+    from accelcal.app.screens.model import by_name
     from accelcal.cli.printing import show_fit
     from accelcal.report.content import gather
     from accelcal.report.view import view

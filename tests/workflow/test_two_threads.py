@@ -9,8 +9,8 @@ from contextvars import ContextVar
 
 import pytest
 
-from accelcal._support import two_threads
-from accelcal._support.two_threads import LOOK, Report, Work, on_two_threads
+from accelcal._support import threads
+from accelcal._support.threads import LOOK, Report, Work, on_two_threads
 
 WAIT = 20.0
 """s; a test that waits longer has failed."""
@@ -18,7 +18,7 @@ WAIT = 20.0
 
 @pytest.fixture(autouse=True)
 def two_processors(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(two_threads.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(threads.os, "cpu_count", lambda: 2)
 
 
 def after(seconds: float, answer: object) -> Work:
@@ -53,7 +53,7 @@ def test_two_run_at_the_same_time() -> None:
 def test_one_after_the_other_where_memory_counts_or_there_is_one_processor(
     processors: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(two_threads.os, "cpu_count", lambda: processors)
+    monkeypatch.setattr(threads.os, "cpu_count", lambda: processors)
     with pytest.raises(threading.BrokenBarrierError):
         on_two_threads(meeting(), lambda share: None, at_once=processors == 1)
 

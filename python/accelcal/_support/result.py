@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_type_hints
 
 from accelcal._support.errors import AccelcalError
-from accelcal._support.faces import face
+from accelcal._support.values import face
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -1,11 +1,13 @@
-"""Linear algebra in one thread: the products are small, and waiting threads would add half of the run time."""
+"""Threads of the work: one for linear algebra, whose products are small, two for independent pieces."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Sequence
+from contextvars import copy_context
 from functools import wraps
 from threading import current_thread, main_thread
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -28,3 +30,61 @@ def one_thread(function: Callable[Given, Found]) -> Callable[Given, Found]:
             return function(*args, **options)
 
     return limited
+
+
+MOST_THREADS = 2
+"""Beyond two the steps that hold the interpreter wait for each other, and memory grows with each."""
+LOOK = 0.1
+"""Interval at which progress is told, s."""
+Report = Callable[[float], None]
+Work = Callable[[Report], Any]
+"""Takes what its progress is told to, returns its result."""
+
+
+def on_two_threads(works: Sequence[Work], progress: Report, *, at_once: bool = True) -> list[Any]:
+    """Results of pieces of work, in their order; they are those of one after the other.
+
+    Parameters
+    ----------
+    works : independent of each other, the longest first.
+    progress : told the share of all, from the calling thread alone; what it raises ends the waiting.
+    at_once : if False, one after the other: where memory counts.
+
+    Raises
+    ------
+    Exception
+        What a piece of work raises, the first in their order.
+
+    Examples
+    --------
+    >>> on_two_threads([lambda report: 1, lambda report: 2], print, at_once=False)
+    0.5
+    1.0
+    [1, 2]
+    """
+    shares = [0.0] * len(works)
+    if not at_once or len(works) < 2 or (os.cpu_count() or 1) < MOST_THREADS:
+        return [_alone(work, number, len(works), progress) for number, work in enumerate(works)]
+    from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait  # not needed at start
+
+    with ThreadPoolExecutor(MOST_THREADS) as pool:
+        running = [
+            pool.submit(copy_context().run, work, lambda share, number=number: shares.__setitem__(number, share))
+            for number, work in enumerate(works)
+        ]
+        try:
+            left = set(running)
+            while left:
+                _, left = wait(left, LOOK, FIRST_COMPLETED)
+                progress(sum(shares) / len(works))
+            return [each.result() for each in running]
+        finally:
+            for each in running:
+                each.cancel()
+
+
+def _alone(work: Work, number: int, count: int, progress: Report) -> Any:
+    """One piece of several, in the calling thread."""
+    found = work(lambda share: progress((number + share) / count))
+    progress((number + 1) / count)
+    return found

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from accelcal.live.moments import LiveHistory
-from accelcal.live.session import LiveEvent
+from accelcal.live.session import LiveEvent, LiveHistory
 
 EVERY = "0.25 s"
 """Time between two states."""

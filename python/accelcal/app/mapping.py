@@ -16,10 +16,9 @@ from accelcal.data import units
 from accelcal.data.orientation import GRAVITY, GYROSCOPE, PLACE, QUATERNION
 from accelcal.data.recording import RecordingError
 from accelcal.io import naming
-from accelcal.io.files import open_regular
-from accelcal.io.formats import open_table
-from accelcal.io.limits import SIDECAR_BYTES
+from accelcal.io.files import open_regular, open_table
 from accelcal.io.sidecar import has_sidecar
+from accelcal.io.table import SIDECAR_BYTES
 
 NOT_USED = "not used"
 ESSENTIAL = ("time", "accel", "position")

@@ -7,8 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from accelcal.app.run import Run, Stretch
-from accelcal.app.state import State, quoted
+from accelcal.app.state import Run, State, Stretch, quoted
 
 
 def python(state: State) -> str:

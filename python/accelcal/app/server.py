@@ -18,9 +18,9 @@ from accelcal._support import locks
 from accelcal._support.errors import AccessError
 from accelcal._support.stopping import Stopped
 from accelcal.app.follower import Followers
-from accelcal.app.kept import Keeper, state_folder
-from accelcal.app.reading import MOST_BYTES
+from accelcal.app.session_file import Keeper, state_folder
 from accelcal.app.sessions import Workbenches
+from accelcal.app.tasks import MOST_BYTES
 from accelcal.app.workers import Workers
 
 HOST = "127.0.0.1"
@@ -77,8 +77,7 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
         from nicegui import app, core, ui
         from starlette.middleware.trustedhost import TrustedHostMiddleware
 
-        from accelcal.app.guard import Guard
-        from accelcal.app.routes import install
+        from accelcal.app.routes import Guard, install
     except ImportError as error:
         raise MissingExtra('the workbench needs nicegui; install it with: pip install "accelcal[app]"') from error
     chosen = free_port(PORT) if port is None else port

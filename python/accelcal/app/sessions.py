@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from accelcal.app.kept import Keeper, KeptSession
+from accelcal.app.session_file import Keeper, KeptSession
 from accelcal.app.workbench import Workbench
 from accelcal.app.workers import Compute, direct
 

@@ -1,23 +1,117 @@
-"""State of the workbench: the data, how they are divided, and a tree of models. Values, no actions."""
+"""State of the workbench: files, their roles and parts, effects of a session, a tree of models. Values, no actions."""
 
 from __future__ import annotations
 
 import json
 import shlex
 import time
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, TypeAlias
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.progress import time_left
-from accelcal.app.opened_session import OpenedSession
-from accelcal.app.run import Run
+from accelcal.app.session_content import Formula, OpenedSession
 from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Recording
-from accelcal.effects import Own
+from accelcal.effects import CATALOGUE, Own, side_channels
 from accelcal.estimation.estimate import Fit
-from accelcal.validation.comparison import Evaluation
+from accelcal.estimation.run_differences import run_to_hold_out
+from accelcal.plots.timeline import Marks
+from accelcal.validation.comparison import HELD_OUT, Evaluation
 from accelcal.validation.pooled import pooled
+
+Stretch = tuple[float, float]
+"""From, to, s."""
+Role: TypeAlias = Literal["fit", "hold out", "leave out"]
+"""What a file is used for: models are fitted to it, or compared with it alone, or neither."""
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A file as the workbench holds it."""
+
+    file: Path
+    sidecar: str | None = None
+    """Text that replaces the sidecar next to the file; None: use that one, if any."""
+    lender: str = ""
+    """File whose rig it has, where it has no sidecar of its own; empty otherwise."""
+    columns: tuple[str, ...] = ()
+    template: str = ""
+    """A commented sidecar for the columns of the file."""
+    problem: str = ""
+    """Why the columns of the file are not understood; empty when they are."""
+    recording: Recording | None = None
+    dwells: Dwells | None = None
+    summary: Mapping[str, Any] = field(default_factory=dict)
+    """What the check of the recording found, for the page."""
+    used: Stretch = (0.0, 0.0)
+    """Part on which one model can hold."""
+    marks: Marks | None = None
+    """Breaks, faults and rest on the time line."""
+    breaks: tuple[float, ...] = ()
+    role: Role = "fit"
+    held_out: Stretch | None = None
+    """Part of a fitted recording that is held out; None: it is fitted whole."""
+    excluded: tuple[Stretch, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """File name."""
+        return self.file.name
+
+    @property
+    def known(self) -> Recording | Dwells | None:
+        """What was read; None where the columns are not understood."""
+        return self.recording if self.recording is not None else self.dwells
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the file, hex; empty where it is not understood."""
+        return self.known.digest if self.known is not None else ""
+
+    @property
+    def data(self) -> Recording:
+        """Data in use, the held-out part included."""
+        assert self.recording is not None
+        whole = self.recording.part(*self.used) if self.breaks else self.recording
+        return whole.without(*self.excluded)
+
+    @property
+    def train(self) -> Recording | Dwells | None:
+        """What models are fitted to; None where they are not."""
+        if self.role != "fit" or self.known is None:
+            return None
+        if self.dwells is not None:
+            return self.dwells
+        return self.data if self.held_out is None else self.data.without(self.held_out)
+
+    @property
+    def holds_out(self) -> bool:
+        """Whether it, or a part of it, is held out."""
+        return self.recording is not None and (self.role == "hold out" or self.held_out is not None)
+
+    @property
+    def unseen(self) -> Recording | None:
+        """What models are compared with; None where nothing of it is held out."""
+        if not self.holds_out:
+            return None
+        return self.data if self.held_out is None else self.data.part(*self.held_out)
+
+    @property
+    def end(self) -> Stretch:
+        """The part at the end that is held out where nothing else is."""
+        assert self.recording is not None
+        begin, finish = self.used
+        return round(finish - HELD_OUT * (finish - begin), 3), finish if self.breaks else time_span(self.recording)[1]
+
+
+def time_span(recording: Recording) -> Stretch:
+    """First and last time stamp of any channel, s."""
+    channels = [c for c in (recording.accel, recording.position, *recording.side.values()) if len(c)]
+    return min(float(c.t[0]) for c in channels), max(float(c.t[-1]) for c in channels)
 
 
 def quoted(text: str) -> str:
@@ -241,3 +335,91 @@ class Job:
 
 class Cancelled(Exception):
     """The user has cancelled the action."""
+
+
+ROLES: tuple[Role, ...] = ("fit", "hold out", "leave out")
+
+
+class Refused(AccelcalError):
+    """An action that is not possible now. The text says why and what to do first."""
+
+
+def divided(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """Files that were dropped together with the roles that `accelcal improve` gives them.
+
+    The last of three recordings or more is held out whose axis and mount another one has; else the end of the first.
+    """
+    motions = [(number, run.recording) for number, run in enumerate(runs) if run.recording is not None]
+    given = [replace(run, role="fit", held_out=None) for run in runs]
+    last = run_to_hold_out([recording for _, recording in motions])
+    if last is not None:
+        number = motions[last][0]
+        given[number] = replace(given[number], role="hold out")
+    return with_something_held_out(given)
+
+
+def with_role(runs: Sequence[Run], number: int, role: Role) -> tuple[Run, ...]:
+    """The files with another role for one of them.
+
+    A recording that is held out takes the place of parts that were; when the last one is used otherwise, the end of the
+    first fitted one is held out again.
+
+    Raises
+    ------
+    Refused
+        If dwells were to be held out, or no recording would be left to fit.
+    """
+    run = runs[number]
+    if role == "hold out" and run.dwells is not None:
+        raise Refused(f"{run.name}: dwells show no motion to compare a model with; fit them, or leave them out")
+    made = [replace(one, held_out=None) if role == "hold out" else one for one in runs]
+    made[number] = replace(run, role=role, held_out=run.held_out if role == "fit" else None)
+    return with_something_held_out(made)
+
+
+def with_something_held_out(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """The files; where nothing is held out, the end of the first recording that is fitted is.
+
+    Raises
+    ------
+    Refused
+        If no recording is fitted.
+    """
+    fitted = [number for number, run in enumerate(runs) if run.role == "fit" and run.recording is not None]
+    if not fitted and any(run.recording is not None for run in runs):
+        raise Refused("no recording would be left to fit; give another one the role fit first")
+    if not fitted or any(run.holds_out for run in runs):
+        return tuple(runs)
+    first = fitted[0]
+    return tuple(replace(run, held_out=run.end) if number == first else run for number, run in enumerate(runs))
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """Effects of one session, as they are sent to a worker."""
+
+    formulas: tuple[Formula, ...] = ()
+    """Effects of the user."""
+    channels: tuple[tuple[str, str], ...] = ()
+    """Side channels of its recordings, and their units."""
+
+    @classmethod
+    def to(cls, state: State) -> Known:
+        """What a state holds."""
+        recordings = [run.recording for run in state.runs if run.recording is not None]
+        units = dict(pair for recording in recordings for pair in units_of(recording))
+        return cls(tuple(Formula.of(own) for own in state.own), tuple(units.items()))
+
+    @contextmanager
+    def catalogue(self) -> Iterator[None]:
+        """The catalogue of this session; what is entered inside is forgotten behind it."""
+        with CATALOGUE.apart():
+            for formula in self.formulas:  # first: a channel that comes later makes way
+                formula.enter()
+            side_channels(self.channels)
+            yield
+
+
+def units_of(recording: Recording) -> tuple[tuple[str, str], ...]:
+    """Side channels with their units."""
+    return tuple((channel.name, channel.unit) for channel in recording.side.values())

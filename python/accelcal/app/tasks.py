@@ -1,38 +1,117 @@
-"""The long work of a workbench, one function each: what goes in and what comes out can be sent to another process."""
+"""The long work of a workbench, one function each, whose input and output can be sent to another process; examples."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal, TypeAlias
+
+import numpy as np
 
 from accelcal import io
 from accelcal._support.progress import within
 from accelcal.app import mapping
-from accelcal.app.examples import EXAMPLES
 from accelcal.app.session_content import Formula
+from accelcal.app.state import Run, units_of
 from accelcal.app.workers import Report
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module
 from accelcal.data import summary
 from accelcal.data.dwells import Dwells
-from accelcal.data.recording import Recording
+from accelcal.data.recording import Recording, RecordingError
 from accelcal.data.rig import Rig
+from accelcal.demo import TRUTH, with_effect
 from accelcal.diagnosis.run_agreement import RunValues
 from accelcal.diagnosis.verdict import Diagnosis
-from accelcal.effects import Effect, find
+from accelcal.effects import Effect, find, spelled
+from accelcal.effects.processes import side_channels
 from accelcal.estimation.estimate import Fit
+from accelcal.estimation.run import prepare
+from accelcal.io.sidecar import has_sidecar
 from accelcal.model import Model
 from accelcal.plots.timeline import Marks, marks
 from accelcal.report import gather, html
 from accelcal.response import FrequencyResponse, frequency_response
 from accelcal.results import model_file
 from accelcal.results.json import content as content_of
+from accelcal.results.words import with_unit
 from accelcal.signals.signals import Origins
+from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.differences import Comparison
 from accelcal.validation.ruler import Ruler
 from accelcal.workflow import add, compare, compare_models, diagnose, drop, fit, run_values
+
+
+@dataclass(frozen=True, slots=True)
+class Example:
+    """A recording that is simulated when it is asked for; the same one every time."""
+
+    title: str
+    about: str
+    """What was recorded, without the answer."""
+    motion: str
+    """Profile of `accelcal.simulation.motion`."""
+    effect: str
+    """What is hidden: a name of the catalogue."""
+    size: float
+    """Its coefficient, SI."""
+    seed: int
+    seconds: float = 40.0
+
+    @property
+    def answer(self) -> str:
+        """The hidden effect with its true coefficient, a sentence."""
+        size = with_unit(f"{self.size:g}", find(self.effect).unit)
+        return f"Hidden: {spelled(self.effect)}, with the coefficient {size}."
+
+    def record(self) -> Recording:
+        """Simulate the recording."""
+        rng = np.random.default_rng(self.seed)
+        made = simulate(self.motion, seconds=self.seconds, rig=CXL02_RIG, parameters=TRUTH, rng=rng)
+        return with_effect(made, find(self.effect), self.size, {}, prepare(made.recording).origins)
+
+
+EXAMPLES: Mapping[str, Example] = MappingProxyType(
+    {
+        "stage": Example(
+            "A positioning stage",
+            "It moves, stops and moves back. Without position the model drifts by centimetres within seconds.",
+            "moves",
+            "coulomb",
+            2e-2,
+            1,
+        ),
+        "shaker": Example(
+            "A shaker",
+            "Bursts of vibration with rests between them. What the sensor says depends on how hard it is shaken.",
+            "bursts",
+            "quadratic",
+            2e-3,
+            2,
+        ),
+        "mixed": Example(
+            "Moves and bursts",
+            "Slow moves and fast bursts in turn. Two effects look alike here; the product says which, and how to "
+            "separate them.",
+            "interleaved",
+            "cubic",
+            1e-3,
+            1,
+        ),
+    }
+)
+"""By the name of the file that each becomes: example_NAME.csv."""
+PREFIX = "example_"
+
+
+def example_of(path: Path | None) -> Example | None:
+    """The example that a recording of this name is; None where it is none."""
+    if path is None or not path.stem.startswith(PREFIX):
+        return None
+    return EXAMPLES.get(path.stem.removeprefix(PREFIX))
+
 
 Data: TypeAlias = Sequence[Recording | Dwells]
 """What models are fitted to: recordings and dwells of one sensor."""
@@ -157,3 +236,125 @@ def simulated(path: Path, name: str, *, progress: Report) -> None:
 def effects(names: Sequence[str]) -> tuple[Effect, ...]:
     """Effects of the catalogue by their names."""
     return tuple(find(name) for name in names)
+
+
+MOST_BYTES = 1_000_000_000
+"""Largest file that is read."""
+MOST_SAMPLES = 20_000_000
+"""Largest number of accelerometer samples."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """Reads files for one workbench."""
+
+    done: Callable[..., Any]
+    """Has a task done."""
+    folder: Path
+    """For sidecars that were written on the page."""
+    plain: Callable[[str], str]
+    """A sentence with file names as the user knows them."""
+    arrived: Callable[[Recording], None] = lambda recording: None
+    """Called with a recording that was read, before it is checked."""
+
+    def several(self, paths: Sequence[Path], present: Sequence[Run], progress: Report) -> tuple[Run, ...]:
+        """Read files of one sensor; one without a sidecar has the rig of the first recording that has one.
+
+        Parameters
+        ----------
+        paths : what is read.
+        present : what the workbench has already.
+
+        Raises
+        ------
+        RecordingError
+            If one cannot be read as a table.
+        """
+        order = sorted(range(len(paths)), key=lambda number: not has_sidecar(paths[number]))
+        found: dict[int, Run] = {}
+        for count, number in enumerate(order):
+            runs = [run for run in (*present, *found.values()) if run.recording is not None and not run.lender]
+            lender = next((run for run in runs if run.sidecar is not None or has_sidecar(run.file)), None)
+            share = within(progress, count / len(paths), (count + 1) / len(paths))
+            found[number] = self.run(paths[number], None, lender, share)
+        return tuple(found[number] for number in range(len(paths)))
+
+    def run(self, path: Path, sidecar: str | None, lender: Run | None, progress: Report) -> Run:
+        """Read a file; where its columns are not understood, `Run.problem` says why.
+
+        Parameters
+        ----------
+        path : the file.
+        sidecar : text in place of the sidecar beside it.
+        lender : whose rig it has where it has no sidecar.
+
+        Raises
+        ------
+        RecordingError
+            If it cannot be read as a table.
+        """
+        columns: tuple[str, ...] = ()
+        template = ""
+        borrowed = lender if lender is not None and sidecar is None and not has_sidecar(path) else None
+        try:
+            size = path.stat().st_size if path.is_file() else 0
+            if size > MOST_BYTES:
+                raise RecordingError(
+                    f"{path.name}: {size / 1e6:.0f} MB; the limit of the workbench is {MOST_BYTES / 1e6:.0f} MB. "
+                    "Convert it to Parquet, cut it, or use the command line"
+                )
+            columns, template = self.done(columns, path, progress=within(progress, 0.0, 0.1))
+            rig: Path | Rig | None = self.declared(path, sidecar)
+            if borrowed is not None and borrowed.recording is not None:
+                rig = borrowed.recording.rig
+            known = self.read(path, rig, within(progress, 0.1, 0.4))
+        except RecordingError as error:
+            if not columns:
+                raise
+            problem = self.plain(str(error))
+            return Run(path, sidecar, columns=columns, template=template, problem=problem)
+        progress(0.4)
+        if isinstance(known, Dwells):
+            return Run(path, sidecar, columns=columns, template=template, dwells=known)
+        self.arrived(known)
+        checked: Checked = self.done(check, known, progress=within(progress, 0.4, 0.98))
+        return Run(
+            file=path,
+            sidecar=sidecar,
+            lender=borrowed.name if borrowed is not None else "",
+            columns=columns,
+            template=template,
+            recording=known,
+            summary=checked.summary,
+            used=(checked.marks.start, checked.marks.end),
+            breaks=checked.marks.breaks,
+            marks=checked.marks,
+        )
+
+    def declared(self, path: Path, sidecar: str | None) -> Path | None:
+        """The file of a sidecar that the user has written here; None: the one beside the recording."""
+        if sidecar is None:
+            return None
+        declared = self.folder / "sidecar" / io.sidecar_of(path).name
+        declared.parent.mkdir(parents=True, exist_ok=True)
+        io.atomic_write(declared, sidecar)
+        return declared
+
+    def read(self, path: Path, rig: Path | Rig | None, progress: Report) -> Recording | Dwells:
+        """Read a file as what it is.
+
+        Raises
+        ------
+        RecordingError
+            If it is not understood, or has more samples than the workbench takes.
+        """
+        known: Recording | Dwells = self.done(load, path, rig, progress=progress)
+        if isinstance(known, Dwells):
+            return known
+        if len(known.accel) > MOST_SAMPLES:
+            raise RecordingError(
+                f"{path.name}: {len(known.accel)} samples; the limit of the workbench is {MOST_SAMPLES}. "
+                "Cut the file, or use the command line"
+            )
+        side_channels(units_of(known))  # their effects have names in every process
+        return known

@@ -21,22 +21,32 @@ from typing import Any, Concatenate, Literal, ParamSpec
 from accelcal import io
 from accelcal._support import internal_error
 from accelcal._support.progress import within
-from accelcal.app import mapping, roles, session_file, tasks
-from accelcal.app.examples import PREFIX
-from accelcal.app.known import Known
-from accelcal.app.opened_session import OpenedSession
-from accelcal.app.reading import Reader
-from accelcal.app.roles import Refused
-from accelcal.app.run import Role, Run, Stretch, time_span
-from accelcal.app.session_content import MOST_GUESTS, Formula
-from accelcal.app.state import Cancelled, Change, Guest, Job, State, Step
-from accelcal.app.tasks import Export
+from accelcal.app import mapping, session_file, tasks
+from accelcal.app.session_content import MOST_GUESTS, Formula, OpenedSession
+from accelcal.app.state import (
+    Cancelled,
+    Change,
+    Guest,
+    Job,
+    Known,
+    Refused,
+    Role,
+    Run,
+    State,
+    Step,
+    Stretch,
+    divided,
+    time_span,
+    with_role,
+    with_something_held_out,
+)
+from accelcal.app.tasks import PREFIX, Export, Reader
 from accelcal.app.workers import Compute, Report, direct
 from accelcal.data.recording import Recording, require_same_sensor
 from accelcal.diagnosis.run_agreement import RunValues
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.estimation.estimate import Fit, require_distinct
-from accelcal.io.formats import READABLE
+from accelcal.io.files import READABLE
 from accelcal.model import Model
 from accelcal.response import FrequencyResponse
 from accelcal.results import model_file
@@ -187,12 +197,12 @@ class Workbench:
         path : the file.
         sidecar : text in place of the sidecar beside the file.
         """
-        return State(runs=roles.divided([self._reader().run(path, sidecar, None, progress)]))
+        return State(runs=divided([self._reader().run(path, sidecar, None, progress)]))
 
     @action("reading {0}")
     def load_several(self, state: State, progress: Report, paths: Sequence[Path]) -> State:
         """Begin anew with recordings and dwells of one sensor."""
-        return with_one_to_map(State(runs=roles.divided(self._reader().several(paths, (), progress))))
+        return with_one_to_map(State(runs=divided(self._reader().several(paths, (), progress))))
 
     @action("reading {0}")
     def include(self, state: State, progress: Report, paths: Sequence[Path], role: Role = "fit") -> State:
@@ -202,7 +212,7 @@ class Workbench:
         runs = (*state.runs, *further)
         if role != "fit":
             for number in range(len(state.runs), len(runs)):
-                runs = roles.with_role(runs, number, role)
+                runs = with_role(runs, number, role)
         made = with_one_to_map(replace(state, runs=runs))
         return replace(self._divided(state, made.runs, within(progress, 0.5, 0.98)), shown=made.shown)
 
@@ -227,9 +237,7 @@ class Workbench:
         runs = tuple(read.get(id(run), run) for run in state.runs)
         all_new = all(run.problem for run in state.runs)
         return without_models(
-            with_one_to_map(
-                replace(state, runs=roles.divided(runs) if all_new else roles.with_something_held_out(runs))
-            )
+            with_one_to_map(replace(state, runs=divided(runs) if all_new else with_something_held_out(runs)))
         )
 
     def _divided(self, state: State, runs: tuple[Run, ...], progress: Report) -> State:
@@ -256,7 +264,7 @@ class Workbench:
     @action("choosing what is held out")
     def assign(self, state: State, progress: Report, number: int, role: Role) -> State:
         """Choose what a file is used for."""
-        return self._divided(state, roles.with_role(state.runs, known_number(state, number), role), progress)
+        return self._divided(state, with_role(state.runs, known_number(state, number), role), progress)
 
     @action()
     def remove(self, state: State, progress: Report, number: int) -> State:
@@ -264,7 +272,7 @@ class Workbench:
         rest = tuple(run for at, run in enumerate(state.runs) if at != known_number(state, number))
         if not any(run.recording is not None for run in rest):
             raise Refused("this is the only recording; load another one to begin anew")
-        return self._divided(replace(state, shown=0), roles.with_something_held_out(rest), progress)
+        return self._divided(replace(state, shown=0), with_something_held_out(rest), progress)
 
     @action()
     def show(self, state: State, progress: Report, number: int) -> State:
@@ -631,11 +639,11 @@ class Workbench:
 
         Parameters
         ----------
-        name : of an example in `accelcal.app.examples.EXAMPLES`.
+        name : of an example in `accelcal.app.tasks.EXAMPLES`.
         """
         path = self.upload_folder() / f"{PREFIX}{name}.csv"
         self._done(tasks.simulated, path, name, progress=within(progress, 0.0, 0.3))
-        return State(runs=roles.divided([self._reader().run(path, None, None, within(progress, 0.3, 1.0))]))
+        return State(runs=divided([self._reader().run(path, None, None, within(progress, 0.3, 1.0))]))
 
     def model_text(self) -> str:
         """The current model, as `accelcal fit -o` writes it."""

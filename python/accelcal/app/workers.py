@@ -1,8 +1,15 @@
-"""A few processes that do the long work, so that no page waits for another's; ended at once when work is cancelled."""
+"""Processes that do the long work of a workbench, ended at once when it is cancelled, and threads that wait for them.
+
+A worker takes a task, tells its progress and gives a result; it ends when its parent does.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+import contextvars
+import copyreg
+import hashlib
 import logging
 import os
 import pickle
@@ -10,15 +17,183 @@ import queue
 import subprocess
 import sys
 import threading
+import traceback
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from queue import SimpleQueue
+from threading import Thread
+from types import MappingProxyType
+from typing import Any, BinaryIO, Protocol, TypeVar
 
 from accelcal._support import internal_error
 from accelcal._support.errors import AccelcalError
 from accelcal._support.process import end, send
-from accelcal.app.known import Known
-from accelcal.app.worker import Answer, Request
+from accelcal.app.state import Known
+from accelcal.data.recording import Recording
+
+SHARE_OF_MEMORY = 0.75
+"""Part of the machine's memory that the work may take."""
+PATIENCE = 5
+"""By how much this process is nicer than the server: whoever looks at a page should not wait for another's fit."""
+MOST_RECORDINGS, MOST_SAMPLES = 4, 20_000_000
+"""Recordings that a worker remembers, the parts of a session that are fitted and held out most often, and samples in
+all of them (16 bytes each); the last one in any case."""
+EXPENDABLE = "600"
+"""Where memory is short, the system ends this process rather than the one with everybody's work (0 to 1000)."""
+
+
+def _view(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(content)
+
+
+copyreg.pickle(MappingProxyType, lambda view: (_view, (dict(view),)))  # tables that nobody may change are sent, too
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """One piece of work."""
+
+    task: Callable[..., Any]
+    """A function of `tasks.py`; it takes a keyword `report`."""
+    args: tuple[Any, ...]
+    known: Known
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a worker sends: progress while it works, then a result or an error."""
+
+    share: float = 1.0
+    final: bool = False
+    found: Any = None
+    error: BaseException | None = None
+    trace: str = ""
+    """Where the error was raised, for the log."""
+
+
+class KnownRecordings:
+    """The last recordings that tasks came with, so that what was found of one (`found_before`) is found once.
+
+    A recording is sent with each task and would be a new object each time; one with the same content takes its place.
+    """
+
+    def __init__(self) -> None:
+        self._by_content: dict[bytes, Recording] = {}
+
+    def __call__(self, given: Any) -> Any:
+        """An argument of a task with known recordings in it: alone, or in a tuple or list."""
+        if isinstance(given, Recording):
+            return self._known(given)
+        if isinstance(given, (tuple, list)) and any(isinstance(one, Recording) for one in given):
+            return type(given)(map(self, given))
+        return given
+
+    def _known(self, recording: Recording) -> Recording:
+        content = content_of(recording)
+        known = self._by_content.pop(content, recording)
+        self._by_content[content] = known
+        while len(self._by_content) > 1 and self._too_much():
+            del self._by_content[next(iter(self._by_content))]
+        return known
+
+    def _too_much(self) -> bool:
+        kept = self._by_content.values()
+        return len(kept) > MOST_RECORDINGS or sum(len(one.accel) + len(one.position) for one in kept) > MOST_SAMPLES
+
+
+def content_of(value: object) -> bytes:
+    """A hash of everything in a value: its arrays and all else."""
+    arrays: list[pickle.PickleBuffer] = []
+    found = hashlib.blake2b(pickle.dumps(value, pickle.HIGHEST_PROTOCOL, buffer_callback=arrays.append))
+    for array in arrays:
+        found.update(array.raw())
+    return found.digest()
+
+
+def main() -> None:
+    """Work until the parent closes the pipe."""
+    taking, giving = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a library prints must not stand between the answers
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    _limit()
+    requests: SimpleQueue[Request] = SimpleQueue()
+    Thread(target=_listen, args=(taking, requests), daemon=True).start()
+    known = KnownRecordings()
+    with suppress(BrokenPipeError, KeyboardInterrupt):
+        while True:
+            _answer(requests.get(), known, giving)
+
+
+def _listen(taking: BinaryIO, requests: SimpleQueue[Request]) -> None:
+    """Pass requests on; end the process in the midst of its work where the parent has gone."""
+    try:
+        while True:
+            requests.put(pickle.load(taking))
+    finally:
+        os._exit(0)
+
+
+def _answer(request: Request, known: KnownRecordings, giving: BinaryIO) -> None:
+    """Do one piece of work and send what came of it."""
+
+    def report(share: float) -> None:
+        pickle.dump(Answer(share), giving)
+        giving.flush()
+
+    try:
+        with request.known.catalogue():
+            answer = Answer(final=True, found=request.task(*map(known, request.args), progress=report))
+    except Exception as error:
+        answer = Answer(final=True, error=_portable(error), trace=traceback.format_exc())
+    try:
+        content = pickle.dumps(answer, pickle.HIGHEST_PROTOCOL)
+    except Exception as error:
+        content = pickle.dumps(Answer(final=True, error=_portable(error), trace=traceback.format_exc()))
+    giving.write(content)
+    giving.flush()
+
+
+def _portable(error: Exception) -> Exception:
+    """The error, or, where it cannot be sent, one that tells what it was."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return RuntimeError(f"{type(error).__name__}: {error}")
+    return error
+
+
+def _limit() -> None:
+    """Bound the memory of this process, and let the server that answers pages go first, where the system can."""
+    with suppress(ImportError, OSError, ValueError):
+        import resource
+
+        most = int(SHARE_OF_MEMORY * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+    with suppress(AttributeError, OSError):
+        os.nice(PATIENCE)
+    with suppress(OSError), open("/proc/self/oom_score_adj", "w") as file:
+        file.write(EXPENDABLE)
+
+
+Result = TypeVar("Result")
+_ACTIONS = ThreadPoolExecutor(64, "action")
+"""They wait, mostly, and each of a session's pages may have one that does."""
+_DRAWING = ThreadPoolExecutor(2, "drawing")
+"""They hold the interpreter, so that many of them would keep it from answering pages."""
+
+
+async def act(action: Callable[..., Result], *args: object) -> Result:
+    """Run an action, which may wait for long."""
+    return await asyncio.get_running_loop().run_in_executor(_ACTIONS, action, *args)
+
+
+async def draw(make: Callable[[], Result]) -> Result:
+    """Make figures, with the catalogue of effects that the caller has."""
+    return await asyncio.get_running_loop().run_in_executor(_DRAWING, contextvars.copy_context().run, make)
+
 
 MOST = 4
 """Workers at a time, at most; not more than processors."""
@@ -148,7 +323,7 @@ class _Worker:
 
     def __init__(self, folder: Path) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-c", "from accelcal.app.worker import main; main()"],
+            [sys.executable, "-c", "from accelcal.app.workers import main; main()"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             cwd=folder,

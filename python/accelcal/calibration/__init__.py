@@ -1,5 +1,5 @@
 """Calibration: the static characteristic of a sensor, its uncertainty budget, and code that inverts it."""
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 
 __dir__ = listing(globals())

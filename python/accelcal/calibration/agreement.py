@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.calibration.budget import COVERAGE_FACTOR, Budget, budget, expanded_uncertainty, standard_uncertainty
 from accelcal.calibration.characteristic import STATIC, characteristic
 from accelcal.data.arrays import Array

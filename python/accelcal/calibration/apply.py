@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from accelcal._support.errors import AccelcalError
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.calibration.characteristic import STATIC, characteristic
 from accelcal.estimation.estimate import Fit
 

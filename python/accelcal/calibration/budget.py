@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.effects import find, static_terms
 from accelcal.estimation.estimate import Fit

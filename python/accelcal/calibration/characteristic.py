@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.data.arrays import Array
 from accelcal.effects import BUILT_IN, Effect, static_terms
 from accelcal.estimation.estimate import Fit

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.campaign.store import CampaignError, Outcome, Results, begin, forget_failures, items, keep, load, opened
 from accelcal.campaign.task import Item, Task, compute, label
 

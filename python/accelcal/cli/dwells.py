@@ -27,7 +27,7 @@ from accelcal.cli.overwriting import mark_of
 
 if TYPE_CHECKING:
     from accelcal.estimation.triad import Positions, TriadFit
-    from accelcal.io.rests import Rest, Rests
+    from accelcal.io.dwells import Rest, Rests
 
 SHORTEST = "2 s"
 
@@ -58,7 +58,7 @@ def dwells(
     """
     from accelcal.cli.terminal import show_table
     from accelcal.estimation.triad import fit_triad
-    from accelcal.io.rests import load_rests, table_of, write_table
+    from accelcal.io.dwells import load_rests, table_of, write_table
 
     shortest = parse_quantity(least, "time", "--least") or 0.0
     with progress("dwells"):

@@ -97,7 +97,7 @@ def recordings_in(folders: list[Path]) -> list[Path]:
     UsageError
         If a folder is none or holds no recording, or two have one name.
     """
-    from accelcal.io.formats import READABLE
+    from accelcal.io.files import READABLE
 
     files: list[Path] = []
     names: dict[str, Path] = {}

@@ -59,7 +59,7 @@ def held_out(holdout: Path | None) -> tuple[str | Path, ...]:
 
 def fitted_files(fit: Fit, *given: Path) -> list[Path | None]:
     """Recordings of a model, looked for beside the files that a command was given; None for one that is elsewhere."""
-    from accelcal.io.dwell_table import digest_of
+    from accelcal.io.loading import digest_of
 
     def place(run: RunFit) -> Path | None:
         beside = (folder / run.name for folder in dict.fromkeys(path.parent for path in given))

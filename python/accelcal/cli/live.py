@@ -25,7 +25,7 @@ from accelcal.cli.common import (
 if TYPE_CHECKING:
     from accelcal.cli.live_faces import Lines
     from accelcal.estimation.estimate import Fit
-    from accelcal.io.stream_source import ByteSource
+    from accelcal.io.stream import ByteSource
     from accelcal.live import LiveSession, LiveSettings
     from accelcal.live.session import LiveState
 
@@ -102,22 +102,22 @@ def source_of(
     UsageError
         If it is none, or more than one, or described in part.
     """
-    from accelcal.io import stream_source
+    from accelcal.io import stream
 
     if sum(each is not None for each in (serial, tcp, file)) != 1:
         raise UsageError("give one of --serial DEV --baud N, --tcp HOST:PORT and --file PATH")
     if (serial is None) != (baud is None):
         raise UsageError("--serial and --baud belong together, such as --serial /dev/ttyUSB0 --baud 921600")
     if serial is not None and baud is not None:
-        return functools.partial(stream_source.open_serial, serial, baud)
+        return functools.partial(stream.open_serial, serial, baud)
     if follow and file is None:
         raise UsageError("--follow belongs to --file; a serial port and a TCP server are followed anyway")
     if file is not None:
-        return functools.partial(stream_source.open_growing if follow else stream_source.open_file, file)
+        return functools.partial(stream.open_growing if follow else stream.open_file, file)
     host, colon, port = (tcp or "").rpartition(":")
     if not (host and colon and port.isascii() and port.isdecimal() and 0 < int(port[:9]) < 1 << 16):
         raise UsageError(f"--tcp {tcp!r}: expected HOST:PORT, such as 192.168.1.7:5025")
-    return functools.partial(stream_source.open_tcp, host.removeprefix("[").removesuffix("]"), int(port))
+    return functools.partial(stream.open_tcp, host.removeprefix("[").removesuffix("]"), int(port))
 
 
 def refuse_replacing(output: Path) -> None:
@@ -173,7 +173,7 @@ def require_small_bias(state: LiveState, save: Path) -> None:
         Saying by how much, and what to do.
     """
     from accelcal.data.recording import RecordingError
-    from accelcal.live.regressor import MOST_SAVED
+    from accelcal.live.tracker import MOST_SAVED
 
     bias = state.regressor_bias
     if bias is not None and bias.sigma > MOST_SAVED:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Self
 from accelcal._support.plain_text import visible
 from accelcal.cli.common import print_json, print_status
 from accelcal.cli.terminal import say_line
-from accelcal.live.monitor import Alarm
 from accelcal.live.session import LiveEvent, LiveState
+from accelcal.live.tracker import Alarm
 from accelcal.model import Estimate
 from accelcal.results.json import content
 from accelcal.results.words import number, with_unit

@@ -1,6 +1,6 @@
 """Which files a command replaces: what the same command has written before, and with --force whatever is there.
 
-A recording and its sidecar are known by the mark in the sidecar (`accelcal.io.written`), a model by the recordings that
+A recording and its sidecar are known by the mark in the sidecar (`accelcal.io.write`), a model by the recordings that
 it was fitted to, other JSON by its schema, a table by its header, text by the name of its maker. Figures are replaced.
 """
 
@@ -77,8 +77,8 @@ def refuse_overwriting(given: Mapping[str, Any]) -> None:
 def mark_of(recording: Path) -> Callable[[str], str]:
     """How the sidecar of a recording, which is written before it, is marked by the command under way."""
     from accelcal.io.atomic import waiting
-    from accelcal.io.dwell_table import digest_of
-    from accelcal.io.written import marked
+    from accelcal.io.loading import digest_of
+    from accelcal.io.write import marked
 
     command = writing.get().command
     return (lambda text: marked(text, command, digest_of(waiting(recording)))) if command else str
@@ -122,8 +122,8 @@ def require_replaceable(
 def _of_recording(path: Path, command: str) -> str:
     """Why a recording is not written with its sidecar; "" where it may be."""
     from accelcal.io import sidecar_of
-    from accelcal.io.formats import READABLE
-    from accelcal.io.written import writer_of
+    from accelcal.io.files import READABLE
+    from accelcal.io.write import writer_of
 
     sidecar = sidecar_of(path)
     others = [each for each in map(path.with_suffix, READABLE) if each != path and each.is_file()]
@@ -139,7 +139,7 @@ def _of_file(path: Path, command: str, read: Sequence[Path], models: Sequence[Pa
     """Why a model, a table or a page is not written; "" where it may be."""
     if not path.is_file() or path.suffix in FIGURES or not path.stat().st_size:
         return ""
-    from accelcal.io.dwell_table import digest_of
+    from accelcal.io.loading import digest_of
     from accelcal.results.json_text import read_json
 
     if path.suffix == ".json":
@@ -187,7 +187,7 @@ def _digests(sources: Sequence[Mapping[str, Any]]) -> set[Any]:
 
 def _is_text_of_accelcal(path: Path) -> bool:
     """Whether a file that is no recording says that accelcal made it, or is a table of `response`."""
-    from accelcal.io.formats import READABLE
+    from accelcal.io.files import READABLE
     from accelcal.response.table import COLUMNS
 
     with path.open("rb") as file:

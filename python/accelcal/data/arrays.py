@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal._support.faces import face
+from accelcal._support.values import face
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
-from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
+from accelcal._support.values import immutable
 from accelcal.data.arrays import Array
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
 

@@ -13,10 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from accelcal._support.arguments import check_fields
 from accelcal._support.errors import AccelcalError
-from accelcal._support.faces import face
-from accelcal._support.immutable import immutable
-from accelcal._support.listing import listing
 from accelcal._support.result import Result
+from accelcal._support.values import face, immutable, listing
 from accelcal.data import units
 from accelcal.data.arrays import Array, copied
 from accelcal.data.dwells import Dwells

@@ -7,9 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from accelcal._support.arguments import check_fields
-from accelcal._support.immutable import immutable
-from accelcal._support.listing import listing
-from accelcal._support.short_repr import short_repr
+from accelcal._support.values import immutable, listing, short_repr
 from accelcal.data.channel_filter import ChannelFilter, high_passes
 
 STANDARD_GRAVITY = 9.80665

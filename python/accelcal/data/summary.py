@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import GRAVITY, LEVERS, TURNED
 from accelcal.data.recording import Channel, Recording

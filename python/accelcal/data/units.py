@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal._support.errors import AccelcalError
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.data.unit_grammar import LONGEST, is_legal
 
 _DEFINITIONS = """

@@ -1,5 +1,5 @@
 """Diagnosis: which physical effect a model lacks."""
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 
 __dir__ = listing(globals())

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.faults import glitches
 from accelcal.diagnosis.policy import (

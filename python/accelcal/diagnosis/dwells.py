@@ -10,8 +10,8 @@ import numpy as np
 import scipy
 
 from accelcal._support.arguments import checked
-from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
+from accelcal._support.values import immutable
 from accelcal.data.dwells import Dwells
 from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE, FAMILYWISE_ALPHA
 from accelcal.effects import BUILT_IN, Effect, is_local, users_own

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import scipy
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, PositionStep, Recording
 from accelcal.data.units import instant

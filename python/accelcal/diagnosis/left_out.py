@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from accelcal._support.found_before import found_before
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.data.arrays import Array, Flags
 from accelcal.data.quality import require_usable
 from accelcal.data.recording import Channel, LeftOut, Recording, WrongKind

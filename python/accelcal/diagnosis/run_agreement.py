@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accelcal._support.immutable import immutable
+from accelcal._support.values import immutable
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.policy import HOMOGENEITY_ALPHA
 from accelcal.diagnosis.remarks import Remark, remark

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
-from accelcal._support.faces import face
-from accelcal._support.immutable import immutable
 from accelcal._support.progress import within
 from accelcal._support.result import Result
+from accelcal._support.values import face, immutable
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.contribution import Importance, Size, sizes_of, split

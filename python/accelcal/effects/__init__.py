@@ -1,9 +1,8 @@
 """The catalogue of effects: each is one function that holds its card and computes its column."""
 
-from accelcal._support.listing import listing  # noqa: I001  (the next import enters effects, in its own order)
+from accelcal._support.values import listing  # noqa: I001  (the next import enters effects, in its own order)
 from accelcal.effects import (  # noqa: F401  (importing a file enters its effects, in this order)
     base,
-    cross_axis,
     disturbances,
     drift,
     dynamics,
@@ -12,7 +11,6 @@ from accelcal.effects import (  # noqa: F401  (importing a file enters its effec
     nonlinear,
     stage,
     thermal,
-    turning,
     interactions,
 )
 from accelcal.effects.cards import card, cards, spelled
@@ -31,11 +29,11 @@ from accelcal.effects.registry import (
     family,
 )
 from accelcal.effects.processes import find, next_name, on_demand, stem_of
-from accelcal.effects.side_channels import side_channel, side_channels
+from accelcal.effects.processes import side_channel, side_channels
 from accelcal.effects.formula import ExpressionError, Own, from_expression
 from accelcal.effects.guard import EffectsFileError
-from accelcal.effects.names import Names, names
-from accelcal.effects.pickling import by_name as _by_name  # noqa: F401  (importing it makes effects pickle by name)
+from accelcal.effects.processes import Names, names
+from accelcal.effects.processes import by_name as _by_name  # noqa: F401  (importing it makes effects pickle by name)
 from accelcal.effects.user_file import effect, load_effects
 
 BUILT_IN = tuple(CATALOGUE.values())

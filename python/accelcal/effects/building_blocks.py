@@ -1,8 +1,8 @@
-"""Building blocks of effects with memory: low-pass, play operator, direction of travel, steps, spans of shapes."""
+"""Building blocks of effects: low-pass, play operator, direction of travel, steps, spans of shapes, sizes of noise."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import scipy
@@ -170,3 +170,23 @@ def stroke() -> dict[str, Shape]:
         "low": Shape("m", lambda s: (float(np.min(s.p)),) * 2, trials=1, added=True),
         "high": Shape("m", lambda s: (float(np.max(s.p)),) * 2, trials=1, added=True),
     }
+
+
+def amplitude(estimate: float, parts: Mapping[str, float], signals: Sequence[Signals]) -> float:
+    """The estimate itself, where that is an amplitude."""
+    return estimate
+
+
+def largest(estimate: float, parts: Mapping[str, float], signals: Sequence[Signals]) -> float:
+    """The largest of the outliers."""
+    return parts["largest"]
+
+
+def half_a_step(estimate: float, parts: Mapping[str, float], signals: Sequence[Signals]) -> float | None:
+    """Half the converter's step, by which rounding errs at most; None where no step was found."""
+    return 0.5 * estimate if estimate > 0.0 else None
+
+
+def jitter_at_top_jerk(estimate: float, parts: Mapping[str, float], signals: Sequence[Signals]) -> float:
+    """Standard deviation of the time stamps, s, times the largest jerk of the output."""
+    return estimate * max(s.scale * float(np.max(np.abs(s.jerk))) for s in signals)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.effects.building_blocks import instants, lagged, since, slow, snap
-from accelcal.effects.noise_sizes import jitter_at_top_jerk
+from accelcal.effects.building_blocks import instants, jitter_at_top_jerk, lagged, since, slow, snap
 from accelcal.effects.registry import NoiseSource, Search, Shape, Traits, effect
 from accelcal.signals.signals import Signals
 

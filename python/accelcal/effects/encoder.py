@@ -7,16 +7,17 @@ import numpy as np
 from accelcal.data.arrays import Array
 from accelcal.effects.building_blocks import (
     HIGHEST_HARMONIC,
+    amplitude,
     direction,
     harmonics_of,
     instants,
     lagged_at,
+    largest,
     one_turn,
     periods,
     since,
     slacks,
 )
-from accelcal.effects.noise_sizes import amplitude, largest
 from accelcal.effects.registry import NoiseSource, Search, Shape, Traits, effect
 from accelcal.signals.signals import Signals
 

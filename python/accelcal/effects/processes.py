@@ -1,19 +1,23 @@
-"""Effects made of another one when they are asked for: a random process of its coefficient, and one more wave of it.
+"""Effects entered when they are asked for: processes of a coefficient, further waves, side channels; found by name.
 
 `quadratic_gauss_markov` is a process of any coefficient; `tone_2` is a second line, `encoder_cyclic_2` a second wave.
+Pickles hold the name of an effect, no code.
 """
 
 from __future__ import annotations
 
+import copyreg
 import re
-from collections.abc import Container
+from collections.abc import Callable, Container, Iterable
 from dataclasses import replace
 from itertools import count
+from pickle import PicklingError
 
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
 from accelcal.data.arrays import Array
+from accelcal.data.orientation import ANGULAR_ACCELERATION
 from accelcal.effects import registry
 from accelcal.effects.curves import RECORD, cosines
 from accelcal.effects.drift import BIAS_COSINES, STATIONARY, stationary
@@ -126,3 +130,157 @@ def _enter(name: str, stem: Effect, *, markov: bool) -> None:
         "search": Search(includes=(stem.name,)),
     }
     enter({name: row})
+
+
+KNOWN = ("temperature", "a_y", "a_z")
+"""Channels whose named effects include the channel by itself and times the acceleration."""
+
+
+def side_channel(name: str, unit: str = "") -> Effect:
+    """The effect "the output follows the channel `name`", entered into the catalogue at the first call.
+
+    It has the name of the channel; `_channel` is appended where a physical effect already has that name.
+
+    Parameters
+    ----------
+    name : the recorded channel.
+    unit : its SI unit, for the unit of the coefficient.
+
+    Examples
+    --------
+    >>> from accelcal.effects import side_channel
+    >>> side_channel("supply", "V").unit
+    'm/s²/V'
+    """
+    own = free_name(name, name)
+    if own not in CATALOGUE:
+        enter(
+            {
+                own: {
+                    "function": lambda s: s.side[name],
+                    "card": f"""The output follows the recorded channel {name!r}.
+
+    Equation: e = c {name}.
+    Looks like: a residual proportional to the channel.
+    Easily confused with: any effect that changes together with the channel on this record.
+    Separate by: changing the channel on purpose while everything else stays.
+    """,
+                    "unit": "m/s²" if unit in ("", "1") else f"m/s²/({unit})" if "/" in unit else f"m/s²/{unit}",
+                    "owner": "rig",
+                    "symbol": f"c({name})",
+                    "scale": 1e-3,
+                    "source": "0.1 mg per unit of the channel",
+                    "needs": (name,),
+                    "traits": Traits(follows=name),
+                    "search": Search(includes=("bias",)),
+                }
+            }
+        )
+    return CATALOGUE[own]
+
+
+def side_channel_scale(name: str, unit: str = "") -> Effect:
+    """The effect "the scale factor follows the channel `name`", as `side_channel`; `_scale` follows the name.
+
+    Examples
+    --------
+    >>> from accelcal.effects.processes import side_channel_scale
+    >>> side_channel_scale("supply", "V").unit
+    'V⁻¹'
+    """
+    own = free_name(f"{name}_scale", name)
+    if own not in CATALOGUE:
+        enter(
+            {
+                own: {
+                    "function": lambda s: s.a * s.side[name],
+                    "card": f"""The scale factor follows the recorded channel {name!r}.
+
+    Equation: e = c {name} a.
+    Looks like: a residual proportional to acceleration, its size following the channel.
+    Easily confused with: scale_drift, temperature_scale where the channel changes with time or temperature.
+    Separate by: changing the channel on purpose while the motion stays.
+    """,
+                    "unit": "1" if unit in ("", "1") else f"({unit})⁻¹" if "/" in unit else f"{unit}⁻¹",
+                    "owner": "sensor",
+                    "symbol": f"k({name})",
+                    "scale": 1e-3,
+                    "source": "0.1 % per unit of the channel",
+                    "needs": (name,),
+                    "traits": Traits(follows=name),
+                    "search": Search(includes=("scale_factor",)),
+                }
+            }
+        )
+    return CATALOGUE[own]
+
+
+def side_channels(units: Iterable[tuple[str, str]]) -> tuple[Effect, ...]:
+    """Effects of all channels (name, unit) that have no named physical effect: added, and times the acceleration."""
+    free = [(name, unit) for name, unit in units if name not in KNOWN]
+    return tuple(
+        make(name, unit)
+        for name, unit in free
+        for make in (side_channel, side_channel_scale)
+        if make is side_channel_scale or name != ANGULAR_ACCELERATION  # by itself it is angular_acceleration
+    )
+
+
+def follows_output(effect: Effect) -> bool:
+    """Whether an effect of a channel is added to the output, and not times the acceleration."""
+    return effect.search.includes == ("bias",)
+
+
+def free_name(wanted: str, channel: str) -> str:
+    """A name in the catalogue for an effect of a channel: the wanted one, unless a physical effect has it."""
+    known = CATALOGUE.get(wanted)
+    return wanted if known is None or known.needs == (channel,) else f"{wanted}_channel"
+
+
+class Names:
+    """Every effect of the catalogue as an attribute, whose value is its name; those of users appear when they enter.
+
+    Examples
+    --------
+    >>> Names().cubic, "odd_quadratic" in dir(Names())
+    ('cubic', True)
+    """
+
+    __slots__ = ()
+
+    def __getattr__(self, name: str) -> str:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        try:
+            return find(name).name
+        except ValueError as error:
+            raise AttributeError(str(error)) from None
+
+    def __dir__(self) -> list[str]:
+        return sorted(CATALOGUE)
+
+    def __repr__(self) -> str:
+        return f"Names({len(CATALOGUE)} effects; effects.names.<tab> lists them)"
+
+
+names = Names()
+"""The catalogue's names."""
+
+
+def by_name(effect: Effect) -> tuple[Callable[[str], Effect], tuple[str]]:
+    """What a pickle of an effect holds: its name, under which the reader's catalogue has it.
+
+    Raises
+    ------
+    PicklingError
+        If the catalogue has no such effect, or another one of that name.
+    """
+    if CATALOGUE.get(effect.name) is not effect:
+        raise PicklingError(
+            f"the effect {effect.name} is not the one in the catalogue; enter it with @accelcal.effect or "
+            "accelcal.load_effects, here and where it is read"
+        )
+    return find, (effect.name,)
+
+
+copyreg.pickle(Effect, by_name)  # copies of an effect are the effect itself

@@ -1,4 +1,4 @@
-"""How a function becomes an effect."""
+"""How a function becomes an effect, and the catalogue that it enters."""
 
 from __future__ import annotations
 
@@ -6,21 +6,71 @@ import difflib
 import inspect
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
-from accelcal._support.faces import face
-from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
+from accelcal._support.values import face, immutable
 from accelcal.data.arrays import Array
 from accelcal.effects import guard
-from accelcal.effects.catalogue import Catalogue
 from accelcal.signals.signals import Signals
+
+Entry = TypeVar("Entry")
+
+
+class Catalogue(MutableMapping[str, Entry]):
+    """Entries by name, in the order of entry.
+
+    There is one for the process. Inside :meth:`apart` the same object is another one, for whoever runs in that context
+    alone: a thread or a task begun there sees it if the context is copied to it.
+    """
+
+    def __init__(self) -> None:
+        self._common: dict[str, Entry] = {}
+        self._apart: ContextVar[dict[str, Entry] | None] = ContextVar("catalogue", default=None)
+
+    @contextmanager
+    def apart(self) -> Iterator[None]:
+        """A catalogue that begins as that of the process; what is entered into it or removed is so inside alone."""
+        token = self._apart.set(dict(self._common))
+        try:
+            yield
+        finally:
+            self._apart.reset(token)
+
+    @property
+    def _entries(self) -> dict[str, Entry]:
+        own = self._apart.get()
+        return self._common if own is None else own
+
+    def __getitem__(self, name: str) -> Entry:
+        return self._entries[name]
+
+    def __setitem__(self, name: str, entry: Entry) -> None:
+        self._entries[name] = entry
+
+    def __delitem__(self, name: str) -> None:
+        del self._entries[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._entries)
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._entries
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(self)})"
+
 
 Port = Literal["output", "position", "noise", "process"]
 Owner = Literal["sensor", "mounting", "rig", "encoder", "timing"]

@@ -1,5 +1,5 @@
 """Estimation: one recording through the replay, and Gauss-Newton over all of them."""
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 
 __dir__ = listing(globals())

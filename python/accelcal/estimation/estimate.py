@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
-from accelcal._support.faces import face
-from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
 from accelcal._support.threads import one_thread
+from accelcal._support.values import face, immutable
 from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import high_passes
 from accelcal.data.dwell_sets import dwells_with_first

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal._support.immutable import immutable
-from accelcal._support.listing import listing
 from accelcal._support.result import Result
+from accelcal._support.values import immutable, listing
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
 from accelcal.estimation.estimate import Fit, engine_of, solve_runs

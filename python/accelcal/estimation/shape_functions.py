@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.data.arrays import Array
 from accelcal.effects import Variable, find
 from accelcal.effects.building_blocks import since_reversal

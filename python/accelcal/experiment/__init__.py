@@ -1,6 +1,6 @@
 """Experiment design: what a record or a planned motion can detect, and how to plan a motion (derivations D3.5)."""
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.diagnosis.search.thresholds import predicted_detection
 from accelcal.experiment.design import Plan, plan
 from accelcal.experiment.detectability import Detectability, Group, Power

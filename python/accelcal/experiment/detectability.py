@@ -10,8 +10,8 @@ from typing import Annotated
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
-from accelcal._support.immutable import immutable
 from accelcal._support.result import NotStored, Result
+from accelcal._support.values import immutable
 from accelcal.experiment.detection_probability import DetectionModel
 from accelcal.experiment.drift_bandwidth import DriftBandwidth
 

@@ -1,6 +1,6 @@
 """Live filters: the paper's nonlinear Kalman filters over a record, a stream, or at a fixed rate."""
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.filters.choice import MOTION, PARAMETERS, FilterChoice, GaussMarkov
 from accelcal.filters.fixed_rate_filter import MOST_EFFECTS, fixed_rate, fixed_rate_with_effects
 from accelcal.filters.record import BatchRun, FilterRun, ForwardParameters, forward_parameters, run, run_batch

@@ -8,8 +8,7 @@ from typing import Literal
 
 from accelcal._support.arguments import check_fields
 from accelcal._support.errors import AccelcalError
-from accelcal._support.immutable import immutable
-from accelcal._support.short_repr import short_repr
+from accelcal._support.values import immutable, short_repr
 
 MOTION = {"aci": ("p", "v"), "cwpa": ("p", "v", "a")}
 PARAMETERS = {"linear": ("k", "K0"), "cubic": ("k", "K0", "K2", "K3")}

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from accelcal import _core
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
-from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
+from accelcal._support.values import immutable
 from accelcal.data.arrays import Array, Counts, Flags, copied
 from accelcal.data.recording import Channel
 from accelcal.filters.choice import PARAMETERS, FilterChoice, GaussMarkov

@@ -1,6 +1,6 @@
 """Files become recordings here and only here: nothing guessed, nothing repaired silently."""
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.io.atomic import atomic, atomic_write, together
 from accelcal.io.dwells import declares_dwells, load_dwells
 from accelcal.io.loading import load

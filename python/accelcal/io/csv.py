@@ -14,9 +14,7 @@ from typing import Any
 
 from accelcal.data import units
 from accelcal.data.recording import RecordingError
-from accelcal.io import arrow
-from accelcal.io.limits import MOST_COLUMNS
-from accelcal.io.table import Column, Table
+from accelcal.io.table import MOST_COLUMNS, Column, Table, from_arrow
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,7 +269,7 @@ def _read(path: Path, dialect: _Dialect, names: Sequence[str]) -> Mapping[str, C
         columns = {}
         for name in names:
             cells = table.column(index[name]).combine_chunks()
-            columns[name] = arrow.column(_instants(cells) if name in dialect.stamps else cells)
+            columns[name] = from_arrow(_instants(cells) if name in dialect.stamps else cells)
         return columns
     except pa.ArrowInvalid as error:
         raise RecordingError(f"{path}: {_fault(data, dialect, names) or error}") from None

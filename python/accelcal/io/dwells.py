@@ -1,21 +1,28 @@
-"""From files to dwells: a table with one line for each, or a recording at rest whose attitude is declared."""
+"""From files to dwells: a table with one line each, a recording at rest, or the rests of a long record."""
 
 from __future__ import annotations
 
+import csv
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from accelcal._support.arguments import checked
-from accelcal.data.dwells import Dwells
+from accelcal.data.arrays import Array
+from accelcal.data.dwells import Dwells, DwellSetup
 from accelcal.data.recording import Recording, RecordingError
-from accelcal.data.rig import STANDARD_GRAVITY
+from accelcal.data.rests import rests
+from accelcal.data.rig import STANDARD_GRAVITY, Rig
 from accelcal.io.assign import fix
-from accelcal.io.dwell_table import assumed, from_table, is_table
-from accelcal.io.files import is_there
-from accelcal.io.formats import open_table
-from accelcal.io.loading import load
-from accelcal.io.sidecar import Sidecar, has_sidecar, no_sidecar, read_sidecar, sidecar_of
+from accelcal.io.atomic import atomic_write, together
+from accelcal.io.files import is_there, open_table
+from accelcal.io.loading import COLUMNS, assumed, from_table, is_table, load
+from accelcal.io.sidecar import Sidecar, Source, has_sidecar, no_sidecar, read_sidecar, sidecar_of
+from accelcal.io.write import write_sidecar
 
 
 def declares_dwells(path: Path, rig: Path | None = None) -> bool:
@@ -92,3 +99,140 @@ def from_recording(recording: Recording, declared: Sidecar, sidecar: Path) -> Dw
         digest=recording.digest,
         assumptions=assumed(setup),
     )
+
+
+TRIAD = ("accel_x", "accel_y", "accel_z")
+"""Channels of the three outputs of a triad."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """One rest."""
+
+    start: float
+    """s"""
+    end: float
+    """s"""
+    samples: int
+    mean: tuple[float, ...]
+    """Of each output."""
+    std: tuple[float, ...]
+    """Of the samples."""
+    temperature: float | None
+    """degC"""
+
+
+@dataclass(frozen=True, slots=True)
+class Rests:
+    """Rests of one record."""
+
+    name: str
+    t: Array
+    """(n,) s"""
+    outputs: Array
+    """(n, axes)"""
+    names: tuple[str, ...]
+    unit: str
+    rests: tuple[Rest, ...]
+    setup: DwellSetup
+    rig: Rig
+
+    @property
+    def triad(self) -> bool:
+        """Whether three outputs at unknown attitudes are to be calibrated by the norm of gravity."""
+        return len(self.names) == len(TRIAD)
+
+    @property
+    def gravity(self) -> float:
+        """Local gravity, m/s²."""
+        return self.setup.gravity or STANDARD_GRAVITY
+
+
+def load_rests(path: Path, rig: Path | None, least: float) -> Rests:
+    """Read a record and find its rests, each at least so long, s.
+
+    Raises
+    ------
+    RecordingError
+        If there is none, or the outputs of a triad are sampled at different times.
+    """
+    sidecar = rig or sidecar_of(path)
+    declared = read_sidecar(sidecar) if rig is not None or has_sidecar(path) else no_sidecar()
+    triad = [name for name in TRIAD if name in declared.channels]
+    if triad and len(triad) < len(TRIAD):
+        lost = next(name for name in TRIAD if name not in triad)
+        raise RecordingError(f"{sidecar}: channels.{lost} is missing; a triad is {', '.join(TRIAD)}")
+    setup = declared.dwell or DwellSetup()
+    if triad and not setup.unknown:
+        raise RecordingError(
+            f"{sidecar}: three outputs are calibrated from positions of unknown attitude; "
+            + fix(sidecar, '[dwell]\nattitude = "unknown"\ngravity = "9.81 m/s^2"')
+        )
+    recording = load(path, rig, need_position=False, need_accel=not triad)
+    channels = [recording.side[name] for name in TRIAD] if triad else [recording.accel]
+    first = channels[0]
+    for channel in channels[1:]:
+        if len(channel) != len(first) or not np.array_equal(channel.t, first.t) or channel.unit != first.unit:
+            raise RecordingError(
+                f"{path}: {channel.name} and {first.name} differ in their times or units; expected one row for all "
+                "three outputs of the triad"
+            )
+    outputs = np.column_stack([channel.y for channel in channels])
+    warm = recording.side.get("temperature")
+    found = []
+    for a, b in rests(first.t, outputs, least):
+        part = outputs[a : b + 1]
+        inside = None if warm is None else warm.y[(warm.t >= first.t[a]) & (warm.t <= first.t[b])]
+        found.append(
+            Rest(
+                float(first.t[a]),
+                float(first.t[b]),
+                b + 1 - a,
+                tuple(part.mean(axis=0).tolist()),
+                tuple(part.std(axis=0, ddof=1).tolist()),
+                float(np.mean(inside)) if inside is not None and len(inside) else None,
+            )
+        )
+    if not found:
+        raise RecordingError(
+            f"{path}: no rest of {least:g} s or more was found; look at the record, or give a shorter --least"
+        )
+    names = TRIAD if triad else ("output",)
+    return Rests(path.name, first.t, outputs, names, first.unit, tuple(found), setup, declared.rig)
+
+
+def table_of(found: Rests, degrees: list[float]) -> list[dict[str, Any]]:
+    """One entry for each rest, by the header of a table of dwells."""
+    rows = []
+    for k, rest in enumerate(found.rests):
+        length = rest.end - rest.start
+        values = (
+            degrees[k] if degrees else None,
+            rest.mean[0] if len(rest.mean) == 1 else list(rest.mean),
+            rest.std[0] if len(rest.std) == 1 else list(rest.std),
+            length * rest.samples / (rest.samples - 1),
+            rest.temperature,
+            rest.samples,
+            0,
+        )
+        rows.append({**dict(zip(COLUMNS, values, strict=True)), "start_s": rest.start, "end_s": rest.end})
+    return rows
+
+
+def write_table(found: Rests, degrees: list[float], path: Path, mark: Callable[[str], str] = str) -> Path:
+    """Write the rests as a table of dwells, with its sidecar, whose path is returned; both replace what is there.
+
+    Parameters
+    ----------
+    mark : as in `accelcal.io.write_sidecar`.
+    """
+    sidecar = sidecar_of(path)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for row in table_of(found, degrees):
+        writer.writerow(["" if row[name] is None else repr(row[name]) for name in COLUMNS])
+    with together():
+        atomic_write(path, text.getvalue())
+        write_sidecar(found.rig, {"accel": Source("mean", found.unit)}, sidecar, found.setup, mark=mark)
+    return sidecar

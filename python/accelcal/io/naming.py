@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 
 from accelcal.data import units
-from accelcal.io.limits import MOST_NAME
+from accelcal.io.table import MOST_NAME
 
 ROLES = {
     "time": ("t", "time", "timestamp"),

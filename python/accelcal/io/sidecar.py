@@ -22,7 +22,7 @@ from accelcal.data.references import ACCELERATION, VELOCITY, reference_among
 from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
 from accelcal.data.run_labels import NO_LABELS, RunLabels, days_of
 from accelcal.io.files import content_of, is_there, shown
-from accelcal.io.limits import SIDECAR_BYTES
+from accelcal.io.table import SIDECAR_BYTES
 
 ASSUMED_OFFSET_TOLERANCE = "offset_tolerance is not declared: the clocks are taken as meant to agree"
 

@@ -1,10 +1,11 @@
-"""A table of columns as it was read from a file, before any of them has a role or a unit."""
+"""A table of columns as it was read from a file, and how much one may hold; no column has a role or a unit yet."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,3 +40,65 @@ class Table:
     """Where `units` were found, for messages."""
     clocks: Mapping[str, str] = field(default_factory=dict)
     """Column of stamps by column name, where the file itself says which belong together."""
+
+
+MOST_COLUMNS = 4096
+"""Columns of a file; arrays, data sets and fields of a container count as columns."""
+MOST_SAMPLES = 100_000_000
+"""Samples of one column: 16 hours at 1667 Hz."""
+FREE_NUMBERS = 20_000_000
+"""Numbers in the columns that are used, in a file of any size. Beyond it a file holds at most one number per byte."""
+MOST_NAME = 200
+"""Characters of a column name that is looked at for a unit and a role."""
+MOST_CHANNEL_NAME = 180
+"""Characters of a channel's name; those of its effects are a little longer, and model files take 200."""
+MOST_DEPTH = 32
+"""Groups of HDF5 inside one another."""
+SIDECAR_BYTES = 1_000_000
+"""Size of a sidecar."""
+MODEL_BYTES = 64_000_000
+"""Size of a model file."""
+
+
+def most_numbers(size: int) -> int:
+    """Numbers in the columns that are used of a file of `size` bytes: what it may grow to in memory."""
+    return FREE_NUMBERS + size
+
+
+def from_arrow(cells: Any) -> Column:
+    """Take the numbers out of a pyarrow array; null means an empty cell, stamps become seconds from the first.
+
+    Parameters
+    ----------
+    cells : pyarrow array of shape (n,): numbers, time stamps or durations.
+
+    Raises
+    ------
+    pyarrow.ArrowNotImplementedError
+        If they are none of these.
+    """
+    import pyarrow as pa
+
+    cells = _seconds(cells)
+    if cells.type != pa.float64():
+        cells = cells.cast(pa.float64(), safe=False)
+    if not cells.null_count:
+        return Column(cells.to_numpy(zero_copy_only=True))
+    return Column(cells.to_numpy(zero_copy_only=False), cells.is_valid().to_numpy(zero_copy_only=False))
+
+
+def _seconds(cells: Any) -> Any:
+    import pyarrow as pa
+    from pyarrow import compute
+
+    if pa.types.is_timestamp(cells.type):
+        count = cells.cast(pa.timestamp("ns", cells.type.tz)).cast(pa.int64())
+        given = count.drop_null()
+        count = compute.subtract(count, given[0] if len(given) else 0)
+    elif pa.types.is_duration(cells.type):
+        count = cells.cast(pa.duration("ns")).cast(pa.int64())
+    elif pa.types.is_integer(cells.type) or pa.types.is_floating(cells.type) or pa.types.is_decimal(cells.type):
+        return cells
+    else:
+        raise pa.ArrowNotImplementedError(f"no numbers: {cells.type}")
+    return compute.multiply(count.cast(pa.float64()), 1e-9)

@@ -12,10 +12,9 @@ from accelcal.data import units
 from accelcal.data.orientation import QUATERNION
 from accelcal.data.recording import RecordingError
 from accelcal.io import naming
-from accelcal.io.assign import discover, unit_of
+from accelcal.io.assign import UNKNOWN, discover, unit_of
 from accelcal.io.atomic import atomic_write
-from accelcal.io.convert import UNKNOWN
-from accelcal.io.formats import open_table
+from accelcal.io.files import open_table
 from accelcal.io.sidecar import KEYS, sidecar_of
 from accelcal.io.table import Table
 from accelcal.io.write import toml_key, toml_text

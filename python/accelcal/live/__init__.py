@@ -1,10 +1,7 @@
 """A running measurement followed by a live filter: parameters, innovations, and whether the model holds."""
 
-from accelcal.live.moments import LiveHistory
-from accelcal.live.monitor import Alarm, InnovationMonitor
-from accelcal.live.session import LiveSession, LiveState
-from accelcal.live.settings import LiveSettings, settings_of
-from accelcal.live.tracker import Tracker
+from accelcal.live.session import LiveHistory, LiveSession, LiveState
+from accelcal.live.tracker import Alarm, InnovationMonitor, LiveSettings, Tracker, settings_of
 
 __all__ = [
     "Alarm",

@@ -7,7 +7,7 @@ matplotlib and takes `theme`, "light" or "dark". `interactive` has the same figu
 from typing import Any
 
 from accelcal._support.errors import MissingExtra
-from accelcal._support.faces import face
+from accelcal._support.values import face
 from accelcal.plots import bins, comparison, diagnosis, model, residuals, response, timeline
 from accelcal.plots.comparison import overview, write
 from accelcal.plots.matplotlib import still

@@ -8,7 +8,7 @@ from accelcal.calibration.agreement import LIMIT, Agreement
 from accelcal.calibration.straight_line import StraightLine, straight_line
 from accelcal.effects import find, spelled
 from accelcal.estimation.estimate import Fit
-from accelcal.io.rests import Rests
+from accelcal.io.dwells import Rests
 from accelcal.model import Estimate
 from accelcal.plots.figure import COLUMNS, Axis, Band, Figure, Level, Line, Panel, Points, Stretch, Text
 from accelcal.plots.numbers import TWO_SIDED_95

@@ -10,7 +10,7 @@ from accelcal.data.arrays import Array
 from accelcal.effects import spelled
 from accelcal.estimation.parameter_tracks import Track
 from accelcal.estimation.shape_functions import Shape
-from accelcal.live.moments import Columns, LiveHistory
+from accelcal.live.session import Columns, LiveHistory
 from accelcal.plots.figure import Axis, Band, Figure, Line, Mark, Panel, Points, sentence
 from accelcal.plots.style import Role
 from accelcal.plots.timeline import TIME

@@ -1,6 +1,6 @@
 """Reports: one page that opens offline, or a PDF, on a model and a recording, or on two calibrations of one sensor."""
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.calibration.agreement import Agreement, agreement
 from accelcal.report.agreement_page import agreement_html, agreement_pdf
 from accelcal.report.content import Content, gather

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from accelcal._support.progress import within
-from accelcal._support.threads import one_thread
-from accelcal._support.two_threads import Report, on_two_threads
+from accelcal._support.threads import Report, on_two_threads, one_thread
 from accelcal.calibration.apply import Application, example
 from accelcal.calibration.budget import Budget, budget
 from accelcal.data.recording import Recording

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from accelcal._support.errors import MissingExtra
-from accelcal._support.scratch import scratch_folder
+from accelcal._support.locks import scratch_folder
 from accelcal.results.json_text import dumps
 
 Form = Literal["pdf", "png"]

@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from accelcal._support.immutable import immutable
 from accelcal._support.result import Storable
+from accelcal._support.values import immutable
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.data.references import POSITION_ORDER, require_reference
 from accelcal.data.stamps import usual_step

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.data.units import MICRO_G, instant
 from accelcal.results.diagnoses import VERDICTS
 from accelcal.results.table import Column, Row, Table, as_sentence, require, table

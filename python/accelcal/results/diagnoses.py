@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.diagnosis.contribution import Size
 from accelcal.diagnosis.dwells import DwellDiagnosis

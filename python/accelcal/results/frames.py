@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from accelcal._support.errors import MissingExtra
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.verdict import Diagnosis

@@ -15,9 +15,9 @@ from pydantic_core import CoreSchema, SchemaSerializer, SchemaValidator, core_sc
 
 from accelcal import _core
 from accelcal._support.errors import AccelcalError
-from accelcal._support.faces import face
 from accelcal._support.plain_text import visible
 from accelcal._support.result import NotStored
+from accelcal._support.values import face
 from accelcal.results.json_text import ModelFileError, escaped, strict
 
 T = TypeVar("T")

@@ -13,7 +13,7 @@ from accelcal._support.errors import AccelcalError
 from accelcal._support.plain_text import visible
 from accelcal.data.recording import RecordingError
 from accelcal.io.files import content_of
-from accelcal.io.limits import MODEL_BYTES
+from accelcal.io.table import MODEL_BYTES
 
 
 class ModelFileError(AccelcalError):

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from accelcal._support.arguments import checked
-from accelcal._support.faces import face
-from accelcal._support.listing import listing
 from accelcal._support.plain_text import visible
+from accelcal._support.values import face, listing
 from accelcal.effects import CATALOGUE, side_channel
-from accelcal.effects.side_channels import side_channel_scale
+from accelcal.effects.processes import side_channel_scale
 from accelcal.estimation.estimate import Fit
 from accelcal.io import atomic_write
 from accelcal.model import OwnEffect, SideChannel

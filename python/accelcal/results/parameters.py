@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.data.references import ACCELERATION, UNITS
 from accelcal.data.units import MICRO_G
 from accelcal.effects import CATALOGUE, Effect, find, spelled

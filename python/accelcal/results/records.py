@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Recording
 from accelcal.data.summary import describe

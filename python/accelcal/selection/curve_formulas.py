@@ -15,8 +15,8 @@ import numpy as np
 import scipy
 
 from accelcal._support.errors import AccelcalError
-from accelcal._support.listing import listing
 from accelcal._support.result import Storable
+from accelcal._support.values import listing
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, FORMULA_LACK_OF_FIT_ALPHA, FORMULA_LOG_EVIDENCE
 from accelcal.diagnosis.search.beam import block_length

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar
 
-from accelcal._support.immutable import immutable
-from accelcal._support.listing import listing
 from accelcal._support.result import Result
+from accelcal._support.values import immutable, listing
 from accelcal.diagnosis.contribution import Importance, split
 from accelcal.diagnosis.findings import Confounded, Finding, in_model, in_noise, with_findings
 from accelcal.diagnosis.search.scan import Verdict

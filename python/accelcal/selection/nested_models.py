@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.effects import find, spelled

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from accelcal._support.errors import AccelcalError
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.data.arrays import Array
 from accelcal.data.rig import STANDARD_GRAVITY
 

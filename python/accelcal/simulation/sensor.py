@@ -18,8 +18,8 @@ import scipy
 
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
-from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
+from accelcal._support.values import immutable
 from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.recording import Channel, Recording

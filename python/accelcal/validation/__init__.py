@@ -1,5 +1,5 @@
 """Validation: a fitted model against a recording."""
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 
 __dir__ = listing(globals())

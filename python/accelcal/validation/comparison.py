@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
-from accelcal._support.faces import face
-from accelcal._support.immutable import immutable
 from accelcal._support.result import NotStored, Result
+from accelcal._support.values import face, immutable
 from accelcal.data.arrays import Array
 from accelcal.data.units import instant
 from accelcal.estimation.noise_effects import NoiseScore

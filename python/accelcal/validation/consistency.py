@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from accelcal._support.errors import AccelcalError
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.data.arrays import Array
 
 ConsistencyVerdict = Literal["consistent", "overconfident", "underconfident"]

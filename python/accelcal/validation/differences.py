@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from accelcal._support.errors import AccelcalError
-from accelcal._support.faces import face
-from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
+from accelcal._support.values import face, immutable
 from accelcal.estimation.estimate import Fit
 from accelcal.validation.comparison import Evaluation, FigureName, NoiseFloor, RmsInterval
 from accelcal.validation.paired import HeldOutChange, PairedStretches, drift_spread, paired_stretches

@@ -1,19 +1,212 @@
-"""The data: load a recording, map its columns, check it, divide it, fit."""
+"""The Data screen: load recordings, map their columns, give them roles, check and divide them, fit."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from nicegui import ui
 
-from accelcal.app import figures, widgets
+from accelcal.app import figures, mapping, widgets
 from accelcal.app.page import Page
-from accelcal.app.run import Run
-from accelcal.app.screens import columns, recordings, session, start, uploads
-from accelcal.app.state import State
+from accelcal.app.screens import start, uploads
+from accelcal.app.state import ROLES, Run, State, time_span
 from accelcal.data.dwells import Dwells
+from accelcal.data.recording import RecordingError
+from accelcal.io.sidecar import KEYS
 from accelcal.results.words import amount, number
+
+NAMED = (*mapping.ESSENTIAL, *mapping.ORIENTATION, mapping.NOT_USED)
+CHOICES = [*mapping.ESSENTIAL, "other", mapping.NOT_USED, *mapping.ORIENTATION]
+SENSOR = ("scale", "zero", "noise", "range")
+"""Keys of the sidecar that have a field in the form."""
+
+
+def ask(page: Page) -> None:
+    """Ask what the columns of a new file are; it is an error only where the user has said so already."""
+    run = page.bench.state.run
+    assert run is not None
+    text = mapping.text_of(run.file, run.sidecar, run.template)
+    unknown = mapping.unknown(mapping.choices(run.columns, text, run.template), text)
+    is_first = run.sidecar is None and text == run.template and len(run.columns) > 1 and unknown
+    with widgets.card(f"{run.name}: what is in its columns?"):
+        if is_first:
+            ui.label(f"Their names do not say everything yet. Choose below: {', '.join(unknown)}.")
+        else:
+            ui.label(run.problem).classes("problem").props("role=alert")
+        lines = mapping.first_lines(run.file)
+        if lines:
+            ui.label("The file begins with").classes("note")
+            beginning = ui.label("\n".join(lines)).classes("beginning")
+            beginning.props('tabindex=0 role=group aria-label="First lines of the file"')
+        form(page)
+
+
+@dataclass(slots=True)
+class Fields:
+    """The widgets of the form; each list has an entry for each column."""
+
+    found: Sequence[mapping.Choice]
+    roles: list[ui.select] = field(default_factory=list)
+    names: list[ui.input] = field(default_factory=list)
+    units: list[ui.input] = field(default_factory=list)
+
+    @property
+    def chosen(self) -> list[mapping.Choice]:
+        """What the user has chosen for each column."""
+        fields = zip(self.found, self.roles, self.names, self.units, strict=True)
+        return [
+            mapping.Choice(
+                one.column, str(name.value if role.value == "other" else role.value), str(unit.value).strip()
+            )
+            for one, role, name, unit in fields
+        ]
+
+    def row(self, one: mapping.Choice) -> list[widgets.Cell]:
+        """A line of the table of columns."""
+        known = one.channel if one.channel in NAMED else "other"
+        column = widgets.attribute(one.column)
+
+        def role() -> None:
+            made = ui.select(CHOICES, value=known)
+            self.roles.append(made.props(f'dense outlined aria-label="Role of {column}"'))
+
+        def name() -> None:
+            made = ui.input(value=one.channel if known == "other" else one.column)
+            made.bind_visibility_from(self.roles[-1], "value", value="other")
+            self.names.append(made.props(f'dense outlined aria-label="Name of {column}"'))
+
+        def unit() -> None:
+            made = ui.input(value=one.unit, placeholder="unit")
+            self.units.append(made.props(f'dense outlined aria-label="Unit of {column}"').classes("unit"))
+
+        return [one.column, role, unit, name]
+
+
+def form(page: Page) -> None:
+    """Fields for columns, sensor and orientation, and the sidecar as text."""
+    bench, run = page.bench, page.bench.state.run
+    assert run is not None
+    text = mapping.text_of(run.file, run.sidecar, run.template)
+    fields = Fields(mapping.choices(run.columns, text, run.template))
+    titles = ["column", "role", "unit", "channel name"]
+    widgets.table(titles, [fields.row(one) for one in fields.found], "Columns")
+    widgets.heading("Sensor", 3)
+    ui.label("An output in volts or counts needs its scale. The rest may stay empty.").classes("note")
+    declared = mapping.sensor_in(text)
+    sensor = {}
+    with ui.row().classes("line"):
+        for key in SENSOR:
+            label, example = KEYS["sensor"][key].label, KEYS["sensor"][key].example.strip('"')
+            made = ui.input(label, value=declared.get(key, ""), placeholder=example).props("dense outlined")
+            sensor[key] = made.classes("short")
+    with ui.expansion("The body can turn", icon="360").classes("full"):
+        direction, sense = turning()
+    with ui.expansion("Everything else: the sidecar", icon="description").classes("full"):
+        sheet = ui.textarea("Sidecar (TOML)", value=text).props("outlined autogrow").classes("code full")
+        widgets.button("Use the sidecar as written", "description", lambda: page.act(bench.declare, str(sheet.value)))
+
+    async def use_columns() -> None:
+        try:
+            axis = str(direction.value or ""), str(sense.value or "")
+            entered = {key: str(one.value or "").strip() for key, one in sensor.items()}
+            made = mapping.sidecar_from(str(sheet.value), fields.chosen, *axis, entered)
+        except RecordingError as error:
+            bench.refuse(str(error))
+            return
+        await page.act(bench.declare, made)
+
+    with ui.row():
+        widgets.button("Use this assignment", "check", use_columns, primary=bool(run.problem))
+
+
+def turning() -> tuple[ui.input, ui.select]:
+    """Fields for a body that turns: the input axis, and what a quaternion maps."""
+    ui.label(
+        "Then gravity along the axis changes: map what that axis would read at rest (gravity_along_axis), a gyroscope "
+        "(gyr_x, gyr_y, gyr_z), or place and attitude (position_e, position_n, position_u, no position, and q_w to "
+        "q_z), and say which axis of them the sensor measures."
+    ).classes("note")
+    with ui.row().classes("line"):
+        direction = ui.input("Input axis of a body that turns", placeholder="x, y, z or 0, 0.6, 0.8")
+        direction.props("dense outlined")
+        sense = ui.select(["", "sensor to ENU", "ENU to sensor"], value="", label="The quaternion maps")
+        sense.props('dense outlined aria-label="The quaternion maps"').classes("short")
+    return direction, sense
+
+
+def card(page: Page) -> None:
+    """Files with their roles; of a single one only the places to drop more."""
+    state = page.bench.state
+    with widgets.card("Recordings"):
+        if len(state.runs) > 1:
+            titles = ["file", "use", "length", "held out", "time line", "remove"]
+            widgets.table(titles, [row(page, at, run) for at, run in enumerate(state.runs)], "Recordings and their use")
+            ui.label(
+                "Models are fitted to all files with the use fit together, and compared with what is held out."
+            ).classes("note")
+        uploads.drop(page, "Add recordings or dwells", more=True)
+        with ui.expansion("Begin anew with others", icon="restart_alt").classes("full"):
+            uploads.drop(page, "Drop the recordings here")
+
+
+def row(page: Page, at: int, run: Run) -> list[widgets.Cell]:
+    """A file with what can be done with it."""
+    return [run.name, use(page, at, run), length(run), held_out(run), show_button(page, at, run), remove(page, at, run)]
+
+
+def use(page: Page, at: int, run: Run) -> Callable[[], None]:
+    """The choice of a role; dwells cannot be held out."""
+
+    def build() -> None:
+        roles = [role for role in ROLES if run.dwells is None or role != "hold out"]
+
+        async def choose(event: object) -> None:
+            role = chosen.value
+            if role != run.role:
+                await page.act(page.bench.assign, at, role)
+            if page.bench.state.runs[at].role == run.role:
+                chosen.set_value(run.role)
+
+        chosen = ui.select(roles, value=run.role, on_change=choose)
+        chosen.props(f'dense outlined aria-label="Use of {widgets.attribute(run.name)}"').classes("role")
+
+    return build
+
+
+def length(run: Run) -> str:
+    """How long a recording is, or how many dwells there are."""
+    if run.dwells is not None:
+        return "1 dwell" if len(run.dwells) == 1 else f"{len(run.dwells)} dwells"
+    if run.recording is None:
+        return "columns unknown"
+    begin, end = time_span(run.recording)
+    return f"{number(end - begin, 4)} s"
+
+
+def held_out(run: Run) -> str:
+    """Which part is held out."""
+    if run.role == "hold out":
+        return "all of it"
+    return "" if run.held_out is None else f"{run.held_out[0]:.6g} s to {run.held_out[1]:.6g} s"
+
+
+def show_button(page: Page, at: int, run: Run) -> widgets.Cell:
+    """A button that brings a file to the time line."""
+    if at == page.bench.state.shown:
+        return "shown"
+    return lambda: widgets.button(
+        "Show", "insert_chart", lambda: page.act(page.bench.show, at), flat=True, label=f"Show {run.name}"
+    )
+
+
+def remove(page: Page, at: int, run: Run) -> Callable[[], object]:
+    """A button that removes a file."""
+    return lambda: widgets.button(
+        "Remove", "delete", lambda: page.act(page.bench.remove, at), flat=True, label=f"Remove {run.name}"
+    )
 
 
 def show(page: Page) -> None:
@@ -30,19 +223,19 @@ def show(page: Page) -> None:
         return
     if state.opened is not None:
         with widgets.card("One file is missing", "welcome"):
-            session.ask(page)
+            start.ask(page)
             uploads.drop(page, "Drop the recording here, or click to choose it")
         return
     if run is None:
         start.show(page)
         return
     if run.problem:
-        columns.ask(page)
+        ask(page)
         with widgets.card("Another recording"):
             uploads.drop(page, "Drop another recording here")
             if len(state.runs) > 1:
                 ui.label("Or go on without this file:").classes("note")
-                recordings.remove(page, state.shown, run)()
+                remove(page, state.shown, run)()
         return
     with ui.element("div").classes("two"):
         with ui.element("div").classes("stack"):
@@ -52,10 +245,10 @@ def show(page: Page) -> None:
                 with widgets.card("Held-out and excluded data"):
                     division(page, run)
             if len(state.runs) == 1:
-                recordings.card(page)
+                card(page)
         with ui.element("div").classes("stack"):
             if len(state.runs) > 1:
-                recordings.card(page)
+                card(page)
             if run.dwells is not None:
                 with widgets.card(f"Dwells of {run.name}"):
                     dwells(run.dwells)
@@ -123,7 +316,7 @@ def later(box: ui.expansion, page: Page) -> None:
     def opened(event: Any) -> None:
         if event.value and not box.default_slot.children:
             with box:
-                columns.form(page)
+                form(page)
 
     box.on_value_change(opened)
 

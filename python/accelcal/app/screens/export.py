@@ -9,7 +9,7 @@ from nicegui import ui
 
 from accelcal.app import mapping, widgets
 from accelcal.app.page import Page
-from accelcal.app.screens import session
+from accelcal.app.screens import start
 from accelcal.app.script import COPIES
 from accelcal.app.tasks import Export
 
@@ -42,7 +42,7 @@ def show(page: Page) -> None:
                     f"{state.first_fitted.name} and {state.unseen_runs[0].name}."
                 ).classes("note")
     with widgets.card("Session"):
-        session.save(page)
+        start.save(page)
     for name, make in COPIES.items():
         title, language = STEPS[name]
         with widgets.card(title):

@@ -1,24 +1,143 @@
-"""The loop: what is missing, Add, and the error on held-out data after each step."""
+"""The loop: what is missing, in words, Add, and the error on held-out data after each step."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import partial
 
 from nicegui import ui
 
-from accelcal.app import figures, widgets, wording
-from accelcal.app.examples import example_of
-from accelcal.app.page import Page
+from accelcal.app import figures, widgets
+from accelcal.app.page import Page, Zoom, stretches_of
 from accelcal.app.screens import per_run, start
 from accelcal.app.state import State, Step
-from accelcal.app.zoom import Zoom, stretches_of
+from accelcal.app.tasks import example_of
+from accelcal.diagnosis.contribution import Size
+from accelcal.diagnosis.noise_tests.noise_test import WHITENESS
+from accelcal.diagnosis.search.scan import Candidate
+from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.effects import find, spelled
+from accelcal.plots.numbers import candidate_groups
 from accelcal.results import words as formatting
-from accelcal.results.diagnoses import VERDICTS
-from accelcal.results.words import readable
+from accelcal.results.diagnoses import VERDICTS, contribution
+from accelcal.results.words import probability, readable, with_plain
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.sensor_noise import ONLY_WHITE
 from accelcal.validation.stretches import quoted_error
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """One candidate for the page."""
+
+    effect: str
+    title: str
+    about: str
+    """First sentence of its card."""
+    facts: tuple[str, ...]
+    """Size, evidence."""
+    rivals: tuple[str, ...]
+    experiment: str
+    lines: tuple[tuple[str, str], ...]
+    """Label and text of the rest of its card."""
+    significant: bool
+    """Whether it may be added."""
+    first: bool
+    """Whether it explains most."""
+
+
+def cards(found: Diagnosis, most: int = 8) -> list[Card]:
+    """Candidates, best first, confounded ones together."""
+    named = [f.effect for f in found.scan.found]
+    flat = [c for group in candidate_groups(found, most) for c in group]
+    return [card(found, c, named) for c in flat]
+
+
+def card(found: Diagnosis, c: Candidate, named: list[str]) -> Card:
+    """One candidate."""
+    effect = find(c.effect)
+    single = len(c.estimate) == 1
+    size = with_plain(c.estimate[0], c.std[0], c.unit) if single else f"{len(c.estimate)} coefficients"
+    significant = c.p_value < found.alpha and found.verdict not in ("adequate", "too_short")
+    rivals = tuple(spelled(m) for m in c.members if m != c.effect) if significant else ()
+    return Card(
+        effect=c.effect,
+        title=spelled(c.effect),
+        about=" ".join(effect.card.split("\n\n")[0].split("\nEquation:")[0].split()),
+        facts=(
+            size,
+            f"at most {contribution(Size(c.largest, effect.port == 'position'), found.fit.rig.sensor.range)}",
+            f"{c.snr:.1f} σ, p {probability(c.p_value)}",
+        ),
+        rivals=rivals,
+        experiment=effect.experiment,
+        lines=tuple(
+            (label, text)
+            for label in ("Looks like", "Easily confused with", "Separate by", "Equation")
+            if (text := effect.line(label))
+        ),
+        significant=significant,
+        first=bool(named) and c.effect == named[0],
+    )
+
+
+def offered(found: Diagnosis) -> tuple[list[Card], list[Card], list[Card]]:
+    """Candidates in three groups: the best one and its rivals; others that are significant; the rest.
+
+    Where no effect is missing, all are in the last group.
+    """
+    every = cards(found)
+    first = next((c for c in every if c.first), None)
+    if first is None:
+        return [], [c for c in every if c.significant], [c for c in every if not c.significant]
+    near = [first, *(c for c in every if c.title in first.rivals and c.significant)]
+    return near, [c for c in every if c.significant and c not in near], [c for c in every if not c.significant]
+
+
+def remarks(state: State, found: Diagnosis) -> list[str]:
+    """What must be read with the verdict; gaps that the user made are not mentioned."""
+    cut = any(run.excluded or run.held_out for run in state.runs)
+    seen = (r for r in found.remarks if r.place == "data" and not (cut and r.code == "dropout"))
+    lines = [f"Suspect data: {r.sentence}" for r in seen]
+    lines += [readable(text) for text in found.notes]
+    lines += [f"{d.sentence}." for d in found.dropped]
+    lines += [capitalised(test.sentence) for test in found.channels if test.effect == WHITENESS]
+    if "time_offset" in found.effects:
+        lines.append("The output lags by more than was declared; the model estimates the lag already (time offset).")
+    return lines
+
+
+def capitalised(text: str) -> str:
+    """A sentence of its own."""
+    text = text.rstrip(".")
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def found_in_noise(state: State, found: Diagnosis) -> list[tuple[str, str, str]]:
+    """Effects that noise tests found and that can be added: name, title, sentence; one for each."""
+    model = state.step.fit.model.effects if state.step else ()
+    offered = {c.effect for c in found.scan.candidates if c.p_value < found.alpha}
+    first = {test.effect: test for test in reversed(found.channels) if test.effect != WHITENESS}
+    return [
+        (name, spelled(name), capitalised(test.sentence))
+        for name, test in reversed(first.items())
+        if name not in model and name not in offered
+    ]
+
+
+def ties(found: Diagnosis) -> list[tuple[str, str]]:
+    """Confounded effects, and the experiment that separates them."""
+    several = [t for t in found.classes if len(t.members) > 1]
+    return [(", ".join(spelled(m) for m in t.members), t.experiment) for t in (*several, *found.inseparable)]
+
+
+def can_add(state: State, found: Diagnosis | None) -> bool:
+    """Whether there is something to add: a candidate that is significant, or an effect on noise."""
+    if state.step is None or found is None:
+        return False
+    return any(c.significant for c in cards(found)) or bool(found_in_noise(state, found))
+
 
 LIMITS = 6
 """Detection limits that are shown without a click."""
@@ -146,12 +265,12 @@ def verdict(page: Page) -> None:
         else:
             ui.label("Testing every effect of the catalogue …")
         return
-    nothing = not wording.can_add(bench.state, found)
+    nothing = not can_add(bench.state, found)
     ui.label(VERDICTS[found.verdict].capitalize()).classes("badge").classes(
         "good" if found.verdict == "adequate" else "bad"
     ).props(f"role=status data-verdict={found.verdict}")
     ui.label(readable(found.sentence)).classes("verdict-text")
-    widgets.lines(wording.remarks(bench.state, found), "warning")
+    widgets.lines(remarks(bench.state, found), "warning")
     if found.verdict == "adequate":
         ui.label("Detection limits: no missing effect is larger than").classes("strong")
         limits = found.table("limits").cells[1]
@@ -162,9 +281,9 @@ def verdict(page: Page) -> None:
     if nothing:
         made = widgets.button("Add", "add", lambda: None, label="Nothing to add")
         made.set_enabled(False)
-    for name, title, text in wording.found_in_noise(bench.state, found):
+    for name, title, text in found_in_noise(bench.state, found):
         of_noise(page, name, title, text)
-    leading, further, rest = wording.offered(found)
+    leading, further, rest = offered(found)
     for card in leading:
         candidate(page, card)
     if further:
@@ -177,7 +296,7 @@ def verdict(page: Page) -> None:
             for card in rest:
                 ui.label(card.title).classes("strong")
                 ui.label("; ".join(card.facts)).classes("note")
-    several = wording.ties(found)
+    several = ties(found)
     if several:
         with ui.expansion("Confounded effects, and how to separate them", icon="balance").classes("full"):
             for members, experiment in several:
@@ -203,7 +322,7 @@ def of_noise(page: Page, name: str, title: str, text: str) -> None:
         ui.label(text)
 
 
-def candidate(page: Page, card: wording.Card) -> None:
+def candidate(page: Page, card: Card) -> None:
     """One candidate with its card and its button."""
     with ui.element("article").classes("candidate").classes("first" if card.first else ""):
         heading(page, card.effect, card.title, primary=card.first)

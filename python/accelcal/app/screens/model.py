@@ -1,17 +1,164 @@
-"""The model: hold parameters, remove effects, define effects of your own."""
+"""The model: hold parameters, remove effects, define effects of your own, set two models side by side."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 
 from nicegui import ui
 
 from accelcal.app import widgets
 from accelcal.app.page import Page
-from accelcal.app.screens import per_run, side_by_side
+from accelcal.app.screens import per_run, uploads
+from accelcal.app.state import State
+from accelcal.data.recording import RecordingError, require_same_sensor
 from accelcal.effects import BUILT_IN, spelled
 from accelcal.effects.formula import FUNCTIONS, MOTION
+from accelcal.estimation.estimate import Fit
+from accelcal.estimation.noise_effects import NoiseEffect
 from accelcal.model import Estimate
+from accelcal.results.words import amount, length, number, plain
+from accelcal.validation.comparison import Evaluation
+from accelcal.validation.stretches import headline_horizon, quoted_error
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One parameter of two models."""
+
+    name: str
+    unit: str
+    first: Estimate | NoiseEffect | None
+    """None where the model does not have it."""
+    second: Estimate | NoiseEffect | None
+
+    @property
+    def value(self) -> float | None:
+        """Second less first, SI; None where one of them does not have it."""
+        return None if self.first is None or self.second is None else self.second.value - self.first.value
+
+    @property
+    def std(self) -> float:
+        """Joint standard uncertainty of two independent fits, SI."""
+        return math.hypot(*(e.std for e in (self.first, self.second) if e is not None))
+
+    @property
+    def sigma(self) -> float | None:
+        """The difference in joint standard uncertainties; None where there is none."""
+        return None if self.value is None or not self.std > 0.0 else self.value / self.std
+
+
+def differences(first: Fit, second: Fit) -> list[Difference]:
+    """Parameters of two models, in the order of the first; those of timing are of the first recording."""
+    one, two = by_name(first), by_name(second)
+    names = [*one, *(name for name in two if name not in one)]
+    return [Difference(name, (one.get(name) or two[name]).unit, one.get(name), two.get(name)) for name in names]
+
+
+def by_name(fit: Fit) -> dict[str, Estimate | NoiseEffect]:
+    """Parameters by name, effects on noise among them."""
+    return {e.name: fit[e.name] for e in (*fit.estimates, *fit.shapes)} | {e.name: e for e in fit.noise_effects}
+
+
+def same_sensor(fits: Sequence[Fit], state: State) -> bool:
+    """Whether models can be compared with the held-out data of a session: no other sensor is declared."""
+    try:
+        for fit in fits:
+            for recording in state.unseen:
+                require_same_sensor(recording, fit.rig, "the model")
+    except RecordingError:
+        return False
+    return True
+
+
+def card(page: Page) -> None:
+    """Choose two models, and see their parameters and errors."""
+    state = page.bench.state
+    with widgets.card("Two models side by side"):
+        names = list(state.models)
+        if len(names) > 1:
+            pair = chosen(page, names)
+            with ui.row().classes("line"):
+                select(page, names, 0)
+                select(page, names, 1)
+            compared(state, pair)
+            errors(page, pair)
+        else:
+            ui.label("A second model of the tree, or one of another sensor, can stand beside this one.").classes("note")
+        uploads.drop(page, "Drop a model (.json) or another session (.accelcal)", guest=True)
+
+
+def chosen(page: Page, names: list[str]) -> tuple[str, str]:
+    """The two models that were chosen; the first and the last where they are no longer there."""
+    if page.pair is None or not set(page.pair) <= set(names):
+        page.pair = (names[0], names[-1])
+    return page.pair
+
+
+def select(page: Page, names: list[str], side: int) -> None:
+    """The choice of one of the two."""
+    assert page.pair is not None
+
+    def choose() -> None:
+        first, second = page.pair or ("", "")
+        page.pair = (str(made.value), second) if side == 0 else (first, str(made.value))
+        page.rebuild()
+
+    label = ("First model", "Second model")[side]
+    made = ui.select(names, value=page.pair[side], label=label, on_change=choose)
+    made.props("dense outlined").classes("grow")
+
+
+def compared(state: State, pair: tuple[str, str]) -> None:
+    """Parameters of both, and how they differ."""
+    first, second = (state.models[name] for name in pair)
+    rows = [row(one) for one in differences(first, second)]
+    widgets.table(["parameter", "first", "second", "difference", "in joint σ"], rows, "Parameters of two models")
+    note = "Joint σ is the root of the sum of both variances, that of independent fits."
+    if {digest for _, digest in first.sources} & {digest for _, digest in second.sources}:
+        note += " These two share recordings and their noise, so that it is too large for most of their differences."
+    ui.label(note).classes("note")
+
+
+def row(one: Difference) -> list[widgets.Cell]:
+    """One parameter."""
+    difference = "" if one.value is None else plain(one.unit, one.value, one.std)
+    sigma = "" if one.sigma is None else f"{number(one.sigma, 3)} σ"
+    return [spelled(one.name), text(one.first), text(one.second), difference, sigma]
+
+
+def text(e: Estimate | NoiseEffect | None) -> str:
+    """A value with its uncertainty, or that the model has none."""
+    return "not in it" if e is None else amount(e.value, e.std, e.unit)
+
+
+def errors(page: Page, pair: tuple[str, str]) -> None:
+    """Errors of both on what is held out here, and of guests on what their own session holds out."""
+    bench, state = page.bench, page.bench.state
+    for guest in state.guests:
+        if guest.name in pair and guest.own is not None:
+            ui.label(f"{guest.name}: {own_error(guest.own)} on what its own session holds out ({guest.own.recording}).")
+    if not same_sensor([state.models[name] for name in pair], state):
+        ui.label("One of them is of another sensor: its errors on the recordings of this session mean nothing.")
+        return
+    seen = bench.pair(pair)
+    if seen is None:
+        widgets.button("Compare on held-out data", "compare_arrows", lambda: page.act(bench.compare_pair, pair))
+        return
+    for which, label in (("", "Errors of two models on held-out data"), ("changes", "Changes of the errors")):
+        table = seen.table(which)
+        head, rows = table.cells
+        widgets.lines([*table.alarms, *([] if which else [table.sentence]), *table.notes])
+        widgets.table(head, rows, label)
+
+
+def own_error(seen: Evaluation) -> str:
+    """The error of a model on its own held-out data, in words."""
+    horizon = headline_horizon(seen)
+    called = "free-running error" if horizon is None else f"drift after {horizon:g} s"
+    return f"{called} {length(quoted_error(seen, horizon))}"
 
 
 def show(page: Page) -> None:
@@ -25,7 +172,7 @@ def show(page: Page) -> None:
     with widgets.card("Parameters", "parameters"):
         parameters(page)
     per_run.fitted(page)
-    side_by_side.card(page)
+    card(page)
     with ui.element("div").classes("halves"):
         with widgets.card("Effects of this model"):
             added(page)

@@ -10,8 +10,8 @@ from typing import Any
 
 from accelcal.app import mapping, session_file, widgets
 from accelcal.app.page import Page
-from accelcal.app.reading import MOST_BYTES
-from accelcal.app.roles import Refused
+from accelcal.app.state import Refused
+from accelcal.app.tasks import MOST_BYTES
 from accelcal.app.workbench import Workbench
 from accelcal.io.sidecar import has_sidecar, sidecar_of
 

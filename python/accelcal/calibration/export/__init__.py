@@ -1,6 +1,6 @@
 """Exports: the sensor's own calibration as C99, Rust, JSON and a draft certificate, with a proven error bound."""
 
-from accelcal._support.listing import listing
+from accelcal._support.values import listing
 from accelcal.calibration.export.c99 import header
 from accelcal.calibration.export.calibration import Calibration, calibrate
 from accelcal.calibration.export.dcc import draft

@@ -9,8 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from accelcal._support.faces import face
 from accelcal._support.result import Storable
+from accelcal._support.values import face
 from accelcal.calibration.characteristic import Characteristic, LeftOut, characteristic
 from accelcal.calibration.export.approximate import Domain, NotInvertible, Proven, invert
 from accelcal.calibration.export.finite import NotExportable, require_covariance, require_finite

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
-from accelcal._support.faces import face
+from accelcal._support.values import face
 
 
 @dataclass(frozen=True, slots=True)

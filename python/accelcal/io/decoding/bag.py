@@ -11,8 +11,7 @@ from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
 from accelcal.io.decoding.ros import Kind, Messages
-from accelcal.io.decoding.source import Source
-from accelcal.io.decoding.topics import Topic, opened_topics
+from accelcal.io.decoding.source import Source, Topic, opened_topics
 
 _MARK = b"#ROSBAG"
 

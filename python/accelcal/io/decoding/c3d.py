@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from c3d import Reader
 
-from accelcal.io.decoding.sampled import Sampled, opened_channels, uniform
-from accelcal.io.decoding.source import Source
+from accelcal.io.decoding.source import Sampled, Source, opened_channels, uniform
 
 
 def opened(path: str) -> Source:

@@ -9,8 +9,7 @@ from typing import Any
 import h5py
 
 from accelcal.io.decoding.source import Entry, RefusedError, Source, is_vector, limited, numbers
-from accelcal.io.limits import MOST_DEPTH, MOST_NAME
-from accelcal.io.table import Column
+from accelcal.io.table import MOST_DEPTH, MOST_NAME, Column
 
 
 def opened(path: str) -> Source:

@@ -9,9 +9,8 @@ from typing import Any
 
 from mcap.reader import SeekingReader
 
-from accelcal.io.decoding.source import RefusedError, Source
-from accelcal.io.decoding.topics import Leaf, Topic, opened_topics
-from accelcal.io.limits import MOST_DEPTH
+from accelcal.io.decoding.source import Leaf, RefusedError, Source, Topic, opened_topics
+from accelcal.io.table import MOST_DEPTH
 
 _ROS = {("ros1msg", "ros1"), ("ros2msg", "cdr"), ("ros2idl", "cdr")}
 """Encodings of schema and message that rosbags reads."""

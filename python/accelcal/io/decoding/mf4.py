@@ -11,8 +11,7 @@ from asammdf import MDF
 from asammdf.blocks.v4_blocks import ChannelConversion
 from asammdf.blocks.v4_constants import FLAG_CG_REMOTE_MASTER
 
-from accelcal.io.decoding.sampled import Clock, Sampled, opened_channels
-from accelcal.io.decoding.source import RefusedError, Source
+from accelcal.io.decoding.source import Clock, RefusedError, Sampled, Source, opened_channels
 
 _AS_STORED, _RATIONAL, _FORMULA, _TO_TEXT = 0, 2, 3, range(7, 12)
 """Conversions: none; a quotient of polynomials; a formula in text; from numbers to texts and back."""

@@ -10,8 +10,7 @@ import numpy as np
 from pymseed import MS3TraceList
 
 from accelcal._support.errors import AccelcalError
-from accelcal.io.decoding.sampled import Clock, Sampled, opened_channels, seconds_since
-from accelcal.io.decoding.source import RefusedError, Source
+from accelcal.io.decoding.source import Clock, RefusedError, Sampled, Source, opened_channels, seconds_since
 
 
 def opened(path: str) -> Source:

@@ -10,8 +10,7 @@ import numpy as np
 
 from accelcal._support.errors import AccelcalError
 from accelcal.io.decoding.source import Entry, RefusedError, Source, is_vector, limited, numbers
-from accelcal.io.limits import MOST_COLUMNS
-from accelcal.io.table import Column
+from accelcal.io.table import MOST_COLUMNS, Column
 
 _SUFFIX = ".npy"
 _HEADERS: dict[tuple[int, int], Any] = {

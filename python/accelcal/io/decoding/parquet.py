@@ -8,10 +8,8 @@ from typing import Any
 import pyarrow as pa
 from pyarrow import parquet
 
-from accelcal.io import arrow
 from accelcal.io.decoding.source import Entry, RefusedError, Source, limited
-from accelcal.io.limits import MOST_NAME
-from accelcal.io.table import Column
+from accelcal.io.table import MOST_NAME, Column, from_arrow
 
 
 def _start_threads() -> None:
@@ -34,7 +32,7 @@ def opened(path: str) -> Source:
     def column(name: str) -> Column:
         read = file.read(columns=[name], use_threads=False)
         try:
-            return arrow.column(read.column(name).combine_chunks())
+            return from_arrow(read.column(name).combine_chunks())
         except pa.ArrowNotImplementedError:
             raise RefusedError(f"holds {schema.field(name).type}, expected numbers; convert it first") from None
 

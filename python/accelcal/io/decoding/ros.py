@@ -13,9 +13,8 @@ from typing import Any, Literal
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from accelcal.io.decoding.source import RefusedError
-from accelcal.io.decoding.topics import Leaf
-from accelcal.io.limits import MOST_DEPTH
+from accelcal.io.decoding.source import Leaf, RefusedError
+from accelcal.io.table import MOST_DEPTH
 
 Kind = Literal["ros1msg", "ros2msg", "ros2idl"]
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")

@@ -1,15 +1,16 @@
-"""What a reader of one container format offers: its columns by name, and the numbers of one of them."""
+"""What a reader of one container format offers: columns by name, channels with their clocks, messages of topics."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from array import array
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 
-from accelcal.io.limits import MOST_COLUMNS, MOST_DEPTH
-from accelcal.io.table import Column
+from accelcal.io.table import MOST_COLUMNS, MOST_DEPTH, MOST_NAME, Column
 
 
 class RefusedError(Exception):
@@ -86,3 +87,143 @@ def numbers(values: Any) -> Column:
     found = np.ascontiguousarray(values.ravel(), dtype=np.float64)
     missing = np.isnan(found)
     return Column(found, ~missing if missing.any() else None)
+
+
+COMMON = "t"
+"""The column of stamps where a file has one clock."""
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """The instants of one channel, or of several."""
+
+    key: Hashable
+    """What two channels on one clock have in common."""
+    read: Callable[[], Any]
+    """Gives the stamps, s, (n,)."""
+    name: str = ""
+    """Of the column of stamps; "" for the name of the first channel with "_t", or `COMMON` where it is the only one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sampled:
+    """One channel, before its numbers are read."""
+
+    name: str
+    length: int
+    unit: str | None
+    read: Callable[[], Any]
+    """Gives the values, (n,)."""
+    clock: Clock | None = None
+    """None = the file does not say when it was sampled."""
+
+
+def uniform(start: float, step: float, length: int) -> Clock:
+    """A clock that ticks at a constant rate, s."""
+    return Clock((start, step, length), lambda: start + step * np.arange(length))
+
+
+def opened_channels(channels: Iterable[Sampled]) -> Source:
+    """A container of channels; each clock is a column in seconds in front of the first channel that it serves."""
+    listed = list(channels)
+    alone = len({each.clock.key for each in listed if each.clock is not None}) == 1
+    entries: list[Entry] = []
+    readers: dict[str, Callable[[], Any]] = {}
+    clocks: dict[Hashable, str] = {}
+
+    def enter(name: str, length: int, unit: str | None, read: Callable[[], Any], clock: str | None) -> str:
+        name, count = plain(name), 2
+        while name in readers:
+            name, count = f"{plain(name.removesuffix(f' #{count - 1}'))} #{count}", count + 1
+        readers[name] = read
+        entries.append(Entry(name, length, plain(unit) or None if unit else None, clock))
+        return name
+
+    for each in listed:
+        if each.clock is not None and each.clock.key not in clocks:
+            name = COMMON if alone else each.clock.name or f"{each.name}_t"
+            clocks[each.clock.key] = enter(name, each.length, "s", each.clock.read, None)
+        enter(each.name, each.length, each.unit, each.read, clocks[each.clock.key] if each.clock else None)
+        limited(entries)
+
+    return Source(limited(entries), lambda name: numbers(np.asarray(readers[name]())))
+
+
+def plain(text: str) -> str:
+    """A name or unit of a file without spaces and zero bytes around it, cut where it is long."""
+    return text.strip(" \t\r\n\x00")[:MOST_NAME]
+
+
+def seconds_since(nanoseconds: Any, zero: int) -> Any:
+    """Whole nanoseconds as seconds from an instant, to the last bit that a double has."""
+    return (np.asarray(nanoseconds, dtype=np.int64) - zero) * 1e-9
+
+
+_SINCE_1970 = 10**18
+"""Nanoseconds from which a stamp is a date (9 September 2001), and not the age of a sensor."""
+
+
+@dataclass(frozen=True, slots=True)
+class Leaf:
+    """One number of every message of a topic."""
+
+    name: str
+    """``linear_acceleration.x``"""
+    unit: str | None
+    take: Callable[[Any], float]
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """All messages of one name."""
+
+    name: str
+    count: int
+    leaves: tuple[Leaf, ...]
+    messages: Callable[[], Iterator[tuple[int, Any]]]
+    """When each was logged, ns, and what it says."""
+    stamp: Callable[[Any], int] | None = None
+    """When a message says that it was measured, ns; None = it does not say."""
+
+
+def opened_topics(topics: Iterable[Topic], zero: int) -> Source:
+    """A container of topics, each number called ``topic.path``.
+
+    Its stamps, ``topic.t``, are those of the messages themselves, else those of the logger; with both, the latter are
+    ``topic.log_t``. Dates count from `zero`, ns.
+    """
+    return opened_channels(each for topic in topics for each in _sampled(topic, zero))
+
+
+def _sampled(topic: Topic, zero: int) -> Iterator[Sampled]:
+    @cache
+    def read() -> _Read:
+        return _Read(topic)
+
+    def logged() -> Any:
+        return seconds_since(read().logged, zero)
+
+    def stamped() -> Any:
+        stamps = read().stamps
+        return seconds_since(stamps, zero if stamps and stamps[0] >= _SINCE_1970 else 0)
+
+    clock = Clock(topic.name, logged if topic.stamp is None else stamped, f"{topic.name}.t")
+    for number, leaf in enumerate(topic.leaves):
+        name = f"{topic.name}.{leaf.name}"
+        yield Sampled(name, topic.count, leaf.unit, lambda k=number: read().values[k], clock)  # type: ignore[misc]
+    if topic.stamp is not None:
+        yield Sampled(f"{topic.name}.log_t", topic.count, "s", logged)
+
+
+class _Read:
+    """The numbers of a topic."""
+
+    def __init__(self, topic: Topic) -> None:
+        self.logged, self.stamps = array("q"), array("q")
+        self.values = [array("d") for _ in topic.leaves]
+        for logged, message in topic.messages():
+            self.logged.append(logged)
+            if topic.stamp is not None:
+                self.stamps.append(topic.stamp(message))
+            for values, leaf in zip(self.values, topic.leaves, strict=True):
+                values.append(leaf.take(message))

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from nptdms import TdmsFile
 
-from accelcal.io.decoding.sampled import Clock, Sampled, opened_channels, uniform
-from accelcal.io.decoding.source import RefusedError, Source
+from accelcal.io.decoding.source import Clock, RefusedError, Sampled, Source, opened_channels, uniform
 
 _UNITS = ("unit_string", "NI_UnitDescription", "unit")
 """Properties that hold a unit: of waveforms and DAQmx, of DIAdem, of other writers."""

@@ -12,8 +12,7 @@ import numpy as np
 from pyuff import UFF
 
 from accelcal._support.errors import AccelcalError
-from accelcal.io.decoding.sampled import Clock, Sampled, opened_channels, uniform
-from accelcal.io.decoding.source import RefusedError, Source
+from accelcal.io.decoding.source import Clock, RefusedError, Sampled, Source, opened_channels, uniform
 
 _TIME_RESPONSE, _EVEN, _COMPLEX = 1, 1, (5, 6)
 

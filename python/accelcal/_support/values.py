@@ -1,0 +1,77 @@
+"""Immutable values: errors when a field is set, short representations, what `dir()` shows, methods found by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, Field, FrozenInstanceError, fields
+from importlib import import_module
+from types import ModuleType
+from typing import Any, TypeVar
+
+Value = TypeVar("Value")
+
+
+def immutable(value: type[Value]) -> type[Value]:
+    """Give a frozen dataclass errors that name the class, the field, and what gives a changed copy."""
+
+    def refuse(self: Value, name: str, *_: object) -> None:
+        kind = type(self).__name__
+        fields = getattr(self, "__dataclass_fields__", {})
+        if name in fields:
+            raise FrozenInstanceError(
+                f"a {kind} is immutable: {name} cannot be set or deleted; "
+                f"dataclasses.replace(..., {name}=...) returns a copy with another one"
+            )
+        raise FrozenInstanceError(f"a {kind} is immutable and has no field {name}; its fields are {', '.join(fields)}")
+
+    for method in ("__setattr__", "__delattr__"):
+        type.__setattr__(value, method, refuse)
+    return value
+
+
+Kind = TypeVar("Kind")
+
+
+def short_repr(value: type[Kind]) -> type[Kind]:
+    """Give a dataclass a representation that leaves out fields with their default value."""
+
+    def representation(self: Any) -> str:
+        shown = (_short(getattr(self, f.name), f) for f in fields(self) if f.repr)
+        return f"{type(self).__name__}({', '.join(filter(None, shown))})"
+
+    type.__setattr__(value, "__repr__", representation)
+    return value
+
+
+def _short(value: object, declared: Field[Any]) -> str:
+    """A value in a few digits; empty where it is the default."""
+    default = declared.default if declared.default_factory is MISSING else declared.default_factory()
+    if type(value) is type(default) and bool(value == default):
+        return ""
+    return f"{declared.name}={value:.6g}" if isinstance(value, float) else f"{declared.name}={value!r}"
+
+
+def listing(module: Mapping[str, object]) -> Callable[[], list[str]]:
+    """Make the `__dir__` of a module from its `globals()`.
+
+    It lists `__all__`; where there is none, what the module itself defines, of a package its own modules.
+    """
+
+    def names() -> list[str]:
+        listed = module.get("__all__")
+        if isinstance(listed, list | tuple):
+            return sorted(map(str, listed))
+        return sorted(name for name, value in module.items() if not name.startswith("_") and is_own(value))
+
+    def is_own(value: object) -> bool:
+        own = str(module["__name__"])
+        if isinstance(value, ModuleType):
+            return value.__name__.startswith(f"{own}.")
+        return getattr(value, "__module__", "") == own
+
+    return names
+
+
+def face(name: str) -> ModuleType:
+    """The module `accelcal.NAME`, imported now."""
+    return import_module(f"accelcal.{name}")
