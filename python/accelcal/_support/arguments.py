@@ -145,8 +145,7 @@ def refusal(owner: str, names: str, name: str, hint: Any, value: object) -> str:
         return f"{text}. To use a function, {NAMES_OF_EFFECTS}"
     if type(value).__name__ == "Effect" and "str" in classes(hint):
         return f'{text}. Give its name, "{getattr(value, "name", "")}"'
-    ways = [HOW_TO[kind] for kind in classes(hint) if kind in HOW_TO]
-    return ". ".join([text, *ways[:1]])
+    return ". ".join([text, *[HOW_TO[kind] for kind in classes(hint) if kind in HOW_TO][:1]])
 
 
 def found(value: object) -> str:

@@ -50,8 +50,9 @@ def picture(figure: Figure, theme: ThemeName, **config: Any) -> Picture:
 
 def marked(run: Run) -> list[tuple[float, float, str]]:
     """Stretches that are held out or excluded."""
-    found = [(a, b, "excluded") for a, b in run.excluded]
-    return found + ([(*run.held_out, "held out")] if run.held_out is not None else [])
+    return [(a, b, "excluded") for a, b in run.excluded] + (
+        [(*run.held_out, "held out")] if run.held_out is not None else []
+    )
 
 
 def arriving(recording: Recording, theme: ThemeName) -> Picture:

@@ -66,10 +66,12 @@ class Form:
             for kind, (label, example) in PLACES.items():
                 field = ui.input(label, placeholder=example).props("dense outlined").classes("grow")
                 field.bind_value(self, "address").bind_visibility_from(choice, "value", value=kind)
-            baud = ui.number("Baud", format="%d").props("dense outlined").classes("time").bind_value(self, "baud")
-            baud.bind_visibility_from(choice, "value", value="serial port")
-        follow = ui.checkbox("Wait for further lines at its end").bind_value(self, "follow")
-        follow.bind_visibility_from(choice, "value", value="file")
+            ui.number("Baud", format="%d").props("dense outlined").classes("time").bind_value(
+                self, "baud"
+            ).bind_visibility_from(choice, "value", value="serial port")
+        ui.checkbox("Wait for further lines at its end").bind_value(self, "follow").bind_visibility_from(
+            choice, "value", value="file"
+        )
         ui.label(
             "One line for each instant, t,accel,position; an empty field was not sampled. A header is optional."
         ).classes("note")
@@ -87,8 +89,7 @@ class Form:
         uploads.area(
             self.bench, "Drop the sidecar (.toml) and, if there is one, a model (.json)", self._take, "declared"
         )
-        sheet = ui.textarea("Sidecar (TOML)").props("outlined autogrow").classes("code full")
-        sheet.bind_value(self, "sidecar")
+        ui.textarea("Sidecar (TOML)").props("outlined autogrow").classes("code full").bind_value(self, "sidecar")
         ui.label(
             "Without a model, bias and scale factor are estimated from nothing, and the sidecar must declare the noise "
             "of the sensor and the resolution of the position. A model brings parameters, uncertainty and both noises."
@@ -114,8 +115,9 @@ class Form:
             return None
         rig = self.bench.upload_folder() / "rig.toml"
         io.atomic_write(rig, self.sidecar)
-        baud = int(self.baud or BAUD)
-        return Asked(self.kind, self.address.strip(), rig, recording, self.model, baud, bool(self.follow))
+        return Asked(
+            self.kind, self.address.strip(), rig, recording, self.model, int(self.baud or BAUD), bool(self.follow)
+        )
 
     async def _take(self, event: Any) -> None:
         folder = self.bench.upload_folder()
@@ -238,8 +240,9 @@ class Readout:
 
             return [spelled(name), value, band, unit.replace("^2", "²")]
 
-        rows = [cells(p.name, p.unit) for p in parameters]
-        widgets.table(["parameter", "estimate", "± 2 σ", "unit"], rows, "Parameters")
+        widgets.table(
+            ["parameter", "estimate", "± 2 σ", "unit"], [cells(p.name, p.unit) for p in parameters], "Parameters"
+        )
 
     def _count(self, name: str) -> ui.label:
         with ui.row().classes("line spread"):

@@ -320,8 +320,7 @@ class Zoom:
 
         async def clicked(event: Any) -> None:
             at = event.args
-            inside = (s for s in self.stretches if isinstance(at, int | float) and s[0] <= at <= s[1])
-            found = next(inside, None)
+            found = next((s for s in self.stretches if isinstance(at, int | float) and s[0] <= at <= s[1]), None)
             if found is not None and found != self.chosen:
                 await self.go(found)
 

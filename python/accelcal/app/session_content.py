@@ -176,8 +176,9 @@ class OpenedSession:
     @property
     def missing(self) -> Source | None:
         """The first recording that is not where it was, or has changed since."""
-        sources = [run.source for run in self.content.runs]
-        return next((s for s in sources if digest_at(self.path(s)) != s.sha256), None)
+        return next(
+            (run.source for run in self.content.runs if digest_at(self.path(run.source)) != run.source.sha256), None
+        )
 
     def with_files(self, paths: Sequence[Path]) -> OpenedSession:
         """The session with files of the user in place of those that are missing.

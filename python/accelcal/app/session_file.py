@@ -93,8 +93,9 @@ def dumps(state: State, *, when: datetime | None = None) -> bytes:
     packed = BytesIO()
     with Known.to(state).catalogue(), zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         # older versions read a session without guests
-        unused = None if content.guests else {"guests"}
-        archive.writestr(CONTENT, content.model_dump_json(by_alias=True, indent=2, exclude=unused))
+        archive.writestr(
+            CONTENT, content.model_dump_json(by_alias=True, indent=2, exclude=None if content.guests else {"guests"})
+        )
         for step in state.steps:
             archive.writestr(model_name(step.key), model_file.dumps(model_file.to_dict(step.fit)))
         for number, guest in enumerate(state.guests, start=1):
@@ -144,8 +145,9 @@ def _reading(path: Path) -> Iterator[None]:
         raise
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OSError) as error:
         what = _plain(getattr(error, "strerror", None) or str(error) or type(error).__name__)
-        text = f"{path.name}: cannot be read as a session file ({what}); take a copy that is whole"
-        raise SessionError(text) from None
+        raise SessionError(
+            f"{path.name}: cannot be read as a session file ({what}); take a copy that is whole"
+        ) from None
 
 
 def model_name(key: int) -> str:

@@ -76,8 +76,7 @@ class Run:
     def data(self) -> Recording:
         """Data in use, the held-out part included."""
         assert self.recording is not None
-        whole = self.recording.part(*self.used) if self.breaks else self.recording
-        return whole.without(*self.excluded)
+        return (self.recording.part(*self.used) if self.breaks else self.recording).without(*self.excluded)
 
     @property
     def train(self) -> Recording | Dwells | None:

@@ -68,8 +68,9 @@ class Example:
 
     def record(self) -> Recording:
         """Simulate the recording."""
-        rng = np.random.default_rng(self.seed)
-        made = simulate(self.motion, seconds=self.seconds, rig=CXL02_RIG, parameters=TRUTH, rng=rng)
+        made = simulate(
+            self.motion, seconds=self.seconds, rig=CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng(self.seed)
+        )
         return with_effect(made, find(self.effect), self.size, {}, prepare(made.recording).origins)
 
 
@@ -275,8 +276,9 @@ class Reader:
         for count, number in enumerate(order):
             runs = [run for run in (*present, *found.values()) if run.recording is not None and not run.lender]
             lender = next((run for run in runs if run.sidecar is not None or has_sidecar(run.file)), None)
-            share = within(progress, count / len(paths), (count + 1) / len(paths))
-            found[number] = self.run(paths[number], None, lender, share)
+            found[number] = self.run(
+                paths[number], None, lender, within(progress, count / len(paths), (count + 1) / len(paths))
+            )
         return tuple(found[number] for number in range(len(paths)))
 
     def run(self, path: Path, sidecar: str | None, lender: Run | None, progress: Report) -> Run:
@@ -311,8 +313,7 @@ class Reader:
         except RecordingError as error:
             if not columns:
                 raise
-            problem = self.plain(str(error))
-            return Run(path, sidecar, columns=columns, template=template, problem=problem)
+            return Run(path, sidecar, columns=columns, template=template, problem=self.plain(str(error)))
         progress(0.4)
         if isinstance(known, Dwells):
             return Run(path, sidecar, columns=columns, template=template, dwells=known)

@@ -207,8 +207,7 @@ class ThemeSwitch:
         """Take a theme; nothing is drawn anew."""
         self.theme = theme
         self._dark.set_value(theme == "dark")
-        other = "Light theme" if theme == "dark" else "Dark theme"
-        self._button.set_text(other)
+        self._button.set_text("Light theme" if theme == "dark" else "Dark theme")
         self._button.props(f"icon={'light_mode' if theme == 'dark' else 'dark_mode'}")
 
     def _toggle(self) -> None:

@@ -208,8 +208,7 @@ class Workbench:
     def include(self, state: State, progress: Report, paths: Sequence[Path], role: Role = "fit") -> State:
         """Read further recordings and dwells, of the sensor of those that are there."""
         loaded(state)
-        further = self._reader().several(paths, state.runs, within(progress, 0.0, 0.5))
-        runs = (*state.runs, *further)
+        runs = (*state.runs, *self._reader().several(paths, state.runs, within(progress, 0.0, 0.5)))
         if role != "fit":
             for number in range(len(state.runs), len(runs)):
                 runs = with_role(runs, number, role)
@@ -228,8 +227,9 @@ class Workbench:
         alike = [run for run in state.runs if run is asked or (run.problem and run.columns == asked.columns)]
         read = {}
         for number, run in enumerate(alike):
-            part = within(progress, number / len(alike), (number + 1) / len(alike))
-            new = self._reader().run(run.file, sidecar, None, part)
+            new = self._reader().run(
+                run.file, sidecar, None, within(progress, number / len(alike), (number + 1) / len(alike))
+            )
             held_out = new.end if run.held_out is not None and new.recording is not None else None
             read[id(run)] = replace(new, role=run.role, held_out=held_out)  # its time line may be another one
         if read[id(asked)].problem and not asked.problem and len(state.runs) > 1:
@@ -347,8 +347,7 @@ class Workbench:
         for step, found, heldouts in zip(stored, fits, compared, strict=True):
             key = keys[step.key] = next(self._keys)
             change = Change(step.kind, step.name, step.value)
-            parent = next((s.fit for s in steps if s.key == keys[step.parent]), None)
-            require_made(change, found, parent)
+            require_made(change, found, next((s.fit for s in steps if s.key == keys[step.parent]), None))
             steps.append(Step(key, keys[step.parent], change, found, heldouts))
         return replace(state, steps=tuple(steps), current=keys[opened.content.current])
 
@@ -381,8 +380,9 @@ class Workbench:
     @action("excluding a stretch")
     def exclude(self, state: State, progress: Report, start: float, end: float) -> State:
         """Exclude a stretch from both fit and validation."""
-        excluded = (*shown(state).excluded, inside_used(state, start, end))
-        return self._divided(state, with_run(state, excluded=excluded).runs, progress)
+        return self._divided(
+            state, with_run(state, excluded=(*shown(state).excluded, inside_used(state, start, end))).runs, progress
+        )
 
     @action("including a stretch again")
     def use_again(self, state: State, progress: Report, number: int) -> State:
@@ -398,8 +398,9 @@ class Workbench:
     def fit(self, state: State, progress: Report, model: Literal["linear", "cubic"] = "linear") -> State:
         """Fit a base model to what is not held out."""
         chosen = {"linear": Model.linear, "cubic": Model.cubic}[model]()
-        bare = without_models(loaded(state))
-        return self._grown(bare, Change("base", model), progress, tasks.fitted, chosen, state.train, None)
+        return self._grown(
+            without_models(loaded(state)), Change("base", model), progress, tasks.fitted, chosen, state.train, None
+        )
 
     @action("adding {0}")
     def add(self, state: State, progress: Report, name: str) -> State:
@@ -439,9 +440,14 @@ class Workbench:
         before, ruler = [step.fit for step in state.steps], Ruler.of([*(step.fit for step in state.steps), found])
         again = state.steps if before and Ruler.of(before) != ruler else ()
         fits = [*(step.fit for step in again), found]
-        base = before[0] if before else found
-        judged = self._done(tasks.judged, fits, state.unseen, ruler, base, progress=within(progress, 0.8, 1.0))
-        *others, last = judged
+        *others, last = self._done(
+            tasks.judged,
+            fits,
+            state.unseen,
+            ruler,
+            before[0] if before else found,
+            progress=within(progress, 0.8, 1.0),
+        )
         compared = tuple(replace(step, heldouts=heldouts) for step, heldouts in zip(again, others, strict=True))
         step = Step(next(self._keys), state.current, change, found, last)
         return replace(state, steps=(*(compared or state.steps), step), current=step.key)
@@ -668,8 +674,9 @@ class Workbench:
         """Write the sensor's own calibration; None where the model cannot be exported: `sentence` says why."""
         with self._working("writing the calibration") as job:
             target = self.upload_folder() / EXPORTS[kind]
-            text = self._done(tasks.exported, fitted(self.state).fit, kind, target.name, progress=job.report)
-            io.atomic_write(target, text)
+            io.atomic_write(
+                target, self._done(tasks.exported, fitted(self.state).fit, kind, target.name, progress=job.report)
+            )
             return target
         return None
 
@@ -773,8 +780,9 @@ def known_number(state: State, number: int) -> int:
 
 def with_run(state: State, **changes: Any) -> State:
     """The state with changes to the file on the time line."""
-    made = tuple(replace(run, **changes) if at == state.shown else run for at, run in enumerate(state.runs))
-    return replace(state, runs=made)
+    return replace(
+        state, runs=tuple(replace(run, **changes) if at == state.shown else run for at, run in enumerate(state.runs))
+    )
 
 
 def with_one_to_map(state: State) -> State:

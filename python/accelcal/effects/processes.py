@@ -91,8 +91,11 @@ def next_name(stem: str, used: Container[str]) -> str:
 
 def _enter(name: str, stem: Effect, *, markov: bool) -> None:
     """Enter the process of the coefficient of an effect: its cosines (derivations 7.1) times what one unit adds."""
-    tau = CATALOGUE["bias_gauss_markov"].shapes["tau"]
-    shapes: dict[str, Shape] = {**stem.shapes, **RECORD, **({"tau": tau} if markov else {})}
+    shapes: dict[str, Shape] = {
+        **stem.shapes,
+        **RECORD,
+        **({"tau": CATALOGUE["bias_gauss_markov"].shapes["tau"]} if markov else {}),
+    }
     own = tuple(stem.shapes)
     if len(shapes) != len(own) + len(RECORD) + markov:
         raise AccelcalError(

@@ -330,8 +330,9 @@ class Effect(Result):
         if guard.is_trusted(self.function):
             return
         sentence, failure = guard.words_for(self.function, self.name)
-        texts = {"unit": self.unit, "symbol": self.symbol, "source": self.source}
-        guard.require_declared(self.name, texts, self.scale, sentence)
+        guard.require_declared(
+            self.name, {"unit": self.unit, "symbol": self.symbol, "source": self.source}, self.scale, sentence
+        )
         shapes = {
             key: replace(one, bounds=guard.guarded_bounds(one.bounds, one.spacing, key, sentence))
             for key, one in self.shapes.items()
@@ -547,8 +548,9 @@ def enter(table: Mapping[str, Mapping[str, Any]]) -> None:
     for name, row in table.items():
         function = row["function"]
         function.__doc__ = row.get("card", function.__doc__)
-        declared = {key: value for key, value in row.items() if key not in ("function", "card", "family")}
-        effect(name, **declared)(function)
+        effect(name, **{key: value for key, value in row.items() if key not in ("function", "card", "family")})(
+            function
+        )
         if "family" in row:
             family(**row["family"])(function)
 

@@ -60,8 +60,9 @@ class ReaderProcess:
         self._close = weakref.finalize(self, _end, self._process, left, os.getpid())
         with self._ended_in_words():
             self._ask({"kind": kind, "file": str(path), "scratch": scratch and str(scratch)})
-            found = self._answer()["entries"]
-            self.entries = tuple(Entry(str(name), int(length), unit, clock) for name, length, unit, clock in found)
+            self.entries = tuple(
+                Entry(str(name), int(length), unit, clock) for name, length, unit, clock in self._answer()["entries"]
+            )
 
     def columns(self, names: Sequence[str]) -> dict[str, Column]:
         """Read columns by name, and end.

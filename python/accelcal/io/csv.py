@@ -223,8 +223,9 @@ def _header(
     """
     plain = [_trimmed(_cells(lines[i][1], delimiter)) for i in content]
     commented = [_trimmed(_cells(lines[i][1].lstrip("#%/ "), delimiter)) for i in range(at) if i not in content]
-    fitting = [cells for cells in commented if len(cells) == width]
-    rows = plain if plain and (len(plain[-1]) > 1 or width == 1) else fitting
+    rows = (
+        plain if plain and (len(plain[-1]) > 1 or width == 1) else [cells for cells in commented if len(cells) == width]
+    )
     if not rows:
         return [], []
     if len(rows) > 1 and len(rows[-1]) <= len(rows[-2]) <= width and _is_unit_row(rows[-1]):

@@ -197,8 +197,9 @@ def load_rests(path: Path, rig: Path | None, least: float) -> Rests:
         raise RecordingError(
             f"{path}: no rest of {least:g} s or more was found; look at the record, or give a shorter --least"
         )
-    names = TRIAD if triad else ("output",)
-    return Rests(path.name, first.t, outputs, names, first.unit, tuple(found), setup, declared.rig)
+    return Rests(
+        path.name, first.t, outputs, (TRIAD if triad else ("output",)), first.unit, tuple(found), setup, declared.rig
+    )
 
 
 def table_of(found: Rests, degrees: list[float]) -> list[dict[str, Any]]:

@@ -106,8 +106,9 @@ def from_columns(columns: Mapping[str, ArrayLike], units: Mapping[str, str], rig
     require_roles(table, where)
     require_scale(table, where, rig)
     require_lengths(numbers, where)
-    found = recording_of(table, Sidecar(rig=Rig() if rig is None else rig), [])
-    return replace(found, name=name, digest=digest_of(numbers, given))
+    return replace(
+        recording_of(table, Sidecar(rig=Rig() if rig is None else rig), []), name=name, digest=digest_of(numbers, given)
+    )
 
 
 def with_holes(values: Array) -> Column:

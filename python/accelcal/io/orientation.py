@@ -111,8 +111,7 @@ def _of_attitude(
                 "column, or leave [channels.attitude] out"
             )
     place = [channels.pop(name) for name in PLACE]
-    parts = [channels.pop(name) for name in ATTITUDE]
-    stamps, q = together(parts)
+    stamps, q = together([channels.pop(name) for name in ATTITUDE])
     _require_unit_length(file, stamps, q, columns)
     q = q / np.linalg.norm(q, axis=1)[:, None]
     t, r = together(place)

@@ -849,8 +849,7 @@ def _of_output(channels: Mapping[str, Any]) -> tuple[LowPass | None, tuple[Chann
     found = _declared(channels, "accel")
     low = [(each, tolerance) for each, tolerance in found if each.passes == "lowpass"]
     if len(low) == 1 and low[0][0].kind == "RC" and low[0][0].cutoff is not None:
-        lowpass = LowPass(low[0][0].cutoff, low[0][1])
-        return lowpass, tuple(each for each, _ in found if each.passes == "highpass")
+        return LowPass(low[0][0].cutoff, low[0][1]), tuple(each for each, _ in found if each.passes == "highpass")
     return None, tuple(each for each, _ in found)
 
 

@@ -589,8 +589,7 @@ class Tracker:
     def _start(self, t: float, z: float) -> None:
         """Begin at the last output before the first reading, or at the reading where there is none."""
         settings = self.settings
-        began = t if self._first is None else self._first[0]
-        x0, P0 = settings.start(z, t - began)
+        x0, P0 = settings.start(z, t - (t if self._first is None else self._first[0]))
         self.filter = LiveFilter(
             settings.choice,
             q=settings.q,

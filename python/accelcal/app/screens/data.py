@@ -39,8 +39,9 @@ def ask(page: Page) -> None:
         lines = mapping.first_lines(run.file)
         if lines:
             ui.label("The file begins with").classes("note")
-            beginning = ui.label("\n".join(lines)).classes("beginning")
-            beginning.props('tabindex=0 role=group aria-label="First lines of the file"')
+            ui.label("\n".join(lines)).classes("beginning").props(
+                'tabindex=0 role=group aria-label="First lines of the file"'
+            )
         form(page)
 
 
@@ -91,8 +92,7 @@ def form(page: Page) -> None:
     assert run is not None
     text = mapping.text_of(run.file, run.sidecar, run.template)
     fields = Fields(mapping.choices(run.columns, text, run.template))
-    titles = ["column", "role", "unit", "channel name"]
-    widgets.table(titles, [fields.row(one) for one in fields.found], "Columns")
+    widgets.table(["column", "role", "unit", "channel name"], [fields.row(one) for one in fields.found], "Columns")
     widgets.heading("Sensor", 3)
     ui.label("An output in volts or counts needs its scale. The rest may stay empty.").classes("note")
     declared = mapping.sensor_in(text)
@@ -142,8 +142,11 @@ def card(page: Page) -> None:
     state = page.bench.state
     with widgets.card("Recordings"):
         if len(state.runs) > 1:
-            titles = ["file", "use", "length", "held out", "time line", "remove"]
-            widgets.table(titles, [row(page, at, run) for at, run in enumerate(state.runs)], "Recordings and their use")
+            widgets.table(
+                ["file", "use", "length", "held out", "time line", "remove"],
+                [row(page, at, run) for at, run in enumerate(state.runs)],
+                "Recordings and their use",
+            )
             ui.label(
                 "Models are fitted to all files with the use fit together, and compared with what is held out."
             ).classes("note")
@@ -380,8 +383,9 @@ def division(page: Page, run: Run) -> None:
         widgets.button("Hold out", "visibility_off", lambda: mark(bench.hold_out), label="Hold this stretch out")
         widgets.button("Exclude", "content_cut", lambda: mark(bench.exclude), label="Exclude this stretch")
     if state.steps:
-        text = "Changing what is fitted discards the models, which must be fitted again; Undo restores them."
-        ui.label(text).classes("note")
+        ui.label(
+            "Changing what is fitted discards the models, which must be fitted again; Undo restores them."
+        ).classes("note")
 
 
 def fitting(page: Page) -> None:

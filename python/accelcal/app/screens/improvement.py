@@ -50,8 +50,7 @@ class Card:
 def cards(found: Diagnosis, most: int = 8) -> list[Card]:
     """Candidates, best first, confounded ones together."""
     named = [f.effect for f in found.scan.found]
-    flat = [c for group in candidate_groups(found, most) for c in group]
-    return [card(found, c, named) for c in flat]
+    return [card(found, c, named) for group in candidate_groups(found, most) for c in group]
 
 
 def card(found: Diagnosis, c: Candidate, named: list[str]) -> Card:
@@ -201,8 +200,7 @@ def show(page: Page) -> None:
 
 def overlay(page: Page, seen: Evaluation, shown: tuple[int, ...]) -> None:
     """What was measured and what every model says over each other, and where the current one fails."""
-    state = page.bench.state
-    zoom = Zoom(page, partial(figures.overlay, state), stretches_of(seen))
+    zoom = Zoom(page, partial(figures.overlay, page.bench.state), stretches_of(seen))
     ui.label("Click a model in the legend to hide it; drag to zoom; click a shaded stretch to see it closer.").classes(
         "note"
     )
@@ -279,8 +277,7 @@ def verdict(page: Page) -> None:
             with ui.expansion("More limits", icon="list").classes("full"):
                 widgets.table(["effect", "detected from"], limits[LIMITS:], "More detection limits")
     if nothing:
-        made = widgets.button("Add", "add", lambda: None, label="Nothing to add")
-        made.set_enabled(False)
+        widgets.button("Add", "add", lambda: None, label="Nothing to add").set_enabled(False)
     for name, title, text in found_in_noise(bench.state, found):
         of_noise(page, name, title, text)
     leading, further, rest = offered(found)

@@ -106,8 +106,7 @@ def select(page: Page, names: list[str], side: int) -> None:
         page.pair = (str(made.value), second) if side == 0 else (first, str(made.value))
         page.rebuild()
 
-    label = ("First model", "Second model")[side]
-    made = ui.select(names, value=page.pair[side], label=label, on_change=choose)
+    made = ui.select(names, value=page.pair[side], label=("First model", "Second model")[side], on_change=choose)
     made.props("dense outlined").classes("grow")
 
 

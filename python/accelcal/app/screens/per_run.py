@@ -59,8 +59,9 @@ def fitted(page: Page) -> None:
         if found is not None:
             ui.label(agreement(found)).classes("verdict-text")
             names = (*found.parameters, *(spread.name for spread in step.fit.spreads), *own_names(step))
-            titles = ["recording", *map(spelled, names), "noise"]
-            widgets.table(titles, rows_of(step, found), "Parameters of each recording")
+            widgets.table(
+                ["recording", *map(spelled, names), "noise"], rows_of(step, found), "Parameters of each recording"
+            )
             ui.label(
                 "Each value is that of one recording alone, with its standard uncertainty; p is the probability of "
                 "such differences if all have one value."

@@ -36,8 +36,9 @@ def card(page: Page) -> None:
                 f"Magnitude and phase of the sensitivity of {run.name} by frequency, with uncertainties: by sine "
                 "approximation where the motion is steps of sines, else by spectral estimation."
             ).classes("note")
-            made = widgets.button("Compute the frequency response", "graphic_eq", lambda: page.act(bench.respond))
-            made.set_enabled(bench.job is None)
+            widgets.button("Compute the frequency response", "graphic_eq", lambda: page.act(bench.respond)).set_enabled(
+                bench.job is None
+            )
             return
         page.pictures(("response", id(found)), lambda theme: [figures.response(found, theme)], height=700)
         widgets.lines(response_sentences(found), "")

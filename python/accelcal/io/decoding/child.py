@@ -77,8 +77,7 @@ def main(requests: IO[bytes], replies: IO[bytes]) -> None:
     asked = json.loads(requests.readline())
     try:
         source = _opened(asked["kind"], asked["file"], asked["scratch"])
-        entries = [[entry.name, entry.length, entry.unit, entry.clock] for entry in source.entries]
-        _reply(replies, {"entries": entries})
+        _reply(replies, {"entries": [[entry.name, entry.length, entry.unit, entry.clock] for entry in source.entries]})
         if not _waits(requests):
             return
         for name in json.loads(requests.readline() or b"[]"):

@@ -25,8 +25,7 @@ def opened(path: str) -> Source:
             )
         return numbers(item[()].ravel())
 
-    seen = {_address(file)}
-    return Source(limited(_entries(file, "", 0, seen)), column)
+    return Source(limited(_entries(file, "", 0, {_address(file)})), column)
 
 
 def _entries(group: Any, prefix: str, depth: int, seen: set[int]) -> Iterator[Entry]:

@@ -51,8 +51,7 @@ def _topics(reader: SeekingReader, summary: Any, channels: list[Any], counts: Ma
     for each in by_json:
         read = _messages(reader, each, json.loads)
         first: Any = next(read(), (0, {}))[1]
-        units = _units(schemas[each.id], each)
-        yield Topic(each.topic, counts[each.id], tuple(_leaves(first, units, (), 0)), read)
+        yield Topic(each.topic, counts[each.id], tuple(_leaves(first, _units(schemas[each.id], each), (), 0)), read)
 
 
 def _messages(
