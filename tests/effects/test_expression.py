@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from accelcal.effects import CATALOGUE, ExpressionError, from_expression, load_effects
-from accelcal.effects.formula import DEEPEST, LONGEST
-from accelcal.effects.user_file import probe
+from accelcal.effects.own import DEEPEST, LONGEST, probe
 
 HOSTILE = [
     "__import__('os').system('true')",

@@ -27,9 +27,8 @@ from accelcal.effects import (
     load_effects,
     registry,
 )
-from accelcal.effects.formula import FUNCTIONS, MOTION, RESERVED
 from accelcal.effects.guard import Guarded
-from accelcal.effects.user_file import probe
+from accelcal.effects.own import FUNCTIONS, MOTION, RESERVED, probe
 from accelcal.signals.signals import Signals
 from accelcal.simulation import CXL02_RIG
 

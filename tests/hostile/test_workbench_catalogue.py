@@ -16,7 +16,7 @@ from accelcal.app.session_file import read
 from accelcal.app.workbench import Workbench
 from accelcal.app.workers import Workers, draw
 from accelcal.effects import BUILT_IN, CATALOGUE, ExpressionError, find, from_expression
-from accelcal.effects.user_file import probe
+from accelcal.effects.own import probe
 
 from . import workbench_tasks as work
 from .workbench import has_ended, write
@@ -161,7 +161,7 @@ def test_nothing_of_a_formula_is_evaluated_in_the_server(
     def refuse(*args: object) -> None:
         raise AssertionError("evaluated in the server")
 
-    monkeypatch.setattr("accelcal.effects.formula._try", refuse)
+    monkeypatch.setattr("accelcal.effects.own._try_out", refuse)
     monkeypatch.setattr("accelcal.effects.guard.timed", refuse)
     bench.own_effect(LAW, "a**3", "1", "output")
     assert bench.sentence == ""

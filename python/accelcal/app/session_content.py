@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraint
 
 from accelcal._support.errors import AccelcalError
 from accelcal.effects import Own, from_expression
-from accelcal.effects.formula import from_tried_expression
+from accelcal.effects.own import from_tried_expression
 from accelcal.io.loading import digest_of
 
 SCHEMA: Literal["accelcal/session/2"] = "accelcal/session/2"

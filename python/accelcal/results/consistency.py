@@ -12,7 +12,7 @@ import numpy as np
 
 from accelcal._support.plain_text import OBEYED_IN_NAMES
 from accelcal.effects import Effect
-from accelcal.effects.user_file import probe
+from accelcal.effects.own import probe
 from accelcal.estimation.estimate import Fit
 from accelcal.model import Term
 from accelcal.results.json_text import LONGEST_TEXT, ModelFileError

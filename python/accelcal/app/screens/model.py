@@ -15,7 +15,7 @@ from accelcal.app.screens import per_run, uploads
 from accelcal.app.state import State
 from accelcal.data.recording import RecordingError, require_same_sensor
 from accelcal.effects import BUILT_IN, spelled
-from accelcal.effects.formula import FUNCTIONS, MOTION
+from accelcal.effects.own import FUNCTIONS, MOTION
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.noise_effects import NoiseEffect
 from accelcal.model import Estimate
