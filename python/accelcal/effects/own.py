@@ -1,4 +1,4 @@
-"""Effects of the user: a Python file that is run and tried, or a line of algebra that is parsed and never run as code."""
+"""Effects of the user: a Python file that is run and tried, or a line of algebra that is parsed and never run."""
 
 from __future__ import annotations
 
