@@ -29,10 +29,7 @@ def immutable(value: type[Value]) -> type[Value]:
     return value
 
 
-Kind = TypeVar("Kind")
-
-
-def short_repr(value: type[Kind]) -> type[Kind]:
+def short_repr(value: type[Value]) -> type[Value]:
     """Give a dataclass a representation that leaves out fields with their default value."""
 
     def representation(self: Any) -> str:

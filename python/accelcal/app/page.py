@@ -128,8 +128,10 @@ class Page(widgets.Frame):
 
     def failed(self, error: Exception) -> None:
         """Show what a handler of this page raised; the same error once, since the page is redrawn all the time."""
-        frames = traceback.extract_tb(error.__traceback__)
-        place = (type(error), *((frame.filename, frame.lineno) for frame in frames[-1:]))
+        place = (
+            type(error),
+            *((frame.filename, frame.lineno) for frame in traceback.extract_tb(error.__traceback__)[-1:]),
+        )
         if not isinstance(error, Busy) and place not in self._failures:
             self._failures.add(place)
             self.bench.refuse(internal_error.sentence(error))

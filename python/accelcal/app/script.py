@@ -150,8 +150,11 @@ def command_line(state: State) -> str:
     data = " ".join(train)
     names = [f"m{i}.json" for i in range(len(state.path))]
     for i, step in enumerate(state.path):
-        command = step.change.command(state.own_files, data)
-        lines.append(command.replace("PARENT", names[i - 1] if i else "").replace("THIS", names[i]))
+        lines.append(
+            step.change.command(state.own_files, data)
+            .replace("PARENT", names[i - 1] if i else "")
+            .replace("THIS", names[i])
+        )
     if names:
         option = state.own_files
         lines.append(f"accelcal diagnose {names[-1]} {data}{option}")

@@ -97,9 +97,9 @@ def dumps(state: State, *, when: datetime | None = None) -> bytes:
             CONTENT, content.model_dump_json(by_alias=True, indent=2, exclude=None if content.guests else {"guests"})
         )
         for step in state.steps:
-            archive.writestr(model_name(step.key), model_file.dumps(model_file.to_dict(step.fit)))
+            archive.writestr(f"models/{step.key}.json", model_file.dumps(model_file.to_dict(step.fit)))
         for number, guest in enumerate(state.guests, start=1):
-            archive.writestr(guest_name(number), model_file.dumps(model_file.to_dict(guest.fit)))
+            archive.writestr(f"guests/{number}.json", model_file.dumps(model_file.to_dict(guest.fit)))
     return packed.getvalue()
 
 
@@ -114,8 +114,8 @@ def read(path: Path) -> tuple[Content, dict[int, str], tuple[str, ...]]:
     with _reading(path):
         texts = _texts(path)
         content = Content.model_validate_json(texts.pop(CONTENT))
-        models = {step.key: texts.pop(model_name(step.key)) for step in content.steps}
-        guests = tuple(texts.pop(guest_name(number)) for number in range(1, len(content.guests) + 1))
+        models = {step.key: texts.pop(f"models/{step.key}.json") for step in content.steps}
+        guests = tuple(texts.pop(f"guests/{number}.json") for number in range(1, len(content.guests) + 1))
     if texts:
         raise SessionError(f"{path.name}: holds {len(texts)} parts that belong to no model; take a copy that is whole")
     return content, models, guests
@@ -148,16 +148,6 @@ def _reading(path: Path) -> Iterator[None]:
         raise SessionError(
             f"{path.name}: cannot be read as a session file ({what}); take a copy that is whole"
         ) from None
-
-
-def model_name(key: int) -> str:
-    """Name of a model in the archive."""
-    return f"models/{key}.json"
-
-
-def guest_name(number: int) -> str:
-    """Name of a model from elsewhere in the archive."""
-    return f"guests/{number}.json"
 
 
 def _texts(path: Path, wanted: Sequence[str] | None = None) -> dict[str, str]:

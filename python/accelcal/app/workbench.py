@@ -340,8 +340,7 @@ class Workbench:
         if not stored:
             return state
         fits = [self._model(opened.models[step.key], step.key) for step in stored]
-        ruler = Ruler.of(fits)
-        compared = self._done(tasks.judged, fits, state.unseen, ruler, fits[0], progress=progress, state=state)
+        compared = self._done(tasks.judged, fits, state.unseen, Ruler.of(fits), fits[0], progress=progress, state=state)
         keys: dict[int | None, int | None] = {None: None}
         steps: list[Step] = []
         for step, found, heldouts in zip(stored, fits, compared, strict=True):
@@ -405,16 +404,14 @@ class Workbench:
     @action("adding {0}")
     def add(self, state: State, progress: Report, name: str) -> State:
         """Add an effect to the current model, and fit again."""
-        before = fitted(state).fit
         return self._grown(
-            state, Change("add", name), progress, tasks.added, before, state.train, name, names_of(state)
+            state, Change("add", name), progress, tasks.added, fitted(state).fit, state.train, name, names_of(state)
         )
 
     @action("removing {0}")
     def drop(self, state: State, progress: Report, name: str) -> State:
         """Remove an effect from the current model, and fit again."""
-        before = fitted(state).fit
-        return self._grown(state, Change("drop", name), progress, tasks.dropped, before, state.train, name)
+        return self._grown(state, Change("drop", name), progress, tasks.dropped, fitted(state).fit, state.train, name)
 
     @action("fixing {0}")
     def freeze(self, state: State, progress: Report, name: str, value: float) -> State:

@@ -28,13 +28,9 @@ from accelcal.effects.registry import (
     Variable,
     family,
 )
-from accelcal.effects.processes import find, next_name, on_demand, stem_of
-from accelcal.effects.processes import side_channel, side_channels
-from accelcal.effects.own import ExpressionError, Own, from_expression
 from accelcal.effects.guard import EffectsFileError
-from accelcal.effects.processes import Names, names
-from accelcal.effects.processes import by_name as _by_name  # noqa: F401  (importing it makes effects pickle by name)
-from accelcal.effects.own import effect, load_effects
+from accelcal.effects.processes import Names, find, names, next_name, on_demand, side_channel, side_channels, stem_of
+from accelcal.effects.own import ExpressionError, Own, effect, from_expression, load_effects
 
 BUILT_IN = tuple(CATALOGUE.values())
 """The effects that come with accelcal: without side channels and users' own."""

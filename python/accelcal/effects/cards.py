@@ -47,8 +47,7 @@ def symptoms(effects: Iterable[Effect]) -> str:
 
 def card(effect: Effect) -> str:
     """Card of one effect, as Markdown."""
-    about = effect.card.split("\nEquation:")[0]
-    lines = [f"## {effect.name}", "", " ".join(about.split()), ""]
+    lines = [f"## {effect.name}", "", " ".join(effect.card.split("\nEquation:")[0].split()), ""]
     lines += [f"- {label}: {text}" for label in CARD if (text := effect.line(label))]
     lines.append(f"- Unit of {effect.symbol}: {effect.unit}; owner: {effect.owner}; {PORTS[effect.port]}.")
     lines.append(f"- Typical size: {effect.scale:g} ({effect.source}).")

@@ -196,8 +196,7 @@ def _separators(rows: list[str]) -> tuple[str, str, int]:
 
 def _value_columns(rows: list[str], delimiter: str, decimal: str, width: int) -> list[int]:
     """Return the columns that hold numbers or stamps in most of the lower half of `rows`; the header is above."""
-    lower = [_cells(text, delimiter) for text in rows[len(rows) // 2 :]]
-    split = [row for row in lower if len(row) == width]
+    split = [row for row in [_cells(text, delimiter) for text in rows[len(rows) // 2 :]] if len(row) == width]
     return [
         k
         for k in range(width)
@@ -241,8 +240,7 @@ def _trimmed(cells: list[str]) -> list[str]:
 
 def _is_unit_row(cells: list[str]) -> bool:
     filled = [cell for cell in cells if cell]
-    known = sum(cell == "-" or units.is_unit(cell.strip("[]() ")) for cell in filled)
-    return 2 * known > len(filled)
+    return 2 * sum(cell == "-" or units.is_unit(cell.strip("[]() ")) for cell in filled) > len(filled)
 
 
 def _read(path: Path, dialect: _Dialect, names: Sequence[str]) -> Mapping[str, Column]:
@@ -290,8 +288,7 @@ def _without_comments(data: bytes, start: int) -> bytes | memoryview:
     rows = memoryview(data)[start:]
     if all(data.find(b"\n" + mark.encode(), max(start - 1, 0)) < 0 for mark in _COMMENT):
         return rows
-    marks = "|".join(_COMMENT).encode()
-    return re.sub(rb"(?m)^(?:" + marks + rb")[^\n]*\n?", b"", rows)
+    return re.sub(rb"(?m)^(?:" + "|".join(_COMMENT).encode() + rb")[^\n]*\n?", b"", rows)
 
 
 def _instants(cells: Any) -> Any:

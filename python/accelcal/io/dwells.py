@@ -31,8 +31,7 @@ def declares_dwells(path: Path, rig: Path | None = None) -> bool:
         return False
     if is_table(open_table(path)):
         return True
-    declared = rig is not None or has_sidecar(path)
-    setup = read_sidecar(rig or sidecar_of(path)).dwell if declared else None
+    setup = read_sidecar(rig or sidecar_of(path)).dwell if rig is not None or has_sidecar(path) else None
     return setup is not None and setup.angle is not None
 
 

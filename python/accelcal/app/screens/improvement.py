@@ -56,8 +56,7 @@ def cards(found: Diagnosis, most: int = 8) -> list[Card]:
 def card(found: Diagnosis, c: Candidate, named: list[str]) -> Card:
     """One candidate."""
     effect = find(c.effect)
-    single = len(c.estimate) == 1
-    size = with_plain(c.estimate[0], c.std[0], c.unit) if single else f"{len(c.estimate)} coefficients"
+    size = with_plain(c.estimate[0], c.std[0], c.unit) if len(c.estimate) == 1 else f"{len(c.estimate)} coefficients"
     significant = c.p_value < found.alpha and found.verdict not in ("adequate", "too_short")
     rivals = tuple(spelled(m) for m in c.members if m != c.effect) if significant else ()
     return Card(

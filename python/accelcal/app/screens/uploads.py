@@ -56,25 +56,22 @@ def area(bench: Workbench, label: str, take: Callable[[Any], Awaitable[None]], m
         if not made.is_deleted:
             made.reset()  # what was taken is told by the page, and not listed once more
 
-    def rejected() -> None:
-        bench.refuse(f"the file is larger than {MOST_BYTES / 1e6:.0f} MB, the limit of the workbench")
-
-    def failed() -> None:
-        bench.refuse(
-            f"the upload has failed: the server did not take it. The limit is {MOST_BYTES / 1e6:.0f} MB, a few uploads "
-            "at a time, and room on the disk; give the file a short name, and drop it again"
-        )
-
+    most = f"{MOST_BYTES / 1e6:.0f} MB"
+    too_large = f"the file is larger than {most}, the limit of the workbench"
+    failed = (
+        f"the upload has failed: the server did not take it. The limit is {most}, a few uploads "
+        "at a time, and room on the disk; give the file a short name, and drop it again"
+    )
     made = widgets.Uploader(
         multiple=True,
         auto_upload=True,
         max_file_size=MOST_BYTES,
         on_multi_upload=accept,
-        on_rejected=rejected,
+        on_rejected=lambda: bench.refuse(too_large),
     )
     made.on("start", lambda: made.sends(True), [])
     made.on("finish", lambda: made.sends(False), [])
-    made.on("failed", failed, [])
+    made.on("failed", lambda: bench.refuse(failed), [])
     made.props("flat hide-upload-btn").classes("drop")
     made.add_slot("header", HEADER.replace("LABEL", html.escape(label)))
     made.mark(mark)

@@ -66,8 +66,7 @@ def _difference(later: tuple[int, int], earlier: tuple[int, int]) -> float:
 def _instants(stamps: Any) -> Any:
     """Time stamps as seconds from the first."""
     seconds = np.asarray(stamps["seconds"], dtype=np.int64)
-    fractions = np.asarray(stamps["second_fractions"], dtype=np.float64) * 2.0**-64
-    return (seconds - seconds[:1]) + fractions
+    return (seconds - seconds[:1]) + (np.asarray(stamps["second_fractions"], dtype=np.float64) * 2.0**-64)
 
 
 def _unit(channel: Any) -> str | None:
