@@ -295,7 +295,7 @@ class Reader:
         RecordingError
             If it cannot be read as a table.
         """
-        columns: tuple[str, ...] = ()
+        names: tuple[str, ...] = ()
         template = ""
         borrowed = lender if lender is not None and sidecar is None and not has_sidecar(path) else None
         try:
@@ -305,25 +305,25 @@ class Reader:
                     f"{path.name}: {size / 1e6:.0f} MB; the limit of the workbench is {MOST_BYTES / 1e6:.0f} MB. "
                     "Convert it to Parquet, cut it, or use the command line"
                 )
-            columns, template = self.done(columns, path, progress=within(progress, 0.0, 0.1))
+            names, template = self.done(columns, path, progress=within(progress, 0.0, 0.1))
             rig: Path | Rig | None = self.declared(path, sidecar)
             if borrowed is not None and borrowed.recording is not None:
                 rig = borrowed.recording.rig
             known = self.read(path, rig, within(progress, 0.1, 0.4))
         except RecordingError as error:
-            if not columns:
+            if not names:
                 raise
-            return Run(path, sidecar, columns=columns, template=template, problem=self.plain(str(error)))
+            return Run(path, sidecar, columns=names, template=template, problem=self.plain(str(error)))
         progress(0.4)
         if isinstance(known, Dwells):
-            return Run(path, sidecar, columns=columns, template=template, dwells=known)
+            return Run(path, sidecar, columns=names, template=template, dwells=known)
         self.arrived(known)
         checked: Checked = self.done(check, known, progress=within(progress, 0.4, 0.98))
         return Run(
             file=path,
             sidecar=sidecar,
             lender=borrowed.name if borrowed is not None else "",
-            columns=columns,
+            columns=names,
             template=template,
             recording=known,
             summary=checked.summary,
