@@ -25,6 +25,7 @@ from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
+from accelcal.diagnosis.evidence import TimeSpan
 from accelcal.diagnosis.faults import position_steps_sought, with_position_steps
 from accelcal.diagnosis.findings import Confounded, in_model
 from accelcal.diagnosis.independent_tests import largest_wave
@@ -37,11 +38,11 @@ from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, SHOWN_SIGMA, VALIDATION_SIGMA
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.rest import require_motion_above_noise
-from accelcal.diagnosis.run_agreement import RunValues, run_agreement, values_by_run
+from accelcal.diagnosis.run_agreement import RunValues, runs_disagree, values_by_run
 from accelcal.diagnosis.search.hypotheses import lacks_its_position, may_be_refined
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.turning import slow_residual, stretches_of
-from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on
+from accelcal.diagnosis.verdict import Diagnosis, verdict_on
 from accelcal.effects import Effect, find, side_channels
 from accelcal.estimation.estimate import (
     DWELLS_ALONE,
@@ -340,11 +341,11 @@ def fit(
         return found, run
 
     found, run = fitted(several)
-    slow = slow_residual(found, run) if reject_outliers else None
+    slow = next(slow_residual(found, run), None) if reject_outliers else None
     disturbed = slow if slow is not None and slow.code == "disturbed" else None
     if disturbed is not None:
         found, run = fitted(without_stretches(several, disturbed))
-        slow = slow_residual(found, run, stretches=False)
+        slow = next(slow_residual(found, run, stretches=False), None)
     said = tuple(f"{one.sentence}." for one in (slow, disturbed) if one is not None)
     tilt = 0.0 if slow is None else float(slow.values["tilt_deg"])
     found = replace(found, tilt=tilt, remarks=(*said, *found.remarks)) if said else found
@@ -383,8 +384,8 @@ def with_breaks(fit: Fit, broken: Sequence[Remark]) -> Fit:
 def with_agreement(fit: Fit, states: Sequence[RunState]) -> Fit:
     """The fit with the remark on a recording that disagrees with the others, by the states of its runs; the fit itself
     where all agree."""
-    found = run_agreement(states, fit.model, [one.instead for one in fit.seen_by_runs])
-    return fit if found is None else replace(fit, remarks=(*fit.remarks, f"{found.sentence}."))
+    found = values_by_run(states, fit.model, [one.instead for one in fit.seen_by_runs])
+    return replace(fit, remarks=(*fit.remarks, *(f"{one.sentence}." for one in runs_disagree(found))))
 
 
 def fit_without_outliers(

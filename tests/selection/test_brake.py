@@ -3,8 +3,8 @@
 import pytest
 
 import accelcal as ac
+from accelcal.diagnosis.evidence import TimeSpan
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
-from accelcal.diagnosis.verdict import TimeSpan
 from accelcal.selection.budget import SearchBudget
 from accelcal.selection.stepwise import StepwiseSelection
 from tests.selection.test_cross_validation import record

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.data.recording import Recording
-from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE
+from accelcal.diagnosis.evidence import Evidence, noise_ratio
+from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE, DATA_SHEET_NOISE_RATIO
 from accelcal.diagnosis.remarks import Remark, remark
-from accelcal.estimation.estimate import Fit
 from accelcal.estimation.run import prepare
 from accelcal.signals.processing import ORDER
 from accelcal.validation.comparison import Evaluation
@@ -25,28 +25,25 @@ BAND_SHARE = 0.2
 """Of the rate of the readings: as far as their second derivative is resolved."""
 
 
-def coloured_position(fit: Fit, recording: Recording, span: tuple[float, float]) -> Remark | None:
-    """The remark on a position whose noise is not white; None where a noisier sensor explains the residual as well.
-
-    Parameters
-    ----------
-    fit, recording : a model, and the run that it was fitted to.
-    span : the used part, s.
+def coloured_position(e: Evidence) -> Iterator[Remark]:
+    """Noise of the position that is not white; no remark where a noisier sensor explains the residual as well.
 
     Notes
     -----
     White noise of the sensor is flat in the residual acceleration, white noise of a reading rises with f⁴, and a
     Gauss-Markov process on the reading with f² above its corner. Two models of that spectrum are compared by Whittle's
     likelihood: a sensor of any noise with white readings, and a sensor as declared with white and Gauss-Markov noise of
-    the readings.
+    the readings, which must gain `CLEAR_LOG_EVIDENCE` (tests/diagnosis/test_position_noise.py).
     """
-    declared = recording.rig.sensor.noise
-    if declared is None:
-        return None
+    fit, recording, span, declared = e.fit, e.recording, e.span, e.recording.rig.sensor.noise
+    if declared is None or noise_ratio(fit) <= DATA_SHEET_NOISE_RATIO:
+        return
+    if not e.scan.enough or recording.reference is not None:
+        return
     step = prepare(recording, fit.origins, start=span[0], end=span[1]).reading_step  # compare takes the replay
     spectrum = residual_spectrum(compare(fit, recording, band=BAND_SHARE / step, start=span[0], end=span[1]), step)
     if spectrum is None:
-        return None
+        return
     f, density, averages = spectrum
     w4 = (2.0 * np.pi * f) ** 4
     passed = 1.0 / (1.0 + (f / (BAND_SHARE / step)) ** (2 * ORDER)) ** 2
@@ -61,9 +58,8 @@ def coloured_position(fit: Fit, recording: Recording, span: tuple[float, float])
         )
         if best is None or likelihood > best[0]:
             best = likelihood, math.sqrt(float(sizes[0])), float(tau)
-    if best is None or best[0] - by_sensor < CLEAR_LOG_EVIDENCE:
-        return None
-    return remark("coloured_position", rms=best[1], tau=best[2], log_evidence=best[0] - by_sensor)
+    if best is not None and best[0] - by_sensor >= CLEAR_LOG_EVIDENCE:
+        yield remark("coloured_position", rms=best[1], tau=best[2], log_evidence=best[0] - by_sensor)
 
 
 def residual_spectrum(seen: Evaluation, step: float) -> tuple[Array, Array, float] | None:

@@ -23,9 +23,36 @@ class Kind:
     """Its sentence, with the names of its values in braces."""
     forbids_names: bool = False
     """Whether no effect is certain beside it, so that none is named."""
+    vetoes_adequate: bool = False
+    """Whether no model is adequate beside it; it then opens the sentence of the verdict."""
 
 
 KINDS: dict[str, Kind] = {
+    "implausible_scale": Kind("verdict", "{text}", forbids_names=True),
+    "motion_beyond_sampling": Kind(
+        "verdict",
+        "The motion changes faster than the sampling resolves during {share:.2g} % of the record, at {instants} "
+        "instants; sample faster, or smooth the set-points",
+        forbids_names=True,
+    ),
+    "turning_sensor": Kind(
+        "verdict",
+        "A tilt of {tilt_deg:.2g} degrees rms or a slow drift of either channel would explain all of it; orientation "
+        "is not recorded. The residual below {band:.2g} Hz is {rms:.2g} m/s² rms where a bias instability of "
+        "{bias_instability:.2g} m/s² is ordinary",
+        forbids_names=True,
+    ),
+    "coloured_position": Kind(
+        "verdict",
+        "The noise of the position is not white: {rms:.2g} m with a correlation time of {tau:.2g} s, or in that "
+        "proportion; the sensor is not to blame",
+    ),
+    "engines_disagree": Kind(
+        "verdict",
+        "Two independent estimates of this record disagree in {parameters}: {parameter} is {replay} by the replay and "
+        "{weak} by the weak form, {sigma:.3g} standard deviations of their difference apart",
+        vetoes_adequate=True,
+    ),
     "dropout": Kind(
         "data",
         "{channel}: {count} gaps without readings, {share:.2g} % of the record together, the longest {longest:.3g} s "
@@ -68,13 +95,6 @@ KINDS: dict[str, Kind] = {
         "instability of {bias_instability:.2g} m/s² is ordinary, lives there alone. That is left out, and the rest is "
         "judged; a file without it: accelcal cut {file} {without} -o {cut}",
     ),
-    "turning_sensor": Kind(
-        "verdict",
-        "A tilt of {tilt_deg:.2g} degrees rms or a slow drift of either channel would explain all of it; orientation "
-        "is not recorded. The residual below {band:.2g} Hz is {rms:.2g} m/s² rms where a bias instability of "
-        "{bias_instability:.2g} m/s² is ordinary",
-        forbids_names=True,
-    ),
     "tilt_or_drift": Kind(
         "beside",
         "A tilt of {tilt_deg:.2g} degrees rms would explain the drift of the bias as well: below {band:.2g} Hz it is "
@@ -88,26 +108,14 @@ KINDS: dict[str, Kind] = {
         "{bias_instability:.2g} m/s² is ordinary; orientation is not recorded. Do not take bias and scale factor for "
         "the sensor's: run accelcal diagnose",
     ),
-    "implausible_scale": Kind("verdict", "{text}", forbids_names=True),
     "unresolved_motion": Kind(
         "beside",
         "The motion changes faster than the sampling resolves at {instants} instants; declare or smooth the set-points",
-    ),
-    "motion_beyond_sampling": Kind(
-        "verdict",
-        "The motion changes faster than the sampling resolves during {share:.2g} % of the record, at {instants} "
-        "instants; sample faster, or smooth the set-points",
-        forbids_names=True,
     ),
     "search_stopped": Kind(
         "beside",
         "The search was stopped after {models} models, at its budget of {seconds:.3g} s of processor time; this is the "
         "best answer so far",
-    ),
-    "coloured_position": Kind(
-        "verdict",
-        "The noise of the position is not white: {rms:.2g} m with a correlation time of {tau:.2g} s, or in that "
-        "proportion; the sensor is not to blame",
     ),
     "validation_rises": Kind(
         "beside",
@@ -161,11 +169,6 @@ KINDS: dict[str, Kind] = {
         "The recordings disagree (p = {p:.2g}): {parameter} is {value} on {recording} and {others} on the others; "
         "sensor and reference cannot be distinguished there",
     ),
-    "engines_disagree": Kind(
-        "verdict",
-        "Two independent estimates of this record disagree in {parameters}: {parameter} is {replay} by the replay and "
-        "{weak} by the weak form, {sigma:.3g} standard deviations of their difference apart",
-    ),
     "run_to_run": Kind("beside", "{text}"),
     "goes_with": Kind("beside", "{text}"),
     "transverse_coherence": Kind(
@@ -178,7 +181,8 @@ KINDS: dict[str, Kind] = {
         "beside", "{effect} would explain more of the record ({sigma:.0f} sigma), but it was not added: {reason}"
     ),
 }
-"""Every code that a remark can have. A single fault has a sentence of its own, with its instant."""
+"""Every code that a remark can have; of several causes of a residual the first counts. A single fault has a sentence of
+its own, with its instant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +203,11 @@ class Remark:
     def forbids_names(self) -> bool:
         """Whether no effect is certain beside it."""
         return KINDS[self.code].forbids_names
+
+    @property
+    def vetoes_adequate(self) -> bool:
+        """Whether no model is adequate beside it."""
+        return KINDS[self.code].vetoes_adequate
 
 
 def remark(code: str, **values: Value) -> Remark:

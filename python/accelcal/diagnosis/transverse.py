@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -12,12 +12,10 @@ import scipy
 
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import DERIVED
-from accelcal.data.recording import Recording
+from accelcal.diagnosis.evidence import Evidence
 from accelcal.diagnosis.policy import COHERENCE_LEAST_SHARE, TRANSVERSE_ALPHA
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.effects import find
-from accelcal.signals.signals import Signals
-from accelcal.validation.comparison import Evaluation
 
 SEGMENTS = 24
 """Segments of the averaged spectra, half overlapping."""
@@ -43,35 +41,32 @@ class CoherentBand:
     p_value: float
 
 
-def transverse_coherence(
-    recording: Recording, where: Evaluation, s: Signals, origin: float, effects: Sequence[str]
-) -> tuple[Remark, ...]:
-    """Remarks on side channels with which the residual is coherent; at most one for each, over its whole band.
+def transverse_coherence(e: Evidence) -> Iterator[Remark]:
+    """Side channels with which the residual is coherent; at most one remark for each, over its whole band.
 
-    Parameters
-    ----------
-    recording, where : the run and the residual of the model on it.
-    s, origin : the smoothed motion; zero of its time, s.
-    effects : what was found; a channel that one of them needs is left out until the model has it.
+    A channel that an effect needs which was found is left out until the model has it.
 
     Notes
     -----
     Partial coherence given the acceleration. Without any, its square exceeds x with probability (1 - x)^(K - 2) for K
-    independent averages (Goodman 1957), times the number of bands of all channels.
+    independent averages (Goodman 1957), times the number of bands of all channels (`TRANSVERSE_ALPHA`,
+    tests/diagnosis/test_transverse.py).
     """
-    explained = {name for effect in effects for name in find(effect).needs}
-    t, residual = where.accel_residual
+    if not e.scan.enough:
+        return
+    explained = {name for effect in e.found for name in find(effect.effect).needs}
+    t, residual = e.where.accel_residual
     channels = {
         name: c
-        for name, c in recording.side.items()
+        for name, c in e.recording.side.items()
         if name not in {*explained, *DERIVED, "temperature"} and len(c.t) > 64
     }
-    a = np.interp(t - origin, s.t, s.a)
+    a = np.interp(t - e.runs[0].origins.t, e.signals.t, e.signals.a)
     bands = [
         band
         for name, channel in channels.items()
         for band in coherent_bands(
-            name, np.interp(t, channel.t, channel.y), t, residual, a, highest(channel.t, where.band)
+            name, np.interp(t, channel.t, channel.y), t, residual, a, highest(channel.t, e.where.band)
         )
     ]
     found = [
@@ -79,18 +74,17 @@ def transverse_coherence(
         for band in bands
         if band.p_value * len(bands) < TRANSVERSE_ALPHA and band.coherence > COHERENCE_LEAST_SHARE
     ]
-    return tuple(
-        remark(
-            "transverse_coherence",
-            channel=name,
-            low=min(band.low for band in own),
-            high=max(band.high for band in own),
-            share=100.0 * max(band.coherence for band in own),
-            sensitivity=max(own, key=lambda band: band.coherence).sensitivity,
-        )
-        for name in channels
-        if (own := [band for band in found if band.channel == name])
-    )
+    for name in channels:
+        if coherent := [band for band in found if band.channel == name]:
+            strongest = max(coherent, key=lambda band: band.coherence)
+            yield remark(
+                "transverse_coherence",
+                channel=name,
+                low=min(band.low for band in coherent),
+                high=max(band.high for band in coherent),
+                share=100.0 * strongest.coherence,
+                sensitivity=strongest.sensitivity,
+            )
 
 
 def highest(t: Array, band: float) -> float:

@@ -4,7 +4,7 @@ drift of either channel, or a stretch in which something disturbed the record.""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from accelcal.data.recording import Recording
 from accelcal.data.references import ACCELERATION
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
 from accelcal.data.units import instant
-from accelcal.diagnosis.contribution import Size
+from accelcal.diagnosis.evidence import Evidence
 from accelcal.diagnosis.noise_tests.noise_test import LINE
 from accelcal.diagnosis.policy import (
     DATA_SHEET_NOISE_RATIO,
@@ -36,7 +36,6 @@ from accelcal.estimation.run import PreparedRun
 from accelcal.model import Model
 from accelcal.signals.processing import low_pass
 from accelcal.signals.series import widened
-from accelcal.validation.comparison import Evaluation
 from accelcal.validation.evaluation import accel_residual, compare
 from accelcal.validation.prediction import Prediction
 
@@ -48,85 +47,58 @@ DRIFTS = OF_TIME | {name for name in PROCESSES if find(name).traits.changes == "
 """Drifts of the bias: what a slow tilt looks like, and does."""
 
 
-@dataclass(frozen=True, slots=True)
-class FittedSpan:
-    """What a model was fitted to."""
-
-    recordings: tuple[Recording, ...]
-    start: float
-    """Of the first recording, s."""
-    end: float
-
-    def slow_residual(self, model: Model, span: tuple[float, float]) -> Evaluation:
-        """The residual that another model leaves in a span of the first recording, s."""
-        fitted = result(solve_runs(model, self.recordings, start=self.start, end=self.end, others_whole=True))
-        return compare(fitted, self.recordings[0], start=span[0], end=span[1])
-
-
-def turning_sensor(
-    model: Model,
-    found: Sequence[DetectedEffect],
-    where: Evaluation,
-    sizes: Mapping[str, Size],
-    fitted: FittedSpan,
-    span: tuple[float, float],
-    *,
-    stretches: bool = True,
-) -> Remark | None:
-    """The remark on a slow residual; None where it is within the bias instability, or no tilt can cause it.
-
-    Parameters
-    ----------
-    model : that was judged.
-    found : effects that it lacks.
-    where : its residual over the used part of the first recording.
-    sizes : largest contribution of each effect.
-    fitted, span : what it was fitted to; the used part, s.
-    stretches : whether a few in which the residual lives are named; not where such are left out already.
+def turning_sensor(e: Evidence) -> Iterator[Remark]:
+    """Slow residual beyond the bias instability that a tilt can cause; not beside a scale factor that none has.
 
     Notes
     -----
     What counts is left by a model with every effect that was found, those excepted that follow any function of time: a
-    bias that wanders follows a tilt as well. Where it lives in a few stretches they are named. Else a drift of the bias
-    that explains it stands beside the tilt, if all of it is as slow as a bias drifts; where none does no name is
-    certain.
+    bias that wanders follows a tilt as well. Where it lives in a few stretches they are named, unless such are left out
+    already. Else a drift of the bias that explains it stands beside the tilt, if all of it is as slow as a bias drifts;
+    where none does no name is certain. No null: the limit is the declared bias instability, noise subtracted
+    (tests/diagnosis/test_turning.py).
     """
-    recording = fitted.recordings[0]
-    if gravity_is_recorded(recording):
-        return None
-    slow = SlowResidual.of(recording, where.accel_residual, where.band)
-    following = [n for n in model.effects if n in FOLLOW_TIME and n in sizes and sizes[n].value > slow.ordinary]
+    model, found, recording = e.model, e.scan.found, e.recording
+    if e.forbidden or not e.scan.enough or gravity_is_recorded(recording):
+        return
+    slow = SlowResidual.of(recording, e.where.accel_residual, e.where.band)
+    following = [n for n in model.effects if n in FOLLOW_TIME and n in e.sizes and e.sizes[n].value > slow.ordinary]
     if not following and slow.rms <= slow.ordinary:
-        return None
+        return
+    begin, end = float(e.runs[0].t[0]), float(e.runs[0].t[-1])
 
-    def left_by(reference: Model, entering: Sequence[DetectedEffect], within: tuple[float, float]) -> SlowResidual:
+    def left_by(reference: Model, entering: Sequence[DetectedEffect], span: tuple[float, float]) -> SlowResidual:
         for finding in entering:
             reference = finding.enter(reference)
-        seen = fitted.slow_residual(reference, within)
+        recordings = [run.recording for run in e.runs]
+        fitted = result(solve_runs(reference, recordings, start=begin, end=end, others_whole=True))
+        seen = compare(fitted, recording, start=span[0], end=span[1])
         return SlowResidual.of(recording, seen.accel_residual, seen.band)
 
     certain = [finding for finding in found if finding.effect not in FOLLOW_TIME]
     left = slow
     if certain or following:
         try:
-            left = left_by(model.drop(*following) if following else model, certain, span)
+            left = left_by(model.drop(*following) if following else model, certain, e.span)
         except ValueError:
             if following:
-                return None
+                return
     if left.rms <= left.ordinary:
-        drifting = slow.rms > slow.ordinary and any(finding.effect in DRIFTS for finding in found)
-        return slow.remark("tilt_or_drift") if drifting else None
-    if left.stretches and stretches:
-        return left.apart(recording.name)
+        if slow.rms > slow.ordinary and any(finding.effect in DRIFTS for finding in found):
+            yield from slow.remark("tilt_or_drift")
+        return
+    if left.stretches and all(one.code != "disturbed" for one in e.stretch.remarks):
+        yield left.apart(recording.name)
+        return
     wandering = [finding for finding in found if finding.effect in FOLLOW_TIME & DRIFTS]
     code = "turning_sensor"
     if left.faster <= left.ordinary and (wandering or (following and DRIFTS.issuperset(following))):
         try:  # a process says nothing of what lies beyond the fitted part
-            explained = left_by(model, [*certain, *wandering], (fitted.start, fitted.end))
+            explained = left_by(model, [*certain, *wandering], (begin, end))
             code = "tilt_or_drift" if explained.rms <= left.ordinary else code
         except ValueError:
             pass
-    return left.remark(code)
+    yield from left.remark(code)
 
 
 def beside_tilt(found: Sequence[DetectedEffect]) -> tuple[DetectedEffect, ...]:
@@ -134,20 +106,23 @@ def beside_tilt(found: Sequence[DetectedEffect]) -> tuple[DetectedEffect, ...]:
     return tuple(replace(one, members=(*one.members, TILT)) if one.effect in DRIFTS else one for one in found)
 
 
-def slow_residual(fit: Fit, run: PreparedRun, *, stretches: bool = True) -> Remark | None:
-    """What is said beside a fit of whose first run nobody asked what the model lacks; None where its slow residual is
-    within the bias instability, or no tilt can cause it. `stretches` as of `turning_sensor`."""
+def slow_residual(fit: Fit, run: PreparedRun, *, stretches: bool = True) -> Iterator[Remark]:
+    """Slow residual of a fit alone, beyond the bias instability and within what a tilt can cause; `stretches` says
+    whether the few in which it lives are named."""
     recording = run.recording
     if gravity_is_recorded(recording):
-        return None
+        return
     try:
         ahead = Prediction.on(fit, run)
     except ValueError:
-        return None
+        return
     band = min(ahead.crossover, 0.2 / run.reading_step)
     t, residual, _ = accel_residual(ahead, band)
     slow = SlowResidual.of(recording, (t, residual), band)
-    return slow.apart(recording.name) if slow.stretches and stretches else slow.remark("slow_residual")
+    if slow.stretches and stretches:
+        yield slow.apart(recording.name)
+    else:
+        yield from slow.remark("slow_residual")
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,12 +153,11 @@ class SlowResidual:
         faster, apart = excess((t, residual - drifting), highest, floor), disturbed(residual_at, highest, floor, limit)
         return cls(recording.rig, rms, faster, min(TURNING_BAND, highest), limit, apart)
 
-    def remark(self, code: str) -> Remark | None:
-        """The remark on a tilt that would explain it; None where it is ordinary, or no sensor tilts as much."""
+    def remark(self, code: str) -> Iterator[Remark]:
+        """The remark on a tilt that would explain it; none where it is ordinary, or no sensor tilts as much."""
         degrees = tilt(self.rms, self.rig)
-        if self.rms <= self.ordinary or degrees > TURNING_MOST_DEGREES:
-            return None
-        return remark(code, tilt_deg=degrees, rms=self.rms, band=self.band, bias_instability=self.ordinary)
+        if self.rms > self.ordinary and degrees <= TURNING_MOST_DEGREES:
+            yield remark(code, tilt_deg=degrees, rms=self.rms, band=self.band, bias_instability=self.ordinary)
 
     def apart(self, name: str) -> Remark:
         """The remark on its stretches, with the command that cuts them out of a file of this name."""

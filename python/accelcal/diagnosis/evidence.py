@@ -1,0 +1,166 @@
+"""Evidence: what a verdict on one fitted model rests on, made once and handed to every check."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from accelcal._support.progress import within
+from accelcal.data.recording import Recording
+from accelcal.diagnosis.change_points import usable
+from accelcal.diagnosis.contribution import sizes_of
+from accelcal.diagnosis.delay import delay_is_significant, with_detected_effects
+from accelcal.diagnosis.faults import fault_remarks, faults
+from accelcal.diagnosis.further_run import further_runs
+from accelcal.diagnosis.independent_estimate import differences
+from accelcal.diagnosis.independent_tests import independent_tests, largest_first, own_tests, separate_lines
+from accelcal.diagnosis.left_out import left_out_remarks
+from accelcal.diagnosis.outlier_rejection import CleanFit
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
+from accelcal.diagnosis.relation import RelationColumns
+from accelcal.diagnosis.remarks import Remark, remark
+from accelcal.diagnosis.run_agreement import values_by_run
+from accelcal.diagnosis.search.confounding import DetectedEffect
+from accelcal.diagnosis.search.scan import scan
+from accelcal.effects import Effect, find, next_name
+from accelcal.estimation.estimate import Fit, result
+from accelcal.estimation.gauss_newton import Solution
+from accelcal.estimation.run import prepare
+from accelcal.model import evaluate
+from accelcal.validation.comparison import Evaluation
+from accelcal.validation.evaluation import compare
+
+
+@dataclass(frozen=True, slots=True)
+class TimeSpan:
+    """The part of a recording on which one model can hold, and the faults in it."""
+
+    start: float
+    end: float
+    breaks: tuple[float, ...]
+    remarks: tuple[Remark, ...]
+    """Faults, several of one kind as one."""
+    chosen: bool = False
+    """Whether the user chose it, for all recordings; else it is that of the first."""
+
+    @classmethod
+    def of(
+        cls, recording: Recording, start: float | None, end: float | None, every: RelationColumns | None = None
+    ) -> TimeSpan:
+        """Look for faults and for the first instant at which the relation of the channels breaks for good.
+
+        A stretch that the user chose is taken as it is. `every` holds columns of all readings, if available.
+        """
+        breaks: tuple[float, ...] = ()
+        columns = None
+        chosen = start is not None or end is not None
+        if not chosen:
+            found = usable(recording, every)
+            start, end, breaks = found.start, found.end, found.breaks
+            columns = None if breaks else found.columns
+        run = prepare(recording, start=start, end=end) if columns is None else columns.run
+        start, end = float(run.t[0]), float(run.t[-1])
+        broken = [remark("break", recording=recording.name or "recording", time=at) for at in breaks]
+        told = (
+            *left_out_remarks([recording], "", start, end),
+            *fault_remarks(faults(recording, run, columns), end - start),
+        )
+        return cls(start, end, breaks, (*broken, *told), chosen)
+
+
+class Evidence:
+    """What a verdict on one fitted model rests on; the filters of the solution are used up.
+
+    Parameters
+    ----------
+    cleaned : the fit without outliers, and the noise tests on it.
+    stretch : usable part of the first recording, with its faults.
+    extra : effects of the user's own; by default all that are registered.
+    alpha : family-wise false-alarm rate.
+    progress : called with the share of the work that is done, 0 to 1.
+    """
+
+    def __init__(
+        self,
+        cleaned: CleanFit,
+        stretch: TimeSpan,
+        extra: Sequence[Effect] | None = None,
+        alpha: float = FAMILYWISE_ALPHA,
+        progress: Callable[[float], None] = lambda share: None,
+    ) -> None:
+        solution = cleaned.solution
+        states, model = solution.states, solution.model
+        self.stretch, self.alpha, self.model, self.fit = stretch, alpha, model, result(solution)
+        self.runs, self.signals = tuple(state.run for state in states), states[0].signals
+        lines, searching = separate_lines(cleaned), within(progress, 0.0, 0.8)
+        self.scan = scan(states, model, extra=extra, separate=lines, alpha=alpha, progress=searching)
+        self.level = alpha / (self.scan.examined + len(cleaned.tests))
+        """Probability by chance below which one noise test is significant."""
+        significant = own_tests([test for test in cleaned.tests if test.p_value < self.level])
+        unexplained = [test for test in significant if not test.in_model(model, self.signals)]
+        named = independent_tests(unexplained, no_effect_found=not self.scan.found)
+        self.tests = tuple(
+            replace(test, effect=find(next_name(test.effect, model.effects)).name) if test.shape else test
+            for test in largest_first(named)
+        )
+        """Significant noise tests that name their effect."""
+        self.unnamed = tuple(test for test in unexplained if test not in named)
+        self.largest = contributions(self.fit, solution)
+        self.sizes = sizes_of(self.fit, states, self.scan.candidates, self.tests)
+        self.seen = solution.seen_by_runs if self.scan.enough and not self.scan.found else ()
+        """Effects that no single run shows, where nothing else is missing."""
+        self.by_run = values_by_run(states, model, [one.instead for one in self.seen[:1]])
+        self.further = further_runs(states, model)
+        self.telling = [further_runs(states, model, [one.instead], [one.effect]) for one in self.seen[:1]]
+        delayed = "time_offset" not in model.fixed and delay_is_significant(self.fit, self.scan, alpha)
+        self.delayed = delayed and delay_is_significant(
+            with_detected_effects(solution, self.fit, self.scan), self.scan, alpha
+        )
+        self.differences = differences(solution)
+        self.remarks: list[Remark] = []
+        """What the checks before found, in their order."""
+        states.clear()  # the comparison predicts anew: one set of filters at a time
+
+    @property
+    def recording(self) -> Recording:
+        """The first recording, without its outliers."""
+        return self.runs[0].recording
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Begin and end of the part of it that is judged, s."""
+        return self.stretch.start, self.stretch.end
+
+    @cached_property
+    def where(self) -> Evaluation:
+        """The model against the first recording: its residual."""
+        return compare(self.fit, self.recording, start=self.stretch.start, end=self.stretch.end)
+
+    @property
+    def forbidden(self) -> bool:
+        """Whether a remark forbids to name an effect."""
+        return any(one.forbids_names for one in self.remarks)
+
+    @property
+    def found(self) -> tuple[DetectedEffect, ...]:
+        """Effects that the search found and that may be named."""
+        return () if self.forbidden else self.scan.found
+
+
+def noise_ratio(fit: Fit) -> float:
+    """Fitted over declared noise density, the largest of all runs; 0 where none is declared."""
+    return max((run.noise.ratio for run in fit.runs if run.noise.ratio is not None), default=0.0)
+
+
+def contributions(fit: Fit, solution: Solution) -> dict[str, float]:
+    """Largest contribution of each coefficient over all runs, m/s² (m at the encoder)."""
+    maxima: dict[str, float] = {}
+    for number, state in enumerate(solution.states):
+        values = fit.values(number)
+        for term, column in zip(values.terms, evaluate(values.terms, state.signals), strict=True):
+            size = abs(values.by_name[term.name]) * float(np.max(np.abs(column)))
+            maxima[term.name] = max(size, maxima.get(term.name, 0.0))
+    return maxima
