@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import overload
 
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
-from accelcal._support.found_before import found_before
 from accelcal._support.listing import listing
 from accelcal._support.progress import within
 from accelcal._support.threads import one_thread
@@ -23,13 +22,11 @@ from accelcal.data.dwell_sets import with_dwells
 from accelcal.data.dwells import Dwells
 from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Recording, RecordingError
-from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
-from accelcal.diagnosis.evidence import TimeSpan
-from accelcal.diagnosis.faults import position_steps_sought, with_position_steps
+from accelcal.diagnosis.evidence import Examined, TimeSpan
 from accelcal.diagnosis.findings import Confounded, in_model
 from accelcal.diagnosis.independent_tests import largest_wave
-from accelcal.diagnosis.left_out import left_out_remarks, left_out_sentences, without_wrong_readings
+from accelcal.diagnosis.left_out import left_out_sentences
 from accelcal.diagnosis.noise_model.fitted import noise_scores, require_noise_shown, with_noise_effects
 from accelcal.diagnosis.noise_tests.noise_test import POSITION_JUMPS
 from accelcal.diagnosis.noise_tests.run_all import run_outlier_tests
@@ -84,7 +81,7 @@ def model_in_motion(fit: Fit) -> Model:
 
 
 def runs_of(recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> list[Recording]:
-    """Recordings of motions without readings that are known to be wrong, dwells among them given to the first.
+    """Recordings of motions, dwells among them given to the first.
 
     Raises
     ------
@@ -96,7 +93,7 @@ def runs_of(recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> li
         raise RecordingError(
             f"{several.name or 'dwells'}: dwells alone show no motion; only fit and diagnose take them"
         )
-    return [without_wrong_readings(one) for one in several]
+    return several
 
 
 @overload
@@ -162,14 +159,13 @@ def diagnose(
     """
     if isinstance(recordings, Dwells):
         return diagnose_dwells(fit, recordings, alpha=alpha)
-    several = runs_of(recordings)
+    examined = [Examined(one, start, end) for one in runs_of(recordings)]
     if "scale_factor" not in fit.model.fixed:
-        require_motion_above_noise(several, start=start, end=end)
-        require_one_axis(several, start=start, end=end)
-    several, stretch, broken = judged_recordings(several, start, end)
+        require_relation(examined)
+    runs, stretch, broken = judged_runs(examined)
     progress(0.1)
 
-    def solve(these: Sequence[Recording]) -> Solution:
+    def solve(these: Sequence[PreparedRun]) -> Solution:
         return solve_runs(
             model_in_motion(fit),
             these,
@@ -181,13 +177,13 @@ def diagnose(
             progress=within(progress, 0.1, 0.3),
         )
 
-    fitted = clean_fit(several, solve)
+    fitted = clean_fit(runs, solve)
     judged = verdict_on(fitted, stretch, extra, alpha, within(progress, 0.35, 1.0))
-    if rest := undisturbed(several, stretch, judged):
-        several, stretch = rest
-        fitted = clean_fit(several, solve)
+    if rest := undisturbed(runs, stretch, judged):
+        runs, stretch = rest
+        fitted = clean_fit(runs, solve)
         judged = verdict_on(fitted, stretch, extra, alpha, within(progress, 0.35, 1.0))
-    return replace(judged, dropped=fitted.rejected(several), remarks=(*judged.remarks, *broken))
+    return replace(judged, dropped=fitted.rejected(runs), remarks=(*judged.remarks, *broken))
 
 
 @checked
@@ -238,9 +234,9 @@ def formulas(
     model = model.drop(curve) if curve in model.added else model
 
     def fitted(one: Recording) -> RunState:
-        (clear,), part, _ = judged_recordings([one])
+        (clear,), part, _ = judged_runs([Examined(one)])
 
-        def solve(these: Sequence[Recording]) -> Solution:
+        def solve(these: Sequence[PreparedRun]) -> Solution:
             plain = solve_runs(model, these, start=part.start, end=part.end, origins=fit.origins, engine=engine_of(fit))
             entered = scan(plain.states, model, only=(effect,)).entered
             if not entered:
@@ -313,14 +309,13 @@ def fit(
     several = with_dwells(recordings)
     if isinstance(several, Dwells):
         return remembered(estimate_dwells(model, several, origins), recordings)
-    several = [without_wrong_readings(one) for one in several]
+    examined = [Examined(one, start, end) for one in several]
     if "scale_factor" not in model.fixed:
-        require_motion_above_noise(several, start=start, end=end)
-        require_one_axis(several, start=start, end=end)
-    several, broken = usable_recordings(several, start is not None or end is not None)
+        require_relation(examined)
+    runs, broken = used_runs(examined)
     share = 0.8 if reject_outliers else 1.0
 
-    def fitted(these: Sequence[Recording]) -> tuple[Fit, PreparedRun]:
+    def fitted(these: Sequence[PreparedRun]) -> tuple[Fit, PreparedRun]:
         solution = solve_runs(
             model,
             these,
@@ -340,11 +335,11 @@ def fit(
         solution.states.clear()  # the prediction filters anew: one set of filters at a time
         return found, run
 
-    found, run = fitted(several)
+    found, run = fitted(runs)
     slow = next(slow_residual(found, run), None) if reject_outliers else None
     disturbed = slow if slow is not None and slow.code == "disturbed" else None
     if disturbed is not None:
-        found, run = fitted(without_stretches(several, disturbed))
+        found, run = fitted(without_stretches(runs, disturbed))
         slow = next(slow_residual(found, run, stretches=False), None)
     said = tuple(f"{one.sentence}." for one in (slow, disturbed) if one is not None)
     tilt = 0.0 if slow is None else float(slow.values["tilt_deg"])
@@ -355,25 +350,44 @@ def fit(
 def remembered(fit: Fit, recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> Fit:
     """The fit, for which `nested` finds its recordings again while both live."""
     several = [recordings] if isinstance(recordings, Recording | Dwells) else recordings
-    found_before(fit, "recordings", (), lambda: tuple(map(weakref.ref, several)))
+    _fitted_to[id(fit)] = [weakref.ref(one) for one in several]
+    weakref.finalize(fit, _fitted_to.pop, id(fit), None).atexit = False
     return fit
 
 
-def without_stretches(recordings: Sequence[Recording], disturbed: Remark) -> list[Recording]:
-    """Recordings of which the first lacks the stretches that a remark names."""
-    first, *others = recordings
-    return [first.without(*stretches_of(disturbed)), *others]
+_fitted_to: dict[int, list[weakref.ref[Recording | Dwells]]] = {}
+"""Recordings of each fit that lives, by its identity."""
+
+
+def require_relation(examined: Sequence[Examined]) -> None:
+    """Refuse recordings at rest, and channels that are not one axis of one body.
+
+    Raises
+    ------
+    NotIdentifiable, RecordingError
+        With what was expected of them.
+    """
+    runs = [one.run for one in examined]
+    require_motion_above_noise(runs)
+    for run in runs:
+        require_one_axis([run], start=run.asked[0], end=run.asked[1])
+
+
+def without_stretches(runs: Sequence[PreparedRun], disturbed: Remark) -> list[PreparedRun]:
+    """Runs of which the first lacks the stretches that a remark names."""
+    first, *others = runs
+    return [first.anew(first.recording.without(*stretches_of(disturbed))), *others]
 
 
 def undisturbed(
-    recordings: Sequence[Recording], stretch: TimeSpan, judged: Diagnosis
-) -> tuple[list[Recording], TimeSpan] | None:
-    """Recordings without the stretches that a verdict names as disturbed, and the usable part with the remark on them;
+    runs: Sequence[PreparedRun], stretch: TimeSpan, judged: Diagnosis
+) -> tuple[list[PreparedRun], TimeSpan] | None:
+    """Runs without the stretches that a verdict names as disturbed, and the usable part with the remark on them;
     None where it names none."""
     disturbed = next((one for one in judged.remarks if one.code == "disturbed"), None)
     if disturbed is None:
         return None
-    return without_stretches(recordings, disturbed), replace(stretch, remarks=(disturbed, *stretch.remarks))
+    return without_stretches(runs, disturbed), replace(stretch, remarks=(disturbed, *stretch.remarks))
 
 
 def with_breaks(fit: Fit, broken: Sequence[Remark]) -> Fit:
@@ -391,7 +405,7 @@ def with_agreement(fit: Fit, states: Sequence[RunState]) -> Fit:
 def fit_without_outliers(
     fit: Fit,
     solution: Solution,
-    recordings: Sequence[Recording],
+    runs: Sequence[PreparedRun],
     *,
     start: float | None = None,
     end: float | None = None,
@@ -401,16 +415,16 @@ def fit_without_outliers(
 
     Parameters
     ----------
-    fit, solution : made to the recordings; the solution is used up where there are outliers.
-    recordings : one or several runs.
+    fit, solution : made to the runs; the solution is used up where there are outliers.
+    runs : one or several.
     start, end, band : as they were fitted.
     """
 
-    def solve(these: Sequence[Recording]) -> Solution:
+    def solve(these: Sequence[PreparedRun]) -> Solution:
         return solve_runs(fit.model, these, start=start, end=end, band=band, origins=fit.origins, engine=engine_of(fit))
 
-    clean = clean_fit(recordings, solve, solved=solution, test=run_outlier_tests)
-    rejected = clean.rejected(recordings)
+    clean = clean_fit(runs, solve, solved=solution, test=run_outlier_tests)
+    rejected = clean.rejected(runs)
     if not rejected:
         return fit, clean.solution
     kept = result(clean.solution)
@@ -454,10 +468,11 @@ def add(
     >>> abs(better["cubic"].value - 1e-3) < 4 * better["cubic"].std
     True
     """
-    several, broken = usable_recordings(runs_of(recordings))
+    runs, broken = used_runs([Examined(one) for one in runs_of(recordings)])
+    several = [run.recording for run in runs]
     for one in several:  # their channels are effects by name
         side_channels([(name, channel.unit) for name, channel in one.side.items() if name not in DERIVED])
-    model, states, waves = model_in_motion(fit), restored_states(fit, several), dict[str, float]()
+    model, states, waves = model_in_motion(fit), restored_states(fit, runs), dict[str, float]()
     for name in names:
         effect = find(name)
         if name in model.effects and not may_be_refined(model, effect):
@@ -471,7 +486,7 @@ def add(
             continue
         if states is None or model is not fit.model:
             shared = within(progress, 0.0, 0.4)
-            states = solve_runs(model, several, origins=fit.origins, engine=engine_of(fit), progress=shared).states
+            states = solve_runs(model, runs, origins=fit.origins, engine=engine_of(fit), progress=shared).states
         jumps = [step for state in states for step in state.run.accounted_steps] if name == POSITION_JUMPS else ()
         if jumps:
             said = f"{max(jumps, key=lambda step: abs(step.size)).sentence}; every fit begins anew behind it"
@@ -494,14 +509,12 @@ def add(
                 why = f"it is searched for only beside {effect.search.beside}; add that first"
             raise AccelcalError(f"{name!r} cannot be added: {why}")
         model = requested.entered[0].enter(model)
-    solution = solve_runs(
-        model, several, origins=fit.origins, engine=engine_of(fit), progress=within(progress, 0.6, 0.9)
-    )
+    solution = solve_runs(model, runs, origins=fit.origins, engine=engine_of(fit), progress=within(progress, 0.6, 0.9))
     lost = [name for name in names if name not in solution.model.effects]
     if lost:
         raise AccelcalError(f"{lost[0]!r} cannot be added: these recordings do not tell it from the bias")
-    clean, solution = fit_without_outliers(result(solution), solution, several)
-    grown = with_noise_effects(clean, several, solution.states)
+    clean, solution = fit_without_outliers(result(solution), solution, runs)
+    grown = with_noise_effects(clean, runs, solution.states)
     require_noise_shown(grown, names)
     shown = barely_shown(grown, names)
     lost = [name for name in names if find(name).port == "noise" and not solution.converged]
@@ -549,13 +562,11 @@ def drop(
     >>> ac.drop(cubic, made.recording, "cubic").model.added
     ()
     """
-    several, broken = usable_recordings(runs_of(recordings))
+    runs, broken = used_runs([Examined(one) for one in runs_of(recordings)])
     model = model_in_motion(fit).drop(*names)
-    solution = solve_runs(
-        model, several, origins=fit.origins, engine=engine_of(fit), progress=within(progress, 0.0, 0.9)
-    )
-    left, solution = fit_without_outliers(result(solution), solution, several)
-    return remembered(with_breaks(with_noise_effects(left, several, solution.states), broken), recordings)
+    solution = solve_runs(model, runs, origins=fit.origins, engine=engine_of(fit), progress=within(progress, 0.0, 0.9))
+    left, solution = fit_without_outliers(result(solution), solution, runs)
+    return remembered(with_breaks(with_noise_effects(left, runs, solution.states), broken), recordings)
 
 
 @checked
@@ -583,10 +594,10 @@ def run_values(fit: Fit, recordings: Sequence[Recording | Dwells]) -> RunValues:
     >>> bool(run_values(ac.fit([one, two]), [one, two]).p_values.min() > 1e-4)
     True
     """
-    several, _ = usable_recordings(runs_of(recordings))
-    states = restored_states(fit, several)
+    runs, _ = used_runs([Examined(one) for one in runs_of(recordings)])
+    states = restored_states(fit, runs)
     if states is None:
-        states = solve_runs(model_in_motion(fit), several, origins=fit.origins, engine=engine_of(fit)).states
+        states = solve_runs(model_in_motion(fit), runs, origins=fit.origins, engine=engine_of(fit)).states
     found = values_by_run(states, fit.model, [one.instead for one in fit.seen_by_runs])
     if found is None:
         raise AccelcalError("run_values needs two recordings or more, and a model with parameters that they share")
@@ -642,14 +653,14 @@ def improve(
     >>> ac.improve(made.recording, most=1).effects
     ('cubic',)
     """
-    original = runs_of(recordings)
-    apart = run_to_hold_out(original) if holdout is None else None
+    several = runs_of(recordings)
+    apart = run_to_hold_out(several) if holdout is None else None
     if apart is not None:
-        holdout = original.pop(apart)
-    budget = SearchBudget.of(original)
-    require_motion_above_noise(original, start=start, end=end)
-    require_one_axis(original, start=start, end=end)
-    original, stretch, broken = judged_recordings(original, start, end)
+        holdout = several.pop(apart)
+    budget = SearchBudget.of(several)
+    examined = [Examined(one, start, end) for one in several]
+    require_relation(examined)
+    original, stretch, broken = judged_runs(examined)
     same_run = holdout is None
     begin, finish = stretch.start, stretch.end
     split = finish - HELD_OUT * (finish - begin) if same_run else finish
@@ -670,17 +681,18 @@ def improve(
     reason = "no fit with it is possible" if room else f"at most {most} effects are added"
     fitted = selection.current.fitted
     rejected = fitted.rejected(original)
-    if apart is not None and holdout is not None:
+    unseen = None if holdout is None else Examined(holdout)
+    if apart is not None and unseen is not None:
         if not selection.current.verdict.scan.found:
             reason = "the run that is held out takes no part in what is added"
-        selection.judge_with(usable_recordings([holdout], stretch.chosen)[0])
+        selection.judge_with(unseen.source if stretch.chosen else unseen.part)
     verdict = selection.final_verdict(reason)
     test = original[0]
     test_begin: float | None = split
     test_end: float | None = finish
-    if holdout is not None:
-        test, test_begin, test_end, broken_test = whole_part(holdout, "held out, ")
-        broken = [*broken, *broken_test]
+    if unseen is not None:
+        test, (test_begin, test_end) = unseen.source, unseen.span
+        broken = [*broken, *unseen.remarks("held out, ")]
     if rejected:
         test, rejected_from_test = clean_holdout(selection.fits[0][1].model, test, test_begin, test_end)
         rejected = (*rejected, *rejected_from_test)
@@ -690,7 +702,7 @@ def improve(
         Step(
             names,
             fit,
-            evaluation.compare(fit, fitted.recordings[0], start=begin, end=split, ruler=ruler),
+            evaluation.compare(fit, fitted.runs[0], start=begin, end=split, ruler=ruler),
             replace(evaluation.compare(fit, test, start=test_begin, end=test_end, ruler=ruler), noise_floor=floor),
         )
         for names, fit in selection.fits
@@ -712,17 +724,17 @@ def heldout_rises(steps: Sequence[Step]) -> list[Remark]:
 
 
 def clean_holdout(
-    model: Model, recording: Recording, start: float | None, end: float | None
-) -> tuple[Recording, tuple[RejectedReadings, ...]]:
+    model: Model, run: PreparedRun, start: float | None, end: float | None
+) -> tuple[PreparedRun, tuple[RejectedReadings, ...]]:
     """Held-out data without their own outliers, so that every step is judged on the same samples; unchanged where no
     fit is possible."""
     try:
-        clean = clean_fit([recording], lambda these: solve_runs(model, these, start=start, end=end))
+        clean = clean_fit([run], lambda these: solve_runs(model, these, start=start, end=end))
     except (NotIdentifiable, ValueError):
-        return recording, ()
-    rejected = clean.rejected([recording])
+        return run, ()
+    rejected = clean.rejected([run])
     named = (replace(channel, recording=f"held out, {channel.recording or 'recording'}") for channel in rejected)
-    return clean.recordings[0], tuple(named)
+    return clean.runs[0], tuple(named)
 
 
 @checked
@@ -766,15 +778,14 @@ def nested(
     ('base', 'base + cubic')
     """
     if recordings is None:
-        living: tuple[weakref.ref[Recording | Dwells], ...] = found_before(fit, "recordings", (), tuple)
-        recordings = [one for one in (each() for each in living) if one is not None]
+        recordings = [one for one in (each() for each in _fitted_to.get(id(fit), ())) if one is not None]
     if not recordings:
         raise RecordingError(
             f"{', '.join(name for name, _ in fit.sources)}: no longer in memory; give what the fit was made from: "
             "accelcal.nested(fit, recordings)"
         )
-    several, _ = usable_recordings(runs_of(recordings), start is not None or end is not None)
-    grown = nested_fits(fit, several, start=start, end=end)
+    runs, _ = used_runs([Examined(one, start, end) for one in runs_of(recordings)])
+    grown = nested_fits(fit, runs, start=start, end=end)
     *smaller, last = grown.fits
     return (*smaller, replace(last, remarks=(*last.remarks, *grown.remarks)))
 
@@ -881,15 +892,19 @@ def compare_models(
     base : the model whose clock the floor is drawn on, by default the first; the same one gives the same floor.
     band, horizons, start, end : as of `compare`.
     """
-    part, begin, finish, breaks = compared_part(recording, start, end)
+    examined = Examined(recording, start, end)
+    part, (begin, finish) = examined.source, examined.span
     progress(0.1)
 
     def compared(fit: Fit, progress: Callable[[float], None]) -> Evaluation:
         seen = evaluation.compare(
             fit, part, band=band, horizons=horizons, start=begin, end=finish, ruler=ruler, progress=progress
         )
-        scores, gone = noise_scores(fit, part, start=begin, end=finish), left_out_sentences(part, begin, finish)
-        return replace(seen, noise_scores=scores, breaks=breaks, left_out=gone)
+        scores, gone = (
+            noise_scores(fit, part, start=begin, end=finish),
+            left_out_sentences(part.recording, begin, finish),
+        )
+        return replace(seen, noise_scores=scores, breaks=examined.breaks[:1], left_out=gone)
 
     def floor(progress: Callable[[float], None]) -> NoiseFloor:
         return noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
@@ -897,20 +912,9 @@ def compare_models(
     *found, least = on_two_threads(
         [*(partial(compared, fit) for fit in fits), floor],
         within(progress, 0.1, 1.0),
-        at_once=len(part.accel) + len(part.position) <= MOST_AT_ONCE,
+        at_once=len(recording.accel) + len(recording.position) <= MOST_AT_ONCE,
     )
     return tuple(replace(seen, noise_floor=least) for seen in found)
-
-
-def compared_part(
-    recording: Recording, start: float | None, end: float | None
-) -> tuple[Recording, float | None, float | None, tuple[float, ...]]:
-    """A recording with the jumps of its position, start and end of what is compared of it, s: by default all before a
-    break; and the times of the breaks, s."""
-    if start is not None or end is not None:
-        return with_position_steps(recording), start, end, ()
-    recording, start, end, broken = whole_part(recording)
-    return recording, start, end, tuple(float(note.values["time"]) for note in broken if note.code == "break")
 
 
 @checked
@@ -938,82 +942,20 @@ def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast
     >>> ac.workflow.coast(fit, made.recording, 2.0, 5.0)
     Coast(from 2 s to 6.999 s: 4167 readings)
     """
-    return evaluation.coast(fit, with_position_steps(recording), start, horizon)
+    return evaluation.coast(fit, Examined(recording).source, start, horizon)
 
 
-def whole_part(recording: Recording, place: str = "") -> tuple[Recording, float | None, float | None, list[Remark]]:
-    """A recording with the jumps of its position, the end of the part before a break, and the remarks on what was left
-    out and on the break.
-
-    Start and end are None where nothing breaks; `place` stands before the name of the recording.
-    """
-    found = found_before(recording, "unbroken part", recording.sums, lambda: UnbrokenPart.of(recording))
-    whole = recording if found.stepped is None else found.stepped
-    if not found.breaks:
-        return whole, None, None, left_out_remarks([whole], place)
-    name = f"{place}{recording.name or 'recording'}"
-    broken = remark("break", recording=name, time=found.breaks[0])
-    return whole, found.start, found.end, [*left_out_remarks([whole], place, found.start, found.end), broken]
+def judged_runs(examined: Sequence[Examined]) -> tuple[list[PreparedRun], TimeSpan, list[Remark]]:
+    """Runs of which a model is judged on the first: the others up to their first breaks; the part of the first on which
+    one model can hold, and the remarks on the others."""
+    first, *others = examined
+    runs, broken = used_runs(others)
+    return [first.judged, *runs], first.stretch, broken
 
 
-@dataclass(frozen=True, slots=True)
-class UnbrokenPart:
-    """What a recording alone says of the stretch on which one model can hold."""
-
-    stepped: Recording | None
-    """The recording with the jumps of its position; None where it is the one that was asked about."""
-    start: float
-    """s"""
-    end: float
-    """s"""
-    breaks: tuple[float, ...]
-    """s"""
-
-    @classmethod
-    def of(cls, recording: Recording) -> UnbrokenPart:
-        """Look for jumps of the position, then for breaks."""
-        stepped, columns = position_steps_sought(recording)
-        found = usable(stepped, columns)
-        return cls(None if stepped is recording else stepped, found.start, found.end, found.breaks)
-
-
-def judged_recordings(
-    recordings: Sequence[Recording], start: float | None = None, end: float | None = None
-) -> tuple[list[Recording], TimeSpan, list[Remark]]:
-    """Recordings of which a model is judged on the first: all with the jumps of their positions, the others up to their
-    first breaks; the part of the first on which one model can hold, and the remarks on the others."""
-    first, columns = position_steps_sought(recordings[0])
-    others, broken = usable_recordings(recordings[1:], start is not None or end is not None)
-    return [first, *others], TimeSpan.of(first, start, end, columns), broken
-
-
-def usable_recordings(recordings: Sequence[Recording], chosen: bool = False) -> tuple[list[Recording], list[Remark]]:
-    """Recordings with the jumps of their positions, each up to its first break, and the remarks on breaks and on what
-    was left out.
-
-    Parameters
-    ----------
-    recordings : one or several runs.
-    chosen : whether the user chose a stretch, which then is taken as it is.
-    """
-    found: list[Recording] = []
-    remarks: list[Remark] = []
-    for recording in recordings:
-        if chosen:
-            found.append(with_position_steps(recording))
-            remarks += left_out_remarks(found[-1:])
-            continue
-        whole, begin, finish, broken = whole_part(recording)
-        if begin is not None and finish is not None:
-            whole = found_before(
-                recording,
-                "recording up to its break",
-                (begin, finish, recording.sums),
-                lambda w=whole, a=begin, b=finish, digest=recording.digest: replace(w.part(a, b), digest=digest),  # type: ignore[misc]
-            )
-        found.append(whole)
-        remarks += broken
-    return found, remarks
+def used_runs(examined: Sequence[Examined]) -> tuple[list[PreparedRun], list[Remark]]:
+    """Runs up to their first breaks, and the remarks on breaks and on what was left out."""
+    return [one.part for one in examined], [note for one in examined for note in one.remarks()]
 
 
 __dir__ = listing(globals())

@@ -37,7 +37,7 @@ def record(seed, *, process=0.0, tau=20.0, sensor=1.0, seconds=300.0):
 def said(recording):
     """The remark on a record, whatever its noise is over that of the data sheet."""
     scan, span = SimpleNamespace(enough=True), (0.0, float(recording.position.t[-1]))
-    evidence = SimpleNamespace(fit=ac.fit(recording), recording=recording, span=span, scan=scan)
+    evidence = SimpleNamespace(fit=ac.fit(recording), recording=recording, sources=[recording], span=span, scan=scan)
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(position_noise, "noise_ratio", lambda fit: math.inf)
         return next(position_noise.coloured_position(evidence), None)

@@ -10,14 +10,14 @@ import numpy as np
 
 from accelcal._support.progress import within
 from accelcal.data.recording import Recording
-from accelcal.diagnosis.change_points import usable
+from accelcal.diagnosis.change_points import Usable, usable
 from accelcal.diagnosis.contribution import sizes_of
 from accelcal.diagnosis.delay import delay_is_significant, with_detected_effects
-from accelcal.diagnosis.faults import fault_remarks, faults
+from accelcal.diagnosis.faults import fault_remarks, faults, with_position_steps
 from accelcal.diagnosis.further_run import further_runs
 from accelcal.diagnosis.independent_estimate import differences
 from accelcal.diagnosis.independent_tests import independent_tests, largest_first, own_tests, separate_lines
-from accelcal.diagnosis.left_out import left_out_remarks
+from accelcal.diagnosis.left_out import left_out_remarks, without_wrong_readings
 from accelcal.diagnosis.outlier_rejection import CleanFit
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.diagnosis.relation import RelationColumns
@@ -28,7 +28,7 @@ from accelcal.diagnosis.search.scan import scan
 from accelcal.effects import Effect, find, next_name
 from accelcal.estimation.estimate import Fit, result
 from accelcal.estimation.gauss_newton import Solution
-from accelcal.estimation.run import prepare
+from accelcal.estimation.run import PreparedRun, Source, prepare, prepared
 from accelcal.model import evaluate
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.evaluation import compare
@@ -39,36 +39,109 @@ class TimeSpan:
     """The part of a recording on which one model can hold, and the faults in it."""
 
     start: float
+    """s"""
     end: float
+    """s"""
     breaks: tuple[float, ...]
+    """s"""
     remarks: tuple[Remark, ...]
     """Faults, several of one kind as one."""
     chosen: bool = False
     """Whether the user chose it, for all recordings; else it is that of the first."""
 
-    @classmethod
-    def of(
-        cls, recording: Recording, start: float | None, end: float | None, every: RelationColumns | None = None
-    ) -> TimeSpan:
-        """Look for faults and for the first instant at which the relation of the channels breaks for good.
 
-        A stretch that the user chose is taken as it is. `every` holds columns of all readings, if available.
+class Examined:
+    """A recording without readings that are known to be wrong, prepared once, and what it shows before any fit.
+
+    Parameters
+    ----------
+    recording : as it was read.
+    start, end : s, optional; a part that the user chose, which is taken as it is.
+    """
+
+    def __init__(self, recording: Recording, start: float | None = None, end: float | None = None) -> None:
+        self.chosen, self.asked = start is not None or end is not None, (start, end)
+        whole = as_prepared(recording)
+        clean = without_wrong_readings(whole)
+        self.whole: Source = whole if clean is recording else as_prepared(clean)
+        """Every reading; the recording where only a part of it can be used."""
+
+    @cached_property
+    def run(self) -> PreparedRun:
+        """The part that is used.
+
+        Raises
+        ------
+        RecordingError
+            If it cannot be.
         """
-        breaks: tuple[float, ...] = ()
-        columns = None
-        chosen = start is not None or end is not None
-        if not chosen:
-            found = usable(recording, every)
-            start, end, breaks = found.start, found.end, found.breaks
-            columns = None if breaks else found.columns
-        run = prepare(recording, start=start, end=end) if columns is None else columns.run
-        start, end = float(run.t[0]), float(run.t[-1])
-        broken = [remark("break", recording=recording.name or "recording", time=at) for at in breaks]
-        told = (
-            *left_out_remarks([recording], "", start, end),
-            *fault_remarks(faults(recording, run, columns), end - start),
-        )
-        return cls(start, end, breaks, (*broken, *told), chosen)
+        return prepared(self.whole, start=self.asked[0], end=self.asked[1])
+
+    @cached_property
+    def stepped(self) -> tuple[Source, RelationColumns | None]:
+        """The whole with the jumps of its position, and the columns of every reading, if available."""
+        return with_position_steps(self.whole) if isinstance(self.whole, PreparedRun) else (self.whole, None)
+
+    @cached_property
+    def source(self) -> PreparedRun:
+        """What a model is fitted to: the part that is used or more, with the jumps of the position."""
+        stepped = self.stepped[0]
+        return self.run if stepped is self.whole or not isinstance(stepped, PreparedRun) else stepped
+
+    @cached_property
+    def usable(self) -> Usable:
+        """The part before the first break."""
+        return usable(self.source, self.stepped[1])
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Instants from which no relation holds, s; none is sought in a part that the user chose."""
+        return () if self.chosen else self.usable.breaks
+
+    @property
+    def span(self) -> tuple[float | None, float | None]:
+        """Start and end of what is used, s: as chosen, or up to a break; None where nothing breaks."""
+        return (self.usable.start, self.usable.end) if self.breaks else self.asked
+
+    @cached_property
+    def part(self) -> PreparedRun:
+        """What is used, up to a break."""
+        start, end = self.span
+        if not self.breaks or start is None or end is None:
+            return self.source
+        recording = self.source.recording
+        return prepare(replace(recording.part(start, end), digest=recording.digest))
+
+    def remarks(self, place: str = "") -> list[Remark]:
+        """What was left out of it, and its break; `place` stands before its name."""
+        recording, span = self.source.recording, (None, None) if self.chosen else self.span
+        name = f"{place}{recording.name or 'recording'}"
+        broken = [remark("break", recording=name, time=at) for at in self.breaks[:1]]
+        return [*left_out_remarks([recording], place, *span), *broken]
+
+    @cached_property
+    def judged(self) -> PreparedRun:
+        """The part on which one model can hold."""
+        return prepared(self.source, start=self.span[0], end=self.span[1])
+
+    @cached_property
+    def stretch(self) -> TimeSpan:
+        """Begin and end of that part, and the faults in it."""
+        run, recording = self.judged, self.source.recording
+        columns = None if self.chosen or self.breaks else self.usable.columns
+        begin, stop = float(run.t[0]), float(run.t[-1])
+        broken = [remark("break", recording=recording.name or "recording", time=at) for at in self.breaks]
+        gone = left_out_remarks([recording], "", begin, stop)
+        found = fault_remarks(faults(recording, run, columns), stop - begin)
+        return TimeSpan(begin, stop, self.breaks, (*broken, *gone, *found), self.chosen)
+
+
+def as_prepared(recording: Recording) -> Source:
+    """The recording prepared; itself where it cannot be used as a whole: the fit says why."""
+    try:
+        return prepare(recording)
+    except ValueError:
+        return recording
 
 
 class Evidence:
@@ -94,7 +167,9 @@ class Evidence:
         solution = cleaned.solution
         states, model = solution.states, solution.model
         self.stretch, self.alpha, self.model, self.fit = stretch, alpha, model, result(solution)
-        self.runs, self.signals = tuple(state.run for state in states), states[0].signals
+        self.sources, self.runs = cleaned.runs, tuple(state.run for state in states)
+        """What was prepared before the fit, and the runs as they were fitted."""
+        self.signals = states[0].signals
         lines, searching = separate_lines(cleaned), within(progress, 0.0, 0.8)
         self.scan = scan(states, model, extra=extra, separate=lines, alpha=alpha, progress=searching)
         self.level = alpha / (self.scan.examined + len(cleaned.tests))
@@ -137,7 +212,7 @@ class Evidence:
     @cached_property
     def where(self) -> Evaluation:
         """The model against the first recording: its residual."""
-        return compare(self.fit, self.recording, start=self.stretch.start, end=self.stretch.end)
+        return compare(self.fit, self.sources[0], start=self.stretch.start, end=self.stretch.end)
 
     @property
     def forbidden(self) -> bool:

@@ -27,7 +27,7 @@ from accelcal.diagnosis.policy import (
     UNDECLARED_BIAS_INSTABILITY,
 )
 from accelcal.diagnosis.relation import BANDS_PER_DECADE, MOST_BLOCKS, RelationColumns, unexplained
-from accelcal.estimation.run import PreparedRun, prepare
+from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of
 from accelcal.signals.processing import low_pass, quintic
 from accelcal.signals.series import grid_step, interpolation_spread
 
@@ -76,12 +76,12 @@ class Band:
     """Whether some part of the record shows a relation."""
 
 
-def require_one_axis(recordings: Sequence[Recording], *, start: float | None = None, end: float | None = None) -> None:
+def require_one_axis(sources: Sequence[Source], *, start: float | None = None, end: float | None = None) -> None:
     """Refuse a recording whose channels both show motion, and not the same one.
 
     Parameters
     ----------
-    recordings : one or several runs.
+    sources : one or several runs.
     start, end : s, optional; only this part is used.
 
     Raises
@@ -89,9 +89,10 @@ def require_one_axis(recordings: Sequence[Recording], *, start: float | None = N
     RecordingError
         With the band in which a relation is expected most clearly, its coherence and the expected one.
     """
-    for recording in recordings:
+    for source in sources:
+        recording = recording_of(source)
         bands = coherence_by_band(recording, start, end)
-        if not unrelated(bands) or related_in_part(prepare(recording, start=start, end=end)):
+        if not unrelated(bands) or related_in_part(prepared(source, start=start, end=end)):
             continue
         worst = max((band for band in bands if band.observed < band.least), key=lambda band: band.segments)
         raise RecordingError(

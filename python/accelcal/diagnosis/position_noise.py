@@ -12,7 +12,7 @@ from accelcal.data.arrays import Array
 from accelcal.diagnosis.evidence import Evidence, noise_ratio
 from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE, DATA_SHEET_NOISE_RATIO
 from accelcal.diagnosis.remarks import Remark, remark
-from accelcal.estimation.run import prepare
+from accelcal.estimation.run import prepared
 from accelcal.signals.processing import ORDER
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.evaluation import compare
@@ -35,13 +35,13 @@ def coloured_position(e: Evidence) -> Iterator[Remark]:
     likelihood: a sensor of any noise with white readings, and a sensor as declared with white and Gauss-Markov noise of
     the readings, which must gain `CLEAR_LOG_EVIDENCE` (tests/diagnosis/test_position_noise.py).
     """
-    fit, recording, span, declared = e.fit, e.recording, e.span, e.recording.rig.sensor.noise
+    fit, span, declared = e.fit, e.span, e.recording.rig.sensor.noise
     if declared is None or noise_ratio(fit) <= DATA_SHEET_NOISE_RATIO:
         return
-    if not e.scan.enough or recording.reference is not None:
+    if not e.scan.enough or e.recording.reference is not None:
         return
-    step = prepare(recording, fit.origins, start=span[0], end=span[1]).reading_step  # compare takes the replay
-    spectrum = residual_spectrum(compare(fit, recording, band=BAND_SHARE / step, start=span[0], end=span[1]), step)
+    step = prepared(e.sources[0], fit.origins, start=span[0], end=span[1]).reading_step  # compare takes the replay
+    spectrum = residual_spectrum(compare(fit, e.sources[0], band=BAND_SHARE / step, start=span[0], end=span[1]), step)
     if spectrum is None:
         return
     f, density, averages = spectrum

@@ -6,32 +6,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from accelcal.data.recording import Recording
 from accelcal.diagnosis.policy import RELATION_LEAST_BLOCKS, REST_LOG_LIKELIHOOD, REST_NOISE_RATIO
 from accelcal.diagnosis.relation import BANDS_PER_DECADE, MOST_BLOCKS, RelationColumns, unexplained
 from accelcal.estimation.estimate import require_motion
 from accelcal.estimation.gauss_newton import NotIdentifiable
-from accelcal.estimation.run import PreparedRun, prepare
+from accelcal.estimation.run import PreparedRun
 
 
-def require_motion_above_noise(
-    recordings: Sequence[Recording], *, start: float | None = None, end: float | None = None
-) -> None:
-    """Refuse recordings of which none shows a motion above the noise.
-
-    Parameters
-    ----------
-    recordings : one or several runs.
-    start, end : s, optional; only this part is used.
+def require_motion_above_noise(runs: Sequence[PreparedRun]) -> None:
+    """Refuse runs of which none shows a motion above the noise.
 
     Raises
     ------
     NotIdentifiable
         With the departure from a resting position, and the noise that it does not exceed.
-    RecordingError
-        If the channels do not overlap.
     """
-    runs = [prepare(recording, start=start, end=end) for recording in recordings]
     if not all(at_rest(run) for run in runs):
         return
     run = runs[0]

@@ -70,9 +70,8 @@ def turning_sensor(e: Evidence) -> Iterator[Remark]:
     def left_by(reference: Model, entering: Sequence[DetectedEffect], span: tuple[float, float]) -> SlowResidual:
         for finding in entering:
             reference = finding.enter(reference)
-        recordings = [run.recording for run in e.runs]
-        fitted = result(solve_runs(reference, recordings, start=begin, end=end, others_whole=True))
-        seen = compare(fitted, recording, start=span[0], end=span[1])
+        fitted = result(solve_runs(reference, e.sources, start=begin, end=end, others_whole=True))
+        seen = compare(fitted, e.sources[0], start=span[0], end=span[1])
         return SlowResidual.of(recording, seen.accel_residual, seen.band)
 
     certain = [finding for finding in found if finding.effect not in FOLLOW_TIME]

@@ -37,7 +37,7 @@ from accelcal.estimation.gauss_newton import (
 )
 from accelcal.estimation.noise_effects import NoiseEffect
 from accelcal.estimation.rows import measure_noise, settle_dwells
-from accelcal.estimation.run import Engine, Method, PreparedRun, prepare, side_means
+from accelcal.estimation.run import Engine, Method, PreparedRun, Source, prepared, recording_of, side_means
 from accelcal.estimation.run_covariates import GoesWith, covariates_of, goes_with
 from accelcal.estimation.run_differences import differing
 from accelcal.estimation.run_fit import RunFit, run_fit
@@ -297,7 +297,7 @@ def estimate(
 
 def solve_runs(
     model: Model,
-    recordings: Sequence[Recording],
+    sources: Sequence[Source],
     *,
     start: float | None = None,
     end: float | None = None,
@@ -312,6 +312,7 @@ def solve_runs(
     Parameters and errors are those of :func:`fit`; `engine` makes the rows of the regression; with `others_whole`,
     `start` and `end` are those of the first recording alone: each has a clock of its own.
     """
+    recordings = [recording_of(source) for source in sources]
     require_distinct(recordings)
     recordings = dwells_with_first(recordings)
     asked, model = model, complete(model, recordings)
@@ -321,12 +322,13 @@ def solve_runs(
         )
     require_shown(model, recordings)
     require_process_size(model)
-    first = prepare(recordings[0], origins, start=start, end=end)
+    first = prepared(sources[0], origins, start=start, end=end)
     begin, stop = (None, None) if others_whole else (start, end)
-    runs = [first, *(prepare(r, first.origins, start=begin, end=stop) for r in recordings[1:])]
+    runs = [first, *(prepared(source, first.origins, start=begin, end=stop) for source in sources[1:])]
     if origins is None:
         shared = replace(first.origins, side=side_means(runs))
-        runs = [replace(run, origins=shared) for run in runs]
+        runs = [run.but(origins=shared) for run in runs]
+    runs = [run.but(recording=recording) for run, recording in zip(runs, recordings, strict=True)]
     for run in runs:
         require_motion(run)
         require_band(run, band)
@@ -391,17 +393,17 @@ SETTLING = 3
 """Times that signals and nominal are made from each other when the states of a fit with effects are restored."""
 
 
-def restored_states(fit: Fit, recordings: Sequence[Recording]) -> list[RunState] | None:
+def restored_states(fit: Fit, sources: Sequence[Source]) -> list[RunState] | None:
     """States of the runs at the values of a fit; None where it was made to other data, or in a band."""
-    if len(recordings) != len(fit.runs) or any(run.noise.band is not None for run in fit.runs):
+    if len(sources) != len(fit.runs) or any(run.noise.band is not None for run in fit.runs):
         return None
-    recordings = dwells_with_first(recordings)
+    recordings = dwells_with_first([recording_of(source) for source in sources])
     still = recordings[0].dwells if recordings else None
     if (fit.dwells.digest if fit.dwells else None) != (still.digest if still else None):
         return None
     states = []
-    for index, (recording, fitted) in enumerate(zip(recordings, fit.runs, strict=True)):
-        run = prepare(recording, fit.origins).by(engine_of(fit))
+    for index, (source, recording, fitted) in enumerate(zip(sources, recordings, fit.runs, strict=True)):
+        run = prepared(source, fit.origins).but(recording=recording).by(engine_of(fit))
         span = (float(run.t[0]), float(run.t[-1]), run.used, len(run.accel.t))
         if not fitted.digest or fitted.digest != recording.digest:
             return None

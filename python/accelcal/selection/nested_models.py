@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from accelcal._support.listing import listing
-from accelcal.data.recording import Recording
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.effects import find, spelled
-from accelcal.estimation.estimate import Fit, engine_of, estimate
+from accelcal.estimation.estimate import Fit, engine_of, result, solve_runs
+from accelcal.estimation.run import Source
 from accelcal.model import Model
 
 
@@ -29,7 +29,7 @@ class NestedFits:
 
 def nested_fits(
     fitted: Fit,
-    recordings: Sequence[Recording],
+    sources: Sequence[Source],
     found: Sequence[DetectedEffect] = (),
     *,
     start: float | None = None,
@@ -41,7 +41,7 @@ def nested_fits(
     Parameters
     ----------
     fitted : the largest model.
-    recordings : one or several that the models are fitted to.
+    sources : one or several recordings that the models are fitted to.
     found : effects that the model lacks; they are added behind its own.
     start, end : s, optional; only this part is used.
     refit : whether the largest model is fitted again, too: to a part of its recordings.
@@ -57,7 +57,8 @@ def nested_fits(
     def enter(effect: str, model: Model) -> None:
         if model is not whole or refit:
             engine = engine_of(fitted)
-            fits.append(estimate(model, recordings, start=start, end=end, origins=fitted.origins, method=engine))
+            solution = solve_runs(model, sources, start=start, end=end, origins=fitted.origins, engine=engine)
+            fits.append(result(solution))
         else:
             fits.append(fitted)
         name = f"+ {spelled(effect)}" if effect else "base"

@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from accelcal.data.recording import Recording
 from accelcal.diagnosis.delay import DELAY_CLASS, DELAY_EXPERIMENT, delay_is_significant
 from accelcal.diagnosis.evidence import TimeSpan
 from accelcal.diagnosis.findings import Confounded, explained_gain, with_findings
@@ -19,6 +18,7 @@ from accelcal.diagnosis.verdict import Diagnosis, verdict_on
 from accelcal.effects import Effect, find, stem_of
 from accelcal.estimation.estimate import Fit, result, solve_runs
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
+from accelcal.estimation.run import PreparedRun
 from accelcal.model import Model, Term
 from accelcal.selection.budget import SearchBudget
 from accelcal.selection.collinearity import (
@@ -103,7 +103,7 @@ class JudgedModel:
 class StepwiseSelection:
     """State of a stepwise selection: the current model, its history, and the steps that change it."""
 
-    original: Sequence[Recording]
+    original: Sequence[PreparedRun]
     stretch: TimeSpan
     split: float
     """End of the data that are fitted, s."""
@@ -122,7 +122,7 @@ class StepwiseSelection:
     @classmethod
     def begin(
         cls,
-        original: Sequence[Recording],
+        original: Sequence[PreparedRun],
         stretch: TimeSpan,
         split: float,
         extra: Sequence[Effect] | None,
@@ -203,9 +203,7 @@ class StepwiseSelection:
             return
         self.history.classes = self.history.final_classes(verdict.scan.candidates, verdict.fit)
         if delay_is_significant(self.fits[-1][1], verdict.scan, self.alpha):
-            undelayed = result(
-                solve(without_delay(self.original), self.current.fitted.recordings, self.stretch, self.split)
-            )
+            undelayed = result(solve(without_delay(self.original), self.current.fitted.runs, self.stretch, self.split))
             self.history.classes.insert(0, Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
             self.fits = [((), undelayed), *((("time_offset", *names), fitted) for names, fitted in self.fits)]
         in_noise = {test.effect for test in verdict.channels if not test.shape}  # a wave enters, or is missing
@@ -214,10 +212,10 @@ class StepwiseSelection:
         self.history.classes += tested.values()  # one that the search names too has two groups
         self.fits[-1] = (self.history.effects, self.fits[-1][1])
 
-    def judge_with(self, others: Sequence[Recording]) -> None:
-        """Judge the last model on further runs as well, which took no part in what entered and in its estimates."""
-        last, recordings = self.current, [*self.current.fitted.recordings, *others]
-        on_all = self.judge(clean_fit(recordings, lambda these: solve(last.model, these, self.stretch, self.split)))
+    def judge_with(self, other: PreparedRun) -> None:
+        """Judge the last model on a further run as well, which took no part in what entered and in its estimates."""
+        last, runs = self.current, [*self.current.fitted.runs, other]
+        on_all = self.judge(clean_fit(runs, lambda these: solve(last.model, these, self.stretch, self.split)))
         self.accept(replace(last, verdict=replace(on_all.verdict, fit=last.verdict.fit, used=last.verdict.used)))
 
     def final_verdict(self, reason: str) -> Diagnosis:
@@ -265,8 +263,8 @@ class StepwiseSelection:
         earlier_tests = (
             [] if anew else [test for test in self.current.fitted.tests if test.effect in CHANNEL_OF and test.at]
         )
-        recordings = self.original if anew else self.current.fitted.recordings
-        return clean_fit(recordings, lambda these: solve(model, these, self.stretch, self.split), earlier_tests)
+        runs = self.original if anew else self.current.fitted.runs
+        return clean_fit(runs, lambda these: solve(model, these, self.stretch, self.split), earlier_tests)
 
     def judge(self, fitted: CleanFit) -> JudgedModel:
         """A fitted model with the verdict on it."""
@@ -327,7 +325,7 @@ class StepwiseSelection:
         if note is None:
             judged = self.judge(fitted)
             found = judged.verdict.scan
-            note = implausible(name, judged.verdict.sizes.get(name), fitted.recordings)
+            note = implausible(name, judged.verdict.sizes.get(name), [run.recording for run in fitted.runs])
             note = note or unconfirmed(name, judged.verdict.fit, self.current.verdict.scan.examined, self.alpha)
             if not found.enough:
                 note = remark("too_short_with", effect=name, blocks=found.blocks, least=VERDICT_LEAST_BLOCKS)
@@ -408,13 +406,13 @@ def validation_rises(solution: Solution, name: str, leaving: Sequence[Term] = ()
     )
 
 
-def solve(model: Model, recordings: Sequence[Recording], stretch: TimeSpan, end: float) -> Solution:
+def solve(model: Model, runs: Sequence[PreparedRun], stretch: TimeSpan, end: float) -> Solution:
     """Fit a model to the usable part of the first recording, up to the held-out data, and to the others as a whole."""
-    return solve_runs(model, recordings, start=stretch.start, end=end, others_whole=not stretch.chosen)
+    return solve_runs(model, runs, start=stretch.start, end=end, others_whole=not stretch.chosen)
 
 
-def without_delay(recordings: Sequence[Recording]) -> Model:
+def without_delay(runs: Sequence[PreparedRun]) -> Model:
     """The base model without any delay: neither an offset of the clocks nor a slower low-pass."""
-    if any(r.rig.lowpass_prior > 0.0 for r in recordings):
+    if any(run.rig.lowpass_prior > 0.0 for run in runs):
         return Model.linear().add("lowpass_error").freeze(time_offset=0.0, lowpass_error=0.0)
     return Model.linear().freeze(time_offset=0.0)

@@ -6,35 +6,34 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from accelcal._support.errors import AccelcalError
-from accelcal.data.recording import Recording
 from accelcal.diagnosis.noise_model.estimates import RecordNoise, noise_estimates, noise_scores_of, rejected_channel
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.outlier_rejection import outliers_found, without_outliers
 from accelcal.diagnosis.policy import NOISE_EFFECT_ALPHA
 from accelcal.estimation.estimate import Fit, require_channels, settled_state, state_at
 from accelcal.estimation.noise_effects import NoiseScore
-from accelcal.estimation.run import prepare
+from accelcal.estimation.run import PreparedRun, prepared
 from accelcal.estimation.run_state import RunState
 from accelcal.validation.other_record import values_on
 
 
-def with_noise_effects(fit: Fit, original: Sequence[Recording], states: Sequence[RunState]) -> Fit:
+def with_noise_effects(fit: Fit, original: Sequence[PreparedRun], states: Sequence[RunState]) -> Fit:
     """The fit with estimates of the effects of its model that act on noise.
 
     Parameters
     ----------
     fit : from `states`.
-    original : recordings with their outliers.
-    states : of the recordings without them, at the values of the fit.
+    original : runs with their outliers.
+    states : of the runs without them, at the values of the fit.
     """
     if not fit.model.noise_effects:
         return fit
     outlying = any(rejected_channel(effect) == "accel" for effect in fit.model.noise_effects)
     records = []
-    for index, (recording, state) in enumerate(zip(original, states, strict=True)):
-        whole, clean, span = state, state.run.recording, fit.runs[index]
+    for index, (run, state) in enumerate(zip(original, states, strict=True)):
+        recording, whole, clean, span = run.recording, state, state.run.recording, fit.runs[index]
         if outlying and (len(clean.accel), len(clean.position)) != (len(recording.accel), len(recording.position)):
-            whole = state_at(fit, index, prepare(recording, fit.origins, start=span.start, end=span.end))
+            whole = state_at(fit, index, prepared(run, fit.origins, start=span.start, end=span.end))
         records.append(RecordNoise.of(state, whole, recording))
     return replace(fit, noise_effects=noise_estimates(fit.model, records))
 
@@ -66,14 +65,14 @@ def require_noise_shown(fit: Fit, names: Sequence[str]) -> None:
 
 
 def noise_scores(
-    fit: Fit, recording: Recording, *, start: float | None = None, end: float | None = None
+    fit: Fit, run: PreparedRun, *, start: float | None = None, end: float | None = None
 ) -> tuple[NoiseScore, ...]:
     """What each effect of a fit that acts on noise gains on a recording, as its log predictive density.
 
     Parameters
     ----------
     fit : a model with such effects; without them the answer is empty.
-    recording : one that the fit was not made from.
+    run : one that the fit was not made from.
     start, end : s, optional; only this part is used.
 
     Raises
@@ -83,13 +82,14 @@ def noise_scores(
     """
     if not fit.noise_effects:
         return ()
+    recording = run.recording
     require_channels(fit, recording)
 
-    def state_of(one: Recording) -> RunState:
-        return settled_state(prepare(one, fit.origins, start=start, end=end), values_on(fit, recording), fit.noise())
+    def state_of(one: PreparedRun) -> RunState:
+        return settled_state(prepared(one, fit.origins, start=start, end=end), values_on(fit, recording), fit.noise())
 
-    whole, clean = state_of(recording), recording
+    whole, clean = state_of(run), run
     for test in outliers_found(run_noise_tests(whole)):
         clean = without_outliers(clean, test)
-    state = whole if clean is recording else state_of(clean)
+    state = whole if clean is run else state_of(clean)
     return noise_scores_of(fit.noise_effects, RecordNoise.of(state, whole, recording))
