@@ -33,7 +33,6 @@ from accelcal.diagnosis.noise_tests.run_all import run_outlier_tests
 from accelcal.diagnosis.one_axis import require_one_axis
 from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, SHOWN_SIGMA, VALIDATION_SIGMA
-from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.rest import require_motion_above_noise
 from accelcal.diagnosis.run_agreement import RunValues, runs_disagree, values_by_run
 from accelcal.diagnosis.search.hypotheses import lacks_its_position, may_be_refined
@@ -51,6 +50,7 @@ from accelcal.estimation.estimate import (
     solve_runs,
 )
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
+from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import Method, PreparedRun
 from accelcal.estimation.run_differences import SEEN_BY_RUNS, run_to_hold_out
 from accelcal.estimation.run_state import RunState
@@ -330,7 +330,8 @@ def fit(
         if reject_outliers:
             found, solution = fit_without_outliers(found, solution, these, start=start, end=end, band=band)
         found = with_noise_effects(found, these, solution.states)
-        found = with_breaks(with_agreement(found, solution.states), broken)
+        values = values_by_run(solution.states, found.model, [one.instead for one in found.seen_by_runs])
+        found = replace(found, remarks=(*broken, *found.remarks, *runs_disagree(values)))
         run = solution.states[0].run
         solution.states.clear()  # the prediction filters anew: one set of filters at a time
         return found, run
@@ -341,7 +342,7 @@ def fit(
     if disturbed is not None:
         found, run = fitted(without_stretches(runs, disturbed))
         slow = next(slow_residual(found, run, stretches=False), None)
-    said = tuple(f"{one.sentence}." for one in (slow, disturbed) if one is not None)
+    said = tuple(one for one in (slow, disturbed) if one is not None)
     tilt = 0.0 if slow is None else float(slow.values["tilt_deg"])
     found = replace(found, tilt=tilt, remarks=(*said, *found.remarks)) if said else found
     return remembered(found, recordings)
@@ -390,18 +391,6 @@ def undisturbed(
     return without_stretches(runs, disturbed), replace(stretch, remarks=(disturbed, *stretch.remarks))
 
 
-def with_breaks(fit: Fit, broken: Sequence[Remark]) -> Fit:
-    """The fit with the remarks on breaks before its own."""
-    return replace(fit, remarks=(*(f"{note.sentence}." for note in broken), *fit.remarks)) if broken else fit
-
-
-def with_agreement(fit: Fit, states: Sequence[RunState]) -> Fit:
-    """The fit with the remark on a recording that disagrees with the others, by the states of its runs; the fit itself
-    where all agree."""
-    found = values_by_run(states, fit.model, [one.instead for one in fit.seen_by_runs])
-    return replace(fit, remarks=(*fit.remarks, *(f"{one.sentence}." for one in runs_disagree(found))))
-
-
 def fit_without_outliers(
     fit: Fit,
     solution: Solution,
@@ -428,8 +417,7 @@ def fit_without_outliers(
     if not rejected:
         return fit, clean.solution
     kept = result(clean.solution)
-    remarks = (*(f"{channel.sentence}." for channel in rejected), *kept.remarks)
-    return replace(kept, remarks=remarks), clean.solution
+    return replace(kept, remarks=(*(one.remark for one in rejected), *kept.remarks)), clean.solution
 
 
 @checked
@@ -524,16 +512,14 @@ def add(
         raise AccelcalError(
             f"{lost[0]!r} cannot be added: the fit {why}; `accelcal power` says what the record can show"
         )
-    grown = replace(grown, remarks=(*grown.remarks, *shown))
-    return remembered(with_breaks(grown, broken), recordings)
+    return remembered(replace(grown, remarks=(*broken, *grown.remarks, *shown)), recordings)
 
 
-def barely_shown(fit: Fit, names: Sequence[str]) -> list[str]:
-    """Sentences on effects of a fit that the record hardly tells from zero."""
+def barely_shown(fit: Fit, names: Sequence[str]) -> list[Remark]:
+    """Remarks on effects of a fit that the record hardly tells from zero."""
     sigmas = {name: in_model(fit, Confounded(name, (name,), ""), {}).sigma for name in names}
     return [
-        f"{name} is {sigma:.1f} standard deviations from zero, where {SHOWN_SIGMA:g} are expected of an effect that is "
-        "there: drop it, or fit a longer record"
+        remark("barely_shown", effect=name, sigma=sigma, expected=SHOWN_SIGMA)
         for name, sigma in sigmas.items()
         if sigma is not None and sigma < SHOWN_SIGMA
     ]
@@ -566,7 +552,8 @@ def drop(
     model = model_in_motion(fit).drop(*names)
     solution = solve_runs(model, runs, origins=fit.origins, engine=engine_of(fit), progress=within(progress, 0.0, 0.9))
     left, solution = fit_without_outliers(result(solution), solution, runs)
-    return remembered(with_breaks(with_noise_effects(left, runs, solution.states), broken), recordings)
+    left = with_noise_effects(left, runs, solution.states)
+    return remembered(replace(left, remarks=(*broken, *left.remarks)), recordings)
 
 
 @checked

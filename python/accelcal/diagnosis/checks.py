@@ -12,11 +12,11 @@ import numpy as np
 from accelcal.diagnosis.evidence import Evidence
 from accelcal.diagnosis.policy import ENGINES_APART, UNRESOLVED_MOST_SHARE
 from accelcal.diagnosis.position_noise import coloured_position
-from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.run_agreement import runs_disagree
 from accelcal.diagnosis.transverse import transverse_coherence
 from accelcal.diagnosis.turning import turning_sensor
 from accelcal.estimation.estimate import implausible_scale
+from accelcal.estimation.remarks import Remark, remark
 
 
 def scale_factor(e: Evidence) -> Iterator[Remark]:
@@ -26,7 +26,7 @@ def scale_factor(e: Evidence) -> Iterator[Remark]:
     """
     scale = e.fit.values().scale
     if "scale_factor" not in e.model.fixed:
-        yield from (remark("implausible_scale", text=text, scale=scale) for text in implausible_scale(scale))
+        yield from implausible_scale(scale)
 
 
 def engines(e: Evidence) -> Iterator[Remark]:
@@ -64,20 +64,7 @@ def agreement(e: Evidence) -> Iterator[Remark]:
 def run_to_run(e: Evidence) -> Iterator[Remark]:
     """Coefficients that differ from run to run, and what they go with; tested in the fit (REML,
     tests/estimation/test_run_to_run.py)."""
-    for one in e.fit.goes_with:
-        yield remark("goes_with", text=one.sentence, parameter=one.parameter, covariate=one.covariate, p=one.p_value)
-    for spread in e.fit.spreads:
-        mean = e.fit[spread.name].value
-        numbers = {key: getattr(spread, key) for key in ("low", "high", "next_half")}
-        yield remark(
-            "run_to_run",
-            text=spread.sentence(mean),
-            parameter=spread.name,
-            mean=mean,
-            std=spread.value,
-            **numbers,
-            p=spread.p_value,
-        )
+    yield from (one for one in e.fit.remarks if one.code in ("goes_with", "run_to_run"))
 
 
 def faults(e: Evidence) -> Iterable[Remark]:

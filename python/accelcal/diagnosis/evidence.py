@@ -21,13 +21,13 @@ from accelcal.diagnosis.left_out import left_out_remarks, without_wrong_readings
 from accelcal.diagnosis.outlier_rejection import CleanFit
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.diagnosis.relation import RelationColumns
-from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.run_agreement import values_by_run
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import scan
 from accelcal.effects import Effect, find, next_name
 from accelcal.estimation.estimate import Fit, result
 from accelcal.estimation.gauss_newton import Solution
+from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun, Source, prepare, prepared
 from accelcal.model import evaluate
 from accelcal.validation.comparison import Evaluation

@@ -26,9 +26,9 @@ from accelcal.diagnosis.policy import (
     WHOLE_SAMPLE_TOLERANCE,
 )
 from accelcal.diagnosis.relation import MOST_BLOCKS, RelationColumns, _solve
-from accelcal.diagnosis.remarks import Remark, Value, remark
 from accelcal.estimation.channel_filters import HOLE
 from accelcal.estimation.glitches import spikes
+from accelcal.estimation.remarks import Remark, Value, remark
 from accelcal.estimation.run import PreparedRun
 from accelcal.signals.series import LOCAL, local_spread
 

@@ -28,8 +28,8 @@ from accelcal.diagnosis.policy import (
     STUCK_SAMPLES,
     STUCK_VELOCITY_SHARE,
 )
-from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.estimation.channel_filters import ChannelFilters
+from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of
 from accelcal.signals.series import interpolation_spread
 from accelcal.signals.transfer import FORGOTTEN, memory

@@ -20,6 +20,7 @@ from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, REJECTION_ROUNDS
 from accelcal.effects import BUILT_IN
 from accelcal.estimation.gauss_newton import Solution
+from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
 
@@ -38,10 +39,15 @@ class RejectedReadings:
     """Samples that the channel had."""
 
     @property
-    def sentence(self) -> str:
+    def remark(self) -> Remark:
         """For people."""
         name = self.recording or "recording"
-        return f"{name}: {self.count} of {self.of} readings of {self.channel} were rejected as outliers"
+        return remark("outliers_rejected", recording=name, count=self.count, of=self.of, channel=self.channel)
+
+    @property
+    def sentence(self) -> str:
+        """Its text."""
+        return self.remark.sentence
 
 
 @dataclass(frozen=True, slots=True)

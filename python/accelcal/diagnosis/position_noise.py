@@ -11,7 +11,7 @@ import scipy
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.evidence import Evidence, noise_ratio
 from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE, DATA_SHEET_NOISE_RATIO
-from accelcal.diagnosis.remarks import Remark, remark
+from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import prepared
 from accelcal.signals.processing import ORDER
 from accelcal.validation.comparison import Evaluation

@@ -14,8 +14,8 @@ from accelcal.data.arrays import Array
 from accelcal.data.orientation import DERIVED
 from accelcal.diagnosis.evidence import Evidence
 from accelcal.diagnosis.policy import COHERENCE_LEAST_SHARE, TRANSVERSE_ALPHA
-from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.effects import find
+from accelcal.estimation.remarks import Remark, remark
 
 SEGMENTS = 24
 """Segments of the averaged spectra, half overlapping."""

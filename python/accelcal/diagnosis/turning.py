@@ -28,10 +28,10 @@ from accelcal.diagnosis.policy import (
     TURNING_MOST_DEGREES,
     UNDECLARED_BIAS_INSTABILITY,
 )
-from accelcal.diagnosis.remarks import Remark, Value, remark
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.effects import BUILT_IN, OF_TIME, find
 from accelcal.estimation.estimate import Fit, result, solve_runs
+from accelcal.estimation.remarks import Remark, Value, remark
 from accelcal.estimation.run import PreparedRun
 from accelcal.model import Model
 from accelcal.signals.processing import low_pass

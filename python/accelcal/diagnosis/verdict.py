@@ -32,11 +32,11 @@ from accelcal.diagnosis.policy import (
     FAMILYWISE_ALPHA,
     VERDICT_LEAST_BLOCKS,
 )
-from accelcal.diagnosis.remarks import KINDS, Remark
 from accelcal.diagnosis.search.scan import Scan, Verdict
 from accelcal.diagnosis.turning import FOLLOW_TIME, beside_tilt
 from accelcal.effects import BUILT_IN, Effect, find
 from accelcal.estimation.estimate import Fit
+from accelcal.estimation.remarks import KINDS, Remark
 from accelcal.estimation.run_to_run import SPREAD_ALPHA
 from accelcal.validation.comparison import Evaluation
 

@@ -94,7 +94,7 @@ def view(content: Content) -> dict[str, Any]:
         "method": list(METHOD),
         "example": example(content),
         "provenance": provenance(content),
-        "remarks": [*content.fit.remarks, *content.remarks],
+        "remarks": [*(one.sentence for one in content.fit.remarks), *content.remarks],
     }
 
 

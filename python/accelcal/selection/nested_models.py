@@ -9,6 +9,7 @@ from accelcal._support.listing import listing
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.effects import find, spelled
 from accelcal.estimation.estimate import Fit, engine_of, result, solve_runs
+from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import Source
 from accelcal.model import Model
 
@@ -23,7 +24,7 @@ class NestedFits:
     """The base, then the effect that is new, or the finer form of a curve."""
     lacking: int
     """Number of fits at the end with effects that the model itself lacks."""
-    remarks: tuple[str, ...]
+    remarks: tuple[Remark, ...]
     """Models that could not be fitted, and why."""
 
 
@@ -52,7 +53,7 @@ def nested_fits(
         If the recordings do not determine even the base.
     """
 
-    fits, names, remarks, lacking = list[Fit](), list[str](), list[str](), 0
+    fits, names, remarks, lacking = list[Fit](), list[str](), list[Remark](), 0
 
     def enter(effect: str, model: Model) -> None:
         if model is not whole or refit:
@@ -74,14 +75,15 @@ def nested_fits(
         except ValueError as error:
             if count == 0:
                 raise
-            remarks.append(f"without {', '.join(added[count:])} the model cannot be fitted here: {error}")
+            text = f"without {', '.join(added[count:])} the model cannot be fitted here: {error}"
+            remarks.append(remark("not_fitted", text=text))
     for finding in found:
         try:
             model = finding.enter(model)
             enter(finding.effect, model)
             lacking += 1
         except ValueError as error:
-            remarks.append(f"{finding.effect} could not be added: {error}")
+            remarks.append(remark("not_fitted", text=f"{finding.effect} could not be added: {error}"))
             break
     return NestedFits(tuple(fits), tuple(names), lacking, tuple(remarks))
 

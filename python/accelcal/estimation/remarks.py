@@ -1,4 +1,4 @@
-"""Remarks: what must be read with a verdict, each with a code, a sentence and its numbers.
+"""Remarks: what must be read with a fit or a verdict, each with a code, a sentence and its numbers.
 
 A new remark is one entry of `KINDS`, and one call of `remark` where its numbers are known.
 """
@@ -28,7 +28,12 @@ class Kind:
 
 
 KINDS: dict[str, Kind] = {
-    "implausible_scale": Kind("verdict", "{text}", forbids_names=True),
+    "implausible_scale": Kind(
+        "verdict",
+        "1 + k = {scale:.4g} is implausible for a working sensor: check the units of position and output (a factor of "
+        "{factor:.4g}), for instance mm read as m",
+        forbids_names=True,
+    ),
     "motion_beyond_sampling": Kind(
         "verdict",
         "The motion changes faster than the sampling resolves during {share:.2g} % of the record, at {instants} "
@@ -177,6 +182,40 @@ KINDS: dict[str, Kind] = {
         "there, a sensitivity of {sensitivity:.2g}; a transverse sensitivity that depends on frequency, or a rig that "
         "rocks",
     ),
+    "outliers_rejected": Kind("beside", "{recording}: {count} of {of} readings of {channel} were rejected as outliers"),
+    "glitches_left_out": Kind("beside", "{recording}: {count} readings jump away and come back; left out"),
+    "imposed_band": Kind(
+        "beside",
+        "{recording}: the noise is not white up to the crossover; the encoder is trusted up to {band:.3g} Hz only, "
+        "where the estimate is surest",
+    ),
+    "measured_spectrum": Kind(
+        "beside", "{recording}: what the model leaves is not white; readings are weighted by its measured spectrum"
+    ),
+    "changes_with_band": Kind("beside", "{recording}: {text}"),
+    "not_observable": Kind(
+        "beside",
+        "{recording}: bias is not observable behind the declared {filters}; this run does not determine it, and a "
+        "constant of its output is not laid on the sensor",
+    ),
+    "mostly_prior": Kind("beside", "{parameter} is dominated by its prior, {mean:g} ± {std:g}: the record says little"),
+    "on_bound": Kind("beside", "{text}"),
+    "seen_by_runs": Kind("beside", "{text}"),
+    "assumed": Kind("beside", "{text}"),
+    "dwells_scatter": Kind("beside", "{text}"),
+    "not_settled": Kind(
+        "beside",
+        "the iteration had not settled after {rounds} rounds: the model does not describe this record",
+    ),
+    "noise_beyond_declared": Kind("beside", "{recording}: {text}"),
+    "barely_shown": Kind(
+        "beside",
+        "{effect} is {sigma:.1f} standard deviations from zero, where {expected:g} are expected of an effect that is "
+        "there: drop it, or fit a longer record",
+    ),
+    "not_fitted": Kind("beside", "{text}"),
+    "live_filter": Kind("beside", "{text}"),
+    "noted": Kind("beside", "{text}"),
     "not_added": Kind(
         "beside", "{effect} would explain more of the record ({sigma:.0f} sigma), but it was not added: {reason}"
     ),
