@@ -10,7 +10,7 @@ import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import overload
+from typing import Any, overload
 
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
@@ -313,34 +313,21 @@ def fit(
     if "scale_factor" not in model.fixed:
         require_relation(examined)
     runs, broken = used_runs(examined)
-    share = 0.8 if reject_outliers else 1.0
+    settings = {"start": start, "end": end, "band": band, "origins": origins, "engine": method}
 
-    def fitted(these: Sequence[PreparedRun]) -> tuple[Fit, PreparedRun]:
-        solution = solve_runs(
-            model,
-            these,
-            start=start,
-            end=end,
-            band=band,
-            origins=origins,
-            engine=method,
-            progress=within(progress, 0.0, share),
-        )
-        found = result(solution)
-        if reject_outliers:
-            found, solution = fit_without_outliers(found, solution, these, start=start, end=end, band=band)
-        found = with_noise_effects(found, these, solution.states)
+    def in_agreement(these: Sequence[PreparedRun]) -> tuple[Fit, PreparedRun]:
+        found, solution = fitted(model, these, progress, reject=reject_outliers, **settings)
         values = values_by_run(solution.states, found.model, [one.instead for one in found.seen_by_runs])
         found = replace(found, remarks=(*broken, *found.remarks, *runs_disagree(values)))
         run = solution.states[0].run
         solution.states.clear()  # the prediction filters anew: one set of filters at a time
         return found, run
 
-    found, run = fitted(runs)
+    found, run = in_agreement(runs)
     slow = next(slow_residual(found, run), None) if reject_outliers else None
     disturbed = slow if slow is not None and slow.code == "disturbed" else None
     if disturbed is not None:
-        found, run = fitted(without_stretches(runs, disturbed))
+        found, run = in_agreement(without_stretches(runs, disturbed))
         slow = next(slow_residual(found, run, stretches=False), None)
     said = tuple(one for one in (slow, disturbed) if one is not None)
     tilt = 0.0 if slow is None else float(slow.values["tilt_deg"])
@@ -391,33 +378,34 @@ def undisturbed(
     return without_stretches(runs, disturbed), replace(stretch, remarks=(disturbed, *stretch.remarks))
 
 
-def fit_without_outliers(
-    fit: Fit,
-    solution: Solution,
+def fitted(
+    model: Model,
     runs: Sequence[PreparedRun],
+    progress: Callable[[float], None],
     *,
-    start: float | None = None,
-    end: float | None = None,
-    band: float | None = None,
+    reject: bool = True,
+    **settings: Any,
 ) -> tuple[Fit, Solution]:
-    """The model fitted again without outliers, and the solution it comes from; what was given where there are none.
+    """A model fitted to runs without outliers, with its effects on noise, and the solution it comes from.
 
     Parameters
     ----------
-    fit, solution : made to the runs; the solution is used up where there are outliers.
-    runs : one or several.
-    start, end, band : as they were fitted.
+    model, runs : what is fitted to what.
+    progress : called with the share of the work that is done, 0 to 1.
+    reject : whether outliers are rejected.
+    settings : of `solve_runs`.
     """
-
-    def solve(these: Sequence[PreparedRun]) -> Solution:
-        return solve_runs(fit.model, these, start=start, end=end, band=band, origins=fit.origins, engine=engine_of(fit))
-
-    clean = clean_fit(runs, solve, solved=solution, test=run_outlier_tests)
-    rejected = clean.rejected(runs)
-    if not rejected:
-        return fit, clean.solution
-    kept = result(clean.solution)
-    return replace(kept, remarks=(*(one.remark for one in rejected), *kept.remarks)), clean.solution
+    solution = solve_runs(model, runs, progress=within(progress, 0.0, 0.8 if reject else 1.0), **settings)
+    found = result(solution)
+    if reject:
+        again = {**settings, "origins": found.origins, "engine": engine_of(found)}
+        solve = partial(solve_runs, found.model, **again)
+        clean = clean_fit(runs, solve, solved=solution, test=run_outlier_tests)
+        solution, rejected = clean.solution, clean.rejected(runs)
+        if rejected:
+            found = result(solution)
+            found = replace(found, remarks=(*(one.remark for one in rejected), *found.remarks))
+    return with_noise_effects(found, runs, solution.states), solution
 
 
 @checked
@@ -475,34 +463,13 @@ def add(
         if states is None or model is not fit.model:
             shared = within(progress, 0.0, 0.4)
             states = solve_runs(model, runs, origins=fit.origins, engine=engine_of(fit), progress=shared).states
-        jumps = [step for state in states for step in state.run.accounted_steps] if name == POSITION_JUMPS else ()
-        if jumps:
-            said = f"{max(jumps, key=lambda step: abs(step.size)).sentence}; every fit begins anew behind it"
-            raise AccelcalError(f"{name!r} cannot be added: its jump is accounted for already ({said})")
-        wave = largest_wave(effect, model, states)
-        if wave is not None and effect.search.beside in ("", *model.effects):
-            waves[name] = wave.estimate
-            model = model.add(name, shapes={name: wave.shape})
-            continue
-        requested = scan(states, model, extra=extra, only=(effect,), progress=within(progress, 0.4, 0.6))
-        if not requested.entered:
-            lacking = [n for n in effect.needs if n not in several[0].side]
-            power = "`accelcal power` says what the record can show"
-            why = f"this record does not excite it, or not apart from what the model holds; {power}"
-            if lacking:
-                why = f"it needs the channel {' and '.join(lacking)}; record it, or name its column in the sidecar"
-            if lacks_its_position(effect, states):
-                why = "it is an error of a position as it is read, and the reference of this record is not a position"
-            if effect.search.beside and effect.search.beside not in model.effects:
-                why = f"it is searched for only beside {effect.search.beside}; add that first"
-            raise AccelcalError(f"{name!r} cannot be added: {why}")
-        model = requested.entered[0].enter(model)
-    solution = solve_runs(model, runs, origins=fit.origins, engine=engine_of(fit), progress=within(progress, 0.6, 0.9))
+        model, size = with_effect(effect, model, states, extra, within(progress, 0.4, 0.6))
+        waves |= {name: size} if size else {}
+    origins, engine = fit.origins, engine_of(fit)
+    grown, solution = fitted(model, runs, within(progress, 0.6, 0.9), origins=origins, engine=engine)
     lost = [name for name in names if name not in solution.model.effects]
     if lost:
         raise AccelcalError(f"{lost[0]!r} cannot be added: these recordings do not tell it from the bias")
-    clean, solution = fit_without_outliers(result(solution), solution, runs)
-    grown = with_noise_effects(clean, runs, solution.states)
     require_noise_shown(grown, names)
     shown = barely_shown(grown, names)
     lost = [name for name in names if find(name).port == "noise" and not solution.converged]
@@ -513,6 +480,53 @@ def add(
             f"{lost[0]!r} cannot be added: the fit {why}; `accelcal power` says what the record can show"
         )
     return remembered(replace(grown, remarks=(*broken, *grown.remarks, *shown)), recordings)
+
+
+def with_effect(
+    effect: Effect,
+    model: Model,
+    states: Sequence[RunState],
+    extra: Sequence[Effect] | None,
+    progress: Callable[[float], None],
+) -> tuple[Model, float]:
+    """A model with an effect, its shape parameters by likelihood, and the amplitude of a wave that noise tests found.
+
+    Parameters
+    ----------
+    effect : what is added to `model`.
+    states : runs that were fitted with the model.
+    extra, progress : as of `add`.
+
+    Returns
+    -------
+    The model; the amplitude, 0 where it is no wave.
+
+    Raises
+    ------
+    ValueError
+        If the runs do not show the effect.
+    """
+    name = effect.name
+    jumps = [step for state in states for step in state.run.accounted_steps] if name == POSITION_JUMPS else ()
+    if jumps:
+        said = f"{max(jumps, key=lambda step: abs(step.size)).sentence}; every fit begins anew behind it"
+        raise AccelcalError(f"{name!r} cannot be added: its jump is accounted for already ({said})")
+    wave = largest_wave(effect, model, states)
+    if wave is not None and effect.search.beside in ("", *model.effects):
+        return model.add(name, shapes={name: wave.shape}), wave.estimate
+    requested = scan(states, model, extra=extra, only=(effect,), progress=progress)
+    if requested.entered:
+        return requested.entered[0].enter(model), 0.0
+    lacking = [need for need in effect.needs if need not in states[0].run.recording.side]
+    power = "`accelcal power` says what the record can show"
+    why = f"this record does not excite it, or not apart from what the model holds; {power}"
+    if lacking:
+        why = f"it needs the channel {' and '.join(lacking)}; record it, or name its column in the sidecar"
+    if lacks_its_position(effect, states):
+        why = "it is an error of a position as it is read, and the reference of this record is not a position"
+    if effect.search.beside and effect.search.beside not in model.effects:
+        why = f"it is searched for only beside {effect.search.beside}; add that first"
+    raise AccelcalError(f"{name!r} cannot be added: {why}")
 
 
 def barely_shown(fit: Fit, names: Sequence[str]) -> list[Remark]:
@@ -550,9 +564,8 @@ def drop(
     """
     runs, broken = used_runs([Examined(one) for one in runs_of(recordings)])
     model = model_in_motion(fit).drop(*names)
-    solution = solve_runs(model, runs, origins=fit.origins, engine=engine_of(fit), progress=within(progress, 0.0, 0.9))
-    left, solution = fit_without_outliers(result(solution), solution, runs)
-    left = with_noise_effects(left, runs, solution.states)
+    origins, engine = fit.origins, engine_of(fit)
+    left, _ = fitted(model, runs, within(progress, 0.0, 0.9), origins=origins, engine=engine)
     return remembered(replace(left, remarks=(*broken, *left.remarks)), recordings)
 
 
@@ -657,17 +670,11 @@ def improve(
         selection = StepwiseSelection.begin(original, stretch, split, extra, alpha, budget)
     progress(0.3)
     on_step(selection.fits[-1][1])
-    for number in range(2 * most):
-        room = selection.history.entered < most
-        if not (room and selection.add_next()) and not selection.replace_by_family():
-            break
-        on_step(selection.fits[-1][1])
-        progress(min(0.9, 0.3 + 0.6 * (number + 1) / most))
+    selection.grow(most, on_step, within(progress, 0.3, 0.9))
     selection.finish()
     room = len(selection.current.model.added) < most
     reason = "no fit with it is possible" if room else f"at most {most} effects are added"
-    fitted = selection.current.fitted
-    rejected = fitted.rejected(original)
+    rejected = selection.current.fitted.rejected(original)
     unseen = None if holdout is None else Examined(holdout)
     if apart is not None and unseen is not None:
         if not selection.current.verdict.scan.found:
@@ -683,20 +690,27 @@ def improve(
     if rejected:
         test, rejected_from_test = clean_holdout(selection.fits[0][1].model, test, test_begin, test_end)
         rejected = (*rejected, *rejected_from_test)
-    ruler = Ruler.of([fit for _, fit in selection.fits])
-    floor = noise_floor(ruler, selection.fits[0][1], test, start=test_begin, end=test_end)
-    steps = [
-        Step(
-            names,
-            fit,
-            evaluation.compare(fit, fitted.runs[0], start=begin, end=split, ruler=ruler),
-            replace(evaluation.compare(fit, test, start=test_begin, end=test_end, ruler=ruler), noise_floor=floor),
-        )
-        for names, fit in selection.fits
-    ]
+    steps = compared_steps(selection, begin, test, test_begin, test_end)
     notes = [*broken, *heldout_rises(steps)]
     last = replace(verdict, dropped=rejected, remarks=(*verdict.remarks, *notes))
     return Improvement(tuple(steps), last, tuple(selection.history.classes), selection.examined, same_run)
+
+
+def compared_steps(
+    selection: StepwiseSelection, begin: float, test: PreparedRun, start: float | None, end: float | None
+) -> list[Step]:
+    """Every model of a selection on the data it was fitted to, from `begin` on, s, and on held-out data in a part."""
+    ruler, first = Ruler.of([fit for _, fit in selection.fits]), selection.fits[0][1]
+    floor, train = noise_floor(ruler, first, test, start=start, end=end), selection.current.fitted.runs[0]
+    return [
+        Step(
+            names,
+            fit,
+            evaluation.compare(fit, train, start=begin, end=selection.split, ruler=ruler),
+            replace(evaluation.compare(fit, test, start=start, end=end, ruler=ruler), noise_floor=floor),
+        )
+        for names, fit in selection.fits
+    ]
 
 
 def heldout_rises(steps: Sequence[Step]) -> list[Remark]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from accelcal.diagnosis.delay import DELAY_CLASS, DELAY_EXPERIMENT, delay_is_significant
@@ -143,6 +143,15 @@ class StepwiseSelection:
             [((), current.verdict.fit)],
             budget,
         )
+
+    def grow(self, most: int, on_step: Callable[[Fit], None], progress: Callable[[float], None]) -> None:
+        """Add effects, at most so many, or replace them by curves until nothing is to enter; each model is reported."""
+        for number in range(2 * most):
+            room = self.history.entered < most
+            if not (room and self.add_next()) and not self.replace_by_family():
+                break
+            on_step(self.fits[-1][1])
+            progress(min(1.0, (number + 1) / most))
 
     def add_next(self) -> bool:
         """Add one effect and remove what it shows to be wrong or redundant; False where nothing is to enter, or can."""
