@@ -23,7 +23,7 @@ from accelcal.data.dwells import Dwells
 from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
-from accelcal.diagnosis.evidence import Examined, TimeSpan
+from accelcal.diagnosis.evidence import Evidence, Examined, TimeSpan
 from accelcal.diagnosis.findings import Confounded, in_model
 from accelcal.diagnosis.independent_tests import largest_wave
 from accelcal.diagnosis.left_out import left_out_sentences
@@ -178,11 +178,11 @@ def diagnose(
         )
 
     fitted = clean_fit(runs, solve)
-    judged = verdict_on(fitted, stretch, extra, alpha, within(progress, 0.35, 1.0))
+    judged = verdict_on(Evidence(fitted, stretch, extra, alpha, within(progress, 0.35, 1.0)))
     if rest := undisturbed(runs, stretch, judged):
         runs, stretch = rest
         fitted = clean_fit(runs, solve)
-        judged = verdict_on(fitted, stretch, extra, alpha, within(progress, 0.35, 1.0))
+        judged = verdict_on(Evidence(fitted, stretch, extra, alpha, within(progress, 0.35, 1.0)))
     return replace(judged, dropped=fitted.rejected(runs), remarks=(*judged.remarks, *broken))
 
 
@@ -661,9 +661,8 @@ def improve(
     examined = [Examined(one, start, end) for one in several]
     require_relation(examined)
     original, stretch, broken = judged_runs(examined)
-    same_run = holdout is None
     begin, finish = stretch.start, stretch.end
-    split = finish - HELD_OUT * (finish - begin) if same_run else finish
+    split = finish - HELD_OUT * (finish - begin) if holdout is None else finish
     selection = StepwiseSelection.begin(original, stretch, split, extra, alpha, budget)
     if rest := undisturbed(original, stretch, selection.current.verdict):
         original, stretch = rest
@@ -681,19 +680,14 @@ def improve(
             reason = "the run that is held out takes no part in what is added"
         selection.judge_with(unseen.source if stretch.chosen else unseen.part)
     verdict = selection.final_verdict(reason)
-    test = original[0]
-    test_begin: float | None = split
-    test_end: float | None = finish
-    if unseen is not None:
-        test, (test_begin, test_end) = unseen.source, unseen.span
-        broken = [*broken, *unseen.remarks("held out, ")]
+    test, span = (original[0], (split, finish)) if unseen is None else (unseen.source, unseen.span)
     if rejected:
-        test, rejected_from_test = clean_holdout(selection.fits[0][1].model, test, test_begin, test_end)
-        rejected = (*rejected, *rejected_from_test)
-    steps = compared_steps(selection, begin, test, test_begin, test_end)
-    notes = [*broken, *heldout_rises(steps)]
+        test, more = clean_holdout(selection.fits[0][1].model, test, *span)
+        rejected = (*rejected, *more)
+    steps = compared_steps(selection, begin, test, *span)
+    notes = [*broken, *(unseen.remarks("held out, ") if unseen is not None else ()), *heldout_rises(steps)]
     last = replace(verdict, dropped=rejected, remarks=(*verdict.remarks, *notes))
-    return Improvement(tuple(steps), last, tuple(selection.history.classes), selection.examined, same_run)
+    return Improvement(tuple(steps), last, tuple(selection.history.classes), selection.examined, holdout is None)
 
 
 def compared_steps(

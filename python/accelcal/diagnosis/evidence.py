@@ -166,7 +166,8 @@ class Evidence:
     ) -> None:
         solution = cleaned.solution
         states, model = solution.states, solution.model
-        self.stretch, self.alpha, self.model, self.fit = stretch, alpha, model, result(solution)
+        self.stretch, self.breaks, self.alpha = stretch, stretch.breaks, alpha
+        self.model, self.fit = model, result(solution)
         self.sources, self.runs = cleaned.runs, tuple(state.run for state in states)
         """What was prepared before the fit, and the runs as they were fitted."""
         self.signals = states[0].signals

@@ -13,7 +13,7 @@ from accelcal._support.result import Result
 from accelcal.diagnosis.checks import CHECKS
 from accelcal.diagnosis.contribution import Importance, Size, split
 from accelcal.diagnosis.delay import DELAY_CLASS, DELAY_EXPERIMENT
-from accelcal.diagnosis.evidence import Evidence, TimeSpan, noise_ratio
+from accelcal.diagnosis.evidence import Evidence, noise_ratio
 from accelcal.diagnosis.findings import (
     NOTHING_MISSING,
     Confounded,
@@ -25,7 +25,7 @@ from accelcal.diagnosis.findings import (
 from accelcal.diagnosis.further_run import FurtherRun
 from accelcal.diagnosis.noise_tests.noise_test import WHITENESS, NoiseTest
 from accelcal.diagnosis.noise_tests.tones import harmonic_effects
-from accelcal.diagnosis.outlier_rejection import CleanFit, RejectedReadings
+from accelcal.diagnosis.outlier_rejection import RejectedReadings
 from accelcal.diagnosis.policy import (
     CLEAR_LOG_EVIDENCE,
     DATA_SHEET_NOISE_RATIO,
@@ -34,7 +34,7 @@ from accelcal.diagnosis.policy import (
 )
 from accelcal.diagnosis.search.scan import Scan, Verdict
 from accelcal.diagnosis.turning import FOLLOW_TIME, beside_tilt
-from accelcal.effects import BUILT_IN, Effect, find
+from accelcal.effects import BUILT_IN, find
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.remarks import KINDS, Remark
 from accelcal.estimation.run_to_run import SPREAD_ALPHA
@@ -138,27 +138,19 @@ class Diagnosis(Result):
         return split(self.effects, self.sizes, self.fit.rig.tolerance)
 
 
-def verdict_on(
-    cleaned: CleanFit,
-    stretch: TimeSpan,
-    extra: Sequence[Effect] | None = None,
-    alpha: float = FAMILYWISE_ALPHA,
-    progress: Callable[[float], None] = lambda share: None,
-) -> Diagnosis:
-    """Verdict on a model that has just been fitted; parameters are those of `Evidence`."""
-    e = Evidence(cleaned, stretch, extra, alpha, progress)
+def verdict_on(e: Evidence) -> Diagnosis:
+    """Verdict on a model that has just been fitted: the checks find their remarks, the rules judge what they leave."""
     for check in CHECKS:
         e.remarks += check(e)
     scan, tests, unnamed = nameable(e)
     groups = classes_of(e, scan, tests)
     verdict, left = judgement(Case(e.fit, scan, tests, unnamed, groups, e.remarks))
-    inside = present(e.fit, alpha / scan.examined, e.sizes) if scan.enough and not e.forbidden else ()
-    inside = (*(in_model(e.fit, one, e.sizes) for one in groups if one.effect == "time_offset"), *inside)
-    sentences = (f"{one.sentence}." for one in e.remarks if one.vetoes_adequate)
+    inside = confirmed(e, groups)
+    vetoes = (f"{one.sentence}." for one in e.remarks if one.vetoes_adequate)
     tilt = next((float(one.values["tilt_deg"]) for one in e.remarks if "tilt_deg" in one.values), 0.0)
     return Diagnosis(
         verdict=verdict,
-        sentence=" ".join((*sentences, with_findings(inside, left, e.fit.rig.tolerance))),
+        sentence=" ".join((*vetoes, with_findings(inside, left, e.fit.rig.tolerance))),
         effects=tuple(group.effect for group in groups),
         classes=tuple(groups),
         inseparable=inseparable_groups(e),
@@ -167,12 +159,18 @@ def verdict_on(
         used=tuple((run.start, run.end) for run in e.fit.runs),
         channels=tests,
         unnamed=unnamed,
-        **{key: getattr(e, key) for key in ("where", "largest", "sizes", "alpha")},
-        breaks=stretch.breaks,
+        **{key: getattr(e, key) for key in ("where", "largest", "sizes", "alpha", "breaks")},
         remarks=tuple(e.remarks),
         present=inside,
         left=left,
     )
+
+
+def confirmed(e: Evidence, groups: Sequence[Confounded]) -> tuple[Finding, ...]:
+    """Effects of the model that the record confirms, and a significant delay before them."""
+    delays = (in_model(e.fit, one, e.sizes) for one in groups if one.effect == "time_offset")
+    inside = present(e.fit, e.alpha / e.scan.examined, e.sizes) if e.scan.enough and not e.forbidden else ()
+    return (*delays, *inside)
 
 
 def nameable(e: Evidence) -> tuple[Scan, tuple[NoiseTest, ...], tuple[NoiseTest, ...]]:

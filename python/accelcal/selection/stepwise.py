@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from accelcal.diagnosis.delay import DELAY_CLASS, DELAY_EXPERIMENT, delay_is_significant
-from accelcal.diagnosis.evidence import TimeSpan
+from accelcal.diagnosis.evidence import Evidence, TimeSpan
 from accelcal.diagnosis.findings import Confounded, explained_gain, with_findings
 from accelcal.diagnosis.outlier_rejection import CHANNEL_OF, CleanFit, clean_fit
 from accelcal.diagnosis.policy import NAMED_ALTERNATIVES, VERDICT_LEAST_BLOCKS
@@ -131,7 +131,7 @@ class StepwiseSelection:
     ) -> StepwiseSelection:
         """Start from the base model, fitted and judged."""
         fitted = clean_fit(original, lambda these: solve(Model.linear(), these, stretch, split))
-        current = JudgedModel(fitted, verdict_on(fitted, stretch, extra, alpha))
+        current = JudgedModel(fitted, verdict_on(Evidence(fitted, stretch, extra, alpha)))
         return cls(
             original,
             stretch,
@@ -277,7 +277,7 @@ class StepwiseSelection:
 
     def judge(self, fitted: CleanFit) -> JudgedModel:
         """A fitted model with the verdict on it."""
-        return JudgedModel(fitted, verdict_on(fitted, self.stretch, self.extra, self.alpha))
+        return JudgedModel(fitted, verdict_on(Evidence(fitted, self.stretch, self.extra, self.alpha)))
 
     def with_next(self) -> tuple[DetectedEffect, JudgedModel] | None:
         """The judged fit with the effect that comes first, or the next of its set where no fit with it is possible;

@@ -45,16 +45,12 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
     v2, v4, j2 = residuals.motion_blocks(spectra)
     blocked = len(spectra.f) <= FEWEST_BINS
     if len(v2) < NOISE_TEST_LEAST_BLOCKS or np.ptp(v2) == 0.0 or blocked:
-        untested = (
-            "declared filters let no noise pass above the motion, so whether it follows the motion is not tested"
-            if blocked
-            else "the record is too short or has too little motion to test whether noise follows the motion",
-            0.0,
-            1.0,
-        )
+        why = "the record is too short or has too little motion to test whether noise follows the motion"
+        if blocked:
+            why = "declared filters let no noise pass above the motion, so whether it follows the motion is not tested"
         return (
-            NoiseTest(VIBRATION, untested[1], untested[2], 0.0, "m/s²", math.inf, untested[0]),
-            NoiseTest(JITTER, untested[1], untested[2], 0.0, "s", math.inf, untested[0]),
+            NoiseTest(VIBRATION, 0.0, 1.0, 0.0, "m/s²", math.inf, why),
+            NoiseTest(JITTER, 0.0, 1.0, 0.0, "s", math.inf, why),
         )
     floor = (
         0.3 * residuals.lsb**2 if is_coarse(residuals) else 0.0
