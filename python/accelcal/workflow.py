@@ -667,10 +667,7 @@ def improve(
     if rest := undisturbed(original, stretch, selection.current.verdict):
         original, stretch = rest
         selection = StepwiseSelection.begin(original, stretch, split, extra, alpha, budget)
-    progress(0.3)
-    on_step(selection.fits[-1][1])
     selection.grow(most, on_step, within(progress, 0.3, 0.9))
-    selection.finish()
     room = len(selection.current.model.added) < most
     reason = "no fit with it is possible" if room else f"at most {most} effects are added"
     rejected = selection.current.fitted.rejected(original)

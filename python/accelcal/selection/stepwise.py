@@ -146,12 +146,15 @@ class StepwiseSelection:
 
     def grow(self, most: int, on_step: Callable[[Fit], None], progress: Callable[[float], None]) -> None:
         """Add effects, at most so many, or replace them by curves until nothing is to enter; each model is reported."""
+        progress(0.0)
+        on_step(self.fits[-1][1])
         for number in range(2 * most):
             room = self.history.entered < most
             if not (room and self.add_next()) and not self.replace_by_family():
                 break
             on_step(self.fits[-1][1])
             progress(min(1.0, (number + 1) / most))
+        self.finish()
 
     def add_next(self) -> bool:
         """Add one effect and remove what it shows to be wrong or redundant; False where nothing is to enter, or can."""
