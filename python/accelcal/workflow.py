@@ -22,22 +22,20 @@ from accelcal.data.dwell_sets import with_dwells
 from accelcal.data.dwells import Dwells
 from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Recording, RecordingError
+from accelcal.diagnosis.checks import slow_residual, stretches_of
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
-from accelcal.diagnosis.evidence import Evidence, Examined, TimeSpan
+from accelcal.diagnosis.evidence import Evidence, Examined, TimeSpan, largest_wave
 from accelcal.diagnosis.findings import Confounded, in_model
-from accelcal.diagnosis.independent_tests import largest_wave
 from accelcal.diagnosis.left_out import left_out_sentences
 from accelcal.diagnosis.noise_model.fitted import noise_scores, require_noise_shown, with_noise_effects
 from accelcal.diagnosis.noise_tests.noise_test import POSITION_JUMPS
 from accelcal.diagnosis.noise_tests.run_all import run_outlier_tests
-from accelcal.diagnosis.one_axis import require_one_axis
+from accelcal.diagnosis.one_axis import require_motion_above_noise, require_one_axis
 from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, SHOWN_SIGMA, VALIDATION_SIGMA
-from accelcal.diagnosis.rest import require_motion_above_noise
 from accelcal.diagnosis.run_agreement import RunValues, runs_disagree, values_by_run
 from accelcal.diagnosis.search.hypotheses import lacks_its_position, may_be_refined
 from accelcal.diagnosis.search.scan import scan
-from accelcal.diagnosis.turning import slow_residual, stretches_of
 from accelcal.diagnosis.verdict import Diagnosis, verdict_on
 from accelcal.effects import Effect, find, side_channels
 from accelcal.estimation.estimate import (
@@ -55,11 +53,10 @@ from accelcal.estimation.run import Method, PreparedRun
 from accelcal.estimation.run_differences import SEEN_BY_RUNS, run_to_hold_out
 from accelcal.estimation.run_state import RunState
 from accelcal.model import BASE, Model
-from accelcal.selection.budget import SearchBudget
 from accelcal.selection.curve_formulas import FormulaSet, formulas_of
 from accelcal.selection.improvement import Improvement, Step
 from accelcal.selection.nested_models import nested_fits
-from accelcal.selection.stepwise import StepwiseSelection
+from accelcal.selection.stepwise import SearchBudget, StepwiseSelection
 from accelcal.signals.signals import Origins
 from accelcal.validation import evaluation
 from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Evaluation, NoiseFloor

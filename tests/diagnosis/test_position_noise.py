@@ -11,7 +11,7 @@ import scipy
 import accelcal as ac
 from accelcal.data.recording import Channel
 from accelcal.data.rig import Rig, Sensor
-from accelcal.diagnosis import position_noise
+from accelcal.diagnosis import checks
 
 DENSITY = 1.5e-3
 """Of the sensor, (m/s²)/sqrt(Hz)."""
@@ -39,8 +39,8 @@ def said(recording):
     scan, span = SimpleNamespace(enough=True), (0.0, float(recording.position.t[-1]))
     evidence = SimpleNamespace(fit=ac.fit(recording), recording=recording, sources=[recording], span=span, scan=scan)
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(position_noise, "noise_ratio", lambda fit: math.inf)
-        return next(position_noise.coloured_position(evidence), None)
+        patched.setattr(checks, "noise_ratio", lambda fit: math.inf)
+        return next(checks.coloured_position(evidence), None)
 
 
 def test_coloured_noise_is_found_with_the_intensity_of_its_random_walk():

@@ -14,7 +14,7 @@ import accelcal as ac
 from accelcal import io
 from accelcal.cli import app, write_recording
 from accelcal.data.rig import STANDARD_GRAVITY, Rig, Sensor
-from accelcal.diagnosis.turning import output_noise, stretches_of, tilt
+from accelcal.diagnosis.checks import output_noise, stretches_of, tilt
 from accelcal.io.sidecar import read_sidecar
 from accelcal.io.write import write_sidecar
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG

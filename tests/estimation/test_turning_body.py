@@ -13,7 +13,7 @@ import accelcal as ac
 from accelcal import io
 from accelcal.data.orientation import GRAVITY, LEVERS, TURNED, path_along
 from accelcal.data.summary import summarise
-from accelcal.diagnosis.turning import slow_residual
+from accelcal.diagnosis.checks import slow_residual
 from accelcal.estimation.estimate import estimate, tied_sum
 from accelcal.estimation.recursive import fit_recursive
 from accelcal.estimation.run import prepare

@@ -14,7 +14,7 @@ import pytest
 import accelcal as ac
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION
 from accelcal.experiment import Limits, plan
-from accelcal.experiment.planned_bursts import PATTERNS, Recipe, build
+from accelcal.experiment.design import PATTERNS, Recipe, build
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 from tests.schemas import require_published
 

@@ -27,9 +27,8 @@ from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.parameter_tracks import Track
-from accelcal.experiment.design import Plan
+from accelcal.experiment.design import Limits, Plan
 from accelcal.experiment.detectability import Power
-from accelcal.experiment.planned_bursts import Limits
 from accelcal.filters.choice import FilterChoice
 from accelcal.filters.record import FilterRun
 from accelcal.model import Estimate, Model, Prior

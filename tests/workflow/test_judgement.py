@@ -9,7 +9,7 @@ import pytest
 import accelcal as ac
 from accelcal.data.recording import Channel
 from accelcal.data.rig import STANDARD_GRAVITY
-from accelcal.diagnosis.contribution import Size, split
+from accelcal.diagnosis.findings import Size, split
 from accelcal.estimation.estimate import estimate
 from accelcal.results import json as results_json
 from accelcal.simulation import CXL02_RIG

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from accelcal.app.state import State
-from accelcal.diagnosis.contribution import Size
+from accelcal.diagnosis.findings import Size
 from accelcal.diagnosis.noise_tests.noise_test import WHITENESS
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis

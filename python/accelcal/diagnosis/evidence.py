@@ -2,36 +2,181 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy import special
 
 from accelcal._support.progress import within
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.change_points import Usable, usable
-from accelcal.diagnosis.contribution import sizes_of
-from accelcal.diagnosis.delay import delay_is_significant, with_detected_effects
 from accelcal.diagnosis.faults import fault_remarks, faults, with_position_steps
+from accelcal.diagnosis.findings import sizes_of
 from accelcal.diagnosis.further_run import further_runs
 from accelcal.diagnosis.independent_estimate import differences
-from accelcal.diagnosis.independent_tests import independent_tests, largest_first, own_tests, separate_lines
 from accelcal.diagnosis.left_out import left_out_remarks, without_wrong_readings
+from accelcal.diagnosis.noise_tests.noise_test import LINE, POSITION_WAVE, STEPS, VIBRATION, NoiseTest
+from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.outlier_rejection import CleanFit
-from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, NOISE_TEST_ALPHA, VIBRATION_LINE_SHARE
 from accelcal.diagnosis.relation import RelationColumns
 from accelcal.diagnosis.run_agreement import values_by_run
 from accelcal.diagnosis.search.confounding import DetectedEffect
-from accelcal.diagnosis.search.scan import scan
-from accelcal.effects import Effect, find, next_name
-from accelcal.estimation.estimate import Fit, result
-from accelcal.estimation.gauss_newton import Solution
+from accelcal.diagnosis.search.scan import Scan, scan
+from accelcal.effects import BUILT_IN, Effect, find, next_name, stem_of
+from accelcal.estimation.estimate import Fit, judge, result
+from accelcal.estimation.gauss_newton import ROUNDS_OF_GROWN, Solution, estimated
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun, Source, prepare, prepared
-from accelcal.model import evaluate
+from accelcal.estimation.run_state import RunState
+from accelcal.model import Model, Term, evaluate, terms_of
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.evaluation import compare
+
+DELAY_CLASS = tuple(effect.name for effect in BUILT_IN if effect.traits.delay_class)
+FREEDOM_OF_BLOCK = 4
+"""Independent numbers in a block of two periods: a sine and a cosine of each. They bound the scatter where blocks are
+fewer."""
+DELAY_EXPERIMENT = "a common trigger on both channels; motion at frequencies above 1/(10 tau), where lag and delay part"
+
+
+def with_detected_effects(solution: Solution, profiled: Fit, found: Scan) -> Fit:
+    """The fit with all detected effects estimated jointly: what a missing effect leaves can pass for a delay.
+
+    The solution is used up; the fit is returned as it was where the larger model cannot be estimated.
+    """
+    if not found.found:
+        return profiled
+    model = solution.model
+    try:
+        for finding in found.found:
+            model = finding.enter(model)
+        states = [state.grown(model) for state in solution.states]
+        solution.states.clear()  # so that each step frees the track before it
+        refined = estimated(model, states, least=ROUNDS_OF_GROWN)
+        judge(refined.layout, refined.x, refined.covariance, states)
+        estimates = refined.layout.estimates(refined.x, refined.covariance, model)
+        return replace(profiled, model=model, estimates=estimates, covariance=refined.covariance)
+    except ValueError:
+        return profiled
+
+
+def delay_is_significant(fit: Fit, found: Scan, alpha: float) -> bool:
+    """Whether the time offset is significant beyond what was declared (the delay rule).
+
+    It is judged for a low-pass exactly as declared: the tolerance of the low-pass is subtracted from the delay, so it
+    must not be part of the standard deviation as well. Where the record is too short for a verdict, its few blocks
+    determine the scatter of scores to as many degrees of freedom less one, at least the three of one block: Student's
+    distribution replaces the normal one, so that a handful of blocks needs tens of standard deviations.
+    """
+    if found.blocks < 1:
+        return False
+    tolerance = fit.rig.offset_tolerance + fit.rig.lowpass_tolerance
+    chance = alpha / max(1, found.examined) / 2.0
+    freedom = max(found.blocks, FREEDOM_OF_BLOCK) - 1
+    required = -float(special.ndtri(chance) if found.enough else special.stdtrit(freedom, chance))
+    names = [e.name for e in fit.free]
+    lowpass = names.index("lowpass_error") if "lowpass_error" in names else None
+    for i in (i for i, name in enumerate(names) if name == "time_offset"):
+        delay, variance = fit.free[i].value, float(fit.covariance[i, i])
+        if lowpass is not None:
+            slope = float(fit.covariance[i, lowpass]) / float(fit.covariance[lowpass, lowpass])
+            delay -= slope * fit.free[lowpass].value
+            variance -= slope * float(fit.covariance[i, lowpass])
+        if variance > 0.0 and abs(delay) - tolerance > required * math.sqrt(variance):
+            return True
+    return False
+
+
+ALSO_RAISED = {e.name: e.traits.noise.raises for e in BUILT_IN if e.traits.noise}
+"""Tests that a coarse converter or outliers make significant besides their own."""
+
+
+def separate_lines(cleaned: CleanFit) -> list[Term]:
+    """Spectral lines that the motion does not make: noise tests report them, and no effect is credited for explaining
+    them."""
+    model, states = cleaned.solution.model, cleaned.solution.states
+    fastest = 0.4 / max(state.signals.step for state in states)
+    significant = [test for test in cleaned.tests if test.effect == LINE and test.p_value < NOISE_TEST_ALPHA]
+    lines = [test.parts for test in significant if not test.in_model(model, states[0].signals)]
+    return [
+        term
+        for parts in lines
+        if not parts["made_by_motion"] and parts["frequency"] < fastest
+        for term in terms_of(find(LINE), {"frequency": parts["frequency"]})
+    ]
+
+
+def own_tests(significant: Sequence[NoiseTest]) -> list[NoiseTest]:
+    """Significant tests that no other of them raises.
+
+    A line near a vibration, or in its band, belongs to it. No converter step makes a line larger than the step.
+    """
+    vibrations = [test.parts for test in significant if test.effect == VIBRATION and "frequency" in test.parts]
+    raised_by_others = {
+        other for test in significant if test.parts.get("coarse", 1.0) for other in ALSO_RAISED.get(test.effect, ())
+    }
+    step = max((test.parts["step"] for test in significant if test.effect == STEPS), default=math.inf)
+
+    def own(test: NoiseTest) -> bool:
+        if test.effect in raised_by_others and not (test.effect == LINE and test.estimate > step):
+            return False
+        return test.effect != LINE or not any(
+            abs(test.parts["frequency"] - vibration["frequency"]) < VIBRATION_LINE_SHARE * vibration["frequency"]
+            or vibration["lowest"] < test.parts["frequency"] < vibration["highest"]
+            for vibration in vibrations
+        )
+
+    return [test for test in significant if own(test)]
+
+
+def independent_tests(significant: Sequence[NoiseTest], *, no_effect_found: bool) -> tuple[NoiseTest, ...]:
+    """Tests among `own_tests` that name their effect.
+
+    A line below thrice the band of the motion may be a harmonic of a missing nonlinearity, which the search finds: it
+    counts only with `no_effect_found`, when no effect of the motion was found, and where the motion makes no lines. A
+    line above that band where the motion makes lines counts when no effect was found, and then no wave over position
+    does: both are harmonics of the motion.
+    """
+    harmonic = any(test.effect == LINE and test.parts.get("made_by_motion") for test in significant)
+
+    def names(test: NoiseTest) -> bool:
+        if test.effect != LINE:
+            return not (test.effect == POSITION_WAVE and harmonic)
+        within, made = bool(test.parts.get("within_motion")), bool(test.parts.get("made_by_motion"))
+        return not (within or made) or (no_effect_found and within != made)
+
+    return tuple(test for test in significant if names(test))
+
+
+def largest_first(tests: Sequence[NoiseTest]) -> list[NoiseTest]:
+    """Tests in their order, but of several waves of one effect the largest comes first."""
+    order = [test.effect for test in tests]
+    return sorted(tests, key=lambda test: (order.index(test.effect), -test.estimate if test.shape else 0.0))
+
+
+def largest_wave(effect: Effect, model: Model, states: Sequence[RunState]) -> NoiseTest | None:
+    """The largest line or wave that noise tests find for an effect and a model lacks; None where there is none.
+
+    Parameters
+    ----------
+    effect : one that is a wave; for any other no test is run.
+    model, states : the model, and the runs that were fitted with it.
+    """
+    if not any(shape.width for shape in effect.shapes.values()):
+        return None
+    of_runs = [[test for test in run_noise_tests(state) if test.p_value < NOISE_TEST_ALPHA] for state in states]
+    lacking = [
+        test
+        for tests, state in zip(of_runs, states, strict=True)
+        for test in own_tests(tests)
+        if test.effect == stem_of(effect) and not test.in_model(model, state.signals)
+    ]
+    found = largest_first(independent_tests(lacking, no_effect_found=True) or lacking)
+    return found[0] if found else None
 
 
 @dataclass(frozen=True, slots=True)

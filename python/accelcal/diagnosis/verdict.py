@@ -10,16 +10,17 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
 from accelcal._support.result import Result
-from accelcal.diagnosis.checks import CHECKS
-from accelcal.diagnosis.contribution import Importance, Size, split
-from accelcal.diagnosis.delay import DELAY_CLASS, DELAY_EXPERIMENT
-from accelcal.diagnosis.evidence import Evidence, noise_ratio
+from accelcal.diagnosis.checks import CHECKS, FOLLOW_TIME, beside_tilt
+from accelcal.diagnosis.evidence import DELAY_CLASS, DELAY_EXPERIMENT, Evidence, noise_ratio
 from accelcal.diagnosis.findings import (
     NOTHING_MISSING,
     Confounded,
     Finding,
+    Importance,
+    Size,
     in_model,
     present,
+    split,
     with_findings,
 )
 from accelcal.diagnosis.further_run import FurtherRun
@@ -33,7 +34,6 @@ from accelcal.diagnosis.policy import (
     VERDICT_LEAST_BLOCKS,
 )
 from accelcal.diagnosis.search.scan import Scan, Verdict
-from accelcal.diagnosis.turning import FOLLOW_TIME, beside_tilt
 from accelcal.effects import BUILT_IN, find
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.remarks import KINDS, Remark

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from accelcal._support.listing import listing
 from accelcal.data.rig import STANDARD_GRAVITY
-from accelcal.diagnosis.contribution import Size
 from accelcal.diagnosis.dwells import DwellDiagnosis
+from accelcal.diagnosis.findings import Size
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import CATALOGUE, find, spelled

@@ -9,8 +9,7 @@ from typing import ClassVar
 from accelcal._support.immutable import immutable
 from accelcal._support.listing import listing
 from accelcal._support.result import Result
-from accelcal.diagnosis.contribution import Importance, split
-from accelcal.diagnosis.findings import Confounded, Finding, in_model, in_noise, with_findings
+from accelcal.diagnosis.findings import Confounded, Finding, Importance, in_model, in_noise, split, with_findings
 from accelcal.diagnosis.search.scan import Verdict
 from accelcal.diagnosis.verdict import Case, Diagnosis, judgement
 from accelcal.effects import find

@@ -9,8 +9,7 @@ import numpy as np
 import scipy
 
 from accelcal.data.recording import Recording
-from accelcal.diagnosis.contribution import Size
-from accelcal.diagnosis.findings import explained_gain
+from accelcal.diagnosis.findings import Size, explained_gain
 from accelcal.diagnosis.policy import DETERMINED_ALPHA, PLAUSIBLE_ENCODER_SHARE
 from accelcal.diagnosis.search.likelihood_gain import log_survival
 from accelcal.effects import find

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from accelcal.diagnosis.evidence import independent_tests, largest_first, own_tests
 from accelcal.diagnosis.findings import Confounded, in_noise
-from accelcal.diagnosis.independent_tests import independent_tests, largest_first, own_tests
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.policy import OWN_WAVE_TURNS
 from accelcal.diagnosis.search.scan import Scan
