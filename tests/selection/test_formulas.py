@@ -17,8 +17,7 @@ from accelcal.data.rig import Rig
 from accelcal.effects import from_expression
 from accelcal.model import Model
 from accelcal.results import model_file
-from accelcal.selection.curve_formulas import Trial, nodes_over, per
-from accelcal.selection.grammar import GRAMMAR
+from accelcal.selection.curve_formulas import GRAMMAR, Trial, nodes_over, per
 from accelcal.signals.signals import Signals
 from accelcal.simulation import CXL02_RIG
 

@@ -12,7 +12,7 @@ import pytest
 import accelcal as ac
 from accelcal import workflow
 from accelcal.cli import write_recording
-from accelcal.diagnosis.search.likelihood_gain import log_survival, score_gain, variance_gain
+from accelcal.diagnosis.search.scores import log_survival, score_gain, variance_gain
 from accelcal.estimation.estimate import estimate, restored_states, solve_runs
 from accelcal.estimation.normal_equations import normal_equations
 from accelcal.results import json as results_json

@@ -12,8 +12,8 @@ from scipy import special
 from accelcal.data.units import usual_unit
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.search.homogeneity import PartSizes
-from accelcal.diagnosis.search.likelihood_gain import log_survival
 from accelcal.diagnosis.search.scan import Candidate
+from accelcal.diagnosis.search.scores import log_survival
 from accelcal.effects import CATALOGUE, HARMONICS, find
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.run_state import RunState

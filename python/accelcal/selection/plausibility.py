@@ -11,7 +11,7 @@ import scipy
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.findings import Size, explained_gain
 from accelcal.diagnosis.policy import DETERMINED_ALPHA, PLAUSIBLE_ENCODER_SHARE
-from accelcal.diagnosis.search.likelihood_gain import log_survival
+from accelcal.diagnosis.search.scores import log_survival
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.gauss_newton import Solution

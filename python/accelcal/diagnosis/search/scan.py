@@ -15,9 +15,8 @@ from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, SHAPE_FORMS, VERDICT_LEA
 from accelcal.diagnosis.search.beam import BlockScatter, SearchRules, block_length
 from accelcal.diagnosis.search.confounding import DetectedEffect, confounding_class, detected_effect, plainest
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
-from accelcal.diagnosis.search.likelihood_gain import DEGENERATE, log_survival, score_gain
 from accelcal.diagnosis.search.refine import refine, shortlist, starting_points
-from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
+from accelcal.diagnosis.search.scores import DEGENERATE, BaseProjection, CandidateScores, log_survival, score_gain
 from accelcal.diagnosis.search.slow_noise import SlowNoise
 from accelcal.diagnosis.search.thresholds import distance_for_gain
 from accelcal.effects import BUILT_IN, Effect, is_local, users_own
