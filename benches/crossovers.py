@@ -115,7 +115,7 @@ def run(trial: Trial) -> Outcome:
         **improved(found, record.world),
         "names": [trial.name] if trial.name else [],
         "nuisances": {"vibration": 0.0, "converter_bits": world.nuisances.converter_bits},
-        "remarks": list(fit.remarks),
+        "remarks": [one.sentence for one in fit.remarks],
         "method": fit.method,
         "z": {} if trial.name else errors(fit, record.world),
         "seconds": time.process_time() - begin,

@@ -15,6 +15,7 @@ import time
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Literal
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -27,9 +28,9 @@ from tests.regimes.rig import Planted
 from tests.regimes.trials import Trial
 
 from accelcal import Model, Recording
+from accelcal.diagnosis.checks import unresolved_motion
 from accelcal.diagnosis.independent_estimate import differences
 from accelcal.diagnosis.policy import ENGINES_APART, ENGINES_LEAST_STD
-from accelcal.diagnosis.unresolved_motion import unresolved_motion
 from accelcal.estimation import drive
 from accelcal.estimation.estimate import solve_runs
 from accelcal.io import load
@@ -125,8 +126,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def beyond_sampling(trial: Trial) -> bool:
     """Whether the verdict says that the motion of a record is beyond its sampling, so that neither engine is valid."""
-    said = unresolved_motion([state.run for state in solve_runs(Model.linear(), [built(trial)]).states])
-    return said is not None and said.code == "motion_beyond_sampling"
+    runs = [state.run for state in solve_runs(Model.linear(), [built(trial)]).states]
+    return any(one.code == "motion_beyond_sampling" for one in unresolved_motion(SimpleNamespace(runs=runs)))
 
 
 def nulls(outcomes: Sequence[dict[str, Any]], trials: Mapping[str, Trial]) -> int:

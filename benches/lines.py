@@ -158,7 +158,7 @@ def run(trial: Trial) -> Outcome:
         outcome |= {
             "shape": [shape.value, shape.std],
             "size": [float(np.hypot(sine.value, cosine.value)), float(max(sine.std, cosine.std))],
-            "remarks": grown.remarks,
+            "remarks": [one.sentence for one in grown.remarks],
             "verdict": after.verdict,
             "after": after.sentence,
         }

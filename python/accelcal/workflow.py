@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import overload
+from typing import Any, overload
 
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
-from accelcal._support.found_before import found_before
 from accelcal._support.progress import within
 from accelcal._support.threads import on_two_threads, one_thread
 from accelcal._support.values import listing
@@ -22,25 +21,21 @@ from accelcal.data.dwell_sets import with_dwells
 from accelcal.data.dwells import Dwells
 from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Recording, RecordingError
-from accelcal.diagnosis.change_points import usable
+from accelcal.diagnosis.checks import slow_residual, stretches_of
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
-from accelcal.diagnosis.faults import position_steps_sought, with_position_steps
+from accelcal.diagnosis.evidence import Evidence, Examined, TimeSpan, largest_wave
 from accelcal.diagnosis.findings import Confounded, in_model
-from accelcal.diagnosis.independent_tests import largest_wave
-from accelcal.diagnosis.left_out import left_out_remarks, left_out_sentences, without_wrong_readings
+from accelcal.diagnosis.left_out import left_out_sentences
 from accelcal.diagnosis.noise_model.fitted import noise_scores, require_noise_shown, with_noise_effects
 from accelcal.diagnosis.noise_tests.noise_test import POSITION_JUMPS
 from accelcal.diagnosis.noise_tests.run_all import run_outlier_tests
-from accelcal.diagnosis.one_axis import require_one_axis
+from accelcal.diagnosis.one_axis import require_motion_above_noise, require_one_axis
 from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, SHOWN_SIGMA, VALIDATION_SIGMA
-from accelcal.diagnosis.remarks import Remark, remark
-from accelcal.diagnosis.rest import require_motion_above_noise
-from accelcal.diagnosis.run_agreement import RunValues, run_agreement, values_by_run
+from accelcal.diagnosis.run_agreement import RunValues, runs_disagree, values_by_run
 from accelcal.diagnosis.search.hypotheses import lacks_its_position, may_be_refined
 from accelcal.diagnosis.search.scan import scan
-from accelcal.diagnosis.turning import slow_residual, stretches_of
-from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on
+from accelcal.diagnosis.verdict import Diagnosis, verdict_on
 from accelcal.effects import Effect, find, side_channels
 from accelcal.estimation.estimate import (
     DWELLS_ALONE,
@@ -52,15 +47,15 @@ from accelcal.estimation.estimate import (
     solve_runs,
 )
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
+from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import Method, PreparedRun
 from accelcal.estimation.run_differences import SEEN_BY_RUNS, run_to_hold_out
 from accelcal.estimation.run_state import RunState
 from accelcal.model import BASE, Model
-from accelcal.selection.budget import SearchBudget
 from accelcal.selection.curve_formulas import FormulaSet, formulas_of
 from accelcal.selection.improvement import Improvement, Step
 from accelcal.selection.nested_models import nested_fits
-from accelcal.selection.stepwise import StepwiseSelection
+from accelcal.selection.stepwise import SearchBudget, StepwiseSelection
 from accelcal.signals.signals import Origins
 from accelcal.validation import evaluation
 from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Evaluation, NoiseFloor
@@ -82,7 +77,7 @@ def model_in_motion(fit: Fit) -> Model:
 
 
 def runs_of(recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> list[Recording]:
-    """Recordings of motions without readings that are known to be wrong, dwells among them given to the first.
+    """Recordings of motions, dwells among them given to the first.
 
     Raises
     ------
@@ -94,7 +89,7 @@ def runs_of(recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> li
         raise RecordingError(
             f"{several.name or 'dwells'}: dwells alone show no motion; only fit and diagnose take them"
         )
-    return [without_wrong_readings(one) for one in several]
+    return several
 
 
 @overload
@@ -160,14 +155,13 @@ def diagnose(
     """
     if isinstance(recordings, Dwells):
         return diagnose_dwells(fit, recordings, alpha=alpha)
-    several = runs_of(recordings)
+    examined = [Examined(one, start, end) for one in runs_of(recordings)]
     if "scale_factor" not in fit.model.fixed:
-        require_motion_above_noise(several, start=start, end=end)
-        require_one_axis(several, start=start, end=end)
-    several, stretch, broken = judged_recordings(several, start, end)
+        require_relation(examined)
+    runs, stretch, broken = judged_runs(examined)
     progress(0.1)
 
-    def solve(these: Sequence[Recording]) -> Solution:
+    def solve(these: Sequence[PreparedRun]) -> Solution:
         return solve_runs(
             model_in_motion(fit),
             these,
@@ -179,13 +173,13 @@ def diagnose(
             progress=within(progress, 0.1, 0.3),
         )
 
-    fitted = clean_fit(several, solve)
-    judged = verdict_on(fitted, stretch, extra, alpha, within(progress, 0.35, 1.0))
-    if rest := undisturbed(several, stretch, judged):
-        several, stretch = rest
-        fitted = clean_fit(several, solve)
-        judged = verdict_on(fitted, stretch, extra, alpha, within(progress, 0.35, 1.0))
-    return replace(judged, dropped=fitted.rejected(several), remarks=(*judged.remarks, *broken))
+    fitted = clean_fit(runs, solve)
+    judged = verdict_on(Evidence(fitted, stretch, extra, alpha, within(progress, 0.35, 1.0)))
+    if rest := undisturbed(runs, stretch, judged):
+        runs, stretch = rest
+        fitted = clean_fit(runs, solve)
+        judged = verdict_on(Evidence(fitted, stretch, extra, alpha, within(progress, 0.35, 1.0)))
+    return replace(judged, dropped=fitted.rejected(runs), remarks=(*judged.remarks, *broken))
 
 
 @checked
@@ -236,9 +230,9 @@ def formulas(
     model = model.drop(curve) if curve in model.added else model
 
     def fitted(one: Recording) -> RunState:
-        (clear,), part, _ = judged_recordings([one])
+        (clear,), part, _ = judged_runs([Examined(one)])
 
-        def solve(these: Sequence[Recording]) -> Solution:
+        def solve(these: Sequence[PreparedRun]) -> Solution:
             plain = solve_runs(model, these, start=part.start, end=part.end, origins=fit.origins, engine=engine_of(fit))
             entered = scan(plain.states, model, only=(effect,)).entered
             if not entered:
@@ -311,40 +305,27 @@ def fit(
     several = with_dwells(recordings)
     if isinstance(several, Dwells):
         return remembered(estimate_dwells(model, several, origins), recordings)
-    several = [without_wrong_readings(one) for one in several]
+    examined = [Examined(one, start, end) for one in several]
     if "scale_factor" not in model.fixed:
-        require_motion_above_noise(several, start=start, end=end)
-        require_one_axis(several, start=start, end=end)
-    several, broken = usable_recordings(several, start is not None or end is not None)
-    share = 0.8 if reject_outliers else 1.0
+        require_relation(examined)
+    runs, broken = used_runs(examined)
+    settings = {"start": start, "end": end, "band": band, "origins": origins, "engine": method}
 
-    def fitted(these: Sequence[Recording]) -> tuple[Fit, PreparedRun]:
-        solution = solve_runs(
-            model,
-            these,
-            start=start,
-            end=end,
-            band=band,
-            origins=origins,
-            engine=method,
-            progress=within(progress, 0.0, share),
-        )
-        found = result(solution)
-        if reject_outliers:
-            found, solution = fit_without_outliers(found, solution, these, start=start, end=end, band=band)
-        found = with_noise_effects(found, these, solution.states)
-        found = with_breaks(with_agreement(found, solution.states), broken)
+    def in_agreement(these: Sequence[PreparedRun]) -> tuple[Fit, PreparedRun]:
+        found, solution = fitted(model, these, progress, reject=reject_outliers, **settings)
+        values = values_by_run(solution.states, found.model, [one.instead for one in found.seen_by_runs])
+        found = replace(found, remarks=(*broken, *found.remarks, *runs_disagree(values)))
         run = solution.states[0].run
         solution.states.clear()  # the prediction filters anew: one set of filters at a time
         return found, run
 
-    found, run = fitted(several)
-    slow = slow_residual(found, run) if reject_outliers else None
+    found, run = in_agreement(runs)
+    slow = next(slow_residual(found, run), None) if reject_outliers else None
     disturbed = slow if slow is not None and slow.code == "disturbed" else None
     if disturbed is not None:
-        found, run = fitted(without_stretches(several, disturbed))
-        slow = slow_residual(found, run, stretches=False)
-    said = tuple(f"{one.sentence}." for one in (slow, disturbed) if one is not None)
+        found, run = in_agreement(without_stretches(runs, disturbed))
+        slow = next(slow_residual(found, run, stretches=False), None)
+    said = tuple(one for one in (slow, disturbed) if one is not None)
     tilt = 0.0 if slow is None else float(slow.values["tilt_deg"])
     found = replace(found, tilt=tilt, remarks=(*said, *found.remarks)) if said else found
     return remembered(found, recordings)
@@ -353,67 +334,74 @@ def fit(
 def remembered(fit: Fit, recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> Fit:
     """The fit, for which `nested` finds its recordings again while both live."""
     several = [recordings] if isinstance(recordings, Recording | Dwells) else recordings
-    found_before(fit, "recordings", (), lambda: tuple(map(weakref.ref, several)))
+    _fitted_to[id(fit)] = [weakref.ref(one) for one in several]
+    weakref.finalize(fit, _fitted_to.pop, id(fit), None).atexit = False
     return fit
 
 
-def without_stretches(recordings: Sequence[Recording], disturbed: Remark) -> list[Recording]:
-    """Recordings of which the first lacks the stretches that a remark names."""
-    first, *others = recordings
-    return [first.without(*stretches_of(disturbed)), *others]
+_fitted_to: dict[int, list[weakref.ref[Recording | Dwells]]] = {}
+"""Recordings of each fit that lives, by its identity."""
+
+
+def require_relation(examined: Sequence[Examined]) -> None:
+    """Refuse recordings at rest, and channels that are not one axis of one body.
+
+    Raises
+    ------
+    NotIdentifiable, RecordingError
+        With what was expected of them.
+    """
+    runs = [one.run for one in examined]
+    require_motion_above_noise(runs)
+    for run in runs:
+        require_one_axis([run], start=run.asked[0], end=run.asked[1])
+
+
+def without_stretches(runs: Sequence[PreparedRun], disturbed: Remark) -> list[PreparedRun]:
+    """Runs of which the first lacks the stretches that a remark names."""
+    first, *others = runs
+    return [first.anew(first.recording.without(*stretches_of(disturbed))), *others]
 
 
 def undisturbed(
-    recordings: Sequence[Recording], stretch: TimeSpan, judged: Diagnosis
-) -> tuple[list[Recording], TimeSpan] | None:
-    """Recordings without the stretches that a verdict names as disturbed, and the usable part with the remark on them;
+    runs: Sequence[PreparedRun], stretch: TimeSpan, judged: Diagnosis
+) -> tuple[list[PreparedRun], TimeSpan] | None:
+    """Runs without the stretches that a verdict names as disturbed, and the usable part with the remark on them;
     None where it names none."""
     disturbed = next((one for one in judged.remarks if one.code == "disturbed"), None)
     if disturbed is None:
         return None
-    return without_stretches(recordings, disturbed), replace(stretch, remarks=(disturbed, *stretch.remarks))
+    return without_stretches(runs, disturbed), replace(stretch, remarks=(disturbed, *stretch.remarks))
 
 
-def with_breaks(fit: Fit, broken: Sequence[Remark]) -> Fit:
-    """The fit with the remarks on breaks before its own."""
-    return replace(fit, remarks=(*(f"{note.sentence}." for note in broken), *fit.remarks)) if broken else fit
-
-
-def with_agreement(fit: Fit, states: Sequence[RunState]) -> Fit:
-    """The fit with the remark on a recording that disagrees with the others, by the states of its runs; the fit itself
-    where all agree."""
-    found = run_agreement(states, fit.model, [one.instead for one in fit.seen_by_runs])
-    return fit if found is None else replace(fit, remarks=(*fit.remarks, f"{found.sentence}."))
-
-
-def fit_without_outliers(
-    fit: Fit,
-    solution: Solution,
-    recordings: Sequence[Recording],
+def fitted(
+    model: Model,
+    runs: Sequence[PreparedRun],
+    progress: Callable[[float], None],
     *,
-    start: float | None = None,
-    end: float | None = None,
-    band: float | None = None,
+    reject: bool = True,
+    **settings: Any,
 ) -> tuple[Fit, Solution]:
-    """The model fitted again without outliers, and the solution it comes from; what was given where there are none.
+    """A model fitted to runs without outliers, with its effects on noise, and the solution it comes from.
 
     Parameters
     ----------
-    fit, solution : made to the recordings; the solution is used up where there are outliers.
-    recordings : one or several runs.
-    start, end, band : as they were fitted.
+    model, runs : what is fitted to what.
+    progress : called with the share of the work that is done, 0 to 1.
+    reject : whether outliers are rejected.
+    settings : of `solve_runs`.
     """
-
-    def solve(these: Sequence[Recording]) -> Solution:
-        return solve_runs(fit.model, these, start=start, end=end, band=band, origins=fit.origins, engine=engine_of(fit))
-
-    clean = clean_fit(recordings, solve, solved=solution, test=run_outlier_tests)
-    rejected = clean.rejected(recordings)
-    if not rejected:
-        return fit, clean.solution
-    kept = result(clean.solution)
-    remarks = (*(f"{channel.sentence}." for channel in rejected), *kept.remarks)
-    return replace(kept, remarks=remarks), clean.solution
+    solution = solve_runs(model, runs, progress=within(progress, 0.0, 0.8 if reject else 1.0), **settings)
+    found = result(solution)
+    if reject:
+        again = {**settings, "origins": found.origins, "engine": engine_of(found)}
+        solve = partial(solve_runs, found.model, **again)
+        clean = clean_fit(runs, solve, solved=solution, test=run_outlier_tests)
+        solution, rejected = clean.solution, clean.rejected(runs)
+        if rejected:
+            found = result(solution)
+            found = replace(found, remarks=(*(one.remark for one in rejected), *found.remarks))
+    return with_noise_effects(found, runs, solution.states), solution
 
 
 @checked
@@ -452,10 +440,11 @@ def add(
     >>> abs(better["cubic"].value - 1e-3) < 4 * better["cubic"].std
     True
     """
-    several, broken = usable_recordings(runs_of(recordings))
+    runs, broken = used_runs([Examined(one) for one in runs_of(recordings)])
+    several = [run.recording for run in runs]
     for one in several:  # their channels are effects by name
         side_channels([(name, channel.unit) for name, channel in one.side.items() if name not in DERIVED])
-    model, states, waves = model_in_motion(fit), restored_states(fit, several), dict[str, float]()
+    model, states, waves = model_in_motion(fit), restored_states(fit, runs), dict[str, float]()
     for name in names:
         effect = find(name)
         if name in model.effects and not may_be_refined(model, effect):
@@ -469,37 +458,14 @@ def add(
             continue
         if states is None or model is not fit.model:
             shared = within(progress, 0.0, 0.4)
-            states = solve_runs(model, several, origins=fit.origins, engine=engine_of(fit), progress=shared).states
-        jumps = [step for state in states for step in state.run.accounted_steps] if name == POSITION_JUMPS else ()
-        if jumps:
-            said = f"{max(jumps, key=lambda step: abs(step.size)).sentence}; every fit begins anew behind it"
-            raise AccelcalError(f"{name!r} cannot be added: its jump is accounted for already ({said})")
-        wave = largest_wave(effect, model, states)
-        if wave is not None and effect.search.beside in ("", *model.effects):
-            waves[name] = wave.estimate
-            model = model.add(name, shapes={name: wave.shape})
-            continue
-        requested = scan(states, model, extra=extra, only=(effect,), progress=within(progress, 0.4, 0.6))
-        if not requested.entered:
-            lacking = [n for n in effect.needs if n not in several[0].side]
-            power = "`accelcal power` says what the record can show"
-            why = f"this record does not excite it, or not apart from what the model holds; {power}"
-            if lacking:
-                why = f"it needs the channel {' and '.join(lacking)}; record it, or name its column in the sidecar"
-            if lacks_its_position(effect, states):
-                why = "it is an error of a position as it is read, and the reference of this record is not a position"
-            if effect.search.beside and effect.search.beside not in model.effects:
-                why = f"it is searched for only beside {effect.search.beside}; add that first"
-            raise AccelcalError(f"{name!r} cannot be added: {why}")
-        model = requested.entered[0].enter(model)
-    solution = solve_runs(
-        model, several, origins=fit.origins, engine=engine_of(fit), progress=within(progress, 0.6, 0.9)
-    )
+            states = solve_runs(model, runs, origins=fit.origins, engine=engine_of(fit), progress=shared).states
+        model, size = with_effect(effect, model, states, extra, within(progress, 0.4, 0.6))
+        waves |= {name: size} if size else {}
+    origins, engine = fit.origins, engine_of(fit)
+    grown, solution = fitted(model, runs, within(progress, 0.6, 0.9), origins=origins, engine=engine)
     lost = [name for name in names if name not in solution.model.effects]
     if lost:
         raise AccelcalError(f"{lost[0]!r} cannot be added: these recordings do not tell it from the bias")
-    clean, solution = fit_without_outliers(result(solution), solution, several)
-    grown = with_noise_effects(clean, several, solution.states)
     require_noise_shown(grown, names)
     shown = barely_shown(grown, names)
     lost = [name for name in names if find(name).port == "noise" and not solution.converged]
@@ -509,16 +475,61 @@ def add(
         raise AccelcalError(
             f"{lost[0]!r} cannot be added: the fit {why}; `accelcal power` says what the record can show"
         )
-    grown = replace(grown, remarks=(*grown.remarks, *shown))
-    return remembered(with_breaks(grown, broken), recordings)
+    return remembered(replace(grown, remarks=(*broken, *grown.remarks, *shown)), recordings)
 
 
-def barely_shown(fit: Fit, names: Sequence[str]) -> list[str]:
-    """Sentences on effects of a fit that the record hardly tells from zero."""
+def with_effect(
+    effect: Effect,
+    model: Model,
+    states: Sequence[RunState],
+    extra: Sequence[Effect] | None,
+    progress: Callable[[float], None],
+) -> tuple[Model, float]:
+    """A model with an effect, its shape parameters by likelihood, and the amplitude of a wave that noise tests found.
+
+    Parameters
+    ----------
+    effect : what is added to `model`.
+    states : runs that were fitted with the model.
+    extra, progress : as of `add`.
+
+    Returns
+    -------
+    The model; the amplitude, 0 where it is no wave.
+
+    Raises
+    ------
+    ValueError
+        If the runs do not show the effect.
+    """
+    name = effect.name
+    jumps = [step for state in states for step in state.run.accounted_steps] if name == POSITION_JUMPS else ()
+    if jumps:
+        said = f"{max(jumps, key=lambda step: abs(step.size)).sentence}; every fit begins anew behind it"
+        raise AccelcalError(f"{name!r} cannot be added: its jump is accounted for already ({said})")
+    wave = largest_wave(effect, model, states)
+    if wave is not None and effect.search.beside in ("", *model.effects):
+        return model.add(name, shapes={name: wave.shape}), wave.estimate
+    requested = scan(states, model, extra=extra, only=(effect,), progress=progress)
+    if requested.entered:
+        return requested.entered[0].enter(model), 0.0
+    lacking = [need for need in effect.needs if need not in states[0].run.recording.side]
+    power = "`accelcal power` says what the record can show"
+    why = f"this record does not excite it, or not apart from what the model holds; {power}"
+    if lacking:
+        why = f"it needs the channel {' and '.join(lacking)}; record it, or name its column in the sidecar"
+    if lacks_its_position(effect, states):
+        why = "it is an error of a position as it is read, and the reference of this record is not a position"
+    if effect.search.beside and effect.search.beside not in model.effects:
+        why = f"it is searched for only beside {effect.search.beside}; add that first"
+    raise AccelcalError(f"{name!r} cannot be added: {why}")
+
+
+def barely_shown(fit: Fit, names: Sequence[str]) -> list[Remark]:
+    """Remarks on effects of a fit that the record hardly tells from zero."""
     sigmas = {name: in_model(fit, Confounded(name, (name,), ""), {}).sigma for name in names}
     return [
-        f"{name} is {sigma:.1f} standard deviations from zero, where {SHOWN_SIGMA:g} are expected of an effect that is "
-        "there: drop it, or fit a longer record"
+        remark("barely_shown", effect=name, sigma=sigma, expected=SHOWN_SIGMA)
         for name, sigma in sigmas.items()
         if sigma is not None and sigma < SHOWN_SIGMA
     ]
@@ -547,13 +558,11 @@ def drop(
     >>> ac.drop(cubic, made.recording, "cubic").model.added
     ()
     """
-    several, broken = usable_recordings(runs_of(recordings))
+    runs, broken = used_runs([Examined(one) for one in runs_of(recordings)])
     model = model_in_motion(fit).drop(*names)
-    solution = solve_runs(
-        model, several, origins=fit.origins, engine=engine_of(fit), progress=within(progress, 0.0, 0.9)
-    )
-    left, solution = fit_without_outliers(result(solution), solution, several)
-    return remembered(with_breaks(with_noise_effects(left, several, solution.states), broken), recordings)
+    origins, engine = fit.origins, engine_of(fit)
+    left, _ = fitted(model, runs, within(progress, 0.0, 0.9), origins=origins, engine=engine)
+    return remembered(replace(left, remarks=(*broken, *left.remarks)), recordings)
 
 
 @checked
@@ -581,10 +590,10 @@ def run_values(fit: Fit, recordings: Sequence[Recording | Dwells]) -> RunValues:
     >>> bool(run_values(ac.fit([one, two]), [one, two]).p_values.min() > 1e-4)
     True
     """
-    several, _ = usable_recordings(runs_of(recordings))
-    states = restored_states(fit, several)
+    runs, _ = used_runs([Examined(one) for one in runs_of(recordings)])
+    states = restored_states(fit, runs)
     if states is None:
-        states = solve_runs(model_in_motion(fit), several, origins=fit.origins, engine=engine_of(fit)).states
+        states = solve_runs(model_in_motion(fit), runs, origins=fit.origins, engine=engine_of(fit)).states
     found = values_by_run(states, fit.model, [one.instead for one in fit.seen_by_runs])
     if found is None:
         raise AccelcalError("run_values needs two recordings or more, and a model with parameters that they share")
@@ -640,62 +649,55 @@ def improve(
     >>> ac.improve(made.recording, most=1).effects
     ('cubic',)
     """
-    original = runs_of(recordings)
-    apart = run_to_hold_out(original) if holdout is None else None
+    several = runs_of(recordings)
+    apart = run_to_hold_out(several) if holdout is None else None
     if apart is not None:
-        holdout = original.pop(apart)
-    budget = SearchBudget.of(original)
-    require_motion_above_noise(original, start=start, end=end)
-    require_one_axis(original, start=start, end=end)
-    original, stretch, broken = judged_recordings(original, start, end)
-    same_run = holdout is None
+        holdout = several.pop(apart)
+    budget = SearchBudget.of(several)
+    examined = [Examined(one, start, end) for one in several]
+    require_relation(examined)
+    original, stretch, broken = judged_runs(examined)
     begin, finish = stretch.start, stretch.end
-    split = finish - HELD_OUT * (finish - begin) if same_run else finish
+    split = finish - HELD_OUT * (finish - begin) if holdout is None else finish
     selection = StepwiseSelection.begin(original, stretch, split, extra, alpha, budget)
     if rest := undisturbed(original, stretch, selection.current.verdict):
         original, stretch = rest
         selection = StepwiseSelection.begin(original, stretch, split, extra, alpha, budget)
-    progress(0.3)
-    on_step(selection.fits[-1][1])
-    for number in range(2 * most):
-        room = selection.history.entered < most
-        if not (room and selection.add_next()) and not selection.replace_by_family():
-            break
-        on_step(selection.fits[-1][1])
-        progress(min(0.9, 0.3 + 0.6 * (number + 1) / most))
-    selection.finish()
+    selection.grow(most, on_step, within(progress, 0.3, 0.9))
     room = len(selection.current.model.added) < most
     reason = "no fit with it is possible" if room else f"at most {most} effects are added"
-    fitted = selection.current.fitted
-    rejected = fitted.rejected(original)
-    if apart is not None and holdout is not None:
+    rejected = selection.current.fitted.rejected(original)
+    unseen = None if holdout is None else Examined(holdout)
+    if apart is not None and unseen is not None:
         if not selection.current.verdict.scan.found:
             reason = "the run that is held out takes no part in what is added"
-        selection.judge_with(usable_recordings([holdout], stretch.chosen)[0])
+        selection.judge_with(unseen.source if stretch.chosen else unseen.part)
     verdict = selection.final_verdict(reason)
-    test = original[0]
-    test_begin: float | None = split
-    test_end: float | None = finish
-    if holdout is not None:
-        test, test_begin, test_end, broken_test = whole_part(holdout, "held out, ")
-        broken = [*broken, *broken_test]
+    test, span = (original[0], (split, finish)) if unseen is None else (unseen.source, unseen.span)
     if rejected:
-        test, rejected_from_test = clean_holdout(selection.fits[0][1].model, test, test_begin, test_end)
-        rejected = (*rejected, *rejected_from_test)
-    ruler = Ruler.of([fit for _, fit in selection.fits])
-    floor = noise_floor(ruler, selection.fits[0][1], test, start=test_begin, end=test_end)
-    steps = [
+        test, more = clean_holdout(selection.fits[0][1].model, test, *span)
+        rejected = (*rejected, *more)
+    steps = compared_steps(selection, begin, test, *span)
+    notes = [*broken, *(unseen.remarks("held out, ") if unseen is not None else ()), *heldout_rises(steps)]
+    last = replace(verdict, dropped=rejected, remarks=(*verdict.remarks, *notes))
+    return Improvement(tuple(steps), last, tuple(selection.history.classes), selection.examined, holdout is None)
+
+
+def compared_steps(
+    selection: StepwiseSelection, begin: float, test: PreparedRun, start: float | None, end: float | None
+) -> list[Step]:
+    """Every model of a selection on the data it was fitted to, from `begin` on, s, and on held-out data in a part."""
+    ruler, first = Ruler.of([fit for _, fit in selection.fits]), selection.fits[0][1]
+    floor, train = noise_floor(ruler, first, test, start=start, end=end), selection.current.fitted.runs[0]
+    return [
         Step(
             names,
             fit,
-            evaluation.compare(fit, fitted.recordings[0], start=begin, end=split, ruler=ruler),
-            replace(evaluation.compare(fit, test, start=test_begin, end=test_end, ruler=ruler), noise_floor=floor),
+            evaluation.compare(fit, train, start=begin, end=selection.split, ruler=ruler),
+            replace(evaluation.compare(fit, test, start=start, end=end, ruler=ruler), noise_floor=floor),
         )
         for names, fit in selection.fits
     ]
-    notes = [*broken, *heldout_rises(steps)]
-    last = replace(verdict, dropped=rejected, remarks=(*verdict.remarks, *notes))
-    return Improvement(tuple(steps), last, tuple(selection.history.classes), selection.examined, same_run)
 
 
 def heldout_rises(steps: Sequence[Step]) -> list[Remark]:
@@ -710,17 +712,17 @@ def heldout_rises(steps: Sequence[Step]) -> list[Remark]:
 
 
 def clean_holdout(
-    model: Model, recording: Recording, start: float | None, end: float | None
-) -> tuple[Recording, tuple[RejectedReadings, ...]]:
+    model: Model, run: PreparedRun, start: float | None, end: float | None
+) -> tuple[PreparedRun, tuple[RejectedReadings, ...]]:
     """Held-out data without their own outliers, so that every step is judged on the same samples; unchanged where no
     fit is possible."""
     try:
-        clean = clean_fit([recording], lambda these: solve_runs(model, these, start=start, end=end))
+        clean = clean_fit([run], lambda these: solve_runs(model, these, start=start, end=end))
     except (NotIdentifiable, ValueError):
-        return recording, ()
-    rejected = clean.rejected([recording])
+        return run, ()
+    rejected = clean.rejected([run])
     named = (replace(channel, recording=f"held out, {channel.recording or 'recording'}") for channel in rejected)
-    return clean.recordings[0], tuple(named)
+    return clean.runs[0], tuple(named)
 
 
 @checked
@@ -764,15 +766,14 @@ def nested(
     ('base', 'base + cubic')
     """
     if recordings is None:
-        living: tuple[weakref.ref[Recording | Dwells], ...] = found_before(fit, "recordings", (), tuple)
-        recordings = [one for one in (each() for each in living) if one is not None]
+        recordings = [one for one in (each() for each in _fitted_to.get(id(fit), ())) if one is not None]
     if not recordings:
         raise RecordingError(
             f"{', '.join(name for name, _ in fit.sources)}: no longer in memory; give what the fit was made from: "
             "accelcal.nested(fit, recordings)"
         )
-    several, _ = usable_recordings(runs_of(recordings), start is not None or end is not None)
-    grown = nested_fits(fit, several, start=start, end=end)
+    runs, _ = used_runs([Examined(one, start, end) for one in runs_of(recordings)])
+    grown = nested_fits(fit, runs, start=start, end=end)
     *smaller, last = grown.fits
     return (*smaller, replace(last, remarks=(*last.remarks, *grown.remarks)))
 
@@ -879,15 +880,19 @@ def compare_models(
     base : the model whose clock the floor is drawn on, by default the first; the same one gives the same floor.
     band, horizons, start, end : as of `compare`.
     """
-    part, begin, finish, breaks = compared_part(recording, start, end)
+    examined = Examined(recording, start, end)
+    part, (begin, finish) = examined.source, examined.span
     progress(0.1)
 
     def compared(fit: Fit, progress: Callable[[float], None]) -> Evaluation:
         seen = evaluation.compare(
             fit, part, band=band, horizons=horizons, start=begin, end=finish, ruler=ruler, progress=progress
         )
-        scores, gone = noise_scores(fit, part, start=begin, end=finish), left_out_sentences(part, begin, finish)
-        return replace(seen, noise_scores=scores, breaks=breaks, left_out=gone)
+        scores, gone = (
+            noise_scores(fit, part, start=begin, end=finish),
+            left_out_sentences(part.recording, begin, finish),
+        )
+        return replace(seen, noise_scores=scores, breaks=examined.breaks[:1], left_out=gone)
 
     def floor(progress: Callable[[float], None]) -> NoiseFloor:
         return noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
@@ -895,20 +900,9 @@ def compare_models(
     *found, least = on_two_threads(
         [*(partial(compared, fit) for fit in fits), floor],
         within(progress, 0.1, 1.0),
-        at_once=len(part.accel) + len(part.position) <= MOST_AT_ONCE,
+        at_once=len(recording.accel) + len(recording.position) <= MOST_AT_ONCE,
     )
     return tuple(replace(seen, noise_floor=least) for seen in found)
-
-
-def compared_part(
-    recording: Recording, start: float | None, end: float | None
-) -> tuple[Recording, float | None, float | None, tuple[float, ...]]:
-    """A recording with the jumps of its position, start and end of what is compared of it, s: by default all before a
-    break; and the times of the breaks, s."""
-    if start is not None or end is not None:
-        return with_position_steps(recording), start, end, ()
-    recording, start, end, broken = whole_part(recording)
-    return recording, start, end, tuple(float(note.values["time"]) for note in broken if note.code == "break")
 
 
 @checked
@@ -936,82 +930,20 @@ def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast
     >>> ac.workflow.coast(fit, made.recording, 2.0, 5.0)
     Coast(from 2 s to 6.999 s: 4167 readings)
     """
-    return evaluation.coast(fit, with_position_steps(recording), start, horizon)
+    return evaluation.coast(fit, Examined(recording).source, start, horizon)
 
 
-def whole_part(recording: Recording, place: str = "") -> tuple[Recording, float | None, float | None, list[Remark]]:
-    """A recording with the jumps of its position, the end of the part before a break, and the remarks on what was left
-    out and on the break.
-
-    Start and end are None where nothing breaks; `place` stands before the name of the recording.
-    """
-    found = found_before(recording, "unbroken part", recording.sums, lambda: UnbrokenPart.of(recording))
-    whole = recording if found.stepped is None else found.stepped
-    if not found.breaks:
-        return whole, None, None, left_out_remarks([whole], place)
-    name = f"{place}{recording.name or 'recording'}"
-    broken = remark("break", recording=name, time=found.breaks[0])
-    return whole, found.start, found.end, [*left_out_remarks([whole], place, found.start, found.end), broken]
+def judged_runs(examined: Sequence[Examined]) -> tuple[list[PreparedRun], TimeSpan, list[Remark]]:
+    """Runs of which a model is judged on the first: the others up to their first breaks; the part of the first on which
+    one model can hold, and the remarks on the others."""
+    first, *others = examined
+    runs, broken = used_runs(others)
+    return [first.judged, *runs], first.stretch, broken
 
 
-@dataclass(frozen=True, slots=True)
-class UnbrokenPart:
-    """What a recording alone says of the stretch on which one model can hold."""
-
-    stepped: Recording | None
-    """The recording with the jumps of its position; None where it is the one that was asked about."""
-    start: float
-    """s"""
-    end: float
-    """s"""
-    breaks: tuple[float, ...]
-    """s"""
-
-    @classmethod
-    def of(cls, recording: Recording) -> UnbrokenPart:
-        """Look for jumps of the position, then for breaks."""
-        stepped, columns = position_steps_sought(recording)
-        found = usable(stepped, columns)
-        return cls(None if stepped is recording else stepped, found.start, found.end, found.breaks)
-
-
-def judged_recordings(
-    recordings: Sequence[Recording], start: float | None = None, end: float | None = None
-) -> tuple[list[Recording], TimeSpan, list[Remark]]:
-    """Recordings of which a model is judged on the first: all with the jumps of their positions, the others up to their
-    first breaks; the part of the first on which one model can hold, and the remarks on the others."""
-    first, columns = position_steps_sought(recordings[0])
-    others, broken = usable_recordings(recordings[1:], start is not None or end is not None)
-    return [first, *others], TimeSpan.of(first, start, end, columns), broken
-
-
-def usable_recordings(recordings: Sequence[Recording], chosen: bool = False) -> tuple[list[Recording], list[Remark]]:
-    """Recordings with the jumps of their positions, each up to its first break, and the remarks on breaks and on what
-    was left out.
-
-    Parameters
-    ----------
-    recordings : one or several runs.
-    chosen : whether the user chose a stretch, which then is taken as it is.
-    """
-    found: list[Recording] = []
-    remarks: list[Remark] = []
-    for recording in recordings:
-        if chosen:
-            found.append(with_position_steps(recording))
-            remarks += left_out_remarks(found[-1:])
-            continue
-        whole, begin, finish, broken = whole_part(recording)
-        if begin is not None and finish is not None:
-            whole = found_before(
-                recording,
-                "recording up to its break",
-                (begin, finish, recording.sums),
-                lambda w=whole, a=begin, b=finish, digest=recording.digest: replace(w.part(a, b), digest=digest),  # type: ignore[misc]
-            )
-        found.append(whole)
-        remarks += broken
-    return found, remarks
+def used_runs(examined: Sequence[Examined]) -> tuple[list[PreparedRun], list[Remark]]:
+    """Runs up to their first breaks, and the remarks on breaks and on what was left out."""
+    return [one.part for one in examined], [note for one in examined for note in one.remarks()]
 
 
 __dir__ = listing(globals())

@@ -70,7 +70,7 @@ def test_wrong_readings_take_no_part_in_a_fit(kind, rig):
     assert max(np.abs(errors)) < 4.0
     assert twin > 5.0
     assert (gone.channel, gone.kind) == expected
-    told = [remark for remark in found.remarks if "are left out" in remark]
+    told = [one.sentence for one in found.remarks if "are left out" in one.sentence]
     assert len(told) == 1
     assert f"{gone.count} of {gone.of} readings of {gone.channel}" in told[0]
     assert found.tilt == 0.0

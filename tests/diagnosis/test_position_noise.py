@@ -1,6 +1,8 @@
 """Noise of the position that is not white is said to be the position's; a noisier sensor is not excused by it."""
 
 import dataclasses
+import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ import scipy
 import accelcal as ac
 from accelcal.data.recording import Channel
 from accelcal.data.rig import Rig, Sensor
-from accelcal.diagnosis.position_noise import coloured_position
+from accelcal.diagnosis import checks
 
 DENSITY = 1.5e-3
 """Of the sensor, (m/s²)/sqrt(Hz)."""
@@ -33,8 +35,12 @@ def record(seed, *, process=0.0, tau=20.0, sensor=1.0, seconds=300.0):
 
 
 def said(recording):
-    fit = ac.fit(recording)
-    return coloured_position(fit, recording, (0.0, float(recording.position.t[-1])))
+    """The remark on a record, whatever its noise is over that of the data sheet."""
+    scan, span = SimpleNamespace(enough=True), (0.0, float(recording.position.t[-1]))
+    evidence = SimpleNamespace(fit=ac.fit(recording), recording=recording, sources=[recording], span=span, scan=scan)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(checks, "noise_ratio", lambda fit: math.inf)
+        return next(checks.coloured_position(evidence), None)
 
 
 def test_coloured_noise_is_found_with_the_intensity_of_its_random_walk():

@@ -9,7 +9,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.data.recording import Channel, Recording
-from accelcal.diagnosis.faults import with_position_steps
+from accelcal.diagnosis.evidence import Examined
 from accelcal.diagnosis.noise_tests.noise_test import POSITION_JUMPS
 from accelcal.estimation.estimate import estimate
 from accelcal.simulation import CXL02_RIG
@@ -69,12 +69,12 @@ def test_no_jump_is_found_where_there_is_none():
     """8 records at a rate of 1e-6 each; `test_change_points.py` looks at 112 more."""
     for seed in range(4):
         for motion in ("interleaved", "moves"):
-            assert with_position_steps(record(seed, motion)).position_steps == ()
+            assert Examined(record(seed, motion)).source.recording.position_steps == ()
 
 
 def test_two_jumps_are_both_found_at_their_first_reading():
     plain = record(9)
-    found = with_position_steps(zeroed(zeroed(plain, 20.0), 41.0)).position_steps
+    found = Examined(zeroed(zeroed(plain, 20.0), 41.0)).source.recording.position_steps
     t = plain.position.t
     assert [step.time for step in found] == [t[np.searchsorted(t, at)] for at in (20.0, 41.0)]
     assert max(step.p_value for step in found) < 1e-6

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from accelcal.diagnosis.faults import LISTED_SINGLY, Fault, fault_remarks
-from accelcal.diagnosis.remarks import KINDS, remark
+from accelcal.estimation.remarks import KINDS, remark
 
 LOOP = Path(__file__).parents[2] / "docs" / "loop.md"
 

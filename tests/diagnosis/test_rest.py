@@ -7,7 +7,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.data.recording import Channel
-from accelcal.diagnosis.rest import at_rest
+from accelcal.diagnosis.one_axis import at_rest
 from accelcal.estimation.run import prepare
 
 

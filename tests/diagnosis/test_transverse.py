@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from accelcal.diagnosis.transverse import coherent_bands
+from accelcal.diagnosis.checks import coherent_bands
 
 T = np.arange(0.0, 60.0, 2e-3)
 RNG = np.random.default_rng(3)

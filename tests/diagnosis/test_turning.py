@@ -14,7 +14,7 @@ import accelcal as ac
 from accelcal import io
 from accelcal.cli import app, write_recording
 from accelcal.data.rig import STANDARD_GRAVITY, Rig, Sensor
-from accelcal.diagnosis.turning import output_noise, stretches_of, tilt
+from accelcal.diagnosis.checks import output_noise, stretches_of, tilt
 from accelcal.io.sidecar import read_sidecar
 from accelcal.io.write import write_sidecar
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG
@@ -116,7 +116,7 @@ def test_a_reference_that_feels_gravity_too_leaves_no_tilt():
     made = rig_of_tones(1, lambda t: 0.06 * np.sin(0.2 * np.pi * t), reference="reference_acceleration")
     found = ac.fit(made)
     assert found.tilt == 0.0
-    assert not any("tilt" in text for text in found.remarks)
+    assert not any("tilt" in one.sentence for one in found.remarks)
     judged = ac.diagnose(found, made)
     assert not {"turning_sensor", "tilt_or_drift"} & {remark.code for remark in judged.remarks}
     assert judged.verdict != "adequate"
@@ -129,7 +129,7 @@ def test_a_touched_cable_is_a_stretch_and_no_tilt(instants, tmp_path, monkeypatc
     made = rig_of_tones(2, touched(*instants))
     found = ac.fit(made)
     assert found.tilt == 0.0
-    assert found.remarks[0].startswith("Something disturbed the record between ")
+    assert found.remarks[0].sentence.startswith("Something disturbed the record between ")
     judged = ac.improve(made, holdout=made)
     assert (judged.verdict, judged.effects) == ("adequate", ())
     note = next(remark for remark in judged.diagnosis.remarks if remark.code == "disturbed")
@@ -152,7 +152,7 @@ def test_a_touched_cable_is_a_stretch_and_no_tilt(instants, tmp_path, monkeypatc
 def test_a_disturbance_that_lasts_or_recurs_is_none_of_a_few_stretches():
     for disturbed in (touched(3.0, 11.0, 19.0, 27.0, 35.0), lambda t: 0.1 * (np.abs(t - 20.0) < 5.0)):
         found = ac.fit(rig_of_tones(3, disturbed))
-        assert found.remarks[0].startswith("A tilt of ")
+        assert found.remarks[0].sentence.startswith("A tilt of ")
 
 
 @pytest.mark.parametrize(

@@ -116,7 +116,9 @@ def test_estimates_behind_a_declared_filter_hold(name: str, tmp_path) -> None:
     assert 0.85 < fit.runs[0].noise.ratio < 1.15
     if name == "t-highpass0.1":
         assert "bias" not in z
-        assert any("bias is not observable behind the declared RC high-pass" in remark for remark in fit.remarks)
+        assert any(
+            "bias is not observable behind the declared RC high-pass" in remark.sentence for remark in fit.remarks
+        )
 
 
 @pytest.mark.parametrize("name", ["t-butter50", "t-position-lag200"])

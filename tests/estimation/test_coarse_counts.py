@@ -59,7 +59,7 @@ def test_nothing_is_named_on_a_resting_coarse_encoder(tmp_path, monkeypatch):
 def test_lost_counts_are_found_on_a_resting_coarse_encoder(tmp_path):
     recording = load(TABLE["h-coarse-smooth"].build(710).write(tmp_path))
     t, z = recording.position.t, recording.position.y
-    run = prepare(recording, every_reading=True)
+    run = prepare(recording).complete
     gaps = np.diff(z) == 0.0
     at = float(t[1:][gaps][np.argmin(np.abs(t[1:][gaps] - 30.0))])  # while it rests
     jumped = replace(recording, position=Channel("position", t, z + 15 * COUNT * (t > at), "m"))

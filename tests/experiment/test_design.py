@@ -14,7 +14,7 @@ import pytest
 import accelcal as ac
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION
 from accelcal.experiment import Limits, plan
-from accelcal.experiment.planned_bursts import PATTERNS, Recipe, build
+from accelcal.experiment.design import PATTERNS, Recipe, build
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 from tests.schemas import require_published
 
@@ -120,7 +120,7 @@ def test_a_plan_is_written_to_a_file_that_power_reads(tmp_path):
     made = accelcal("plan", "--effects", "quadratic,cubic", *LIMITS_GIVEN, "-o", "m.csv", "--json", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     content = json.loads(made.stdout)
-    assert content["schema"] == "accelcal/plan/3"
+    assert content["schema"] == "accelcal/plan/4"
     require_published(content)
     assert content["limits"]["stroke"] == 0.2
     with (tmp_path / "m.csv").open() as file:
@@ -144,7 +144,7 @@ def test_power_of_a_recording_and_its_refusals(tmp_path):
     seen = accelcal("power", "run.csv", "--json", cwd=tmp_path)
     assert seen.returncode == 0, seen.stderr
     content = json.loads(seen.stdout)
-    assert content["schema"] == "accelcal/power/3"
+    assert content["schema"] == "accelcal/power/4"
     require_published(content)
     (tmp_path / "bare.csv").write_text("t_s,position_m\n" + "".join(f"{k / 100},{k % 7}e-3\n" for k in range(100)))
     bare = accelcal("power", "bare.csv", cwd=tmp_path)

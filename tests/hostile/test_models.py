@@ -108,11 +108,12 @@ def growth(effect: str) -> dict[str, Any]:
 NOT_NUMBERS: tuple[Any, ...] = (None, True, "1.0", [], {}, [1.0], "NaN")
 NOT_TEXTS: tuple[Any, ...] = (None, True, 1, [], {}, "\x1b[2J", "a\nb", "\u202ex", "\x9b1m", "x" * 5000)
 NOT_LISTS: tuple[Any, ...] = (None, True, 1.0, "x", {}, {"0": 1})
+NOTED = {"code": "noted", "sentence": "a remark", "values": {}}
 REPLACED: tuple[tuple[Path_, str, tuple[Any, ...]], ...] = (
     (
         ("schema",),
         "schema",
-        (*NOT_TEXTS[:5], *(f"accelcal/model/{n}" for n in ("0", "1", "4", "1e9")), "", "x"),
+        (*NOT_TEXTS[:5], *(f"accelcal/model/{n}" for n in ("0", "1", "5", "1e9")), "", "x"),
     ),
     (("version",), "", (*NOT_TEXTS, "99.0", "99.0.0", "0.2.0", "1", "x", "")),
     (("method",), "method", NOT_TEXTS),
@@ -161,7 +162,11 @@ REPLACED: tuple[tuple[Path_, str, tuple[Any, ...]], ...] = (
     (("validity", "a"), "validity.a", (None, [], [1.0], [1.0, -1.0], [0.0, 1e300], "x")),
     (("validity", "frequency"), "validity.frequency", ([0.0, 0.0], [1.0, 0.0], None)),
     (("origins", "t"), "origins.t", (*NOT_NUMBERS, 1e300)),
-    (("remarks",), "remarks", (*NOT_LISTS, ["\x1b]0;owned\x07"], [1], ["x" * 5000])),
+    (
+        ("remarks",),
+        "remarks",
+        (*NOT_LISTS, ["noted"], [1], *([NOTED | {"sentence": s}] for s in ("\x1b]0;", 1, "x" * 5000))),
+    ),
     (("tilt",), "tilt", (*NOT_NUMBERS, -1.0, 1e3)),
     (("dwells",), "dwells", (1, "x", [], {"name": "x"})),
 )

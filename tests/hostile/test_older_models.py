@@ -71,6 +71,17 @@ def test_a_damaged_file_of_schema_2_is_refused(damaged):
         model_file.from_dict(content)
 
 
+def test_remarks_of_schema_3_have_codes():
+    content = copy.deepcopy(bases()[0]) | {"schema": "accelcal/model/3", "tilt": 2.0}
+    fit = model_file.from_dict(content | {"remarks": ["A tilt of 2 degrees rms", "run.csv: a note."]})
+    assert [(one.code, one.sentence) for one in fit.remarks] == [
+        ("slow_residual", "A tilt of 2 degrees rms"),
+        ("noted", "run.csv: a note"),
+    ]
+    with pytest.raises(ModelFileError, match="schema 3"):
+        model_file.from_dict(content | {"remarks": [1]})
+
+
 def test_there_is_a_step_from_every_older_schema():
     assert set(STEPS) == set(range(2, PRESENT))
 

@@ -50,7 +50,7 @@ def test_fit_then_compare_gives_the_documented_json(folder):
     assert fitted.returncode == 0, fitted.stderr
     model = json.loads(fitted.stdout)
     assert json.loads((folder / "m.json").read_text()) == model
-    assert model["schema"] == "accelcal/model/3"
+    assert model["schema"] == "accelcal/model/4"
     assert [p["name"] for p in model["estimates"]] == ["bias", "scale_factor", "time_offset"]
     assert {"name", "symbol", "unit", "value", "std", "owner"} <= set(model["estimates"][0])
     assert {"runs", "rig", "version", "origins", "validity", "stands_for", "covariance"} <= set(model)
@@ -62,7 +62,7 @@ def test_fit_then_compare_gives_the_documented_json(folder):
     compared = accelcal("compare", "m.json", "two.parquet", "--json", cwd=folder)
     assert compared.returncode == 0, compared.stderr
     seen = json.loads(compared.stdout)
-    assert seen["schema"] == "accelcal/comparison/3"
+    assert seen["schema"] == "accelcal/comparison/4"
     ((seen,),) = seen["seen"]
     for key in ("coast_rms", "coast_frozen_rms", "coast_floor"):
         assert set(seen[key]) == {"1.0", "5.0", "10.0"}

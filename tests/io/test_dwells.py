@@ -218,7 +218,7 @@ def test_a_diagnosis_takes_dwells_alone_and_with_a_motion(table, tmp_path):
     alone = run("diagnose", tmp_path / "m.json", table, "--json")
     assert alone.exit_code == 0
     content = json.loads(alone.stdout)
-    assert content["schema"] == "accelcal/diagnosis-of-dwells/3"
+    assert content["schema"] == "accelcal/diagnosis-of-dwells/4"
     require_published(content)
     assert run("fit", tmp_path / "run.csv", "-o", tmp_path / "r.json").exit_code == 0
     both = run("diagnose", tmp_path / "r.json", tmp_path / "run.csv", table)

@@ -284,7 +284,7 @@ def test_reproduction_speaks_text_and_json_and_draws_its_figures(
     assert seen == [("fourier", pytest.approx(1 / 3)), ("mapping", pytest.approx(2 / 3)), ("tracks", 1.0)]
 
     data = json.loads(result.to_json())
-    assert data["schema"] == "accelcal/paper/3"
+    assert data["schema"] == "accelcal/paper/4"
     require_published(data)
     assert [item["name"] for item in data["items"]] == ["fourier", "mapping", "tracks"]
     assert set(data["items"][0]["rows"][0]) == {

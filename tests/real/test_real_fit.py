@@ -37,7 +37,7 @@ def test_mass_ratio_and_delay_of_the_impactor(trial: int) -> None:
     print(f"trial {trial}: {figures(found)}; {found.remarks}")
     assert found.values().scale == pytest.approx(0.227, abs=0.004)
     assert abs(found["time_offset"].value) == pytest.approx(0.27e-3, abs=0.03e-3)
-    assert any("not white" in remark for remark in found.remarks)  # a sensor on a shaken body
+    assert any("not white" in remark.sentence for remark in found.remarks)  # a sensor on a shaken body
 
 
 @pytest.mark.parametrize("trial", [1, 2])
@@ -71,7 +71,7 @@ def test_without_its_delay_the_prediction_is_five_times_worse() -> None:
 def test_hard_recordings_fit_and_say_what_was_assumed(name: str) -> None:
     found = estimate(Model.linear(), recording(name))
     print(f"{name}: {figures(found)}")
-    for sentence in (*found.rig.assumptions, *found.remarks):
+    for sentence in (*found.rig.assumptions, *(one.sentence for one in found.remarks)):
         print(f"  {sentence}")
     assert all(math.isfinite(e.value) and e.std > 0.0 for e in found.estimates)
     assert np.all(np.linalg.eigvalsh(found.covariance / np.outer(*[np.sqrt(np.diag(found.covariance))] * 2)) > 0.0)

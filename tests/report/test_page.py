@@ -13,8 +13,8 @@ import accelcal as ac
 from accelcal import report
 from accelcal._support.errors import MissingExtra
 from accelcal.diagnosis.outlier_rejection import RejectedReadings
-from accelcal.diagnosis.remarks import Remark
 from accelcal.estimation.estimate import estimate
+from accelcal.estimation.remarks import Remark
 from accelcal.report.page import script_json
 from accelcal.report.view import METHOD, view
 from accelcal.results.words import readable

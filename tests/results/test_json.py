@@ -27,9 +27,8 @@ from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.parameter_tracks import Track
-from accelcal.experiment.design import Plan
+from accelcal.experiment.design import Limits, Plan
 from accelcal.experiment.detectability import Power
-from accelcal.experiment.planned_bursts import Limits
 from accelcal.filters.choice import FilterChoice
 from accelcal.filters.record import FilterRun
 from accelcal.model import Estimate, Model, Prior
@@ -213,7 +212,7 @@ BIN = {"variable": "a", "unit": "m/s²", "edges": [0.0, 1.0], "mean": [1.0], "st
         ),
         ({"bins": [BIN | {"seen_at": [[1.0, 2.0], [3.0]]}]}, "expected rows of equal length"),
         ({"bins": [BIN | {"mean": [None]}]}, "mean: found [None], expected floats in lists, not null"),
-        ({"schema": "accelcal/model/3"}, "found 'accelcal/model/3', expected 'accelcal/evaluation/3'"),
+        ({"schema": "accelcal/model/4"}, "found 'accelcal/model/4', expected 'accelcal/evaluation/4'"),
     ],
 )
 def test_a_value_of_another_kind_is_refused_by_its_path(change: dict[str, Any], said: str) -> None:

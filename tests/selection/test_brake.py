@@ -3,17 +3,17 @@
 import pytest
 
 import accelcal as ac
+from accelcal.diagnosis.evidence import Examined
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
-from accelcal.diagnosis.verdict import TimeSpan
-from accelcal.selection.budget import SearchBudget
-from accelcal.selection.stepwise import StepwiseSelection
+from accelcal.selection.stepwise import SearchBudget, StepwiseSelection
 from tests.selection.test_cross_validation import record
 
 
 def begin(recording):
-    stretch = TimeSpan.of(recording, 0.0, 40.0)
+    examined = Examined(recording, 0.0, 40.0)
+    stretch = examined.stretch
     budget = SearchBudget.of([recording])
-    return StepwiseSelection.begin([recording], stretch, stretch.end, (), FAMILYWISE_ALPHA, budget)
+    return StepwiseSelection.begin([examined.judged], stretch, stretch.end, (), FAMILYWISE_ALPHA, budget)
 
 
 @pytest.fixture(scope="module")

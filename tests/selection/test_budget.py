@@ -8,8 +8,8 @@ import pytest
 
 import accelcal as ac
 from accelcal.diagnosis.policy import SEARCH_MODELS, SEARCH_SECONDS
-from accelcal.selection import budget
-from accelcal.selection.budget import MARGIN, SearchBudget
+from accelcal.selection import stepwise
+from accelcal.selection.stepwise import MARGIN, SearchBudget
 from accelcal.simulation import CXL02_RIG
 
 
@@ -21,8 +21,8 @@ def record(seconds=16.0, **more):
 
 @pytest.fixture
 def no_time(monkeypatch):
-    monkeypatch.setattr(budget, "SEARCH_SECONDS", 0.0)
-    monkeypatch.setattr(budget, "SEARCH_MODELS", 0)
+    monkeypatch.setattr(stepwise, "SEARCH_SECONDS", 0.0)
+    monkeypatch.setattr(stepwise, "SEARCH_MODELS", 0)
 
 
 def test_no_model_is_begun_that_would_exceed_the_budget():

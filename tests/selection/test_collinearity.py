@@ -11,7 +11,7 @@ import accelcal as ac
 from accelcal.diagnosis.findings import Confounded
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Candidate
-from accelcal.diagnosis.verdict import sentence_with_rivals
+from accelcal.diagnosis.verdict import Case
 from accelcal.effects import BUILT_IN, find
 from accelcal.estimation.estimate import estimate
 from accelcal.selection.collinearity import (
@@ -123,13 +123,15 @@ def test_an_effect_whose_rival_shares_a_variable_with_another_is_confounded_with
 def test_the_sentence_names_rivals_and_the_experiment():
     jitter = find("timing_jitter")
     assert jitter.confused == ("vibration",)
-    group = Confounded(jitter.name, (jitter.name, *jitter.confused), "push the stage at constant speed")
-    assert sentence_with_rivals(group, "Noise grows with jerk (180 candidates examined).") == (
+    groups = [Confounded(jitter.name, (jitter.name, *jitter.confused), "push the stage at constant speed")]
+    groups.append(Confounded("tone", ("tone",), "a record at rest"))
+    case = Case(None, None, (), groups=groups)
+    assert case.with_rivals("timing_jitter", "Noise grows with jerk (180 candidates examined).") == (
         "tied",
         "Noise grows with jerk (180 candidates examined). It is confounded with vibration on this record; "
         "to separate them: push the stage at constant speed.",
     )
-    assert sentence_with_rivals(Confounded("tone", ("tone",), "a record at rest"), "A line.") == ("named", "A line.")
+    assert case.with_rivals("tone", "A line.") == ("named", "A line.")
 
 
 def test_an_effect_that_leaves_the_history_takes_its_gain_along():

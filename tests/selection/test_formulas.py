@@ -17,8 +17,7 @@ from accelcal.data.rig import Rig
 from accelcal.effects import from_expression
 from accelcal.model import Model
 from accelcal.results import model_file
-from accelcal.selection.curve_formulas import Trial, nodes_over, per
-from accelcal.selection.grammar import GRAMMAR
+from accelcal.selection.curve_formulas import GRAMMAR, Trial, nodes_over, per
 from accelcal.signals.signals import Signals
 from accelcal.simulation import CXL02_RIG
 
@@ -125,7 +124,7 @@ def test_a_formula_can_be_written_read_and_added(breakaway, tmp_path):
     done = CliRunner().invoke(app, [*command, "-o", str(source), "--json"])
     assert done.exit_code == 0, done.output
     content = json.loads(done.stdout)
-    assert content["schema"] == "accelcal/formulas/3"
+    assert content["schema"] == "accelcal/formulas/4"
     assert content["formulas"][0]["units"] == ["m/s²"]
     options = ["--effects-file", str(source), "--effect", "own_drag", "-o", str(tmp_path / "m2.json")]
     added = subprocess.run(  # another process, as for a user: here the name is known already

@@ -7,7 +7,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.data.recording import Channel
-from accelcal.diagnosis.contribution import Size
+from accelcal.diagnosis.findings import Size
 from accelcal.estimation.estimate import result, solve_runs
 from accelcal.selection.plausibility import implausible, unconfirmed, undetermined
 from accelcal.simulation import CXL02_RIG

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal.diagnosis.faults import position_steps, with_position_steps
+from accelcal.diagnosis.evidence import Examined
+from accelcal.diagnosis.faults import position_steps
 from accelcal.diagnosis.relation import RelationColumns
 from accelcal.estimation.run import prepare
 from accelcal.io import load
@@ -74,7 +75,7 @@ def test_an_integral_has_no_steps(tmp_path) -> None:
     """Lost readings of a velocity leave errors in its integral that jump and stay; they are no lost counts."""
     world = World("tones", "CXL02", seed=46, reference="velocity", nuisances=Nuisances(missing=0.1))
     recording = load(replace(world, encoder_rate=ACCEL_RATE, encoder_noise=3.4e-9).record().write(tmp_path))
-    assert position_steps(RelationColumns(prepare(recording, every_reading=True)))
-    assert with_position_steps(recording) is recording
+    assert position_steps(RelationColumns(prepare(recording).complete))
+    assert Examined(recording).source.recording is recording
     found = ac.diagnose(ac.fit(recording), recording)
     assert "position_step" not in [remark.code for remark in found.remarks]

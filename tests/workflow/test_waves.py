@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal.diagnosis.remarks import remark
+from accelcal.estimation.remarks import remark
 from accelcal.results import model_file
 from accelcal.selection import stepwise
 from accelcal.simulation.sensor import ADXL105_RIG

@@ -9,7 +9,6 @@ import asyncio
 import contextlib
 import contextvars
 import copyreg
-import hashlib
 import logging
 import os
 import pickle
@@ -32,15 +31,11 @@ from accelcal._support import internal_error
 from accelcal._support.errors import AccelcalError
 from accelcal._support.process import end, send
 from accelcal.app.state import Known
-from accelcal.data.recording import Recording
 
 SHARE_OF_MEMORY = 0.75
 """Part of the machine's memory that the work may take."""
 PATIENCE = 5
 """By how much this process is nicer than the server: whoever looks at a page should not wait for another's fit."""
-MOST_RECORDINGS, MOST_SAMPLES = 4, 20_000_000
-"""Recordings that a worker remembers, the parts of a session that are fitted and held out most often, and samples in
-all of them (16 bytes each); the last one in any case."""
 EXPENDABLE = "600"
 """Where memory is short, the system ends this process rather than the one with everybody's work (0 to 1000)."""
 
@@ -74,45 +69,6 @@ class Answer:
     """Where the error was raised, for the log."""
 
 
-class KnownRecordings:
-    """The last recordings that tasks came with, so that what was found of one (`found_before`) is found once.
-
-    A recording is sent with each task and would be a new object each time; one with the same content takes its place.
-    """
-
-    def __init__(self) -> None:
-        self._by_content: dict[bytes, Recording] = {}
-
-    def __call__(self, given: Any) -> Any:
-        """An argument of a task with known recordings in it: alone, or in a tuple or list."""
-        if isinstance(given, Recording):
-            return self._known(given)
-        if isinstance(given, (tuple, list)) and any(isinstance(one, Recording) for one in given):
-            return type(given)(map(self, given))
-        return given
-
-    def _known(self, recording: Recording) -> Recording:
-        content = content_of(recording)
-        known = self._by_content.pop(content, recording)
-        self._by_content[content] = known
-        while len(self._by_content) > 1 and self._too_much():
-            del self._by_content[next(iter(self._by_content))]
-        return known
-
-    def _too_much(self) -> bool:
-        kept = self._by_content.values()
-        return len(kept) > MOST_RECORDINGS or sum(len(one.accel) + len(one.position) for one in kept) > MOST_SAMPLES
-
-
-def content_of(value: object) -> bytes:
-    """A hash of everything in a value: its arrays and all else."""
-    arrays: list[pickle.PickleBuffer] = []
-    found = hashlib.blake2b(pickle.dumps(value, pickle.HIGHEST_PROTOCOL, buffer_callback=arrays.append))
-    for array in arrays:
-        found.update(array.raw())
-    return found.digest()
-
-
 def main() -> None:
     """Work until the parent closes the pipe."""
     taking, giving = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
@@ -121,10 +77,9 @@ def main() -> None:
     _limit()
     requests: SimpleQueue[Request] = SimpleQueue()
     Thread(target=_listen, args=(taking, requests), daemon=True).start()
-    known = KnownRecordings()
     with suppress(BrokenPipeError, KeyboardInterrupt):
         while True:
-            _answer(requests.get(), known, giving)
+            _answer(requests.get(), giving)
 
 
 def _listen(taking: BinaryIO, requests: SimpleQueue[Request]) -> None:
@@ -136,7 +91,7 @@ def _listen(taking: BinaryIO, requests: SimpleQueue[Request]) -> None:
         os._exit(0)
 
 
-def _answer(request: Request, known: KnownRecordings, giving: BinaryIO) -> None:
+def _answer(request: Request, giving: BinaryIO) -> None:
     """Do one piece of work and send what came of it."""
 
     def report(share: float) -> None:
@@ -145,7 +100,7 @@ def _answer(request: Request, known: KnownRecordings, giving: BinaryIO) -> None:
 
     try:
         with request.known.catalogue():
-            answer = Answer(final=True, found=request.task(*map(known, request.args), progress=report))
+            answer = Answer(final=True, found=request.task(*request.args, progress=report))
     except Exception as error:
         answer = Answer(final=True, error=_portable(error), trace=traceback.format_exc())
     try:

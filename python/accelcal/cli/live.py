@@ -183,6 +183,7 @@ def require_small_bias(state: LiveState, save: Path) -> None:
 def followed(fit: Fit, settings: LiveSettings, session: LiveSession) -> Fit:
     """The fit with the parameters that the live filter holds now."""
     from accelcal.estimation.recursive import as_fit
+    from accelcal.estimation.remarks import remark
     from accelcal.filters.record import ForwardParameters
 
     tracker, state = session.tracker, session.state
@@ -192,4 +193,5 @@ def followed(fit: Fit, settings: LiveSettings, session: LiveSession) -> Fit:
     parameters = ForwardParameters(settings.names, tracker.filter.estimate[-m:], tracker.covariance[-m:, -m:])
     found = replace(as_fit(replace(fit, rig=settings.rig), parameters, settings.choice), rig=fit.rig)
     text = f"followed live over {state.readings} readings of {session.source.name}; {state.alarms} of {state.blocks} "
-    return replace(found, remarks=(f"{text}blocks of innovations raised an alarm", *found.remarks))
+    followed = remark("live_filter", text=f"{text}blocks of innovations raised an alarm")
+    return replace(found, remarks=(followed, *found.remarks))

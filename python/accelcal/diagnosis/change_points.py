@@ -9,7 +9,6 @@ import numpy as np
 import scipy
 
 from accelcal._support.values import listing
-from accelcal.data.recording import Recording
 from accelcal.diagnosis.faults import glitches
 from accelcal.diagnosis.policy import (
     BREAK_BAND_RATIO,
@@ -31,7 +30,7 @@ from accelcal.diagnosis.relation import (
     _solve,
     unexplained,
 )
-from accelcal.estimation.run import PreparedRun, prepare, without_repeated_counts
+from accelcal.estimation.run import PreparedRun, Source, prepared
 from accelcal.signals.series import LOCAL
 
 
@@ -49,12 +48,12 @@ class Usable:
     """Of the whole overlap of the channels."""
 
 
-def usable(recording: Recording, columns: RelationColumns | None = None) -> Usable:
+def usable(source: Source, columns: RelationColumns | None = None) -> Usable:
     """The part before the first break; the whole overlap of the channels if there is none.
 
     Parameters
     ----------
-    recording : with its position steps.
+    source : with its position steps.
     columns : of every reading of it, if available.
 
     Raises
@@ -62,7 +61,7 @@ def usable(recording: Recording, columns: RelationColumns | None = None) -> Usab
     RecordingError
         If the channels do not overlap.
     """
-    run = prepare(recording) if columns is None else without_repeated_counts(columns.run)
+    run = prepared(source)
     if columns is None or run is not columns.run:
         columns = RelationColumns(run)
     breaks = find_breaks(columns)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
@@ -19,10 +18,8 @@ from accelcal.estimation.dwell_fit import DwellFit, solve_dwells
 from accelcal.estimation.dwell_rows import acts_at_rest, dwell_rows, remainder, shown
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.multiplicity import over_all
+from accelcal.estimation.remarks import Remark
 from accelcal.model import terms_of
-
-if TYPE_CHECKING:
-    pass
 
 BEYOND = 1e-6
 """Share of a column's power beyond the model and the angle zeros below which dwells do not show it."""
@@ -55,7 +52,7 @@ class DwellDiagnosis(Result):
     members: tuple[str, ...]
     """Effects that explain what is missing about as well as the first."""
     seen: DwellFit
-    remarks: tuple[str, ...]
+    remarks: tuple[Remark, ...]
 
     def __repr__(self) -> str:
         return f"DwellDiagnosis({self.verdict}: {self.sentence})"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -14,7 +14,7 @@ from accelcal._support.values import listing
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, PositionStep, Recording
 from accelcal.data.units import instant
-from accelcal.diagnosis.left_out import runs_of_true, without_wrong_readings
+from accelcal.diagnosis.left_out import runs_of_true
 from accelcal.diagnosis.policy import (
     DELAY_CHANGE_SIGMA,
     DROPOUT_ALPHA,
@@ -26,10 +26,10 @@ from accelcal.diagnosis.policy import (
     WHOLE_SAMPLE_TOLERANCE,
 )
 from accelcal.diagnosis.relation import MOST_BLOCKS, RelationColumns, _solve
-from accelcal.diagnosis.remarks import Remark, Value, remark
 from accelcal.estimation.channel_filters import HOLE
 from accelcal.estimation.glitches import spikes
-from accelcal.estimation.run import PreparedRun, prepare
+from accelcal.estimation.remarks import Remark, Value, remark
+from accelcal.estimation.run import PreparedRun
 from accelcal.signals.series import LOCAL, local_spread
 
 Kind = Literal["dropout", "glitch", "rail_hit", "position_step", "dropped_samples"]
@@ -183,37 +183,24 @@ MOST_STEP_SEARCHES = 3
 """Searches for position steps: behind a large one the relation, and with it a smaller one, shows only in the next."""
 
 
-def with_position_steps(recording: Recording) -> Recording:
-    """The recording without readings that are known to be wrong, and with the position steps that it shows; a recording
-    whose steps are known is returned as it is.
-
-    A recording that cannot be used is returned as it is, too: the fit says why.
-    """
-    return position_steps_sought(recording)[0]
-
-
-def position_steps_sought(recording: Recording) -> tuple[Recording, RelationColumns | None]:
-    """As `with_position_steps`, and the columns of every reading behind which no further step was found; None where
-    none were sought, or the search ended with one.
+def with_position_steps(run: PreparedRun) -> tuple[PreparedRun, RelationColumns | None]:
+    """The run with the position steps that it shows, and the columns of every reading behind which no further step was
+    found; None where none were sought, or the search ended with one.
 
     The integral of a velocity or an acceleration counts nothing: its errors jump and stay by themselves.
     """
-    if recording.position_steps:
-        return recording, None
-    recording = without_wrong_readings(recording)
-    if recording.reference is not None:
-        return recording, None
+    if run.recording.position_steps or run.recording.reference is not None:
+        return run, None
     for _ in range(MOST_STEP_SEARCHES):
         try:
-            columns = RelationColumns(prepare(recording, every_reading=True))
+            columns = RelationColumns(run.complete)
             found = position_steps(columns)
         except ValueError:
             break
         if not found:
-            return recording, columns
-        steps = sorted((*recording.position_steps, *found), key=lambda step: step.time)
-        recording = replace(recording, position_steps=tuple(steps))
-    return recording, None
+            return run, columns
+        run = run.with_steps(sorted((*run.recording.position_steps, *found), key=lambda step: step.time))
+    return run, None
 
 
 def position_steps(columns: RelationColumns) -> list[PositionStep]:

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.data.references import POSITION_ORDER
-from accelcal.diagnosis.policy import ENGINES_APART, ENGINES_LEAST_STD
-from accelcal.diagnosis.remarks import Remark, remark
+from accelcal.diagnosis.policy import ENGINES_LEAST_STD
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.normal_equations import LEAST_BLOCKS, block_length, block_of, effective_number, inverse
 from accelcal.estimation.rows import Rows, rows_of_replay, rows_of_run, rows_of_weak_form
@@ -40,23 +39,6 @@ class Difference:
     """Of their difference."""
     sigma: float
     """The difference as a standard normal variable."""
-
-
-def disagreement(differences: Sequence[Difference]) -> Remark | None:
-    """The remark on the coefficient in which both differ most; None where they agree."""
-    apart = [one for one in differences if abs(one.sigma) > ENGINES_APART]
-    if not apart:
-        return None
-    worst = max(apart, key=lambda one: abs(one.sigma))
-    names = dict.fromkeys(one.name for one in sorted(apart, key=lambda one: -abs(one.sigma)))
-    return remark(
-        "engines_disagree",
-        parameters=", ".join(names),
-        parameter=worst.name,
-        replay=float(f"{worst.replay:.6g}"),
-        weak=float(f"{worst.weak:.6g}"),
-        sigma=abs(worst.sigma),
-    )
 
 
 def differences(solution: Solution) -> tuple[Difference, ...]:

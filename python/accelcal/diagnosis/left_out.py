@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from accelcal._support.found_before import found_before
 from accelcal._support.values import listing
 from accelcal.data.arrays import Array, Flags
 from accelcal.data.quality import require_usable
@@ -29,9 +28,9 @@ from accelcal.diagnosis.policy import (
     STUCK_SAMPLES,
     STUCK_VELOCITY_SHARE,
 )
-from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.estimation.channel_filters import ChannelFilters
-from accelcal.estimation.run import PreparedRun, prepare
+from accelcal.estimation.remarks import Remark, remark
+from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of
 from accelcal.signals.series import interpolation_spread
 from accelcal.signals.transfer import FORGOTTEN, memory
 
@@ -47,15 +46,13 @@ Stretches = list[tuple[float, float]]
 """First and last instant of each stretch, s."""
 
 
-def without_wrong_readings(recording: Recording) -> Recording:
+def without_wrong_readings(source: Source) -> Recording:
     """The recording without the readings that are known to be wrong; the recording itself where there are none.
 
     One that cannot be used is returned as it is, too: the fit says why.
     """
-    if recording.left_out:
-        return recording
-    found = found_before(recording, "without wrong readings", recording.sums, lambda: _cleaned(recording))
-    return recording if found is None else found
+    recording = recording_of(source)
+    return recording if recording.left_out else _cleaned(source) or recording
 
 
 def left_out_remarks(
@@ -90,11 +87,12 @@ def left_out_sentences(recording: Recording, start: float | None = None, end: fl
     return tuple(note.sentence for note in left_out_remarks([recording], "", start, end))
 
 
-def _cleaned(recording: Recording) -> Recording | None:
+def _cleaned(source: Source) -> Recording | None:
     """The recording without its wrong readings; None where it has none, or no others."""
+    recording = recording_of(source)
     try:
         require_usable(recording)
-        wrong = (("saturated", "accel", rail_hits(recording)), *stuck(recording))
+        wrong = (("saturated", "accel", rail_hits(recording)), *stuck(source))
     except ValueError:
         return None
     rig, left, gone = recording.rig, recording, []
@@ -156,14 +154,15 @@ def _before_low_passes(recording: Recording) -> tuple[Array, Array]:
     return accel.t[1:], (accel.y[1:] - kept * accel.y[:-1]) / (1.0 - kept)
 
 
-def stuck(recording: Recording) -> list[tuple[WrongKind, str, Stretches]]:
+def stuck(source: Source) -> list[tuple[WrongKind, str, Stretches]]:
     """Stretches in which one channel repeats a value while the other one moves, by channel."""
+    recording = recording_of(source)
     repeats = [
         runs_of_true(np.diff(channel.y) == 0.0, STUCK_SAMPLES) for channel in (recording.accel, recording.position)
     ]
     if not any(repeats):
         return []
-    run = prepare(recording, every_reading=True)
+    run = prepared(source).complete
     return [("stuck", "accel", stuck_outputs(run)), ("stuck", "position", stuck_positions(run))]
 
 

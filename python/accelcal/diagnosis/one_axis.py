@@ -24,12 +24,74 @@ from accelcal.diagnosis.policy import (
     RELATED_SHARE,
     RELATION_LEAST_BLOCKS,
     RELATION_LEAST_SEGMENTS,
+    REST_LOG_LIKELIHOOD,
+    REST_NOISE_RATIO,
     UNDECLARED_BIAS_INSTABILITY,
 )
 from accelcal.diagnosis.relation import BANDS_PER_DECADE, MOST_BLOCKS, RelationColumns, unexplained
-from accelcal.estimation.run import PreparedRun, prepare
+from accelcal.estimation.estimate import require_motion
+from accelcal.estimation.gauss_newton import NotIdentifiable
+from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of
 from accelcal.signals.processing import low_pass, quintic
 from accelcal.signals.series import grid_step, interpolation_spread
+
+
+def require_motion_above_noise(runs: Sequence[PreparedRun]) -> None:
+    """Refuse runs of which none shows a motion above the noise.
+
+    Raises
+    ------
+    NotIdentifiable
+        With the departure from a resting position, and the noise that it does not exceed.
+    """
+    if not all(at_rest(run) for run in runs):
+        return
+    run = runs[0]
+    require_motion(run)
+    raise NotIdentifiable(
+        f"{run.recording.name or 'recording'}: at rest throughout: position departs from a steady drift by "
+        f"{1e6 * departure(run):.3g} um rms, its own noise, and the output explains none of it; acceleration was not "
+        "excited, so scale_factor and time_offset cannot be estimated. Record a run in which the stage moves"
+    )
+
+
+def at_rest(run: PreparedRun) -> bool:
+    """Whether the readings are noise about a steady drift, and the output explains none of it.
+
+    The second condition keeps a vibration that is smaller than the noise of a reading but that the output sees.
+    """
+    noise = float(np.sqrt(run.reading_variance_guess))
+    return departure(run) <= REST_NOISE_RATIO * noise and not explained(run)
+
+
+def departure(run: PreparedRun) -> float:
+    """Root mean square departure of the readings from constant acceleration, m: what bias cannot be told from."""
+    x = run.t - run.t[0]
+    fitted = np.polynomial.Polynomial.fit(x, run.z, 2)
+    return float(np.sqrt(np.mean((run.z - fitted(x)) ** 2)))
+
+
+def explained(run: PreparedRun) -> bool:
+    """Whether output and encoder are related in any band: gain of log-likelihood over a constant acceleration alone.
+
+    Each period of a band counts as one independent sample.
+    """
+    columns = RelationColumns(run)
+    top = 0.5 / run.reading_step  # readings may be slower than the motion
+    lowest = RELATION_LEAST_BLOCKS / float(run.t[-1] - run.t[0])
+    if lowest >= top:
+        return False
+    count = max(2, int(np.ceil(BANDS_PER_DECADE * np.log10(top / lowest))) + 1)
+    for band in np.geomspace(top, lowest, count):
+        gram, _ = columns.in_band(float(band)).blocks(MOST_BLOCKS)
+        if len(gram) < 2:
+            continue
+        share = float(unexplained(gram.sum(axis=0, keepdims=True))[1][0])
+        periods = float(band) * float(run.t[-1] - run.t[0])
+        if -0.5 * periods * np.log1p(-min(share, 1.0 - 1e-15)) > REST_LOG_LIKELIHOOD:
+            return True
+    return False
+
 
 SEGMENTS = 24
 """Lengths of a segment in the record."""
@@ -76,12 +138,12 @@ class Band:
     """Whether some part of the record shows a relation."""
 
 
-def require_one_axis(recordings: Sequence[Recording], *, start: float | None = None, end: float | None = None) -> None:
+def require_one_axis(sources: Sequence[Source], *, start: float | None = None, end: float | None = None) -> None:
     """Refuse a recording whose channels both show motion, and not the same one.
 
     Parameters
     ----------
-    recordings : one or several runs.
+    sources : one or several runs.
     start, end : s, optional; only this part is used.
 
     Raises
@@ -89,9 +151,10 @@ def require_one_axis(recordings: Sequence[Recording], *, start: float | None = N
     RecordingError
         With the band in which a relation is expected most clearly, its coherence and the expected one.
     """
-    for recording in recordings:
+    for source in sources:
+        recording = recording_of(source)
         bands = coherence_by_band(recording, start, end)
-        if not unrelated(bands) or related_in_part(prepare(recording, start=start, end=end)):
+        if not unrelated(bands) or related_in_part(prepared(source, start=start, end=end)):
             continue
         worst = max((band for band in bands if band.observed < band.least), key=lambda band: band.segments)
         raise RecordingError(

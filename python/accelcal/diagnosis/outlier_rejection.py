@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
-from accelcal.data.recording import Channel, Recording
+from accelcal.data.recording import Channel
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, REJECTION_ROUNDS
 from accelcal.effects import BUILT_IN
 from accelcal.estimation.gauss_newton import Solution
+from accelcal.estimation.remarks import Remark, remark
+from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
 
 CHANNEL_OF = {e.name: e.traits.noise.rejects for e in BUILT_IN if e.traits.noise and e.traits.noise.rejects}
@@ -37,35 +39,40 @@ class RejectedReadings:
     """Samples that the channel had."""
 
     @property
-    def sentence(self) -> str:
+    def remark(self) -> Remark:
         """For people."""
         name = self.recording or "recording"
-        return f"{name}: {self.count} of {self.of} readings of {self.channel} were rejected as outliers"
+        return remark("outliers_rejected", recording=name, count=self.count, of=self.of, channel=self.channel)
+
+    @property
+    def sentence(self) -> str:
+        """Its text."""
+        return self.remark.sentence
 
 
 @dataclass(frozen=True, slots=True)
 class CleanFit:
     """Recordings without outliers, the fit to them, and the noise tests on it."""
 
-    recordings: tuple[Recording, ...]
+    runs: tuple[PreparedRun, ...]
     solution: Solution
     tests: tuple[NoiseTest, ...]
-    """On the cleaned recordings; tests that found outliers as they were before these were removed."""
+    """On the cleaned runs; tests that found outliers as they were before these were removed."""
 
-    def rejected(self, original: Sequence[Recording]) -> tuple[RejectedReadings, ...]:
-        """Samples that are missing compared with the original recordings, by recording and channel."""
+    def rejected(self, original: Sequence[PreparedRun]) -> tuple[RejectedReadings, ...]:
+        """Samples that are missing compared with the original runs, by recording and channel."""
         found = []
-        for before, after in zip(original, self.recordings, strict=True):
+        for before, after in zip(original, self.runs, strict=True):
             for name in CHANNEL_OF.values():
-                have, kept = len(getattr(before, name)), len(getattr(after, name))
-                if kept < have:
-                    found.append(RejectedReadings(before.name, name, have - kept, have))
+                have, left = (len(getattr(run.recording, name)) for run in (before, after))
+                if left < have:
+                    found.append(RejectedReadings(before.recording.name, name, have - left, have))
         return tuple(found)
 
 
 def clean_fit(
-    recordings: Sequence[Recording],
-    solve: Callable[[Sequence[Recording]], Solution],
+    runs: Sequence[PreparedRun],
+    solve: Callable[[Sequence[PreparedRun]], Solution],
     before: Sequence[NoiseTest] = (),
     solved: Solution | None = None,
     test: Callable[[RunState], tuple[NoiseTest, ...]] = run_noise_tests,
@@ -74,10 +81,10 @@ def clean_fit(
 
     Parameters
     ----------
-    recordings : what was measured.
-    solve : fits a model to recordings.
-    before : tests that found outliers in these recordings earlier; they are reported too.
-    solved : the fit to these recordings, where it was made already; it is used up where there are outliers.
+    runs : what was measured.
+    solve : fits a model to runs.
+    before : tests that found outliers in these runs earlier; they are reported too.
+    solved : the fit to these runs, where it was made already; it is used up where there are outliers.
     test : the noise tests; `run_outlier_tests` where the fit alone is asked for.
 
     Raises
@@ -85,8 +92,8 @@ def clean_fit(
     NotIdentifiable, RecordingError
         From the fit.
     """
-    recordings, found_earlier = list(recordings), {each.effect: each for each in before}
-    solution = solved or solve(recordings)
+    runs, found_earlier = list(runs), {each.effect: each for each in before}
+    solution = solved or solve(runs)
     for rounds_left in reversed(range(REJECTION_ROUNDS + 1)):
         tests_of_runs = [test(state) for state in solution.states]
         tests = [each for of_run in tests_of_runs for each in of_run]
@@ -96,11 +103,11 @@ def clean_fit(
         for number, found in enumerate(outlier_tests):
             for each in found:
                 found_earlier.setdefault(each.effect, each)
-                recordings[number] = without_outliers(recordings[number], each)
+                runs[number] = without_outliers(runs[number], each)
         solution.states.clear()  # one set of filters at a time
-        solution = solve(recordings)
+        solution = solve(runs)
     kept = [each for each in tests if each.effect not in found_earlier]
-    return CleanFit(tuple(recordings), solution, (*kept, *found_earlier.values()))
+    return CleanFit(tuple(runs), solution, (*kept, *found_earlier.values()))
 
 
 def outliers_found(tests: Sequence[NoiseTest]) -> list[NoiseTest]:
@@ -108,14 +115,14 @@ def outliers_found(tests: Sequence[NoiseTest]) -> list[NoiseTest]:
     return [test for test in tests if test.effect in CHANNEL_OF and test.p_value < NOISE_TEST_ALPHA and test.at]
 
 
-def without_outliers(recording: Recording, test: NoiseTest) -> Recording:
-    """The recording without the samples that a test rejects."""
-    of_output = CHANNEL_OF[test.effect] == "accel"
-    channel = recording.accel if of_output else recording.position
+def without_outliers(run: PreparedRun, test: NoiseTest) -> PreparedRun:
+    """The run without the samples that a test rejects."""
+    recording, name = run.recording, CHANNEL_OF[test.effect]
+    channel = recording.accel if name == "accel" else recording.position
     kept = np.ones(len(channel), dtype=np.bool_)
     kept[nearest(channel.t, np.asarray(test.at))] = False
     cleaned = Channel(channel.name, channel.t[kept], channel.y[kept], channel.unit)
-    return replace(recording, accel=cleaned) if of_output else replace(recording, position=cleaned)
+    return run.anew(replace(recording, accel=cleaned) if name == "accel" else replace(recording, position=cleaned))
 
 
 def nearest(t: Array, at: Array) -> NDArray[np.intp]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +10,10 @@ import numpy as np
 from accelcal._support.values import immutable
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.policy import HOMOGENEITY_ALPHA
-from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.search.homogeneity import different
 from accelcal.estimation.gauss_newton import PER_RUN_OWNERS
 from accelcal.estimation.normal_equations import inverse, normal_equations
+from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model
 
@@ -98,28 +98,21 @@ def values_by_run(states: Sequence[RunState], model: Model, explained: Sequence[
     )
 
 
-def run_agreement(states: Sequence[RunState], model: Model, explained: Sequence[str] = ()) -> Remark | None:
-    """The remark on a recording in which a shared parameter has another value; None where all agree.
-
-    Parameters are those of :func:`values_by_run`.
-    """
-    found = values_by_run(states, model, explained)
-    if found is None:
-        return None
-    k = int(np.argmin(found.p_values))
-    if not found.p_values[k] <= HOMOGENEITY_ALPHA:
-        return None
-    value = found.value[:, k]
-    r, others, sigma = odd_one_out(value, found.std[:, k] ** 2)
-    return remark(
-        "runs_disagree",
-        parameter=found.parameters[k],
-        recording=found.runs[r],
-        value=float(f"{value[r]:.4g}"),
-        others=float(f"{others:.4g}"),
-        sigma=sigma,
-        p=float(found.p_values[k]),
-    )
+def runs_disagree(found: RunValues | None) -> Iterator[Remark]:
+    """Recording in which a shared parameter has another value; no remark where all agree."""
+    k = 0 if found is None else int(np.argmin(found.p_values))
+    if found is not None and found.p_values[k] <= HOMOGENEITY_ALPHA:
+        value = found.value[:, k]
+        r, others, sigma = odd_one_out(value, found.std[:, k] ** 2)
+        yield remark(
+            "runs_disagree",
+            parameter=found.parameters[k],
+            recording=found.runs[r],
+            value=float(f"{value[r]:.4g}"),
+            others=float(f"{others:.4g}"),
+            sigma=sigma,
+            p=float(found.p_values[k]),
+        )
 
 
 def odd_one_out(value: Array, variance: Array) -> tuple[int, float, float]:

@@ -7,53 +7,37 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-import numpy as np
-
-from accelcal._support.progress import within
 from accelcal._support.result import Result
 from accelcal._support.values import face, immutable
-from accelcal.data.recording import Recording
-from accelcal.diagnosis.change_points import usable
-from accelcal.diagnosis.contribution import Importance, Size, sizes_of, split
-from accelcal.diagnosis.delay import DELAY_CLASS, DELAY_EXPERIMENT, delay_is_significant, with_detected_effects
-from accelcal.diagnosis.faults import fault_remarks, faults
+from accelcal.diagnosis.checks import CHECKS, FOLLOW_TIME, beside_tilt
+from accelcal.diagnosis.evidence import DELAY_CLASS, DELAY_EXPERIMENT, Evidence, noise_ratio
 from accelcal.diagnosis.findings import (
     NOTHING_MISSING,
     Confounded,
     Finding,
+    Importance,
+    Size,
     in_model,
     present,
+    split,
     with_findings,
 )
-from accelcal.diagnosis.further_run import FurtherRun, further_runs
-from accelcal.diagnosis.independent_estimate import differences, disagreement
-from accelcal.diagnosis.independent_tests import independent_tests, largest_first, own_tests, separate_lines
-from accelcal.diagnosis.left_out import left_out_remarks
+from accelcal.diagnosis.further_run import FurtherRun
 from accelcal.diagnosis.noise_tests.noise_test import WHITENESS, NoiseTest
 from accelcal.diagnosis.noise_tests.tones import harmonic_effects
-from accelcal.diagnosis.outlier_rejection import CleanFit, RejectedReadings
+from accelcal.diagnosis.outlier_rejection import RejectedReadings
 from accelcal.diagnosis.policy import (
     CLEAR_LOG_EVIDENCE,
     DATA_SHEET_NOISE_RATIO,
     FAMILYWISE_ALPHA,
     VERDICT_LEAST_BLOCKS,
 )
-from accelcal.diagnosis.position_noise import coloured_position
-from accelcal.diagnosis.relation import RelationColumns
-from accelcal.diagnosis.remarks import Remark, remark
-from accelcal.diagnosis.run_agreement import run_agreement
-from accelcal.diagnosis.search.scan import Scan, Verdict, scan
-from accelcal.diagnosis.transverse import transverse_coherence
-from accelcal.diagnosis.turning import FOLLOW_TIME, FittedSpan, beside_tilt, turning_sensor
-from accelcal.diagnosis.unresolved_motion import unresolved_motion
-from accelcal.effects import BUILT_IN, Effect, find, next_name
-from accelcal.estimation.estimate import Fit, implausible_scale, result
-from accelcal.estimation.gauss_newton import Solution
-from accelcal.estimation.run import prepare
+from accelcal.diagnosis.search.scan import Scan, Verdict
+from accelcal.effects import BUILT_IN, find
+from accelcal.estimation.estimate import Fit
+from accelcal.estimation.remarks import KINDS, Remark
 from accelcal.estimation.run_to_run import SPREAD_ALPHA
-from accelcal.model import Model, evaluate
 from accelcal.validation.comparison import Evaluation
-from accelcal.validation.evaluation import compare
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -153,194 +137,78 @@ class Diagnosis(Result):
         return split(self.effects, self.sizes, self.fit.rig.tolerance)
 
 
-@dataclass(frozen=True, slots=True)
-class TimeSpan:
-    """The part of a recording on which one model can hold, and the faults in it."""
-
-    start: float
-    end: float
-    breaks: tuple[float, ...]
-    remarks: tuple[Remark, ...]
-    """Faults, several of one kind as one."""
-    chosen: bool = False
-    """Whether the user chose it, for all recordings; else it is that of the first."""
-
-    @classmethod
-    def of(
-        cls, recording: Recording, start: float | None, end: float | None, every: RelationColumns | None = None
-    ) -> TimeSpan:
-        """Look for faults and for the first instant at which the relation of the channels breaks for good.
-
-        A stretch that the user chose is taken as it is. `every` holds columns of all readings, if available.
-        """
-        breaks: tuple[float, ...] = ()
-        columns = None
-        chosen = start is not None or end is not None
-        if not chosen:
-            found = usable(recording, every)
-            start, end, breaks = found.start, found.end, found.breaks
-            columns = None if breaks else found.columns
-        run = prepare(recording, start=start, end=end) if columns is None else columns.run
-        start, end = float(run.t[0]), float(run.t[-1])
-        broken = [remark("break", recording=recording.name or "recording", time=at) for at in breaks]
-        told = (
-            *left_out_remarks([recording], "", start, end),
-            *fault_remarks(faults(recording, run, columns), end - start),
-        )
-        return cls(start, end, breaks, (*broken, *told), chosen)
-
-
-def verdict_on(
-    cleaned: CleanFit,
-    stretch: TimeSpan,
-    extra: Sequence[Effect] | None = None,
-    alpha: float = FAMILYWISE_ALPHA,
-    progress: Callable[[float], None] = lambda share: None,
-) -> Diagnosis:
-    """Verdict on a model that has just been fitted; the solution is used up.
-
-    Parameters
-    ----------
-    cleaned : the fit without outliers, and the noise tests on it.
-    stretch : usable part of the recording.
-    extra : effects of the user's own; by default all that are registered.
-    alpha : family-wise false-alarm rate.
-    progress : called with the share of the work that is done, 0 to 1.
-    """
-    solution, tests = cleaned.solution, cleaned.tests
-    model, profiled, recording = solution.model, result(solution), solution.states[0].run.recording
-    runs = [state.run for state in solution.states]
-    fitted = FittedSpan(tuple(run.recording for run in runs), float(runs[0].t[0]), float(runs[0].t[-1]))
-    found = scan(
-        solution.states,
-        model,
-        extra=extra,
-        separate=separate_lines(cleaned),
-        alpha=alpha,
-        progress=within(progress, 0.0, 0.8),
-    )
-    level = alpha / (found.examined + len(tests))
-    signals, origin = solution.states[0].signals, runs[0].origins.t
-    unexplained = [
-        test
-        for test in own_tests([test for test in tests if test.p_value < level])
-        if not test.in_model(model, signals)
-    ]
-    named = independent_tests(unexplained, no_effect_found=not found.found)
-    unnamed = tuple(test for test in unexplained if test not in named)
-    significant = tuple(
-        replace(test, effect=find(next_name(test.effect, model.effects)).name) if test.shape else test
-        for test in largest_first(named)
-    )
-    largest = contributions(profiled, solution)
-    sizes = sizes_of(profiled, solution.states, found.candidates, significant)
-    harmonics = {
-        test.effect: harmonic_effects(signals, test.parts["frequency"])
-        for test in significant
-        if test.parts.get("made_by_motion")
-    }
-    seen = solution.seen_by_runs[:1] if found.enough and not found.found else ()
-    disagreeing = run_agreement(solution.states, model, [one.instead for one in seen])
-    further = further_runs(solution.states, model)
-    telling = {one.effect: further_runs(solution.states, model, [one.instead], [one.effect]) for one in seen}
-    delay_found = "time_offset" not in model.fixed and delay_is_significant(profiled, found, alpha)
-    delay_found = delay_found and delay_is_significant(with_detected_effects(solution, profiled, found), found, alpha)
-    unresolved = unresolved_motion(runs)
-    apart = disagreement(differences(solution))
-    solution.states.clear()  # the comparison predicts anew: one set of filters at a time
-    if not found.enough:
-        significant = unnamed = ()
-    where = compare(profiled, recording, start=stretch.start, end=stretch.end)
-    span = (stretch.start, stretch.end)
-    wrong_scale = scale_remark(profiled)
-    judged = found.enough and wrong_scale is None
-    told = any(one.code == "disturbed" for one in stretch.remarks)
-    turning = turning_sensor(model, found.found, where, sizes, fitted, span, stretches=not told) if judged else None
-    if turning is not None and turning.code == "tilt_or_drift":
-        found = replace(found, found=beside_tilt(found.found), named=beside_tilt(found.named))
-        if FOLLOW_TIME.intersection((*model.effects, *(one.effect for one in found.found))):
-            significant = unnamed = ()  # what follows any function of time leaves no noise to test
-    causes = (wrong_scale, unresolved, turning)
-    forbidding = next((one for one in causes if one is not None and one.forbids_names), None)
-    if forbidding is not None:  # what follows a tilt, say, would pass for an effect of place, time, bias or scale
-        found, delay_found = replace(found, found=(), named=(), changing=()), False
-        significant = unnamed = ()
-    groups = [Confounded(f.effect, f.members, f.experiment, f.parts) for f in found.found]
-    p_values: dict[str, float] = {}
-    for test in significant:
-        p_values[test.effect] = min(test.p_value, p_values.get(test.effect, 1.0))
-    p_values.pop(WHITENESS, None)
-    uncertain = level * math.exp(-CLEAR_LOG_EVIDENCE)
-    groups += [
-        Confounded(
-            name,
-            (name, *(find(name).confused if p > uncertain else harmonics.get(name, ()))),
-            find(name).experiment.rstrip("."),
-        )
-        for name, p in p_values.items()
-        if name not in {group.effect for group in groups}
-    ]
-    groups += [
-        Confounded(
-            one.effect,
-            (*(each.effect for each in solution.seen_by_runs), one.instead),
-            with_further(SEEN_EXPERIMENT, [one.effect], telling[one.effect]),
-        )
-        for one in seen
-    ]
-    by_position = found.enough and recording.reference is None
-    coloured = coloured_position(profiled, recording, span) if by_position and beyond_data_sheet(profiled) else None
-    unsteady = unsteady_effects(found)
-    known = [one.effect for one in found.found]
-    transverse = transverse_coherence(recording, where, signals, origin, known) if found.enough else ()
-    verdict, left = verdict_and_sentence(
-        profiled, found, significant, groups, forbidding or coloured, unsteady, unnamed
-    )
-    inside = present(profiled, alpha / found.examined, sizes) if found.enough and forbidding is None else ()
-    if delay_found:
-        delay = Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT)
-        groups.insert(0, delay)
-        inside = (in_model(profiled, delay, sizes), *inside)
-    if apart is not None and verdict == "adequate":
-        verdict, left = "unexplained", f"No effect explains that ({found.examined} candidates examined)."
-    sentence = with_findings(inside, left, profiled.rig.tolerance)
+def verdict_on(e: Evidence) -> Diagnosis:
+    """Verdict on a model that has just been fitted: the checks find their remarks, the rules judge what they leave."""
+    for check in CHECKS:
+        e.remarks += check(e)
+    scan, tests, unnamed = nameable(e)
+    groups = classes_of(e, scan, tests)
+    verdict, left = judgement(Case(e.fit, scan, tests, unnamed, groups, e.remarks))
+    inside = confirmed(e, groups)
+    vetoes = (f"{one.sentence}." for one in e.remarks if one.vetoes_adequate)
+    tilt = next((float(one.values["tilt_deg"]) for one in e.remarks if "tilt_deg" in one.values), 0.0)
     return Diagnosis(
         verdict=verdict,
-        sentence=f"{apart.sentence}. {sentence}" if apart else sentence,
+        sentence=" ".join((*vetoes, with_findings(inside, left, e.fit.rig.tolerance))),
         effects=tuple(group.effect for group in groups),
         classes=tuple(groups),
-        inseparable=tuple(
-            replace(group, experiment=with_further(group.experiment, group.members, further))
-            for group in inseparable_groups(model)
-        ),
-        scan=found,
-        fit=profiled if turning is None else replace(profiled, tilt=float(turning.values.get("tilt_deg", 0.0))),
-        used=tuple((run.start, run.end) for run in profiled.runs),
-        channels=significant,
+        inseparable=inseparable_groups(e),
+        scan=scan,
+        fit=replace(e.fit, tilt=tilt),
+        used=tuple((run.start, run.end) for run in e.fit.runs),
+        channels=tests,
         unnamed=unnamed,
-        where=where,
-        largest=largest,
-        sizes=sizes,
-        alpha=alpha,
-        breaks=stretch.breaks,
-        remarks=(
-            *(one for one in (wrong_scale, apart, turning, coloured, unresolved, disagreeing) if one is not None),
-            *run_to_run(profiled),
-            *stretch.remarks,
-            *unsteady,
-            *slow_noise_remark(found),
-            *transverse,
-        ),
+        **{key: getattr(e, key) for key in ("where", "largest", "sizes", "alpha", "breaks")},
+        remarks=tuple(e.remarks),
         present=inside,
         left=left,
     )
 
 
-def scale_remark(fit: Fit) -> Remark | None:
-    """The remark on an estimate of 1 + k that no working sensor has: beside it every curve is significant."""
-    scale = fit.values().scale
-    text = "scale_factor" not in fit.model.fixed and implausible_scale(scale)
-    return remark("implausible_scale", text=text[0], scale=scale) if text else None
+def confirmed(e: Evidence, groups: Sequence[Confounded]) -> tuple[Finding, ...]:
+    """Effects of the model that the record confirms, and a significant delay before them."""
+    delays = (in_model(e.fit, one, e.sizes) for one in groups if one.effect == "time_offset")
+    inside = present(e.fit, e.alpha / e.scan.examined, e.sizes) if e.scan.enough and not e.forbidden else ()
+    return (*delays, *inside)
+
+
+def nameable(e: Evidence) -> tuple[Scan, tuple[NoiseTest, ...], tuple[NoiseTest, ...]]:
+    """Effects of the search, noise tests that name one, and others, as far as the remarks let them be named.
+
+    What follows a tilt would pass for an effect of place, time, bias or scale; what follows any function of time leaves
+    no noise to test.
+    """
+    if e.forbidden:
+        return replace(e.scan, found=(), named=(), changing=()), (), ()
+    scan, tested = e.scan, e.scan.enough
+    if any(one.code == "tilt_or_drift" for one in e.remarks):
+        scan = replace(scan, found=beside_tilt(scan.found), named=beside_tilt(scan.named))
+        tested = tested and not FOLLOW_TIME.intersection((*e.model.effects, *(one.effect for one in scan.found)))
+    return (scan, e.tests, e.unnamed) if tested else (scan, (), ())
+
+
+def classes_of(e: Evidence, scan: Scan, tests: Sequence[NoiseTest]) -> list[Confounded]:
+    """Effects that would enter, each with its confounding class; a significant delay comes first."""
+    groups = [Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT)] if e.delayed and not e.forbidden else []
+    groups += [Confounded(one.effect, one.members, one.experiment, one.parts) for one in scan.found]
+    p_values: dict[str, float] = {}
+    for test in tests:
+        p_values[test.effect] = min(test.p_value, p_values.get(test.effect, 1.0))
+    harmonics = {
+        test.effect: harmonic_effects(e.signals, test.parts["frequency"])
+        for test in tests
+        if test.parts.get("made_by_motion")
+    }
+    searched = {WHITENESS, *(group.effect for group in groups)}
+    for name, p in p_values.items():
+        if name not in searched:
+            uncertain = p > e.level * math.exp(-CLEAR_LOG_EVIDENCE)
+            members = (name, *(find(name).confused if uncertain else harmonics.get(name, ())))
+            groups.append(Confounded(name, members, find(name).experiment.rstrip(".")))
+    for one, telling in zip(e.seen[:1], e.telling, strict=True):
+        members = (*(each.effect for each in e.fit.seen_by_runs), one.instead)
+        groups.append(Confounded(one.effect, members, with_further(SEEN_EXPERIMENT, [one.effect], telling)))
+    return groups
 
 
 def with_further(experiment: str, members: Sequence[str], further: Sequence[FurtherRun]) -> str:
@@ -349,177 +217,169 @@ def with_further(experiment: str, members: Sequence[str], further: Sequence[Furt
     return "; ".join((experiment, *told))
 
 
-def run_to_run(fit: Fit) -> tuple[Remark, ...]:
-    """Remarks on coefficients that differ from run to run, and on what they go with."""
-    return tuple(
-        remark("goes_with", text=one.sentence, parameter=one.parameter, covariate=one.covariate, p=one.p_value)
-        for one in fit.goes_with
-    ) + tuple(
-        remark(
-            "run_to_run",
-            text=spread.sentence(fit[spread.name].value),
-            parameter=spread.name,
-            mean=fit[spread.name].value,
-            std=spread.value,
-            low=spread.low,
-            high=spread.high,
-            next_half=spread.next_half,
-            p=spread.p_value,
-        )
-        for spread in fit.spreads
-    )
-
-
-def unsteady_effects(found: Scan) -> tuple[Remark, ...]:
-    """Remarks on effects that would have entered, had they one size in all parts of the runs and happened once."""
-    sigma = {candidate.effect: candidate.snr for candidate in found.candidates}
-    return tuple(
-        remark("no_single_size", effect=one.effect, sigma=sigma[one.effect], sizes=one.unequal.text)
-        if one.unequal
-        else remark("recurs", effect=one.effect, sigma=sigma[one.effect])
-        for one in found.changing
-        if one.effect in sigma  # of those that explain part of what is left at the end
-    )
-
-
-def slow_noise_remark(found: Scan) -> tuple[Remark, ...]:
-    """The remark on slow noise that effects were judged against; of several runs the one with the highest knee."""
-    worst = max(found.slow_noise, key=lambda noise: noise.knee, default=None)
-    if worst is None or not worst.knee:
-        return ()
-    return (remark("slow_noise", knee=worst.knee, log_evidence=worst.log_evidence),)
-
-
-def contributions(fit: Fit, solution: Solution) -> dict[str, float]:
-    """Largest contribution of each coefficient over all runs, m/s² (m at the encoder)."""
-    maxima: dict[str, float] = {}
-    for number, state in enumerate(solution.states):
-        values = fit.values(number)
-        for term, column in zip(values.terms, evaluate(values.terms, state.signals), strict=True):
-            size = abs(values.by_name[term.name]) * float(np.max(np.abs(column)))
-            maxima[term.name] = max(size, maxima.get(term.name, 0.0))
-    return maxima
-
-
-def verdict_and_sentence(
-    profiled: Fit,
-    found: Scan,
-    significant: Sequence[NoiseTest],
-    groups: Sequence[Confounded],
-    cause: Remark | None = None,
-    unsteady: Sequence[Remark] = (),
-    unnamed: Sequence[NoiseTest] = (),
-) -> tuple[Verdict, str]:
-    """The verdict on what a model lacks, and the sentence on it.
-
-    Parameters
-    ----------
-    profiled, found, significant, groups : fit, scan, noise tests, and what is named.
-    cause : a remark that explains the residual: a sensor that turns, or noise of the position that is not white.
-    unsteady : remarks on effects without one size.
-    unnamed : significant noise tests whose effect is not named.
-    """
-    named = [test for test in significant if test.effect != WHITENESS]
-    examined = f"{found.examined} candidates examined"
-    if not found.enough:
-        return (
-            "too_short",
-            f"The record is too short for a verdict: {found.blocks} blocks, {VERDICT_LEAST_BLOCKS} are needed, so the "
-            "search for missing effects is withheld. Trials that are fitted together add up their blocks: "
-            f"{pooled(found, len(profiled.runs))} of this length are enough.",
-        )
-    if cause is not None and cause.forbids_names:
-        return "unexplained", (
-            f"{cause.sentence}. No effect of position, time, bias or scale factor is certain beside it, so none is "
-            f"named ({examined})."
-        )
-    group_of = {group.effect: group for group in reversed(groups)}
-    if found.found:
-        first = found.found[0]
-        candidate = next((c for c in found.candidates if c.effect == first.effect), None)
-        sigma = f"{candidate.snr:.0f} sigma; " if candidate is not None else ""
-        effect = find(first.effect)
-        if effect.family:
-            return (
-                "shape",
-                "No named effect explains what the model lacks; a nonparametric curve does: "
-                f"{effect.summary} ({sigma}{examined}).",
-            )
-        return sentence_with_rivals(
-            group_of[first.effect], f"{first.effect} explains what the model lacks ({sigma}{examined})."
-        )
-    if named:
-        return sentence_with_rivals(group_of[named[0].effect], f"{named[0].sentence} ({examined}).")
-    if unsteady:
-        return "unexplained", f"{unsteady[0].sentence} ({examined})."
-    if unnamed:
-        text = unnamed[0].sentence
-        return "unexplained", (
-            f"{text[0].upper()}{text[1:]}, where the motion may make one, and no candidate explains it ({examined})."
-        )
-    if cause is not None:
-        return unlike_runs(profiled, examined) or (
-            "adequate",
-            f"{NOTHING_MISSING} in the sensor ({examined}). {cause.sentence}.",
-        )
-    if beyond_data_sheet(profiled):
-        return "unexplained", (
-            f"The residual is {noise_ratio(profiled):.2g} times the sensor noise of the data sheet and no candidate "
-            f"explains it ({examined})."
-        )
-    if significant or any(run.noise.band is not None for run in profiled.runs):
-        return "unexplained", f"The residual is not white and no candidate explains it ({examined})."
-    return unlike_runs(profiled, examined) or (
-        "adequate",
-        f"{NOTHING_MISSING} ({examined}); the detection limits say how small an effect would have been found.",
-    )
-
-
-def unlike_runs(profiled: Fit, examined: str) -> tuple[Verdict, str] | None:
-    """The verdict on what differs between runs that are adequate in themselves; None where they are alike."""
-    if profiled.seen_by_runs:
-        text = profiled.seen_by_runs[0].sentence
-        return "tied", f"{text[0].upper()}{text[1:]} ({examined})."
-    unlike = [spread for spread in profiled.spreads if spread.p_value < SPREAD_ALPHA]
-    if not unlike:
-        return None
-    told = "; ".join(spread.sentence(profiled[spread.name].value) for spread in unlike)
-    return "adequate", f"{told}. Within each run the model lacks no effect ({examined})."
-
-
-def pooled(found: Scan, runs: int) -> str:
-    """How many trials of this length a verdict needs, in words."""
-    if not found.blocks:
-        return f"more than {VERDICT_LEAST_BLOCKS * runs}"
-    return f"{math.ceil(VERDICT_LEAST_BLOCKS * runs / found.blocks)}"
-
-
-def noise_ratio(profiled: Fit) -> float:
-    """Fitted over declared noise density, the largest of all runs; 0 where none is declared."""
-    return max((run.noise.ratio for run in profiled.runs if run.noise.ratio is not None), default=0.0)
-
-
-def beyond_data_sheet(profiled: Fit) -> bool:
-    """Whether the residual exceeds what the data sheet of the sensor allows."""
-    return noise_ratio(profiled) > DATA_SHEET_NOISE_RATIO
-
-
-def sentence_with_rivals(group: Confounded, text: str) -> tuple[Verdict, str]:
-    """The verdict on an effect that is present, and the sentence on it with the effects that it is confounded with."""
-    others = [name for name in group.members if name != group.effect]
-    if not others:
-        return "named", text
-    return (
-        "tied",
-        f"{text} It is confounded with {', '.join(others)} on this record; to separate them: {group.experiment}.",
-    )
-
-
-def inseparable_groups(model: Model) -> tuple[Confounded, ...]:
+def inseparable_groups(e: Evidence) -> tuple[Confounded, ...]:
     """Effects that no motion of this rig separates, as long as the model holds one of each group."""
     groups = [(base.name, base.traits.lumped) for base in BUILT_IN if base.traits.lumped]
     return tuple(
-        Confounded(name, (name, *group.members), group.experiment)
+        Confounded(name, members, with_further(group.experiment, members, e.further))
         for name, group in groups
-        if not any(find(member).traits.visible or member in model.effects for member in group.members)
+        if not any(find(member).traits.visible or member in e.model.effects for member in group.members)
+        for members in [(name, *group.members)]
     )
+
+
+Judgement = tuple[Verdict, str]
+"""A verdict, and the sentence on what the model lacks."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """What may be named, and the remarks beside it: what a judgement is made from."""
+
+    fit: Fit
+    scan: Scan
+    tests: Sequence[NoiseTest]
+    """Significant, their effect named."""
+    unnamed: Sequence[NoiseTest] = ()
+    groups: Sequence[Confounded] = ()
+    remarks: Sequence[Remark] = ()
+
+    @property
+    def examined(self) -> str:
+        """How many candidates the search had, in words."""
+        return f"{self.scan.examined} candidates examined"
+
+    @property
+    def cause(self) -> Remark | None:
+        """The remark that explains the residual, the weightiest of them: those that forbid names come first."""
+        causes = [one for one in self.remarks if one.place == "verdict" and not one.vetoes_adequate]
+        return min(causes, key=lambda one: list(KINDS).index(one.code), default=None)
+
+    def with_rivals(self, effect: str, text: str) -> Judgement:
+        """The judgement on an effect that is present, with the effects that it is confounded with."""
+        group = next(group for group in self.groups if group.effect == effect)
+        others = [name for name in group.members if name != effect]
+        if not others:
+            return "named", text
+        tie = f"It is confounded with {', '.join(others)} on this record; to separate them: {group.experiment}."
+        return "tied", f"{text} {tie}"
+
+
+def judgement(case: Case) -> Judgement:
+    """Judge what a model lacks: the first rule that applies, and nothing is adequate beside a remark that vetoes it."""
+    verdict, text = next(judged for rule in RULES if (judged := rule(case)) is not None)
+    if verdict == "adequate" and any(one.vetoes_adequate for one in case.remarks):
+        return "unexplained", f"No effect explains that ({case.examined})."
+    return verdict, text
+
+
+def too_short(case: Case) -> Judgement | None:
+    """Judge a record whose blocks do not determine the scatter of scores."""
+    scan, runs = case.scan, len(case.fit.runs)
+    if scan.enough:
+        return None
+    trials = math.ceil(VERDICT_LEAST_BLOCKS * runs / scan.blocks) if scan.blocks else 0
+    pooled = f"{trials}" if trials else f"more than {VERDICT_LEAST_BLOCKS * runs}"
+    return (
+        "too_short",
+        f"The record is too short for a verdict: {scan.blocks} blocks, {VERDICT_LEAST_BLOCKS} are needed, so the "
+        "search for missing effects is withheld. Trials that are fitted together add up their blocks: "
+        f"{pooled} of this length are enough.",
+    )
+
+
+def forbidden(case: Case) -> Judgement | None:
+    """Judge a record in which no effect is certain."""
+    if case.cause is None or not case.cause.forbids_names:
+        return None
+    return "unexplained", (
+        f"{case.cause.sentence}. No effect of position, time, bias or scale factor is certain beside it, so none is "
+        f"named ({case.examined})."
+    )
+
+
+def found_by_search(case: Case) -> Judgement | None:
+    """Name the effect that explains most, or the nonparametric curve that does."""
+    if not case.scan.found:
+        return None
+    name = case.scan.found[0].effect
+    sigmas = [f"{one.snr:.0f} sigma; " for one in case.scan.candidates if one.effect == name]
+    evidence, effect = f"({''.join(sigmas[:1])}{case.examined})", find(name)
+    if not effect.family:
+        return case.with_rivals(name, f"{name} explains what the model lacks {evidence}.")
+    return (
+        "shape",
+        f"No named effect explains what the model lacks; a nonparametric curve does: {effect.summary} {evidence}.",
+    )
+
+
+def found_by_tests(case: Case) -> Judgement | None:
+    """Name the effect of the first significant noise test."""
+    named = [test for test in case.tests if test.effect != WHITENESS]
+    return case.with_rivals(named[0].effect, f"{named[0].sentence} ({case.examined}).") if named else None
+
+
+def no_one_size(case: Case) -> Judgement | None:
+    """Judge a residual that only an effect without one size would explain."""
+    unsteady = [one.sentence for one in case.remarks if one.code in ("no_single_size", "recurs")]
+    return ("unexplained", f"{unsteady[0]} ({case.examined}).") if unsteady else None
+
+
+def made_by_motion(case: Case) -> Judgement | None:
+    """Judge noise that a missing effect of the motion may be behind."""
+    if not case.unnamed:
+        return None
+    text = case.unnamed[0].sentence
+    why = f"where the motion may make one, and no candidate explains it ({case.examined})"
+    return "unexplained", f"{text[0].upper()}{text[1:]}, {why}."
+
+
+def unlike_runs(case: Case) -> Judgement | None:
+    """Judge what differs between runs that are adequate in themselves."""
+    fit = case.fit
+    if fit.seen_by_runs:
+        text = fit.seen_by_runs[0].sentence
+        return "tied", f"{text[0].upper()}{text[1:]} ({case.examined})."
+    unlike = [spread.sentence(fit[spread.name].value) for spread in fit.spreads if spread.p_value < SPREAD_ALPHA]
+    within_runs = f"Within each run the model lacks no effect ({case.examined})."
+    return ("adequate", f"{'; '.join(unlike)}. {within_runs}") if unlike else None
+
+
+def explained(case: Case) -> Judgement | None:
+    """Judge a residual that a remark explains without an effect of the sensor."""
+    if case.cause is None:
+        return None
+    text = f"{NOTHING_MISSING} in the sensor ({case.examined}). {case.cause.sentence}."
+    return unlike_runs(case) or ("adequate", text)
+
+
+def too_noisy(case: Case) -> Judgement | None:
+    """Judge a residual above the data sheet, or one that is not white."""
+    ratio = noise_ratio(case.fit)
+    if ratio > DATA_SHEET_NOISE_RATIO:
+        noise = f"{ratio:.2g} times the sensor noise of the data sheet"
+        return "unexplained", f"The residual is {noise} and no candidate explains it ({case.examined})."
+    if case.tests or any(run.noise.band is not None for run in case.fit.runs):
+        return "unexplained", f"The residual is not white and no candidate explains it ({case.examined})."
+    return None
+
+
+def adequate(case: Case) -> Judgement:
+    """Judge a model that lacks nothing."""
+    limits = "the detection limits say how small an effect would have been found"
+    return "adequate", f"{NOTHING_MISSING} ({case.examined}); {limits}."
+
+
+RULES: tuple[Callable[[Case], Judgement | None], ...] = (
+    too_short,
+    forbidden,
+    found_by_search,
+    found_by_tests,
+    no_one_size,
+    made_by_motion,
+    explained,
+    too_noisy,
+    unlike_runs,
+    adequate,
+)
+"""What is judged first; the last applies to every case."""

@@ -22,6 +22,7 @@ from accelcal.estimation.dwell_rows import (
     with_scatter,
 )
 from accelcal.estimation.gauss_newton import Layout, NotIdentifiable, solve
+from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.values import Values
 from accelcal.model import Model
 from accelcal.signals.signals import Origins
@@ -56,7 +57,7 @@ class DwellFit:
     """Of the scatter under all that is declared; 1 where no dwell is left over."""
     freedom: int
     """Dwells less coefficients and angle zeros."""
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[Remark, ...] = ()
 
 
 def dwell_model(model: Model, dwells: Dwells) -> Model:
@@ -165,7 +166,7 @@ def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, know
     white, _ = remainder(dwell_rows(alone, model.free, values, origins, replace(plain, weighed=())))
     ratio = math.sqrt(white / freedom) if freedom > 0 else math.nan
     p_value = float(scipy.special.chdtrc(freedom, squares)) if freedom > 0 else 1.0
-    remarks = list(dwells.assumptions)
+    remarks = [remark("assumed", text=text) for text in dwells.assumptions]
     if ratio > SCATTER_REMARK:
         left = f"{rms_of(rows.left, freedom):.2g} m/s²"
         said = (
@@ -174,10 +175,8 @@ def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, know
             else f"{math.sqrt(known.scatter):.2g} m/s² more than is declared, taken into the uncertainty: "
             "instability of the bias, angles, or temperature"
         )
-        remarks.append(
-            f"{dwells.name or 'dwells'}: the dwells scatter by {left}, {ratio:.2g} times what noise within them "
-            f"explains; {said}"
-        )
+        text = f"the dwells scatter by {left}, {ratio:.2g} times what noise within them explains; {said}"
+        remarks.append(remark("dwells_scatter", text=f"{dwells.name or 'dwells'}: {text}", ratio=ratio, p=p_value))
     return DwellFit(
         name=dwells.name,
         digest=dwells.digest,

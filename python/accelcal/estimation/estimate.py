@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -35,8 +35,9 @@ from accelcal.estimation.gauss_newton import (
     iterate,
 )
 from accelcal.estimation.noise_effects import NoiseEffect
+from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.rows import measure_noise, settle_dwells
-from accelcal.estimation.run import Engine, Method, PreparedRun, prepare, side_means
+from accelcal.estimation.run import Engine, Method, PreparedRun, Source, prepared, recording_of, side_means
 from accelcal.estimation.run_covariates import GoesWith, covariates_of, goes_with
 from accelcal.estimation.run_differences import differing
 from accelcal.estimation.run_fit import RunFit, run_fit
@@ -109,8 +110,8 @@ class Fit(Result):
     method: str = "replay"
     validity: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Range of a (m/s²), v (m/s), p (m), temperature (degC), frequency (Hz) in the data of the fit."""
-    remarks: tuple[str, ...] = ()
-    """Sentences a user must read with the numbers."""
+    remarks: tuple[Remark, ...] = ()
+    """What a user must read with the numbers."""
     shapes: tuple[Estimate, ...] = ()
     """Shape parameters that were estimated (creep.tau); the covariance holds their uncertainty, but no row."""
     spreads: tuple[Spread, ...] = ()
@@ -296,7 +297,7 @@ def estimate(
 
 def solve_runs(
     model: Model,
-    recordings: Sequence[Recording],
+    sources: Sequence[Source],
     *,
     start: float | None = None,
     end: float | None = None,
@@ -311,6 +312,7 @@ def solve_runs(
     Parameters and errors are those of :func:`fit`; `engine` makes the rows of the regression; with `others_whole`,
     `start` and `end` are those of the first recording alone: each has a clock of its own.
     """
+    recordings = [recording_of(source) for source in sources]
     require_distinct(recordings)
     recordings = dwells_with_first(recordings)
     asked, model = model, complete(model, recordings)
@@ -320,12 +322,13 @@ def solve_runs(
         )
     require_shown(model, recordings)
     require_process_size(model)
-    first = prepare(recordings[0], origins, start=start, end=end)
+    first = prepared(sources[0], origins, start=start, end=end)
     begin, stop = (None, None) if others_whole else (start, end)
-    runs = [first, *(prepare(r, first.origins, start=begin, end=stop) for r in recordings[1:])]
+    runs = [first, *(prepared(source, first.origins, start=begin, end=stop) for source in sources[1:])]
     if origins is None:
         shared = replace(first.origins, side=side_means(runs))
-        runs = [replace(run, origins=shared) for run in runs]
+        runs = [run.but(origins=shared) for run in runs]
+    runs = [run.but(recording=recording) for run, recording in zip(runs, recordings, strict=True)]
     for run in runs:
         require_motion(run)
         require_band(run, band)
@@ -390,17 +393,17 @@ SETTLING = 3
 """Times that signals and nominal are made from each other when the states of a fit with effects are restored."""
 
 
-def restored_states(fit: Fit, recordings: Sequence[Recording]) -> list[RunState] | None:
+def restored_states(fit: Fit, sources: Sequence[Source]) -> list[RunState] | None:
     """States of the runs at the values of a fit; None where it was made to other data, or in a band."""
-    if len(recordings) != len(fit.runs) or any(run.noise.band is not None for run in fit.runs):
+    if len(sources) != len(fit.runs) or any(run.noise.band is not None for run in fit.runs):
         return None
-    recordings = dwells_with_first(recordings)
+    recordings = dwells_with_first([recording_of(source) for source in sources])
     still = recordings[0].dwells if recordings else None
     if (fit.dwells.digest if fit.dwells else None) != (still.digest if still else None):
         return None
     states = []
-    for index, (recording, fitted) in enumerate(zip(recordings, fit.runs, strict=True)):
-        run = prepare(recording, fit.origins).by(engine_of(fit))
+    for index, (source, recording, fitted) in enumerate(zip(sources, recordings, fit.runs, strict=True)):
+        run = prepared(source, fit.origins).but(recording=recording).by(engine_of(fit))
         span = (float(run.t[0]), float(run.t[-1]), run.used, len(run.accel.t))
         if not fitted.digest or fitted.digest != recording.digest:
             return None
@@ -475,42 +478,47 @@ def result(solution: Solution) -> Fit:
     x, covariance = solution.x, solution.covariance
     runs = [state.run for state in states]
     estimates, covariance_of_means, spreads = over_runs(solution)
-    left_out = [(name_of(run), run.left_out) for run in runs if run.left_out]
-    remarks = [f"{name}: {count} readings jump away and come back; left out" for name, count in left_out]
+    called = [name_of(run) for run in runs]
+    remarks = [
+        remark("glitches_left_out", recording=name, count=run.left_out)
+        for name, run in zip(called, runs, strict=True)
+        if run.left_out
+    ]
     remarks += [
-        f"{name_of(run)}: the noise is not white up to the crossover; the encoder is trusted up to {b:.3g} Hz only, "
-        "where the estimate is surest"
-        for run, b in zip(runs, solution.chosen, strict=False)
+        remark("imposed_band", recording=name, band=b)
+        for name, b in zip(called, solution.chosen, strict=False)
         if b is not None
     ]
     remarks += [
-        f"{name_of(state.run)}: what the model leaves is not white; readings are weighted by its measured spectrum"
-        for state in states
+        remark("measured_spectrum", recording=name)
+        for name, state in zip(called, states, strict=True)
         if state.spectrum is not None and state.band is None
     ]
-    for run, tried in zip(runs, solution.by_band, strict=False):
-        remarks += [f"{name_of(run)}: {sentence}" for sentence in [change_with_band(tried)] if sentence]
+    for name, tried in zip(called, solution.by_band, strict=False):
+        remarks += [
+            remark("changes_with_band", recording=name, text=text) for text in [change_with_band(tried)] if text
+        ]
     remarks += judge(layout, x, covariance, states)
     remarks += of_filters(runs)
     remarks += mostly_prior(layout, covariance, model)
-    remarks += on_bounds(solution)
-    remarks += [one.sentence for one in solution.seen_by_runs]
+    remarks += [remark("on_bound", text=text) for text in on_bounds(solution)]
+    remarks += [remark("seen_by_runs", text=one.sentence, effect=one.effect) for one in solution.seen_by_runs]
     still = [
         seen_in(s.run.recording.dwells, model, s.values, s.run.origins, s.of_dwells or Nuisances())
         for s in states
         if s.run.recording.dwells is not None
     ]
-    remarks += [text for one in still for text in one.remarks]
+    remarks += [one for dwells in still for one in dwells.remarks]
     found = covariates_found(solution)
-    remarks += [one.sentence for one in found]
-    means = {e.name: e.value for e in estimates}
-    remarks += [spread.sentence(means[spread.name]) for spread in spreads]
+    remarks += run_to_run(found, spreads, {e.name: e.value for e in estimates})
     if not solution.converged:
-        remarks.append(
-            f"the iteration had not settled after {MAX_ROUNDS} rounds: the model does not describe this record"
-        )
+        remarks.append(remark("not_settled", rounds=MAX_ROUNDS))
     fits = tuple(run_fit(state, model) for state in states)
-    remarks += [f"{f.name or 'recording'}: {f.noise.remark}" for f in fits if f.noise.remark]
+    remarks += [
+        remark("noise_beyond_declared", recording=f.name or "recording", text=f.noise.remark)
+        for f in fits
+        if f.noise.remark
+    ]
     return Fit(
         model=model,
         estimates=estimates,
@@ -575,6 +583,26 @@ def over_runs(solution: Solution) -> tuple[tuple[Estimate, ...], Array, tuple[Sp
             estimates.append(replace(e, value=float(value[number]), std=float(std[number]), run=None))
             number += 1
     return tuple(estimates), covariance, tuple(spreads)
+
+
+def run_to_run(
+    covariates: Sequence[GoesWith], spreads: Sequence[Spread], means: Mapping[str, float]
+) -> Iterator[Remark]:
+    """Remarks on coefficients that differ from run to run, and on what they go with."""
+    for one in covariates:
+        yield remark("goes_with", text=one.sentence, parameter=one.parameter, covariate=one.covariate, p=one.p_value)
+    for spread in spreads:
+        mean = means[spread.name]
+        numbers = {key: getattr(spread, key) for key in ("low", "high", "next_half")}
+        yield remark(
+            "run_to_run",
+            text=spread.sentence(mean),
+            parameter=spread.name,
+            mean=mean,
+            std=spread.value,
+            **numbers,
+            p=spread.p_value,
+        )
 
 
 def covariates_found(solution: Solution) -> tuple[GoesWith, ...]:
@@ -717,7 +745,7 @@ def require_channels(fit: Fit, recording: Recording) -> None:
                 )
 
 
-def judge(layout: Layout, x: Array, covariance: Array, states: Sequence[RunState]) -> list[str]:
+def judge(layout: Layout, x: Array, covariance: Array, states: Sequence[RunState]) -> list[Remark]:
     """Refuse what cannot be a sensor; remarks on what is implausible.
 
     Raises
@@ -730,7 +758,7 @@ def judge(layout: Layout, x: Array, covariance: Array, states: Sequence[RunState
     runs = [state.run for state in states]
     by_name = {term.name: i for i, (term, _) in enumerate(layout.slots)}
     rig, name = runs[0].rig, runs[0].recording.name or "recording"
-    remarks: list[str] = []
+    remarks: list[Remark] = []
     if "scale_factor" in by_name:
         i = by_name["scale_factor"]
         scale, std = 1.0 + x[i], math.sqrt(covariance[i, i])
@@ -764,30 +792,26 @@ def judge(layout: Layout, x: Array, covariance: Array, states: Sequence[RunState
     return remarks
 
 
-def implausible_scale(scale: float) -> list[str]:
-    """The sentence on a value of 1 + k that no working sensor has; none on an ordinary one."""
+def implausible_scale(scale: float) -> list[Remark]:
+    """The remark on a value of 1 + k that no working sensor has; none on an ordinary one."""
     if PLAUSIBLE_SCALE[0] <= scale <= PLAUSIBLE_SCALE[1]:
         return []
-    return [
-        f"1 + k = {scale:.4g} is implausible for a working sensor: check the units of position and output "
-        f"(a factor of {1.0 / scale:.4g}), for instance mm read as m"
-    ]
+    return [remark("implausible_scale", scale=scale, factor=1.0 / scale)]
 
 
-def of_filters(runs: Sequence[PreparedRun]) -> list[str]:
+def of_filters(runs: Sequence[PreparedRun]) -> list[Remark]:
     """What declared filters keep from being estimated: a bias behind a high-pass."""
     return [
-        f"{name_of(run)}: bias is not observable behind the declared {names(high_passes(run.rig.filters))}; this run "
-        "does not determine it, and a constant of its output is not laid on the sensor"
+        remark("not_observable", recording=name_of(run), filters=names(high_passes(run.rig.filters)))
         for run in runs
         if not run.rig.coupled
     ]
 
 
-def mostly_prior(layout: Layout, covariance: Array, model: Model) -> list[str]:
-    """A sentence for each coefficient that the prior determines more than the record."""
+def mostly_prior(layout: Layout, covariance: Array, model: Model) -> list[Remark]:
+    """The remark on each coefficient that the prior determines more than the record."""
     return [
-        f"{term.name} is dominated by its prior, {belief.mean:g} ± {belief.std:g}: the record says little"
+        remark("mostly_prior", parameter=term.name, mean=belief.mean, std=belief.std)
         for k, (term, _) in enumerate(layout.slots)
         if term.effect.search.prior
         and (belief := model.priors.get(term.name))

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from accelcal._support.found_before import found_before
 from accelcal.data.recording import RecordingError
 from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
 from accelcal.estimation.run import PreparedRun
@@ -29,8 +28,8 @@ def initial_estimate(run: PreparedRun, model: Model) -> tuple[Values, Noise]:
     """Coefficients and noise at which the iteration of one run begins."""
     coefficients = initial_coefficients(model)
     offset = coefficients["time_offset"]
-    question = (*run.covered, run.origins.t, len(run.t), float(np.sum(run.z)), run.restarts, offset)
-    scale, constant, noise = found_before(run.recording, "rough estimate", question, lambda: regressed(run, offset))
+    question = (run.origins.t, len(run.t), float(np.sum(run.z)), run.restarts, offset)
+    scale, constant, noise = run.once(question, lambda: regressed(run, offset))
     if "scale_factor" not in model.fixed:
         coefficients["scale_factor"] = scale - 1.0
     if "bias" not in model.fixed:

@@ -14,6 +14,7 @@ from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.effects import find, polynomial
 from accelcal.estimation.estimate import Fit, estimate
+from accelcal.estimation.remarks import remark
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.estimation.smoothing import output_at, uniform_times
 from accelcal.filters.choice import FilterChoice
@@ -154,10 +155,9 @@ def as_fit(replayed: Fit, found: ForwardParameters, choice: FilterChoice) -> Fit
         else Estimate(e.name, e.symbol, e.unit, e.value, 0.0, e.owner)
         for e in replayed.estimates
     )
-    remarks = (
+    text = (
         f"{' and '.join(f'{name} {value:.3g} s' for name, value in held.items())} and the noise are the replay's; "
-        "the filter does not estimate them, and its standard deviations take them as known",
-        *replayed.remarks,
+        "the filter does not estimate them, and its standard deviations take them as known"
     )
     parts = (
         choice.system,
@@ -173,5 +173,5 @@ def as_fit(replayed: Fit, found: ForwardParameters, choice: FilterChoice) -> Fit
         estimates=estimates,
         covariance=covariance[np.ix_(rows, rows)],
         method=" ".join(parts),
-        remarks=remarks,
+        remarks=(remark("live_filter", text=text), *replayed.remarks),
     )

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from accelcal._support.found_before import found_before
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import ANGULAR_ACCELERATION, DERIVED, GRAVITY, LEVERS, RATES, holes
 from accelcal.data.quality import require_few_holes, require_pace, require_usable
@@ -31,6 +31,7 @@ from accelcal.signals.series import FilledSeries, fill_gaps, grid_step, interpol
 from accelcal.signals.signals import Origins
 from accelcal.signals.unresolved import jumps, prediction_scores
 
+Answer = TypeVar("Answer")
 Engine = Literal["replay", "weak"]
 """What makes the rows of the regression: the filter on position and velocity, or the weak form."""
 Method = Literal["auto", "replay", "weak"]
@@ -114,6 +115,43 @@ class PreparedRun:
     engine: Engine = "replay"
     unpredicted: Unpredicted = Unpredicted(0.0, 0.0, 0.0)
     """Noise of both channels before anything is fitted."""
+    inside: tuple[int, int] = (0, 0)
+    """First reading of the recording that was asked for, and the one behind the last."""
+    asked: tuple[float | None, float | None] = (None, None)
+    """Start and end that were asked for, s."""
+    before: PreparedRun | None = None
+    """The same with every repeated count of a resting encoder; None where nothing was left out."""
+    answers: dict[Hashable, Any] = field(default_factory=dict)
+    """What was found of the samples of the output, for all runs with the same ones."""
+
+    def once(self, question: Hashable, find: Callable[[], Answer]) -> Answer:
+        """The answer to a question about the samples, found once."""
+        if question not in self.answers:
+            self.answers[question] = find()
+        answer: Answer = self.answers[question]
+        return answer
+
+    def but(self, **changes: Any) -> PreparedRun:
+        """A copy with another engine, origins or recording of the same samples: what was computed of them stays."""
+        one = copy.copy(self)
+        for name, value in changes.items():
+            object.__setattr__(one, name, value)
+        return one
+
+    @property
+    def complete(self) -> PreparedRun:
+        """The run with every reading that is used, repeated counts among them."""
+        return self.before or self
+
+    def with_steps(self, steps: Sequence[PositionStep]) -> PreparedRun:
+        """The run with jumps of its position."""
+        recording, t = replace(self.recording, position_steps=tuple(steps)), self.complete.all_readings[0]
+        starts = tuple(time for time in new_starts(recording, t) if t[0] < time <= self.complete.t[-1])
+        return without_repeated_counts(replace(self.complete, recording=recording, restarts=starts))
+
+    def anew(self, recording: Recording) -> PreparedRun:
+        """The same part of a recording with other readings, prepared."""
+        return prepare(recording, start=self.asked[0], end=self.asked[1])
 
     @cached_property
     def order(self) -> int:
@@ -124,8 +162,8 @@ class PreparedRun:
     def by(self, engine: Engine) -> PreparedRun:
         """The run for an engine; where the reference is no position only the weak form can fit it."""
         if self.order != POSITION_ORDER:
-            return replace(self, engine="weak")
-        one = replace(self, engine=engine)
+            return self.but(engine="weak")
+        one = self.but(engine=engine)
         return one.thinned(NEAR_RATE) if engine == "weak" and self.read is None and self.rounding == 0.0 else one
 
     def thinned(self, too_good: float) -> PreparedRun:
@@ -177,19 +215,13 @@ class PreparedRun:
     def jumps(self) -> Jumps:
         """Instants at which the motion changes faster than the samples of the output resolve."""
         t, y, step, tau = self.accel.t, self.accel.y, self.accel_step, self.declared_tau
-        question = (*self.covered, step, tau)
-        return found_before(self.recording, "jumps of the motion", question, lambda: jumps(t, y, step, tau))
+        return self.once("jumps of the motion", lambda: jumps(t, y, step, tau))
 
     @property
     def sample_noise(self) -> Array:
         """Noise of each sample of the output against its neighbours, (n,) m/s²."""
         t, y = self.accel.t, self.accel.y
-        return found_before(self.recording, "noise of a sample", self.covered, lambda: prediction_scores(t, y)[1])
-
-    @property
-    def covered(self) -> tuple[float, float, float]:
-        """First and last sample of the output, s, and the sum of all: which part of a recording this is."""
-        return float(self.accel.t[0]), float(self.accel.t[-1]), float(np.sum(self.accel.y))
+        return self.once("noise of a sample", lambda: prediction_scores(t, y)[1])
 
     @property
     def declared_tau(self) -> float:
@@ -332,6 +364,41 @@ class PreparedRun:
         return SETTLE / (2.0 * np.pi * self.crossover(noise))
 
 
+Source = Recording | PreparedRun
+"""A recording, or a run of it that was prepared before."""
+
+
+def recording_of(source: Source) -> Recording:
+    """The recording itself."""
+    return source.recording if isinstance(source, PreparedRun) else source
+
+
+def prepared(
+    source: Source, origins: Origins | None = None, *, start: float | None = None, end: float | None = None
+) -> PreparedRun:
+    """A run at these origins, by default its own, with the readings in [start, end], s; one that was prepared before
+    is not prepared again for the same readings.
+
+    Raises
+    ------
+    RecordingError
+        From `prepare`.
+    """
+    if isinstance(source, PreparedRun) and source.inside == inside(source.recording, start, end)[0]:
+        return source if origins is None else source.but(origins=origins)
+    return prepare(recording_of(source), origins, start=start, end=end)
+
+
+def inside(recording: Recording, start: float | None, end: float | None) -> tuple[tuple[int, int], tuple[float, float]]:
+    """Readings of the position in [start, end] and beside samples of the output, and the instants between which they
+    are, s."""
+    accel, position = recording.accel, recording.position
+    first = max(accel.t[0], position.t[0], -np.inf if start is None else start)
+    last = min(accel.t[-1], position.t[-1], np.inf if end is None else end)
+    begin, stop = np.searchsorted(position.t, [first, np.nextafter(last, np.inf)])
+    return (int(begin), int(stop)), (first, last)
+
+
 def prepare(
     recording: Recording,
     origins: Origins | None = None,
@@ -339,7 +406,6 @@ def prepare(
     start: float | None = None,
     end: float | None = None,
     withheld: float = np.inf,
-    every_reading: bool = False,
 ) -> PreparedRun:
     """Prepare a recording for the replay.
 
@@ -350,7 +416,6 @@ def prepare(
     start, end : s, optional; only readings in [start, end] on the position clock are used.
     withheld : s; readings after this time are not looked at when glitches are sought, and no position step among them
         is known.
-    every_reading : whether repeated counts of a resting coarse encoder are kept, too.
 
     Raises
     ------
@@ -359,15 +424,14 @@ def prepare(
     """
     require_usable(recording)
     accel, position = recording.accel, recording.position
-    first = max(accel.t[0], position.t[0], -np.inf if start is None else start)
-    last = min(accel.t[-1], position.t[-1], np.inf if end is None else end)
-    inside = slice(*np.searchsorted(position.t, [first, np.nextafter(last, np.inf)]))
-    known = np.where(position.t[inside] > withheld, np.nan, position.y[inside])
-    kept = ~spikes(position.t[inside], known, accel)
+    among, (first, last) = inside(recording, start, end)
+    every = slice(*among)
+    known = np.where(position.t[every] > withheld, np.nan, position.y[every])
+    kept = ~spikes(position.t[every], known, accel)
     left_out = int(np.sum(~kept))
     rows = kept if left_out else slice(None)  # a view where there is nothing to leave out
-    t: Array = np.ascontiguousarray(position.t[inside][rows])
-    z: Array = np.ascontiguousarray(position.y[inside][rows])
+    t: Array = np.ascontiguousarray(position.t[every][rows])
+    z: Array = np.ascontiguousarray(position.y[every][rows])
     if len(t) < MIN_READINGS:
         raise RecordingError(
             f"{recording.name or 'recording'}: {len(t)} encoder readings between {instant(first)} s and "
@@ -396,8 +460,10 @@ def prepare(
         left_out=left_out,
         restarts=tuple(time for time in starts if t[0] < time <= min(t[-1], withheld)),
         unpredicted=unpredicted,
+        inside=among,
+        asked=(start, end),
     ).thinned(TOO_GOOD)
-    return run if every_reading else without_repeated_counts(run)
+    return without_repeated_counts(run)
 
 
 def new_starts(recording: Recording, t: Array) -> list[float]:
@@ -418,7 +484,7 @@ def without_repeated_counts(run: PreparedRun) -> PreparedRun:
     if t is run.t or len(t) < MIN_READINGS:
         return run
     step = float(np.median(np.diff(t)))
-    return replace(run, t=t, z=z, reading_step=step, rounding=run.least_step, read=None)
+    return replace(run, t=t, z=z, reading_step=step, rounding=run.least_step, read=None, before=run)
 
 
 def reading_stride(t: Array, accel: Channel, step: float, unpredicted: Unpredicted, too_good: float) -> int:

@@ -2,10 +2,9 @@
 
 from accelcal._support.values import listing
 from accelcal.diagnosis.search.thresholds import predicted_detection
-from accelcal.experiment.design import Plan, plan
+from accelcal.experiment.design import Limits, Plan, plan
 from accelcal.experiment.detectability import Detectability, Group, Power
 from accelcal.experiment.drift_bandwidth import DriftBandwidth, TumbleLimit, drift_bandwidth
-from accelcal.experiment.planned_bursts import Limits
 from accelcal.experiment.planned_motion import power_of_motion, power_of_set_points, through
 from accelcal.experiment.power_analysis import power
 

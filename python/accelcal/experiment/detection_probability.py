@@ -19,8 +19,7 @@ from accelcal.data.arrays import Array
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, FINALISTS
 from accelcal.diagnosis.search.beam import SearchRules, block_length, shrunk_inflation
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
-from accelcal.diagnosis.search.likelihood_gain import DEGENERATE_MIX, scale_of
-from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
+from accelcal.diagnosis.search.scores import DEGENERATE_MIX, BaseProjection, CandidateScores, scale_of
 from accelcal.effects import Effect
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model

@@ -6,19 +6,60 @@ The paper's introduction: conventional tests limit the bandwidth of detectable v
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
 from accelcal.data.arrays import Array
+from accelcal.data.dwells import Dwells
+from accelcal.data.rig import STANDARD_GRAVITY, Rig
 from accelcal.diagnosis.search.scores import BaseProjection
-from accelcal.effects import Effect, find, found_by
+from accelcal.effects import Effect, find, found_by, static_terms
 from accelcal.estimation.estimate import estimate_dwells
 from accelcal.estimation.run_state import RunState
-from accelcal.experiment.tumble import DWELL, DWELLS, TURN, tumble
 from accelcal.model import BASE, Model, Term
 from accelcal.signals.signals import Signals
+
+DWELLS, DWELL, TURN = 24, 60.0, 15.0
+"""Number of dwells, length of each and time to turn to the next, s."""
+SAMPLES = 1e4
+"""Samples of each, which give the deviation of one from that of their mean."""
+
+
+def tumble(
+    parameters: Mapping[str, float], rig: Rig, *, angle_std: float, rng: np.random.Generator | None = None
+) -> Dwells:
+    """24 dwells of a minute each.
+
+    Parameters
+    ----------
+    parameters : coefficients of the sensor's static characteristic by effect, SI; 0 where not given.
+    rig : its sensor's noise density is that of the dwells.
+    angle_std : declared standard deviation of an angle, rad.
+    rng : draws noise and angles; without it the dwells have neither, both are still declared.
+    """
+    drawn = np.zeros((2, DWELLS)) if rng is None else rng.standard_normal((2, DWELLS))
+    angle = np.arange(DWELLS) * 2.0 * np.pi / DWELLS
+    white = math.sqrt(0.5 * (rig.sensor.noise or 0.0) ** 2 / DWELL)
+    a = STANDARD_GRAVITY * np.sin(angle + angle_std * drawn[0])
+    mean = a + white * drawn[1]
+    for name, term in static_terms().items():
+        if not term.thermal:
+            mean += parameters.get(name, 0.0) * np.array([term.per_unit(float(each), 0.0) for each in a])
+    return Dwells(
+        angle=angle,
+        mean=mean,
+        std=np.full(DWELLS, white * math.sqrt(SAMPLES)),
+        duration=np.full(DWELLS, DWELL),
+        samples=np.full(DWELLS, SAMPLES),
+        group=("0",) * DWELLS,
+        rig=rig,
+        angle_std=angle_std,
+        name="tumble",
+    )
+
 
 SIGMA = 5.0
 """Standard deviations that the smallest change has, whatever its phase."""

@@ -21,11 +21,9 @@ from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION, DETECTION_PROBABILITY, FAMILYWISE_ALPHA
 from accelcal.diagnosis.search.beam import SearchRules
 from accelcal.diagnosis.search.confounding import contribution_correlation
-from accelcal.diagnosis.search.detection_limits import detectable_sizes
 from accelcal.diagnosis.search.hypotheses import Hypothesis
-from accelcal.diagnosis.search.likelihood_gain import scale_of, variance_gain
-from accelcal.diagnosis.search.scan import largest
-from accelcal.diagnosis.search.scores import CandidateScores
+from accelcal.diagnosis.search.scan import detectable_sizes, largest
+from accelcal.diagnosis.search.scores import CandidateScores, scale_of, variance_gain
 from accelcal.diagnosis.search.thresholds import entry_gains
 from accelcal.effects import Effect
 from accelcal.estimation.estimate import Fit, solve_runs

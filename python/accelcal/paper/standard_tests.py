@@ -16,7 +16,7 @@ import scipy
 from accelcal.data.rig import Rig
 from accelcal.effects import polynomial
 from accelcal.estimation.estimate import Fit, estimate, estimate_dwells
-from accelcal.experiment.tumble import DWELL, DWELLS, TURN, tumble
+from accelcal.experiment.drift_bandwidth import DWELL, DWELLS, TURN, tumble
 from accelcal.model import Model
 from accelcal.paper.rows import Item, Plan, Row
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate

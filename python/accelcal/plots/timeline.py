@@ -15,7 +15,7 @@ from accelcal.data.units import instant
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import Fault, fault_remarks, faults
 from accelcal.diagnosis.left_out import left_out_remarks, without_wrong_readings
-from accelcal.diagnosis.remarks import Remark
+from accelcal.estimation.remarks import Remark
 from accelcal.estimation.run import prepare
 from accelcal.plots.figure import COLUMNS, Axis, Figure, Level, Line, Mark, Panel, Points, Stretch, sentence
 from accelcal.plots.style import Role, role_of_model

@@ -144,7 +144,7 @@ def gather(
     )
     grown, nested = reduced or (None, None)
     named = shapes(fit) or (shapes(nested.fits[-1]) if nested is not None else ())
-    remarks += [] if grown is None else grown.remarks
+    remarks += [] if grown is None else [one.sentence for one in grown.remarks]
     digest = (recording if holdout is None else holdout).digest
     return Content(
         fit=fit,

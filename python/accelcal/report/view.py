@@ -10,7 +10,7 @@ from accelcal.calibration.budget import COVERAGE_FACTOR, Component
 from accelcal.data.references import UNITS
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.data.units import instant
-from accelcal.diagnosis.contribution import Size
+from accelcal.diagnosis.findings import Size
 from accelcal.effects import find, spelled
 from accelcal.estimation.noise import NoiseReport
 from accelcal.model import Estimate
@@ -94,7 +94,7 @@ def view(content: Content) -> dict[str, Any]:
         "method": list(METHOD),
         "example": example(content),
         "provenance": provenance(content),
-        "remarks": [*content.fit.remarks, *content.remarks],
+        "remarks": [*(one.sentence for one in content.fit.remarks), *content.remarks],
     }
 
 

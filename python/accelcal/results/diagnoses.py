@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from accelcal._support.values import listing
 from accelcal.data.rig import STANDARD_GRAVITY
-from accelcal.diagnosis.contribution import Size
 from accelcal.diagnosis.dwells import DwellDiagnosis
+from accelcal.diagnosis.findings import Size
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import CATALOGUE, find, spelled
@@ -187,7 +187,7 @@ def _(result: DwellDiagnosis, which: str = "") -> Table:
             {key: getattr(c, key) for key in ("effect", "estimate", "std", "unit", "sigma", "p_value")}
             for c in result.candidates[:CANDIDATES]
         ),
-        notes=tuple(map(as_sentence, result.remarks)),
+        notes=tuple(as_sentence(one.sentence) for one in result.remarks),
         about={"verdict": result.verdict, "sentence": result.sentence},
     )
 

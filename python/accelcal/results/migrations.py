@@ -11,7 +11,7 @@ from accelcal._support.plain_text import visible
 from accelcal.results.json_text import ModelFileError
 
 NAME = "accelcal/model/"
-MODEL_SCHEMA = f"{NAME}3"
+MODEL_SCHEMA = f"{NAME}4"
 """Of the files that are written."""
 PRESENT = int(MODEL_SCHEMA.removeprefix(NAME))
 MAKE = "make one with: accelcal fit RUN.csv -o MODEL.json"
@@ -90,6 +90,32 @@ def from_2_to_3(content: dict[str, Any]) -> dict[str, Any]:
         ) from None
 
 
+def from_3_to_4(content: dict[str, Any]) -> dict[str, Any]:
+    """Schema 4 has a code with each remark; before, that on a slow residual came first.
+
+    Raises
+    ------
+    ModelFileError
+        If the content lacks a part that schema 3 has.
+    """
+    try:
+        slow, dwells = float(content["tilt"]) > 0.0, content["dwells"]
+        fit = [
+            _noted(text, "slow_residual" if slow and not k else "noted") for k, text in enumerate(content["remarks"])
+        ]
+        still = dwells and {**dwells, "remarks": [_noted(text) for text in dwells["remarks"]]}
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ModelFileError(
+            f"a part that a model file of schema 3 has is missing or of another kind ({error})"
+        ) from None
+    return {**content, "schema": f"{NAME}4", "remarks": fit, "dwells": still}
+
+
+def _noted(text: str, code: str = "noted") -> dict[str, Any]:
+    """Remark of schema 4."""
+    return {"code": code, "sentence": text.rstrip("."), "values": {}}
+
+
 def _run(run: Mapping[str, Any], noise: Mapping[str, Any]) -> dict[str, Any]:
     """Run of schema 3, with its noise."""
     labels = {"date": None, "mounting": "", "operator": "", **run.get("labels", {})}
@@ -133,5 +159,5 @@ def _filled(word: str, part: Mapping[str, Any], *keys: str) -> dict[str, Any]:
     return {key: word if value is None and (not keys or key in keys) else value for key, value in part.items()}
 
 
-STEPS: Mapping[int, Callable[[dict[str, Any]], dict[str, Any]]] = {2: from_2_to_3}
+STEPS: Mapping[int, Callable[[dict[str, Any]], dict[str, Any]]] = {2: from_2_to_3, 3: from_3_to_4}
 """From each older schema to the next."""

@@ -38,12 +38,12 @@ def _(fit: Fit, which: str = "") -> Table:
         sentence=f"{len(fit.free)} parameters from {' and '.join(made_from)}{agreement}.",
         columns=PARAMETER_COLUMNS,
         rows=parameter_rows(fit, in_full=which == "coefficients"),
-        alarms=tuple(fit.remarks[: int(fit.tilt > 0.0)]),
+        alarms=tuple(f"{one.sentence}." for one in fit.remarks if one.code == "slow_residual"),
         notes=(
             *(f"{effect.name}: {effect.sentence}." for effect in fit.noise_effects),
             *(f"{spread.name} by run: {by_run(fit, spread.runs)}." for spread in fit.spreads),
             *(as_sentence(note) for run in fit.runs for note in noise_notes(run.noise)),
-            *fit.remarks[int(fit.tilt > 0.0) :],
+            *(f"{one.sentence}." for one in fit.remarks if one.code != "slow_residual"),
         ),
         about={"name": names},
     )

@@ -9,8 +9,8 @@ import numpy as np
 
 from accelcal.diagnosis.findings import explained_gain
 from accelcal.diagnosis.policy import COLLINEAR_CORRELATION, FAMILY_REMAINDER_ALPHA
-from accelcal.diagnosis.search.likelihood_gain import log_survival
 from accelcal.diagnosis.search.scan import Candidate
+from accelcal.diagnosis.search.scores import log_survival
 from accelcal.effects import BUILT_IN, Effect, find
 from accelcal.estimation.estimate import Fit
 

@@ -8,10 +8,9 @@ from typing import ClassVar
 
 from accelcal._support.result import Result
 from accelcal._support.values import immutable, listing
-from accelcal.diagnosis.contribution import Importance, split
-from accelcal.diagnosis.findings import Confounded, Finding, in_model, in_noise, with_findings
+from accelcal.diagnosis.findings import Confounded, Finding, Importance, in_model, in_noise, split, with_findings
 from accelcal.diagnosis.search.scan import Verdict
-from accelcal.diagnosis.verdict import Diagnosis, unsteady_effects, verdict_and_sentence
+from accelcal.diagnosis.verdict import Case, Diagnosis, judgement
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
 from accelcal.validation.comparison import Evaluation
@@ -97,9 +96,7 @@ class Improvement(Result):
         if last.verdict not in ("named", "tied") or last.scan.found or not last.channels:
             return last.verdict, last.left
         tests = [test for test in last.channels if test.effect not in self.effects]
-        cause = next((remark for remark in last.remarks if remark.place == "verdict"), None)
-        unsteady = unsteady_effects(last.scan)
-        return verdict_and_sentence(last.fit, last.scan, tests, last.classes, cause, unsteady, last.unnamed)
+        return judgement(Case(last.fit, last.scan, tests, last.unnamed, last.classes, last.remarks))
 
     @property
     def sentence(self) -> str:

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from accelcal._support.values import listing
-from accelcal.data.recording import Recording
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.effects import find, spelled
-from accelcal.estimation.estimate import Fit, engine_of, estimate
+from accelcal.estimation.estimate import Fit, engine_of, result, solve_runs
+from accelcal.estimation.remarks import Remark, remark
+from accelcal.estimation.run import Source
 from accelcal.model import Model
 
 
@@ -23,13 +24,13 @@ class NestedFits:
     """The base, then the effect that is new, or the finer form of a curve."""
     lacking: int
     """Number of fits at the end with effects that the model itself lacks."""
-    remarks: tuple[str, ...]
+    remarks: tuple[Remark, ...]
     """Models that could not be fitted, and why."""
 
 
 def nested_fits(
     fitted: Fit,
-    recordings: Sequence[Recording],
+    sources: Sequence[Source],
     found: Sequence[DetectedEffect] = (),
     *,
     start: float | None = None,
@@ -41,7 +42,7 @@ def nested_fits(
     Parameters
     ----------
     fitted : the largest model.
-    recordings : one or several that the models are fitted to.
+    sources : one or several recordings that the models are fitted to.
     found : effects that the model lacks; they are added behind its own.
     start, end : s, optional; only this part is used.
     refit : whether the largest model is fitted again, too: to a part of its recordings.
@@ -52,12 +53,13 @@ def nested_fits(
         If the recordings do not determine even the base.
     """
 
-    fits, names, remarks, lacking = list[Fit](), list[str](), list[str](), 0
+    fits, names, remarks, lacking = list[Fit](), list[str](), list[Remark](), 0
 
     def enter(effect: str, model: Model) -> None:
         if model is not whole or refit:
             engine = engine_of(fitted)
-            fits.append(estimate(model, recordings, start=start, end=end, origins=fitted.origins, method=engine))
+            solution = solve_runs(model, sources, start=start, end=end, origins=fitted.origins, engine=engine)
+            fits.append(result(solution))
         else:
             fits.append(fitted)
         name = f"+ {spelled(effect)}" if effect else "base"
@@ -73,14 +75,15 @@ def nested_fits(
         except ValueError as error:
             if count == 0:
                 raise
-            remarks.append(f"without {', '.join(added[count:])} the model cannot be fitted here: {error}")
+            text = f"without {', '.join(added[count:])} the model cannot be fitted here: {error}"
+            remarks.append(remark("not_fitted", text=text))
     for finding in found:
         try:
             model = finding.enter(model)
             enter(finding.effect, model)
             lacking += 1
         except ValueError as error:
-            remarks.append(f"{finding.effect} could not be added: {error}")
+            remarks.append(remark("not_fitted", text=f"{finding.effect} could not be added: {error}"))
             break
     return NestedFits(tuple(fits), tuple(names), lacking, tuple(remarks))
 

@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from accelcal.data.recording import Recording
-from accelcal.diagnosis.delay import DELAY_CLASS, DELAY_EXPERIMENT, delay_is_significant
+from accelcal.diagnosis.evidence import DELAY_CLASS, DELAY_EXPERIMENT, Evidence, TimeSpan, delay_is_significant
 from accelcal.diagnosis.findings import Confounded, explained_gain, with_findings
 from accelcal.diagnosis.outlier_rejection import CHANNEL_OF, CleanFit, clean_fit
-from accelcal.diagnosis.policy import NAMED_ALTERNATIVES, VERDICT_LEAST_BLOCKS
-from accelcal.diagnosis.remarks import Remark, remark
+from accelcal.diagnosis.policy import (
+    NAMED_ALTERNATIVES,
+    SEARCH_MODELS,
+    SEARCH_SAMPLES,
+    SEARCH_SECONDS,
+    SEARCH_SPAN,
+    VERDICT_LEAST_BLOCKS,
+)
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Candidate, scan
-from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on
+from accelcal.diagnosis.verdict import Diagnosis, verdict_on
 from accelcal.effects import Effect, find, stem_of
 from accelcal.estimation.estimate import Fit, result, solve_runs
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
+from accelcal.estimation.remarks import Remark, remark
+from accelcal.estimation.run import PreparedRun
 from accelcal.model import Model, Term
-from accelcal.selection.budget import SearchBudget
 from accelcal.selection.collinearity import (
     Replacement,
     confounding_families,
@@ -32,6 +40,52 @@ from accelcal.selection.collinearity import (
 )
 from accelcal.selection.cross_validation import cross_validate, refusing
 from accelcal.selection.plausibility import implausible, unconfirmed, undetermined
+
+MARGIN = 1.5
+"""Cost of the next model over that of the dearest so far: models grow."""
+
+
+@dataclass(slots=True)
+class SearchBudget:
+    """Processor time that a search may use, and what it has used."""
+
+    seconds: float
+    """s"""
+    clock: Callable[[], float] = time.thread_time
+    """Of the thread of the search alone: others may search in the same process."""
+    begun: float = field(init=False)
+    models: int = 1
+    """Models that were fitted and judged, the base model included."""
+    stopped: bool = False
+    """Whether a model was not begun."""
+    longest: float = 0.0
+    """Of one model, s."""
+    last: float = field(init=False)
+    """When the last model was begun, s."""
+
+    def __post_init__(self) -> None:
+        self.begun = self.last = self.clock()
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording]) -> SearchBudget:
+        """The budget of some recordings: that of a minute, and in proportion where they are longer and hold more
+        samples."""
+        samples = sum(len(recording.accel) for recording in recordings)
+        span = sum(float(recording.accel.t[-1] - recording.accel.t[0]) for recording in recordings)
+        return cls(SEARCH_SECONDS * max(1.0, min(span / SEARCH_SPAN, samples / SEARCH_SAMPLES)))
+
+    def allows_another(self) -> bool:
+        """Whether one more model may be begun; it is then counted."""
+        now = self.clock()
+        if self.models == 1 and not self.stopped:  # the base model says how dear the models of this record are
+            self.seconds = max(self.seconds, SEARCH_MODELS * (now - self.begun))
+        self.longest = max(self.longest, now - self.last)
+        self.last = now
+        if self.stopped or now - self.begun + MARGIN * self.longest > self.seconds:
+            self.stopped = True
+            return False
+        self.models += 1
+        return True
 
 
 @dataclass(slots=True)
@@ -102,7 +156,7 @@ class JudgedModel:
 class StepwiseSelection:
     """State of a stepwise selection: the current model, its history, and the steps that change it."""
 
-    original: Sequence[Recording]
+    original: Sequence[PreparedRun]
     stretch: TimeSpan
     split: float
     """End of the data that are fitted, s."""
@@ -121,7 +175,7 @@ class StepwiseSelection:
     @classmethod
     def begin(
         cls,
-        original: Sequence[Recording],
+        original: Sequence[PreparedRun],
         stretch: TimeSpan,
         split: float,
         extra: Sequence[Effect] | None,
@@ -130,7 +184,7 @@ class StepwiseSelection:
     ) -> StepwiseSelection:
         """Start from the base model, fitted and judged."""
         fitted = clean_fit(original, lambda these: solve(Model.linear(), these, stretch, split))
-        current = JudgedModel(fitted, verdict_on(fitted, stretch, extra, alpha))
+        current = JudgedModel(fitted, verdict_on(Evidence(fitted, stretch, extra, alpha)))
         return cls(
             original,
             stretch,
@@ -142,6 +196,18 @@ class StepwiseSelection:
             [((), current.verdict.fit)],
             budget,
         )
+
+    def grow(self, most: int, on_step: Callable[[Fit], None], progress: Callable[[float], None]) -> None:
+        """Add effects, at most so many, or replace them by curves until nothing is to enter; each model is reported."""
+        progress(0.0)
+        on_step(self.fits[-1][1])
+        for number in range(2 * most):
+            room = self.history.entered < most
+            if not (room and self.add_next()) and not self.replace_by_family():
+                break
+            on_step(self.fits[-1][1])
+            progress(min(1.0, (number + 1) / most))
+        self.finish()
 
     def add_next(self) -> bool:
         """Add one effect and remove what it shows to be wrong or redundant; False where nothing is to enter, or can."""
@@ -202,9 +268,7 @@ class StepwiseSelection:
             return
         self.history.classes = self.history.final_classes(verdict.scan.candidates, verdict.fit)
         if delay_is_significant(self.fits[-1][1], verdict.scan, self.alpha):
-            undelayed = result(
-                solve(without_delay(self.original), self.current.fitted.recordings, self.stretch, self.split)
-            )
+            undelayed = result(solve(without_delay(self.original), self.current.fitted.runs, self.stretch, self.split))
             self.history.classes.insert(0, Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
             self.fits = [((), undelayed), *((("time_offset", *names), fitted) for names, fitted in self.fits)]
         in_noise = {test.effect for test in verdict.channels if not test.shape}  # a wave enters, or is missing
@@ -213,10 +277,10 @@ class StepwiseSelection:
         self.history.classes += tested.values()  # one that the search names too has two groups
         self.fits[-1] = (self.history.effects, self.fits[-1][1])
 
-    def judge_with(self, others: Sequence[Recording]) -> None:
-        """Judge the last model on further runs as well, which took no part in what entered and in its estimates."""
-        last, recordings = self.current, [*self.current.fitted.recordings, *others]
-        on_all = self.judge(clean_fit(recordings, lambda these: solve(last.model, these, self.stretch, self.split)))
+    def judge_with(self, other: PreparedRun) -> None:
+        """Judge the last model on a further run as well, which took no part in what entered and in its estimates."""
+        last, runs = self.current, [*self.current.fitted.runs, other]
+        on_all = self.judge(clean_fit(runs, lambda these: solve(last.model, these, self.stretch, self.split)))
         self.accept(replace(last, verdict=replace(on_all.verdict, fit=last.verdict.fit, used=last.verdict.used)))
 
     def final_verdict(self, reason: str) -> Diagnosis:
@@ -264,12 +328,12 @@ class StepwiseSelection:
         earlier_tests = (
             [] if anew else [test for test in self.current.fitted.tests if test.effect in CHANNEL_OF and test.at]
         )
-        recordings = self.original if anew else self.current.fitted.recordings
-        return clean_fit(recordings, lambda these: solve(model, these, self.stretch, self.split), earlier_tests)
+        runs = self.original if anew else self.current.fitted.runs
+        return clean_fit(runs, lambda these: solve(model, these, self.stretch, self.split), earlier_tests)
 
     def judge(self, fitted: CleanFit) -> JudgedModel:
         """A fitted model with the verdict on it."""
-        return JudgedModel(fitted, verdict_on(fitted, self.stretch, self.extra, self.alpha))
+        return JudgedModel(fitted, verdict_on(Evidence(fitted, self.stretch, self.extra, self.alpha)))
 
     def with_next(self) -> tuple[DetectedEffect, JudgedModel] | None:
         """The judged fit with the effect that comes first, or the next of its set where no fit with it is possible;
@@ -326,7 +390,7 @@ class StepwiseSelection:
         if note is None:
             judged = self.judge(fitted)
             found = judged.verdict.scan
-            note = implausible(name, judged.verdict.sizes.get(name), fitted.recordings)
+            note = implausible(name, judged.verdict.sizes.get(name), [run.recording for run in fitted.runs])
             note = note or unconfirmed(name, judged.verdict.fit, self.current.verdict.scan.examined, self.alpha)
             if not found.enough:
                 note = remark("too_short_with", effect=name, blocks=found.blocks, least=VERDICT_LEAST_BLOCKS)
@@ -407,13 +471,13 @@ def validation_rises(solution: Solution, name: str, leaving: Sequence[Term] = ()
     )
 
 
-def solve(model: Model, recordings: Sequence[Recording], stretch: TimeSpan, end: float) -> Solution:
+def solve(model: Model, runs: Sequence[PreparedRun], stretch: TimeSpan, end: float) -> Solution:
     """Fit a model to the usable part of the first recording, up to the held-out data, and to the others as a whole."""
-    return solve_runs(model, recordings, start=stretch.start, end=end, others_whole=not stretch.chosen)
+    return solve_runs(model, runs, start=stretch.start, end=end, others_whole=not stretch.chosen)
 
 
-def without_delay(recordings: Sequence[Recording]) -> Model:
+def without_delay(runs: Sequence[PreparedRun]) -> Model:
     """The base model without any delay: neither an offset of the clocks nor a slower low-pass."""
-    if any(r.rig.lowpass_prior > 0.0 for r in recordings):
+    if any(run.rig.lowpass_prior > 0.0 for run in runs):
         return Model.linear().add("lowpass_error").freeze(time_offset=0.0, lowpass_error=0.0)
     return Model.linear().freeze(time_offset=0.0)

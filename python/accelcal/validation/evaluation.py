@@ -9,15 +9,13 @@ import numpy as np
 import scipy
 
 from accelcal._support.errors import AccelcalError
-from accelcal._support.found_before import found_before
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import GRAVITY
-from accelcal.data.recording import Recording
 from accelcal.data.references import POSITION_ORDER
 from accelcal.estimation.drive import DriveIntegrals, drive
 from accelcal.estimation.estimate import Fit, require_band, settled_state
 from accelcal.estimation.rows import sums_of
-from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run import PreparedRun, Source, recording_of
 from accelcal.estimation.smoothing import output_at, side_channels_at
 from accelcal.signals.processing import derivative, low_pass
 from accelcal.signals.signals import Signals
@@ -39,7 +37,7 @@ LEAST_PERIODS = 12.0
 
 def compare(
     fit: Fit,
-    recording: Recording,
+    source: Source,
     *,
     band: float | None = None,
     horizons: Sequence[float] = HORIZONS,
@@ -53,7 +51,7 @@ def compare(
     Parameters
     ----------
     fit : parameters, noise and origins.
-    recording : any run, the fitted one or another.
+    source : any run, the fitted one or another.
     band : Hz, optional; bandwidth of the accelerometer-side residual. By default the crossover of the two noises, below
         which predicted encoder noise stays under sensor noise.
     horizons : s; when to take the coasting error after position is withheld.
@@ -77,9 +75,9 @@ def compare(
     """
     remembers = (ruler or Ruler.of([fit])).remembers
     ruled = fit if ruler is None else ruler.held_by(fit)
-    ahead = Prediction.of(ruled, recording, start=start, end=end, remembers=remembers)
+    ahead = Prediction.of(ruled, source, start=start, end=end, remembers=remembers)
     if ruler is not None and ruler.remembers:
-        ahead.nodes_apart = nodes_apart(ruler, recording, start, end)
+        ahead.nodes_apart = nodes_apart(ruler, source, start, end)
     run, e, S = ahead.run, ahead.e, ahead.S
     counts, asked = ahead.counts, run.t >= ahead.since
     progress(0.3)
@@ -102,7 +100,7 @@ def compare(
     squares = e[counts] ** 2 / S[counts] if innovations is None else innovations[1] ** 2
     progress(1.0)
     return Evaluation(
-        recording=recording.name,
+        recording=recording_of(source).name,
         one_step_rms=float(np.sqrt(np.mean(e[counts] ** 2))),
         nis=None if fit.runs[0].noise.band is not None else float(np.mean(squares)),
         k_step_rms={k: ahead.k_step(k) for k in STEPS},
@@ -125,31 +123,29 @@ def compare(
         setup_bias=(-delta * gain * run.rig.polarity, delta_std * gain),
         remarks=beyond(fit, motion),
         outside=outside(fit, ahead, t_res, motion, coasting),
-        not_carried=left_out(fit, recording),
+        not_carried=left_out(fit, recording_of(source)),
         drifts={h: (run.t[c.starts], c.rezeroed) for h, c in coasting.items()},
         reference_noise=ahead.reference_noise,
         innovations=innovations,
     )
 
 
-def nodes_apart(ruler: Ruler, recording: Recording, start: float | None, end: float | None) -> float:
+def nodes_apart(ruler: Ruler, source: Source, start: float | None, end: float | None) -> float:
     """Spacing of nodes, s, on which a model of a table remembers simulated motion of a recording; 0 where none does."""
-
-    def largest() -> float:
+    place = recording_of(source).sums, start, end
+    if place not in ruler.nodes:
         several = [ruler.held_by(fit) for fit in ruler.remembering]
-        ahead = (Prediction.of(fit, recording, start=start, end=end, remembers=True) for fit in several)
-        return max(one.nodes_apart for one in ahead)
-
-    question = (ruler, tuple(fit.estimates for fit in ruler.remembering), start, end)
-    return found_before(recording, "nodes apart", question, largest)
+        ahead = (Prediction.of(fit, source, start=start, end=end, remembers=True) for fit in several)
+        ruler.nodes[place] = max(one.nodes_apart for one in ahead)
+    return ruler.nodes[place]
 
 
-def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast:
+def coast(fit: Fit, source: Source, start: float, horizon: float) -> Coast:
     """Predict position over `horizon` seconds after the last reading at or before `start`, without using any later one.
 
     Parameters
     ----------
-    fit, recording : model and run.
+    fit, source : model and run.
     start, horizon : s.
 
     Raises
@@ -157,7 +153,7 @@ def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast
     ValueError
         If no reading precedes `start` or the accelerometer record ends before the horizon.
     """
-    ahead = Prediction.of(fit, recording, withheld=start)
+    ahead = Prediction.of(fit, source, withheld=start)
     k = int(np.searchsorted(ahead.run.t, start, side="right")) - 1
     if k < 1:
         raise AccelcalError(f"no encoder reading precedes {start} s; the record begins at {ahead.run.t[0]:.6g} s")

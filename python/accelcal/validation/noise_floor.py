@@ -17,13 +17,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal._support.found_before import found_before
 from accelcal.data.arrays import Array
-from accelcal.data.recording import Recording
 from accelcal.data.references import VELOCITY
 from accelcal.estimation.drive import run_filter
 from accelcal.estimation.estimate import Fit
-from accelcal.estimation.run import PreparedRun, prepare
+from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of
 from accelcal.estimation.values import Noise
 from accelcal.validation.comparison import HORIZONS, NoiseFloor, RmsInterval
 from accelcal.validation.other_record import values_on
@@ -40,7 +38,7 @@ SEED = 20070601
 def noise_floor(
     ruler: Ruler,
     fit: Fit,
-    recording: Recording,
+    source: Source,
     *,
     horizons: Sequence[float] = HORIZONS,
     start: float | None = None,
@@ -57,23 +55,16 @@ def noise_floor(
     ----------
     ruler : the filter of the comparison; its noise is the least that was fitted.
     fit : one of the models; the same one gives the same floor.
-    recording, start, end : what they are compared with, s.
+    source, start, end : what they are compared with, s.
     horizons : of the drifts, s.
     """
-    scale = abs(fit.values().scale)
+    scale, recording = abs(fit.values().scale), recording_of(source)
     sensor = SensorNoise.of(recording, ruler.noise, scale, end)
-    run = prepare(recording, fit.origins, start=start, end=end)
+    run = prepared(source, fit.origins, start=start, end=end)
     encoder = ReadingNoise.of(fit, run)
     noise = _of_filter(ruler, fit, sensor, scale, encoder)
-    cutoff = fit.validity["frequency"][1]
-    values = values_on(fit, recording)
-    asked = (values, noise, cutoff, fit.origins, sensor, scale, encoder, tuple(horizons), start, end, recording.sums)
-    return found_before(
-        recording,
-        "noise floor",
-        asked,
-        lambda: _drawn(Prediction(run, values, noise, cutoff), sensor, scale, encoder, horizons),
-    )
+    ahead = Prediction(run, values_on(fit, recording), noise, fit.validity["frequency"][1])
+    return _drawn(ahead, sensor, scale, encoder, horizons)
 
 
 def _of_filter(ruler: Ruler, fit: Fit, sensor: SensorNoise, scale: float, encoder: ReadingNoise) -> Noise:

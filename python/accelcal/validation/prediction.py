@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array, Flags
-from accelcal.data.recording import Recording
 from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
 from accelcal.estimation.estimate import Fit, require_channels
-from accelcal.estimation.run import PreparedRun, prepare
+from accelcal.estimation.run import PreparedRun, Source, prepare, prepared, recording_of
 from accelcal.estimation.smoothing import corner_of, output_at, output_signals, uniform_times
 from accelcal.estimation.values import Noise, Values
 from accelcal.estimation.varying_noise import variance_functions, with_growth
@@ -155,7 +154,7 @@ class Prediction:
     def of(
         cls,
         fit: Fit,
-        recording: Recording,
+        source: Source,
         *,
         start: float | None = None,
         end: float | None = None,
@@ -167,9 +166,13 @@ class Prediction:
         Where effects remember what was before `start`, the fitted part of the same recording before it is their
         history; it counts nowhere else.
         """
+        recording = recording_of(source)
         require_channels(fit, recording)
         begin = start if start is None or not remembers else start_of_history(fit, recording, start)
-        run = prepare(recording, fit.origins, start=begin, end=end, withheld=withheld)
+        if math.isinf(withheld):
+            run = prepared(source, fit.origins, start=begin, end=end)
+        else:
+            run = prepare(recording, fit.origins, start=begin, end=end, withheld=withheld)
         return cls.on(fit, run, withheld, -math.inf if start is None else start)
 
     @classmethod

@@ -6,7 +6,7 @@ cannot be compared: start states, settling times and bands differ. So a table ha
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 
 from accelcal._support.errors import AccelcalError
@@ -27,6 +27,8 @@ class Ruler:
     """Whether an effect of one of the models has a memory: all are then run over the history of what is compared."""
     remembering: tuple[Fit, ...] = field(default=(), compare=False)
     """Those models: all are followed from the fewer start points of these."""
+    nodes: dict[Hashable, float] = field(default_factory=dict, compare=False, repr=False)
+    """Spacing of the nodes of their motion, by recording and part of it, s."""
 
     @classmethod
     def of(cls, fits: Sequence[Fit]) -> Ruler:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from accelcal.data.recording import Channel, Recording
+from accelcal.diagnosis.checks import unresolved_motion
 from accelcal.diagnosis.noise_tests import outliers, residuals, tones, whiteness
 from accelcal.diagnosis.noise_tests.noise_test import JITTER, LINE, OUTPUT_OUTLIERS
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
-from accelcal.diagnosis.unresolved_motion import unresolved_motion
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.io import load
@@ -73,11 +74,10 @@ def test_jitter_is_found_beside_kinks(tmp_path: Path, name: str):
 
 def test_the_remark_counts_the_jumps(tmp_path: Path):
     run = prepare(recorded(tmp_path, "a-trap-cxl02"))
-    said = unresolved_motion([run])
-    assert said is not None
+    (said,) = unresolved_motion(SimpleNamespace(runs=[run]))
     assert said.code == "unresolved_motion"
     assert said.values["instants"] == len(run.jumps.t) > 50
-    assert unresolved_motion([prepare(recorded(tmp_path, "a-smooth-cxl02"))]) is None
+    assert not [*unresolved_motion(SimpleNamespace(runs=[prepare(recorded(tmp_path, "a-smooth-cxl02"))]))]
 
 
 def test_a_motion_beyond_the_sampling_is_not_judged(tmp_path: Path):

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 
 import pytest
 
+from accelcal.diagnosis.evidence import independent_tests, largest_first, own_tests
 from accelcal.diagnosis.findings import Confounded, in_noise
-from accelcal.diagnosis.independent_tests import independent_tests, largest_first, own_tests
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.policy import OWN_WAVE_TURNS
 from accelcal.diagnosis.search.scan import Scan
-from accelcal.diagnosis.verdict import verdict_and_sentence
+from accelcal.diagnosis.verdict import Case, judgement
 from accelcal.effects import find, next_name, stem_of, users_own
 from accelcal.estimation.shape_parameters import on_bounds
 from accelcal.model import Estimate, Model
@@ -88,8 +88,8 @@ def test_a_significant_test_whose_effect_is_not_named_forbids_that_nothing_is_mi
     assert own_tests(driven) == driven
     assert independent_tests(driven, no_effect_found=True) == ()
     scan, fit = Scan((), (), 100, 50), SimpleNamespace(runs=(), seen_by_runs=(), spreads=())
-    assert verdict_and_sentence(fit, scan, (), ())[0] == "adequate"
-    verdict, sentence = verdict_and_sentence(fit, scan, (), (), unnamed=driven)
+    assert judgement(Case(fit, scan, ()))[0] == "adequate"
+    verdict, sentence = judgement(Case(fit, scan, (), driven))
     assert verdict == "unexplained"
     assert sentence.startswith("A line, where the motion may make one")
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from accelcal.diagnosis.search.hypotheses import hypotheses_for
-from accelcal.diagnosis.search.likelihood_gain import score_gain
-from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
+from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores, score_gain
 from accelcal.estimation.estimate import solve_runs
 from accelcal.model import Model
 from accelcal.simulation.sensor import Simulated

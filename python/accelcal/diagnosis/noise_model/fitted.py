@@ -3,38 +3,118 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from accelcal._support.errors import AccelcalError
 from accelcal.data.recording import Recording
-from accelcal.diagnosis.noise_model.estimates import RecordNoise, noise_estimates, noise_scores_of, rejected_channel
+from accelcal.diagnosis.noise_model.growing import BlockPowers, growing_noise, score_of_growth
+from accelcal.diagnosis.noise_model.heavy_tails import outlying_noise, reading_errors, score_of_tails
+from accelcal.diagnosis.noise_model.rounding import rounded_noise, score_of_rounding
+from accelcal.diagnosis.noise_tests.outliers import SampleErrors, output_errors
+from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.outlier_rejection import outliers_found, without_outliers
 from accelcal.diagnosis.policy import NOISE_EFFECT_ALPHA
+from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, require_channels, settled_state, state_at
-from accelcal.estimation.noise_effects import NoiseScore
-from accelcal.estimation.run import prepare
+from accelcal.estimation.noise_effects import NoiseEffect, NoiseScore
+from accelcal.estimation.run import PreparedRun, prepared
 from accelcal.estimation.run_state import RunState
+from accelcal.model import Model
 from accelcal.validation.other_record import values_on
 
 
-def with_noise_effects(fit: Fit, original: Sequence[Recording], states: Sequence[RunState]) -> Fit:
+@dataclass(frozen=True, slots=True)
+class RecordNoise:
+    """A record at the values of a fit, with its outliers and without."""
+
+    clean: Residuals
+    whole: Residuals
+    recording: Recording
+    """With its outliers."""
+
+    @classmethod
+    def of(cls, clean: RunState, whole: RunState, recording: Recording) -> RecordNoise:
+        """From states without and with the outliers of a recording."""
+        without = Residuals(clean)
+        return cls(without, without if whole is clean else Residuals(whole), recording)
+
+    def errors(self, channel: str) -> SampleErrors:
+        """Errors of single samples of a channel, accel or position."""
+        return output_errors(self.whole) if channel == "accel" else reading_errors(self.clean, self.recording)
+
+
+def rejected_channel(effect: Effect) -> str:
+    """Channel that outliers are rejected from: accel or position; empty where the effect has none."""
+    return effect.traits.noise.rejects if effect.traits.noise else ""
+
+
+def is_rounding(effect: Effect) -> bool:
+    """Whether the effect is the converter's step."""
+    return effect.traits.noise is not None and effect.traits.noise.found_by == "output steps"
+
+
+def grows(effect: Effect) -> bool:
+    """Whether the effect makes the noise of the output change along the record."""
+    return effect.port == "noise" and not rejected_channel(effect) and not is_rounding(effect)
+
+
+def noise_estimates(model: Model, records: Sequence[RecordNoise]) -> tuple[NoiseEffect, ...]:
+    """Estimates of all effects of a model that act on noise, in its order; those that a record cannot show are missing.
+
+    Parameters
+    ----------
+    model : with at least one such effect.
+    records : those of the fit.
+    """
+    effects = model.noise_effects
+    growing = [effect for effect in effects if grows(effect)]
+    found = {one.name: one for one in growing_noise([r.clean for r in records], growing)} if growing else {}
+    for effect in effects:
+        channel = rejected_channel(effect)
+        if channel:
+            found[effect.name] = outlying_noise(channel, effect, [record.errors(channel) for record in records])
+        elif is_rounding(effect):
+            found[effect.name] = rounded_noise([record.clean for record in records], effect)
+    return tuple(found[effect.name] for effect in effects if effect.name in found)
+
+
+def noise_scores_of(known: Sequence[NoiseEffect], record: RecordNoise) -> tuple[NoiseScore, ...]:
+    """What each effect gains on a record that it was not estimated from; none where frequencies do not match."""
+    effects = {one.name: find(one.name) for one in known}
+    growing = [effect for effect in effects.values() if grows(effect)]
+    blocks = BlockPowers.of(record.clean, growing) if growing else None
+    found: list[NoiseScore | None] = []
+    for one in known:
+        if one.value <= 0.0:  # the fit saw none
+            continue
+        channel = rejected_channel(effects[one.name])
+        if channel:
+            found.append(score_of_tails(record.errors(channel), one))
+        elif is_rounding(effects[one.name]):
+            found.append(score_of_rounding(record.clean, one))
+        elif blocks is not None:
+            found.append(score_of_growth(blocks, one))
+    return tuple(score for score in found if score is not None)
+
+
+def with_noise_effects(fit: Fit, original: Sequence[PreparedRun], states: Sequence[RunState]) -> Fit:
     """The fit with estimates of the effects of its model that act on noise.
 
     Parameters
     ----------
     fit : from `states`.
-    original : recordings with their outliers.
-    states : of the recordings without them, at the values of the fit.
+    original : runs with their outliers.
+    states : of the runs without them, at the values of the fit.
     """
     if not fit.model.noise_effects:
         return fit
     outlying = any(rejected_channel(effect) == "accel" for effect in fit.model.noise_effects)
     records = []
-    for index, (recording, state) in enumerate(zip(original, states, strict=True)):
-        whole, clean, span = state, state.run.recording, fit.runs[index]
+    for index, (run, state) in enumerate(zip(original, states, strict=True)):
+        recording, whole, clean, span = run.recording, state, state.run.recording, fit.runs[index]
         if outlying and (len(clean.accel), len(clean.position)) != (len(recording.accel), len(recording.position)):
-            whole = state_at(fit, index, prepare(recording, fit.origins, start=span.start, end=span.end))
+            whole = state_at(fit, index, prepared(run, fit.origins, start=span.start, end=span.end))
         records.append(RecordNoise.of(state, whole, recording))
     return replace(fit, noise_effects=noise_estimates(fit.model, records))
 
@@ -66,14 +146,14 @@ def require_noise_shown(fit: Fit, names: Sequence[str]) -> None:
 
 
 def noise_scores(
-    fit: Fit, recording: Recording, *, start: float | None = None, end: float | None = None
+    fit: Fit, run: PreparedRun, *, start: float | None = None, end: float | None = None
 ) -> tuple[NoiseScore, ...]:
     """What each effect of a fit that acts on noise gains on a recording, as its log predictive density.
 
     Parameters
     ----------
     fit : a model with such effects; without them the answer is empty.
-    recording : one that the fit was not made from.
+    run : one that the fit was not made from.
     start, end : s, optional; only this part is used.
 
     Raises
@@ -83,13 +163,14 @@ def noise_scores(
     """
     if not fit.noise_effects:
         return ()
+    recording = run.recording
     require_channels(fit, recording)
 
-    def state_of(one: Recording) -> RunState:
-        return settled_state(prepare(one, fit.origins, start=start, end=end), values_on(fit, recording), fit.noise())
+    def state_of(one: PreparedRun) -> RunState:
+        return settled_state(prepared(one, fit.origins, start=start, end=end), values_on(fit, recording), fit.noise())
 
-    whole, clean = state_of(recording), recording
+    whole, clean = state_of(run), run
     for test in outliers_found(run_noise_tests(whole)):
         clean = without_outliers(clean, test)
-    state = whole if clean is recording else state_of(clean)
+    state = whole if clean is run else state_of(clean)
     return noise_scores_of(fit.noise_effects, RecordNoise.of(state, whole, recording))

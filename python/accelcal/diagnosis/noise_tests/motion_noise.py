@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra, power_fit, power_trend_test
@@ -44,16 +45,12 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
     v2, v4, j2 = residuals.motion_blocks(spectra)
     blocked = len(spectra.f) <= FEWEST_BINS
     if len(v2) < NOISE_TEST_LEAST_BLOCKS or np.ptp(v2) == 0.0 or blocked:
-        untested = (
-            "declared filters let no noise pass above the motion, so whether it follows the motion is not tested"
-            if blocked
-            else "the record is too short or has too little motion to test whether noise follows the motion",
-            0.0,
-            1.0,
-        )
+        why = "the record is too short or has too little motion to test whether noise follows the motion"
+        if blocked:
+            why = "declared filters let no noise pass above the motion, so whether it follows the motion is not tested"
         return (
-            NoiseTest(VIBRATION, untested[1], untested[2], 0.0, "m/s²", math.inf, untested[0]),
-            NoiseTest(JITTER, untested[1], untested[2], 0.0, "s", math.inf, untested[0]),
+            NoiseTest(VIBRATION, 0.0, 1.0, 0.0, "m/s²", math.inf, why),
+            NoiseTest(JITTER, 0.0, 1.0, 0.0, "s", math.inf, why),
         )
     floor = (
         0.3 * residuals.lsb**2 if is_coarse(residuals) else 0.0
@@ -64,28 +61,13 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
     c, covariance = power_fit(in_band, design)
     p_speed_given_jerk = math.exp(-0.5 * float(c[1:3] @ np.linalg.solve(covariance[1:3, 1:3], c[1:3])))  # two degrees
 
-    every = weights = spectra.power.mean(axis=0) ** -2.0
+    shaken = vibration_bins(spectra.power, v4, band) if p_speed < NOISE_TEST_ALPHA else slice(0, 0)
+    every = spectra.power.mean(axis=0) ** -2.0
     high = spectra.f > JITTER_BAND * residuals.rate
-    if int(high.sum()) > FEWEST_BINS:
-        weights = np.where(high, weights, 0.0)
-    if p_speed < NOISE_TEST_ALPHA:
-        occupied = vibration_bins(spectra.power, v4, band)
-        left = weights.copy()
-        left[occupied] = 0.0
-        if np.count_nonzero(left) > FEWEST_BINS:
-            weights = left
-        elsewhere = every.copy()
-        elsewhere[occupied] = 0.0
-        every = elsewhere if np.count_nonzero(elsewhere) > FEWEST_BINS else every
+    weights = outside(np.where(high, every, 0.0) if int(high.sum()) > FEWEST_BINS else every, shaken)
+    every = outside(every, shaken)
     white = np.maximum(spectra.power @ (weights / weights.sum()), floor)
-    tail = residuals.tail_blocks(spectra)
-    leaked = JUMP_TAIL_RATIO * tail  # at most, of jumps that sampling does not resolve
-    certain = np.maximum(white - leaked, 0.1 * float(np.median(white)))
-    judged = [(certain, np.ones(len(tail), dtype=np.bool_))]
-    clear = tail < CLEAR_TAIL_RATIO * float(np.median(tail))
-    if np.count_nonzero(clear) >= NOISE_TEST_LEAST_BLOCKS and np.ptp(j2[clear]) > 0.0:
-        leaked = JUMP_TAIL_RATIO * pole_ratio(residuals) * np.maximum(tail - np.median(tail), 0.0)
-        judged.append((np.maximum(white - leaked, 0.1 * float(np.median(white))), clear))
+    judged = without_jumps(residuals, spectra, white, j2)
     p_jerk, z_jerk, which = min(
         (p, z, k) for k, (power, rows) in enumerate(judged) for z, p in [repeated_trend_test(power[rows], j2[rows])]
     )
@@ -173,6 +155,35 @@ def strongest_band(spectra: BlockSpectra, motions: tuple[Array, ...], floor: flo
         z, p = repeated_trend_test(band_power(bands[index]), motions[motion])
         best = min(best, (p, -z, bands[index]), key=lambda test: test[:2])
     return best[2], -best[1], min(1.0, best[0] * len(bands) * len(motions))
+
+
+def outside(weights: Array, bins: slice) -> Array:
+    """Weights of frequency bins, those of a vibration set to zero where enough others are left."""
+    left = weights.copy()
+    left[bins] = 0.0
+    return left if np.count_nonzero(left) > FEWEST_BINS else weights
+
+
+def without_jumps(
+    residuals: Residuals, spectra: BlockSpectra, white: Array, j2: Array
+) -> list[tuple[Array, NDArray[np.bool_]]]:
+    """White power of blocks without what jumps of the motion leave in it, and the blocks that are judged, by both ways
+    of the test for jitter: all less what jumps leave at most, and those that hold nothing but noise below its band.
+
+    Parameters
+    ----------
+    residuals, spectra : the run and its block spectra.
+    white, j2 : power in the band of jitter and mean square of the jerk, (K,) each.
+    """
+    tail = residuals.tail_blocks(spectra)
+    leaked = JUMP_TAIL_RATIO * tail  # at most, of jumps that sampling does not resolve
+    certain = np.maximum(white - leaked, 0.1 * float(np.median(white)))
+    judged = [(certain, np.ones(len(tail), dtype=np.bool_))]
+    clear = tail < CLEAR_TAIL_RATIO * float(np.median(tail))
+    if np.count_nonzero(clear) >= NOISE_TEST_LEAST_BLOCKS and np.ptp(j2[clear]) > 0.0:
+        leaked = JUMP_TAIL_RATIO * pole_ratio(residuals) * np.maximum(tail - np.median(tail), 0.0)
+        judged.append((np.maximum(white - leaked, 0.1 * float(np.median(white))), clear))
+    return judged
 
 
 def vibration_bins(power: Array, v4: Array, band: slice) -> slice:

@@ -7,18 +7,43 @@ whitened innovations carry the encoder's cyclic error, lines below that, and col
 
 from __future__ import annotations
 
+import math
+
 from accelcal.diagnosis.noise_tests.cyclic import encoder_cyclic
 from accelcal.diagnosis.noise_tests.falling_spectrum import vibration
 from accelcal.diagnosis.noise_tests.motion_noise import motion_noise
-from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import POSITION_JUMPS, NoiseTest
 from accelcal.diagnosis.noise_tests.outliers import accelerometer_outliers, encoder_outliers
-from accelcal.diagnosis.noise_tests.position_jumps import position_jumps
 from accelcal.diagnosis.noise_tests.quantisation import quantisation
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.stamps import held_samples, rounded_stamps
 from accelcal.diagnosis.noise_tests.tones import tones
 from accelcal.diagnosis.noise_tests.whiteness import whiteness
 from accelcal.estimation.run_state import RunState
+
+
+def position_jumps(residuals: Residuals) -> NoiseTest:
+    """Report the position steps behind which the replay started anew; the innovations do not show them any more.
+
+    The largest is reported with the p value of its detection (`accelcal.diagnosis.faults.position_steps`), which counts
+    every reading of the record.
+    """
+    run = residuals.run
+    steps = run.accounted_steps
+    if not steps:
+        return NoiseTest(POSITION_JUMPS, 0.0, 1.0, 0.0, "m", math.inf, "no jump of the position")
+    largest = max(steps, key=lambda step: abs(step.size))
+    more = f"; {len(steps)} such jumps in all" if len(steps) > 1 else ""
+    return NoiseTest(
+        POSITION_JUMPS,
+        abs(largest.size),
+        min(step.p_value for step in steps),
+        abs(largest.size),
+        "m",
+        math.sqrt(run.reading_variance_guess),
+        largest.sentence + more,
+        {"count": float(len(steps))},
+    )
 
 
 def run_noise_tests(state: RunState) -> tuple[NoiseTest, ...]:

@@ -20,8 +20,7 @@ from accelcal.diagnosis.policy import (
 )
 from accelcal.diagnosis.search.homogeneity import PartScores, PartSizes, direction_of, exempt
 from accelcal.diagnosis.search.hypotheses import Hypothesis
-from accelcal.diagnosis.search.likelihood_gain import log_survival, scale_of
-from accelcal.diagnosis.search.scores import CandidateScores
+from accelcal.diagnosis.search.scores import CandidateScores, log_survival, scale_of
 from accelcal.diagnosis.search.thresholds import entry_gains
 from accelcal.estimation.run_state import RunState
 

@@ -19,8 +19,7 @@ from accelcal.diagnosis.policy import (
 from accelcal.diagnosis.search.beam import BlockScatter, SearchRules
 from accelcal.diagnosis.search.homogeneity import PartSizes
 from accelcal.diagnosis.search.hypotheses import Hypothesis
-from accelcal.diagnosis.search.likelihood_gain import DEGENERATE_MIX, scale_of, score_gain
-from accelcal.diagnosis.search.scores import CandidateScores
+from accelcal.diagnosis.search.scores import DEGENERATE_MIX, CandidateScores, scale_of, score_gain
 from accelcal.effects import BUILT_IN, Effect
 from accelcal.model import Model, Prior
 from accelcal.signals.signals import Signals

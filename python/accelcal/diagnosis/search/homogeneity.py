@@ -18,8 +18,7 @@ from accelcal.diagnosis.policy import (
     RECORD_PARTS,
 )
 from accelcal.diagnosis.search.hypotheses import Hypothesis
-from accelcal.diagnosis.search.likelihood_gain import score_gain
-from accelcal.diagnosis.search.scores import RUN_SPACING, CandidateScores
+from accelcal.diagnosis.search.scores import RUN_SPACING, CandidateScores, score_gain
 from accelcal.effects import OF_TIME
 
 FREQUENCY_BANDS = 16

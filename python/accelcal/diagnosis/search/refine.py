@@ -13,8 +13,7 @@ from accelcal.data.arrays import Array
 from accelcal.diagnosis.policy import BETWEEN_TRIALS_GAIN_SHARE, FINALISTS
 from accelcal.diagnosis.search.beam import SearchRules, log_chance
 from accelcal.diagnosis.search.hypotheses import Hypothesis
-from accelcal.diagnosis.search.likelihood_gain import variance_gain
-from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
+from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores, variance_gain
 from accelcal.estimation.columns import sizes
 from accelcal.signals.signals import Signals
 

@@ -1,4 +1,4 @@
-"""Remarks: what must be read with a verdict, each with a code, a sentence and its numbers.
+"""Remarks: what must be read with a fit or a verdict, each with a code, a sentence and its numbers.
 
 A new remark is one entry of `KINDS`, and one call of `remark` where its numbers are known.
 """
@@ -23,9 +23,41 @@ class Kind:
     """Its sentence, with the names of its values in braces."""
     forbids_names: bool = False
     """Whether no effect is certain beside it, so that none is named."""
+    vetoes_adequate: bool = False
+    """Whether no model is adequate beside it; it then opens the sentence of the verdict."""
 
 
 KINDS: dict[str, Kind] = {
+    "implausible_scale": Kind(
+        "verdict",
+        "1 + k = {scale:.4g} is implausible for a working sensor: check the units of position and output (a factor of "
+        "{factor:.4g}), for instance mm read as m",
+        forbids_names=True,
+    ),
+    "motion_beyond_sampling": Kind(
+        "verdict",
+        "The motion changes faster than the sampling resolves during {share:.2g} % of the record, at {instants} "
+        "instants; sample faster, or smooth the set-points",
+        forbids_names=True,
+    ),
+    "turning_sensor": Kind(
+        "verdict",
+        "A tilt of {tilt_deg:.2g} degrees rms or a slow drift of either channel would explain all of it; orientation "
+        "is not recorded. The residual below {band:.2g} Hz is {rms:.2g} m/s² rms where a bias instability of "
+        "{bias_instability:.2g} m/s² is ordinary",
+        forbids_names=True,
+    ),
+    "coloured_position": Kind(
+        "verdict",
+        "The noise of the position is not white: {rms:.2g} m with a correlation time of {tau:.2g} s, or in that "
+        "proportion; the sensor is not to blame",
+    ),
+    "engines_disagree": Kind(
+        "verdict",
+        "Two independent estimates of this record disagree in {parameters}: {parameter} is {replay} by the replay and "
+        "{weak} by the weak form, {sigma:.3g} standard deviations of their difference apart",
+        vetoes_adequate=True,
+    ),
     "dropout": Kind(
         "data",
         "{channel}: {count} gaps without readings, {share:.2g} % of the record together, the longest {longest:.3g} s "
@@ -68,13 +100,6 @@ KINDS: dict[str, Kind] = {
         "instability of {bias_instability:.2g} m/s² is ordinary, lives there alone. That is left out, and the rest is "
         "judged; a file without it: accelcal cut {file} {without} -o {cut}",
     ),
-    "turning_sensor": Kind(
-        "verdict",
-        "A tilt of {tilt_deg:.2g} degrees rms or a slow drift of either channel would explain all of it; orientation "
-        "is not recorded. The residual below {band:.2g} Hz is {rms:.2g} m/s² rms where a bias instability of "
-        "{bias_instability:.2g} m/s² is ordinary",
-        forbids_names=True,
-    ),
     "tilt_or_drift": Kind(
         "beside",
         "A tilt of {tilt_deg:.2g} degrees rms would explain the drift of the bias as well: below {band:.2g} Hz it is "
@@ -88,26 +113,14 @@ KINDS: dict[str, Kind] = {
         "{bias_instability:.2g} m/s² is ordinary; orientation is not recorded. Do not take bias and scale factor for "
         "the sensor's: run accelcal diagnose",
     ),
-    "implausible_scale": Kind("verdict", "{text}", forbids_names=True),
     "unresolved_motion": Kind(
         "beside",
         "The motion changes faster than the sampling resolves at {instants} instants; declare or smooth the set-points",
-    ),
-    "motion_beyond_sampling": Kind(
-        "verdict",
-        "The motion changes faster than the sampling resolves during {share:.2g} % of the record, at {instants} "
-        "instants; sample faster, or smooth the set-points",
-        forbids_names=True,
     ),
     "search_stopped": Kind(
         "beside",
         "The search was stopped after {models} models, at its budget of {seconds:.3g} s of processor time; this is the "
         "best answer so far",
-    ),
-    "coloured_position": Kind(
-        "verdict",
-        "The noise of the position is not white: {rms:.2g} m with a correlation time of {tau:.2g} s, or in that "
-        "proportion; the sensor is not to blame",
     ),
     "validation_rises": Kind(
         "beside",
@@ -161,11 +174,6 @@ KINDS: dict[str, Kind] = {
         "The recordings disagree (p = {p:.2g}): {parameter} is {value} on {recording} and {others} on the others; "
         "sensor and reference cannot be distinguished there",
     ),
-    "engines_disagree": Kind(
-        "verdict",
-        "Two independent estimates of this record disagree in {parameters}: {parameter} is {replay} by the replay and "
-        "{weak} by the weak form, {sigma:.3g} standard deviations of their difference apart",
-    ),
     "run_to_run": Kind("beside", "{text}"),
     "goes_with": Kind("beside", "{text}"),
     "transverse_coherence": Kind(
@@ -174,11 +182,46 @@ KINDS: dict[str, Kind] = {
         "there, a sensitivity of {sensitivity:.2g}; a transverse sensitivity that depends on frequency, or a rig that "
         "rocks",
     ),
+    "outliers_rejected": Kind("beside", "{recording}: {count} of {of} readings of {channel} were rejected as outliers"),
+    "glitches_left_out": Kind("beside", "{recording}: {count} readings jump away and come back; left out"),
+    "imposed_band": Kind(
+        "beside",
+        "{recording}: the noise is not white up to the crossover; the encoder is trusted up to {band:.3g} Hz only, "
+        "where the estimate is surest",
+    ),
+    "measured_spectrum": Kind(
+        "beside", "{recording}: what the model leaves is not white; readings are weighted by its measured spectrum"
+    ),
+    "changes_with_band": Kind("beside", "{recording}: {text}"),
+    "not_observable": Kind(
+        "beside",
+        "{recording}: bias is not observable behind the declared {filters}; this run does not determine it, and a "
+        "constant of its output is not laid on the sensor",
+    ),
+    "mostly_prior": Kind("beside", "{parameter} is dominated by its prior, {mean:g} ± {std:g}: the record says little"),
+    "on_bound": Kind("beside", "{text}"),
+    "seen_by_runs": Kind("beside", "{text}"),
+    "assumed": Kind("beside", "{text}"),
+    "dwells_scatter": Kind("beside", "{text}"),
+    "not_settled": Kind(
+        "beside",
+        "the iteration had not settled after {rounds} rounds: the model does not describe this record",
+    ),
+    "noise_beyond_declared": Kind("beside", "{recording}: {text}"),
+    "barely_shown": Kind(
+        "beside",
+        "{effect} is {sigma:.1f} standard deviations from zero, where {expected:g} are expected of an effect that is "
+        "there: drop it, or fit a longer record",
+    ),
+    "not_fitted": Kind("beside", "{text}"),
+    "live_filter": Kind("beside", "{text}"),
+    "noted": Kind("beside", "{text}"),
     "not_added": Kind(
         "beside", "{effect} would explain more of the record ({sigma:.0f} sigma), but it was not added: {reason}"
     ),
 }
-"""Every code that a remark can have. A single fault has a sentence of its own, with its instant."""
+"""Every code that a remark can have; of several causes of a residual the first counts. A single fault has a sentence of
+its own, with its instant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +242,11 @@ class Remark:
     def forbids_names(self) -> bool:
         """Whether no effect is certain beside it."""
         return KINDS[self.code].forbids_names
+
+    @property
+    def vetoes_adequate(self) -> bool:
+        """Whether no model is adequate beside it."""
+        return KINDS[self.code].vetoes_adequate
 
 
 def remark(code: str, **values: Value) -> Remark:

@@ -1,0 +1,534 @@
+"""Checks: what must be read with a verdict, each a function of the evidence that gives its remarks or none.
+
+A new check is one function here or in a file of its own, one row of `CHECKS`, and one test with its null.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array
+from accelcal.data.orientation import DERIVED
+from accelcal.data.recording import Recording
+from accelcal.data.references import ACCELERATION
+from accelcal.data.rig import STANDARD_GRAVITY, Rig
+from accelcal.data.units import instant
+from accelcal.diagnosis.evidence import Evidence, noise_ratio
+from accelcal.diagnosis.noise_tests.noise_test import LINE
+from accelcal.diagnosis.policy import (
+    CLEAR_LOG_EVIDENCE,
+    COHERENCE_LEAST_SHARE,
+    DATA_SHEET_NOISE_RATIO,
+    DISTURBED_SHARE,
+    DISTURBED_STRETCHES,
+    DRIFT_BAND,
+    ENGINES_APART,
+    TRANSVERSE_ALPHA,
+    TURNING_BAND,
+    TURNING_LEAST_PERIODS,
+    TURNING_MOST_DEGREES,
+    UNDECLARED_BIAS_INSTABILITY,
+    UNRESOLVED_MOST_SHARE,
+)
+from accelcal.diagnosis.run_agreement import runs_disagree
+from accelcal.diagnosis.search.confounding import DetectedEffect
+from accelcal.effects import BUILT_IN, OF_TIME, find
+from accelcal.estimation.estimate import Fit, implausible_scale, result, solve_runs
+from accelcal.estimation.remarks import Remark, Value, remark
+from accelcal.estimation.run import PreparedRun, prepared
+from accelcal.model import Model
+from accelcal.signals.processing import ORDER, low_pass
+from accelcal.signals.series import widened
+from accelcal.validation.comparison import Evaluation
+from accelcal.validation.evaluation import accel_residual, compare
+from accelcal.validation.prediction import Prediction
+
+PROCESSES = frozenset(effect.name for effect in BUILT_IN if effect.port == "process")
+FOLLOW_TIME = PROCESSES | {LINE, *(name for name in OF_TIME if find(name).family)}
+"""Effects that follow any function of time, the turning of a sensor and a touched cable among them."""
+TILT = find("tilt").name
+DRIFTS = OF_TIME | {name for name in PROCESSES if find(name).traits.changes == "bias"}
+"""Drifts of the bias: what a slow tilt looks like, and does."""
+
+
+def turning_sensor(e: Evidence) -> Iterator[Remark]:
+    """Slow residual beyond the bias instability that a tilt can cause; not beside a scale factor that none has.
+
+    Notes
+    -----
+    What counts is left by a model with every effect that was found, those excepted that follow any function of time: a
+    bias that wanders follows a tilt as well. Where it lives in a few stretches they are named, unless such are left out
+    already. Else a drift of the bias that explains it stands beside the tilt, if all of it is as slow as a bias drifts;
+    where none does no name is certain. No null: the limit is the declared bias instability, noise subtracted
+    (tests/diagnosis/test_turning.py).
+    """
+    model, found, recording = e.model, e.scan.found, e.recording
+    if e.forbidden or not e.scan.enough or gravity_is_recorded(recording):
+        return
+    slow = SlowResidual.of(recording, e.where.accel_residual, e.where.band)
+    following = [n for n in model.effects if n in FOLLOW_TIME and n in e.sizes and e.sizes[n].value > slow.ordinary]
+    if not following and slow.rms <= slow.ordinary:
+        return
+    begin, end = float(e.runs[0].t[0]), float(e.runs[0].t[-1])
+
+    def left_by(reference: Model, entering: Sequence[DetectedEffect], span: tuple[float, float]) -> SlowResidual:
+        for finding in entering:
+            reference = finding.enter(reference)
+        fitted = result(solve_runs(reference, e.sources, start=begin, end=end, others_whole=True))
+        seen = compare(fitted, e.sources[0], start=span[0], end=span[1])
+        return SlowResidual.of(recording, seen.accel_residual, seen.band)
+
+    certain = [finding for finding in found if finding.effect not in FOLLOW_TIME]
+    left = slow
+    if certain or following:
+        try:
+            left = left_by(model.drop(*following) if following else model, certain, e.span)
+        except ValueError:
+            if following:
+                return
+    if left.rms <= left.ordinary:
+        if slow.rms > slow.ordinary and any(finding.effect in DRIFTS for finding in found):
+            yield from slow.remark("tilt_or_drift")
+        return
+    if left.stretches and all(one.code != "disturbed" for one in e.stretch.remarks):
+        yield left.apart(recording.name)
+        return
+    wandering = [finding for finding in found if finding.effect in FOLLOW_TIME & DRIFTS]
+    code = "turning_sensor"
+    if left.faster <= left.ordinary and (wandering or (following and DRIFTS.issuperset(following))):
+        try:  # a process says nothing of what lies beyond the fitted part
+            explained = left_by(model, [*certain, *wandering], (begin, end))
+            code = "tilt_or_drift" if explained.rms <= left.ordinary else code
+        except ValueError:
+            pass
+    yield from left.remark(code)
+
+
+def beside_tilt(found: Sequence[DetectedEffect]) -> tuple[DetectedEffect, ...]:
+    """Effects that were found, with a tilt in the class of each drift of the bias."""
+    return tuple(replace(one, members=(*one.members, TILT)) if one.effect in DRIFTS else one for one in found)
+
+
+def slow_residual(fit: Fit, run: PreparedRun, *, stretches: bool = True) -> Iterator[Remark]:
+    """Slow residual of a fit alone, beyond the bias instability and within what a tilt can cause; `stretches` says
+    whether the few in which it lives are named."""
+    recording = run.recording
+    if gravity_is_recorded(recording):
+        return
+    try:
+        ahead = Prediction.on(fit, run)
+    except ValueError:
+        return
+    band = min(ahead.crossover, 0.2 / run.reading_step)
+    t, residual, _ = accel_residual(ahead, band)
+    slow = SlowResidual.of(recording, (t, residual), band)
+    if slow.stretches and stretches:
+        yield slow.apart(recording.name)
+    else:
+        yield from slow.remark("slow_residual")
+
+
+@dataclass(frozen=True, slots=True)
+class SlowResidual:
+    """A residual up to the frequency of a turning sensor, as far as noise does not explain it."""
+
+    rig: Rig
+    rms: float
+    """m/s²; 0 where the record is too short for one."""
+    faster: float
+    """The part of it that is faster than a bias drifts, m/s² rms."""
+    band: float
+    """Hz"""
+    ordinary: float
+    """Slow change of the bias that is ordinary for the sensor, rms, m/s²."""
+    stretches: tuple[tuple[float, float], ...]
+    """Begin and end of the few stretches in which it lives, s: without them it is ordinary."""
+
+    @classmethod
+    def of(cls, recording: Recording, residual_at: tuple[Array, Array], highest: float) -> SlowResidual:
+        """The slow part of a residual: times (n,) s, residual (n,) m/s², and its bandwidth, Hz."""
+        limit, floor = ordinary(recording.rig), output_noise(recording.rig, recording.accel.t, recording.accel.y)
+        rms = excess(residual_at, highest, floor)
+        if rms <= limit:
+            return cls(recording.rig, rms, 0.0, min(TURNING_BAND, highest), limit, ())
+        t, residual = residual_at
+        drifting = low_pass(residual, 1.0 / float(np.median(np.diff(t))), DRIFT_BAND)
+        faster, apart = excess((t, residual - drifting), highest, floor), disturbed(residual_at, highest, floor, limit)
+        return cls(recording.rig, rms, faster, min(TURNING_BAND, highest), limit, apart)
+
+    def remark(self, code: str) -> Iterator[Remark]:
+        """The remark on a tilt that would explain it; none where it is ordinary, or no sensor tilts as much."""
+        degrees = tilt(self.rms, self.rig)
+        if self.rms > self.ordinary and degrees <= TURNING_MOST_DEGREES:
+            yield remark(code, tilt_deg=degrees, rms=self.rms, band=self.band, bias_instability=self.ordinary)
+
+    def apart(self, name: str) -> Remark:
+        """The remark on its stretches, with the command that cuts them out of a file of this name."""
+        pieces = [(instant(begin), instant(end)) for begin, end in self.stretches]
+        file = Path(name or "FILE")
+        values: dict[str, Value] = {
+            "stretches": " ".join(f"{begin}:{end}" for begin, end in pieces),
+            "between": " and ".join(f"between {begin} and {end} s" for begin, end in pieces),
+            "rms": self.rms,
+            "band": self.band,
+            "bias_instability": self.ordinary,
+            "without": " ".join(f"--without {begin}:{end}" for begin, end in pieces),
+            "file": str(file),
+            "cut": f"{file.stem}_cut{file.suffix}",
+        }
+        return remark("disturbed", **values)
+
+
+def stretches_of(disturbed: Remark) -> list[tuple[float, float]]:
+    """Begin and end of the stretches that a remark names, s."""
+    return [
+        (float(begin), float(end))
+        for begin, _, end in (piece.partition(":") for piece in str(disturbed.values["stretches"]).split())
+    ]
+
+
+def gravity_is_recorded(recording: Recording) -> bool:
+    """Whether a channel says how the axis turns, or a reference on the same body feels gravity as the sensor does."""
+    reference = recording.reference
+    return any(name in recording.side for name in DERIVED) or (reference is not None and reference.name == ACCELERATION)
+
+
+def ordinary(rig: Rig) -> float:
+    """Slow change of the bias that is ordinary for a sensor, rms, m/s²."""
+    return rig.sensor.bias_instability or UNDECLARED_BIAS_INSTABILITY
+
+
+def excess(residual_at: tuple[Array, Array], highest: float, floor: float) -> float:
+    """Slow residual beyond the noise, m/s² rms about its mean; 0 where the record is too short for one.
+
+    Parameters
+    ----------
+    residual_at : times (n,) s and residual (n,) m/s².
+    highest : its bandwidth, Hz.
+    floor : one-sided noise density of the output, (m/s²)/sqrt(Hz).
+    """
+    t, residual = residual_at
+    if len(t) < 16:
+        return 0.0
+    step, band = float(np.median(np.diff(t))), min(TURNING_BAND, highest)
+    if len(t) * step * band < TURNING_LEAST_PERIODS:
+        return 0.0
+    f = np.fft.rfftfreq(len(residual), step)
+    power = 2.0 * np.abs(np.fft.rfft(residual - np.mean(residual))) ** 2 / len(residual) ** 2
+    slow = float(np.sum(power[f <= band]))
+    return math.sqrt(max(slow - DATA_SHEET_NOISE_RATIO**2 * floor**2 * band, 0.0))
+
+
+def disturbed(
+    residual_at: tuple[Array, Array], highest: float, floor: float, limit: float
+) -> tuple[tuple[float, float], ...]:
+    """Begin and end of the few stretches without which a slow residual is within `limit`, s; empty where it is spread
+    over the record.
+
+    Parameters
+    ----------
+    residual_at, highest, floor : as of `excess`.
+    limit : m/s² rms.
+    """
+    t, residual = residual_at
+    step, band = float(np.median(np.diff(t))), min(TURNING_BAND, highest)
+    slow = low_pass(residual, 1.0 / step, band)
+    slow = np.abs(slow - np.median(slow))
+    usual = math.hypot(limit, DATA_SHEET_NOISE_RATIO * floor * math.sqrt(band))
+    marked = np.concatenate([[False], widened(slow > usual, math.ceil(0.5 / (band * step))), [False]])
+    edges = np.flatnonzero(np.diff(marked.astype(np.int8))).reshape(-1, 2)
+    high = [(b, e) for b, e in edges.tolist() if np.max(slow[b:e]) > usual / math.sqrt(DISTURBED_SHARE)]
+    rest = np.ones(len(t), dtype=np.bool_)
+    for begin, end in high:
+        rest[begin:end] = False
+    few = len(high) <= DISTURBED_STRETCHES and np.mean(rest) >= 1.0 - DISTURBED_SHARE
+    if not (few and high) or float(np.mean(slow[rest] ** 2)) > usual**2:
+        return ()
+    tail = 0.5 / band  # what is below the limit there still adds up to a jump of the position over the hole
+    return tuple((float(t[begin]) - tail, float(t[end - 1]) + tail) for begin, end in high)
+
+
+def output_noise(rig: Rig, t: Array, y: Array) -> float:
+    """One-sided white density of the output, (m/s²)/sqrt(Hz): declared, or from third differences if they show more."""
+    third = np.diff(y, 3)
+    variance = (float(np.median(np.abs(third - np.median(third)))) / 0.6745) ** 2 / 20.0
+    return max(math.sqrt(2.0 * variance * float(np.median(np.diff(t)))), rig.sensor.noise or 0.0)
+
+
+def tilt(rms: float, rig: Rig) -> float:
+    """Turning about the mean attitude that changes gravity along the input axis by `rms`, degrees rms; 90 where none
+    does.
+
+    On a level axis gravity enters by the sine of the angle, along a vertical one by the cosine.
+    """
+    share = min(rms / STANDARD_GRAVITY, 1.0)
+    vertical = abs(rig.gravity) > math.sqrt(0.5) * STANDARD_GRAVITY
+    return math.degrees(math.acos(1.0 - share) if vertical else math.asin(share))
+
+
+COHERENCE_SEGMENTS = 24
+"""Segments of the averaged spectra, half overlapping."""
+OVERLAP, WINDOW = 1.22, 1.5
+"""Segments and bins, over independent ones, of half overlapping Hann windows."""
+BANDS_PER_OCTAVE = 2
+FASTEST = 0.4
+"""Highest frequency of a channel, over its sampling rate."""
+
+
+@dataclass(frozen=True, slots=True)
+class CoherentBand:
+    """One band of a side channel."""
+
+    channel: str
+    low: float
+    """Hz"""
+    high: float
+    coherence: float
+    """Of residual and channel, without what both share with the motion; squared magnitude."""
+    sensitivity: float
+    """Residual per unit of the channel."""
+    p_value: float
+
+
+def transverse_coherence(e: Evidence) -> Iterator[Remark]:
+    """Side channels with which the residual is coherent; at most one remark for each, over its whole band.
+
+    A channel that an effect needs which was found is left out until the model has it.
+
+    Notes
+    -----
+    Partial coherence given the acceleration. Without any, its square exceeds x with probability (1 - x)^(K - 2) for K
+    independent averages (Goodman 1957), times the number of bands of all channels (`TRANSVERSE_ALPHA`,
+    tests/diagnosis/test_transverse.py).
+    """
+    if not e.scan.enough:
+        return
+    explained = {name for effect in e.found for name in find(effect.effect).needs}
+    t, residual = e.where.accel_residual
+    channels = {
+        name: c
+        for name, c in e.recording.side.items()
+        if name not in {*explained, *DERIVED, "temperature"} and len(c.t) > 64
+    }
+    a = np.interp(t - e.runs[0].origins.t, e.signals.t, e.signals.a)
+    bands = [
+        band
+        for name, channel in channels.items()
+        for band in coherent_bands(
+            name, np.interp(t, channel.t, channel.y), t, residual, a, highest(channel.t, e.where.band)
+        )
+    ]
+    found = [
+        band
+        for band in bands
+        if band.p_value * len(bands) < TRANSVERSE_ALPHA and band.coherence > COHERENCE_LEAST_SHARE
+    ]
+    for name in channels:
+        if coherent := [band for band in found if band.channel == name]:
+            strongest = max(coherent, key=lambda band: band.coherence)
+            yield remark(
+                "transverse_coherence",
+                channel=name,
+                low=min(band.low for band in coherent),
+                high=max(band.high for band in coherent),
+                share=100.0 * strongest.coherence,
+                sensitivity=strongest.sensitivity,
+            )
+
+
+def highest(t: Array, band: float) -> float:
+    """Highest frequency at which a channel is compared, Hz."""
+    return min(band, FASTEST / float(np.median(np.diff(t))))
+
+
+def coherent_bands(
+    name: str, side: Array, t: Array, residual: Array, a: Array, highest: float
+) -> Iterator[CoherentBand]:
+    """Partial coherence of a residual with one channel given the acceleration, in bands up to a frequency, Hz."""
+    segment = 2 * len(t) // (COHERENCE_SEGMENTS + 1)
+    if segment < 64 or np.ptp(side) == 0.0:
+        return
+    rate = 1.0 / float(np.median(np.diff(t)))
+    f, _, r = scipy.signal.stft(residual - np.mean(residual), rate, nperseg=segment, boundary=None, padded=False)
+    x, m = (scipy.signal.stft(y - np.mean(y), rate, nperseg=segment, boundary=None, padded=False)[2] for y in (side, a))
+    lowest = 2.0 * float(f[1])
+    count = int(BANDS_PER_OCTAVE * math.log2(max(highest / lowest, 1.0)))
+    for low, high in pairwise(np.geomspace(lowest, highest, count + 1)):
+        rows = (f >= low) & (f < high)
+        averages = r.shape[1] / OVERLAP * np.count_nonzero(rows) / WINDOW
+        if averages < 4.0:
+            continue
+        S = np.array([[np.sum(p[rows] * np.conj(q[rows])) for q in (r, x, m)] for p in (r, x, m)])
+        motion = max(float(S[2, 2].real), 1e-300)
+        rx = S[0, 1] - S[0, 2] * S[2, 1] / motion
+        rr, xx = (float((S[k, k] - abs(S[k, 2]) ** 2 / motion).real) for k in (0, 1))
+        if rr <= 0.0 or xx <= 1e-12 * float(S[1, 1].real):
+            continue
+        coherence = min(float(abs(rx) ** 2 / (rr * xx)), 1.0)
+        p = math.exp((averages - 2.0) * math.log1p(-min(coherence, 1.0 - 1e-12)))
+        yield CoherentBand(name, float(low), float(high), coherence, float(abs(rx) / xx), p)
+
+
+TRIAL_TIMES = 12
+"""Correlation times that are tried, from two readings to a quarter of the record."""
+SEGMENTS = 8
+"""Segments of the averaged spectrum."""
+BAND_SHARE = 0.2
+"""Of the rate of the readings: as far as their second derivative is resolved."""
+
+
+def coloured_position(e: Evidence) -> Iterator[Remark]:
+    """Noise of the position that is not white; no remark where a noisier sensor explains the residual as well.
+
+    Notes
+    -----
+    White noise of the sensor is flat in the residual acceleration, white noise of a reading rises with f⁴, and a
+    Gauss-Markov process on the reading with f² above its corner. Two models of that spectrum are compared by Whittle's
+    likelihood: a sensor of any noise with white readings, and a sensor as declared with white and Gauss-Markov noise of
+    the readings, which must gain `CLEAR_LOG_EVIDENCE` (tests/diagnosis/test_position_noise.py).
+    """
+    fit, span, declared = e.fit, e.span, e.recording.rig.sensor.noise
+    if declared is None or noise_ratio(fit) <= DATA_SHEET_NOISE_RATIO:
+        return
+    if not e.scan.enough or e.recording.reference is not None:
+        return
+    step = prepared(e.sources[0], fit.origins, start=span[0], end=span[1]).reading_step  # compare takes the replay
+    spectrum = residual_spectrum(compare(fit, e.sources[0], band=BAND_SHARE / step, start=span[0], end=span[1]), step)
+    if spectrum is None:
+        return
+    f, density, averages = spectrum
+    w4 = (2.0 * np.pi * f) ** 4
+    passed = 1.0 / (1.0 + (f / (BAND_SHARE / step)) ** (2 * ORDER)) ** 2
+    flat, reading = np.ones_like(f), 2.0 * step * w4
+    start = declared**2, fit.noise().r
+    _, by_sensor = most_likely(density / passed, averages, np.zeros_like(f), (flat, reading), start)
+    best: tuple[float, float, float] | None = None
+    for tau in np.geomspace(2.0 * step, 0.25 * (span[1] - span[0]), TRIAL_TIMES):
+        process = 4.0 * tau * w4 / (1.0 + (2.0 * np.pi * f * tau) ** 2)
+        sizes, likelihood = most_likely(
+            density / passed, averages, declared**2 * flat, (process, reading), (1e-2 * fit.noise().r, fit.noise().r)
+        )
+        if best is None or likelihood > best[0]:
+            best = likelihood, math.sqrt(float(sizes[0])), float(tau)
+    if best is not None and best[0] - by_sensor >= CLEAR_LOG_EVIDENCE:
+        yield remark("coloured_position", rms=best[1], tau=best[2], log_evidence=best[0] - by_sensor)
+
+
+def residual_spectrum(seen: Evaluation, step: float) -> tuple[Array, Array, float] | None:
+    """Frequencies, density of the residual acceleration, and independent averages in it; None where it is too short."""
+    _, residual = seen.accel_residual
+    segment = 2 * len(residual) // (SEGMENTS + 1)
+    if segment < 64:
+        return None
+    f, density = scipy.signal.welch(residual, fs=1.0 / step, nperseg=segment)
+    inside = (f > 2.5 / (segment * step)) & (f < BAND_SHARE / step)
+    # neighbouring ordinates of a Hann window and overlapping segments share a third and a tenth of their power
+    return f[inside], density[inside], SEGMENTS / (1.5 * 1.1)
+
+
+def most_likely(
+    density: Array, averages: float, known: Array, parts: tuple[Array, Array], start: tuple[float, float]
+) -> tuple[Array, float]:
+    """Sizes of two parts of a spectrum beside a known one, and Whittle's log-likelihood at them."""
+
+    def cost(x: Array) -> float:
+        model = known + math.exp(x[0]) * parts[0] + math.exp(x[1]) * parts[1]
+        return float(averages * np.sum(np.log(model) + density / model))
+
+    best = scipy.optimize.minimize(cost, np.log(start), method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-2})
+    return np.exp(best.x), -float(best.fun)
+
+
+def scale_factor(e: Evidence) -> Iterator[Remark]:
+    """Scale factor that no working sensor has: beside it every curve is significant.
+
+    No null: the range is that of units mistaken for one another (tests/workflow/test_judgement.py).
+    """
+    scale = e.fit.values().scale
+    if "scale_factor" not in e.model.fixed:
+        yield from implausible_scale(scale)
+
+
+def engines(e: Evidence) -> Iterator[Remark]:
+    """Replay and weak form that disagree: normal differences of two estimates, beyond `ENGINES_APART` standard
+    deviations (tests/diagnosis/test_independent_estimate.py)."""
+    apart = sorted((one for one in e.differences if abs(one.sigma) > ENGINES_APART), key=lambda one: -abs(one.sigma))
+    for worst in apart[:1]:
+        yield remark(
+            "engines_disagree",
+            parameters=", ".join(dict.fromkeys(one.name for one in apart)),
+            parameter=worst.name,
+            replay=float(f"{worst.replay:.6g}"),
+            weak=float(f"{worst.weak:.6g}"),
+            sigma=abs(worst.sigma),
+        )
+
+
+def unresolved_motion(e: Evidence) -> Iterator[Remark]:
+    """Motion that jumps between two samples; beyond `UNRESOLVED_MOST_SHARE` of a record what is left is too little to
+    judge (tests/diagnosis/noise_tests/test_unresolved.py)."""
+    jumps = [run.jumps for run in e.runs]
+    if any(np.any(one.certain) for one in jumps):
+        share = sum(float(np.sum(one.before + one.after)) for one in jumps)
+        share /= sum(float(run.t[-1] - run.t[0]) for run in e.runs)
+        code = "unresolved_motion" if share < UNRESOLVED_MOST_SHARE else "motion_beyond_sampling"
+        yield remark(code, instants=sum(len(one.t) for one in jumps), share=100.0 * share)
+
+
+def agreement(e: Evidence) -> Iterator[Remark]:
+    """Recordings with another value of a shared parameter: chi-square over the runs, below `HOMOGENEITY_ALPHA`
+    (tests/diagnosis/test_run_agreement.py)."""
+    yield from runs_disagree(e.by_run)
+
+
+def run_to_run(e: Evidence) -> Iterator[Remark]:
+    """Coefficients that differ from run to run, and what they go with; tested in the fit (REML,
+    tests/estimation/test_run_to_run.py)."""
+    yield from (one for one in e.fit.remarks if one.code in ("goes_with", "run_to_run"))
+
+
+def faults(e: Evidence) -> Iterable[Remark]:
+    """Faults of the data, which were sought before the fit, each with its own null (tests/diagnosis)."""
+    return e.stretch.remarks
+
+
+def unsteady(e: Evidence) -> Iterator[Remark]:
+    """Effects that would have entered, had they one size in all parts of the runs and happened once: chi-square over
+    the parts, below `HOMOGENEITY_ALPHA` (tests/diagnosis/search/test_homogeneity.py)."""
+    sigma = {candidate.effect: candidate.snr for candidate in e.scan.candidates}
+    for one in () if e.forbidden else e.scan.changing:
+        if one.effect in sigma:  # of those that explain part of what is left at the end
+            sizes = {"sizes": one.unequal.text} if one.unequal else {}
+            code = "no_single_size" if one.unequal else "recurs"
+            yield remark(code, effect=one.effect, sigma=sigma[one.effect], **sizes)
+
+
+def slow_noise(e: Evidence) -> Iterator[Remark]:
+    """Slow noise that effects were judged against, the run with the highest knee: by log-evidence of its spectrum
+    (tests/diagnosis/search/test_slow_noise.py)."""
+    worst = max(e.scan.slow_noise, key=lambda noise: noise.knee, default=None)
+    if worst is not None and worst.knee:
+        yield remark("slow_noise", knee=worst.knee, log_evidence=worst.log_evidence)
+
+
+CHECKS: tuple[Callable[[Evidence], Iterable[Remark]], ...] = (
+    scale_factor,
+    engines,
+    turning_sensor,
+    coloured_position,
+    unresolved_motion,
+    agreement,
+    run_to_run,
+    faults,
+    unsteady,
+    slow_noise,
+    transverse_coherence,
+)
+"""Every check, in the order of their remarks; one reads what those before it found."""

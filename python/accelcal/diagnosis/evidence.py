@@ -1,0 +1,387 @@
+"""Evidence: what a verdict on one fitted model rests on, made once and handed to every check."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import special
+
+from accelcal._support.progress import within
+from accelcal.data.recording import Recording
+from accelcal.diagnosis.change_points import Usable, usable
+from accelcal.diagnosis.faults import fault_remarks, faults, with_position_steps
+from accelcal.diagnosis.findings import sizes_of
+from accelcal.diagnosis.further_run import further_runs
+from accelcal.diagnosis.independent_estimate import differences
+from accelcal.diagnosis.left_out import left_out_remarks, without_wrong_readings
+from accelcal.diagnosis.noise_tests.noise_test import LINE, POSITION_WAVE, STEPS, VIBRATION, NoiseTest
+from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
+from accelcal.diagnosis.outlier_rejection import CleanFit
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, NOISE_TEST_ALPHA, VIBRATION_LINE_SHARE
+from accelcal.diagnosis.relation import RelationColumns
+from accelcal.diagnosis.run_agreement import values_by_run
+from accelcal.diagnosis.search.confounding import DetectedEffect
+from accelcal.diagnosis.search.scan import Scan, scan
+from accelcal.effects import BUILT_IN, Effect, find, next_name, stem_of
+from accelcal.estimation.estimate import Fit, judge, result
+from accelcal.estimation.gauss_newton import ROUNDS_OF_GROWN, Solution, estimated
+from accelcal.estimation.remarks import Remark, remark
+from accelcal.estimation.run import PreparedRun, Source, prepare, prepared
+from accelcal.estimation.run_state import RunState
+from accelcal.model import Model, Term, evaluate, terms_of
+from accelcal.validation.comparison import Evaluation
+from accelcal.validation.evaluation import compare
+
+DELAY_CLASS = tuple(effect.name for effect in BUILT_IN if effect.traits.delay_class)
+FREEDOM_OF_BLOCK = 4
+"""Independent numbers in a block of two periods: a sine and a cosine of each. They bound the scatter where blocks are
+fewer."""
+DELAY_EXPERIMENT = "a common trigger on both channels; motion at frequencies above 1/(10 tau), where lag and delay part"
+
+
+def with_detected_effects(solution: Solution, profiled: Fit, found: Scan) -> Fit:
+    """The fit with all detected effects estimated jointly: what a missing effect leaves can pass for a delay.
+
+    The solution is used up; the fit is returned as it was where the larger model cannot be estimated.
+    """
+    if not found.found:
+        return profiled
+    model = solution.model
+    try:
+        for finding in found.found:
+            model = finding.enter(model)
+        states = [state.grown(model) for state in solution.states]
+        solution.states.clear()  # so that each step frees the track before it
+        refined = estimated(model, states, least=ROUNDS_OF_GROWN)
+        judge(refined.layout, refined.x, refined.covariance, states)
+        estimates = refined.layout.estimates(refined.x, refined.covariance, model)
+        return replace(profiled, model=model, estimates=estimates, covariance=refined.covariance)
+    except ValueError:
+        return profiled
+
+
+def delay_is_significant(fit: Fit, found: Scan, alpha: float) -> bool:
+    """Whether the time offset is significant beyond what was declared (the delay rule).
+
+    It is judged for a low-pass exactly as declared: the tolerance of the low-pass is subtracted from the delay, so it
+    must not be part of the standard deviation as well. Where the record is too short for a verdict, its few blocks
+    determine the scatter of scores to as many degrees of freedom less one, at least the three of one block: Student's
+    distribution replaces the normal one, so that a handful of blocks needs tens of standard deviations.
+    """
+    if found.blocks < 1:
+        return False
+    tolerance = fit.rig.offset_tolerance + fit.rig.lowpass_tolerance
+    chance = alpha / max(1, found.examined) / 2.0
+    freedom = max(found.blocks, FREEDOM_OF_BLOCK) - 1
+    required = -float(special.ndtri(chance) if found.enough else special.stdtrit(freedom, chance))
+    names = [e.name for e in fit.free]
+    lowpass = names.index("lowpass_error") if "lowpass_error" in names else None
+    for i in (i for i, name in enumerate(names) if name == "time_offset"):
+        delay, variance = fit.free[i].value, float(fit.covariance[i, i])
+        if lowpass is not None:
+            slope = float(fit.covariance[i, lowpass]) / float(fit.covariance[lowpass, lowpass])
+            delay -= slope * fit.free[lowpass].value
+            variance -= slope * float(fit.covariance[i, lowpass])
+        if variance > 0.0 and abs(delay) - tolerance > required * math.sqrt(variance):
+            return True
+    return False
+
+
+ALSO_RAISED = {e.name: e.traits.noise.raises for e in BUILT_IN if e.traits.noise}
+"""Tests that a coarse converter or outliers make significant besides their own."""
+
+
+def separate_lines(cleaned: CleanFit) -> list[Term]:
+    """Spectral lines that the motion does not make: noise tests report them, and no effect is credited for explaining
+    them."""
+    model, states = cleaned.solution.model, cleaned.solution.states
+    fastest = 0.4 / max(state.signals.step for state in states)
+    significant = [test for test in cleaned.tests if test.effect == LINE and test.p_value < NOISE_TEST_ALPHA]
+    lines = [test.parts for test in significant if not test.in_model(model, states[0].signals)]
+    return [
+        term
+        for parts in lines
+        if not parts["made_by_motion"] and parts["frequency"] < fastest
+        for term in terms_of(find(LINE), {"frequency": parts["frequency"]})
+    ]
+
+
+def own_tests(significant: Sequence[NoiseTest]) -> list[NoiseTest]:
+    """Significant tests that no other of them raises.
+
+    A line near a vibration, or in its band, belongs to it. No converter step makes a line larger than the step.
+    """
+    vibrations = [test.parts for test in significant if test.effect == VIBRATION and "frequency" in test.parts]
+    raised_by_others = {
+        other for test in significant if test.parts.get("coarse", 1.0) for other in ALSO_RAISED.get(test.effect, ())
+    }
+    step = max((test.parts["step"] for test in significant if test.effect == STEPS), default=math.inf)
+
+    def own(test: NoiseTest) -> bool:
+        if test.effect in raised_by_others and not (test.effect == LINE and test.estimate > step):
+            return False
+        return test.effect != LINE or not any(
+            abs(test.parts["frequency"] - vibration["frequency"]) < VIBRATION_LINE_SHARE * vibration["frequency"]
+            or vibration["lowest"] < test.parts["frequency"] < vibration["highest"]
+            for vibration in vibrations
+        )
+
+    return [test for test in significant if own(test)]
+
+
+def independent_tests(significant: Sequence[NoiseTest], *, no_effect_found: bool) -> tuple[NoiseTest, ...]:
+    """Tests among `own_tests` that name their effect.
+
+    A line below thrice the band of the motion may be a harmonic of a missing nonlinearity, which the search finds: it
+    counts only with `no_effect_found`, when no effect of the motion was found, and where the motion makes no lines. A
+    line above that band where the motion makes lines counts when no effect was found, and then no wave over position
+    does: both are harmonics of the motion.
+    """
+    harmonic = any(test.effect == LINE and test.parts.get("made_by_motion") for test in significant)
+
+    def names(test: NoiseTest) -> bool:
+        if test.effect != LINE:
+            return not (test.effect == POSITION_WAVE and harmonic)
+        within, made = bool(test.parts.get("within_motion")), bool(test.parts.get("made_by_motion"))
+        return not (within or made) or (no_effect_found and within != made)
+
+    return tuple(test for test in significant if names(test))
+
+
+def largest_first(tests: Sequence[NoiseTest]) -> list[NoiseTest]:
+    """Tests in their order, but of several waves of one effect the largest comes first."""
+    order = [test.effect for test in tests]
+    return sorted(tests, key=lambda test: (order.index(test.effect), -test.estimate if test.shape else 0.0))
+
+
+def largest_wave(effect: Effect, model: Model, states: Sequence[RunState]) -> NoiseTest | None:
+    """The largest line or wave that noise tests find for an effect and a model lacks; None where there is none.
+
+    Parameters
+    ----------
+    effect : one that is a wave; for any other no test is run.
+    model, states : the model, and the runs that were fitted with it.
+    """
+    if not any(shape.width for shape in effect.shapes.values()):
+        return None
+    of_runs = [[test for test in run_noise_tests(state) if test.p_value < NOISE_TEST_ALPHA] for state in states]
+    lacking = [
+        test
+        for tests, state in zip(of_runs, states, strict=True)
+        for test in own_tests(tests)
+        if test.effect == stem_of(effect) and not test.in_model(model, state.signals)
+    ]
+    found = largest_first(independent_tests(lacking, no_effect_found=True) or lacking)
+    return found[0] if found else None
+
+
+@dataclass(frozen=True, slots=True)
+class TimeSpan:
+    """The part of a recording on which one model can hold, and the faults in it."""
+
+    start: float
+    """s"""
+    end: float
+    """s"""
+    breaks: tuple[float, ...]
+    """s"""
+    remarks: tuple[Remark, ...]
+    """Faults, several of one kind as one."""
+    chosen: bool = False
+    """Whether the user chose it, for all recordings; else it is that of the first."""
+
+
+class Examined:
+    """A recording without readings that are known to be wrong, prepared once, and what it shows before any fit.
+
+    Parameters
+    ----------
+    recording : as it was read.
+    start, end : s, optional; a part that the user chose, which is taken as it is.
+    """
+
+    def __init__(self, recording: Recording, start: float | None = None, end: float | None = None) -> None:
+        self.chosen, self.asked = start is not None or end is not None, (start, end)
+        whole = as_prepared(recording)
+        clean = without_wrong_readings(whole)
+        self.whole: Source = whole if clean is recording else as_prepared(clean)
+        """Every reading; the recording where only a part of it can be used."""
+
+    @cached_property
+    def run(self) -> PreparedRun:
+        """The part that is used.
+
+        Raises
+        ------
+        RecordingError
+            If it cannot be.
+        """
+        return prepared(self.whole, start=self.asked[0], end=self.asked[1])
+
+    @cached_property
+    def stepped(self) -> tuple[Source, RelationColumns | None]:
+        """The whole with the jumps of its position, and the columns of every reading, if available."""
+        return with_position_steps(self.whole) if isinstance(self.whole, PreparedRun) else (self.whole, None)
+
+    @cached_property
+    def source(self) -> PreparedRun:
+        """What a model is fitted to: the part that is used or more, with the jumps of the position."""
+        stepped = self.stepped[0]
+        return self.run if stepped is self.whole or not isinstance(stepped, PreparedRun) else stepped
+
+    @cached_property
+    def usable(self) -> Usable:
+        """The part before the first break."""
+        return usable(self.source, self.stepped[1])
+
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Instants from which no relation holds, s; none is sought in a part that the user chose."""
+        return () if self.chosen else self.usable.breaks
+
+    @property
+    def span(self) -> tuple[float | None, float | None]:
+        """Start and end of what is used, s: as chosen, or up to a break; None where nothing breaks."""
+        return (self.usable.start, self.usable.end) if self.breaks else self.asked
+
+    @cached_property
+    def part(self) -> PreparedRun:
+        """What is used, up to a break."""
+        start, end = self.span
+        if not self.breaks or start is None or end is None:
+            return self.source
+        recording = self.source.recording
+        return prepare(replace(recording.part(start, end), digest=recording.digest))
+
+    def remarks(self, place: str = "") -> list[Remark]:
+        """What was left out of it, and its break; `place` stands before its name."""
+        recording, span = self.source.recording, (None, None) if self.chosen else self.span
+        name = f"{place}{recording.name or 'recording'}"
+        broken = [remark("break", recording=name, time=at) for at in self.breaks[:1]]
+        return [*left_out_remarks([recording], place, *span), *broken]
+
+    @cached_property
+    def judged(self) -> PreparedRun:
+        """The part on which one model can hold."""
+        return prepared(self.source, start=self.span[0], end=self.span[1])
+
+    @cached_property
+    def stretch(self) -> TimeSpan:
+        """Begin and end of that part, and the faults in it."""
+        run, recording = self.judged, self.source.recording
+        columns = None if self.chosen or self.breaks else self.usable.columns
+        begin, stop = float(run.t[0]), float(run.t[-1])
+        broken = [remark("break", recording=recording.name or "recording", time=at) for at in self.breaks]
+        gone = left_out_remarks([recording], "", begin, stop)
+        found = fault_remarks(faults(recording, run, columns), stop - begin)
+        return TimeSpan(begin, stop, self.breaks, (*broken, *gone, *found), self.chosen)
+
+
+def as_prepared(recording: Recording) -> Source:
+    """The recording prepared; itself where it cannot be used as a whole: the fit says why."""
+    try:
+        return prepare(recording)
+    except ValueError:
+        return recording
+
+
+class Evidence:
+    """What a verdict on one fitted model rests on; the filters of the solution are used up.
+
+    Parameters
+    ----------
+    cleaned : the fit without outliers, and the noise tests on it.
+    stretch : usable part of the first recording, with its faults.
+    extra : effects of the user's own; by default all that are registered.
+    alpha : family-wise false-alarm rate.
+    progress : called with the share of the work that is done, 0 to 1.
+    """
+
+    def __init__(
+        self,
+        cleaned: CleanFit,
+        stretch: TimeSpan,
+        extra: Sequence[Effect] | None = None,
+        alpha: float = FAMILYWISE_ALPHA,
+        progress: Callable[[float], None] = lambda share: None,
+    ) -> None:
+        solution = cleaned.solution
+        states, model = solution.states, solution.model
+        self.stretch, self.breaks, self.alpha = stretch, stretch.breaks, alpha
+        self.model, self.fit = model, result(solution)
+        self.sources, self.runs = cleaned.runs, tuple(state.run for state in states)
+        """What was prepared before the fit, and the runs as they were fitted."""
+        self.signals = states[0].signals
+        lines, searching = separate_lines(cleaned), within(progress, 0.0, 0.8)
+        self.scan = scan(states, model, extra=extra, separate=lines, alpha=alpha, progress=searching)
+        self.level = alpha / (self.scan.examined + len(cleaned.tests))
+        """Probability by chance below which one noise test is significant."""
+        significant = own_tests([test for test in cleaned.tests if test.p_value < self.level])
+        unexplained = [test for test in significant if not test.in_model(model, self.signals)]
+        named = independent_tests(unexplained, no_effect_found=not self.scan.found)
+        self.tests = tuple(
+            replace(test, effect=find(next_name(test.effect, model.effects)).name) if test.shape else test
+            for test in largest_first(named)
+        )
+        """Significant noise tests that name their effect."""
+        self.unnamed = tuple(test for test in unexplained if test not in named)
+        self.largest = contributions(self.fit, solution)
+        self.sizes = sizes_of(self.fit, states, self.scan.candidates, self.tests)
+        self.seen = solution.seen_by_runs if self.scan.enough and not self.scan.found else ()
+        """Effects that no single run shows, where nothing else is missing."""
+        self.by_run = values_by_run(states, model, [one.instead for one in self.seen[:1]])
+        self.further = further_runs(states, model)
+        self.telling = [further_runs(states, model, [one.instead], [one.effect]) for one in self.seen[:1]]
+        delayed = "time_offset" not in model.fixed and delay_is_significant(self.fit, self.scan, alpha)
+        self.delayed = delayed and delay_is_significant(
+            with_detected_effects(solution, self.fit, self.scan), self.scan, alpha
+        )
+        self.differences = differences(solution)
+        self.remarks: list[Remark] = []
+        """What the checks before found, in their order."""
+        states.clear()  # the comparison predicts anew: one set of filters at a time
+
+    @property
+    def recording(self) -> Recording:
+        """The first recording, without its outliers."""
+        return self.runs[0].recording
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Begin and end of the part of it that is judged, s."""
+        return self.stretch.start, self.stretch.end
+
+    @cached_property
+    def where(self) -> Evaluation:
+        """The model against the first recording: its residual."""
+        return compare(self.fit, self.sources[0], start=self.stretch.start, end=self.stretch.end)
+
+    @property
+    def forbidden(self) -> bool:
+        """Whether a remark forbids to name an effect."""
+        return any(one.forbids_names for one in self.remarks)
+
+    @property
+    def found(self) -> tuple[DetectedEffect, ...]:
+        """Effects that the search found and that may be named."""
+        return () if self.forbidden else self.scan.found
+
+
+def noise_ratio(fit: Fit) -> float:
+    """Fitted over declared noise density, the largest of all runs; 0 where none is declared."""
+    return max((run.noise.ratio for run in fit.runs if run.noise.ratio is not None), default=0.0)
+
+
+def contributions(fit: Fit, solution: Solution) -> dict[str, float]:
+    """Largest contribution of each coefficient over all runs, m/s² (m at the encoder)."""
+    maxima: dict[str, float] = {}
+    for number, state in enumerate(solution.states):
+        values = fit.values(number)
+        for term, column in zip(values.terms, evaluate(values.terms, state.signals), strict=True):
+            size = abs(values.by_name[term.name]) * float(np.max(np.abs(column)))
+            maxima[term.name] = max(size, maxima.get(term.name, 0.0))
+    return maxima
