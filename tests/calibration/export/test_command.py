@@ -12,16 +12,12 @@ import pytest
 from accelcal.calibration.export import Calibration, calibrate, header, module, read_laboratory
 from accelcal.results import json as results_json
 from accelcal.results import model_file
+from tests.commands import accelcal
 
 from .models import fit_of
 
 PAGE = Path(__file__).parents[3] / "docs" / "export.md"
 VALUES = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-5}
-
-
-def accelcal(*arguments, cwd):
-    command = [sys.executable, "-m", "accelcal", *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=240)
 
 
 @pytest.fixture(scope="module")
