@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from accelcal.effects import CATALOGUE
-from tests.tiers import Stopwatch
+from tests import tiers
 
 CHROMIUM = shutil.which("chromium")
 REQUIRED = os.environ.get("ACCELCAL_REQUIRE_BROWSER") == "1"
@@ -19,9 +19,13 @@ def pytest_configure(config):
     """Let Ctrl-C be what it is in a terminal: who starts the tests in the background has it ignored, and children
     inherit that."""
     if folder := os.environ.get("ACCELCAL_DURATIONS"):
-        config.pluginmanager.register(Stopwatch(Path(folder)))
+        config.pluginmanager.register(tiers.Stopwatch(Path(folder)))
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(items):
+    tiers.mark(items)
 
 
 @pytest.fixture(scope="module", autouse=True)

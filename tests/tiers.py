@@ -1,7 +1,8 @@
 """Tiers of the tests: what a case costs in processor seconds, by measurement, and which cases `make test` runs.
 
-`make test-durations` runs every test with `ACCELCAL_DURATIONS` naming a folder, into which each worker writes a line
-per case; `python -m tests.tiers FOLDER` makes `tests/durations.json` of them.
+`make test` runs what is neither `slow`, nor `outside`, nor `statistics`. `make test-durations` runs every test with
+`ACCELCAL_DURATIONS` naming a folder, into which each worker writes a line per case; `python -m tests.tiers FOLDER`
+makes `tests/durations.json` of them. A case that is not listed there, a new one too, is fast.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import json
 import os
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from pathlib import Path
 from statistics import mean
 from typing import Any
@@ -20,13 +21,33 @@ import pytest
 from tests.commands import PARENT
 
 FILE = Path(__file__).with_name("durations.json")
+SLOW = 2.0
+"""Processor seconds above which a case is slow."""
 LISTED = 0.5
-"""Processor seconds above which a case is listed in `durations.json`; every other case, a new one too, is fast."""
+"""Processor seconds above which a case is listed in `durations.json`."""
+OUTSIDE = {"browser", "device_tools", "host_tools"}
+"""Fixtures that start a browser, an emulator or a compiler; where a test starts one itself it is marked by hand."""
 
 
 def processor() -> float:
     """Return the processor seconds of this process, of its ended children and of the commands that it had forked."""
     return sum(os.times()[:4]) + PARENT.spent
+
+
+def stored() -> dict[str, float]:
+    """Return the processor seconds of the listed cases."""
+    files = json.loads(FILE.read_text()) if FILE.exists() else {}
+    return {f"{file}::{case}": seconds for file, cases in files.items() for case, seconds in cases.items()}
+
+
+def mark(items: Sequence[pytest.Item]) -> None:
+    """Mark cases that are slow by the file of durations, and those whose fixtures start programs of others."""
+    seconds = stored()
+    for item in items:
+        if seconds.get(item.nodeid, 0.0) > SLOW:
+            item.add_marker("slow")
+        if OUTSIDE.intersection(getattr(item, "fixturenames", ())):
+            item.add_marker("outside")
 
 
 class Stopwatch:
@@ -82,6 +103,10 @@ def collect(folder: Path) -> dict[str, float]:
 
 if __name__ == "__main__":
     measured = collect(Path(sys.argv[1]))
-    listed = {case: round(seconds, 1) for case, seconds in sorted(measured.items()) if seconds > LISTED}
-    FILE.write_text(json.dumps(listed, indent=0) + "\n")
-    print(f"{len(measured)} cases, {sum(measured.values()):.0f} s of processor time, {len(listed)} above {LISTED} s")
+    files: dict[str, dict[str, float]] = defaultdict(dict)
+    for case, seconds in sorted(measured.items()):
+        if seconds > LISTED:
+            file, _, name = case.partition("::")
+            files[file][name] = round(seconds, 1)
+    FILE.write_text(json.dumps(files, indent=1, ensure_ascii=False) + "\n")
+    print(f"{len(measured)} cases, {sum(measured.values()):.0f} s of processor time; in {FILE}: cases above {LISTED} s")

@@ -109,6 +109,7 @@ def blocks(language):
     return re.findall(rf"^```{language}\n(.*?)^```", PAGE.read_text(), flags=re.M | re.S)
 
 
+@pytest.mark.outside
 def test_the_examples_of_the_page_run(tmp_path):
     (commands,) = blocks("sh")
     for line in commands.splitlines():
