@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from accelcal.io.table import Column
 
 
@@ -24,9 +26,15 @@ def column(cells: Any) -> Column:
     cells = _seconds(cells)
     if cells.type != pa.float64():
         cells = cells.cast(pa.float64(), safe=False)
+    n, begin = len(cells), cells.offset
+    if n == 0:
+        return Column(np.zeros(0))
+    bits, content = cells.buffers()  # pyarrow's own `to_numpy` imports pandas, where that is installed
+    values = np.frombuffer(content, np.float64, n, 8 * begin)
     if not cells.null_count:
-        return Column(cells.to_numpy(zero_copy_only=True))
-    return Column(cells.to_numpy(zero_copy_only=False), cells.is_valid().to_numpy(zero_copy_only=False))
+        return Column(values)
+    valid = np.unpackbits(np.frombuffer(bits, np.uint8), bitorder="little")[begin : begin + n].astype(np.bool_)
+    return Column(np.where(valid, values, np.nan), valid)
 
 
 def _seconds(cells: Any) -> Any:
