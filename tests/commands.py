@@ -38,7 +38,9 @@ USED = [
 
 
 def at_start(environment: Mapping[str, str]) -> dict[str, str]:
-    return {name: value for name, value in environment.items() if name.startswith(AT_START)}
+    """Return what an interpreter reads when it starts; a command run in this process left the warnings that it sets."""
+    left = {"PYTHONWARNINGS": "ignore::RuntimeWarning"}.items()
+    return {name: value for name, value in environment.items() - left if name.startswith(AT_START)}
 
 
 class Parent:
