@@ -22,7 +22,7 @@ docs: $(STAMP) ## Build the site into build/docs: pages, cards with pictures, th
 
 test: $(STAMP) ## Run the fast tests: Rust, then Python.
 	cargo test --workspace --exclude accelcal-py --quiet
-	cargo build -p ekf-core --no-default-features --quiet
+	cargo check -p ekf-core --no-default-features --quiet
 	$(RUN_TESTS) -m "not ($(BESIDE))" $(PYTEST)
 
 test-rest: $(STAMP) ## Run the tests that make test leaves out: slow ones, browsers, compilers, emulators, statistics.

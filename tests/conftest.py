@@ -24,8 +24,8 @@ def pytest_configure(config):
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def pytest_collection_modifyitems(items):
-    tiers.mark(items)
+def pytest_collection_modifyitems(config, items):
+    config.unguarded = tiers.mark(items)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -57,14 +57,22 @@ def drawn(count: int) -> pytest.MarkDecorator:
     return pytest.mark.parametrize("draws", [max(1, count // 10), every])
 
 
-def mark(items: Sequence[pytest.Item]) -> None:
-    """Mark cases that are slow by the file of durations, and those whose fixtures start programs of others."""
-    seconds, _ = stored()
+def mark(items: Sequence[pytest.Item]) -> set[str]:
+    """Mark cases that are slow by the file of durations, and those whose fixtures start programs of others.
+
+    Returns
+    -------
+    The slow tests among them that have neither a fast case nor a guard.
+    """
+    seconds, guards = stored()
+    slow, fast = set(), set()
     for item in items:
         if seconds.get(item.nodeid, 0.0) > SLOW:
             item.add_marker("slow")
         if OUTSIDE.intersection(getattr(item, "fixturenames", ())):
             item.add_marker("outside")
+        (slow if item.get_closest_marker("slow") else fast).add(function(item.nodeid))
+    return slow - fast - guards.keys()
 
 
 class Reach:
