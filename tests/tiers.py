@@ -118,6 +118,10 @@ class Stopwatch:
         self.file.write(json.dumps(line) + "\n")
         self.file.flush()
 
+    def pytest_unconfigure(self) -> None:
+        if self.reach.watch:
+            self.reach.watch.free_tool_id(self.reach.watch.COVERAGE_ID)
+
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef: Any) -> Generator[None, object, object]:
         begin, inner = processor(), self.shared
