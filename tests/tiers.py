@@ -119,8 +119,9 @@ class Stopwatch:
         self.file.flush()
 
     def pytest_unconfigure(self) -> None:
-        if self.reach.watch:
-            self.reach.watch.free_tool_id(self.reach.watch.COVERAGE_ID)
+        if watch := self.reach.watch:
+            watch.set_events(watch.COVERAGE_ID, 0)
+            watch.register_callback(watch.COVERAGE_ID, watch.events.LINE, None)
 
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef: Any) -> Generator[None, object, object]:
