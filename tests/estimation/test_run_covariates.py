@@ -78,6 +78,7 @@ def test_a_cause_of_ten_standard_deviations_is_named(kind, draws):
     assert 5.0 < np.median(np.abs(z)) < 20.0
 
 
+@pytest.mark.statistics
 def test_a_random_change_over_the_dates_is_no_chance():
     members = found = 0
     for seed in range(30):
