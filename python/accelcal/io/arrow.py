@@ -1,4 +1,4 @@
-"""pyarrow arrays as columns of numbers."""
+"""pyarrow arrays from columns and back, by their buffers: its own conversions import pandas where that is installed."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from accelcal.data.arrays import Array, Flags
 from accelcal.io.table import Column
 
 
@@ -29,12 +30,20 @@ def column(cells: Any) -> Column:
     n, begin = len(cells), cells.offset
     if n == 0:
         return Column(np.zeros(0))
-    bits, content = cells.buffers()  # pyarrow's own `to_numpy` imports pandas, where that is installed
+    bits, content = cells.buffers()
     values = np.frombuffer(content, np.float64, n, 8 * begin)
     if not cells.null_count:
         return Column(values)
     valid = np.unpackbits(np.frombuffer(bits, np.uint8), bitorder="little")[begin : begin + n].astype(np.bool_)
     return Column(np.where(valid, values, np.nan), valid)
+
+
+def cells_of(values: Array, missing: Flags) -> Any:
+    """Make a pyarrow array of numbers, (n,), null where one is missing."""
+    import pyarrow as pa
+
+    bits = pa.py_buffer(np.packbits(~missing, bitorder="little"))
+    return pa.Array.from_buffers(pa.float64(), len(values), [bits, pa.py_buffer(np.ascontiguousarray(values))])
 
 
 def _seconds(cells: Any) -> Any:

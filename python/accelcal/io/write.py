@@ -21,7 +21,7 @@ from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.references import reference_among
 from accelcal.data.rig import Rig
 from accelcal.data.run_labels import NO_LABELS, RunLabels
-from accelcal.io import naming, sidecar
+from accelcal.io import arrow, naming, sidecar
 from accelcal.io.atomic import atomic, atomic_write
 from accelcal.io.sidecar import Clock, Source
 
@@ -48,7 +48,7 @@ def write_csv(recording: Recording, path: str | Path) -> dict[str, Clock | Sourc
 
     columns = {channel.name: naming.column_name(channel.name, channel.unit) for channel in _channels(recording)}
     _require_readable(recording, columns)
-    table = pa.table({"t_s": common_stamps(recording)} | {columns[name]: cells for name, cells in _cells(recording)})
+    table = pa.table({"t_s": _stamps(recording)} | {columns[name]: cells for name, cells in _cells(recording)})
     with atomic(path) as part:
         csv.write_csv(table, part, csv.WriteOptions(quoting_style="needed"))
     return _sources(recording, "t_s", columns)
@@ -66,7 +66,7 @@ def write_parquet(recording: Recording, path: str | Path) -> dict[str, Clock | S
     _require_readable(recording, columns)
     units = {"t": "s"} | {channel.name: channel.unit for channel in _channels(recording)}
     schema = pa.schema([pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in units.items()])
-    table = pa.table({"t": common_stamps(recording)} | dict(_cells(recording)), schema=schema)
+    table = pa.table({"t": _stamps(recording)} | dict(_cells(recording)), schema=schema)
     with atomic(path) as part:
         parquet.write_table(table, part, compression="zstd", write_page_checksum=True)
     return _sources(recording, "t", columns)
@@ -171,10 +171,13 @@ def common_rows(recording: Recording) -> Iterator[tuple[Channel, Array, Flags]]:
 
 def _cells(recording: Recording) -> Iterator[tuple[str, Any]]:
     """Yield (channel name, pyarrow array on the common stamps with null where it was not sampled)."""
-    import pyarrow as pa
-
     for channel, values, missing in common_rows(recording):
-        yield channel.name, pa.array(values, mask=missing)
+        yield channel.name, arrow.cells_of(values, missing)
+
+
+def _stamps(recording: Recording) -> Any:
+    t = common_stamps(recording)
+    return arrow.cells_of(t, np.zeros(len(t), np.bool_))
 
 
 def _sources(recording: Recording, time: str, columns: Mapping[str, str]) -> dict[str, Clock | Source]:
