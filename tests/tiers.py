@@ -9,6 +9,7 @@ guard for each slow test, and prints how many tests and lines `make test` reache
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 from collections import Counter, defaultdict
@@ -67,7 +68,7 @@ def mark(items: Sequence[pytest.Item]) -> set[str]:
     seconds, guards = stored()
     slow, fast = set(), set()
     for item in items:
-        if seconds.get(item.nodeid, 0.0) > SLOW:
+        if seconds.get(item.nodeid, 0.0) > SLOW and not item.get_closest_marker("always"):
             item.add_marker("slow")
         if OUTSIDE.intersection(getattr(item, "fixturenames", ())):
             item.add_marker("outside")
@@ -144,12 +145,13 @@ class Stopwatch:
             seconds = processor() - begin - self.shared
             info = item._fixtureinfo.name2fixturedefs
             uses = [f"{used[-1].baseid}::{name}" for name, used in info.items() if used[-1].scope != "function"]
-            self.write(case=item.nodeid, seconds=seconds, uses=uses, beside=beside(item), lines=self.reach.take())
-
-
-def beside(item: pytest.Item) -> bool:
-    """Whether a case is left to `make test-all` whatever it costs."""
-    return any(item.get_closest_marker(name) for name in ("outside", "statistics"))
+            self.write(
+                case=item.nodeid,
+                seconds=seconds,
+                uses=uses,
+                marks=[mark.name for mark in item.iter_markers()],
+                lines=self.reach.take(),
+            )
 
 
 class Measured:
@@ -160,6 +162,7 @@ class Measured:
         fixtures: dict[str, list[float]] = defaultdict(list)
         uses: dict[str, list[str]] = {}
         self.beside: set[str] = set()
+        self.always: set[str] = set()
         self.lines: dict[str, set[tuple[str, int]]] = defaultdict(set)
         for path in sorted(folder.glob("*.jsonl")):
             for line in map(json.loads, path.read_text().splitlines()):
@@ -169,27 +172,40 @@ class Measured:
                 case = line["case"]
                 own[case].append(line["seconds"])
                 uses[case] = line["uses"]
-                self.beside |= {case} if line["beside"] else set()
+                self.beside |= {case} if {"outside", "statistics"}.intersection(line["marks"]) else set()
+                self.always |= {case} if "always" in line["marks"] else set()
                 self.lines[case] |= {(file, number) for file, numbers in line["lines"].items() for number in numbers}
         users = Counter(name for names in uses.values() for name in names)
         share = {name: mean(spent) / max(users[name], 1) for name, spent in fixtures.items()}
         self.seconds = {
             case: mean(spent) + sum(share.get(name, 0.0) for name in uses[case]) for case, spent in own.items()
         }
-        self.fast = {case for case, seconds in self.seconds.items() if seconds <= SLOW} - self.beside
+        fast = {case for case, seconds in self.seconds.items() if seconds <= SLOW}
+        self.fast = (fast | self.always) - self.beside
 
     def guards(self) -> dict[str, str]:
-        """Return, for each test without a fast case, the fast test that reaches most of its lines, rare ones first."""
+        """Return, for each test without a fast case, the fast test whose lines are most like its own, rare ones first.
+
+        The likeness is a cosine; where the lines run in another process, it is a fast test of the same file.
+        """
         reached: dict[str, set[tuple[str, int]]] = defaultdict(set)
         for case, lines in self.lines.items():
             reached[function(case)] |= lines
-        fast = {function(case) for case in self.fast}
+        fast = sorted({function(case) for case in self.fast})
         rarity = Counter(line for lines in reached.values() for line in lines)
+
+        def weight(lines: set[tuple[str, int]]) -> float:
+            return sum(1.0 / rarity[line] for line in lines)
+
+        size = {other: math.sqrt(weight(reached[other]) or 1.0) for other in fast}
         chosen = {}
         for test in sorted(reached.keys() - fast):
-            shared = {other: sum(1.0 / rarity[line] for line in reached[test] & reached[other]) for other in fast}
-            guard = max(sorted(shared), key=lambda other: shared[other], default="")
-            if guard and shared[guard] > 0.0:
+            file = test.partition("::")[0]
+            shared = {
+                other: (weight(reached[test] & reached[other]) / size[other], other.startswith(file)) for other in fast
+            }
+            guard = max(fast, key=shared.__getitem__, default="")
+            if guard and any(shared[guard]):
                 chosen[test] = guard
         return chosen
 

@@ -5,8 +5,10 @@ import re
 import shlex
 from pathlib import Path
 
+import pytest
 from tests.commands import accelcal, python
 
+pytestmark = pytest.mark.always
 README = Path(__file__).parents[2] / "README.md"
 
 

@@ -12,6 +12,8 @@ import pytest
 from tests import tiers
 from tests.commands import accelcal, python
 
+pytestmark = pytest.mark.always
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -40,7 +42,7 @@ def test_guards_are_chosen_by_the_lines_that_few_tests_reach(tmp_path: Path) -> 
     rows = [("a.py::slow", 3.0, rare), ("a.py::near", 0.1, rare), ("a.py::far[1]", 0.1, common)]
     rows += [("a.py::far[2]", 2.5, common)]
     text = "".join(
-        f'{{"case": "{case}", "seconds": {seconds}, "uses": [], "beside": false, "lines": {lines}}}\n'
+        f'{{"case": "{case}", "seconds": {seconds}, "uses": [], "marks": [], "lines": {lines}}}\n'
         for case, seconds, lines in rows
     ).replace("'", '"')
     (tmp_path / "1.jsonl").write_text(text)
