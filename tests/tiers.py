@@ -186,7 +186,7 @@ class Measured:
     def guards(self) -> dict[str, str]:
         """Return, for each test without a fast case, the fast test whose lines are most like its own, rare ones first.
 
-        The likeness is a cosine; where the lines run in another process, it is a fast test of the same file.
+        The likeness is a cosine; where the lines run in another process, it is a fast test of the same file or folder.
         """
         reached: dict[str, set[tuple[str, int]]] = defaultdict(set)
         for case, lines in self.lines.items():
@@ -201,11 +201,16 @@ class Measured:
         chosen = {}
         for test in sorted(reached.keys() - fast):
             file = test.partition("::")[0]
-            shared = {
-                other: (weight(reached[test] & reached[other]) / size[other], other.startswith(file)) for other in fast
+            near = {
+                other: (
+                    weight(reached[test] & reached[other]) / size[other],
+                    other.startswith(file),
+                    other.startswith(os.path.dirname(file)),
+                )
+                for other in fast
             }
-            guard = max(fast, key=shared.__getitem__, default="")
-            if guard and any(shared[guard]):
+            guard = max(fast, key=near.__getitem__, default="")
+            if guard and any(near[guard]):
                 chosen[test] = guard
         return chosen
 
