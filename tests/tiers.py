@@ -232,13 +232,16 @@ class Measured:
 
 
 def write(measured: Measured) -> None:
-    """Write the file of durations; without lines, from a Python before 3.12, the guards stay as they are."""
+    """Write the file of durations; without lines, from a Python before 3.12, guards that still hold stay."""
     files: dict[str, dict[str, float]] = defaultdict(dict)
     for case, seconds in sorted(measured.seconds.items()):
         if seconds > LISTED:
             file, _, name = case.partition("::")
             files[file][name] = round(seconds, 1)
-    guards = measured.guards() or stored()[1]
+    guards = measured.guards()
+    if not any(measured.lines.values()):
+        fast = {function(case) for case in measured.fast}
+        guards |= {test: guard for test, guard in stored()[1].items() if test in guards and guard in fast}
     FILE.write_text(json.dumps({"seconds": files, "guards": guards}, indent=1, ensure_ascii=False) + "\n")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
 import subprocess
 import sys
@@ -51,6 +52,25 @@ def test_guards_are_chosen_by_the_lines_that_few_tests_reach(tmp_path: Path) -> 
     assert "2 of 4 cases" in measured.summary()
     assert "2 of 3 functions" in measured.summary()
     assert "4 of 4 lines" in measured.summary()
+
+
+def test_without_lines_guards_that_hold_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = [
+        ("a/a.py::slow", 3.0),
+        ("a/a.py::near", 0.1),
+        ("b/b.py::far", 0.1),
+        ("b/b.py::new", 3.0),
+        ("c/c.py::lone", 3.0),
+    ]
+    lines = [{"case": case, "seconds": seconds, "uses": [], "marks": [], "lines": {}} for case, seconds in rows]
+    (tmp_path / "1.jsonl").write_text("\n".join(map(json.dumps, lines)))
+    file = tmp_path / "durations.json"
+    file.write_text(json.dumps({"seconds": {}, "guards": {"a/a.py::slow": "b/b.py::far", "d.py::gone": "b/b.py::far"}}))
+    monkeypatch.setattr(tiers, "FILE", file)
+    tiers.write(tiers.Measured(tmp_path))
+    seconds, guards = tiers.stored()
+    assert seconds == {"a/a.py::slow": 3.0, "b/b.py::new": 3.0, "c/c.py::lone": 3.0}
+    assert guards == {"a/a.py::slow": "b/b.py::far", "b/b.py::new": "b/b.py::far"}
 
 
 def test_the_proof_runs_every_test_once() -> None:
