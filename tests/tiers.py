@@ -30,7 +30,7 @@ JUDGED = ("estimation/", "diagnosis/", "data/", "io/", "validation/")
 """Folders of the package whose lines `make test` should reach nearly as well as `make test-all`."""
 SLOW = 2.0
 """Processor seconds above which a case is slow."""
-LISTED = 0.5
+LISTED = 1.0
 """Processor seconds above which a case is listed in `durations.json`."""
 OUTSIDE = {"browser", "device_tools", "host_tools"}
 """Fixtures that start a browser, an emulator or a compiler; where a test starts one itself it is marked by hand."""
