@@ -5,8 +5,10 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml) $(shell find crates -path '*/src/*.rs')
 export CARGO_INCREMENTAL ?= 0
+RUN_TESTS := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal -q
+BESIDE := slow or outside or statistics
 
-.PHONY: help demo docs test test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls bench-added bench-lines bench-axes bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response
+.PHONY: help demo docs test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls bench-added bench-lines bench-axes bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -18,10 +20,20 @@ docs: $(STAMP) ## Build the site into build/docs: pages, cards with pictures, th
 	$(BIN)/python -m sphinx -W -E -q -b html -d build/doctrees docs build/docs
 	@echo "open build/docs/index.html"
 
-test: $(STAMP) ## Run every test: Rust, then Python.
+test: $(STAMP) ## Run the fast tests: Rust, then Python.
 	cargo test --workspace --exclude accelcal-py --quiet
-	cargo build -p ekf-core --no-default-features --quiet
-	$(BIN)/python -m pytest -n auto --dist worksteal -q $(PYTEST)
+	cargo check -p ekf-core --no-default-features --quiet
+	$(RUN_TESTS) -m "not ($(BESIDE))" $(PYTEST)
+
+test-rest: $(STAMP) ## Run the tests that make test leaves out: slow ones, browsers, compilers, emulators, statistics.
+	$(RUN_TESTS) -m "$(BESIDE)" $(PYTEST)
+
+test-all: test test-rest ## Run every test.
+
+test-durations: $(STAMP) ## Measure the processor time of every test and write tests/durations.json; an hour.
+	rm -rf build/durations
+	ACCELCAL_DURATIONS=build/durations $(RUN_TESTS) $(PYTEST)
+	$(BIN)/python -m tests.tiers build/durations
 
 test-long: $(STAMP) ## Compare the filters with their twins on ten times as many records; single precision for ten minutes.
 	ACCELCAL_HYPOTHESIS=long cargo test --release --quiet -p ekf-core -p ekf-simd -- --include-ignored

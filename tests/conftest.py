@@ -3,21 +3,29 @@
 import os
 import shutil
 import signal
+from pathlib import Path
 
 import pytest
 
 from accelcal.effects import CATALOGUE
+from tests import tiers
 
 CHROMIUM = shutil.which("chromium")
 REQUIRED = os.environ.get("ACCELCAL_REQUIRE_BROWSER") == "1"
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
 
 
-def pytest_configure():
+def pytest_configure(config):
     """Let Ctrl-C be what it is in a terminal: who starts the tests in the background has it ignored, and children
     inherit that."""
+    if folder := os.environ.get("ACCELCAL_DURATIONS"):
+        config.pluginmanager.register(tiers.Stopwatch(Path(folder)))
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(config, items):
+    config.unguarded = tiers.mark(items)
 
 
 @pytest.fixture(scope="module", autouse=True)

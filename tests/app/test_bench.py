@@ -1,8 +1,6 @@
 """The workbench without a browser: its numbers are the library's, and no action leaves a half-done state."""
 
 import shlex
-import subprocess
-import sys
 import threading
 from dataclasses import replace
 
@@ -21,6 +19,7 @@ from accelcal.cli import app as command_line
 from accelcal.estimation.estimate import estimate
 from accelcal.results import json as results_json
 from accelcal.results import model_file
+from tests.commands import accelcal, python
 
 
 @pytest.fixture
@@ -185,9 +184,7 @@ def test_a_bad_file_gets_the_sentence_of_the_command_line(bench, files, name):
     upload_folder = bench.upload_folder()
     path = bench.upload_path(name, upload_folder)
     path.write_bytes((files / name).read_bytes())
-    done = subprocess.run(
-        [sys.executable, "-m", "accelcal", "check", name], cwd=upload_folder, capture_output=True, text=True, timeout=60
-    )
+    done = accelcal("check", name, cwd=upload_folder)
     assert done.returncode == 3
     bench.load(path)
     said = bench.state.run.problem if bench.state.run else bench.sentence
@@ -309,9 +306,7 @@ def test_the_script_and_the_commands_give_the_same_numbers(grown, files, tmp_pat
     for name in ("cubic.csv", "cubic.toml"):
         (tmp_path / name).write_bytes((files / name).read_bytes())
     text = script.python(grown.state)
-    done = subprocess.run(
-        [sys.executable, "-c", text], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=True
-    )
+    done = python("-c", text, cwd=tmp_path, check=True)
     assert str(grown.state.step.heldout.coast_rms) in done.stdout
     assert "cubic was found" in done.stdout
     assert "nothing else is missing" in done.stdout
@@ -346,8 +341,7 @@ def test_the_commands_bring_every_formula_of_the_users_own(bench, files, tmp_pat
     commands = script.command_line(bench.state).splitlines()
     assert [line.count("--effects-file") for line in commands] == [0, 0, 0, 0, 2, 2, 2, 2, 2]
     for line in commands:
-        command = [sys.executable, "-m", "accelcal", *shlex.split(line)[1:]]
-        ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+        ran = accelcal(*shlex.split(line)[1:], cwd=tmp_path)
         assert ran.returncode == 0, (line, ran.stderr)
     with bench.catalogue():
         reread = model_file.load(tmp_path / "m2.json")

@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,6 +11,7 @@ import accelcal as ac
 from accelcal import workflow
 from accelcal.estimation.estimate import estimate
 from accelcal.validation.stretches import headline_horizon
+from tests.commands import accelcal
 
 from .test_server import HOST, server  # noqa: F401  (the fixture that runs the workbench)
 from .user import require_screen, require_stillness
@@ -163,9 +163,7 @@ def test_a_second_tab_is_independent(tab, files, server):  # noqa: F811
 
 def test_bad_files_get_the_sentence_of_the_command_line(tab, files):
     for name in ("binary.csv", "bad.csv"):
-        done = subprocess.run(
-            [sys.executable, "-m", "accelcal", "check", name], cwd=files, capture_output=True, text=True, timeout=60
-        )
+        done = accelcal("check", name, cwd=files)
         drop(tab, files / name)
         tab.get_by_text(done.stderr.strip().removeprefix("accelcal: ")).first.wait_for(timeout=LONG)
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +20,7 @@ from accelcal.response import frequency_response
 from accelcal.simulation import ADXL105_RIG
 from accelcal.simulation.motion import sine_steps
 from tests.calibration.export.order import require_order
+from tests.commands import python
 
 from .test_server import HOST, server  # noqa: F401  (the fixture that runs the workbench)
 from .user import LONG, arrives
@@ -91,9 +90,7 @@ def test_script_and_commands_repeat_it(shaken: Path, tmp_path: Path, monkeypatch
     monkeypatch.chdir(tmp_path)
     for file in (shaken, io.sidecar_of(shaken)):
         (tmp_path / file.name).write_bytes(file.read_bytes())
-    ran = subprocess.run(
-        [sys.executable, "-c", script.python(bench.state)], capture_output=True, text=True, check=False
-    )
+    ran = python("-c", script.python(bench.state))
     assert ran.returncode == 0, ran.stderr
     rows = [line.split() for line in ran.stdout.splitlines()[: len(bench.response.points)]]
     assert [float(row[1]) for row in rows] == [p.magnitude for p in bench.response.points]

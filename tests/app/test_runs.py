@@ -3,8 +3,6 @@
 import json
 import shlex
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +20,7 @@ from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
 from accelcal.validation.pooled import pooled
 from accelcal.validation.stretches import headline_horizon
+from tests.commands import python
 
 NAMES = ("run0.csv", "run1.csv", "run2.csv", "dwells.csv")
 
@@ -190,14 +189,7 @@ def test_the_pool_is_the_error_over_all_start_points(grown):
 def test_the_script_and_the_commands_of_several_give_the_same_numbers(grown, several, tmp_path):
     for path in several.iterdir():
         shutil.copy(path, tmp_path)
-    done = subprocess.run(
-        [sys.executable, "-c", script.python(grown.state)],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
+    done = python("-c", script.python(grown.state), cwd=tmp_path, check=True)
     for step in grown.state.path:
         for seen in step.heldouts:
             assert str(seen.coast_rms) in done.stdout

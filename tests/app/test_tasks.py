@@ -1,6 +1,6 @@
 """Ten tasks of users in Chromium, in windows of three sizes and two themes.
 
-`make test` does each task once, with sizes and themes in turn; `make test-browser` does all sixty combinations and
+`make test-all` does each task once, with sizes and themes in turn; `make test-browser` does all sixty combinations and
 keeps pictures of what was seen.
 """
 

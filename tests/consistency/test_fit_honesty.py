@@ -26,6 +26,8 @@ from tests.consistency.campaign import (
 )
 from tests.consistency.cramer_rao import stationary
 
+pytestmark = pytest.mark.statistics
+
 RUNS = 24
 SECONDS = 25.0
 PROBABILITY = 0.999

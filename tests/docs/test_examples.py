@@ -2,8 +2,6 @@
 
 import os
 import shlex
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +10,7 @@ import pytest
 import accelcal as ac
 from accelcal.cli import write_recording
 from accelcal.simulation import CXL02_RIG
+from tests.commands import accelcal, python
 
 from .pages import DOCS, examples
 
@@ -75,15 +74,13 @@ def run(example, folder):
     if example.file:
         (folder / example.file).write_text(example.text)
     elif example.language == "python":
-        command = [sys.executable, "-c", example.text]
-        done = subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, timeout=1500)
+        done = python("-c", example.text, cwd=folder, env=ENVIRONMENT, timeout=1500)
         assert done.returncode == 0, f"{example.text}: {done.stderr}"
     elif example.language == "sh":
         for line in filter(None, example.text.splitlines()):
             program, *arguments = shlex.split(line)
             assert program == "accelcal"
-            command = [sys.executable, "-m", "accelcal", *arguments]
-            done = subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, timeout=1500)
+            done = accelcal(*arguments, cwd=folder, env=ENVIRONMENT, timeout=1500)
             assert done.returncode == 0, f"{line}: {done.stderr}"
 
 

@@ -18,6 +18,7 @@ from accelcal.estimation.rows import rows_of_dwells
 from accelcal.results import model_file
 from accelcal.simulation import ADXL105_RIG
 from accelcal.validation.consistency import chi_square_region
+from tests.tiers import drawn
 
 G = 9.80665
 TRUTH = {"bias": 0.05, "scale_factor": 0.004, "quadratic": 2e-5, "cubic": 3e-5}
@@ -86,11 +87,12 @@ def test_angles_do_not_take_the_scale_factor():
         assert abs(fit["scale_factor"].value - 0.03) < 5.0 * fit["scale_factor"].std
 
 
+@drawn(100)
 @pytest.mark.parametrize("understated", [False, True])
-def test_tumbles_with_errors_of_the_angle_are_consistent(understated):
-    """NEES of 100 tumbles in its 99 % region; the twin declares a third of the error of the angles."""
+def test_tumbles_with_errors_of_the_angle_are_consistent(understated, draws):
+    """NEES of the tumbles in its 99 % region; the twin declares a third of the error of the angles."""
     found = []
-    for seed in range(100):
+    for seed in range(draws):
         dwells = tumble(np.random.default_rng(seed), angle_std=1e-3, zero=3e-3)
         if understated:
             dwells = dataclasses.replace(dwells, angle_std=3e-4)
@@ -98,8 +100,8 @@ def test_tumbles_with_errors_of_the_angle_are_consistent(understated):
         error = np.array([e.value - TRUTH[e.name] for e in fit.free])
         scatter = fit.covariance if not understated else fit.covariance * (1e-9 + _declared_share(fit))
         found.append(error @ np.linalg.solve(scatter, error))
-    low, high = chi_square_region(4, 100, 0.99)
-    print(f"NEES {np.mean(found):.2f} of 4 over 100 tumbles ({low:.2f} to {high:.2f})")
+    low, high = chi_square_region(4, draws, 0.99)
+    print(f"NEES {np.mean(found):.2f} of 4 over {draws} tumbles ({low:.2f} to {high:.2f})")
     assert (low < np.mean(found) < high) is not understated
 
 
@@ -209,16 +211,17 @@ def test_scatter_beyond_what_is_declared_is_reported_and_widens():
     assert verdicts == ["adequate", "unexplained"]
 
 
-def test_a_null_tumble_lacks_nothing_and_a_cubic_one_does():
-    """At a stated rate of 0.5 % over 100; the twin has K3 at about ten standard deviations."""
+@drawn(100)
+def test_a_null_tumble_lacks_nothing_and_a_cubic_one_does(draws):
+    """At a stated rate of 0.5 %; the twin has K3 at about ten standard deviations."""
     linear = {**TRUTH, "quadratic": 0.0, "cubic": 0.0}
     false = missed = 0
-    for seed in range(100):
+    for seed in range(draws):
         dwells = tumble(np.random.default_rng(seed), linear, angle_std=2e-4, zero=1e-3)
         false += ac.diagnose(ac.fit(dwells), dwells).verdict != "adequate"
         dwells = tumble(np.random.default_rng(seed), {**linear, "cubic": 2e-5}, angle_std=2e-4, zero=1e-3)
         missed += "cubic" not in ac.diagnose(ac.fit(dwells), dwells).members
-    assert false <= stats.binom.ppf(0.975, 100, 0.005)
+    assert false <= stats.binom.ppf(0.975, draws, 0.005)
     assert missed == 0
 
 

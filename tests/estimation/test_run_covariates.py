@@ -19,6 +19,7 @@ from accelcal.estimation.run_covariates import (
 )
 from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns
 from accelcal.simulation import CXL02_RIG
+from tests.tiers import drawn
 
 V = 1e-6
 """Variance of one run."""
@@ -48,32 +49,36 @@ def campaign(rng, runs, kind="", d=10.0):
     return BetweenRuns.of(np.diag(1.0 / v), y / v, range(runs)), every
 
 
-def test_campaigns_that_differ_by_chance_go_with_nothing():
-    """At a stated rate of 1 % over 300 campaigns of 4 to 12 runs; the tests below are the twin."""
+@drawn(300)
+def test_campaigns_that_differ_by_chance_go_with_nothing(draws):
+    """At a stated rate of 1 % over campaigns of 4 to 12 runs; the tests below are the twin."""
     found = 0
-    for seed in range(300):
+    for seed in range(draws):
         rng = np.random.default_rng(seed)
         seen, every = campaign(rng, int(rng.integers(4, 13)))
         found += seen.p_value < SPREAD_ALPHA and goes_with("bias", seen, every) is not None
-    print(f"{found} of 300 campaigns without a cause go with one ({COVARIATE_ALPHA:g} stated, 7 allowed)")
-    assert found <= stats.binom.ppf(0.975, 300, COVARIATE_ALPHA)
+    allowed = stats.binom.ppf(0.975, draws, COVARIATE_ALPHA)
+    print(f"{found} of {draws} campaigns without a cause go with one ({COVARIATE_ALPHA:g} stated, {allowed:g} allowed)")
+    assert found <= allowed
 
 
+@drawn(40)
 @pytest.mark.parametrize("kind", ["line", "mounting", "temperature"])
-def test_a_cause_of_ten_standard_deviations_is_named(kind):
-    named, count, z = 0, 40, []
-    for seed in range(count):
+def test_a_cause_of_ten_standard_deviations_is_named(kind, draws):
+    named, z = 0, []
+    for seed in range(draws):
         rng = np.random.default_rng(seed)
         seen, every = campaign(rng, int(rng.integers(7, 13)), kind)
         found = goes_with("bias", seen, every)
         named += found is not None and kind in found.members
         if found is not None and found.covariate == kind:
             z.append(found.slope / found.std)
-    print(f"{kind}: named in {named} of {count} campaigns (95 %), {np.median(np.abs(z)):.1f} sigma")
-    assert named >= stats.binom.ppf(0.025, count, 0.95)
+    print(f"{kind}: named in {named} of {draws} campaigns (95 %), {np.median(np.abs(z)):.1f} sigma")
+    assert named >= stats.binom.ppf(0.025, draws, 0.95)
     assert 5.0 < np.median(np.abs(z)) < 20.0
 
 
+@pytest.mark.statistics
 def test_a_random_change_over_the_dates_is_no_chance():
     members = found = 0
     for seed in range(30):

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import subprocess
-import sys
 from itertools import product
 
 import numpy as np
@@ -16,6 +14,7 @@ from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION
 from accelcal.experiment import Limits, plan
 from accelcal.experiment.design import PATTERNS, Recipe, build
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG
+from tests.commands import accelcal
 from tests.schemas import require_published
 
 LIMITS = (Limits(0.2, 0.1, 20.0), Limits(0.02, 1.0, 5.0), Limits(1.0, 0.5, 2.0))
@@ -106,11 +105,6 @@ def test_what_no_motion_can_do_is_refused(changed, said):
     }
     with pytest.raises(ValueError, match=said):
         plan(**{**asked, **changed})
-
-
-def accelcal(*arguments: object, cwd) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "accelcal", *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120)
 
 
 LIMITS_GIVEN = ("--stroke", "20 cm", "--vmax", "0.1 m/s", "--amax", "20 m/s^2", "--seconds", 10)

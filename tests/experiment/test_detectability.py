@@ -205,6 +205,7 @@ def band(p: float) -> tuple[int, int]:
     return int(binom.ppf(0.0005, RECORDS, p)), int(binom.ppf(0.9995, RECORDS, p))
 
 
+@pytest.mark.statistics
 @pytest.mark.parametrize("pair", SLICE, ids=lambda pair: pair.effect)
 def test_detections_are_as_frequent_as_predicted_and_not_as_for_twice_the_size(pair):
     # False alarms: one in a thousand for each pair.

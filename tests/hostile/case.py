@@ -20,5 +20,5 @@ def case_rng(section: str, number: int) -> np.random.Generator:
 
 
 def cases(few: int, many: int) -> range:
-    """Numbers of the cases to run: `few` in `make test`, `many` in `make test-hostile`, there from `FIRST` on."""
+    """Numbers of the cases to run: `few` in `make test-all`, `many` in `make test-hostile`, there from `FIRST` on."""
     return range(min(FIRST, many), many) if LONG else range(few)

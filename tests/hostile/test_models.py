@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import copy
 import json
-import subprocess
-import sys
 import time
 import warnings
 from collections import Counter
@@ -22,6 +20,7 @@ from accelcal.cli import write_recording
 from accelcal.effects import CATALOGUE
 from accelcal.results import model_file
 from accelcal.results.model_file import ModelFileError
+from tests.commands import accelcal
 
 from .case import LONG, case_rng, cases
 from .model_files import CHEAP, DEAR, NO_NUMBER, bases, enter_own_effect, mutated, place, record, verdict, wrong
@@ -354,13 +353,7 @@ def test_processes_on_mutated_files_end_in_a_sentence(tmp_path):
         text = mutated(bases()[number % 3], case_rng("models as processes", number))
         (tmp_path / "m.json").write_bytes(text.encode("utf-8", "surrogatepass"))
         words = COMMANDS[number % len(COMMANDS)].split()
-        done = subprocess.run(
-            [sys.executable, "-m", "accelcal", *words, "--effects-file", "own.py"],
-            cwd=tmp_path,
-            capture_output=True,
-            timeout=300,
-            check=False,
-        )
+        done = accelcal(*words, "--effects-file", "own.py", cwd=tmp_path, text=False)
         said = done.stdout.decode() + done.stderr.decode()
         clean = not OBEYED.search(said) and "Traceback" not in said
         if done.returncode not in (0, 3, 4) or not clean or (done.returncode and not done.stderr):

@@ -24,6 +24,7 @@ from accelcal.cli import app, write_recording
 from accelcal.estimation.estimate import estimate
 from accelcal.results import model_file
 from accelcal.simulation import ADXL105_RIG
+from tests.commands import accelcal
 from tests.hostile.case import LONG, case_rng
 
 WRITERS = 6
@@ -319,9 +320,7 @@ def test_a_full_or_read_only_file_system_is_one_sentence(made, tmp_path):
             if words[0] == "init":
                 (disk / "bare.csv").write_text("t_s,accel_m_per_s2,position_m\n0,1,1\n0.1,1,1\n0.2,1,1\n")
                 subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
-            done = subprocess.run(
-                [sys.executable, "-m", "accelcal", *words], capture_output=True, text=True, timeout=300
-            )
+            done = accelcal(*words)
             assert done.returncode == 3
             assert "cannot be written" in done.stderr
             assert done.stderr.count("\n") == 1
@@ -333,7 +332,6 @@ def test_a_full_or_read_only_file_system_is_one_sentence(made, tmp_path):
 def test_caches_that_cannot_be_written_do_not_matter(made, tmp_path):
     (tmp_path / "file").write_text("")
     places = {name: str(tmp_path / "file" / "below") for name in ("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME")}
-    words = [sys.executable, "-m", "accelcal", "fit", "run.csv", "-o", str(tmp_path / "m.json")]
-    done = subprocess.run(words, cwd=made, capture_output=True, text=True, env={**os.environ, **places}, timeout=300)
+    done = accelcal("fit", "run.csv", "-o", tmp_path / "m.json", cwd=made, env={**os.environ, **places})
     assert done.returncode == 0, done.stderr
     assert model_file.load(tmp_path / "m.json")

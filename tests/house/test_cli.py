@@ -2,12 +2,10 @@
 
 import dataclasses
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.commands import accelcal
 
 import accelcal as ac
 from accelcal.cli import write_recording
@@ -16,11 +14,6 @@ from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.simulation import ADXL105_RIG
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
-
-
-def accelcal(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "accelcal", *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120)
 
 
 def record(seed: int = 1, seconds: float = 20.0) -> Recording:

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests import commands
 
 import accelcal as ac
 from accelcal.cli import hints, write_recording
@@ -29,8 +30,7 @@ cli.main()"""
 
 
 def accelcal(folder: Path, *words: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
-    command = [sys.executable, "-m", "accelcal", *words]
-    return subprocess.run(command, cwd=folder, capture_output=True, env={**os.environ, **environment}, timeout=300)
+    return commands.accelcal(*words, cwd=folder, text=False, env={**os.environ, **environment})
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,8 @@ import pytest
 
 import accelcal
 
+pytestmark = pytest.mark.always
+
 PACKAGE = Path(accelcal.__file__).parent
 TESTS = Path(__file__).parents[1]
 CRATES = TESTS.parent / "crates"

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests import commands
 
 import accelcal as ac
 from accelcal.cli import write_recording
@@ -21,8 +20,7 @@ TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 
 def accelcal(folder: Path, *words: str, code: int = 0) -> str:
     """What a command says on stderr; it ends with the code that is expected."""
-    command = [sys.executable, "-m", "accelcal", *words]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
+    done = commands.accelcal(*words, cwd=folder)
     assert done.returncode == code, f"{words}: {done.stderr}"
     return done.stderr
 

@@ -3,10 +3,12 @@
 import os
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
+import pytest
+from tests.commands import accelcal, python
+
+pytestmark = pytest.mark.always
 README = Path(__file__).parents[2] / "README.md"
 
 
@@ -20,12 +22,9 @@ METRES = {"nm": 1e-9, "µm": 1e-6, "mm": 1e-3, "m": 1.0}
 def test_the_python_example_runs_prints_a_falling_error_and_draws_the_figure(tmp_path):
     (example,), (recordings, *_) = blocks("python"), blocks("sh")
     for line in recordings.splitlines():
-        command = [sys.executable, "-m", *shlex.split(line)]
-        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=300)
+        python("-m", *shlex.split(line), cwd=tmp_path, check=True)
     assert len([line for line in example.splitlines() if line]) <= 15
-    done = subprocess.run(
-        [sys.executable, "-c", example], cwd=tmp_path, check=True, capture_output=True, text=True, timeout=300
-    )
+    done = python("-c", example, cwd=tmp_path, check=True)
     pattern = r"Unaided drift after \d+ s: ([\d.]+) (\S+) → ([\d.]+) (\S+); noise alone [\d.]+ \S+ to ([\d.]+) (\S+)\. "
     (found,) = re.findall(pattern, done.stdout)
     before, after, floor = (float(found[i]) * METRES[found[i + 1]] for i in (0, 2, 4))
@@ -57,8 +56,7 @@ def test_shell_examples_run_in_order(tmp_path):
     for line in lines:
         program, *arguments = shlex.split(line)
         assert program == "accelcal"
-        command = [sys.executable, "-m", "accelcal", *arguments]
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300)
+        done = accelcal(*arguments, cwd=tmp_path, env=environment)
         assert done.returncode == 0, f"{line}: {done.stderr}"
 
 

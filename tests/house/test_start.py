@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -43,3 +44,36 @@ def test_a_heavy_module_is_seen_when_it_is_loaded(module: str) -> None:
         assert module not in loaded
         return
     assert module in loaded
+
+
+LIGHT = """import sys
+from typer.testing import CliRunner
+from accelcal.cli import app
+for line in sys.stdin.read().splitlines():
+    done = CliRunner().invoke(app, line.split())
+    assert done.exit_code == 0, (line, done.output)
+print(*sorted({"pint", "pandas", "dask", "xarray"}.intersection(sys.modules)))
+"""
+COMMANDS = """simulate --seconds 8 --seed 1 -o a.csv
+simulate --seconds 8 --seed 2 -o b.parquet
+check a.csv
+fit a.csv -o m.json
+diagnose m.json a.csv
+add m.json a.csv --effect quadratic -o m2.json
+compare m.json m2.json b.parquet
+improve a.csv
+"""
+
+
+def test_ordinary_files_need_neither_pint_nor_pandas(tmp_path: Path) -> None:
+    def loaded(code: str) -> str:
+        done = subprocess.run(
+            [sys.executable, "-c", code], cwd=tmp_path, input=COMMANDS, capture_output=True, text=True, timeout=300
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout.strip()
+
+    assert loaded(LIGHT) == ""
+    assert "pint" in loaded(
+        "import pint\n" + LIGHT.replace("read().splitlines()", "read().splitlines()[:0]")
+    )  # the twin

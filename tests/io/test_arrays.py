@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.commands import accelcal
 
 import accelcal as ac
 from accelcal import filters
@@ -104,7 +103,7 @@ def test_an_output_that_never_changes_is_refused_in_python_as_in_a_file(accel: f
         for act in (lambda run=run: ac.fit(run), lambda run=run: ac.diagnose(model, run)):
             with pytest.raises(RecordingError, match=text):
                 act()
-    done = subprocess.run([sys.executable, "-m", "accelcal", "check", path], capture_output=True, text=True)
+    done = accelcal("check", path)
     assert done.returncode == 3
     assert text in done.stderr
 

@@ -132,10 +132,19 @@ def test_every_kind_reads_its_own_example():
         assert math.isfinite(quantity(kind.example, name))
 
 
-def test_pint_is_not_imported_for_si_units():
+def test_usual_units_are_converted_as_pint_does(monkeypatch):
+    usual = {unit: (conversion(unit), conversion(unit, kind)) for kind, row in units.USUAL.items() for unit in row}
+    monkeypatch.setattr(units, "_FACTORS", {})
+    for unit, conversions in usual.items():
+        assert units.normalise(unit) == unit
+        assert set(conversions) == {conversion.__wrapped__(unit)}, unit  # to the bit
+
+
+def test_pint_is_not_imported_for_si_units_and_usual_ones():
     script = (
         "import sys; from accelcal.data import units; "
-        "units.conversion('m/s²'); units.conversion('s'); units.quantity('1e-5', 'ratio'); print('pint' in sys.modules)"
+        "units.conversion('m/s²'); units.conversion('s'); units.quantity('1e-5', 'ratio'); units.quantity('5 g', "
+        "'acceleration'); units.quantity('225 ug/sqrt(Hz)', 'noise density'); print('pint' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

@@ -28,6 +28,7 @@ from accelcal.filters import run
 from accelcal.io import load, read_sidecar
 from accelcal.live import settings_of
 from accelcal.simulation import ADXL105_RIG
+from tests.commands import accelcal
 from tests.live.streams import RIG, Stream, stream
 from tests.schemas import require_published
 
@@ -61,9 +62,7 @@ def started(folder: Path, *words: str, stdout: Any = subprocess.PIPE) -> subproc
 
 
 def done(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    child = started(folder, *words)
-    said, errors = child.communicate(timeout=120)
-    return subprocess.CompletedProcess(words, child.returncode, said, errors)
+    return accelcal("live", "--rig", "rig.toml", *words, cwd=folder)
 
 
 def last(text: str) -> dict[str, Any]:
@@ -221,9 +220,7 @@ def test_a_kill_leaves_a_recording_that_is_whole(folder: Path, moment: float) ->
     print(f"killed {moment:g} s after the first: {n} rows in {file.num_row_groups} row groups")
     assert n > 0
     assert np.array_equal(recording.accel.y, made.u[:n])
-    fitted = subprocess.run(
-        [sys.executable, "-m", "accelcal", "check", "got.parquet"], cwd=folder, capture_output=True, text=True
-    )
+    fitted = accelcal("check", "got.parquet", cwd=folder)
     assert fitted.returncode == 0, fitted.stderr
 
 
@@ -260,10 +257,9 @@ def test_a_model_is_followed_and_saved(tmp_path: Path) -> None:
         rng = np.random.default_rng(seed)
         made = ac.simulate("tones", seconds=20.0, rig=ADXL105_RIG, parameters=truth, rng=rng)
         write_recording(made.recording, tmp_path / f"{name}.csv")
-    call = [sys.executable, "-m", "accelcal"]
-    subprocess.run([*call, "fit", "one.csv", "-o", "m.json"], cwd=tmp_path, check=True, capture_output=True)
+    accelcal("fit", "one.csv", "-o", "m.json", cwd=tmp_path, check=True)
     words = ["--file", "two.csv", "--rig", "two.toml", "--model", "m.json", "--save", "m2.json", "--json"]
-    found = subprocess.run([*call, "live", *words], cwd=tmp_path, capture_output=True, text=True)
+    found = accelcal("live", *words, cwd=tmp_path)
     assert found.returncode == 0, found.stderr
     assert last(found.stdout)["state"]["alarms"] == 0
     before, after = (
@@ -272,7 +268,7 @@ def test_a_model_is_followed_and_saved(tmp_path: Path) -> None:
     for name in ("bias", "scale_factor"):
         assert after[name]["std"] < 0.8 * before[name]["std"]
         assert abs(after[name]["value"] - truth[name]) < 4.5 * after[name]["std"]  # false alarm 7e-6 each
-    compared = subprocess.run([*call, "compare", "m2.json", "two.csv"], cwd=tmp_path, capture_output=True, text=True)
+    compared = accelcal("compare", "m2.json", "two.csv", cwd=tmp_path)
     assert compared.returncode == 0, compared.stderr
     assert "followed live" in (tmp_path / "m2.json").read_text()
 

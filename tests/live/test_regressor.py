@@ -1,8 +1,6 @@
 """Noise of the output biases a live scale factor: how much is known, said, and kept out of a model."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +12,7 @@ from accelcal.io.stream import Rows
 from accelcal.live import Tracker, settings_of
 from accelcal.live.tracker import OutputMoments
 from accelcal.results import model_file
+from tests.commands import accelcal
 
 SCALE = 0.01
 
@@ -95,9 +94,7 @@ def test_a_biased_scale_factor_is_not_saved(tmp_path: Path) -> None:
         'position = { column = "position", unit = "m", resolution = "0.1 um" }\n'
     )
     words = ["--file", "run.txt", "--rig", "rig.toml", "--model", "m.json", "--save", "m2.json", "--json"]
-    done = subprocess.run(
-        [sys.executable, "-m", "accelcal", "live", *words], cwd=tmp_path, capture_output=True, text=True
-    )
+    done = accelcal("live", *words, cwd=tmp_path)
     end = json.loads(done.stdout.splitlines()[-1])
     bias = end["state"]["regressor_bias"]
     assert bias["sigma"] > 3.0

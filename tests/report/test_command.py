@@ -1,8 +1,5 @@
 """`accelcal report` as a user meets it."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -11,12 +8,8 @@ from accelcal.cli import write_recording
 from accelcal.estimation.estimate import estimate
 from accelcal.results import model_file
 from accelcal.simulation import ADXL105_RIG
+from tests.commands import accelcal
 from tests.report.reading import Page
-
-
-def accelcal(*arguments, cwd):
-    command = [sys.executable, "-m", "accelcal", *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=240)
 
 
 @pytest.fixture(scope="module")

@@ -1,8 +1,6 @@
 """From a curve to formulas: planted functions, nulls, curves without a formula; against a fit, and by command."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +18,7 @@ from accelcal.results import model_file
 from accelcal.selection.curve_formulas import GRAMMAR, Trial, nodes_over, per
 from accelcal.signals.signals import Signals
 from accelcal.simulation import CXL02_RIG
+from tests.commands import accelcal
 
 CURVE = "shape_of_velocity"
 
@@ -127,9 +126,7 @@ def test_a_formula_can_be_written_read_and_added(breakaway, tmp_path):
     assert content["schema"] == "accelcal/formulas/4"
     assert content["formulas"][0]["units"] == ["m/s²"]
     options = ["--effects-file", str(source), "--effect", "own_drag", "-o", str(tmp_path / "m2.json")]
-    added = subprocess.run(  # another process, as for a user: here the name is known already
-        [sys.executable, "-m", "accelcal", "add", *command[1:3], *options], capture_output=True, text=True, check=False
-    )
+    added = accelcal("add", *command[1:3], *options)  # another process, as for a user: here the name is known already
     assert added.returncode == 0, added.stderr
     assert "own_drag" in added.stdout
     text = CliRunner().invoke(app, command).stdout

@@ -1,6 +1,6 @@
 """The noise floor: covers the drift of the true model, comes from the sensor, and stays put from step to step.
 
-`ACCELCAL_FLOORS=60` runs as many records; `make test` a part.
+`ACCELCAL_FLOORS=60` runs as many records; `make test-all` a part.
 """
 
 from __future__ import annotations

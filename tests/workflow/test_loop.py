@@ -3,8 +3,7 @@ independent worlds in tests/hidden."""
 
 import dataclasses
 import json
-import subprocess
-import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -19,6 +18,7 @@ from accelcal.results import json as results_json
 from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
 from accelcal.workflow import add, diagnose, drop, improve
+from tests import commands
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 
@@ -222,9 +222,7 @@ def test_a_users_own_effect_is_ranked_first_on_data_that_contain_it(tmp_path):
         write_recording(dataclasses.replace(made, accel=dataclasses.replace(made.accel, y=y)), tmp_path / name)
     (tmp_path / "mine.py").write_text(EFFECTS_FILE, encoding="utf-8")
 
-    def accelcal(*arguments):
-        command = [sys.executable, "-m", "accelcal", *arguments]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    accelcal = partial(commands.accelcal, cwd=tmp_path)
 
     own = ("--effects-file", "mine.py")
     assert accelcal("fit", "run.csv", "-o", "m.json").returncode == 0

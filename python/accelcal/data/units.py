@@ -2,8 +2,8 @@
 
 The vocabulary is our own and closed, because two conventions of our field contradict the general one: ``g`` is standard
 gravity (elsewhere it is the gram, and "5 g" a mass), and counts and angles are dimensions (elsewhere they are pure
-numbers, so that "10 rad/s" passes for "10 Hz"). pint does the algebra over this vocabulary; it is imported only when a
-unit is not already SI.
+numbers, so that "10 rad/s" passes for "10 Hz"). pint does the algebra over this vocabulary; it is imported only for a
+unit that is neither SI nor usual.
 """
 
 from __future__ import annotations
@@ -99,9 +99,38 @@ KINDS = {
 }
 """Every kind of quantity that a sidecar or a known channel may hold."""
 
+USUAL = {
+    "time": {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "min": 60.0, "h": 3600.0},
+    "length": {"nm": 1e-9, "um": 1e-6, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "inch": 0.0254, "ft": 0.3048},
+    "speed": {"mm/s": 1e-3, "cm/s": 1e-2},
+    "acceleration": {
+        **{"g": 9.80665, "mg": 0.00980665, "ug": 9.806649999999999e-06},
+        **{"mm/s^2": 1e-3, "cm/s^2": 1e-2, "Gal": 1e-2},
+    },
+    "noise density": {
+        **{"g/(Hz)^0.5": 9.80665, "mg/(Hz)^0.5": 0.00980665, "ug/(Hz)^0.5": 9.806649999999999e-06},
+        **{"mg/Hz^0.5": 0.00980665, "ug/Hz^0.5": 9.806649999999999e-06},
+        **{"m/s^2/(Hz)^0.5": 1.0, "mm/s^2/(Hz)^0.5": 1e-3, "mm/s^2/Hz^0.5": 1e-3},
+    },
+    "random walk": {
+        **{"m/s^2/(s)^0.5": 1.0, "ug/(h)^0.5": 1.6344416666666664e-07, "ug/h^0.5": 1.6344416666666664e-07},
+    },
+    "voltage": {"uV": 1e-6, "mV": 1e-3},
+    "scale in volts": {"V/g": 0.10197162129779283, "mV/g": 0.00010197162129779284, "mV/(m/s^2)": 1e-3},
+    "scale in counts": {"count/g": 0.10197162129779283, "LSB/g": 0.10197162129779283},
+    "angle": {"deg": 0.017453292519943295, "mrad": 1e-3},
+    "angular rate": {"deg/s": 0.017453292519943295, "dps": 0.017453292519943295},
+    "frequency": {"kHz": 1e3},
+    "pressure": {"hPa": 1e2, "kPa": 1e3, "bar": 1e5},
+    "current": {"mA": 1e-3},
+    "ratio": {"percent": 0.01, "ppm": 1e-6},
+}
+"""Factors to SI of usual units, by kind and in the spelling of `normalise`, to the bit as pint computes them: to import
+pint takes as long as to fit a minute."""
 _REMEMBERED = 4096
 """Units that are not parsed anew; a file may bring any number of them."""
 _KIND_OF_SI = {kind.si: name for name, kind in KINDS.items()}
+_FACTORS = {unit: (kind, factor) for kind, factors in USUAL.items() for unit, factor in factors.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,7 +248,9 @@ def conversion(unit: str, kind: str | None = None) -> Conversion:
     known = _KIND_OF_SI.get(text)
     if known is not None and kind in (None, known):
         return Conversion(1.0, 0.0, text)
-
+    known, factor = _FACTORS.get(text, ("", 0.0))
+    if known and kind in (None, known):
+        return Conversion(factor, 0.0, KINDS[known].si)
     if text in _TEMPERATURES and kind in (None, "temperature"):
         return _TEMPERATURES[text]
 
@@ -260,7 +291,7 @@ def same_unit(a: str, b: str) -> bool:
 def is_unit(text: str) -> bool:
     """Whether `text` names a known unit."""
     name = normalise(text)
-    if name not in _KIND_OF_SI and name not in _TEMPERATURES and _parsed(name) is None:
+    if not (name in _KIND_OF_SI or name in _FACTORS or name in _TEMPERATURES) and _parsed(name) is None:
         return False  # without the search for a similar name, which a wide header of prose would pay for
     try:
         conversion(text)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal.data.arrays import Array
+from accelcal.data.arrays import Array, Flags
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +82,23 @@ def from_arrow(cells: Any) -> Column:
     cells = _seconds(cells)
     if cells.type != pa.float64():
         cells = cells.cast(pa.float64(), safe=False)
+    n, begin = len(cells), cells.offset
+    if n == 0:
+        return Column(np.zeros(0))
+    bits, content = cells.buffers()  # conversions of pyarrow itself import pandas where that is installed
+    values = np.frombuffer(content, np.float64, n, 8 * begin)
     if not cells.null_count:
-        return Column(cells.to_numpy(zero_copy_only=True))
-    return Column(cells.to_numpy(zero_copy_only=False), cells.is_valid().to_numpy(zero_copy_only=False))
+        return Column(values)
+    valid = np.unpackbits(np.frombuffer(bits, np.uint8), bitorder="little")[begin : begin + n].astype(np.bool_)
+    return Column(np.where(valid, values, np.nan), valid)
+
+
+def cells_of(values: Array, missing: Flags) -> Any:
+    """Make a pyarrow array of numbers, (n,), null where one is missing."""
+    import pyarrow as pa
+
+    bits = pa.py_buffer(np.packbits(~missing, bitorder="little"))
+    return pa.Array.from_buffers(pa.float64(), len(values), [bits, pa.py_buffer(np.ascontiguousarray(values))])
 
 
 def _seconds(cells: Any) -> Any:

@@ -31,7 +31,7 @@ from accelcal.io.atomic import Part, atomic, atomic_write, named
 from accelcal.io.files import content_of
 from accelcal.io.loading import digest_of
 from accelcal.io.sidecar import KEYS, Clock, Key, Source, sidecar_of
-from accelcal.io.table import SIDECAR_BYTES
+from accelcal.io.table import SIDECAR_BYTES, cells_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -59,7 +59,7 @@ def write_csv(recording: Recording, path: str | Path) -> dict[str, Clock | Sourc
 
     columns = {channel.name: naming.column_name(channel.name, channel.unit) for channel in _channels(recording)}
     _require_readable(recording, columns)
-    table = pa.table({"t_s": common_stamps(recording)} | {columns[name]: cells for name, cells in _cells(recording)})
+    table = pa.table({"t_s": _stamps(recording)} | {columns[name]: cells for name, cells in _cells(recording)})
     with atomic(path) as part:
         csv.write_csv(table, part, csv.WriteOptions(quoting_style="needed"))
     return _sources(recording, "t_s", columns)
@@ -77,7 +77,7 @@ def write_parquet(recording: Recording, path: str | Path) -> dict[str, Clock | S
     _require_readable(recording, columns)
     units = {"t": "s"} | {channel.name: channel.unit for channel in _channels(recording)}
     schema = pa.schema([pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in units.items()])
-    table = pa.table({"t": common_stamps(recording)} | dict(_cells(recording)), schema=schema)
+    table = pa.table({"t": _stamps(recording)} | dict(_cells(recording)), schema=schema)
     with atomic(path) as part:
         parquet.write_table(table, part, compression="zstd", write_page_checksum=True)
     return _sources(recording, "t", columns)
@@ -177,10 +177,13 @@ def common_rows(recording: Recording) -> Iterator[tuple[Channel, Array, Flags]]:
 
 def _cells(recording: Recording) -> Iterator[tuple[str, Any]]:
     """Yield (channel name, pyarrow array on the common stamps with null where it was not sampled)."""
-    import pyarrow as pa
-
     for channel, values, missing in common_rows(recording):
-        yield channel.name, pa.array(values, mask=missing)
+        yield channel.name, cells_of(values, missing)
+
+
+def _stamps(recording: Recording) -> Any:
+    t = common_stamps(recording)
+    return cells_of(t, np.zeros(len(t), np.bool_))
 
 
 def _sources(recording: Recording, time: str, columns: Mapping[str, str]) -> dict[str, Clock | Source]:

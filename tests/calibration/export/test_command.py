@@ -12,16 +12,12 @@ import pytest
 from accelcal.calibration.export import Calibration, calibrate, header, module, read_laboratory
 from accelcal.results import json as results_json
 from accelcal.results import model_file
+from tests.commands import accelcal
 
 from .models import fit_of
 
 PAGE = Path(__file__).parents[3] / "docs" / "export.md"
 VALUES = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-5}
-
-
-def accelcal(*arguments, cwd):
-    command = [sys.executable, "-m", "accelcal", *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=240)
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +109,7 @@ def blocks(language):
     return re.findall(rf"^```{language}\n(.*?)^```", PAGE.read_text(), flags=re.M | re.S)
 
 
+@pytest.mark.outside
 def test_the_examples_of_the_page_run(tmp_path):
     (commands,) = blocks("sh")
     for line in commands.splitlines():

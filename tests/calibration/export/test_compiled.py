@@ -17,6 +17,7 @@ from accelcal.calibration.export.inverse import evaluate
 from .compiled import FIRMWARE, STRICT, c_build, c_program, run, rust_program
 from .models import SENSORS, exact, fit_of, fits
 
+pytestmark = pytest.mark.outside
 CUBIC = {"bias": 0.05, "scale_factor": 0.01, "quadratic": 1e-4, "cubic": 1e-5}
 WARM = {**CUBIC, "odd_quadratic": 1e-4, "temperature_bias": 1e-3, "temperature_scale": 1e-4}
 NO_WARNINGS = {"deadline": None, "derandomize": True, "suppress_health_check": list(HealthCheck)}

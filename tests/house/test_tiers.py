@@ -1,0 +1,96 @@
+"""What `make test` leaves out is guarded by what it runs, and a forked command does what a command does."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from tests import tiers
+from tests.commands import accelcal, python
+
+pytestmark = pytest.mark.always
+
+ROOT = Path(__file__).parents[2]
+
+
+def exists(test: str) -> bool:
+    """Whether a file has a test function."""
+    file, _, name = test.partition("::")
+    path = ROOT / file
+    return path.exists() and name in {
+        node.name for node in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(node, ast.FunctionDef)
+    }
+
+
+def test_every_slow_test_has_a_fast_case_or_a_guard(pytestconfig: pytest.Config) -> None:
+    assert pytestconfig.unguarded == set()  # type: ignore[attr-defined]
+
+
+def test_tests_and_guards_exist_and_no_guard_is_slow() -> None:
+    seconds, guards = tiers.stored()
+    named = {tiers.function(case) for case in seconds} | guards.keys() | set(guards.values())
+    assert {test for test in named if not exists(test)} == set()
+    assert not set(guards.values()) & guards.keys()
+
+
+def test_guards_are_chosen_by_the_lines_that_few_tests_reach(tmp_path: Path) -> None:
+    common, rare = {"io/load.py": [1, 2, 3]}, {"io/load.py": [1], "io/csv.py": [7]}
+    rows = [("a.py::slow", 3.0, rare), ("a.py::near", 0.1, rare), ("a.py::far[1]", 0.1, common)]
+    rows += [("a.py::far[2]", 2.5, common)]
+    text = "".join(
+        f'{{"case": "{case}", "seconds": {seconds}, "uses": [], "marks": [], "lines": {lines}}}\n'
+        for case, seconds, lines in rows
+    ).replace("'", '"')
+    (tmp_path / "1.jsonl").write_text(text)
+    measured = tiers.Measured(tmp_path)
+    assert measured.guards() == {"a.py::slow": "a.py::near"}
+    assert "2 of 4 cases" in measured.summary()
+    assert "2 of 3 functions" in measured.summary()
+    assert "4 of 4 lines" in measured.summary()
+
+
+def test_without_lines_guards_that_hold_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = [
+        ("a/a.py::slow", 3.0),
+        ("a/a.py::near", 0.1),
+        ("b/b.py::far", 0.1),
+        ("b/b.py::new", 3.0),
+        ("c/c.py::lone", 3.0),
+    ]
+    lines = [{"case": case, "seconds": seconds, "uses": [], "marks": [], "lines": {}} for case, seconds in rows]
+    (tmp_path / "1.jsonl").write_text("\n".join(map(json.dumps, lines)))
+    file = tmp_path / "durations.json"
+    file.write_text(json.dumps({"seconds": {}, "guards": {"a/a.py::slow": "b/b.py::far", "d.py::gone": "b/b.py::far"}}))
+    monkeypatch.setattr(tiers, "FILE", file)
+    tiers.write(tiers.Measured(tmp_path))
+    seconds, guards = tiers.stored()
+    assert seconds == {"a/a.py::slow": 3.0, "b/b.py::new": 3.0, "c/c.py::lone": 3.0}
+    assert guards == {"a/a.py::slow": "b/b.py::far", "b/b.py::new": "b/b.py::far"}
+
+
+def test_the_proof_runs_every_test_once() -> None:
+    makefile, proof = (ROOT / "Makefile").read_text(), (ROOT / ".ci" / "run").read_text()
+    assert '-m "not ($(BESIDE))"' in makefile
+    assert '-m "$(BESIDE)"' in makefile
+    assert "BESIDE := slow or outside or statistics\n" in makefile
+    assert re.findall(r"^stage (test[\w-]*)", proof, re.M) == ["test", "test-rest"]
+
+
+@pytest.mark.parametrize("words", [("--version",), ("fit",), ("fit", "absent.csv"), ("doctor", "--json")])
+def test_a_forked_command_ends_and_says_what_a_started_one_does(tmp_path: Path, words: tuple[str, ...]) -> None:
+    forked = accelcal(*words, cwd=tmp_path)
+    started = subprocess.run(forked.args, cwd=tmp_path, stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    assert forked.args[0] == sys.executable
+    for name in ("returncode", "stdout", "stderr"):
+        assert getattr(forked, name) == getattr(started, name)
+
+
+def test_a_command_that_hangs_is_ended() -> None:
+    with pytest.raises(subprocess.TimeoutExpired):
+        python("-c", "import time; time.sleep(600)", timeout=1.0)
+    assert python("-c", "print(1)").stdout == "1\n"
