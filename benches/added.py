@@ -22,15 +22,15 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from benches.outcomes import run_all
-from tests.hidden.trials import VISIBLE, beside, errors, hide
-from tests.worlds import SENSORS, Nuisances, World, at_d
-from tests.worlds.motion import RAMPS
 
 from accelcal import workflow
 from accelcal.effects import CATALOGUE, find
 from accelcal.estimation.estimate import Fit
 from accelcal.io import load
+from benches.outcomes import run_all
+from tests.hidden.trials import VISIBLE, beside, errors, hide
+from tests.worlds import SENSORS, Nuisances, World, at_d
+from tests.worlds.motion import RAMPS
 
 Outcome = dict[str, Any]
 STRENGTH = 20.0

@@ -16,10 +16,9 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import accelcal as ac
 from benches.outcomes import Outcome, run_all
 from tests.diagnosis.search.axes import Hidden, sideways, vertical
-
-import accelcal as ac
 
 SIDEWAYS = ("cross_axis", "cross_axis", "cross_axis_z", "")
 VERTICAL = (("quadratic", False), ("quadratic", True), ("cubic", False), ("cubic", True), ("", False))

@@ -15,11 +15,11 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from distributed import Client, LocalCluster
+
+from accelcal.fleet import campaign
 from tests.campaign.child import SEED
 from tests.campaign.contents import contents, counted, killed
 from tests.campaign.tasks import CALLS, w2
-
-from accelcal import campaign
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -11,8 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 import accelcal as ac
-from accelcal.data.recording import Recording
-from accelcal.data.run_labels import RunLabels
+from accelcal.data.recording import Recording, RunLabels
 from accelcal.simulation import CXL02_RIG
 
 SECONDS = 10.0

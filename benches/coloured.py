@@ -18,6 +18,10 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+
+from accelcal import workflow
+from accelcal.effects import find
+from accelcal.io import load
 from benches.outcomes import run_all
 from tests.hidden.trials import MIXES
 from tests.hidden.verdicts import at_most, share
@@ -25,10 +29,6 @@ from tests.regimes.hidden import OutOfReach, plant
 from tests.regimes.regimes import TABLE
 from tests.worlds import BEYOND, Hidden, Nuisances, World, at_d
 from tests.worlds.coloured import COLOURED, HONEST, coloured
-
-from accelcal import workflow
-from accelcal.effects import find
-from accelcal.io import load
 
 PARTS = ("noise", "beyond", "tone")
 STRENGTH = 30.0

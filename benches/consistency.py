@@ -13,10 +13,10 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from tests.consistency.campaign import BOUNDED, SETTINGS, Outcome, Setting, aci_or_none, bounds, collect, one_fit
-from tests.consistency.toleranced import NAMES, normalised
 
 from accelcal.validation.consistency import consistency, coverage
+from tests.consistency.campaign import BOUNDED, SETTINGS, Outcome, Setting, aci_or_none, bounds, collect, one_fit
+from tests.consistency.toleranced import NAMES, normalised
 
 BLOCK = 80
 """Runs whose bounds are computed together."""

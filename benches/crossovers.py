@@ -21,17 +21,17 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from scipy.stats import binom, chi2
+
+from accelcal import Fit, workflow
+from accelcal.io import load
 from benches.outcomes import run_all
 from benches.references import AT_OUTPUT
-from scipy.stats import binom, chi2
 from tests.hidden.trials import MIXES, Outcome, beside, hide, improved
 from tests.hidden.verdicts import in_class
 from tests.worlds import SENSORS, Nuisances, World, at_d
 from tests.worlds.scene import G0
 from tests.worlds.world import ACCEL_RATE, CUTOFF, time_constant
-
-from accelcal import Fit, workflow
-from accelcal.io import load
 
 LEAST, MOST = 0.01, 10.0
 """Crossover over the sampling rate of the output."""

@@ -15,10 +15,9 @@ import sys
 import tempfile
 from pathlib import Path
 
+from accelcal.data.recording import Recording
 from benches.fit import record, write_sample
 from tests.worlds import Hidden, World, at_d
-
-from accelcal.data.recording import Recording
 
 SECONDS_FOR_A_MINUTE = 1.0
 """Processor time, imports warm: everything that `diagnose` does with a record it has not processed before."""

@@ -21,11 +21,7 @@ from typing import Any, Literal
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from benches.outcomes import run_all
 from scipy.stats import binom
-from tests.regimes.regimes import TABLE
-from tests.regimes.rig import Planted
-from tests.regimes.trials import Trial
 
 from accelcal import Model, Recording
 from accelcal.diagnosis.checks import unresolved_motion
@@ -34,6 +30,10 @@ from accelcal.diagnosis.policy import ENGINES_APART, ENGINES_LEAST_STD
 from accelcal.estimation import drive
 from accelcal.estimation.estimate import solve_runs
 from accelcal.io import load
+from benches.outcomes import run_all
+from tests.regimes.regimes import TABLE
+from tests.regimes.rig import Planted
+from tests.regimes.trials import Trial
 
 FAULTS: tuple[Literal["hold", "linear"], ...] = ("hold", "linear")
 FALSE_ALARMS = 1e-3

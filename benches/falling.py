@@ -19,10 +19,10 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import scipy
-from benches.outcomes import Outcome, run_all
-from tests.hidden.trials import Trial, draw
 
 from accelcal import io, workflow
+from benches.outcomes import Outcome, run_all
+from tests.hidden.trials import Trial, draw
 
 EFFECTS = (
     *("coulomb", "velocity", "velocity_odd", "velocity_squared", "acceleration_velocity"),

@@ -19,10 +19,9 @@ from pathlib import Path
 import numpy as np
 
 import accelcal as ac
-from accelcal import campaign
 from accelcal.cli import write_recording
-from accelcal.fleet.summary import summarise
-from accelcal.fleet.task import fit_of
+from accelcal.fleet import campaign
+from accelcal.fleet.summary import fit_of, summarise
 from accelcal.simulation import CXL02_RIG
 
 DIFFERENT = 20

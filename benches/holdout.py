@@ -22,15 +22,15 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from benches.outcomes import Outcome, run_all
-from tests.regimes.regimes import TABLE
-from tests.regimes.slow import HONEST, KINDS, build
-from tests.worlds import MOTIONS, Hidden, Nuisances, World, at_d
 
 from accelcal import workflow
 from accelcal.data.recording import Recording
 from accelcal.io import load
-from accelcal.validation.paired import heldout_change
+from accelcal.validation.differences import heldout_change
+from benches.outcomes import Outcome, run_all
+from tests.regimes.regimes import TABLE
+from tests.regimes.slow import HONEST, KINDS, build
+from tests.worlds import MOTIONS, Hidden, Nuisances, World, at_d
 
 SECONDS = 120.0
 """Length of a simulated record; a third is fitted."""

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from benches.outcomes import Outcome, run_all
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
@@ -22,6 +21,7 @@ from accelcal.data.rig import STANDARD_GRAVITY, LowPass, Rig, Sensor
 from accelcal.estimation.estimate import estimate
 from accelcal.model import Model
 from accelcal.workflow import improve
+from benches.outcomes import Outcome, run_all
 
 SECONDS, RATE, FINER = 40.0, 500, 20
 """s; Hz; steps of the simulation in a sample."""

@@ -19,8 +19,9 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from benches.outcomes import Outcome, run_all
 from numpy.typing import NDArray
+
+from benches.outcomes import Outcome, run_all
 
 Array = NDArray[np.float64]
 Generator = np.random.Generator

@@ -15,8 +15,6 @@ from pathlib import Path
 
 import numpy as np
 from scipy import stats
-from tests.worlds import Hidden, World
-from tests.worlds.world import Chain, pass_through
 
 import accelcal as ac
 from accelcal.diagnosis.noise_model.growing import flatness
@@ -25,6 +23,8 @@ from accelcal.diagnosis.outlier_rejection import outliers_found, without_outlier
 from accelcal.estimation.estimate import Fit, state_at
 from accelcal.estimation.run import prepare
 from accelcal.estimation.run_state import RunState
+from tests.worlds import Hidden, World
+from tests.worlds.world import Chain, pass_through
 
 SIZES = {
     "vibration": 0.3,

@@ -16,9 +16,10 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from scipy.stats import binom
+
 from benches.hidden import guarded
 from benches.outcomes import run_all
-from scipy.stats import binom
 from tests.hidden import trials as worlds
 from tests.hidden.verdicts import falsely_named
 from tests.regimes import trials as regimes

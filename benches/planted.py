@@ -25,8 +25,9 @@ from typing import Any
 
 import numpy as np
 import scipy
-from benches.outcomes import Outcome, run_all
 from numpy.typing import NDArray
+
+from benches.outcomes import Outcome, run_all
 
 Array = NDArray[np.float64]
 Table = dict[str, Array]

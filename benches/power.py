@@ -20,6 +20,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from scipy.stats import binom
+
 from tests.experiment.trials import PAIRS, PLANS, Pair, Planned, Row
 
 POOLED = 0.05

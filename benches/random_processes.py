@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 from scipy import stats
-from tests.worlds import Hidden, World
 
 import accelcal as ac
 from accelcal.diagnosis.verdict import Diagnosis
+from tests.worlds import Hidden, World
 
 CASES = ((2e-3, 2.0), (5e-3, 0.5))
 """Standard deviation of the scale factor and its correlation time, s."""

@@ -19,15 +19,15 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from benches.outcomes import run_all
 from scipy.stats import binom
+
+from accelcal import workflow
+from accelcal.io import load
+from benches.outcomes import run_all
 from tests.hidden.trials import VISIBLE, Outcome, Trial, draw, improved
 from tests.hidden.verdicts import falsely_named, in_class
 from tests.worlds import CATALOGUE
 from tests.worlds.world import Reference
-
-from accelcal import workflow
-from accelcal.io import load
 
 REFERENCES: tuple[Reference, ...] = ("velocity", "reference_acceleration")
 AT_OUTPUT = [

@@ -19,9 +19,9 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from benches.peak import megabytes
 
 from accelcal import _core
+from benches.peak import megabytes
 
 COLUMNS = 170
 RATE = 833.5

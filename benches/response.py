@@ -14,11 +14,11 @@ import sys
 from dataclasses import dataclass, field
 
 import numpy as np
-from tests.worlds.shaker import SecondOrder, Step, published_sensor, run
 
 from accelcal.data.recording import Recording
 from accelcal.response import FrequencyResponse, frequency_response
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
+from tests.worlds.shaker import SecondOrder, Step, published_sensor, run
 
 REST = 0.1
 """Between steps, s."""

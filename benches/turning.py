@@ -14,11 +14,10 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from benches.outcomes import Outcome, run_all
-from tests.hidden.trials import Trial, draw
-
 from accelcal import workflow
 from accelcal.io import load
+from benches.outcomes import Outcome, run_all
+from tests.hidden.trials import Trial, draw
 
 EFFECTS = ("bias_gauss_markov", "rail_wave", "cubic")
 STRENGTH = 20.0

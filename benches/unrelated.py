@@ -14,14 +14,14 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
-from tests.regimes.hidden import PLANTED, OutOfReach, plant
-from tests.regimes.motion import Motion
-from tests.regimes.regimes import TABLE, Regime
-from tests.regimes.rig import Planted, measure
 
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.diagnosis.one_axis import require_one_axis
 from accelcal.io import load
+from tests.regimes.hidden import PLANTED, OutOfReach, plant
+from tests.regimes.motion import Motion
+from tests.regimes.regimes import TABLE, Regime
+from tests.regimes.rig import Planted, measure
 
 NAMES = tuple(name for name, regime in TABLE.items() if not regime.refusal)
 WEAKEST, STRONGEST = 1e-4, 1e-1

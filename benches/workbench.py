@@ -23,11 +23,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from benches.fit import record
 
 from accelcal import io
 from accelcal.app.server import HOST, free_port
 from accelcal.simulation.sensor import CXL02_RIG, simulate
+from benches.fit import record
 
 TRIES = 3
 MOST = {"drop": 1.5, "add": 2.0, "report": 10.0}

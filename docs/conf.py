@@ -18,8 +18,8 @@ from accelcal.cli import app as cli
 from accelcal.effects import BUILT_IN, Effect, spelled
 from accelcal.effects.cards import symptoms
 from accelcal.plots import matplotlib
+from accelcal.plots.figure import THEMES
 from accelcal.plots.signature import caption, signature
-from accelcal.plots.style import THEMES
 from accelcal.results import json as results_json
 from accelcal.results import json_text
 

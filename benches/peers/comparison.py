@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 
 import numpy as np
+
 from benches.peers import native, ours, plain
 from benches.peers.workload import Array, Data, Ended, Missing, Workload, draw
 

@@ -7,6 +7,7 @@ from importlib.metadata import version
 
 import filterpy.kalman
 import numpy as np
+
 from benches.peers import plain
 from benches.peers.workload import R_OUTPUT, R_POSITION, Array, Data, Ended, Workload, timed, transition
 

@@ -12,8 +12,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from benches.peers.workload import DT, R_OUTPUT, R_POSITION, Data, Ended, Q, Workload, timed, transition
 from jax import lax
+
+from benches.peers.workload import DT, R_OUTPUT, R_POSITION, Data, Ended, Q, Workload, timed, transition
 
 jax.config.update("jax_enable_x64", True)
 

@@ -18,6 +18,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+
 from benches.peers.workload import Data, Ended, Missing, Workload
 
 HERE = Path(__file__).parent

@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numba
 import numpy as np
+
 from benches.peers.workload import DT, JERK, R_OUTPUT, R_POSITION, Array, Data, Ended, Q, Workload, timed
 
 NAME = f"numba {numba.__version__}, our block scheme"

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numba
 import numpy as np
+
 from benches.peers.workload import DT, R_OUTPUT, R_POSITION, Array, Data, Ended, Q, Workload, timed, transition
 
 NAME = f"numba {numba.__version__}, dense loops"

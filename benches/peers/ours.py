@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from benches.peers.workload import DT, JERK, R_OUTPUT, R_POSITION, Array, Data, Ended, Q, Workload, timed
 
 from accelcal.filters.choice import FilterChoice
 from accelcal.filters.record import run_batch
 from accelcal.filters.stream import LiveFilter
+from benches.peers.workload import DT, JERK, R_OUTPUT, R_POSITION, Array, Data, Ended, Q, Workload, timed
 
 
 def settings(workload: Workload) -> dict[str, object]:

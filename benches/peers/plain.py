@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+
 from benches.peers.workload import DT, R_OUTPUT, R_POSITION, Array, Data, Ended, Q, Workload, timed, transition
 
 NAME = f"NumPy {np.__version__}, step by step"

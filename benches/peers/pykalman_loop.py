@@ -6,9 +6,10 @@ from collections.abc import Callable
 from importlib.metadata import version
 
 import numpy as np
+from pykalman import KalmanFilter
+
 from benches.peers import plain
 from benches.peers.workload import R_OUTPUT, R_POSITION, Array, Data, Ended, Workload, timed, transition
-from pykalman import KalmanFilter
 
 NAME = f"pykalman {version('pykalman')}"
 STEPS = {"W3": 200}

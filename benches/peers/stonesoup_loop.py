@@ -7,8 +7,6 @@ from collections.abc import Callable
 from importlib.metadata import version
 
 import numpy as np
-from benches.peers import plain
-from benches.peers.workload import DT, R_OUTPUT, R_POSITION, Array, Data, Ended, Workload, timed, transition
 from stonesoup.models.measurement.linear import LinearGaussian
 from stonesoup.models.measurement.nonlinear import NonLinearGaussianMeasurement
 from stonesoup.models.transition.linear import LinearGaussianTimeInvariantTransitionModel
@@ -18,6 +16,9 @@ from stonesoup.types.detection import Detection
 from stonesoup.types.hypothesis import SingleHypothesis
 from stonesoup.types.state import GaussianState
 from stonesoup.updater.kalman import ExtendedKalmanUpdater
+
+from benches.peers import plain
+from benches.peers.workload import DT, R_OUTPUT, R_POSITION, Array, Data, Ended, Workload, timed, transition
 
 NAME = f"Stone Soup {version('stonesoup')}"
 STEPS = {"W3": 200}

@@ -10,10 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from benches.peers.comparison import FUSED, Found
-
 from accelcal import __version__
 from accelcal.io import atomic_write
+from benches.peers.comparison import FUSED, Found
 
 PAGE = Path("docs/benchmarks.md")
 START, END = "<!-- peers: written by python -m benches.peers --write -->\n", "<!-- end of peers -->\n"

@@ -22,9 +22,7 @@ if TYPE_CHECKING:
 
     from accelcal._core import __version__
     from accelcal._support.errors import AccelcalError
-    from accelcal.data.dwells import Dwells
-    from accelcal.data.recording import Channel, Recording, RecordingError
-    from accelcal.data.rig import LowPass, Rig, Sensor
+    from accelcal.data import Channel, Dwells, LowPass, Recording, RecordingError, Rig, Sensor
     from accelcal.diagnosis.verdict import Diagnosis
     from accelcal.effects import effect, load_effects
     from accelcal.estimation.estimate import Fit
@@ -78,7 +76,6 @@ __all__ = [
     "simulate",
 ]
 PACKAGES = (
-    "campaign",
     "data",
     "effects",
     "experiment",

@@ -13,9 +13,7 @@ import numpy as np
 
 from accelcal._support.errors import AccelcalError
 from accelcal._support.values import listing
-from accelcal.data.arrays import Array
-from accelcal.data.recording import Channel, Recording
-from accelcal.data.rig import Rig
+from accelcal.data import Array, Channel, Recording, Rig
 from accelcal.diagnosis.search.scan import scan
 from accelcal.effects import CATALOGUE, Effect, find
 from accelcal.effects.building_blocks import lagged

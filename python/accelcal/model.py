@@ -12,7 +12,7 @@ from accelcal._support.arguments import check_fields, checked
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Result
 from accelcal._support.values import immutable, listing, short_repr
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.effects import Effect, find, polynomial
 from accelcal.effects.processes import follows_output
 from accelcal.effects.registry import Owner, Port

@@ -17,10 +17,8 @@ from accelcal._support.errors import AccelcalError
 from accelcal._support.progress import within
 from accelcal._support.threads import on_two_threads, one_thread
 from accelcal._support.values import listing
+from accelcal.data import DERIVED, Dwells, Recording, RecordingError
 from accelcal.data.dwell_sets import with_dwells
-from accelcal.data.dwells import Dwells
-from accelcal.data.orientation import DERIVED
-from accelcal.data.recording import Recording, RecordingError
 from accelcal.diagnosis.checks import slow_residual, stretches_of
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
 from accelcal.diagnosis.evidence import Evidence, Examined, TimeSpan, largest_wave
@@ -59,10 +57,8 @@ from accelcal.selection.stepwise import SearchBudget, StepwiseSelection
 from accelcal.signals.signals import Origins
 from accelcal.validation import evaluation
 from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Evaluation, NoiseFloor
-from accelcal.validation.differences import Comparison, names_of
-from accelcal.validation.noise_floor import noise_floor
-from accelcal.validation.paired import best_step
-from accelcal.validation.ruler import Ruler
+from accelcal.validation.differences import Comparison, best_step, names_of
+from accelcal.validation.noise_floor import Ruler, noise_floor
 
 MOST_EFFECTS = 3
 """Effects that `improve` adds at most by default."""

@@ -10,7 +10,7 @@ import pytest
 import accelcal as ac
 from accelcal import workflow
 from accelcal.estimation.estimate import estimate
-from accelcal.validation.stretches import headline_horizon
+from accelcal.validation.differences import headline_horizon
 from tests.commands import accelcal
 
 from .test_server import HOST, server  # noqa: F401  (the fixture that runs the workbench)

@@ -9,7 +9,7 @@ import accelcal as ac
 from accelcal import workflow
 from accelcal.effects import spelled
 from accelcal.estimation.estimate import estimate
-from accelcal.validation.stretches import headline_horizon
+from accelcal.validation.differences import headline_horizon
 from tests.hidden.trials import DELAYS, allowed, coasting
 from tests.worlds import CATALOGUE, Hidden, Nuisances, World, at_d
 

@@ -15,11 +15,10 @@ from accelcal.app.screens import improvement, model, uploads
 from accelcal.app.screens.model import own_error
 from accelcal.app.workbench import Workbench
 from accelcal.cli import app as command_line
-from accelcal.estimation.noise_effects import NoiseScore
+from accelcal.estimation.noise import NoiseScore
 from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
-from accelcal.validation.pooled import pooled
-from accelcal.validation.stretches import headline_horizon
+from accelcal.validation.differences import headline_horizon, pooled
 from tests.commands import python
 
 NAMES = ("run0.csv", "run1.csv", "run2.csv", "dwells.csv")

@@ -8,12 +8,12 @@ import pytest
 import accelcal as ac
 from accelcal.calibration.agreement import BEYOND_BY_CHANCE, agreement
 from accelcal.calibration.characteristic import characteristic
+from accelcal.data.recording import RunLabels
 from accelcal.data.rig import Uncertainty
-from accelcal.data.run_labels import RunLabels
 from accelcal.estimation.estimate import estimate
 from accelcal.estimation.run_to_run import Spread
 from accelcal.report import agreement_html
-from accelcal.report.agreement_view import agreement_view
+from accelcal.report.agreement import agreement_view
 from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
 from tests.report.reading import Page

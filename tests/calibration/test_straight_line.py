@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accelcal.calibration.straight_line import POINTS, straight_line
+from accelcal.calibration.characteristic import POINTS, straight_line
 from accelcal.estimation.estimate import Fit, estimate
 from accelcal.model import Model
 from accelcal.simulation.sensor import ADXL105_RIG, simulate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from accelcal import campaign
+from accelcal.fleet import campaign
 from tests.campaign.tasks import w2
 
 SEED = 2007

@@ -15,9 +15,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from accelcal import campaign
-from accelcal.campaign import CampaignError
-from accelcal.campaign.task import Task, compute
+from accelcal.fleet import campaign
+from accelcal.fleet.campaign import CampaignError, Task, compute
 from tests.campaign import tasks
 from tests.campaign.contents import contents, counted
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from distributed import Client, LocalCluster
 
-from accelcal import campaign
+from accelcal.fleet import campaign
 from tests.campaign.child import SEED
 from tests.campaign.contents import contents, counted, killed
 from tests.campaign.tasks import w2

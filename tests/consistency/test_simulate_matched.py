@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from accelcal.data.recording import Channel
-from accelcal.simulation.filter_model import matched_aci, matched_cwpa
+from papers.stakkeland2007.filter_consistency import matched_aci, matched_cwpa
 
 
 def still(seconds: float, rate: float) -> Channel:

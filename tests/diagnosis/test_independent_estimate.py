@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from benches.engines import compared, worst
 
 import accelcal as ac
 from accelcal.diagnosis.checks import engines
@@ -16,6 +15,7 @@ from accelcal.estimation import drive
 from accelcal.estimation.estimate import solve_runs
 from accelcal.io import load
 from accelcal.simulation import CXL02_RIG
+from benches.engines import compared, worst
 from tests.hostile.case import case_rng
 from tests.regimes.regimes import TABLE
 from tests.regimes.rig import Planted

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from accelcal import workflow
-from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.recording import Channel
-from accelcal.data.rig import LowPass
+from accelcal.data.rig import ChannelFilter, LowPass
 from accelcal.diagnosis.faults import faults
 from accelcal.diagnosis.left_out import without_wrong_readings
 from accelcal.estimation.estimate import estimate

@@ -16,7 +16,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 PUBLIC = (
     "accelcal",
     "accelcal.experiment",
-    "accelcal.campaign",
+    "accelcal.fleet.campaign",
     "accelcal.io",
     "accelcal.plots",
     "accelcal.plots.interactive",

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from accelcal.estimation.adjoint import gradient_in_output, gradient_in_readings
+from accelcal.estimation.columns import gradient_in_output, gradient_in_readings
 
 
 def run_with(gains, step, kept):

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.recording import RecordingError
-from accelcal.data.rig import STANDARD_GRAVITY, Rig
+from accelcal.data.rig import STANDARD_GRAVITY, ChannelFilter, Rig
 from accelcal.estimation.channel_filters import LEAST_GAIN, ChannelFilters
 from accelcal.estimation.estimate import Fit, estimate
 from accelcal.estimation.recursive import fit_recursive

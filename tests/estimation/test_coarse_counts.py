@@ -10,7 +10,7 @@ from accelcal import improve
 from accelcal.data.recording import Channel
 from accelcal.diagnosis.noise_tests.noise_test import POSITION_JUMPS
 from accelcal.estimation import run as runs
-from accelcal.estimation.coarse_counts import distinct_readings
+from accelcal.estimation.readings import distinct_readings
 from accelcal.estimation.run import prepare
 from accelcal.io import load
 from tests.regimes.regimes import TABLE

@@ -7,7 +7,7 @@ import pytest
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel
-from accelcal.estimation.glitches import spikes
+from accelcal.estimation.readings import spikes
 
 RATE = 50.0
 GROUND_NOISE = 1e-8

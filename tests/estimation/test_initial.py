@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from accelcal.estimation import initial
+from accelcal.estimation import run_state
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.gauss_newton import NotIdentifiable
 from accelcal.io import load
@@ -23,6 +23,6 @@ def test_two_hundred_holes_leave_the_parameters_identifiable(tmp_path: Path, mon
     found = solve_runs(Model.linear(), [recording], end=end)
     values = found.states[0].values
     assert values.bias == pytest.approx(record.truth["bias"], abs=2e-4)  # 5 deviations and more
-    monkeypatch.setattr(initial, "LEAST_SETTLED", 0.0)
+    monkeypatch.setattr(run_state, "LEAST_SETTLED", 0.0)
     with pytest.raises(NotIdentifiable):  # loaded anew, since a recording keeps its rough estimate
         solve_runs(Model.linear(), [load(path)], end=end)

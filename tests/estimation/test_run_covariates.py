@@ -8,16 +8,17 @@ import pytest
 from scipy import stats
 
 import accelcal as ac
-from accelcal.data.run_labels import RunLabels, days_of
-from accelcal.estimation.run_covariates import (
+from accelcal.data.recording import RunLabels, days_of
+from accelcal.estimation.run_to_run import (
     COVARIATE_ALPHA,
+    SPREAD_ALPHA,
+    BetweenRuns,
     Covariate,
     best_likelihood,
     covariates_of,
     goes_with,
     likelihood,
 )
-from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns
 from accelcal.simulation import CXL02_RIG
 from tests.tiers import drawn
 

@@ -13,7 +13,7 @@ from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns
 from accelcal.model import Prior
 from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
-from accelcal.validation.other_record import values_on
+from accelcal.validation.prediction import values_on
 
 BIASES = (0.020, 0.021, 0.022, 0.023, 0.024, 0.025)
 """m/s², of six runs."""

@@ -10,7 +10,7 @@ import scipy
 
 from accelcal.estimation import smoothing
 from accelcal.estimation.estimate import solve_runs
-from accelcal.estimation.shrinkage import Shrinkage
+from accelcal.estimation.smoothing import Shrinkage
 from accelcal.io import load
 from accelcal.model import Model
 from accelcal.signals.processing import Bandwidth

@@ -12,7 +12,7 @@ import pytest
 import accelcal as ac
 from accelcal import io
 from accelcal.data.orientation import GRAVITY, LEVERS, TURNED, path_along
-from accelcal.data.summary import summarise
+from accelcal.data.quality import summarise
 from accelcal.diagnosis.checks import slow_residual
 from accelcal.estimation.estimate import estimate, tied_sum
 from accelcal.estimation.recursive import fit_recursive

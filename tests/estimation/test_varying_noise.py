@@ -7,9 +7,9 @@ import accelcal as ac
 from accelcal.effects import found_by
 from accelcal.estimation.drive import DriveIntegrals, run_filter
 from accelcal.estimation.estimate import solve_runs
+from accelcal.estimation.noise import VarianceFunction, most_likely, with_growth
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.values import Noise, NoiseGrowth
-from accelcal.estimation.varying_noise import VarianceFunction, most_likely, with_growth
 from accelcal.simulation import ADXL105_RIG
 
 GROWS = found_by("noise over speed")
@@ -72,7 +72,7 @@ def test_growth_scales_with_its_noise():
 def test_a_variance_that_is_the_same_all_along_does_not_grow(state):
     constant = found_by("reading outliers")
     noise = Noise(1e-6, 1e-12, (NoiseGrowth(constant), NoiseGrowth(GROWS)))
-    from accelcal.estimation.varying_noise import variance_functions
+    from accelcal.estimation.noise import variance_functions
 
     assert [f.effect.name for f in variance_functions(state.run, noise, state.signals)] == [GROWS.name]
     assert variance_functions(state.run, noise, None) == []

@@ -13,8 +13,7 @@ from accelcal import _core, filters
 from accelcal._core import FilterError, FilterSetup
 from accelcal.data.recording import Channel
 from accelcal.estimation.recursive import fit_recursive
-from accelcal.filters.choice import FilterChoice, GaussMarkov
-from accelcal.filters.core_settings import core_setup
+from accelcal.filters.choice import FilterChoice, GaussMarkov, core_setup
 from accelcal.simulation.sensor import Simulated, simulate
 from accelcal.validation.consistency import consistency, nees
 from tests.filters.worlds import NOISE, RATE, READING, RIG

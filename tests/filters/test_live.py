@@ -13,8 +13,8 @@ from accelcal.data.rig import Rig, Sensor
 from accelcal.effects import BUILT_IN, is_local
 from accelcal.estimation.estimate import estimate
 from accelcal.filters.choice import FilterChoice, GaussMarkov
-from accelcal.filters.fixed_rate_filter import fixed_rate
 from accelcal.filters.live_model import LiveModel
+from accelcal.filters.stream import fixed_rate
 from accelcal.model import Model, Prior
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from tests.filters.worlds import MODEL, NOISE, RATE, READING, RIG, TRUE, World, followed, world

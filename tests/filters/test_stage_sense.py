@@ -10,8 +10,7 @@ import pytest
 import accelcal as ac
 from accelcal.estimation.estimate import estimate
 from accelcal.estimation.recursive import fit_recursive
-from accelcal.filters.choice import FilterChoice
-from accelcal.filters.stage_sense import to_stage
+from accelcal.filters.choice import FilterChoice, to_stage
 from accelcal.model import Model
 from accelcal.simulation import ADXL105_RIG
 

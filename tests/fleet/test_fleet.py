@@ -11,12 +11,10 @@ from scipy import stats
 from typer.testing import CliRunner
 
 import accelcal as ac
-from accelcal import campaign
 from accelcal.cli import app, write_recording
-from accelcal.fleet import task
+from accelcal.fleet import campaign, summary
 from accelcal.fleet.population import population
-from accelcal.fleet.summary import AGEING_ALPHA, OUTLYING, moving_range, summarise
-from accelcal.fleet.task import fit_of
+from accelcal.fleet.summary import AGEING_ALPHA, OUTLYING, fit_of, moving_range, summarise
 from accelcal.simulation import CXL02_RIG
 from tests.schemas import require_published
 
@@ -231,5 +229,5 @@ def test_a_sensor_that_does_not_age_is_not_said_to(sensors):
         false += any(corrected(one, 10).p_value < AGEING_ALPHA for one in charts)
     print(f"{false} of 60 campaigns of ten sensors say that one ages ({AGEING_ALPHA:g} stated)")
     assert false <= stats.binom.ppf(0.975, 60, AGEING_ALPHA)
-    assert set(task.MODELS) == {"linear", "cubic"}
+    assert set(summary.MODELS) == {"linear", "cubic"}
     assert replace(charts[0], p_value=0.0).ages

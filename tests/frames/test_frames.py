@@ -11,8 +11,8 @@ import pytest
 
 import accelcal as ac
 from accelcal._support.errors import MissingExtra
-from accelcal.estimation.parameter_tracks import track
 from accelcal.estimation.recursive import fit_recursive
+from accelcal.estimation.tracks import track
 from accelcal.simulation import CXL02_RIG
 from accelcal.validation.comparison import Evaluation
 
@@ -149,6 +149,19 @@ def test_a_comparison_as_frames(seen: Evaluation) -> None:
     data = seen.to_xarray()
     np.testing.assert_array_equal(data["one_step"].values, seen.residual[1])
     assert data["measured"].attrs["units"] == "m"
+
+
+def test_a_comparison_of_models_is_a_dataset_with_axes(fit: ac.Fit) -> None:
+    several = ac.compare(
+        [fit, ac.fit(simulated(3).recording, ac.Model.cubic())], [simulated(4).recording, simulated(5).recording]
+    )
+    data = several.to_xarray()
+    assert [*data["model"].values] == [*several.names]
+    assert dict(data.sizes)["recording"] == 2
+    for number, name in enumerate(several.names):
+        mine = data["simulated"].isel(recording=0).sel(model=name).dropna("t")
+        np.testing.assert_array_equal(mine.values, several.seen[0][number].simulated[2])
+        np.testing.assert_array_equal(mine["t"].values, several.seen[0][number].simulated[0])
 
 
 def test_a_diagnosis_as_a_frame(fit: ac.Fit, run: ac.Recording) -> None:

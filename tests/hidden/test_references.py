@@ -1,8 +1,8 @@
 """Hidden effects where a vibrometer or an accelerometer is the reference; make bench-references counts many."""
 
 import pytest
-from benches.references import D, Referred, run
 
+from benches.references import D, Referred, run
 from tests.hidden.trials import Trial
 from tests.hidden.verdicts import falsely_named, in_class
 

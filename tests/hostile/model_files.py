@@ -19,8 +19,8 @@ import numpy as np
 import accelcal as ac
 from accelcal import report, workflow
 from accelcal._support.plain_text import OBEYED
-from accelcal.calibration import apply, export
-from accelcal.calibration.characteristic import characteristic
+from accelcal.calibration import export
+from accelcal.calibration.characteristic import apply, characteristic
 from accelcal.cli.printing import show, show_comparison, show_export, show_fit, show_formulas
 from accelcal.effects import from_expression
 from accelcal.results import json as results_json
@@ -184,7 +184,7 @@ def exported(fit: ac.Fit) -> Iterator[str]:
 def applied(fit: ac.Fit) -> Iterator[str]:
     """Accelerations of some outputs."""
     for output in (-20.0, 0.0, 1.5):
-        found = apply.apply(fit, output)
+        found = apply(fit, output)
         yield f"{found.acceleration!r} {found.std!r} {found.rounds!r}"
 
 

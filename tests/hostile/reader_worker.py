@@ -24,8 +24,8 @@ from typing import IO, Any
 import numpy as np
 
 from accelcal import io
+from accelcal.data.quality import describe, summarise
 from accelcal.data.recording import Recording, RecordingError
-from accelcal.data.summary import describe, summarise
 from accelcal.io import containers
 from accelcal.io.decoding import child
 

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from accelcal import campaign
-from accelcal.campaign import CampaignError
+from accelcal.fleet import campaign
+from accelcal.fleet.campaign import CampaignError
 from tests.campaign.child import SEED
 from tests.campaign.contents import contents, counted, killed
 from tests.campaign.tasks import CALLS, w2

@@ -11,7 +11,7 @@ import pytest
 from accelcal import io
 from accelcal.data.recording import RecordingError
 from accelcal.effects import side_channels
-from accelcal.results.consistency import LONGEST_NAME
+from accelcal.results.model_file import LONGEST_NAME
 
 from .case import case_rng, cases
 from .workbench import write

@@ -19,7 +19,7 @@ from accelcal._support import internal_error
 from accelcal.app import tasks
 from accelcal.app.workbench import Workbench
 from accelcal.cli import app, write_recording
-from accelcal.data import summary
+from accelcal.data import quality
 from accelcal.data.recording import RecordingError
 from accelcal.data.units import quantity
 from accelcal.simulation import ADXL105_RIG
@@ -86,7 +86,7 @@ def ended(*arguments: str) -> int:
 
 @pytest.mark.parametrize("kind", [*FOREIGN, "RecursionError", "PanicException"])
 def test_an_error_of_accelcal_is_one_sentence_and_a_report(here, monkeypatch, capsys, kind):
-    monkeypatch.setattr(summary, "summarise", raising(kind))
+    monkeypatch.setattr(quality, "summarise", raising(kind))
     monkeypatch.setattr("sys.argv", ["accelcal", "check", "run.csv"])
     assert ended("check", "run.csv") == 70
     printed = capsys.readouterr()
@@ -105,7 +105,7 @@ def test_an_error_of_accelcal_is_one_sentence_and_a_report(here, monkeypatch, ca
 
 
 def test_reports_are_never_written_over_and_find_another_place(here, monkeypatch, capsys):
-    monkeypatch.setattr(summary, "summarise", raising("KeyError"))
+    monkeypatch.setattr(quality, "summarise", raising("KeyError"))
     for _ in range(3):
         assert ended("check", "run.csv") == 70
     assert len(list((here / "reports").iterdir())) == 3
@@ -177,7 +177,7 @@ def test_an_effect_of_the_user_that_fails_is_named_by_its_line(here, monkeypatch
     effect.write_text("def f(*a, **k):\n    return 1 // 0\n")
     names: dict[str, object] = {}
     exec(compile(effect.read_text(), "own.py", "exec"), names)
-    monkeypatch.setattr(summary, "summarise", names["f"])
+    monkeypatch.setattr(quality, "summarise", names["f"])
     assert ended("check", "run.csv") == 3
     said = capsys.readouterr().err
     assert said == "accelcal: own.py, line 2: ZeroDivisionError: integer division or modulo by zero; change this line\n"

@@ -12,8 +12,7 @@ import pytest
 
 from accelcal._core import __version__
 from accelcal.results import model_file
-from accelcal.results.migrations import MODEL_SCHEMA, PRESENT, STEPS
-from accelcal.results.model_file import ModelFileError
+from accelcal.results.model_file import MODEL_SCHEMA, PRESENT, STEPS, ModelFileError
 
 from .model_files import bases, enter_own_effect
 

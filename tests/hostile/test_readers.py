@@ -24,9 +24,9 @@ from pyarrow import parquet
 import accelcal
 from accelcal import io
 from accelcal.data import units
+from accelcal.data.quality import summarise
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import Rig
-from accelcal.data.summary import summarise
 from accelcal.io import containers, files, table
 from accelcal.io.sidecar import read_sidecar
 

@@ -11,8 +11,8 @@ import pytest
 import accelcal as ac
 from accelcal._support.plain_text import OBEYED, visible
 from accelcal.cli import common
+from accelcal.cli.common import say, say_line, show_table, show_wrapped_table
 from accelcal.cli.printing import show_comparison, show_fit
-from accelcal.cli.terminal import say, say_line, show_table, show_wrapped_table
 from accelcal.data.rig import Sensor
 from accelcal.results import json as results_json
 from accelcal.results import model_file

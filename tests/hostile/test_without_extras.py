@@ -16,8 +16,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from accelcal import paper
 from accelcal._support.errors import MissingExtra
+from papers import stakkeland2007 as paper
 from tests.house.test_supply import PROJECT, declared
 
 from .case import LONG
@@ -37,7 +37,6 @@ INSTALL = re.compile(r"install it with: pip install [\"']accelcal\[(\w+)\]")
 REFUSED = {
     "plots of compare": ("plot", "compare m.json other.csv --plots plots"),
     "figure of dwells": ("plot", "dwells tumble.csv --least 1s --figure rests.png"),
-    "paper": ("plot", "paper -o figures"),
     "report": ("report", "report m.json run.csv -o run.html"),
     "light report": ("plot", "report m.json run.csv --light -o run.html"),
     "page of fleet": ("report", "fleet sensors/a -o fleet.html"),
@@ -68,7 +67,7 @@ WORKING = {
     "live": "live --file run.csv --rig run.toml -o got.parquet",
 }
 FEW = ("check", "cut", "fit", "export", "live", "doctor")
-OFTEN = ("plots of compare", "paper", "report", "port", "dask", "workbench")
+OFTEN = ("plots of compare", "report", "port", "dask", "workbench")
 
 
 def of_extras() -> set[str]:

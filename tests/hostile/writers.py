@@ -89,11 +89,6 @@ WRITERS: Mapping[str, Writer] = {
         together=False,
         heavy=True,
     ),
-    "paper": Writer(
-        ("paper", "-o", "figures"),
-        tuple(f"figures/figure{n}.png" for n in (3, 4, 5)),
-        heavy=True,
-    ),
     "response": Writer(
         ("response", "shaker.csv", "--csv", "table.csv", "--dcc", "table.xml", "--figure", "table.svg"),
         ("table.csv", "table.xml", "table.svg"),

@@ -5,13 +5,13 @@ import json
 
 import numpy as np
 import pytest
-from tests.commands import accelcal
 
 import accelcal as ac
 from accelcal.cli import write_recording
 from accelcal.data.recording import Recording
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.simulation import ADXL105_RIG
+from tests.commands import accelcal
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 
@@ -187,7 +187,7 @@ def test_check_and_doctor_speak_json(folder):
 
 
 def test_every_command_has_help_with_an_example():
-    commands = ("init", "check", "fit", "compare", "simulate", "demo", "live", "paper", "doctor")
+    commands = ("init", "check", "fit", "compare", "simulate", "demo", "live", "doctor")
     for command in commands:
         done = accelcal(command, "-h")
         assert done.returncode == 0

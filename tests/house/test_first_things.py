@@ -13,13 +13,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests import commands
 
 import accelcal as ac
-from accelcal.cli import hints, write_recording
+from accelcal.cli import common, write_recording
 from accelcal.diagnosis.noise_tests.block_spectra import power_fit
 from accelcal.signals.series import interpolation_spread, local_spread
 from accelcal.simulation import ADXL105_RIG
+from tests import commands
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 HASHED = "from pathlib import Path; from accelcal.app.session_content import digest_at; print(digest_at(Path({!r})))"
@@ -90,7 +90,7 @@ def test_the_step_after_a_diagnosis_adds_what_the_model_lacks(
 ) -> None:
     monkeypatch.chdir(folder)
     found = SimpleNamespace(effects=effects, verdict="named")
-    hints.after_diagnosis(ac.load_model("m.json"), found, Path("m.json"), [Path("run.csv")], None)  # type: ignore[arg-type]
+    common.after_diagnosis(ac.load_model("m.json"), found, Path("m.json"), [Path("run.csv")], None)  # type: ignore[arg-type]
     assert capsys.readouterr().err == expected
 
 

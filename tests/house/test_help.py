@@ -7,9 +7,9 @@ import importlib
 import inspect
 
 import pytest
-from tests.house.test_layers import MODULES
 
 import accelcal
+from tests.house.test_layers import MODULES
 
 PUBLIC = [name for name in accelcal.__all__ if callable(getattr(accelcal, name))]
 WITH_EXAMPLES = [m for m, path in MODULES.items() if ">>> " in path.read_text(encoding="utf-8")]

@@ -15,8 +15,8 @@ import accelcal as ac
 from accelcal._support.result import Result
 from accelcal.data.rig import Uncertainty
 from accelcal.effects import CATALOGUE, find, names
-from accelcal.estimation.parameter_tracks import track
 from accelcal.estimation.recursive import fit_recursive
+from accelcal.estimation.tracks import track
 from accelcal.simulation import CXL02_RIG
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests import commands
 
 import accelcal as ac
 from accelcal.cli import write_recording
 from accelcal.cli.overwriting import Writing, writing
 from accelcal.io.write import writer_of
 from accelcal.simulation import ADXL105_RIG
+from tests import commands
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 

@@ -90,7 +90,7 @@ def test_a_folder_that_may_not_be_written_to_is_named(refused, monkeypatch):
 
 @pytest.mark.parametrize(
     "command",
-    [["demo", "-o"], ["paper", "-o"], ["compare", "m.json", "run.csv", "--plots"]],
+    [["demo", "-o"], ["compare", "m.json", "run.csv", "--plots"]],
     ids=lambda words: words[0],
 )
 def test_a_file_is_no_folder(refused, command):

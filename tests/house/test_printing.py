@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 import accelcal as ac
 from accelcal.cli import app
+from accelcal.cli.common import show_table
 from accelcal.cli.printing import show_fit, show_improvement
-from accelcal.cli.terminal import show_table
 from accelcal.estimation.estimate import estimate
 from accelcal.results.words import interval
 from accelcal.simulation import CXL02_RIG

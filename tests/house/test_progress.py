@@ -14,8 +14,8 @@ from rich.console import Console
 import accelcal as ac
 from accelcal._support.progress import within
 from accelcal._support.stopping import Stopped
+from accelcal.cli.common import bar
 from accelcal.cli.diagnosis import kept_on_the_way
-from accelcal.cli.progress_bar import bar
 from accelcal.estimation.estimate import Fit
 from accelcal.simulation.sensor import CXL02_RIG
 

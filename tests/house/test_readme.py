@@ -6,6 +6,7 @@ import shlex
 from pathlib import Path
 
 import pytest
+
 from tests.commands import accelcal, python
 
 pytestmark = pytest.mark.always

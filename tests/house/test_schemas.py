@@ -8,9 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.estimation.test_triad import positions
-from tests.hostile.model_files import DEAR, bases, exported
-from tests.schemas import require_published, validator
 from typer.testing import CliRunner
 
 import accelcal
@@ -18,6 +15,9 @@ from accelcal.cli import app
 from accelcal.estimation.triad import fit_triad
 from accelcal.results import model_file
 from accelcal.results.json import SCHEMAS, content, kind_of, schema_name
+from tests.estimation.test_triad import positions
+from tests.hostile.model_files import DEAR, bases, exported
+from tests.schemas import require_published, validator
 
 PACKAGE = Path(accelcal.__file__).parent
 NOT_JSON = {"campaign"}

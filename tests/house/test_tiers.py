@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+
 from tests import tiers
 from tests.commands import accelcal, python
 

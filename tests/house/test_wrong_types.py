@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
-from tests.house.test_layers import MODULES
 
 import accelcal as ac
 from accelcal._support.arguments import accepts, hints_of
 from accelcal.effects import from_expression
 from accelcal.simulation import CXL02_RIG
+from tests.house.test_layers import MODULES
 
 
 @pytest.fixture(scope="module")

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.commands import accelcal
 
 import accelcal as ac
 from accelcal import filters
 from accelcal.data.recording import Channel, RecordingError
+from tests.commands import accelcal
 
 N = 4000
 T = np.arange(N) / 500.0

@@ -77,7 +77,7 @@ def test_one_hour_of_parquet_loads_in_700_megabytes(tmp_path):
 
 def test_importing_io_imports_no_heavy_library():
     script = (
-        "import sys, accelcal.io, accelcal.data.summary; "
+        "import sys, accelcal.io, accelcal.data.quality; "
         "heavy = ('pint', 'scipy.stats', 'scipy.signal', 'pyarrow', 'h5py', 'pydantic', 'matplotlib'); "
         "print([name for name in heavy if name in sys.modules])"
     )

@@ -4,12 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from tests.schemas import require_published
 from typer.testing import CliRunner
 
 import accelcal as ac
 from accelcal.cli import app
 from accelcal.data.rests import rests
+from tests.schemas import require_published
 
 TABLE = """attitude_deg,mean,std,duration_s,temperature_degC,samples,group
 0,0.05,0.002,60,23.1,6000,1

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from accelcal import io
-from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.recording import RecordingError
-from accelcal.data.rig import LowPass, Rig
+from accelcal.data.rig import ChannelFilter, LowPass, Rig
 from accelcal.io.sidecar import Source, read_sidecar
 from accelcal.results import model_file
 

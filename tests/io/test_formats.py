@@ -4,11 +4,11 @@ import numpy as np
 import pyarrow as pa
 import pytest
 from pyarrow import parquet
-from tests.io.installed import leave_numpy_alone
 
 from accelcal import io
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import Rig
+from tests.io.installed import leave_numpy_alone
 
 N = 40
 T = np.arange(N) / 100

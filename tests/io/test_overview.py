@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from accelcal.data.quality import describe, rest, summarise
 from accelcal.data.recording import Channel, Finding, Recording
 from accelcal.data.rig import Rig, Sensor
-from accelcal.data.summary import describe, rest, summarise
 
 NO_OUTPUT = Channel("accel", np.arange(2.0), np.zeros(2), "m/s^2")
 

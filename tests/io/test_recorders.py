@@ -4,13 +4,13 @@ import importlib.util
 
 import numpy as np
 import pytest
-from tests.io.installed import leave_numpy_alone
-from tests.io.recorders import RECORDERS
 
 from accelcal import io
 from accelcal.data.recording import RecordingError
 from accelcal.io.decoding.known_formats import FORMATS
 from accelcal.io.files import open_table
+from tests.io.installed import leave_numpy_alone
+from tests.io.recorders import RECORDERS
 
 STEP = 1.0 / 128.0
 N = 60

@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 
+from accelcal.data.clocks import decimal_step, stamp_grid, uniform_clock, usual_step
 from accelcal.data.quality import HELD, ROUNDED, Samples, clean
 from accelcal.data.rig import Rig
-from accelcal.data.stamps import decimal_step, stamp_grid, uniform_clock, usual_step
 
 N = 12_000
 

@@ -5,7 +5,7 @@ import pytest
 
 import accelcal
 from accelcal import io
-from accelcal.data.alignment import align
+from accelcal.data.clocks import align
 from accelcal.data.recording import Channel, RecordingError
 from accelcal.model import Model
 

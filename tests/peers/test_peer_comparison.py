@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from benches.peers import ours, plain, table
 from benches.peers.comparison import FUSED, TOLERANCE, Found, Result, deviation
 from benches.peers.workload import WORKLOADS, Ended, draw

@@ -8,26 +8,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.plots.test_plots import SHORT, a_comparison
-from tests.plots.test_sensitivity import responded
+from accelcal.estimation.shape_functions import shapes
+from accelcal.validation.spectrum import accel_spectrum, one_step_spectrum
 
 import accelcal as ac
 from accelcal.diagnosis.findings import Confounded
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.estimation.estimate import estimate
-from accelcal.estimation.parameter_tracks import track
-from accelcal.estimation.shape_functions import shapes
+from accelcal.estimation.tracks import track
 from accelcal.experiment import power
 from accelcal.live.session import LiveEvent, LiveHistory, LiveState
 from accelcal.live.tracker import Alarm, Innovation, Interval
 from accelcal.model import Estimate
-from accelcal.plots import bins, comparison, interactive, limits, matplotlib, plotly, residuals, style, timeline
+from accelcal.plots import comparison, diagnosis, interactive, matplotlib, plotly, residuals, timeline
 from accelcal.plots import diagnosis as findings
+from accelcal.plots import figure as style
 from accelcal.plots import model as models
 from accelcal.plots import tracks as over_time
-from accelcal.plots.figure import Bars, Level, Line, Points, Text, decades, thin
-from accelcal.plots.limits import chosen
-from accelcal.plots.numbers import candidate_groups
+from accelcal.plots.diagnosis import chosen
+from accelcal.plots.figure import Bars, Level, Line, Points, Text, candidate_groups, decades, thin
 from accelcal.plots.response import sensitivity
 from accelcal.plots.timeline import Marks
 from accelcal.results import words as formatting
@@ -37,9 +36,10 @@ from accelcal.validation.comparison import Bins, RmsInterval
 from accelcal.validation.consistency import cumulative_periodogram
 from accelcal.validation.differences import Comparison
 from accelcal.validation.evaluation import compare
-from accelcal.validation.spectrum import accel_spectrum, one_step_spectrum
-from accelcal.validation.worst import worst_stretches
+from accelcal.validation.regions import worst_stretches
 from accelcal.workflow import diagnose
+from tests.plots.test_plots import SHORT, a_comparison
+from tests.plots.test_sensitivity import responded
 
 THEMES = ("light", "dark")
 LIVE = (("bias", "m/s^2"), ("scale_factor", "1"))
@@ -80,18 +80,18 @@ class Example:
             "coasting": comparison.coasting(seen),
             "one_step": comparison.one_step(seen, previous=seen),
             "accel_residual": comparison.accel_residual(seen, previous=seen),
-            "regions": bins.regions(seen),
+            "regions": residuals.regions(seen),
             "spectrum": residuals.spectrum(self.fit, seen, [LINE]),
             "whiteness_plot": residuals.whiteness_plot(seen),
             "quantile_plot": residuals.quantile_plot(seen),
-            "tiles": bins.tiles(seen),
+            "tiles": residuals.tiles(seen),
             "tracks": over_time.tracks(self.track),
             "ranking": findings.ranking(self.diagnosis),
-            "signatures": limits.signatures(self.power),
+            "signatures": diagnosis.signatures(self.power),
             "error_reduction": findings.error_reduction(self.nested, lacking=self.grown.lacking),
             "fitted_curve": over_time.fitted_curve(shapes(self.shaped)),
-            "detectable_sizes": limits.detectable_sizes(self.power),
-            "drift_limits": limits.drift_limits(self.power.drift),
+            "detectable_sizes": diagnosis.detectable_sizes(self.power),
+            "drift_limits": diagnosis.drift_limits(self.power.drift),
             "timeline": timeline.timeline(self.run, self.marks),
             "overlay": timeline.overlay(list(zip(self.nested.names, self.nested, strict=True))),
             "live_tracks": over_time.live_tracks(followed()),
@@ -245,7 +245,7 @@ def test_coasting_shows_drift_and_floor(example, defined):
 
 
 def test_regions_come_in_the_order_of_what_they_explain(example, defined):
-    found = bins.ordered(example.seen)
+    found = residuals.ordered(example.seen)
     shares = [share for _, share in found]
     assert shares == sorted(shares, reverse=True)
     assert found[0][0].variable == "acceleration"  # a cubic is a function of acceleration
@@ -325,7 +325,7 @@ def test_quantiles_are_those_of_all_residuals(example, defined):
 
 
 def test_tiles_hold_scores(example):
-    seen = bins.tiles_of(example.seen)
+    seen = residuals.tiles_of(example.seen)
     for row, sigma in zip(seen.rows, seen.z, strict=True):
         one = next(b for b in example.seen.bins if row.startswith(f"{b.variable},"))
         known = one.std > 0.0
@@ -502,7 +502,13 @@ def test_breaks_and_faults_are_marked(example):
 @pytest.mark.parametrize("theme", THEMES)
 def test_records_too_short_are_said_in_place_of_figures(theme):
     short = a_comparison(n=40, bins=(), accel_residual=(np.empty(0), np.empty(0)), measured=np.empty(0), **SHORT)
-    for define in (comparison.coasting, bins.regions, bins.tiles, comparison.accel_residual, timeline.overlay):
+    for define in (
+        comparison.coasting,
+        residuals.regions,
+        residuals.tiles,
+        comparison.accel_residual,
+        timeline.overlay,
+    ):
         texts = " ".join(a["text"] for a in plotly.as_dict(define(short), theme)["layout"]["annotations"])
         assert "too short" in texts
     assert residuals.whiteness_plot(a_comparison(n=12)).panels[0].sentence
@@ -518,8 +524,8 @@ def test_power_of_few_effects_is_drawn(example):
         example.power,
         detectabilities=tuple(s for s in example.power.detectabilities if s.effect in ("cubic", "quadratic")),
     )
-    assert [sorted(panel.y.ticks[1]) for panel in limits.detectable_sizes(few).panels] == [["cubic", "quadratic"]]
-    none = limits.detectable_sizes(replace(example.power, detectabilities=()))
+    assert [sorted(panel.y.ticks[1]) for panel in diagnosis.detectable_sizes(few).panels] == [["cubic", "quadratic"]]
+    none = diagnosis.detectable_sizes(replace(example.power, detectabilities=()))
     assert "No effect is detectable" in none.panels[0].sentence
 
 

@@ -12,12 +12,11 @@ import pytest
 from accelcal import plots
 from accelcal.estimation.estimate import estimate
 from accelcal.model import Model
-from accelcal.plots import style
-from accelcal.plots.bins import regions
+from accelcal.plots import figure as style
 from accelcal.plots.comparison import summary_sentence
 from accelcal.plots.figure import Band, Line, Points, thin
 from accelcal.plots.matplotlib import save
-from accelcal.plots.residuals import autocorrelation, histogram, normal_quantiles
+from accelcal.plots.residuals import autocorrelation, histogram, normal_quantiles, regions
 from accelcal.results import words as formatting
 from accelcal.results.words import concise
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
@@ -568,13 +567,13 @@ def test_missing_matplotlib_is_one_sentence(monkeypatch, tmp_path, fitted):
 
 
 def test_matplotlib_is_not_imported_before_a_figure_is_drawn():
-    code = "import sys, accelcal.plots, accelcal.plots.style; sys.exit('matplotlib' in sys.modules)"
+    code = "import sys, accelcal.plots, accelcal.plots.figure; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_pyplot_is_never_imported():
     code = (
-        "import sys, accelcal.plots.matplotlib as s, pathlib, tempfile; from accelcal.plots.style import DARK;"
+        "import sys, accelcal.plots.matplotlib as s, pathlib, tempfile; from accelcal.plots.figure import DARK;"
         "s.save(s.new_figure(2, 2, DARK), pathlib.Path(tempfile.mkdtemp(), 'x.png'));"
         "sys.exit('matplotlib.pyplot' in sys.modules)"
     )

@@ -6,7 +6,7 @@ The recordings are not part of this repository: ACCELCAL_REAL_DATA names the fol
 import numpy as np
 import pytest
 
-from accelcal.data.summary import describe, summarise
+from accelcal.data.quality import describe, summarise
 
 from .recordings import HERE
 from .recordings import recording as real

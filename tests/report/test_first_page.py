@@ -11,11 +11,9 @@ import pytest
 import typst
 from matplotlib import image
 
-from accelcal.data.run_labels import RunLabels
-from accelcal.report.first_page import MOST_PARAMETERS, first_page
-from accelcal.report.pdf import paper
-from accelcal.report.typesetting import sources, typeset
-from accelcal.report.view import view
+from accelcal.data.recording import RunLabels
+from accelcal.report.page import paper, sources, typeset
+from accelcal.report.view import MOST_PARAMETERS, first_page, view
 from tests.report.reading import Page
 
 A4 = 210.0 / 297.0

@@ -9,7 +9,7 @@ import accelcal as ac
 from accelcal import report
 from accelcal.estimation.estimate import estimate
 from accelcal.plots.response import RESPONSE_HEAD, response_rows
-from accelcal.report.pdf import paper
+from accelcal.report.page import paper
 from accelcal.response import frequency_response
 from accelcal.simulation.motion import sine_steps
 from tests.report.reading import Page
@@ -56,8 +56,8 @@ def test_page_and_paper_say_the_same(shaken, tmp_path):
     ):
         assert " ".join(text.split()) in page
     json.dumps(said, allow_nan=False)
-    report.pdf(shaken, tmp_path / "report.pdf")
-    assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
+    report.pdf(shaken, tmp_path / "report.page")
+    assert (tmp_path / "report.page").read_bytes().startswith(b"%PDF")
 
 
 def test_other_motions_have_no_such_section(complete):

@@ -12,16 +12,15 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from benches.response import broadband_runs, largest, mpu9250_runs, vibrometer_runs
 
 import accelcal as ac
 from accelcal.calibration.export import Laboratory
-from accelcal.data.recording import Channel, Recording, RecordingError
-from accelcal.data.references import integrated
+from accelcal.data.recording import Channel, Recording, RecordingError, integrated
 from accelcal.response import Point, Reference, fit_response, frequency_response, stepped_response
-from accelcal.response.certificate import draft_response
+from accelcal.response.export import draft_response
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 from accelcal.simulation.motion import sine_steps
+from benches.response import broadband_runs, largest, mpu9250_runs, vibrometer_runs
 from tests.calibration.export.order import require_order
 from tests.schemas import require_published
 from tests.worlds.shaker import SecondOrder, Step, published_sensor, run

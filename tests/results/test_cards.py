@@ -16,7 +16,7 @@ from accelcal.estimation.estimate import estimate
 from accelcal.results import table as tables
 from accelcal.results.words import concise, interval, plain
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG
-from accelcal.validation.stretches import headline_horizon
+from accelcal.validation.differences import headline_horizon
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
 

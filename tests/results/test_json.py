@@ -20,13 +20,12 @@ from hypothesis.extra.numpy import arrays
 
 import accelcal as ac
 from accelcal._support.result import NotStored
-from accelcal.data.channel_filter import ChannelFilter
-from accelcal.data.rig import Rig
+from accelcal.data.rig import ChannelFilter, Rig
 from accelcal.diagnosis.dwells import DwellDiagnosis
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit
-from accelcal.estimation.parameter_tracks import Track
+from accelcal.estimation.tracks import Track
 from accelcal.experiment.design import Limits, Plan
 from accelcal.experiment.detectability import Power
 from accelcal.filters.choice import FilterChoice

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benches.formulas import NONE, WORLDS, answer, normalised, record, records, size_at
 from scipy.signal import lfilter
 from typer.testing import CliRunner
 
@@ -18,6 +17,7 @@ from accelcal.results import model_file
 from accelcal.selection.curve_formulas import GRAMMAR, Trial, nodes_over, per
 from accelcal.signals.signals import Signals
 from accelcal.simulation import CXL02_RIG
+from benches.formulas import NONE, WORLDS, answer, normalised, record, records, size_at
 from tests.commands import accelcal
 
 CURVE = "shape_of_velocity"

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from accelcal import _core
-from accelcal.signals.jumps import NO_FLAGS, NONE, Jumps, lost_velocity, output_of
 from accelcal.signals.series import bridged, fill_gaps
-from accelcal.signals.unresolved import jumps
+from accelcal.signals.unresolved import NO_FLAGS, NONE, Jumps, jumps, lost_velocity, output_of
 from tests.regimes.profiles import PROFILES
 from tests.worlds.numerics import stream
 

@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 from accelcal import filters
 from accelcal._core import FilterError, FilterStream, FixedRateFilter, run_filter
 from accelcal.data.recording import Channel
-from accelcal.filters.choice import FilterChoice, GaussMarkov
-from accelcal.filters.core_settings import core_samples, core_setup
+from accelcal.filters.choice import FilterChoice, GaussMarkov, core_samples, core_setup
 from accelcal.filters.stream import LiveFilter
 from tests.twin.cases import Case, cases
 

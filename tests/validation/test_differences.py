@@ -16,9 +16,16 @@ from accelcal.cli.printing import show_comparison
 from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
 from accelcal.validation import evaluation
-from accelcal.validation.differences import Comparison, ModelDifference, verdict_of
-from accelcal.validation.paired import HeldOutChange, PairedStretches
-from accelcal.validation.stretches import LEAST_STRETCHES, headline_horizon, stretch_count
+from accelcal.validation.differences import (
+    LEAST_STRETCHES,
+    Comparison,
+    HeldOutChange,
+    ModelDifference,
+    PairedStretches,
+    headline_horizon,
+    stretch_count,
+    verdict_of,
+)
 from tests.schemas import require_published
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 2e-3}

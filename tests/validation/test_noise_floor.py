@@ -18,12 +18,10 @@ from accelcal.estimation.estimate import Fit, estimate
 from accelcal.estimation.values import Noise
 from accelcal.model import Model
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
-from accelcal.validation.comparison import NoiseFloor
+from accelcal.validation.comparison import DIFFER, ONLY_WHITE, NoiseFloor, SensorNoise, density_at_rest
+from accelcal.validation.differences import drift_spread
 from accelcal.validation.evaluation import compare
-from accelcal.validation.noise_floor import noise_floor
-from accelcal.validation.paired import drift_spread
-from accelcal.validation.ruler import Ruler
-from accelcal.validation.sensor_noise import DIFFER, ONLY_WHITE, SensorNoise, density_at_rest
+from accelcal.validation.noise_floor import Ruler, noise_floor
 from accelcal.workflow import compare_models
 
 RECORDS = int(os.environ.get("ACCELCAL_FLOORS", "12"))

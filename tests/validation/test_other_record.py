@@ -10,7 +10,7 @@ from accelcal.demo import with_effect
 from accelcal.effects import BUILT_IN, find, of_one_record
 from accelcal.estimation.run import prepare
 from accelcal.simulation import CXL02_RIG
-from accelcal.validation.other_record import left_out, values_on
+from accelcal.validation.prediction import left_out, values_on
 
 STEP, INSTANT = 0.02, 21.0
 

@@ -14,7 +14,7 @@ from accelcal.diagnosis.relation import RelationColumns
 from accelcal.estimation.run import prepare
 from accelcal.io import load
 from accelcal.validation import evaluation
-from accelcal.validation.spectrum import accel_spectrum, one_step_spectrum
+from accelcal.validation.evaluation import accel_spectrum, one_step_spectrum
 from tests.worlds import Hidden, Nuisances, World
 from tests.worlds.world import ACCEL_RATE, Reference
 

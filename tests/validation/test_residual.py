@@ -5,8 +5,8 @@ import pytest
 
 import accelcal as ac
 from accelcal.validation import evaluation
+from accelcal.validation.noise_floor import Ruler
 from accelcal.validation.prediction import Prediction
-from accelcal.validation.ruler import Ruler
 from tests.worlds import Hidden, Nuisances, World
 
 SLACK = -1.4e-6

@@ -11,10 +11,10 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter
 
 import accelcal as ac
-from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.recording import Channel, Recording
+from accelcal.data.rig import ChannelFilter
 from accelcal.validation.dead_reckoning import DeadReckoning, total
-from accelcal.validation.ruler import Ruler
+from accelcal.validation.noise_floor import Ruler
 from accelcal.workflow import compare_models
 
 TAU = 0.16

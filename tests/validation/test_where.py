@@ -14,7 +14,7 @@ from accelcal.cli.printing import show
 from accelcal.results import comparisons
 from accelcal.simulation import CXL02_RIG
 from accelcal.validation.comparison import Bins, Evaluation, Region
-from accelcal.validation.worst import STRETCHES, seen_at, worst_regions, worst_sentence
+from accelcal.validation.regions import STRETCHES, seen_at, worst_regions, worst_sentence
 
 VARIABLES = ("time", "position", "velocity", "acceleration", "jerk", "time since reversal")
 

@@ -6,7 +6,7 @@ import pytest
 from accelcal.estimation import run_state
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.gauss_newton import ROUNDS_OF_GROWN, estimated, initial_states
-from accelcal.estimation.normal_equations import normal_equations
+from accelcal.estimation.rows import normal_equations
 from accelcal.model import Model
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 

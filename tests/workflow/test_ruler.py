@@ -10,8 +10,8 @@ from accelcal import workflow
 from accelcal.estimation.estimate import estimate
 from accelcal.selection.improvement import Step
 from accelcal.simulation import CXL02_RIG
-from accelcal.validation.paired import heldout_change, paired_change
-from accelcal.validation.ruler import Ruler
+from accelcal.validation.differences import heldout_change, paired_change
+from accelcal.validation.noise_floor import Ruler
 from accelcal.workflow import heldout_rises
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 2e-3}

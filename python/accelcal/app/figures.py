@@ -12,21 +12,17 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from accelcal.app.state import Run, State, Stretch
-from accelcal.data.recording import Recording
-from accelcal.data.units import instant
+from accelcal.data import Recording, instant
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
 from accelcal.live.session import LiveHistory
-from accelcal.plots import bins, comparison, diagnosis, plotly, residuals, timeline, tracks
-from accelcal.plots.figure import Bars, Figure, Level, Line
-from accelcal.plots.numbers import share_text
+from accelcal.plots import comparison, diagnosis, plotly, residuals, timeline
+from accelcal.plots.figure import Bars, Figure, Level, Line, ThemeName, share_text
 from accelcal.plots.response import sensitivity
-from accelcal.plots.style import ThemeName
 from accelcal.response import FrequencyResponse
 from accelcal.results import words as formatting
 from accelcal.validation.comparison import Evaluation
-from accelcal.validation.differences import Comparison
-from accelcal.validation.stretches import quoted_error
+from accelcal.validation.differences import Comparison, quoted_error
 
 MARKERS = ("o", "s", "D", "^", "P", "X")
 """Of the held-out recordings."""
@@ -158,7 +154,7 @@ def coasting(state: State, theme: ThemeName) -> Picture:
 
 def live(history: LiveHistory, theme: ThemeName) -> Picture:
     """A running measurement so far."""
-    return picture(tracks.live_tracks(history), theme)
+    return picture(timeline.live_tracks(history), theme)
 
 
 def response(found: FrequencyResponse, theme: ThemeName) -> Picture:
@@ -170,8 +166,8 @@ def where(found: Diagnosis, theme: ThemeName) -> list[Picture]:
     """Residuals of the model on the fitted data, by variable, frequency and lag."""
     seen = found.where
     return [
-        picture(bins.tiles(seen), theme, displayModeBar=False),
-        picture(bins.regions(seen), theme),
+        picture(residuals.tiles(seen), theme, displayModeBar=False),
+        picture(residuals.regions(seen), theme),
         picture(residuals.spectrum(found.fit, seen, found.channels), theme),
         picture(residuals.whiteness_plot(seen), theme),
         picture(residuals.quantile_plot(seen), theme),

@@ -12,9 +12,7 @@ from typing import Any
 import tomlkit
 
 from accelcal import io
-from accelcal.data import units
-from accelcal.data.orientation import GRAVITY, GYROSCOPE, PLACE, QUATERNION
-from accelcal.data.recording import RecordingError
+from accelcal.data import GRAVITY, GYROSCOPE, PLACE, QUATERNION, RecordingError, units
 from accelcal.io import naming
 from accelcal.io.files import open_regular, open_table
 from accelcal.io.sidecar import has_sidecar

@@ -16,10 +16,10 @@ from accelcal.app.figures import Picture
 from accelcal.app.sessions import Workbenches
 from accelcal.app.state import State, Stretch
 from accelcal.app.workbench import Busy, Workbench
-from accelcal.data.units import instant
-from accelcal.plots.style import ThemeName
+from accelcal.data import instant
+from accelcal.plots.figure import ThemeName
 from accelcal.validation.comparison import Evaluation
-from accelcal.validation.worst import worst_stretches
+from accelcal.validation.regions import worst_stretches
 
 TICK = 0.25
 """Interval at which the page polls the workbench, s."""

@@ -16,7 +16,7 @@ def python(state: State) -> str:
     if state.recording is None:
         return "\n".join(["import accelcal as ac", "", *own, "# load a recording first"]) + "\n"
     named = Named.of(state)
-    summarised = [] if state.path else ["from accelcal.data.summary import summarise"]
+    summarised = [] if state.path else ["from accelcal.data.quality import summarise"]
     responding = responses(state, named)
     asked = ["from accelcal.response import frequency_response"] if responding else []
     lines = ["import accelcal as ac", *summarised, *asked, "", *own]

@@ -14,14 +14,13 @@ from typing import Any, Literal, TypeAlias
 from accelcal._support.errors import AccelcalError
 from accelcal._support.progress import time_left
 from accelcal.app.session_content import Formula, OpenedSession
-from accelcal.data.dwells import Dwells
-from accelcal.data.recording import Recording
+from accelcal.data import Dwells, Recording
 from accelcal.effects import CATALOGUE, Own, side_channels
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.run_differences import run_to_hold_out
 from accelcal.plots.timeline import Marks
 from accelcal.validation.comparison import HELD_OUT, Evaluation
-from accelcal.validation.pooled import pooled
+from accelcal.validation.differences import pooled
 
 Stretch = tuple[float, float]
 """From, to, s."""

@@ -17,10 +17,7 @@ from accelcal.app.session_content import Formula
 from accelcal.app.state import Run, units_of
 from accelcal.app.workers import Report
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module
-from accelcal.data import summary
-from accelcal.data.dwells import Dwells
-from accelcal.data.recording import Recording, RecordingError
-from accelcal.data.rig import Rig
+from accelcal.data import Dwells, Recording, RecordingError, Rig, quality
 from accelcal.demo import TRUTH, with_effect
 from accelcal.diagnosis.run_agreement import RunValues
 from accelcal.diagnosis.verdict import Diagnosis
@@ -40,7 +37,7 @@ from accelcal.signals.signals import Origins
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.differences import Comparison
-from accelcal.validation.ruler import Ruler
+from accelcal.validation.noise_floor import Ruler
 from accelcal.workflow import add, compare, compare_models, diagnose, drop, fit, run_values
 
 
@@ -143,7 +140,7 @@ def check(recording: Recording, *, progress: Report) -> Checked:
     """Look for breaks, faults and rest."""
     found = marks(recording)
     progress(0.9)
-    return Checked(found, summary.describe(recording))
+    return Checked(found, quality.describe(recording))
 
 
 def fitted(model: Model, train: Data, origins: Origins | None, *, progress: Report) -> Fit:

@@ -12,7 +12,7 @@ from nicegui import ui
 
 from accelcal.app.figures import Picture, narrowed, roomy
 from accelcal.app.workbench import Workbench
-from accelcal.plots.style import ThemeName
+from accelcal.plots.figure import ThemeName
 
 
 class Uploader(ui.upload):

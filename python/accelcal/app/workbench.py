@@ -42,7 +42,7 @@ from accelcal.app.state import (
 )
 from accelcal.app.tasks import PREFIX, Export, Reader
 from accelcal.app.workers import Compute, Report, direct
-from accelcal.data.recording import Recording, require_same_sensor
+from accelcal.data import Recording, require_same_sensor
 from accelcal.diagnosis.run_agreement import RunValues
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.estimation.estimate import Fit, require_distinct
@@ -52,7 +52,7 @@ from accelcal.response import FrequencyResponse
 from accelcal.results import model_file
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.differences import Comparison
-from accelcal.validation.ruler import Ruler
+from accelcal.validation.noise_floor import Ruler
 
 EXPORTS: dict[Export, str] = {"C": "sensor.h", "Rust": "sensor.rs", "JSON": "sensor.json", "DCC": "draft.xml"}
 """Formats of an exported calibration, with their file names."""

@@ -12,9 +12,7 @@ import numpy as np
 from accelcal._support.values import listing
 from accelcal.calibration.budget import COVERAGE_FACTOR, Budget, budget, expanded_uncertainty, standard_uncertainty
 from accelcal.calibration.characteristic import STATIC, characteristic
-from accelcal.data.arrays import Array
-from accelcal.data.run_labels import RunLabels
-from accelcal.data.units import MICRO_G
+from accelcal.data import MICRO_G, Array, RunLabels
 from accelcal.effects import spelled
 from accelcal.estimation.estimate import Fit
 from accelcal.model import Estimate

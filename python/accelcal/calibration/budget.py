@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from accelcal._support.values import listing
-from accelcal.data.rig import STANDARD_GRAVITY
+from accelcal.data import STANDARD_GRAVITY
 from accelcal.effects import find, static_terms
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.run_to_run import Spread

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.values import listing
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.effects import BUILT_IN, Effect, static_terms
 from accelcal.estimation.estimate import Fit
 
@@ -155,6 +156,176 @@ def _left_out(effect: Effect) -> LeftOut:
         f"is no polynomial of acceleration and temperature at the same instant{stated}",
         True,
     )
+
+
+POINTS = 201
+"""Accelerations at which the characteristic is evaluated, over which the line is fitted."""
+
+
+@dataclass(frozen=True, slots=True)
+class StraightLine:
+    """Output over a range of acceleration, the best line through it, and what is left; m/s², n points."""
+
+    a: Array
+    """(n,) acceleration, equally spaced, rising."""
+    output: Array
+    """(n,) output of the characteristic at the reference temperature."""
+    output_std: Array
+    """(n,) its standard uncertainty from the fit."""
+    offset: float
+    slope: float
+    """Of the line with the least sum of squares over `a`; slope 1."""
+    deviation: Array
+    """(n,) output less line."""
+    deviation_std: Array
+    """(n,) its standard uncertainty; below that of the output, since bias and scale factor have no part in it."""
+
+    @property
+    def largest(self) -> int:
+        """Index of the largest deviation."""
+        return int(np.argmax(np.abs(self.deviation)))
+
+    @property
+    def span(self) -> float:
+        """Width of the range, m/s²."""
+        return float(self.a[-1] - self.a[0])
+
+
+def straight_line(fit: Fit, low: float | None = None, high: float | None = None) -> StraightLine:
+    """Fit a line to the characteristic of a fit.
+
+    The characteristic is linear in its coefficients, and so is its deviation from the line; both uncertainties are
+    exact for the covariance of the fit. A level at which an effect clips is not part of it.
+
+    Parameters
+    ----------
+    fit : estimates in forward sense.
+    low, high : m/s² along the input axis, gravity included; the trained range by default.
+
+    Raises
+    ------
+    ValueError
+        If the range is empty: a fit to dwells at one acceleration.
+    """
+    trained = fit.validity["a"]
+    low, high = trained[0] if low is None else low, trained[1] if high is None else high
+    if not low < high:
+        raise AccelcalError(f"straight_line: the range {low:g} to {high:g} m/s² is empty.")
+    a = np.linspace(low, high, POINTS)
+    terms = {name: np.array([term.per_unit(x, 0.0) for x in a]) for name, term in STATIC.items()}
+    kept = [name for name in terms if name in fit.model.effects]
+    values = np.array([fit[name].value for name in kept])
+    columns = np.column_stack([terms[name] for name in kept])
+    output = a + columns @ values
+    lines = np.column_stack([np.ones(POINTS), a])
+    offset, slope = np.linalg.lstsq(lines, output, rcond=None)[0].tolist()
+    onto, _ = np.linalg.qr(lines)
+    free = [e.name for e in fit.free]
+    C = fit.covariance[np.ix_(*[[free.index(name) for name in kept if name in free]] * 2)]
+    partials = columns[:, [name in free for name in kept]]
+    return StraightLine(
+        a=a,
+        output=output,
+        output_std=_std(partials, C),
+        offset=offset,
+        slope=slope,
+        deviation=_left(columns, onto) @ values,
+        deviation_std=_std(_left(partials, onto), C),
+    )
+
+
+def _left(y: Array, onto: Array) -> Array:
+    """What a line does not explain of columns (n, m), zero where that is rounding; `onto` (n, 2) spans the lines."""
+    left = y - onto @ (onto.T @ y)
+    return np.asarray(np.where(np.abs(left) < 1e-12 * np.abs(y).max(axis=0, initial=0.0), 0.0, left))
+
+
+def _std(partials: Array, covariance: Array) -> Array:
+    """Standard deviations (n,) for partial derivatives (n, m)."""
+    return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", partials, covariance, partials), 0.0)))
+
+
+ROUNDS = 20
+CONVERGED = 1e-15
+"""Relative change of the acceleration below which Newton's steps end."""
+
+
+class OutsideRange(AccelcalError):
+    """An output that no acceleration near zero gives. The text states it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Application:
+    """One reading and the acceleration found from it."""
+
+    raw: float | None
+    """V or counts; None where the channel is in m/s² already."""
+    raw_unit: str
+    output: float
+    """Under the declared scale and zero, m/s²."""
+    rounds: tuple[float, ...]
+    """Newton's iterates of the acceleration, m/s²; the last is the result."""
+    std: float
+    """Standard uncertainty from the fit, m/s²."""
+    left_out: tuple[tuple[str, str], ...]
+    """Effects of the model that a single reading cannot correct, each with its owner."""
+
+    @property
+    def acceleration(self) -> float:
+        """Specific force along the input axis, m/s²."""
+        return self.rounds[-1]
+
+
+def apply(fit: Fit, output: float) -> Application:
+    """Solve output = (1 + k) a + K0 + (K1'/2)|a| + K2 a² + Koq a|a| + K3 a³ for a, at the reference temperature.
+
+    Parameters
+    ----------
+    fit : estimates in forward sense.
+    output : under the declared scale and zero, m/s².
+
+    Raises
+    ------
+    OutsideRange
+        If the model is not invertible there.
+    """
+    own = characteristic(fit)
+    if own.scale == 0.0:
+        raise OutsideRange("1 + scale_factor is 0: no acceleration follows from an output")
+    rounds = [(output - own.forward(0.0)) / own.scale]
+    for _ in range(ROUNDS):
+        slope = own.slope(rounds[-1])
+        if not slope / own.scale > 0.0:
+            raise OutsideRange(f"an output of {output:.6g} m/s² lies beyond the range in which the model is monotone")
+        step = (output - own.forward(rounds[-1])) / slope
+        if abs(step) <= CONVERGED * max(1.0, abs(rounds[-1])):
+            break
+        rounds.append(rounds[-1] + step)
+    raw, unit = None, ""
+    sensor = fit.rig.sensor
+    if sensor.scale is not None:
+        raw, unit = (sensor.zero or 0.0) + sensor.scale * output, sensor.scale_unit or "V"
+    unused = [name for name in own.coefficients if STATIC[name].thermal] + [own.clipped_by] * (own.clip is not None)
+    left_out = (*((name, "sensor") for name in unused), *((effect.effect, effect.owner) for effect in own.left_out))
+    std = own.std(fit, rounds[-1])
+    if not (math.isfinite(rounds[-1]) and math.isfinite(std)):
+        raise OutsideRange(f"an output of {output:.6g} m/s² gives no finite acceleration with a finite uncertainty")
+    return Application(raw, unit, output, tuple(rounds), std, left_out)
+
+
+def example(fit: Fit) -> Application:
+    """A reading of about half the largest acceleration of the trained range, as an instrument would show it."""
+    low, high = fit.validity.get("a", (-1.0, 1.0))
+    output = fit["bias"].value + fit.values().scale * 0.5 * (high if high >= -low else low)
+    sensor = fit.rig.sensor
+    if sensor.scale is None:
+        return apply(fit, _digits(output, 4))
+    raw = (sensor.zero or 0.0) + sensor.scale * output
+    return apply(fit, (_digits(raw, 5) - (sensor.zero or 0.0)) / sensor.scale)
+
+
+def _digits(value: float, count: int) -> float:
+    return float(f"{value:.{count}g}")
 
 
 __dir__ = listing(globals())

@@ -12,16 +12,109 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
+from rich.text import Text
 
 from accelcal._support import internal_error
 from accelcal._support.errors import AccelcalError
 from accelcal._support.plain_text import visible
 from accelcal._support.process import continue_in_child
+from accelcal._support.progress import time_left
 from accelcal._support.stopping import asked_to_end
 from accelcal.cli.overwriting import WRITTEN, OverwriteError, Writing, refuse_overwriting, writing
+
+if TYPE_CHECKING:
+    from accelcal.diagnosis.verdict import Diagnosis
+    from accelcal.estimation.estimate import Fit
+    from accelcal.estimation.run_fit import RunFit
+
+
+class _Left(ProgressColumn):
+    """What is left, by the share of the work and the time that it took."""
+
+    def render(self, task: Task) -> Text:
+        return Text(time_left(task.elapsed or 0.0, task.completed))
+
+
+@contextmanager
+def bar(title: str, console: Console) -> Iterator[Callable[[float], None]]:
+    """Show a bar on a terminal while a block runs; it takes the share that is done, 0 to 1, which never falls."""
+    with Progress(TextColumn("{task.description}"), BarColumn(), _Left(), console=console, transient=True) as shown:
+        task = shown.add_task(title, total=None)
+        done = 0.0
+
+        def report(share: float) -> None:
+            nonlocal done
+            done = max(done, min(1.0, share))
+            shown.update(task, completed=done, total=1.0 if done else None)
+
+        yield report
+
+
+def say(text: str, style: str = "") -> None:
+    """Print a sentence on stdout, wrapped at the width of the terminal."""
+    from rich.console import Console
+    from rich.text import Text
+
+    Console().print(Text(visible(text), style=style))
+
+
+def say_line(text: str, end: str = "\n", *, flush: bool = False) -> None:
+    """Print a line on stdout as it is, however long; `flush` shows it at once in a pipe as well."""
+    print(visible(text), end=end, flush=flush)
+
+
+def say_card(markdown: str) -> None:
+    """Print the card of an effect: its heading in bold, its lines indented and wrapped, no marks of Markdown."""
+    from rich.console import Console
+    from rich.padding import Padding
+    from rich.text import Text
+
+    console = Console()
+    for line in visible(markdown).splitlines():
+        if line.startswith("## "):
+            console.print(Text(line.removeprefix("## "), style="bold"))
+        elif line.startswith("- "):
+            label, colon, rest = line.removeprefix("- ").partition(": ")
+            console.print(Padding(Text.assemble((label, "bold"), colon, rest), (0, 0, 0, 2)))
+        else:
+            console.print(Text(line))
+
+
+def show_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table in full: wider than the terminal rather than with truncated numbers."""
+    from rich.console import Console
+    from rich.measure import Measurement
+    from rich.table import Column, Table
+
+    table = Table(*(Column(name, no_wrap=True) for name in map(_cell, head)), box=None, pad_edge=False)
+    for row in rows:
+        table.add_row(*map(_cell, row))
+    console = Console()
+    needed = Measurement.get(console, console.options.update(max_width=1000), table).maximum
+    Console(width=max(console.width, needed)).print(table)
+
+
+def show_wrapped_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table whose last column is text that may wrap."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*head, box=None)
+    for row in rows:
+        table.add_row(*map(_cell, row))
+    Console().print(table)
+
+
+def _cell(text: str) -> Text:
+    from rich.text import Text
+
+    return Text(visible(text, one_line=True))
+
 
 USAGE, BAD_DATA, NOT_IDENTIFIABLE, INTERNAL, INTERRUPTED = 2, 3, 4, 70, 130
 USAGE_ERROR: type[Exception] = typer.BadParameter.__mro__[1]
@@ -227,7 +320,6 @@ def progress(title: str) -> Iterator[Callable[[float], None]]:
     if not console.is_terminal:
         yield lambda share: None
         return
-    from accelcal.cli.progress_bar import bar
 
     with bar(title, console) as report:
         yield report
@@ -251,3 +343,57 @@ def load_own_effects(paths: Sequence[Path] | None) -> None:
 
     for path in paths:
         load_effects(path)
+
+
+UNSEEN = "OTHER.csv"
+"""Stands in a hint for a recording that the command has not seen."""
+
+
+def suggest(*words: str | Path | None) -> None:
+    """Print "next: accelcal ..." with some words; nothing where one of them is None: a file that is not known."""
+    if None not in words:
+        print_status(f"next: accelcal {' '.join(shlex.quote(str(word)) for word in words)}")
+
+
+def after_fit(model: Path | None, runs: Sequence[Path]) -> None:
+    """A fit that was written is diagnosed; one that was not is written first."""
+    if model is None:
+        suggest("fit", *runs, "-o", "model.json")
+    else:
+        suggest("diagnose", model, *runs)
+
+
+def after_diagnosis(fit: Fit, found: Diagnosis, model: Path, runs: Sequence[Path], holdout: Path | None) -> None:
+    """What is missing is added, to the recordings that the model was fitted to; a model that lacks nothing goes into
+    the report."""
+    fitted = fitted_files(fit, model, *runs)
+    missing = next((effect for effect in found.effects if effect not in fit.model.effects), None)
+    if found.verdict in ("named", "tied", "shape"):
+        suggest("add", model, *fitted, "--effect", missing, "-o", f"{model.stem}_{missing}.json")
+    elif found.verdict == "adequate":
+        suggest("report", model, fitted[0], *held_out(holdout), "-o", f"{runs[0].stem}.html")
+    elif found.verdict == "too_short":
+        suggest("power", runs[0])
+
+
+def after_comparison(fit: Fit, model: Path, run: Path) -> None:
+    """A model is diagnosed on what it was fitted to: a recording that it has not seen stays held out."""
+    fitted = fitted_files(fit, model, run)
+    unseen = () if any(path is not None and path.samefile(run) for path in fitted) else ("--holdout", run)
+    suggest("diagnose", model, *fitted, *unseen)
+
+
+def held_out(holdout: Path | None) -> tuple[str | Path, ...]:
+    """The option that names a held-out recording, where there is one."""
+    return () if holdout is None else ("--holdout", holdout)
+
+
+def fitted_files(fit: Fit, *given: Path) -> list[Path | None]:
+    """Recordings of a model, looked for beside the files that a command was given; None for one that is elsewhere."""
+    from accelcal.io.loading import digest_of
+
+    def place(run: RunFit) -> Path | None:
+        beside = (folder / run.name for folder in dict.fromkeys(path.parent for path in given))
+        return next((at for at in beside if at.is_file() and digest_of(at) in (run.digest, run.session)), None)
+
+    return [place(run) for run in fit.runs]

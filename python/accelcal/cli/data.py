@@ -19,16 +19,15 @@ from accelcal.cli.common import (
     print_json,
     print_status,
     progress,
+    say_line,
+    suggest,
     time_range,
     with_exit_codes,
 )
-from accelcal.cli.hints import suggest
 from accelcal.cli.overwriting import mark_of
-from accelcal.cli.terminal import say_line
 
 if TYPE_CHECKING:
-    from accelcal.data.recording import Recording
-    from accelcal.data.references import Reference
+    from accelcal.data import Recording, Reference
 
 
 @app.command()
@@ -52,7 +51,7 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
     Example: [bold]accelcal check run12.csv[/bold]
     """
     from accelcal import io
-    from accelcal.data import quality, summary
+    from accelcal.data import quality
     from accelcal.data.recording import RecordingError
     from accelcal.diagnosis.change_points import usable
     from accelcal.diagnosis.left_out import left_out_sentences, without_wrong_readings
@@ -69,8 +68,8 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
             breaks = []
         report(0.9)
         gone = list(left_out_sentences(whole))
-        content = {**summary.describe(recording), "breaks_s": breaks, "left_out": gone} if json else {}
-        text = "" if json else summary.summarise(recording)
+        content = {**quality.describe(recording), "breaks_s": breaks, "left_out": gone} if json else {}
+        text = "" if json else quality.summarise(recording)
     if json:
         print_json(content)
         return
@@ -139,7 +138,7 @@ def simulate(
     """
     import numpy as np
 
-    from accelcal.data.references import UNITS
+    from accelcal.data.recording import UNITS
     from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG
     from accelcal.simulation.sensor import simulate as simulate_rig
 

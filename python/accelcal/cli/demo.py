@@ -13,15 +13,14 @@ from accelcal.cli.common import (
     UsageError,
     app,
     print_json,
-    print_status,
     progress,
+    say_line,
+    suggest,
     with_exit_codes,
     writable_folder,
 )
 from accelcal.cli.data import truth_text, write_recording
-from accelcal.cli.hints import suggest
 from accelcal.cli.overwriting import require_replaceable
-from accelcal.cli.terminal import say_line
 
 if TYPE_CHECKING:
     from accelcal.demo import Hidden
@@ -124,33 +123,6 @@ def hidden_text(hidden: Hidden) -> str:
         if name in effect.shapes
     ]
     return ", ".join([f"{hidden.effect}, {size}", *shapes])
-
-
-@app.command()
-@with_exit_codes
-def paper(
-    full: Annotated[bool, typer.Option("--full", help="All runs of the paper; minutes instead of seconds.")] = False,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Folder for the figures.", callback=writable_folder)
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Random seed.", min=0)] = 2007,
-    json: Json = False,
-) -> None:
-    """Reproduce the paper and print measured next to expected values.
-
-    Example: [bold]accelcal paper -o figures[/bold]
-    """
-    from accelcal.paper import reproduce
-    from accelcal.results.json import content
-
-    with progress("paper") as report:
-        found = reproduce(quick=not full, seed=seed, out=output, progress=lambda name, share: report(share))
-    if json:
-        print_json(content(found))
-    else:
-        say_line(found.to_text())
-    for path in found.figures:
-        print_status(f"wrote {path}")
 
 
 @app.command()

@@ -56,7 +56,7 @@ def dwells(
 
     Example: [bold]accelcal dwells tumble.csv --attitudes 0:15 -o dwells.csv[/bold]
     """
-    from accelcal.cli.terminal import show_table
+    from accelcal.cli.common import show_table
     from accelcal.estimation.triad import fit_triad
     from accelcal.io.dwells import load_rests, table_of, write_table
 
@@ -157,7 +157,7 @@ def line(k: int, rest: Rest, degrees: list[float]) -> tuple[str, ...]:
 
 def show_triad(fit: TriadFit) -> None:
     """Print nine parameters and what they leave."""
-    from accelcal.cli.terminal import say_line, show_table
+    from accelcal.cli.common import say_line, show_table
     from accelcal.results.words import concise, plain
 
     units = {"K": f"(m/s²)/{fit.unit}", "T": "rad", "b": fit.unit}

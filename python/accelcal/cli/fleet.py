@@ -40,10 +40,9 @@ def fleet(
 
     Example: [bold]accelcal fleet sensors/*/ -o fleet.html[/bold]
     """
-    from accelcal import campaign
     from accelcal.cli.printing import show_fleet
-    from accelcal.fleet.summary import summarise
-    from accelcal.fleet.task import MODELS, fit_of
+    from accelcal.fleet import campaign
+    from accelcal.fleet.summary import MODELS, fit_of, summarise
     from accelcal.results.json import content
 
     if model not in MODELS:
@@ -75,7 +74,7 @@ def fleet(
 
 def in_stored_order(files: list[str], store: Path, *, retry: bool) -> list[str]:
     """Recordings in the order in which a store knows them, new ones behind; with `retry` it forgets its failures."""
-    from accelcal import campaign
+    from accelcal.fleet import campaign
 
     if not store.exists():
         return files

@@ -9,8 +9,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from accelcal._support.plain_text import visible
-from accelcal.cli.common import print_json, print_status
-from accelcal.cli.terminal import say_line
+from accelcal.cli.common import print_json, print_status, say_line
 from accelcal.live.session import LiveEvent, LiveState
 from accelcal.live.tracker import Alarm
 from accelcal.model import Estimate

@@ -10,6 +10,7 @@ import typer
 
 from accelcal._support.progress import within
 from accelcal.cli.common import (
+    UNSEEN,
     Band,
     EffectsFile,
     From,
@@ -20,6 +21,7 @@ from accelcal.cli.common import (
     Rig,
     To,
     UsageError,
+    after_fit,
     app,
     load_own_effects,
     parse_quantity,
@@ -27,13 +29,12 @@ from accelcal.cli.common import (
     print_json,
     print_status,
     progress,
+    suggest,
     with_exit_codes,
 )
-from accelcal.cli.hints import UNSEEN, after_fit, suggest
 
 if TYPE_CHECKING:
-    from accelcal.data.dwells import Dwells
-    from accelcal.data.recording import Recording
+    from accelcal.data import Dwells, Recording
     from accelcal.estimation.estimate import Fit
     from accelcal.model import Model
 

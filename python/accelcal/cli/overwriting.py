@@ -170,7 +170,7 @@ def _of_file(path: Path, command: str, read: Sequence[Path], models: Sequence[Pa
 
 def _sources(model: Any) -> tuple[list[Any], list[Any]]:
     """Recordings that a model was fitted to; the same and its dwells."""
-    from accelcal.results.migrations import migrated
+    from accelcal.results.model_file import migrated
 
     try:
         present = migrated(model)
@@ -188,7 +188,7 @@ def _digests(sources: Sequence[Mapping[str, Any]]) -> set[Any]:
 def _is_text_of_accelcal(path: Path) -> bool:
     """Whether a file that is no recording says that accelcal made it, or is a table of `response`."""
     from accelcal.io.files import READABLE
-    from accelcal.response.table import COLUMNS
+    from accelcal.response.export import COLUMNS
 
     with path.open("rb") as file:
         head = file.read(100_000)

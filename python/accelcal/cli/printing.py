@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from accelcal.cli.common import UsageError, parse_quantity
-from accelcal.cli.terminal import say, say_line, show_table, show_wrapped_table
+from accelcal.cli.common import UsageError, parse_quantity, say, say_line, show_table, show_wrapped_table
 from accelcal.results.words import concise, plain, with_unit
 
 DRIFT_ROWS = 8
@@ -15,7 +14,7 @@ DRIFT_ROWS = 8
 if TYPE_CHECKING:
     from accelcal._support.result import Result
     from accelcal.calibration.export import Calibration
-    from accelcal.data.recording import Recording
+    from accelcal.data import Recording
     from accelcal.estimation.estimate import Fit
     from accelcal.experiment.design import Plan
     from accelcal.experiment.detectability import Power

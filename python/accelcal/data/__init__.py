@@ -1,5 +1,100 @@
 """Data: a recording, the rig it was made on, units, and the quality of both."""
 
 from accelcal._support.values import listing
+from accelcal.data.arrays import Array, Counts, Flags
+from accelcal.data.clocks import usual_step
+from accelcal.data.dwells import Dwells, DwellSetup
+from accelcal.data.orientation import (
+    ANGULAR_ACCELERATION,
+    DERIVED,
+    GRAVITY,
+    GYROSCOPE,
+    LEVERS,
+    PLACE,
+    QUATERNION,
+    RATES,
+    TURNED,
+)
+from accelcal.data.quality import describe, require_few_holes, require_usable
+from accelcal.data.recording import (
+    ACCELERATION,
+    NO_LABELS,
+    POSITION_ORDER,
+    UNITS,
+    VELOCITY,
+    Channel,
+    Finding,
+    PositionStep,
+    Recording,
+    RecordingError,
+    Reference,
+    RunLabels,
+    integrated,
+    reference_among,
+    require_reference,
+    require_same_sensor,
+)
+from accelcal.data.rig import (
+    STANDARD_GRAVITY,
+    ChannelFilter,
+    LowPass,
+    Mount,
+    Rig,
+    Sensor,
+    high_passes,
+    low_passes,
+    unsupported,
+)
+from accelcal.data.units import MICRO_G, instant, normalise, usual_unit
+
+__all__ = [
+    "ACCELERATION",
+    "ANGULAR_ACCELERATION",
+    "DERIVED",
+    "GRAVITY",
+    "GYROSCOPE",
+    "LEVERS",
+    "MICRO_G",
+    "NO_LABELS",
+    "PLACE",
+    "POSITION_ORDER",
+    "QUATERNION",
+    "RATES",
+    "STANDARD_GRAVITY",
+    "TURNED",
+    "UNITS",
+    "VELOCITY",
+    "Array",
+    "Channel",
+    "ChannelFilter",
+    "Counts",
+    "DwellSetup",
+    "Dwells",
+    "Finding",
+    "Flags",
+    "LowPass",
+    "Mount",
+    "PositionStep",
+    "Recording",
+    "RecordingError",
+    "Reference",
+    "Rig",
+    "RunLabels",
+    "Sensor",
+    "describe",
+    "high_passes",
+    "instant",
+    "integrated",
+    "low_passes",
+    "normalise",
+    "reference_among",
+    "require_few_holes",
+    "require_reference",
+    "require_same_sensor",
+    "require_usable",
+    "unsupported",
+    "usual_step",
+    "usual_unit",
+]
 
 __dir__ = listing(globals())

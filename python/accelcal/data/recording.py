@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from datetime import UTC, date, datetime, timedelta
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from accelcal._support.arguments import check_fields
@@ -19,10 +21,64 @@ from accelcal.data import units
 from accelcal.data.arrays import Array, copied
 from accelcal.data.dwells import Dwells
 from accelcal.data.rig import Rig
-from accelcal.data.run_labels import NO_LABELS, RunLabels
+from accelcal.data.units import shown
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+@dataclass(frozen=True, slots=True)
+class RunLabels:
+    """Labels of one run; None or empty = not declared."""
+
+    date: float | None = None
+    """Days since 1970-01-01 UTC."""
+    mounting: str = ""
+    """Name of the mounting; runs between which the sensor stayed in place share it."""
+    operator: str = ""
+
+    @property
+    def day(self) -> str:
+        """The date as ISO 8601, with the time where one was declared; empty where nothing was.
+
+        Examples
+        --------
+        >>> RunLabels(date=20760.0).day, RunLabels(date=20760.5).day
+        ('2026-11-03', '2026-11-03 12:00 UTC')
+        """
+        if self.date is None:
+            return ""
+        at = EPOCH + timedelta(days=self.date)
+        return f"{at:%Y-%m-%d}" if self.date == int(self.date) else f"{at:%Y-%m-%d %H:%M} UTC"
+
+
+NO_LABELS = RunLabels()
+
+
+def days_of(found: object) -> float:
+    """Days since 1970 of a date, or a date with time, as TOML has them or as ISO 8601; UTC where no zone is given.
+
+    Raises
+    ------
+    ValueError
+        If it is no date.
+    """
+    if isinstance(found, str):
+        try:
+            found = datetime.fromisoformat(found)
+        except ValueError:
+            raise AccelcalError(
+                f"found {shown(found)}, expected a date such as 2026-11-03 or 2026-11-03T14:30:00"
+            ) from None
+    if isinstance(found, datetime):
+        at = found if found.tzinfo else found.replace(tzinfo=UTC)
+        return (at - EPOCH) / timedelta(days=1)
+    if isinstance(found, date):
+        return float((found - date(1970, 1, 1)).days)
+    raise AccelcalError(f"found {shown(found)}, expected a date such as 2026-11-03 or 2026-11-03T14:30:00")
 
 
 class RecordingError(AccelcalError):
@@ -412,6 +468,65 @@ def require_same_sensor(recording: Recording | Dwells, rig: Rig, other: str) -> 
                 f'{recording.name}: sensor.{key} is "{here}" but that of {other} is "{there}"; expected one sensor. '
                 "Give a recording of that sensor, or correct [sensor] in the sidecar"
             )
+
+
+Reference = Literal["position", "velocity", "reference_acceleration"]
+"""What tells the motion of the stage."""
+VELOCITY: Final = "velocity"
+ACCELERATION: Final = "reference_acceleration"
+POSITION_ORDER: Final = 2
+"""Derivatives of a position that make an acceleration."""
+Order = Literal[0, 1, 2]
+"""Derivatives of a reference that make an acceleration."""
+ORDERS: Final[dict[str, tuple[Order, str]]] = {ACCELERATION: (0, "m/s^2"), VELOCITY: (1, "m/s")}
+"""By channel name: how many derivatives of it make an acceleration, and its unit."""
+UNITS = {"position": "m", **{name: unit for name, (_, unit) in ORDERS.items()}}
+"""SI unit of the readings, by reference."""
+
+
+def reference_among(channels: Iterable[str]) -> str | None:
+    """The channel that tells the motion where no position does; None where one does, or nothing.
+
+    Beside a position a velocity or an acceleration is a further channel like any other.
+    """
+    names = {*channels}
+    return None if "position" in names else next((name for name in (VELOCITY, ACCELERATION) if name in names), None)
+
+
+def integrated(reference: Channel) -> Channel:
+    """The position that a velocity or an acceleration integrates to, zero at its first reading, at rest there.
+
+    A cubic spline through the readings is integrated, once or twice.
+
+    Raises
+    ------
+    RecordingError
+        If it is called otherwise, is in another unit, or has fewer than two readings.
+    """
+    order, _ = require_reference(reference)
+    if len(reference) < 2:
+        raise RecordingError(f"{reference.name}: {len(reference)} readings, expected at least 2")
+    spline = scipy.interpolate.CubicSpline(reference.t, reference.y)
+    return Channel("position", reference.t, spline.antiderivative(POSITION_ORDER - order)(reference.t), "m")
+
+
+def require_reference(channel: Channel) -> tuple[Order, str]:
+    """How many derivatives of a reference make an acceleration, and its unit.
+
+    Raises
+    ------
+    RecordingError
+        If it is no velocity or acceleration.
+    """
+    known = ORDERS.get(channel.name)
+    if known is None:
+        raise RecordingError(f"{channel.name}: no reference; expected {' or '.join(ORDERS)}")
+    if not units.same_unit(channel.unit, known[1]):
+        raise RecordingError(
+            f"{channel.name} is in {channel.unit}; expected {known[1]}, or a unit that converts to it: the reference "
+            "moves along one axis, and turning tables are not calibrated"
+        )
+    return known
 
 
 __dir__ = listing(globals())

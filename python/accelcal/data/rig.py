@@ -3,12 +3,148 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
+
+import numpy as np
 
 from accelcal._support.arguments import check_fields
+from accelcal._support.errors import AccelcalError
 from accelcal._support.values import immutable, listing, short_repr
-from accelcal.data.channel_filter import ChannelFilter, high_passes
+
+Kind = Literal["RC", "butterworth", "bessel", "biquad", "sinc", "fir"]
+Pass = Literal["lowpass", "highpass"]
+
+KINDS: tuple[Kind, ...] = get_args(Kind)
+"""Every kind of filter that can be declared."""
+ANALOG: tuple[Kind, ...] = ("RC", "butterworth", "bessel")
+"""Kinds with a corner frequency: analog unless a rate is given."""
+MOST_ORDER = 10
+"""Largest order of a declared filter: beyond it the coefficients of its polynomials lose their digits."""
+DEAD = 1e-9
+"""A gain below this share of the largest is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelFilter:
+    """One declared filter; the fields that its kind does not use keep their defaults.
+
+    Raises
+    ------
+    ValueError
+        If a number is missing, out of range or makes the filter unstable; the text says what was expected.
+    """
+
+    kind: Kind
+    passes: Pass = "lowpass"
+    cutoff: float | None = None
+    """Frequency at which the gain is -3 dB, Hz; of RC, butterworth and bessel."""
+    order: int = 1
+    """Number of poles of butterworth and bessel; number of cascaded averages of sinc."""
+    b: tuple[float, ...] = ()
+    """Numerator of biquad, in powers of the delay by one sample; taps of fir."""
+    a: tuple[float, ...] = ()
+    """Denominator of biquad."""
+    length: int = 0
+    """Samples in one average of sinc."""
+    rate: float | None = None
+    """Rate at which a digital filter runs, Hz; None = that of the channel, and an analog filter where there is a
+    corner."""
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise AccelcalError(f"kind: found {self.kind!r}, expected {' or '.join(KINDS)}")
+        if self.rate is not None and not (math.isfinite(self.rate) and self.rate > 0.0):
+            raise AccelcalError(f"rate: found {self.rate!r} Hz, expected a positive frequency")
+        if not 1 <= self.order <= MOST_ORDER:
+            raise AccelcalError(f"order: found {self.order}, expected a whole number from 1 to {MOST_ORDER}")
+        if self.kind in ANALOG:
+            self._check_corner()
+        elif self.kind == "sinc":
+            self._check_sinc()
+        else:
+            self._check_coefficients()
+
+    @property
+    def digital(self) -> bool:
+        """Whether it runs on samples, at `rate` or at the rate of the channel."""
+        return self.kind not in ANALOG or self.rate is not None
+
+    @property
+    def name(self) -> str:
+        """The filter in words, as sentences refer to it."""
+        kind = "high-pass" if self.passes == "highpass" else "low-pass"
+        if self.cutoff is not None:
+            order = f" of order {self.order}" if self.kind != "RC" else ""
+            return f"{self.kind} {kind}{order} at {self.cutoff:.6g} Hz"
+        if self.kind == "sinc":
+            return f"sinc {kind} of order {self.order} over {self.length} samples"
+        return f"{self.kind} {kind} of {max(len(self.b), len(self.a))} coefficients"
+
+    def _check_corner(self) -> None:
+        if self.cutoff is None or not (math.isfinite(self.cutoff) and self.cutoff > 0.0):
+            raise AccelcalError(
+                f"fc: found {self.cutoff!r} Hz, expected a positive frequency at which the gain is -3 dB"
+            )
+        if self.rate is not None and self.cutoff >= 0.5 * self.rate:
+            raise AccelcalError(
+                f"fc: found {self.cutoff:.6g} Hz, expected less than half the rate of the digital filter, "
+                f"{0.5 * self.rate:.6g} Hz; leave out rate where the filter is analog"
+            )
+
+    def _check_sinc(self) -> None:
+        if self.passes == "highpass":
+            raise AccelcalError("kind: found 'sinc', expected a kind that passes high frequencies; an average does not")
+        if self.length < 2:
+            raise AccelcalError(f"length: found {self.length}, expected a whole number of samples, at least 2")
+
+    def _check_coefficients(self) -> None:
+        key = "taps" if self.kind == "fir" else "b"
+        coefficients = np.array([*self.b, *self.a], dtype=np.float64)
+        if not self.b or not np.any(self.b):
+            raise AccelcalError(f"{key}: found {list(self.b)}, expected at least one number that is not zero")
+        if not np.all(np.isfinite(coefficients)):
+            raise AccelcalError(f"{key}: expected finite numbers, found {coefficients.tolist()}")
+        if self.kind == "biquad":
+            if not 1 <= len(self.a) <= 3 or len(self.b) > 3 or self.a[0] == 0.0:
+                raise AccelcalError(
+                    f"b, a: found {len(self.b)} and {len(self.a)} numbers, expected up to three each, the first of a "
+                    "not zero; write a longer filter as a list of biquads"
+                )
+            size = float(np.max(np.abs(np.roots(self.a)), initial=0.0))
+            if size >= 1.0:
+                raise AccelcalError(f"a: unstable, a pole has the magnitude {size:.6g}; expected all below 1")
+        gain = abs(sum(self.b)) / (abs(sum(self.a)) if self.a else 1.0)
+        if (gain > DEAD * sum(map(abs, self.b))) != (self.passes == "lowpass"):
+            other = "highpass" if self.passes == "lowpass" else "lowpass"
+            raise AccelcalError(
+                f"{key}: the gain at rest is {gain:.6g}, which is no {self.passes}; check the numbers, or declare it "
+                f"as {other}"
+            )
+
+
+def low_passes(filters: Sequence[ChannelFilter]) -> tuple[ChannelFilter, ...]:
+    """Those that pass slow motion."""
+    return tuple(f for f in filters if f.passes == "lowpass")
+
+
+def high_passes(filters: Sequence[ChannelFilter]) -> tuple[ChannelFilter, ...]:
+    """Those that block a constant."""
+    return tuple(f for f in filters if f.passes == "highpass")
+
+
+def unsupported(filters: Sequence[ChannelFilter], what: str) -> str | None:
+    """One sentence that refuses filters which `what` cannot take into account; None without any."""
+    if not filters:
+        return None
+    names = ", ".join(f.name for f in filters)
+    return (
+        f"{what} takes one RC low-pass of the accelerometer into account, but {names} "
+        f"{'is' if len(filters) == 1 else 'are'} declared; use fit and diagnose, which take every kind, or run it on a "
+        "channel without such a filter"
+    )
+
 
 STANDARD_GRAVITY = 9.80665
 """g0, m/s² (exact by convention)."""

@@ -14,12 +14,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
-from accelcal.data.orientation import DERIVED
-from accelcal.data.recording import Recording
-from accelcal.data.references import ACCELERATION
-from accelcal.data.rig import STANDARD_GRAVITY, Rig
-from accelcal.data.units import instant
+from accelcal.data import ACCELERATION, DERIVED, STANDARD_GRAVITY, Array, Recording, Rig, instant
 from accelcal.diagnosis.evidence import Evidence, noise_ratio
 from accelcal.diagnosis.noise_tests.noise_test import LINE
 from accelcal.diagnosis.policy import (

@@ -11,14 +11,14 @@ import scipy
 from accelcal._support.arguments import checked
 from accelcal._support.result import Result
 from accelcal._support.values import immutable
-from accelcal.data.dwells import Dwells
+from accelcal.data import Dwells
 from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE, FAMILYWISE_ALPHA
 from accelcal.effects import BUILT_IN, Effect, is_local, users_own
 from accelcal.estimation.dwell_fit import DwellFit, solve_dwells
 from accelcal.estimation.dwell_rows import acts_at_rest, dwell_rows, remainder, shown
 from accelcal.estimation.estimate import Fit
-from accelcal.estimation.multiplicity import over_all
 from accelcal.estimation.remarks import Remark
+from accelcal.estimation.run_to_run import over_all
 from accelcal.model import terms_of
 
 BEYOND = 1e-6

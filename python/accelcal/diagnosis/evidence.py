@@ -11,7 +11,7 @@ import numpy as np
 from scipy import special
 
 from accelcal._support.progress import within
-from accelcal.data.recording import Recording
+from accelcal.data import Recording
 from accelcal.diagnosis.change_points import Usable, usable
 from accelcal.diagnosis.faults import fault_remarks, faults, with_position_steps
 from accelcal.diagnosis.findings import sizes_of

@@ -11,9 +11,7 @@ import numpy as np
 import scipy
 
 from accelcal._support.values import listing
-from accelcal.data.arrays import Array
-from accelcal.data.recording import Channel, PositionStep, Recording
-from accelcal.data.units import instant
+from accelcal.data import Array, Channel, PositionStep, Recording, instant
 from accelcal.diagnosis.left_out import runs_of_true
 from accelcal.diagnosis.policy import (
     DELAY_CHANGE_SIGMA,
@@ -27,7 +25,7 @@ from accelcal.diagnosis.policy import (
 )
 from accelcal.diagnosis.relation import MOST_BLOCKS, RelationColumns, _solve
 from accelcal.estimation.channel_filters import HOLE
-from accelcal.estimation.glitches import spikes
+from accelcal.estimation.readings import spikes
 from accelcal.estimation.remarks import Remark, Value, remark
 from accelcal.estimation.run import PreparedRun
 from accelcal.signals.series import LOCAL, local_spread

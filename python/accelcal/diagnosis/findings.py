@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import special
 
-from accelcal.data.units import usual_unit
+from accelcal.data import usual_unit
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.search.homogeneity import PartSizes
 from accelcal.diagnosis.search.scan import Candidate

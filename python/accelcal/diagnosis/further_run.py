@@ -10,14 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
-from accelcal.data.dwells import Dwells
-from accelcal.data.orientation import GRAVITY
-from accelcal.data.rig import Axis, Mount, Rig
+from accelcal.data import GRAVITY, Array, Dwells, Mount, Rig
+from accelcal.data.rig import Axis
 from accelcal.effects import find
 from accelcal.estimation.dwell_rows import dwell_rows
 from accelcal.estimation.gauss_newton import PER_RUN_OWNERS, Layout
-from accelcal.estimation.normal_equations import normal_equations
+from accelcal.estimation.rows import normal_equations
 from accelcal.estimation.run_differences import SEEN_APART, SEEN_BY_RUNS
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.weak_form.rows import WeakRows

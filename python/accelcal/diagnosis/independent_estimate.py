@@ -10,12 +10,20 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data.arrays import Array
-from accelcal.data.references import POSITION_ORDER
+from accelcal.data import POSITION_ORDER, Array
 from accelcal.diagnosis.policy import ENGINES_LEAST_STD
 from accelcal.estimation.gauss_newton import Solution
-from accelcal.estimation.normal_equations import LEAST_BLOCKS, block_length, block_of, effective_number, inverse
-from accelcal.estimation.rows import Rows, rows_of_replay, rows_of_run, rows_of_weak_form
+from accelcal.estimation.rows import (
+    LEAST_BLOCKS,
+    Rows,
+    block_length,
+    block_of,
+    effective_number,
+    inverse,
+    rows_of_replay,
+    rows_of_run,
+    rows_of_weak_form,
+)
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.run_to_run import penalty
 from accelcal.estimation.weak_form.covariance import NoWeakForm

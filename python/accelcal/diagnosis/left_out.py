@@ -13,11 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from accelcal._support.values import listing
-from accelcal.data.arrays import Array, Flags
-from accelcal.data.quality import require_usable
-from accelcal.data.recording import Channel, LeftOut, Recording, WrongKind
-from accelcal.data.references import POSITION_ORDER
-from accelcal.data.stamps import usual_step
+from accelcal.data import POSITION_ORDER, Array, Channel, Flags, Recording, require_usable, usual_step
+from accelcal.data.recording import LeftOut, WrongKind
 from accelcal.diagnosis.policy import (
     LEFT_OUT_BESIDE,
     RAIL_NOISE,

@@ -11,10 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, special
 
-from accelcal.data.arrays import Array, Flags
-from accelcal.data.quality import require_few_holes
-from accelcal.data.recording import Recording, RecordingError
-from accelcal.data.stamps import usual_step
+from accelcal.data import Array, Flags, Recording, RecordingError, require_few_holes, usual_step
 from accelcal.diagnosis.policy import (
     COHERENCE_ALPHA,
     EXPECTED_COHERENCE,

@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal.data.arrays import Array
-from accelcal.data.recording import Channel
+from accelcal.data import Array, Channel
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, REJECTION_ROUNDS

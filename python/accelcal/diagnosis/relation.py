@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal import _core
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise, Values

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal._support.values import immutable
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.diagnosis.policy import HOMOGENEITY_ALPHA
 from accelcal.diagnosis.search.homogeneity import different
 from accelcal.estimation.gauss_newton import PER_RUN_OWNERS
-from accelcal.estimation.normal_equations import inverse, normal_equations
 from accelcal.estimation.remarks import Remark, remark
+from accelcal.estimation.rows import inverse, normal_equations
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model
 

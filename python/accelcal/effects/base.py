@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from accelcal.data.arrays import Array
-from accelcal.data.rig import STANDARD_GRAVITY
+from accelcal.data import STANDARD_GRAVITY, Array
 from accelcal.effects.registry import Lumped, Search, Static, Traits, effect, enter
 from accelcal.signals.signals import Signals
 

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from accelcal import _core
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.effects.registry import HARMONICS, Shape
 from accelcal.signals.processing import derivative
 from accelcal.signals.signals import CORNER_NOISE, TINY, Signals

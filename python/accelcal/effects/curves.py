@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.effects.building_blocks import direction, since_reversal, wave
 from accelcal.effects.registry import Search, Shape, Traits, Variable, enter
 from accelcal.signals.signals import TINY, Signals

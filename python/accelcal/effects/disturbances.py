@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.effects.building_blocks import HIGHEST_HARMONIC, amplitude, half_a_step, harmonics_of, largest
 from accelcal.effects.registry import NoiseSource, Shape, Traits, effect
 from accelcal.signals.signals import Signals

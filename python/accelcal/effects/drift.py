@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.effects.building_blocks import instants, since, slow
 from accelcal.effects.curves import RECORD, cosines
 from accelcal.effects.registry import Search, Shape, Traits, effect

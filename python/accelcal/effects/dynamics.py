@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.effects.building_blocks import instants, jitter_at_top_jerk, lagged, since, slow, snap
 from accelcal.effects.registry import NoiseSource, Search, Shape, Traits, effect
 from accelcal.signals.signals import Signals

@@ -19,8 +19,7 @@ import numpy as np
 
 from accelcal._support.errors import AccelcalError
 from accelcal._support.plain_text import OBEYED_IN_NAMES
-from accelcal.data.arrays import Array
-from accelcal.data.units import instant
+from accelcal.data import Array, instant
 from accelcal.signals.signals import Signals
 
 LEAST_SECONDS = 0.2

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.effects.curves import RECORD, legendre, over
 from accelcal.effects.registry import Search, Variable, enter
 

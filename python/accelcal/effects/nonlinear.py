@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.effects.building_blocks import play
 from accelcal.effects.registry import Search, Shape, Static, Traits, effect
 from accelcal.signals.signals import TINY, Signals

@@ -23,9 +23,8 @@ from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
 from accelcal._support.plain_text import OBEYED
 from accelcal._support.stopping import Stopped
-from accelcal.data.arrays import Array
-from accelcal.data.rig import Rig
-from accelcal.data.units import is_unit, normalise
+from accelcal.data import Array, Rig, normalise
+from accelcal.data.units import is_unit
 from accelcal.effects import registry
 from accelcal.effects.guard import EffectsFileError, Guarded, line_of, place_of, text_of
 from accelcal.effects.registry import CATALOGUE, Effect

@@ -16,8 +16,7 @@ from pickle import PicklingError
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
-from accelcal.data.arrays import Array
-from accelcal.data.orientation import ANGULAR_ACCELERATION
+from accelcal.data import ANGULAR_ACCELERATION, Array
 from accelcal.effects import registry
 from accelcal.effects.curves import RECORD, cosines
 from accelcal.effects.drift import BIAS_COSINES, STATIONARY, stationary

@@ -18,7 +18,7 @@ import numpy as np
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Result
 from accelcal._support.values import face, immutable
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.effects import guard
 from accelcal.signals.signals import Signals
 

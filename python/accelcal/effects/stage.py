@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.effects.building_blocks import stroke, wave, waves
 from accelcal.effects.registry import Search, Shape, effect
 from accelcal.signals.signals import Signals

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from accelcal.data.arrays import Array
-from accelcal.data.orientation import ANGULAR_ACCELERATION, LEVERS, RATES, TURNED
+from accelcal.data import ANGULAR_ACCELERATION, LEVERS, RATES, TURNED, Array
 from accelcal.effects.building_blocks import lagged, slow
 from accelcal.effects.registry import Search, Shape, Static, Traits, effect
 from accelcal.signals.signals import Signals

@@ -9,9 +9,9 @@ from itertools import combinations
 import numpy as np
 from scipy import special
 
-from accelcal.data.references import POSITION_ORDER
+from accelcal.data import POSITION_ORDER
 from accelcal.estimation.gauss_newton import BandTrial, NotIdentifiable, Solution, estimated, initial_states
-from accelcal.estimation.normal_equations import LEAST_BLOCKS, normal_equations
+from accelcal.estimation.rows import LEAST_BLOCKS, normal_equations
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model
 

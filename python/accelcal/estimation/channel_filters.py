@@ -16,10 +16,7 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array, Flags
-from accelcal.data.channel_filter import ChannelFilter, high_passes, low_passes
-from accelcal.data.recording import Channel
-from accelcal.data.rig import Rig
+from accelcal.data import Array, Channel, ChannelFilter, Flags, Rig, high_passes, low_passes
 from accelcal.signals.transfer import Response, Spectrum, applied, memory, modes, response
 
 HOLE = 8.0

@@ -8,8 +8,7 @@ from typing import Literal
 import numpy as np
 
 from accelcal import _core
-from accelcal.data.arrays import Array, Flags
-from accelcal.data.recording import RecordingError
+from accelcal.data import Array, Flags, RecordingError
 from accelcal.estimation.channel_filters import HOLE
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise, Values

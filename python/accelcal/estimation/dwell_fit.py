@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
-from accelcal.data.dwells import Dwells
+from accelcal.data import Array, Dwells
 from accelcal.effects import find
 from accelcal.estimation.dwell_rows import (
     SCATTER_ALPHA,

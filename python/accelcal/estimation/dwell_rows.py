@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
-from accelcal.data.dwells import Dwells
+from accelcal.data import Array, Dwells
 from accelcal.effects import BUILT_IN, Effect, is_local, of_one_record
 from accelcal.estimation.values import Values
 from accelcal.model import Model, Term, evaluate

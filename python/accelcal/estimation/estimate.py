@@ -14,13 +14,21 @@ from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Result
 from accelcal._support.threads import one_thread
 from accelcal._support.values import face, immutable
-from accelcal.data.arrays import Array
-from accelcal.data.channel_filter import high_passes
+from accelcal.data import (
+    DERIVED,
+    LEVERS,
+    STANDARD_GRAVITY,
+    TURNED,
+    Array,
+    Dwells,
+    Recording,
+    RecordingError,
+    Rig,
+    high_passes,
+    require_same_sensor,
+)
 from accelcal.data.dwell_sets import dwells_with_first
-from accelcal.data.dwells import Dwells
-from accelcal.data.orientation import DERIVED, LEVERS, TURNED
-from accelcal.data.recording import Recording, RecordingError, listed, require_same_sensor
-from accelcal.data.rig import STANDARD_GRAVITY, Rig
+from accelcal.data.recording import listed
 from accelcal.effects import BUILT_IN, CATALOGUE, find
 from accelcal.estimation.bands import best_band, change_with_band, needs_band, trial_bands
 from accelcal.estimation.channel_filters import names
@@ -34,15 +42,14 @@ from accelcal.estimation.gauss_newton import (
     Solution,
     iterate,
 )
-from accelcal.estimation.noise_effects import NoiseEffect
+from accelcal.estimation.noise import NoiseEffect
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.rows import measure_noise, settle_dwells
 from accelcal.estimation.run import Engine, Method, PreparedRun, Source, prepared, recording_of, side_means
-from accelcal.estimation.run_covariates import GoesWith, covariates_of, goes_with
 from accelcal.estimation.run_differences import differing
 from accelcal.estimation.run_fit import RunFit, run_fit
 from accelcal.estimation.run_state import RunState
-from accelcal.estimation.run_to_run import SPREAD_ALPHA, SeenByRuns, Spread
+from accelcal.estimation.run_to_run import SPREAD_ALPHA, GoesWith, SeenByRuns, Spread, covariates_of, goes_with
 from accelcal.estimation.shape_parameters import held_shapes, on_bounds, refine_shapes
 from accelcal.estimation.values import Noise, Values
 from accelcal.estimation.weak_form.covariance import NoWeakForm

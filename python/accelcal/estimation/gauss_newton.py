@@ -10,12 +10,10 @@ import numpy as np
 import scipy
 
 from accelcal._support.errors import AccelcalError
-from accelcal.data.arrays import Array
-from accelcal.estimation.initial import initial_estimate
-from accelcal.estimation.normal_equations import NormalEquations, normal_equations
-from accelcal.estimation.rows import measure_noise, settle_dwells
+from accelcal.data import Array
+from accelcal.estimation.rows import NormalEquations, measure_noise, normal_equations, settle_dwells
 from accelcal.estimation.run import PreparedRun
-from accelcal.estimation.run_state import RunState
+from accelcal.estimation.run_state import RunState, initial_estimate
 from accelcal.estimation.run_to_run import BetweenRuns, SeenByRuns, penalty
 from accelcal.estimation.values import NoiseGrowth, Values
 from accelcal.model import Estimate, Model, Term

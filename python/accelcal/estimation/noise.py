@@ -3,19 +3,244 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array, Flags
-from accelcal.data.references import Reference
+from accelcal import _core
+from accelcal.data import Array, Flags, Reference
+from accelcal.effects import Effect
+from accelcal.effects.registry import Owner
 from accelcal.estimation.drive import DriveIntegrals
-from accelcal.estimation.likelihood import Likelihood
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise
-from accelcal.estimation.varying_noise import VarianceFunction, most_likely
+from accelcal.signals.signals import Signals
+
+BLOCKS = 16
+"""Number of blocks over which the likelihood is taken, spread over the whole record."""
+BLOCK_READINGS = 2048
+"""Least number of readings in a block."""
+BLOCK_SPAN = 50.0
+"""Least length of a block in time constants of the filter."""
+
+
+class Likelihood:
+    """Innovation log-likelihood over blocks spread over a record, as a function of log q and log R."""
+
+    def __init__(self, run: PreparedRun, integrals: DriveIntegrals, near: Noise, counts: Flags | None) -> None:
+        self.run = run
+        parts = [(integrals.part(rows), count) for rows, count in counted_blocks(run, integrals, near, counts)]
+        self.count = int(sum(count.sum() for _, count in parts))
+        self.parts = _core.Parts([(part.arrays, count) for part, count in parts])
+
+    def __call__(self, log_q: float, log_r: float) -> float:
+        q, r = math.exp(log_q), math.exp(log_r)
+        return self.parts.log_likelihood(q=q, r=r, prior=self.run.prior(r))
+
+    def spread(self, at: Noise) -> tuple[float, float]:
+        """Standard deviations of log q and log R from the curvature of the likelihood."""
+        x, h = np.log([at.q, at.r]), 0.05
+        f = {(i, j): self(x[0] + i * h, x[1] + j * h) for i in (-1, 0, 1) for j in (-1, 0, 1)}
+        qq = -(f[1, 0] - 2 * f[0, 0] + f[-1, 0]) / h**2
+        rr = -(f[0, 1] - 2 * f[0, 0] + f[0, -1]) / h**2
+        qr = -(f[1, 1] - f[1, -1] - f[-1, 1] + f[-1, -1]) / (4 * h**2)
+        det = qq * rr - qr**2
+        if not (qq > 0.0 and rr > 0.0 and det > 0.0):
+            return math.inf, math.inf
+        return math.sqrt(rr / det), math.sqrt(qq / det)
+
+
+def blocks(n: int, length: int) -> list[slice]:
+    """At most 16 blocks of equal length, evenly spread; one block when the record is short."""
+    if n <= BLOCKS * length:
+        return [slice(0, n)]
+    starts = np.linspace(0, n - length, BLOCKS).astype(int)
+    return [slice(int(s), int(s) + length) for s in starts]
+
+
+def counted_blocks(
+    run: PreparedRun, integrals: DriveIntegrals, near: Noise, counts: Flags | None = None
+) -> list[tuple[slice, Flags]]:
+    """Blocks of readings, and which of each count: those that have settled at a noise, among `counts` (n,) if given."""
+    span = BLOCK_SPAN / (2.0 * np.pi * run.crossover(near)) / run.reading_step
+    found = []
+    for rows in blocks(len(run.t), int(max(BLOCK_READINGS, span))):
+        settled = integrals.part(rows).settled(run.wait(near))
+        if counts is not None:
+            settled = settled & counts[rows]
+        if settled.any():
+            found.append((rows, np.ascontiguousarray(settled)))
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NoiseSpectrum:
+    """Power of the noise of the output in blocks, at each frequency: floor + sum of growth times variance function.
+
+    White noise has its variance as power, (m/s²)².
+    """
+
+    f: Array
+    """(F,) Hz"""
+    floor: Array
+    """(F,) (m/s²)²"""
+    growth: Mapping[str, Array] = field(default_factory=dict)
+    """Of each effect, (F,) (m/s²)² per unit of its variance function."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NoiseEffect:
+    """Estimate of one effect that acts on noise."""
+
+    name: str
+    symbol: str
+    unit: str
+    value: float
+    """Factor of the effect's variance function."""
+    std: float
+    owner: Owner
+    p_value: float
+    """Probability of such a value, or a larger one, by chance where there is none."""
+    sentence: str
+    particulars: Mapping[str, float] = field(default_factory=dict)
+    """In SI: share and size of outliers, step of a converter, standard deviation of the noise otherwise, ..."""
+    spectrum: NoiseSpectrum | None = None
+    """With all effects of the model that make the noise of the output grow; None where it is not one of them."""
+    without: NoiseSpectrum | None = None
+    """The same without this one."""
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseScore:
+    """What one effect that acts on noise gains on a recording: log predictive density with it less that without it."""
+
+    effect: str
+    channel: str
+    """accel or position: whose samples are scored."""
+    gain: float
+    """Natural logarithm, summed over the record."""
+    std: float
+    """Of the paired difference, from its scatter between parts of the record."""
+    count: int
+    """Samples or block frequencies that are scored."""
+    ratio: float
+    """Mean square where the effect is strongest, over what the model with the effect expects there; 1 when calibrated.
+    For rare events: events that were found over events expected."""
+    ratio_without: float
+    """The same for the model without it."""
+    what: str = "noise where it is strongest"
+    """What the ratios are of."""
+
+    @property
+    def gained(self) -> bool:
+        """Whether the gain exceeds two of its standard deviations."""
+        return self.gain > 2.0 * self.std
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        return (
+            f"{self.effect}: log score of {self.channel} {self.gain:+.3g} ± {self.std:.2g} over {self.count} values; "
+            f"{self.what} {self.ratio:.3g} times what is expected, {self.ratio_without:.3g} times without it"
+        )
+
+
+LEAST_SHARE, FIRST_SHARE, MOST_SHARE = 1e-4, 0.1, 1e8
+"""Growth of a noise, averaged over the readings, over the noise itself: limits and start of its search."""
+NONE_BELOW = 1.5
+"""A share below this many times the least one is none."""
+CONSTANT = 1e-3
+"""Largest change over the mean of a variance function that is the same all along: it is the noise itself."""
+DIFFERENCE, MOST_STEPS = 1e-4, 60
+"""Step of the numerical gradient in logarithms, and steps of the search."""
+
+
+@dataclass(frozen=True, slots=True)
+class VarianceFunction:
+    """The variance function of an effect at the readings of a run."""
+
+    effect: Effect
+    before: Array
+    """Mean over the interval before each reading, in the unit of the function, (n,)."""
+    at: Array
+    """At each reading, (n,)."""
+
+    def part(self, rows: slice) -> VarianceFunction:
+        """The readings in `rows`."""
+        return VarianceFunction(self.effect, self.before[rows], self.at[rows])
+
+
+def variance_functions(run: PreparedRun, noise: Noise, signals: Signals | None) -> list[VarianceFunction]:
+    """Variance functions of the effects that act on the noise of a run and change along it; none without a motion."""
+    found = []
+    for one in noise.growth if signals is not None else ():
+        assert signals is not None
+        at = np.interp(run.t, signals.t + run.origins.t, one.effect.column(signals))
+        if np.ptp(at) > CONSTANT * float(np.mean(np.abs(at))):
+            before = 0.5 * (at + np.concatenate([at[:1], at[:-1]]))
+            found.append(VarianceFunction(one.effect, before, at))
+    return found
+
+
+def with_growth(integrals: DriveIntegrals, noise: Noise, functions: Sequence[VarianceFunction]) -> DriveIntegrals:
+    """The integrals with what the effects add to the noise of each interval and each reading."""
+    if not functions:
+        return integrals
+    of = {one.effect.name: one for one in noise.growth}
+    extra_q, extra_r = integrals.extra_q.copy(), np.zeros(len(integrals.t))
+    for function in functions:
+        extra_q += of[function.effect.name].q * function.before
+        extra_r += of[function.effect.name].r * function.at
+    return replace(integrals, extra_q=extra_q, extra_r=extra_r)
+
+
+def most_likely(
+    run: PreparedRun, integrals: DriveIntegrals, start: Noise, functions: Sequence[VarianceFunction]
+) -> Noise:
+    """Most likely q, R and growth of both, none of it negative, near `start` (derivations 6.14).
+
+    Parameters
+    ----------
+    run, integrals : a record and the acceleration between its readings.
+    start : where to begin.
+    functions : of the effects whose growth is estimated; that of others stays.
+    """
+    rows_counted = counted_blocks(run, integrals, start)
+    parts = [(integrals.part(rows), counts, [f.part(rows) for f in functions]) for rows, counts in rows_counted]
+    usual = np.array([[np.mean(f.before), np.mean(f.at)] for f in functions])
+    names, held = [f.effect.name for f in functions], {one.effect.name: one for one in start.growth}
+
+    def noise_at(x: Array) -> Noise:
+        q = math.exp(x[0])
+        r = max(math.exp(x[1]), run.reading_variance_floor(q))
+        share = np.exp(x[2:].reshape(-1, 2))
+        shares = np.where(share > NONE_BELOW * LEAST_SHARE, share, 0.0) * (q, r) / usual
+        grown = {
+            name: replace(held[name], q=float(a), r=float(b), mean=float(mean))
+            for name, (a, b), mean in zip(names, shares, usual[:, 0], strict=True)
+        }
+        return Noise(q, r, tuple(grown.get(one.effect.name, one) for one in start.growth))
+
+    def cost(x: Array) -> float:
+        noise = noise_at(x)
+        grown = _core.Parts([(with_growth(part, noise, own).arrays, counts) for part, counts, own in parts])
+        return -grown.log_likelihood(q=noise.q, r=noise.r, prior=run.prior(noise.r))
+
+    r = max(start.r, 1.01 * run.reading_variance_floor(start.q))
+    before = np.array([[held[name].q / start.q, held[name].r / r] for name in names]) * usual
+    shares = np.log(np.where(before > 0.0, np.clip(before, 2.0 * LEAST_SHARE, MOST_SHARE), FIRST_SHARE))
+    limits = [(None, None)] * 2 + [(math.log(LEAST_SHARE), math.log(MOST_SHARE))] * (2 * len(functions))
+    best = scipy.optimize.minimize(
+        cost,
+        np.concatenate([np.log([start.q, r]), shares.ravel()]),
+        method="L-BFGS-B",
+        bounds=limits,
+        options={"eps": DIFFERENCE, "ftol": 1e-9, "maxiter": MOST_STEPS},
+    )
+    return noise_at(best.x)
+
 
 NEAR, GROWN = 0.05, 0.3
 """First steps of a search in log q and log R: the least, and that of a model to which effects were added."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 
 BANDS_PER_OCTAVE = 3
 """Bands in which the level of a residual is measured."""

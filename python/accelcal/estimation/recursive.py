@@ -8,19 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from accelcal._support.arguments import checked
-from accelcal.data.arrays import Array
-from accelcal.data.channel_filter import unsupported
-from accelcal.data.orientation import DERIVED
-from accelcal.data.recording import Channel, Recording, RecordingError
+from accelcal.data import DERIVED, Array, Channel, Recording, RecordingError, unsupported
 from accelcal.effects import find, polynomial
 from accelcal.estimation.estimate import Fit, estimate
 from accelcal.estimation.remarks import remark
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.estimation.smoothing import output_at, uniform_times
-from accelcal.filters.choice import FilterChoice
-from accelcal.filters.prior import spread_start
+from accelcal.filters.choice import FilterChoice, spread_start, to_stage
 from accelcal.filters.record import FilterRun, ForwardParameters, forward_parameters, run
-from accelcal.filters.stage_sense import to_stage
 from accelcal.model import NOMINAL, Estimate, Model
 
 PARAMETER_OF = {find(name).symbol: name for name in ("scale_factor", "bias", *polynomial(3))}

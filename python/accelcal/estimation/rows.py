@@ -2,23 +2,71 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
-from accelcal.data.arrays import Array
-from accelcal.data.recording import RecordingError
+from accelcal.data import POSITION_ORDER, Array, RecordingError
 from accelcal.estimation.columns import ColumnFilter, whitened_columns
 from accelcal.estimation.dwell_rows import DwellRows, Nuisances, dwell_rows, stepped, with_scatter
-from accelcal.estimation.noise import NoiseSearch
+from accelcal.estimation.noise import NoiseSearch, blocks, most_likely_noise
 from accelcal.estimation.noise_spectrum import MeasuredSpectrum, measured_spectrum, whitener
 from accelcal.estimation.run_state import RunState
-from accelcal.estimation.weak_form.covariance import NoWeakForm
-from accelcal.estimation.weak_form.noise import with_noise
+from accelcal.estimation.values import Noise
+from accelcal.estimation.weak_form.covariance import NoWeakForm, factor, solved
 from accelcal.estimation.weak_form.rows import WeakRows
 from accelcal.model import Model, Term
+
+MOST_OF_BOTH = 0.9
+"""Largest share of the sensor in the noise of two accelerations."""
+READINGS_KNOWN = math.log(3.0)
+"""Standard deviation of what the readings themselves tell of the logarithm of their variance."""
+BLOCK_ROWS = 2048
+"""Rows of one of the blocks that the likelihood is taken over."""
+
+
+def with_noise(rows: WeakRows, width: float = 0.3) -> WeakRows:
+    """The rows at the noise that is most likely near theirs; first steps in log q and log r are `width`.
+
+    What varies along the record stays as it is. Readings so good that the rows do not show their noise have the one
+    that their neighbours do not predict.
+    """
+    start, told = rows.noise, rows.state.run.unpredicted.reading
+    if rows.order == 0:
+        return rows.at_noise(shared(rows))
+    known = 2.0 * math.log(told) if told > 0.0 and rows.order == POSITION_ORDER else None
+    parts = [(rows.covariance.part(block), rows.raw[block][:, None]) for block in blocks(rows.rows, BLOCK_ROWS)]
+
+    def log_likelihood(log_q: float, log_r: float) -> float:
+        total = 0.0 if known is None else -0.5 * ((log_r - known) / READINGS_KNOWN) ** 2
+        for covariance, y in parts:
+            try:
+                L = factor(covariance.at(math.exp(log_q), math.exp(log_r)))
+            except NoWeakForm:
+                return -math.inf
+            total -= 0.5 * float(np.sum(solved(L, y) ** 2)) + float(np.sum(np.log(L[0])))
+        return total
+
+    found = most_likely_noise(log_likelihood, rows.least_reading_variance, start, width)
+    return rows.at_noise(replace(start, q=found.q, r=found.r))
+
+
+def shared(rows: WeakRows) -> Noise:
+    """Noise of the output and of a reference that is an acceleration, of which the rows show the sum alone.
+
+    The sensor has what is declared of it, if that is less than all, and half of it where nothing is.
+    """
+    run, step = rows.state.run, rows.reading_step
+    both = float(np.mean(rows.whitened**2)) * (rows.noise.q + rows.noise.r * step)
+    declared = run.rig.sensor.noise
+    q = both / 2.0 if declared is None else 0.5 * (declared / rows.state.values.scale) ** 2
+    q = min(q, MOST_OF_BOTH * both)
+    return replace(rows.noise, q=q, r=(both - q) / step)
+
 
 Rows = tuple[Array, Array, Array]
 """Times (n,) s, columns (n, m), innovations (n,)."""
@@ -152,3 +200,78 @@ def spectrum_of(state: RunState, terms: Sequence[Term]) -> MeasuredSpectrum | No
 def white(spectrum: MeasuredSpectrum | None) -> bool:
     """Whether a run needs no spectrum."""
     return spectrum is None or spectrum.white
+
+
+LEAST_BLOCKS = 8
+"""Fewer blocks than this do not measure a scatter."""
+MOST_BLOCKS = 40
+"""More blocks are not needed to measure one."""
+
+
+@dataclass(frozen=True, slots=True)
+class NormalEquations:
+    """Normal equations of one run."""
+
+    gram: Array
+    """X'X, (m, m)."""
+    score: Array
+    """X'y, (m,)."""
+    power: float
+    """y'y."""
+    spread: Array | None
+    """Sum of outer products of block scores, (m, m); None if it is not asked for or there are fewer than 8 blocks."""
+    blocks: Array | None = None
+    """Number of equal blocks that would hold the information on each coefficient as unevenly, (m,); None without a
+    band."""
+
+
+def normal_equations(state: RunState, terms: Sequence[Term], *, scatter: bool = False) -> NormalEquations:
+    """X'X and X'y of a run, stretch by stretch; X itself is never held whole.
+
+    With `scatter` that of the block scores is summed without a band as well.
+    """
+    m = len(terms)
+    gram, score, power = np.zeros((m, m)), np.zeros(m), 0.0
+    length = block_length(state)
+    count = int(block_of(state, state.run.t[-1:], length)[0]) + 1 if scatter or state.band is not None else 0
+    sums = np.zeros((count, m))
+    squares = np.zeros_like(sums)
+    for t, columns, y in rows_of_run(state, terms):
+        gram += columns.T @ columns
+        parts = columns * y[:, None]
+        score += parts.sum(axis=0)
+        power += float(y @ y)
+        if count:
+            block = block_of(state, t, length)
+            np.add.at(sums, block, parts)
+            np.add.at(squares, block, columns**2)
+    spread = sums.T @ sums if count >= LEAST_BLOCKS else None
+    return NormalEquations(gram, score, power, spread, effective_number(squares) if count else None)
+
+
+def effective_number(squares: Array) -> Array:
+    """Sum squared over sum of squares of the blocks of each column (K, m): K where all are alike, else fewer."""
+    total = squares.sum(axis=0)
+    return np.asarray(total**2 / np.maximum((squares**2).sum(axis=0), 1e-300))
+
+
+def inverse(information: Array) -> Array:
+    """Pseudo-inverse of an information matrix (m, m), scaled to a unit diagonal."""
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    return np.asarray(np.linalg.pinv(information / np.outer(size, size), hermitian=True) / np.outer(size, size))
+
+
+def information(state: RunState, term: Term) -> float:
+    """Information of a run on the coefficient of one more term, all others known."""
+    return float(normal_equations(state, [term]).gram[0, 0])
+
+
+def block_length(state: RunState) -> float:
+    """Length of a block, s; blocks outlast the memory of the filter."""
+    t = state.run.t
+    return max(float(t[-1] - t[0]) / MOST_BLOCKS, 1.0 / state.run.crossover(state.noise))
+
+
+def block_of(state: RunState, t: Array, length: float) -> NDArray[np.intp]:
+    """Block of each instant, (n,)."""
+    return np.asarray((t - state.run.t[0]) / length, dtype=np.intp)

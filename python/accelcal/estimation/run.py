@@ -11,25 +11,134 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from accelcal.data.arrays import Array
-from accelcal.data.orientation import ANGULAR_ACCELERATION, DERIVED, GRAVITY, LEVERS, RATES, holes
-from accelcal.data.quality import require_few_holes, require_pace, require_usable
-from accelcal.data.recording import Channel, PositionStep, Recording, RecordingError
-from accelcal.data.references import POSITION_ORDER, require_reference
-from accelcal.data.rig import Rig
-from accelcal.data.stamps import usual_step
-from accelcal.data.units import instant
-from accelcal.estimation.axis_gravity import AxisGravity
-from accelcal.estimation.channel_filters import ChannelFilters
-from accelcal.estimation.coarse_counts import distinct_readings, readings_apart
-from accelcal.estimation.glitches import MIN_READINGS, spikes
-from accelcal.estimation.representation import extra_density
+from accelcal import _core
+from accelcal.data import (
+    ANGULAR_ACCELERATION,
+    DERIVED,
+    GRAVITY,
+    LEVERS,
+    POSITION_ORDER,
+    RATES,
+    Array,
+    Channel,
+    PositionStep,
+    Recording,
+    RecordingError,
+    Rig,
+    instant,
+    require_few_holes,
+    require_reference,
+    require_usable,
+    usual_step,
+)
+from accelcal.data.orientation import holes
+from accelcal.data.quality import require_pace
+from accelcal.estimation.channel_filters import HOLE, ChannelFilters, uniform
+from accelcal.estimation.readings import MIN_READINGS, distinct_readings, readings_apart, spikes
 from accelcal.estimation.values import Noise, Values
-from accelcal.signals.jumps import Jumps
-from accelcal.signals.processing import cubic, motion_bandwidth, spectral_density
+from accelcal.signals.processing import cubic, low_pass, motion_bandwidth, resample, spectral_density
 from accelcal.signals.series import FilledSeries, fill_gaps, grid_step, interpolation_spread
 from accelcal.signals.signals import Origins
-from accelcal.signals.unresolved import jumps, prediction_scores
+from accelcal.signals.unresolved import Jumps, jumps, lost_velocity, prediction_scores
+
+
+@dataclass(frozen=True, eq=False)
+class AxisGravity:
+    """What an ideal sensor on the axis reads while the position does not accelerate, with the sign of the stage."""
+
+    constant: float
+    """Of the declared axis, m/s²; used where nothing is recorded."""
+    channel: Channel | None
+    """On the clock of the position, m/s²."""
+    filters: ChannelFilters
+
+    def at(self, t: Array) -> Array | float:
+        """At times t, (n,) m/s²; a number where it is constant."""
+        return self.constant if self.channel is None else resample(self.channel, t)
+
+    def within(self, t: Array, step: float, cutoff: float) -> Array | float:
+        """At uniform times `step` s apart, up to a bandwidth in Hz, (n,) m/s²."""
+        if self.channel is None:
+            return self.constant
+        return low_pass(resample(self.channel, t), 1.0 / step, cutoff)
+
+    def behind_high_passes(self, t: Array, step: float, cutoff: float) -> Array | float:
+        """The same as the output shows it, behind its high-passes."""
+        if self.channel is None:
+            return self.constant * self.filters.at_rest
+        return self.filters.behind_high_passes(np.asarray(self.within(t, step, cutoff)), step)
+
+    def integrals(self, t: Array) -> tuple[Array, Array]:
+        """Velocity (m/s) and, beyond it, position (m) gained over the interval that ends at each of the times, (n,)."""
+        h = np.diff(t, prepend=t[0])
+        if self.channel is None:
+            level = self.constant * self.filters.at_rest
+            return level * h, level * h**2 / 2.0
+        known = self._covering(t)
+        once, twice, covered = _core.drive(
+            known.t - t[0], known.y, t - t[0], how="cubic", tau=0.0, delay=0.0, hole=HOLE * float(t[-1] - t[0])
+        )
+        once[~covered] = twice[~covered] = 0.0
+        return once, twice
+
+    def _covering(self, t: Array) -> Channel:
+        """The channel behind the filters of both channels, held beyond its ends where the times reach farther."""
+        assert self.channel is not None
+        known, step = self.channel, float(np.median(np.diff(self.channel.t)))
+        if self.filters.acts:
+            at, y = uniform(known.t, known.y, step)
+            known = Channel(known.name, at, self.filters.behind(y, step), known.unit)
+        before = np.array([t[0] - 2.0 * step, t[0] - step]) if known.t[0] > t[0] else t[:0]
+        after = np.array([t[-1] + step, t[-1] + 2.0 * step]) if known.t[-1] < t[-1] else t[:0]
+        stamps = np.concatenate([before, known.t, after])
+        return Channel(known.name, stamps, np.interp(stamps, known.t, known.y), known.unit)
+
+
+JUMP_WINDOW = 1.5
+"""Samples to either side of a jump over which its error is spread."""
+CURVATURE = 1.0 / 64.0
+"""Error of a cubic over a hole, as a share of the third difference of samples a hole apart, which bounds it."""
+
+
+def extra_density(t: Array, accel: Channel, step: float, jumps: Jumps, filled: FilledSeries) -> Array:
+    """Density of process noise, beyond that of the record, over the interval before each reading, (n,) (m/s²)²/Hz.
+
+    Derivations 6.6. A jump of the motion between two samples, and the motion over a hole, move the velocity by an
+    amount that no interpolation knows.
+
+    Parameters
+    ----------
+    t : (n,) times of the readings, s.
+    accel, step : the output, m/s², and the usual spacing of its samples, s.
+    jumps, filled : what its samples do not resolve, and what was filled in.
+    """
+    spans = [jump_variances(jumps, step)] if len(jumps.t) else []
+    spans += [hole_variances(accel, step, filled)] if len(filled.begin) else []
+    h = np.diff(t, prepend=t[0])
+    gained = np.zeros_like(t)
+    for begin, end, variance in spans:
+        edges = np.column_stack([begin, end]).ravel()
+        total = np.cumsum(variance)
+        reached = np.column_stack([np.append(0.0, total[:-1]), total]).ravel()
+        gained += np.diff(np.interp(t, edges, reached, left=0.0), prepend=0.0)
+    return np.asarray(np.where(h > 0.0, np.maximum(gained, 0.0) / np.where(h > 0.0, h, step), 0.0))
+
+
+def jump_variances(jumps: Jumps, step: float) -> tuple[Array, Array, Array]:
+    """Spans about the jumps of the motion, s, and variance of the velocity that is lost in each, (m/s)²."""
+    window = JUMP_WINDOW * step
+    return jumps.t - window, jumps.t + window, lost_velocity(jumps, step) ** 2
+
+
+def hole_variances(accel: Channel, step: float, filled: FilledSeries) -> tuple[Array, Array, Array]:
+    """Spans without samples, s, and variance of the velocity that is lost in each beyond the usual, (m/s)²."""
+    sigma = interpolation_spread(accel.t, accel.y)
+    length = filled.end - filled.begin
+    nodes = filled.begin[:, None] + length[:, None] * np.array([-1.0, 0.0, 1.0, 2.0])
+    curved = np.abs(np.interp(nodes, filled.t, filled.y) @ np.array([1.0, -3.0, 3.0, -1.0])) * CURVATURE * length
+    motion = np.where(filled.filled, 0.0, curved)
+    return filled.begin, filled.end, filled.noise * (sigma * step) ** 2 + motion**2
+
 
 Answer = TypeVar("Answer")
 Engine = Literal["replay", "weak"]

@@ -8,11 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
-from accelcal.data.recording import Recording
+from accelcal.data import Array, Recording
 from accelcal.effects import BUILT_IN, find
 from accelcal.estimation.gauss_newton import Layout, Solution
-from accelcal.estimation.normal_equations import normal_equations
+from accelcal.estimation.rows import normal_equations
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns, SeenByRuns
 from accelcal.model import Model, Term, terms_of

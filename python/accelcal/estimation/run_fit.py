@@ -7,12 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accelcal.data.arrays import Flags
-from accelcal.data.references import POSITION_ORDER, VELOCITY
-from accelcal.data.run_labels import NO_LABELS, RunLabels
+from accelcal.data import NO_LABELS, POSITION_ORDER, VELOCITY, Flags, RunLabels
 from accelcal.estimation.noise import Level, NoiseReport, level, level_of
-from accelcal.estimation.normal_equations import NormalEquations, block_length, normal_equations
-from accelcal.estimation.rows import sums_of
+from accelcal.estimation.rows import NormalEquations, block_length, normal_equations, sums_of
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.values import Noise

@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.effects import Effect, find
 from accelcal.estimation.gauss_newton import Solution, iterate
-from accelcal.estimation.normal_equations import information, normal_equations
+from accelcal.estimation.rows import information, normal_equations
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.values import Values
 from accelcal.model import Estimate, Model, Term, terms_of

@@ -16,11 +16,10 @@ import numpy as np
 import scipy
 
 from accelcal._support.result import Storable
-from accelcal.data.arrays import Array
-from accelcal.data.recording import RecordingError
+from accelcal.data import Array, RecordingError
 from accelcal.estimation.dwell_fit import SCATTER_REMARK
 from accelcal.estimation.gauss_newton import NotIdentifiable
-from accelcal.estimation.multiplicity import over_all
+from accelcal.estimation.run_to_run import over_all
 
 AXES = "xyz"
 PARAMETERS = 9

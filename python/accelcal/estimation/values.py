@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.effects import HARMONICS, Effect
 from accelcal.model import NOMINAL, Term, evaluate
 from accelcal.signals.signals import Signals

@@ -18,8 +18,7 @@ from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import NotStored, Result
 from accelcal._support.threads import one_thread
-from accelcal.data.arrays import Array
-from accelcal.data.rig import Rig
+from accelcal.data import Array, Rig
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION, FAMILYWISE_ALPHA, PLAN_CORRELATION
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
 from accelcal.diagnosis.search.scan import detectable_sizes

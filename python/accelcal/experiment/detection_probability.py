@@ -15,7 +15,7 @@ from itertools import product
 
 import numpy as np
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, FINALISTS
 from accelcal.diagnosis.search.beam import SearchRules, block_length, shrunk_inflation
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for

@@ -12,9 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
-from accelcal.data.arrays import Array
-from accelcal.data.dwells import Dwells
-from accelcal.data.rig import STANDARD_GRAVITY, Rig
+from accelcal.data import STANDARD_GRAVITY, Array, Dwells, Rig
 from accelcal.diagnosis.search.scores import BaseProjection
 from accelcal.effects import Effect, find, found_by, static_terms
 from accelcal.estimation.estimate import estimate_dwells

@@ -10,9 +10,7 @@ from typing import Any
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
-from accelcal.data.arrays import Array
-from accelcal.data.recording import Channel, Recording
-from accelcal.data.rig import Rig
+from accelcal.data import Array, Channel, Recording, Rig
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.effects import Effect
 from accelcal.estimation.drive import DriveIntegrals, run_filter

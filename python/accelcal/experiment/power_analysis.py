@@ -15,8 +15,7 @@ import numpy as np
 from accelcal._support.arguments import checked
 from accelcal._support.progress import within
 from accelcal._support.threads import one_thread
-from accelcal.data.arrays import Array
-from accelcal.data.recording import Recording
+from accelcal.data import Array, Recording
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION, DETECTION_PROBABILITY, FAMILYWISE_ALPHA
 from accelcal.diagnosis.search.beam import SearchRules

@@ -2,9 +2,8 @@
 
 from accelcal._support.values import listing
 from accelcal.filters.choice import MOTION, PARAMETERS, FilterChoice, GaussMarkov
-from accelcal.filters.fixed_rate_filter import MOST_EFFECTS, fixed_rate, fixed_rate_with_effects
 from accelcal.filters.record import BatchRun, FilterRun, ForwardParameters, forward_parameters, run, run_batch
-from accelcal.filters.stream import LiveFilter
+from accelcal.filters.stream import MOST_EFFECTS, LiveFilter, fixed_rate, fixed_rate_with_effects
 
 __all__ = [
     "MOST_EFFECTS",

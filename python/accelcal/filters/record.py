@@ -15,10 +15,9 @@ from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Result
 from accelcal._support.values import immutable
-from accelcal.data.arrays import Array, Counts, Flags, copied
-from accelcal.data.recording import Channel
-from accelcal.filters.choice import PARAMETERS, FilterChoice, GaussMarkov
-from accelcal.filters.core_settings import core_prior, core_samples, core_setup
+from accelcal.data import Array, Channel, Counts, Flags
+from accelcal.data.arrays import copied
+from accelcal.filters.choice import PARAMETERS, FilterChoice, GaussMarkov, core_prior, core_samples, core_setup
 
 if TYPE_CHECKING:
     pass

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NoReturn
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from accelcal import _core
-from accelcal.data.arrays import Array
-from accelcal.filters.choice import FilterChoice, GaussMarkov
-from accelcal.filters.core_settings import core_prior, core_setup
+from accelcal._support.errors import AccelcalError
+from accelcal.data import Array
+from accelcal.filters.choice import FilterChoice, GaussMarkov, core_prior, core_setup, rate_and_density
 
 
 @dataclass(slots=True)
@@ -102,3 +103,121 @@ class LiveFilter:
     def waiting(self) -> int:
         """How many samples wait for the next output sample."""
         return self._stream.waiting
+
+
+def fixed_rate(
+    choice: FilterChoice,
+    *,
+    dt: float,
+    q: float,
+    r_position: float,
+    r_accel: float | None = None,
+    x0: ArrayLike,
+    P0: ArrayLike,
+    tau: float = 0.0,
+    parameters: Mapping[str, GaussMarkov] | None = None,
+    gate: float | None = None,
+) -> _core.FixedRateFilter:
+    """A filter for a control loop: one sample per call, no allocation, state copied on request only.
+
+    `step(u)` or `step(u, z)` takes in the output (m/s²) and, where the encoder was read, the position (m) of the next
+    sample, and returns the innovation or None. `run(u, z)` processes a whole record, (n,) each and NaN where position
+    was not read, with results equal to the last bit; it fills `states` (n, N), `variances` (n, N), `innovations` (n,)
+    and `innovation_variances` (n,) if the caller gives arrays for them. `x`, `covariance`, `innovation`,
+    `innovation_variance`, `nis`, `log_likelihood`, `rejected` and `samples` are properties; `read` copies states and
+    variances into arrays of the caller's.
+
+    Parameters
+    ----------
+    dt : float
+        Time between samples, s. The prior belongs to the first one, which is read like all others.
+
+    Other parameters are those of `run`. Nothing waits for a later sample: a cubic goes through the last four. UD
+    factors in CWPA or without the exact integrator, a low-pass in CWPA, and consider parameters are refused. States and
+    variances are checked at every step.
+
+    Raises
+    ------
+    ValueError
+        What this filter cannot do.
+    FilterError
+        Unusable settings; `step` and `run` raise it where a step fails, and leave the filter as it was before it.
+        Where a variance was lost, the sentence says rate, prior and what to choose instead.
+
+    Examples
+    --------
+    >>> choice = FilterChoice("aci", "linear", integrator="rk4")
+    >>> live = fixed_rate(choice, dt=1e-3, q=1e-6, r_position=1e-12, x0=[0.0] * 4, P0=np.eye(4))
+    >>> live.step(0.1, 0.0), live.step(0.1), live.samples
+    (0.0, None, 2)
+    """
+    choice.refuse_consider("fixed_rate")
+    setup = core_setup(choice, q, r_position, r_accel, None, tau, parameters, gate)
+    if choice.carrier == "factored" and (choice.system != "aci" or choice.integrator != "exact"):
+        raise AccelcalError('fixed_rate: UD factors are those of aci with integrator="exact"; use LiveFilter.')
+    if choice.system == "cwpa" and tau != 0:
+        raise AccelcalError("fixed_rate: CWPA behind a low-pass has no structured kernel; use LiveFilter, or aci.")
+    return _core.FixedRateFilter(setup, *core_prior(choice.states(), x0, P0), dt)
+
+
+MOST_EFFECTS = 14
+"""Effects that the compiled filter has room for in addition to k and K0."""
+
+
+FACTORED = FilterChoice("aci", "linear", interpolation="cubic", carrier="factored")
+"""First order, no integration error, UD factors: what runs live unless chosen otherwise."""
+
+
+def fixed_rate_with_effects(
+    *,
+    dt: float,
+    q: float,
+    r_position: float,
+    x0: ArrayLike,
+    P0: ArrayLike,
+    rest: float = 0.0,
+    tau: float = 0.0,
+    parameters: Sequence[GaussMarkov | None] | None = None,
+    choice: FilterChoice = FACTORED,
+    gate: float | None = None,
+) -> _core.FixedRateFilter:
+    """ACI with a forward linear sensor and m effects whose columns the caller gives at every step.
+
+    u = K0 + (1 + k) (p'' + rest) + sum c_j e_j, z = p + tau v + sum c_j b_j; states p, v, k, K0, c_1 ... c_m. No
+    integration error, and a covariance in UD factors that cannot lose positive definiteness, unless chosen otherwise.
+    `step_with_effects(u, z, columns, position_columns)` takes e_j per unit of c_j at the sample before, half-way
+    and at this one, (3, m) m/s², and b_j at this one, (m,) m; all else is as in `fixed_rate`, a cubic between samples.
+
+    Parameters
+    ----------
+    rest : float
+        Specific force at rest, m/s².
+    parameters : sequence of GaussMarkov or None
+        How k, K0, c_1 ... c_m move, (m + 2,); None where one is constant.
+
+    choice : FilterChoice
+        Order, integrator and carrier count: system, sensor and interpolation are given. RK4 needs the dense carrier.
+
+    Other parameters are those of `fixed_rate`.
+
+    Raises
+    ------
+    ValueError
+        More than 14 effects, shapes that do not fit, or RK4 with UD factors.
+    FilterError
+        Unusable settings.
+    """
+    x = np.ascontiguousarray(x0, dtype=np.float64)
+    m = len(x) - 4
+    if not 0 <= m <= MOST_EFFECTS:
+        raise AccelcalError(f"x0 has {len(x)} states; p, v, k, K0 and up to {MOST_EFFECTS} effects are possible.")
+    names = ("p", "v", "k", "K0", *(f"c_{j}" for j in range(1, m + 1)))
+    processes = [None] * (m + 2) if parameters is None else list(parameters)
+    if len(processes) != m + 2:
+        raise AccelcalError(f"parameters: {len(processes)} given for {m + 2}, {', '.join(names[2:])}.")
+    choice.refuse_consider("fixed_rate_with_effects")
+    if choice.carrier == "factored" and choice.integrator != "exact":
+        raise AccelcalError('fixed_rate_with_effects: UD factors need integrator="exact".')
+    choice = replace(choice, system="aci", model="linear", form="forward", interpolation="cubic")
+    setup = core_setup(choice, q, r_position, None, None, tau, None, gate)
+    return _core.FixedRateFilter(setup, *core_prior(names, x, P0), dt, (rest, [rate_and_density(w) for w in processes]))

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Storable
-from accelcal.data.arrays import Array
-from accelcal.estimation.multiplicity import over_all
+from accelcal.data import Array
+from accelcal.estimation.run_to_run import over_all
 
 GRID, SPAN = 32, 8.0
 """Trial values of each of the two standard deviations before they are refined, and how far one may move about its best

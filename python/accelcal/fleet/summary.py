@@ -13,12 +13,48 @@ import scipy
 
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Storable
-from accelcal.campaign import Results
-from accelcal.data.arrays import Array, Counts
-from accelcal.estimation.multiplicity import over_all
+from accelcal.data import Array, Counts
+from accelcal.estimation.run_to_run import over_all
+from accelcal.fleet.campaign import Results
 from accelcal.fleet.population import Population, population
-from accelcal.fleet.task import STD
+from accelcal.io import load
 from accelcal.model import Model
+from accelcal.workflow import fit
+
+MODELS = {"linear": Model.linear, "cubic": Model.cubic}
+STD = ".std"
+"""Ending of the name under which a standard deviation is kept."""
+
+
+def fit_of(path: Path, *, model: str = "linear") -> dict[str, float]:
+    """Fit one recording.
+
+    Parameters
+    ----------
+    path : with its sidecar beside it.
+    model : a key of `MODELS`.
+
+    Returns
+    -------
+    Value and standard deviation of each parameter; ratio of the noise to the declared one, normalised innovation
+    squared, length (s), date (days), mean temperature (degC), NaN where not known; number of remarks.
+    """
+    recording = load(path)
+    found = fit(recording, MODELS[model]())
+    run = found.runs[0]
+    warm = recording.side.get("temperature")
+    kept = {
+        "nis": math.nan if run.nis is None else run.nis,
+        "noise_ratio": math.nan if run.noise.ratio is None else run.noise.ratio,
+        "seconds": run.end - run.start,
+        "date": math.nan if recording.labels.date is None else recording.labels.date,
+        "temperature": math.nan if warm is None else float(np.mean(warm.y)),
+        "remarks": float(len(found.remarks)),
+    }
+    for e in found.free:
+        kept |= {e.name: e.value, e.name + STD: e.std}
+    return kept
+
 
 LIMIT = 3.0
 """Standard deviations of a control chart."""

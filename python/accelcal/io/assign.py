@@ -11,12 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from accelcal._support.plain_text import OBEYED_IN_NAMES, visible
-from accelcal.data import units
-from accelcal.data.arrays import Array
-from accelcal.data.orientation import QUATERNION
-from accelcal.data.recording import Finding, RecordingError
-from accelcal.data.references import reference_among
-from accelcal.data.rig import Rig
+from accelcal.data import QUATERNION, Array, Finding, RecordingError, Rig, reference_among, units
 from accelcal.io import naming
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
 from accelcal.io.table import MOST_CHANNEL_NAME, MOST_NAME, Column, Table

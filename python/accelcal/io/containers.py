@@ -23,7 +23,7 @@ import numpy as np
 import accelcal
 from accelcal._support.locks import scratch_folder
 from accelcal._support.process import end, send
-from accelcal.data.recording import RecordingError
+from accelcal.data import RecordingError
 from accelcal.io.decoding.child import MEMORY, SECONDS
 from accelcal.io.decoding.known_formats import BY_NAME
 from accelcal.io.decoding.source import Entry

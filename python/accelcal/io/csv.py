@@ -12,8 +12,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from accelcal.data import units
-from accelcal.data.recording import RecordingError
+from accelcal.data import RecordingError, units
 from accelcal.io.table import MOST_COLUMNS, Column, Table, from_arrow
 
 

@@ -12,11 +12,8 @@ from typing import Any
 import numpy as np
 
 from accelcal._support.arguments import checked
-from accelcal.data.arrays import Array
-from accelcal.data.dwells import Dwells, DwellSetup
-from accelcal.data.recording import Recording, RecordingError
+from accelcal.data import STANDARD_GRAVITY, Array, Dwells, DwellSetup, Recording, RecordingError, Rig
 from accelcal.data.rests import rests
-from accelcal.data.rig import STANDARD_GRAVITY, Rig
 from accelcal.io.assign import fix
 from accelcal.io.atomic import atomic_write, together
 from accelcal.io.files import is_there, open_table

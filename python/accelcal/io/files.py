@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO, TypeVar
 
-from accelcal.data.recording import RecordingError
+from accelcal.data import RecordingError
 from accelcal.io.decoding.known_formats import FORMATS, MARKS, SUFFIXES
 from accelcal.io.table import Table
 

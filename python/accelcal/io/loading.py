@@ -13,13 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal._support.arguments import checked
-from accelcal.data import quality, units
-from accelcal.data.alignment import align, shifted, spacing
-from accelcal.data.arrays import Array
-from accelcal.data.dwells import Dwells, DwellSetup
-from accelcal.data.recording import Channel, Finding, Recording, RecordingError
-from accelcal.data.references import integrated, reference_among
-from accelcal.data.rig import STANDARD_GRAVITY, Rig
+from accelcal.data import (
+    STANDARD_GRAVITY,
+    Array,
+    Channel,
+    Dwells,
+    DwellSetup,
+    Finding,
+    Recording,
+    RecordingError,
+    Rig,
+    integrated,
+    quality,
+    reference_among,
+    units,
+)
+from accelcal.data.clocks import align, shifted, spacing
 from accelcal.io.assign import Plan, assign, in_seconds, in_si
 from accelcal.io.files import open_regular, open_table
 from accelcal.io.orientation import asked, parts_of_orientation, with_orientation
@@ -211,7 +220,7 @@ def load(
     path : CSV (also .txt, .tsv), Parquet, MAT (v4 to v7.3), npz, HDF5, TDMS, UFF, MF4, MCAP, ROS bag, miniSEED or C3D.
     rig : sidecar file, or a `Rig` when the columns are found by their names; None = ``NAME.toml`` beside the file.
     position : file of another logger that recorded the position, with a sidecar of its own; the output is shifted onto
-        its clock (`accelcal.data.alignment`), and a finding says by how much and how ambiguous that is.
+        its clock (`accelcal.data.clocks`), and a finding says by how much and how ambiguous that is.
     need_position : accept a file without position when False; its position then has shape (0,).
     need_accel : accept a planned motion, position alone, when False; its output then has shape (0,).
 

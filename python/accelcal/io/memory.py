@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from accelcal.data.arrays import Array
-from accelcal.data.recording import Recording, RecordingError, series
-from accelcal.data.references import UNITS, Reference, reference_among
-from accelcal.data.rig import Rig
+from accelcal.data import UNITS, Array, Recording, RecordingError, Reference, Rig, reference_among
+from accelcal.data.recording import series
 from accelcal.data.units import same_unit
 from accelcal.io import naming
 from accelcal.io.assign import discover, unit_of

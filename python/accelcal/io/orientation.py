@@ -8,22 +8,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from accelcal.data import quality
-from accelcal.data.arrays import Array
-from accelcal.data.orientation import (
+from accelcal.data import (
     GRAVITY,
     GYROSCOPE,
-    HOLE,
     LEVERS,
     PLACE,
     QUATERNION,
-    QUATERNION_TOLERANCE,
-    rotated,
-    turned,
-    turning,
+    STANDARD_GRAVITY,
+    Array,
+    Channel,
+    Finding,
+    RecordingError,
+    Rig,
+    quality,
 )
-from accelcal.data.recording import Channel, Finding, RecordingError
-from accelcal.data.rig import STANDARD_GRAVITY, Rig
+from accelcal.data.orientation import HOLE, QUATERNION_TOLERANCE, rotated, turned, turning
 from accelcal.io import naming
 from accelcal.io.assign import ATTITUDE, attitude_columns
 from accelcal.io.sidecar import Sidecar

@@ -13,14 +13,28 @@ from pathlib import Path
 from typing import Any, Literal
 
 from accelcal._support.errors import AccelcalError
-from accelcal.data import units
-from accelcal.data.channel_filter import KINDS, ChannelFilter, Pass
-from accelcal.data.dwells import ATTITUDES, DwellSetup
-from accelcal.data.orientation import GRAVITY, GYROSCOPE, PLACE, QUATERNION, Sense
-from accelcal.data.recording import RecordingError
-from accelcal.data.references import ACCELERATION, VELOCITY, reference_among
-from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
-from accelcal.data.run_labels import NO_LABELS, RunLabels, days_of
+from accelcal.data import (
+    ACCELERATION,
+    GRAVITY,
+    GYROSCOPE,
+    NO_LABELS,
+    PLACE,
+    QUATERNION,
+    VELOCITY,
+    ChannelFilter,
+    DwellSetup,
+    LowPass,
+    RecordingError,
+    Rig,
+    RunLabels,
+    Sensor,
+    reference_among,
+    units,
+)
+from accelcal.data.dwells import ATTITUDES
+from accelcal.data.orientation import Sense
+from accelcal.data.recording import days_of
+from accelcal.data.rig import KINDS, Pass, Uncertainty
 from accelcal.io.files import content_of, is_there, shown
 from accelcal.io.table import SIDECAR_BYTES
 

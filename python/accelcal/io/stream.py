@@ -17,8 +17,7 @@ from typing import IO, Any
 import numpy as np
 
 from accelcal._support.errors import MissingExtra
-from accelcal.data.arrays import Array
-from accelcal.data.recording import RecordingError
+from accelcal.data import Array, RecordingError
 from accelcal.io.assign import Plan, assign, in_seconds, in_si
 from accelcal.io.files import open_regular
 from accelcal.io.sidecar import Clock, Sidecar

@@ -8,9 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from accelcal.data import units
-from accelcal.data.orientation import QUATERNION
-from accelcal.data.recording import RecordingError
+from accelcal.data import QUATERNION, RecordingError, units
 from accelcal.io import naming
 from accelcal.io.assign import UNKNOWN, discover, unit_of
 from accelcal.io.atomic import atomic_write

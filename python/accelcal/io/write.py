@@ -17,15 +17,23 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from accelcal.data import units
-from accelcal.data.arrays import Array, Flags
-from accelcal.data.channel_filter import ChannelFilter, high_passes, low_passes
-from accelcal.data.dwells import DwellSetup
-from accelcal.data.orientation import GRAVITY
-from accelcal.data.recording import Channel, Recording, RecordingError
-from accelcal.data.references import reference_among
-from accelcal.data.rig import Rig
-from accelcal.data.run_labels import NO_LABELS, RunLabels
+from accelcal.data import (
+    GRAVITY,
+    NO_LABELS,
+    Array,
+    Channel,
+    ChannelFilter,
+    DwellSetup,
+    Flags,
+    Recording,
+    RecordingError,
+    Rig,
+    RunLabels,
+    high_passes,
+    low_passes,
+    reference_among,
+    units,
+)
 from accelcal.io import naming
 from accelcal.io.atomic import Part, atomic, atomic_write, named
 from accelcal.io.files import content_of

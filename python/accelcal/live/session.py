@@ -15,7 +15,7 @@ from typing import Literal, Self
 import numpy as np
 
 from accelcal._support.result import Storable
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
 from accelcal.io.stream import ByteSource, Intake, LineReader, Rows
 from accelcal.io.write import GrowingParquet, write_sidecar

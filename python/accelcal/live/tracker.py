@@ -12,16 +12,11 @@ import numpy as np
 
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Storable
-from accelcal.data.arrays import Array
-from accelcal.data.channel_filter import unsupported
-from accelcal.data.recording import RecordingError
-from accelcal.data.rig import Rig
+from accelcal.data import Array, RecordingError, Rig, unsupported
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.recursive import PARAMETER_OF, PRIOR_STD
-from accelcal.filters.choice import PARAMETERS, FilterChoice, GaussMarkov
-from accelcal.filters.prior import spread_start
-from accelcal.filters.stage_sense import to_stage
+from accelcal.filters.choice import PARAMETERS, FilterChoice, GaussMarkov, spread_start, to_stage
 from accelcal.filters.stream import LiveFilter
 from accelcal.io.stream import Rows
 from accelcal.model import BASE, Estimate

@@ -8,7 +8,7 @@ from typing import Any
 
 from accelcal._support.errors import MissingExtra
 from accelcal._support.values import face
-from accelcal.plots import bins, comparison, diagnosis, model, residuals, response, timeline
+from accelcal.plots import comparison, diagnosis, model, residuals, response, timeline
 from accelcal.plots.comparison import overview, write
 from accelcal.plots.matplotlib import still
 
@@ -42,10 +42,10 @@ one_step = still(comparison.one_step)
 overlay = still(timeline.overlay)
 parameters = still(model.parameters)
 ranking = still(diagnosis.ranking)
-regions = still(bins.regions)
+regions = still(residuals.regions)
 sensitivity = still(response.sensitivity)
 simulated = still(comparison.simulated)
-tiles = still(bins.tiles)
+tiles = still(residuals.tiles)
 
 
 def __getattr__(name: str) -> Any:

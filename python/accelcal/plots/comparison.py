@@ -9,16 +9,28 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal.data.units import instant
+from accelcal.data import instant
 from accelcal.estimation.estimate import Fit
 from accelcal.plots import matplotlib
-from accelcal.plots.bins import regions
 from accelcal.plots.diagnosis import error_reduction
-from accelcal.plots.figure import COLUMNS, Axis, Band, Figure, Level, Line, Mark, Panel, sentence
+from accelcal.plots.figure import (
+    COLUMNS,
+    TWO_SIDED_95,
+    Axis,
+    Band,
+    Figure,
+    Level,
+    Line,
+    Mark,
+    Panel,
+    Role,
+    ThemeName,
+    drift_headline,
+    imposed_band_note,
+    sentence,
+)
 from accelcal.plots.model import nonlinearity, parameters
-from accelcal.plots.numbers import TWO_SIDED_95, drift_headline, imposed_band_note
-from accelcal.plots.residuals import autocorrelation, histogram
-from accelcal.plots.style import Role, ThemeName
+from accelcal.plots.residuals import autocorrelation, histogram, regions
 from accelcal.plots.timeline import TIME, overlay
 from accelcal.results.words import grouped, length, prefixed
 from accelcal.validation.comparison import Evaluation

@@ -6,18 +6,133 @@ A mark holds numbers in the units of its axes, a name, and a role; which colour 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, wraps
 from inspect import Signature, signature
+from types import MappingProxyType
 from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal.data.arrays import Array
-from accelcal.plots.style import Role, ThemeName
+from accelcal._support.errors import AccelcalError
+from accelcal.data import Array
+from accelcal.diagnosis.search.scan import Candidate
+from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.results import words as formatting
+from accelcal.results.comparisons import source_of_noise
 from accelcal.results.words import grouped, label
+from accelcal.validation.comparison import Evaluation
+from accelcal.validation.differences import Comparison, headline_horizon, quoted_error
+
+ThemeName = Literal["light", "dark"]
+Role = Literal["measured", "model", "other", "floor", "residual", "band", "before", "fault", "ink", "grid"]
+"""What a mark shows: the measurement, the (current) model, a second curve of it, the noise floor, a residual without
+other curves, what noise alone explains, the same quantity of the model before, a fault."""
+OKABE_ITO: Mapping[str, str] = MappingProxyType(
+    {
+        "black": "#000000",
+        "orange": "#E69F00",
+        "sky blue": "#56B4E9",
+        "bluish green": "#009E73",
+        "yellow": "#F0E442",
+        "blue": "#0072B2",
+        "vermillion": "#D55E00",
+        "reddish purple": "#CC79A7",
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class LineStyle:
+    """How one kind of curve is drawn, in two cues: colour, and line style or marker."""
+
+    colour: str
+    line: str
+    marker: str
+
+
+@dataclass(frozen=True, slots=True)
+class Theme:
+    """Colours of a page and of what is drawn on it."""
+
+    name: ThemeName
+    page: str
+    ink: str
+    grid: str
+    measured: LineStyle
+    model: LineStyle
+    other: LineStyle
+    """A second curve of the model."""
+    floor: LineStyle
+    """Noise floor."""
+    residual: LineStyle
+    """A residual drawn without other curves."""
+    band: str
+    """Fill of the regions expected from noise."""
+
+    @property
+    def line_styles(self) -> tuple[LineStyle, ...]:
+        """All line styles, for figures with curves of equal rank."""
+        return self.measured, self.model, self.other, self.floor
+
+    def style(self, role: Role) -> LineStyle:
+        """How a mark of this role is drawn."""
+        if role in ("measured", "model", "other", "floor", "residual"):
+            line: LineStyle = getattr(self, role)
+            return line
+        if role == "fault":
+            return LineStyle(self.other.colour, "-", "X")
+        return LineStyle({"band": self.band, "grid": self.grid}.get(role, self.ink), "-", "o")
+
+
+LIGHT = Theme(
+    name="light",
+    page="#FFFFFF",
+    ink="#1A1A1A",
+    grid="#DDDDDD",
+    measured=LineStyle(OKABE_ITO["black"], "-", "o"),
+    model=LineStyle(OKABE_ITO["blue"], "--", "s"),
+    other=LineStyle(OKABE_ITO["vermillion"], "-.", "^"),
+    floor=LineStyle(OKABE_ITO["bluish green"], ":", "D"),
+    residual=LineStyle(OKABE_ITO["blue"], "-", "s"),
+    band=OKABE_ITO["orange"],
+)
+
+DARK = Theme(
+    name="dark",
+    page="#15171C",
+    ink="#E8E8E8",
+    grid="#3A3E47",
+    measured=LineStyle("#FFFFFF", "-", "o"),  # the palette's black, for a dark page
+    model=LineStyle(OKABE_ITO["sky blue"], "--", "s"),
+    other=LineStyle(OKABE_ITO["yellow"], "-.", "^"),
+    floor=LineStyle(OKABE_ITO["bluish green"], ":", "D"),
+    residual=LineStyle(OKABE_ITO["sky blue"], "-", "s"),
+    band=OKABE_ITO["orange"],
+)
+
+THEMES: Mapping[ThemeName, Theme] = MappingProxyType({"light": LIGHT, "dark": DARK})
+
+
+def theme_of(name: ThemeName) -> Theme:
+    """Return the theme called `name`.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    if name not in THEMES:
+        raise AccelcalError(f"there is no theme {name!r}; choose one of {', '.join(THEMES)}")
+    return THEMES[name]
+
+
+def role_of_model(number: int, count: int) -> Role:
+    """Role of one of several models, in order: the last is the current one, the one before it differs in both cues."""
+    return "model" if number == count - 1 else ("other", "floor")[(count - 2 - number) % 2]
+
 
 T = TypeVar("T")
 COLUMNS = 2000
@@ -332,3 +447,72 @@ def tick(value: float) -> str:
     digit, _, power = f"{value:.0e}".partition("e")
     raised = str(int(power)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
     return f"10{raised}" if digit == "1" else f"{digit}·10{raised}"
+
+
+TWO_SIDED_95 = 1.96
+CANDIDATES = 12
+"""Candidates that are drawn."""
+
+
+def drift_headline(comparison: Evaluation) -> str:
+    """The drift that is quoted first, with its noise floor."""
+    horizon = headline_horizon(comparison)
+    if horizon is None:
+        return "Unaided drift: the record is too short"
+    floor = comparison.drift_floors.get(horizon)
+    beside = "" if floor is None else f", noise floor {formatting.length(floor)}"
+    return f"Unaided drift after {horizon:g} s: {formatting.length(quoted_error(comparison, horizon))} rms{beside}"
+
+
+def imposed_band_note(comparison: Evaluation) -> str:
+    """A remark where predicted deviations are not valid."""
+    return (
+        ""
+        if comparison.nis is not None
+        else "; the fit used a prescribed band, so its predicted deviations are not valid"
+    )
+
+
+def error_reduction_sentence(comparison: Comparison) -> str:
+    """The error of the first and of the last model in one sentence."""
+    errors = comparison.errors
+    text = f"{formatting.length(errors[0])}"
+    if len(errors) > 1:
+        text += f" → {formatting.length(errors[-1])}"
+    measure = comparison.measure[:1].upper() + comparison.measure[1:]
+    return f"{measure}: {text}; {floor_sentence(comparison)}"
+
+
+def floor_sentence(comparison: Comparison) -> str:
+    """The noise floor with its interval and its source."""
+    floor = comparison.floor
+    ends = f"{formatting.length(floor.low)} to {formatting.length(floor.high)}"
+    return f"noise alone {ends} ({source_of_noise(comparison.noise_floor.sensor)})"
+
+
+def share_text(comparison: Comparison, number: int) -> str:
+    """What a step did to the error: the part of the excess over noise that it removes, and whether that is all."""
+    share = comparison.shares[number]
+    if number and comparison.at_floor[number] and comparison.at_floor[number - 1]:
+        return "within the noise"
+    if share is None:
+        return "within the noise" if comparison.at_floor[number] else ""
+    if share < 0.0:
+        return "error rises"
+    if comparison.at_floor[number]:
+        return f"{round(100.0 * min(share, 1.0))} % of the excess explained, down to the noise"
+    return f"{min(round(100.0 * share), 99)} % of the excess explained"
+
+
+def candidate_groups(diagnosis: Diagnosis, most: int = CANDIDATES) -> list[list[Candidate]]:
+    """The best candidates, each class of confounded ones together, best first."""
+    left = list(diagnosis.scan.candidates[:most])
+    found: list[list[Candidate]] = []
+    while left:
+        first = left[0]
+        sure = first.p_value < diagnosis.alpha
+        tied = [c for c in left[1:] if sure and c.effect in first.members and c.p_value < diagnosis.alpha]
+        group = [first, *tied]
+        found.append(group)
+        left = [c for c in left if c not in group]
+    return found

@@ -1,8 +1,8 @@
 """Figures of `accelcal.plots` for a notebook, as Figures of plotly; each takes `theme`, "light" or "dark"."""
 
-from accelcal.plots import bins, comparison, diagnosis, limits, model, residuals, response
+from accelcal.plots import comparison, diagnosis, model, residuals, response
+from accelcal.plots import timeline as over_time
 from accelcal.plots import timeline as record
-from accelcal.plots import tracks as over_time
 from accelcal.plots.plotly import moving
 
 __all__ = [
@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 accel_residual, coasting = moving(comparison.accel_residual), moving(comparison.coasting)
-detectable_sizes, drift_limits = moving(limits.detectable_sizes), moving(limits.drift_limits)
+detectable_sizes, drift_limits = moving(diagnosis.detectable_sizes), moving(diagnosis.drift_limits)
 error_reduction, ranking = moving(diagnosis.error_reduction), moving(diagnosis.ranking)
 fitted_curve, live_tracks, tracks = (
     moving(over_time.fitted_curve),
@@ -43,8 +43,8 @@ linked, overlay, timeline = moving(record.linked), moving(record.overlay), movin
 nonlinearity, parameters = moving(model.nonlinearity), moving(model.parameters)
 one_step, simulated = moving(comparison.one_step), moving(comparison.simulated)
 quantile_plot, spectrum = moving(residuals.quantile_plot), moving(residuals.spectrum)
-regions, tiles = moving(bins.regions), moving(bins.tiles)
-sensitivity, signatures = moving(response.sensitivity), moving(limits.signatures)
+regions, tiles = moving(residuals.regions), moving(residuals.tiles)
+sensitivity, signatures = moving(response.sensitivity), moving(diagnosis.signatures)
 whiteness_plot = moving(residuals.whiteness_plot)
 
 

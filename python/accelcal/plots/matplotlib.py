@@ -17,8 +17,23 @@ import numpy as np
 from accelcal._support.errors import MissingExtra
 from accelcal.io import atomic, together
 from accelcal.plots import figure as data
-from accelcal.plots.figure import DENSE, Axis, Band, Bars, Level, Line, Mark, Panel, Points, Text, Tiles
-from accelcal.plots.style import OKABE_ITO, Theme, ThemeName, theme_of
+from accelcal.plots.figure import (
+    DENSE,
+    OKABE_ITO,
+    Axis,
+    Band,
+    Bars,
+    Level,
+    Line,
+    Mark,
+    Panel,
+    Points,
+    Text,
+    Theme,
+    ThemeName,
+    Tiles,
+    theme_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -5,14 +5,25 @@ from __future__ import annotations
 import numpy as np
 
 from accelcal.calibration.agreement import LIMIT, Agreement
-from accelcal.calibration.straight_line import StraightLine, straight_line
+from accelcal.calibration.characteristic import StraightLine, straight_line
 from accelcal.effects import find, spelled
 from accelcal.estimation.estimate import Fit
 from accelcal.io.dwells import Rests
 from accelcal.model import Estimate
-from accelcal.plots.figure import COLUMNS, Axis, Band, Figure, Level, Line, Panel, Points, Stretch, Text
-from accelcal.plots.numbers import TWO_SIDED_95
-from accelcal.plots.style import Role
+from accelcal.plots.figure import (
+    COLUMNS,
+    TWO_SIDED_95,
+    Axis,
+    Band,
+    Figure,
+    Level,
+    Line,
+    Panel,
+    Points,
+    Role,
+    Stretch,
+    Text,
+)
 from accelcal.results.words import concise, prefixed, with_unit
 
 LINEAR_REACH = 30.0

@@ -19,6 +19,7 @@ from accelcal._support.errors import MissingExtra
 from accelcal.plots import figure as data
 from accelcal.plots.figure import (
     DENSE,
+    OKABE_ITO,
     Axis,
     Band,
     Bars,
@@ -30,9 +31,11 @@ from accelcal.plots.figure import (
     Points,
     Stretch,
     Text,
+    Theme,
+    ThemeName,
     Tiles,
+    theme_of,
 )
-from accelcal.plots.style import OKABE_ITO, Theme, ThemeName, theme_of
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure as Drawn

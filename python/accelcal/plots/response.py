@@ -6,9 +6,8 @@ import math
 
 import numpy as np
 
-from accelcal.data.arrays import Array
-from accelcal.plots.figure import Axis, Figure, Line, Panel, Points
-from accelcal.plots.style import Role
+from accelcal.data import Array
+from accelcal.plots.figure import Axis, Figure, Line, Panel, Points, Role
 from accelcal.response import FrequencyResponse, Point
 from accelcal.response.parametric import Fitted
 from accelcal.results.words import number, probability, typeset, with_unit

@@ -8,11 +8,9 @@ from functools import cache
 
 import numpy as np
 
-from accelcal.data.arrays import Array
-from accelcal.data.orientation import ANGULAR_ACCELERATION, LEVERS, RATES, TURNED
+from accelcal.data import ANGULAR_ACCELERATION, LEVERS, RATES, TURNED, Array
 from accelcal.effects import Effect, spelled
-from accelcal.plots.figure import Axis, Figure, Line, Panel
-from accelcal.plots.style import Role
+from accelcal.plots.figure import Axis, Figure, Line, Panel, Role
 from accelcal.results import words as formatting
 from accelcal.signals.signals import Signals
 from accelcal.simulation.motion import motion

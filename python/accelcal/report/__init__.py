@@ -2,10 +2,9 @@
 
 from accelcal._support.values import listing
 from accelcal.calibration.agreement import Agreement, agreement
-from accelcal.report.agreement_page import agreement_html, agreement_pdf
+from accelcal.report.agreement import agreement_html, agreement_pdf
 from accelcal.report.content import Content, gather
-from accelcal.report.page import html, light, write
-from accelcal.report.pdf import pdf
+from accelcal.report.page import html, light, pdf, write
 
 __all__ = [
     "Agreement",

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import base64
 import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from accelcal._support.errors import MissingExtra
+from accelcal._support.locks import scratch_folder
 from accelcal.io import atomic_write
 from accelcal.plots import matplotlib, plotly
-from accelcal.report.content import Content
-from accelcal.report.figures import Entry, entries
+from accelcal.report.content import Content, Entry, entries
 from accelcal.report.view import view
-from accelcal.results.json_text import finite
+from accelcal.results.json_text import dumps, finite
 
 if TYPE_CHECKING:
     from jinja2 import Environment
     from matplotlib.figure import Figure as StaticFigure
+
 
 SECTIONS = ("first", "found", "apart", "falling", "where", "response", "parameters", "data")
 """Sections that hold figures."""
@@ -115,3 +118,75 @@ def script_json(value: Any) -> str:
 def svg_url(drawn: StaticFigure) -> str:
     """A static figure as a URL that holds it."""
     return f"data:image/svg+xml;base64,{base64.b64encode(matplotlib.svg(drawn)).decode()}"
+
+
+Form = Literal["pdf", "png"]
+
+
+def typeset(template: str, texts: Mapping[str, Any], figures: Mapping[str, bytes], form: Form = "pdf") -> Any:
+    """Typeset texts and figures.
+
+    Parameters
+    ----------
+    template : file of this folder, which reads the texts from report.json and figures by their file names.
+    texts : by key.
+    figures : content by file name.
+    form : of the result: a PDF, or images of its pages.
+
+    Returns
+    -------
+    The PDF as bytes; images as a list, one bytes object for each page.
+
+    Raises
+    ------
+    MissingExtra
+        If typst or matplotlib, whose typeface is used, is not installed.
+    """
+    try:
+        import typst
+    except ImportError as error:
+        raise MissingExtra('a PDF needs typst; install it with: pip install "accelcal[pdf]"') from error
+    with sources(template, texts, figures) as settings:
+        made = typst.compile(**settings, format=form)
+    return [made] if form == "png" and isinstance(made, bytes) else made
+
+
+@contextmanager
+def sources(template: str, texts: Mapping[str, Any], figures: Mapping[str, bytes]) -> Iterator[dict[str, Any]]:
+    """A folder with everything that typst reads, as the arguments of its functions; it is gone afterwards."""
+    import matplotlib
+
+    with scratch_folder() as root:
+        for name, content in figures.items():
+            (root / name).write_bytes(content)
+        (root / "report.json").write_text(dumps(dict(texts)), encoding="utf-8")
+        source = resources.files("accelcal.report").joinpath(template).read_text(encoding="utf-8")
+        (root / template).write_text(source, encoding="utf-8")
+        fonts = Path(matplotlib.get_data_path(), "fonts", "ttf")
+        yield {"input": str(root / template), "root": str(root), "font_paths": [str(fonts)]}
+
+
+def pdf(content: Content, path: str | Path) -> None:
+    """Write the report as PDF, whole or not at all: the first page is a summary, the details follow.
+
+    Parameters
+    ----------
+    content : from `accelcal.report.gather`.
+    path : file to write.
+
+    Raises
+    ------
+    MissingExtra
+        If typst or matplotlib is not installed.
+    """
+    atomic_write(path, typeset("paper.typ", *paper(content)))
+
+
+def paper(content: Content) -> tuple[dict[str, Any], dict[str, bytes]]:
+    """What is typeset: texts with the list of figures, and the figures by file name."""
+    drawn, listed = {}, []
+    for e in entries(content):
+        if e.still is not None:
+            drawn[f"{e.name}.svg"] = matplotlib.svg(matplotlib.draw(e.still))
+            listed.append({"file": f"{e.name}.svg", "section": e.section, "caption": e.caption})
+    return {**view(content), "figures": listed}, drawn

@@ -3,7 +3,7 @@
 from accelcal._support.values import listing
 from accelcal.response.measure import FrequencyResponse, frequency_response, recorded_reference, stepped_response
 from accelcal.response.parametric import ResponseModel, fit_response
-from accelcal.response.points import Point, Reference
+from accelcal.response.sine import Point, Reference
 
 __all__ = [
     "FrequencyResponse",

@@ -15,10 +15,8 @@ import numpy as np
 import scipy
 
 from accelcal._support.errors import AccelcalError
-from accelcal.data.arrays import Array
-from accelcal.data.recording import Channel
-from accelcal.data.stamps import usual_step
-from accelcal.response.points import Point, Reference
+from accelcal.data import Array, Channel, usual_step
+from accelcal.response.sine import Point, Reference
 from accelcal.signals.transfer import Spectrum
 
 SEGMENTS = 16

@@ -15,8 +15,8 @@ import numpy as np
 import scipy
 
 from accelcal._support.result import Storable
-from accelcal.data.arrays import Array
-from accelcal.response.points import COVERAGE, Point
+from accelcal.data import Array
+from accelcal.response.sine import COVERAGE, Point
 from accelcal.signals.transfer import Spectrum
 
 SAME = 6.0

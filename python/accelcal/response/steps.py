@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array, stretch_about
-from accelcal.data.recording import Channel
+from accelcal.data import Array, Channel
+from accelcal.data.arrays import stretch_about
 from accelcal.response.sine import fit_sines, refined_frequency, within
 
 LEAST_CYCLES = 6.0

@@ -7,17 +7,14 @@ from collections.abc import Sequence
 from typing import Any
 
 from accelcal._support.values import listing
-from accelcal.data.units import MICRO_G, instant
+from accelcal.data import MICRO_G, instant
 from accelcal.results.diagnoses import VERDICTS
 from accelcal.results.table import Column, Row, Table, as_sentence, require, table
 from accelcal.results.words import decimal, length, number, percent, prefixed, probability, typeset, with_unit
 from accelcal.selection.improvement import Improvement
-from accelcal.validation.comparison import Evaluation, NoiseFloor, Outside, Region
-from accelcal.validation.differences import Comparison, verdict_of
-from accelcal.validation.paired import HeldOutChange
-from accelcal.validation.ruler import Ruler
-from accelcal.validation.sensor_noise import ONLY_WHITE, SOURCES, SensorNoise
-from accelcal.validation.stretches import headline_horizon, quoted_error
+from accelcal.validation.comparison import ONLY_WHITE, SOURCES, Evaluation, NoiseFloor, Outside, Region, SensorNoise
+from accelcal.validation.differences import Comparison, HeldOutChange, headline_horizon, quoted_error, verdict_of
+from accelcal.validation.noise_floor import Ruler
 
 
 @table.register

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from accelcal._support.values import listing
-from accelcal.data.rig import STANDARD_GRAVITY
+from accelcal.data import STANDARD_GRAVITY
 from accelcal.diagnosis.dwells import DwellDiagnosis
 from accelcal.diagnosis.findings import Size
 from accelcal.diagnosis.search.scan import Candidate

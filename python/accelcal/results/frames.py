@@ -12,11 +12,10 @@ import numpy as np
 
 from accelcal._support.errors import MissingExtra
 from accelcal._support.values import listing
-from accelcal.data.dwells import Dwells
-from accelcal.data.recording import Recording
+from accelcal.data import Dwells, Recording
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.estimation.estimate import Fit
-from accelcal.estimation.parameter_tracks import Track
+from accelcal.estimation.tracks import Track
 from accelcal.experiment.detectability import Power
 from accelcal.filters.choice import STATE_UNITS
 from accelcal.filters.record import FilterRun
@@ -26,6 +25,7 @@ from accelcal.results.table import as_frame, pandas_module
 from accelcal.results.tables import table
 from accelcal.simulation.sensor import Simulated
 from accelcal.validation.comparison import Coast, Evaluation
+from accelcal.validation.differences import Comparison
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -205,6 +205,20 @@ def _(seen: Evaluation) -> Any:
         },
         {"name": seen.recording},
     )
+
+
+@dataset.register
+def _(comparison: Comparison) -> Any:
+    """The arrays of every evaluation; instants that an evaluation does not have are NaN."""
+    concat = xarray_module().concat
+    models = xarray_module().Variable("model", list(comparison.names))
+    names = [name or f"recording {number}" for number, name in enumerate(comparison.recordings)]
+    by_recording = [
+        concat([dataset(evaluation) for evaluation in evaluations], models, join="outer", combine_attrs="drop")
+        for evaluations in comparison.seen
+    ]
+    recordings = xarray_module().Variable("recording", names)
+    return concat(by_recording, recordings, join="outer", combine_attrs="drop")
 
 
 @dataset.register

@@ -37,7 +37,6 @@ SCHEMAS: Mapping[str, str] = {
     "export": "calibration.export.calibration:Calibration",
     "fleet": "fleet.summary:Fleet",
     "live": "live.session:LiveEvent",
-    "paper": "paper:Reproduction",
     "session": "app.session_content:Content",
 }
 """Result of each schema name: module and class."""

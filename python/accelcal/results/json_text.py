@@ -11,7 +11,7 @@ from typing import Any
 
 from accelcal._support.errors import AccelcalError
 from accelcal._support.plain_text import visible
-from accelcal.data.recording import RecordingError
+from accelcal.data import RecordingError
 from accelcal.io.files import content_of
 from accelcal.io.table import MODEL_BYTES
 

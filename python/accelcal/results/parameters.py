@@ -7,12 +7,10 @@ from collections import Counter
 from collections.abc import Sequence
 
 from accelcal._support.values import listing
-from accelcal.data.references import ACCELERATION, UNITS
-from accelcal.data.units import MICRO_G
+from accelcal.data import ACCELERATION, MICRO_G, UNITS
 from accelcal.effects import CATALOGUE, Effect, find, spelled
 from accelcal.estimation.estimate import Fit, tied_sum
-from accelcal.estimation.noise import NoiseReport
-from accelcal.estimation.noise_effects import NoiseEffect
+from accelcal.estimation.noise import NoiseEffect, NoiseReport
 from accelcal.model import Estimate, Model
 from accelcal.results.table import Column, Row, Table, as_sentence, require, table
 from accelcal.results.words import amount, at_full_scale, decimal, grouped, interval, number, plain, with_unit

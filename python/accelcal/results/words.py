@@ -8,8 +8,7 @@ import re
 import numpy as np
 
 from accelcal._support.values import listing
-from accelcal.data.arrays import Array
-from accelcal.data.units import usual_unit
+from accelcal.data import Array, usual_unit
 from accelcal.effects import CATALOGUE, spelled, static_terms
 
 

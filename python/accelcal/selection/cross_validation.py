@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal.data.arrays import Array, Flags
+from accelcal.data import Array, Flags
 from accelcal.diagnosis.policy import (
     VALIDATION_BLOCKS,
     VALIDATION_HORIZON,

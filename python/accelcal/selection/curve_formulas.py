@@ -18,7 +18,7 @@ import scipy
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Storable
 from accelcal._support.values import listing
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, FORMULA_LACK_OF_FIT_ALPHA, FORMULA_LOG_EVIDENCE
 from accelcal.diagnosis.search.beam import block_length
 from accelcal.diagnosis.search.hypotheses import Hypothesis

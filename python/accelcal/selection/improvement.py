@@ -14,7 +14,7 @@ from accelcal.diagnosis.verdict import Case, Diagnosis, judgement
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
 from accelcal.validation.comparison import Evaluation
-from accelcal.validation.paired import HeldOutChange, heldout_change
+from accelcal.validation.differences import HeldOutChange, heldout_change
 
 
 @immutable

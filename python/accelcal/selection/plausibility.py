@@ -8,15 +8,15 @@ from collections.abc import Sequence
 import numpy as np
 import scipy
 
-from accelcal.data.recording import Recording
+from accelcal.data import Recording
 from accelcal.diagnosis.findings import Size, explained_gain
 from accelcal.diagnosis.policy import DETERMINED_ALPHA, PLAUSIBLE_ENCODER_SHARE
 from accelcal.diagnosis.search.scores import log_survival
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.gauss_newton import Solution
-from accelcal.estimation.normal_equations import normal_equations
 from accelcal.estimation.remarks import Remark, remark
+from accelcal.estimation.rows import normal_equations
 from accelcal.estimation.shape_parameters import inverse
 
 

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from accelcal.data.recording import Recording
+from accelcal.data import Recording
 from accelcal.diagnosis.evidence import DELAY_CLASS, DELAY_EXPERIMENT, Evidence, TimeSpan, delay_is_significant
 from accelcal.diagnosis.findings import Confounded, explained_gain, with_findings
 from accelcal.diagnosis.outlier_rejection import CHANNEL_OF, CleanFit, clean_fit

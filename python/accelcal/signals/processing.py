@@ -10,8 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data.arrays import Array
-from accelcal.data.recording import Channel
+from accelcal.data import Array, Channel
 from accelcal.signals.series import lagrange_weights
 
 ORDER = 8

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array, Flags
+from accelcal.data import Array, Flags
 
 HOLE_LEAST = 1.5
 """Spacings of samples from which on an interval counts as a gap."""

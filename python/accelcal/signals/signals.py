@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal._support.values import listing
-from accelcal.data.arrays import Array
-from accelcal.data.orientation import GRAVITY
-from accelcal.data.rig import Rig
+from accelcal.data import GRAVITY, Array, Rig
 
 
 @dataclass(frozen=True, slots=True)

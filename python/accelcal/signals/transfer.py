@@ -15,8 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data.arrays import Array
-from accelcal.data.channel_filter import ChannelFilter
+from accelcal.data import Array, ChannelFilter
 
 Spectrum = NDArray[np.complex128]
 Response = Callable[[Array], Spectrum]

@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from accelcal._support.errors import AccelcalError
 from accelcal._support.values import listing
-from accelcal.data.arrays import Array
-from accelcal.data.rig import STANDARD_GRAVITY
+from accelcal.data import STANDARD_GRAVITY, Array
 
 Numbers = NDArray[np.inexact]
 """Real or complex."""

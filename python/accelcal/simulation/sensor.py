@@ -8,10 +8,9 @@ resolution. The two have clocks of their own.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
@@ -20,17 +19,63 @@ from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Result
 from accelcal._support.values import immutable
-from accelcal.data.arrays import Array
-from accelcal.data.channel_filter import ChannelFilter
-from accelcal.data.recording import Channel, Recording
-from accelcal.data.references import ORDERS, POSITION_ORDER, UNITS, Reference, integrated
-from accelcal.data.rig import STANDARD_GRAVITY, LowPass, Rig, Sensor
-from accelcal.simulation.filtered import filtered_samples
+from accelcal.data import (
+    POSITION_ORDER,
+    STANDARD_GRAVITY,
+    UNITS,
+    Array,
+    Channel,
+    ChannelFilter,
+    LowPass,
+    Recording,
+    Reference,
+    Rig,
+    Sensor,
+    integrated,
+)
+from accelcal.data.recording import ORDERS
+from accelcal.signals.transfer import applied, memory, response
 from accelcal.simulation.motion import Motion
 from accelcal.simulation.motion import motion as planned
 
-if TYPE_CHECKING:
-    pass
+FINE = 4
+"""Steps of the grid of an analog low-pass within one sample: what lies above its Nyquist frequency is not simulated."""
+
+
+def filtered_samples(
+    signal: Callable[[Array], Array],
+    t: Array,
+    rate: float,
+    filters: Sequence[ChannelFilter],
+    density: float = 0.0,
+    rng: np.random.Generator | None = None,
+) -> Array:
+    """Samples (n,) of a signal and its noise behind a chain of filters.
+
+    Analog low-passes act on a grid `FINE` times as fine as the samples, every other filter on the samples; the chain
+    begins earlier by what it remembers.
+
+    Parameters
+    ----------
+    signal : its value at instants (m,) s.
+    t : (n,) s, at `rate`.
+    rate : Hz, of the channel.
+    filters : in the order of the signal; they commute.
+    density : one-sided density of white noise in front of the filters, unit of the signal per sqrt(Hz).
+    rng : where the noise comes from; None = there is none.
+    """
+    analog = [f for f in filters if f.passes == "lowpass" and not f.digital]
+    others = [f for f in filters if f not in analog]
+    lead = math.ceil(memory(filters, rate) * rate)
+    fine = FINE if analog else 1
+    step = 1.0 / (rate * fine)
+    at = t[0] - lead / rate + step * np.arange((len(t) + lead) * fine)
+    y = signal(at)
+    if rng is not None:
+        y = y + density * math.sqrt(0.5 / step) * rng.standard_normal(len(at))
+    y = applied(y, step, response(analog, rate), memory(analog, rate))[::fine]
+    return applied(y, 1.0 / rate, response(others, rate), memory(others, rate))[lead:]
+
 
 __all__ = ["ADXL105_RIG", "CXL02_RIG", "PARAMETERS", "Simulated", "Truth", "Vibration", "simulate"]
 

@@ -14,7 +14,7 @@ from scipy import special
 
 from accelcal._support.errors import AccelcalError
 from accelcal._support.values import listing
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 
 ConsistencyVerdict = Literal["consistent", "overconfident", "underconfident"]
 

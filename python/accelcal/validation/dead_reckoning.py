@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal import _core
-from accelcal.data.arrays import Array
-from accelcal.data.orientation import GRAVITY
+from accelcal.data import GRAVITY, Array
 from accelcal.effects import BUILT_IN, is_local
 from accelcal.estimation.channel_filters import ChannelFilters
 from accelcal.estimation.values import Values

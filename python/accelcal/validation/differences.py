@@ -3,22 +3,337 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
 
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Result
 from accelcal._support.values import face, immutable
+from accelcal.data import Array
 from accelcal.estimation.estimate import Fit
 from accelcal.validation.comparison import Evaluation, FigureName, NoiseFloor, RmsInterval
-from accelcal.validation.paired import HeldOutChange, PairedStretches, drift_spread, paired_stretches
-from accelcal.validation.pooled import pooled
-from accelcal.validation.ruler import Ruler
-from accelcal.validation.stretches import LEAST_STRETCHES, headline_horizon, quoted_error, stretch_count
+from accelcal.validation.noise_floor import Ruler
+from accelcal.validation.prediction import rms
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+LEAST_STRETCHES = 5
+"""Fewer stretches than this do not determine a standard error."""
+HORIZONS_APART = 2.0
+"""Length of a stretch in horizons: windows that begin in one hardly reach into the next but one."""
+
+
+def stretch_means(t: Array, length: float, *squares: Array) -> tuple[NDArray[np.intp], list[Array]]:
+    """Number of errors in each stretch of time that holds any, (k,), and the means of their squares, (k,) each.
+
+    Parameters
+    ----------
+    t : instants, rising, (n,) s.
+    length : of a stretch, s.
+    squares : squared errors at these instants, (n,) each.
+    """
+    if not len(t):
+        return np.empty(0, dtype=np.intp), [np.empty(0) for _ in squares]
+    stretch = ((t - t[0]) / length).astype(np.intp)
+    number = np.bincount(stretch)
+    some = number > 0
+    return number[some], [np.bincount(stretch, y)[some] / number[some] for y in squares]
+
+
+def stretch_count(seen: Evaluation, horizon: float) -> int:
+    """Stretches of two horizons among the start points of a drift; 0 where the record is too short for it."""
+    if horizon not in seen.drifts:
+        return 0
+    return len(stretch_means(seen.drifts[horizon][0], HORIZONS_APART * horizon)[0])
+
+
+def headline_horizon(*seen: Evaluation) -> float | None:
+    """The drift that is quoted first: the longest horizon with enough independent stretches to have an interval.
+
+    Parameters
+    ----------
+    seen : the comparisons that are shown together, at least one.
+
+    Returns
+    -------
+    s; the shortest horizon that all of them allow where none has enough stretches, None where they allow none.
+    """
+    allowed = [h for h in seen[0].coast_rms if all(each.coast_rms.get(h) is not None for each in seen)]
+    sure = [h for h in allowed if all(stretch_count(each, h) >= LEAST_STRETCHES for each in seen)]
+    return max(sure, default=min(allowed, default=None))
+
+
+def quoted_error(seen: Evaluation, horizon: float | None) -> float:
+    """Rms unaided drift over a horizon, or the free-running error for None, m; NaN where there is none."""
+    value = seen.simulated_rms if horizon is None else seen.coast_rms.get(horizon)
+    return math.nan if value is None else value
+
+
+APART = 4.0
+"""Horizons between two recordings, so that no stretch of time over which errors are averaged holds both."""
+
+
+def pooled(several: Sequence[Evaluation]) -> Evaluation:
+    """Comparisons of one model with several recordings as one.
+
+    Parameters
+    ----------
+    several : under one ruler, at least one.
+
+    Returns
+    -------
+    Drifts, free-running and one-step errors and noise floor over all recordings; each start point, and each reading,
+    counts the same. Curves, bins and what else is of one recording are those of the first.
+    """
+    first, *others = several
+    if not others:
+        return first
+    readings = [len(seen.simulated[0]) for seen in several]
+    innovations = [len(seen.residual[0]) for seen in several]
+    drifts = {h: in_a_row([seen.drifts[h] for seen in several], APART * h) for h in first.drifts}
+    return replace(
+        first,
+        recording=" and ".join(seen.recording for seen in several),
+        drifts=drifts,
+        coast_rms={horizon: rms(error) for horizon, (_, error) in drifts.items()},
+        coast_starts={h: sum(seen.coast_starts[h] for seen in several) for h in first.coast_starts},
+        coast_frozen_rms={h: over_starts(several, [s.coast_frozen_rms[h] for s in several], h) for h in drifts},
+        coast_floor={h: over_starts(several, [s.coast_floor[h] for s in several], h) for h in drifts},
+        simulated_rms=root_mean(zip((seen.simulated_rms for seen in several), readings, strict=True)),
+        one_step_rms=root_mean(zip((seen.one_step_rms for seen in several), innovations, strict=True)),
+        not_carried=tuple(dict.fromkeys(text for seen in several for text in seen.not_carried)),
+        left_out=tuple(text for seen in several for text in seen.left_out),
+        noise_scores=tuple(score for seen in several for score in seen.noise_scores),
+        noise_floor=pooled_floor(several, readings),
+    )
+
+
+def in_a_row(series: Sequence[tuple[Array, Array]], gap: float) -> tuple[Array, Array]:
+    """Instants (n,) s and errors (n,) of several recordings one behind the other, `gap` s between them."""
+    instants, begin = [], 0.0
+    for t, _ in series:
+        if len(t):
+            instants.append(t - t[0] + begin)
+            begin = float(instants[-1][-1]) + gap
+    return np.concatenate(instants or [np.empty(0)]), np.concatenate([error for _, error in series])
+
+
+def root_mean(weighted: Iterable[tuple[float | None, int]]) -> float:
+    """Root of the mean square of values with their numbers; NaN where there is none."""
+    known = [(value, count) for value, count in weighted if value is not None and count]
+    count = sum(count for _, count in known)
+    return math.sqrt(sum(count * value**2 for value, count in known) / count) if count else math.nan
+
+
+def over_starts(several: Sequence[Evaluation], values: Sequence[float | None], horizon: float) -> float | None:
+    """Rms of values over the start points of a horizon; None where there are none."""
+    found = root_mean(zip(values, (seen.coast_starts[horizon] for seen in several), strict=True))
+    return None if math.isnan(found) else found
+
+
+def pooled_floor(several: Sequence[Evaluation], readings: Sequence[int]) -> NoiseFloor | None:
+    """The floor under the errors of several recordings, whose noises are independent; None where one has none."""
+    floors = [seen.noise_floor for seen in several]
+    known = [floor for floor in floors if floor is not None]
+    if len(known) < len(floors):
+        return None
+    drift = {}
+    for horizon in known[0].drift:
+        found = [(floor.drift[horizon], seen.coast_starts[horizon]) for floor, seen in zip(known, several, strict=True)]
+        drift[horizon] = together([(one, count) for one, count in found if one is not None and count])
+    simulated = together([(floor.simulated, count) for floor, count in zip(known, readings, strict=True)])
+    limits = [floor for floor in known if floor.sensor.is_limit]
+    return NoiseFloor((limits or known)[0].sensor, drift, simulated or known[0].simulated)
+
+
+def together(several: Sequence[tuple[RmsInterval, int]]) -> RmsInterval | None:
+    """Independent root mean squares with their weights as one; the deviations of the squares add in quadrature."""
+    total = sum(count for _, count in several)
+    if not total:
+        return None
+    shares = [(one, count / total) for one, count in several]
+    square = sum(share * one.value**2 for one, share in shares)
+    above = math.sqrt(sum((share * (one.high**2 - one.value**2)) ** 2 for one, share in shares))
+    below = math.sqrt(sum((share * (one.value**2 - one.low**2)) ** 2 for one, share in shares))
+    return RmsInterval(math.sqrt(square), math.sqrt(max(0.0, square - below)), math.sqrt(square + above))
+
+
+ONE_STEP_PARTS = 20.0
+"""Stretches of a record over which one-step errors are averaged."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOutChange:
+    """Change of a held-out error between two models."""
+
+    measure: str
+    before: float
+    """Rms error of the first model."""
+    after: float
+    """Rms error of the second one, the same unit."""
+    std: float
+    """Standard error of the difference of the mean squares."""
+    stretches: int
+    unit: str
+    """m, or 1 for errors over their predicted standard deviation."""
+    ratio_std: float
+    """Standard error of the logarithm of the ratio of the mean squares."""
+
+    @property
+    def sigma(self) -> float:
+        """Rise in paired standard errors; negative where the error falls."""
+        rise = self.after**2 - self.before**2
+        return rise / self.std if self.std > 0.0 else 0.0
+
+    @property
+    def percent(self) -> float:
+        """Rise of the rms error in percent."""
+        return 100.0 * (self.after / self.before - 1.0) if self.before > 0.0 else 0.0
+
+    @property
+    def percent_std(self) -> float:
+        """Its standard error, in percent."""
+        return 50.0 * self.after / self.before * self.ratio_std if self.before > 0.0 else math.inf
+
+    @property
+    def percent_interval(self) -> tuple[float, float]:
+        """The 95 % interval of the rise in percent, Student's with the scatter between stretches.
+
+        It is symmetric in the logarithm of the ratio, so that no error falls by more than all of it.
+        """
+        if not (self.before > 0.0 and self.after > 0.0):
+            return -100.0, math.inf
+        reach = 0.5 * float(scipy.stats.t.ppf(0.975, self.stretches - 1)) * self.ratio_std
+        ratio = self.after / self.before
+        return 100.0 * (ratio * math.exp(-reach) - 1.0), 100.0 * (ratio * math.exp(reach) - 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class PairedStretches:
+    """Mean squares of the errors of two models over stretches that hardly depend on each other."""
+
+    measure: str
+    unit: str
+    number: Array
+    """Errors in each stretch, (k,)."""
+    before: Array
+    after: Array
+    """Mean squares, (k,) each."""
+
+    @classmethod
+    def of(cls, measure: str, t: Array, before: Array, after: Array, length: float, unit: str = "m") -> PairedStretches:
+        """Errors at the instants `t` (n,) s, averaged over stretches of a length, s."""
+        number, (first, second) = stretch_means(t, length, before**2, after**2)
+        return cls(measure, unit, number.astype(float), first, second)
+
+    @classmethod
+    def joined(cls, several: Sequence[PairedStretches]) -> PairedStretches:
+        """Stretches of several recordings; each counts by its number of errors."""
+        columns = (np.concatenate([getattr(each, key) for each in several]) for key in ("number", "before", "after"))
+        return cls(several[0].measure, several[0].unit, *columns)
+
+    def change(self) -> HeldOutChange | None:
+        """Change of the error; None where there are too few stretches."""
+        n = len(self.number)
+        if n < LEAST_STRETCHES:
+            return None
+        weights = self.number / self.number.sum()
+        before, after = float(weights @ self.before), float(weights @ self.after)
+
+        def scatter(y: Array) -> float:
+            """Standard error of a weighted mean."""
+            return math.sqrt(float(np.sum(weights**2 * (y - weights @ y) ** 2)) * n / (n - 1))
+
+        std = scatter(self.after - self.before)
+        ratio = scatter(self.after / after - self.before / before) if before > 0.0 and after > 0.0 else math.inf
+        return HeldOutChange(self.measure, math.sqrt(before), math.sqrt(after), std, n, self.unit, ratio)
+
+
+def paired_change(measure: str, t: Array, before: Array, after: Array, stretch: float) -> HeldOutChange | None:
+    """Change of the mean square of errors that are paired in time; None where there are too few independent ones.
+
+    Parameters
+    ----------
+    measure : what the errors are, for people.
+    t : instants, rising, (n,) s.
+    before, after : errors of two models at these instants, (n,) m each.
+    stretch : time over which errors are averaged, s; longer than they depend on each other.
+    """
+    return PairedStretches.of(measure, t, before, after, stretch).change()
+
+
+def paired_stretches(before: Evaluation, after: Evaluation, horizon: float | None) -> PairedStretches | None:
+    """Errors of two comparisons on the same data under one ruler: drifts, or one-step errors for None.
+
+    None where the two have no errors at the same instants.
+    """
+    if horizon is not None:
+        (t1, e1), (t2, e2) = before.drifts[horizon], after.drifts[horizon]
+        both, i, k = np.intersect1d(t1, t2, return_indices=True)
+        length = HORIZONS_APART * horizon
+        return PairedStretches.of(f"drift after {horizon:g} s", both, e1[i], e2[k], length) if len(both) else None
+    (t, e1), (_, e2) = before.residual, after.residual
+    span = float(t[-1] - t[0]) if len(t) else 0.0
+    if len(e1) != len(e2) or not span > 0.0:
+        return None
+    # start-up counts by its uncertainty, which both share
+    e1, e2 = e1 / before.residual_std, e2 / before.residual_std
+    return PairedStretches.of("one-step error", t, e1, e2, span / ONE_STEP_PARTS, unit="1")
+
+
+def heldout_change(before: Evaluation, after: Evaluation, horizon: float | None = None) -> HeldOutChange | None:
+    """Change of the drift from one comparison to another on the same data.
+
+    Parameters
+    ----------
+    before, after : comparisons under one ruler.
+    horizon : s; by default the longest one for which the data hold enough independent windows.
+
+    Returns
+    -------
+    The change of the drift; of the one-step error where no horizon is short enough; None where that is too short too.
+    """
+    tried = (*sorted(before.drifts, reverse=True), None) if horizon is None else (horizon,)
+    several = (paired_stretches(before, after, each) for each in tried)
+    changes = (each.change() for each in several if each is not None)
+    return next((change for change in changes if change is not None), None)
+
+
+def drift_spread(seen: Evaluation, horizon: float | None) -> RmsInterval | None:
+    """Rms drift with its 95 % interval over the start points; None for a simulation, or where there are too few.
+
+    Mean squares of stretches of two horizons count as independent; the interval is that of their mean.
+    """
+    if horizon is None or horizon not in seen.drifts:
+        return None
+    t, error = seen.drifts[horizon]
+    _, (means,) = stretch_means(t, HORIZONS_APART * horizon, error**2)
+    count = len(means)
+    middle = float(np.mean(error**2)) if count else 0.0
+    if count < LEAST_STRETCHES or not middle > 0.0:
+        return None
+    reach = scipy.stats.t.ppf(0.975, count - 1) * float(np.std(means, ddof=1)) / math.sqrt(count) / middle
+    value = math.sqrt(middle)
+    return RmsInterval(value, value * math.exp(-0.5 * reach), value * math.exp(0.5 * reach))
+
+
+def best_step(steps: Sequence[Evaluation]) -> tuple[int, HeldOutChange] | None:
+    """The step with the least held-out error, and the rise from it to the last step.
+
+    `steps` are comparisons under one ruler, in order; None where the last one is the best, or the data are too short.
+    """
+    rises = [(number, heldout_change(step, steps[-1])) for number, step in enumerate(steps[:-1])]
+    known = [(number, change) for number, change in rises if change is not None and change.before < change.after]
+    return min(known, key=lambda each: each[1].before, default=None)
+
 
 DifferenceVerdict = Literal["better", "worse", "undecided", "too_short"]
 """Of a model against the first one: decided where the 95 % interval of the change does not hold 0."""

@@ -10,24 +10,61 @@ and so is 1/f noise: beside motion it looks as slow effects do that a model lack
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data.arrays import Array
-from accelcal.data.references import VELOCITY
+from accelcal._support.errors import AccelcalError
+from accelcal.data import VELOCITY, Array
+from accelcal.effects import find, is_local
 from accelcal.estimation.drive import run_filter
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of
 from accelcal.estimation.values import Noise
-from accelcal.validation.comparison import HORIZONS, NoiseFloor, RmsInterval
-from accelcal.validation.other_record import values_on
-from accelcal.validation.prediction import Prediction
-from accelcal.validation.ruler import Ruler
-from accelcal.validation.sensor_noise import SensorNoise
+from accelcal.validation.comparison import HORIZONS, NoiseFloor, RmsInterval, SensorNoise
+from accelcal.validation.prediction import Prediction, values_on
+
+
+@dataclass(frozen=True, slots=True)
+class Ruler:
+    """Filter under which several models are compared."""
+
+    noise: Noise
+    """Of the filter that makes start states and one-step predictions."""
+    cutoff: float
+    """Bandwidth of the motion that effects are evaluated on, Hz."""
+    remembers: bool = False
+    """Whether an effect of one of the models has a memory: all are then run over the history of what is compared."""
+    remembering: tuple[Fit, ...] = field(default=(), compare=False)
+    """Those models: all are followed from the fewer start points of these."""
+    nodes: dict[Hashable, float] = field(default_factory=dict, compare=False, repr=False)
+    """Spacing of the nodes of their motion, by recording and part of it, s."""
+
+    @classmethod
+    def of(cls, fits: Sequence[Fit]) -> Ruler:
+        """The filter of that model of a table whose fitted noise of the sensor is least: a missing effect adds to it.
+
+        Raises
+        ------
+        ValueError
+            If there is no model.
+        """
+        best = min(fits, key=lambda fit: fit.noise().usual.q, default=None)
+        if best is None:
+            raise AccelcalError("a comparison of several models needs at least one of them")
+        remembering = tuple(fit for fit in fits if not all(is_local(find(name)) for name in fit.model.added))
+        return cls(best.noise(), best.validity["frequency"][1], bool(remembering), remembering)
+
+    def held_by(self, fit: Fit) -> Fit:
+        """The fit with this filter in place of its own."""
+        first, *others = fit.runs
+        ruled = replace(first, noise=replace(first.noise, noise=self.noise))
+        validity = {**fit.validity, "frequency": (fit.validity["frequency"][0], self.cutoff)}
+        return replace(fit, runs=(ruled, *others), validity=validity)
+
 
 DRAWS, LEAST_DRAWS, MOST_NUMBERS = 100, 12, 20_000_000
 """Records of noise, at least, and random numbers that they may take."""

@@ -8,11 +8,17 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from accelcal.calibration.apply import apply
+from accelcal.calibration.characteristic import apply
 from accelcal.calibration.export import NotExportable, calibrate
-from accelcal.calibration.export.approximate import MARGIN, _branches
-from accelcal.calibration.export.inverse import READING_OUTSIDE, TEMPERATURE_OUTSIDE, evaluate
-from accelcal.calibration.export.proof import approximation, chebyshev
+from accelcal.calibration.export.approximate import (
+    MARGIN,
+    READING_OUTSIDE,
+    TEMPERATURE_OUTSIDE,
+    _branches,
+    approximation,
+    chebyshev_rows,
+    evaluate,
+)
 
 from .models import REFERENCE, VOLTS, exact, fit_of, fits
 
@@ -98,7 +104,7 @@ def test_a_wrong_coefficient_has_a_larger_bound_or_none():
 
 def test_chebyshev_coefficients_are_those_of_the_same_polynomial():
     powers = [[Fraction(3), Fraction(-1, 7)], [Fraction(0), Fraction(2)], [Fraction(5, 3), Fraction(1)]]
-    series = chebyshev(powers)
+    series = chebyshev_rows(powers)
     T = (lambda x: Fraction(1), lambda x: x, lambda x: 2 * x * x - 1)
     for x, tau in ((Fraction(1, 3), Fraction(-2, 5)), (Fraction(-1), Fraction(1))):
         direct = sum(c * x**i * tau**j for i, row in enumerate(powers) for j, c in enumerate(row))

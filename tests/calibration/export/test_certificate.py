@@ -8,9 +8,7 @@ import pytest
 
 from accelcal.calibration.budget import budget
 from accelcal.calibration.export import LaboratoryError, SchemaError, calibrate, draft, read_laboratory, require_valid
-from accelcal.calibration.export.dcc import quantities
-from accelcal.calibration.export.document import UNITS
-from accelcal.calibration.export.laboratory import ENTRIES, Laboratory
+from accelcal.calibration.export.certificate import ENTRIES, UNITS, Laboratory, quantities
 from accelcal.data.rig import Sensor, Uncertainty
 from accelcal.effects import BUILT_IN
 

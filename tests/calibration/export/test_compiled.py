@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from accelcal.calibration.export import calibrate, header, module
-from accelcal.calibration.export.inverse import evaluate
+from accelcal.calibration.export.approximate import evaluate
 
 from .compiled import FIRMWARE, STRICT, c_build, c_program, run, rust_program
 from .models import SENSORS, exact, fit_of, fits

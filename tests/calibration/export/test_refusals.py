@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from accelcal.calibration.export import NotExportable, calibrate, header, module
-from accelcal.calibration.export.inverse import READING_OUTSIDE, evaluate
+from accelcal.calibration.export.approximate import READING_OUTSIDE, evaluate
 from accelcal.effects import BUILT_IN, from_expression
 from accelcal.effects.registry import CATALOGUE
 

@@ -18,8 +18,8 @@ from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.io import load
 from accelcal.model import Model
-from accelcal.signals.jumps import NO_JUMPS
 from accelcal.signals.series import widened
+from accelcal.signals.unresolved import NO_JUMPS
 from accelcal.workflow import improve
 from tests.regimes.regimes import TABLE
 from tests.regimes.rig import Clocks

@@ -15,7 +15,7 @@ from accelcal.effects.guard import read_only
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.run import prepare
 from accelcal.estimation.smoothing import side_channels_at
-from accelcal.filters.causal_signals import CausalSignals
+from accelcal.filters.live_model import CausalSignals
 from accelcal.signals.signals import Origins
 from tests.diagnosis.search.axes import G, sideways, vertical
 

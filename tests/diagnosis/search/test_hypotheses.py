@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from accelcal.data.arrays import Array
-from accelcal.data.references import Reference
+from accelcal.data.recording import Reference
 from accelcal.diagnosis.search.hypotheses import hypotheses_for
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.recording import RecordingError
+from accelcal.data.rig import ChannelFilter
 from accelcal.diagnosis.independent_estimate import differences
 from accelcal.estimation.estimate import solve_runs
 from accelcal.results import model_file

@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benches.crossovers import errors
 from scipy.stats import chi2
 
 import accelcal as ac
-from accelcal.data.channel_filter import ChannelFilter
+from accelcal.data.rig import ChannelFilter
 from accelcal.estimation import run
 from accelcal.estimation.estimate import Fit
 from accelcal.io import load
+from benches.crossovers import errors
 from tests.worlds import CATALOGUE, SENSORS, Hidden, Nuisances, World, at_d
 from tests.worlds.world import ACCEL_RATE
 

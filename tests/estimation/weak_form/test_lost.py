@@ -9,8 +9,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.data.recording import Channel
-from accelcal.estimation.weak_form.channel import NEIGHBOURS, SampledChannel, from_neighbours
-from accelcal.estimation.weak_form.splines import Splines
+from accelcal.estimation.weak_form.channel import NEIGHBOURS, SampledChannel, Splines, from_neighbours
 from accelcal.simulation import CXL02_RIG
 from tests.hostile.case import case_rng
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 import accelcal as ac
-from accelcal.data.references import integrated
+from accelcal.data.recording import integrated
 from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
 

@@ -11,14 +11,13 @@ import pytest
 import scipy
 
 import accelcal as ac
-from accelcal.data.channel_filter import ChannelFilter
+from accelcal.data.rig import ChannelFilter
 from accelcal.effects.registry import find
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.gauss_newton import Solution
-from accelcal.estimation.rows import sums_of
+from accelcal.estimation.rows import sums_of, with_noise
 from accelcal.estimation.weak_form import rows as weak
 from accelcal.estimation.weak_form.covariance import NoWeakForm, factor, solved
-from accelcal.estimation.weak_form.noise import with_noise
 from accelcal.estimation.weak_form.rows import WeakRows, refined
 from accelcal.model import Term, terms_of
 from accelcal.simulation import CXL02_RIG

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from accelcal.estimation.weak_form.channel import SampledChannel
+from accelcal.estimation.weak_form.channel import DEGREE, SampledChannel, Splines
 from accelcal.estimation.weak_form.covariance import bands
-from accelcal.estimation.weak_form.splines import DEGREE, Splines
 
 SPLINES = Splines(0.5, 0.01, 180)
 """From 0.5 s to 2.39 s."""

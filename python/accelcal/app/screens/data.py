@@ -13,8 +13,7 @@ from accelcal.app import figures, mapping, widgets
 from accelcal.app.page import Page
 from accelcal.app.screens import start, uploads
 from accelcal.app.state import ROLES, Run, State, time_span
-from accelcal.data.dwells import Dwells
-from accelcal.data.recording import RecordingError
+from accelcal.data import Dwells, RecordingError
 from accelcal.io.sidecar import KEYS
 from accelcal.results.words import amount, number
 

@@ -18,13 +18,12 @@ from accelcal.diagnosis.noise_tests.noise_test import WHITENESS
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find, spelled
-from accelcal.plots.numbers import candidate_groups
+from accelcal.plots.figure import candidate_groups
 from accelcal.results import words as formatting
 from accelcal.results.diagnoses import VERDICTS, contribution
 from accelcal.results.words import probability, readable, with_plain
-from accelcal.validation.comparison import Evaluation
-from accelcal.validation.sensor_noise import ONLY_WHITE
-from accelcal.validation.stretches import quoted_error
+from accelcal.validation.comparison import ONLY_WHITE, Evaluation
+from accelcal.validation.differences import quoted_error
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,15 +13,15 @@ from accelcal.app import widgets
 from accelcal.app.page import Page
 from accelcal.app.screens import per_run, uploads
 from accelcal.app.state import State
-from accelcal.data.recording import RecordingError, require_same_sensor
+from accelcal.data import RecordingError, require_same_sensor
 from accelcal.effects import BUILT_IN, spelled
 from accelcal.effects.own import FUNCTIONS, MOTION
 from accelcal.estimation.estimate import Fit
-from accelcal.estimation.noise_effects import NoiseEffect
+from accelcal.estimation.noise import NoiseEffect
 from accelcal.model import Estimate
 from accelcal.results.words import amount, length, number, plain
 from accelcal.validation.comparison import Evaluation
-from accelcal.validation.stretches import headline_horizon, quoted_error
+from accelcal.validation.differences import headline_horizon, quoted_error
 
 
 @dataclass(frozen=True, slots=True)

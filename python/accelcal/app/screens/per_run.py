@@ -15,7 +15,7 @@ from accelcal.effects import spelled
 from accelcal.estimation.dwell_fit import DwellFit
 from accelcal.results.comparisons import density
 from accelcal.results.words import amount, length, number, probability, with_unit
-from accelcal.validation.stretches import quoted_error
+from accelcal.validation.differences import quoted_error
 
 
 def errors(page: Page) -> None:

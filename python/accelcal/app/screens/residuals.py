@@ -19,8 +19,7 @@ from accelcal.plots.response import (
     response_sentences,
 )
 from accelcal.response import FrequencyResponse
-from accelcal.response.certificate import draft_response
-from accelcal.response.table import to_csv
+from accelcal.response.export import draft_response, to_csv
 from accelcal.validation.comparison import Evaluation
 
 

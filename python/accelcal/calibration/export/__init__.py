@@ -2,12 +2,9 @@
 
 from accelcal._support.values import listing
 from accelcal.calibration.export.c99 import header
-from accelcal.calibration.export.calibration import Calibration, calibrate
-from accelcal.calibration.export.dcc import draft
-from accelcal.calibration.export.finite import NotExportable
-from accelcal.calibration.export.laboratory import Laboratory, LaboratoryError, read_laboratory
+from accelcal.calibration.export.calibration import Calibration, NotExportable, SchemaError, calibrate, require_valid
+from accelcal.calibration.export.certificate import Laboratory, LaboratoryError, draft, read_laboratory
 from accelcal.calibration.export.rust import module
-from accelcal.calibration.export.schema import SchemaError, require_valid
 
 __all__ = [
     "Calibration",

@@ -2,19 +2,291 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from accelcal._support.errors import AccelcalError
 from accelcal.calibration.characteristic import Characteristic
-from accelcal.calibration.export.inverse import Inverse, Segment, Warmth
 from accelcal.calibration.export.numbers import Format
-from accelcal.calibration.export.proof import Branch, approximation, rounding
-from accelcal.data.arrays import Array
-from accelcal.data.rig import Sensor
+from accelcal.data import Array, Sensor
+
+READING_OUTSIDE = 1
+"""Flag: the reading lies beyond the range in which the bound holds; continued in a straight line."""
+TEMPERATURE_OUTSIDE = 2
+"""Flag: the temperature does; the bias is extrapolated in a straight line, the scale factor is held."""
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """One polynomial in x = (y - centre) per_half and tau, both within -1 and 1."""
+
+    low: float
+    """First y that belongs to it."""
+    high: float
+    """Last one."""
+    centre: float
+    per_half: float
+    coefficients: tuple[tuple[float, ...], ...]
+    """Row i, column j multiply x^i tau^j."""
+
+
+@dataclass(frozen=True, slots=True)
+class Warmth:
+    """How temperature enters: y = reading - shift (T - centre), tau = (T - centre) per_half."""
+
+    centre: float
+    """degC"""
+    half: float
+    """K"""
+    per_half: float
+    """1/K"""
+    shift: float
+    """Unit of the reading per K."""
+
+
+@dataclass(frozen=True, slots=True)
+class Inverse:
+    """Reading to acceleration in one number format; every number in it is one of that format."""
+
+    format: Format
+    segments: tuple[Segment, ...]
+    """By rising y."""
+    slopes: tuple[float, float]
+    """d acceleration / d y with which it goes on below the first and above the last segment."""
+    warmth: Warmth | None
+    """None where temperature does not matter."""
+
+    @property
+    def low(self) -> float:
+        """Least y of the validity range."""
+        return self.segments[0].low
+
+    @property
+    def high(self) -> float:
+        """Largest y of the validity range."""
+        return self.segments[-1].high
+
+
+def horner(values: Sequence[Any], x: Any) -> Any:
+    """Sum of values[i] x^i."""
+    total = values[-1]
+    for value in values[-2::-1]:
+        total = total * x + value
+    return total
+
+
+def polynomial(coefficients: Sequence[Sequence[Any]], x: Any, tau: Any) -> Any:
+    """Sum of coefficients[i][j] x^i tau^j: rows in tau, then their values in x."""
+    return horner([row[0] if len(row) == 1 else horner(row, tau) for row in coefficients], x)
+
+
+def evaluate(inverse: Inverse, reading: Any, temperature: Any = 0.0) -> tuple[Any, Any]:
+    """Acceleration and flags, bit by bit as the exported code computes them.
+
+    Parameters
+    ----------
+    inverse : in either format.
+    reading : (n,) V, counts or m/s²; taken in the format of the inverse.
+    temperature : (n,) degC; not looked at where it does not matter.
+
+    Returns
+    -------
+    Acceleration (n,), m/s², in the format of the inverse, and the sum of the flags (n,).
+    """
+    number = inverse.format.kind
+    y = inverse.format.array(reading)
+    outside = np.zeros(y.shape, dtype=np.uint8)
+    tau: Any = number(0.0)
+    if inverse.warmth is not None:
+        w = inverse.warmth
+        t = inverse.format.array(temperature) - number(w.centre)
+        y = y - number(w.shift) * t
+        held = np.where(t >= number(-w.half), np.where(t <= number(w.half), t, number(w.half)), number(-w.half))
+        outside |= np.where((t >= number(-w.half)) & (t <= number(w.half)), 0, TEMPERATURE_OUTSIDE).astype(np.uint8)
+        tau = held * number(w.per_half)
+    low, high = number(inverse.low), number(inverse.high)
+    beyond = ~((y >= low) & (y <= high))
+    outside |= np.where(beyond, READING_OUTSIDE, 0).astype(np.uint8)
+    inside = np.where(y >= low, np.where(y <= high, y, high), low)
+    starts = inverse.format.array([segment.low for segment in inverse.segments[1:]])
+    chosen = np.searchsorted(starts, inside, side="right")
+    a = np.zeros_like(inside)
+    for index, segment in enumerate(inverse.segments):
+        x = (inside - number(segment.centre)) * number(segment.per_half)
+        rows = [[number(c) for c in row] for row in segment.coefficients]
+        a = np.where(chosen == index, polynomial(rows, x, tau), a)
+    slope = np.where(y >= low, number(inverse.slopes[1]), number(inverse.slopes[0]))
+    return np.where(beyond, a + slope * (y - inside), a), outside
+
+
+Poly = list[list[Fraction]]
+"""Row i, column j multiply x^i tau^j."""
+
+
+@dataclass(frozen=True, slots=True)
+class Branch:
+    """y = constant + (c1 + warm t) a + c2 a² + c3 a³ on [low, high], t from the centre of the temperature range."""
+
+    low: Fraction
+    high: Fraction
+    constant: Fraction
+    linear: Fraction
+    warm: Fraction
+    """Per K."""
+    quadratic: Fraction
+    cubic: Fraction
+
+    def y(self, a: Fraction, t: Fraction = Fraction(0)) -> Fraction:
+        """Compensated reading at acceleration `a`."""
+        return self.constant + (self.linear + self.warm * t + (self.quadratic + self.cubic * a) * a) * a
+
+    def slope(self, a: Fraction, t: Fraction = Fraction(0)) -> Fraction:
+        """dy/da."""
+        return self.linear + self.warm * t + (2 * self.quadratic + 3 * self.cubic * a) * a
+
+    def least_slope(self, low: Fraction, high: Fraction, half: Fraction) -> Fraction:
+        """Smallest size of the slope on [low, high] with t up to half either way, negative where its sign changes."""
+        at = [low, high]
+        if self.cubic:
+            turn = -self.quadratic / (3 * self.cubic)
+            at += [turn] if low < turn < high else []
+        slopes = [self.slope(a, t) for a in at for t in (-half, half)]
+        sign = 1 if self.slope((low + high) / 2) > 0 else -1
+        return min(sign * s for s in slopes)
+
+
+def approximation(segment: Segment, branch: Branch, margin: Fraction, half: Fraction, per_half: Fraction) -> Fraction:
+    """Bound on the error of P over a segment, m/s²; raises ArithmeticError where none can be proven.
+
+    Parameters
+    ----------
+    segment : polynomial and its range of y, on which `branch` holds.
+    branch : the model there.
+    margin : by which the branch is monotone beyond its ends, m/s².
+    half, per_half : range of t, K, and tau per t, 1/K; both 0 without temperature.
+    """
+    least = branch.least_slope(branch.low - margin, branch.high + margin, half)
+    P: Poly = [[Fraction(c) for c in row] for row in segment.coefficients]
+    # Powers of P in integers: their common denominator is a power of two.
+    share = Fraction(1, math.lcm(*(c.denominator for row in P for c in row)))
+    whole = [[int(c / share) for c in row] for row in P]
+    squared = times(whole, whole) if branch.quadratic or branch.cubic else [[0]]
+    cubed = times(squared, whole) if branch.cubic else [[0]]
+    R = plus(scaled(P, branch.linear), [[branch.constant]])
+    R = plus(R, scaled(squared, branch.quadratic * share**2))
+    R = plus(R, scaled(cubed, branch.cubic * share**3))
+    if branch.warm:
+        R = plus(R, [[Fraction(0), *(c * branch.warm / per_half for c in row)] for row in P])
+    R = plus(R, [[-Fraction(segment.centre)], [-1 / Fraction(segment.per_half)]])
+    residual = sum((abs(c) for row in chebyshev_rows(R) for c in row), Fraction(0))
+    # The first point of the segment: x there, tau = 0.
+    x = (Fraction(segment.low) - Fraction(segment.centre)) * Fraction(segment.per_half)
+    start = polynomial(P, x, Fraction(0))
+    if not (least > 0 and residual < least * margin and branch.low - margin < start < branch.high + margin):
+        raise ArithmeticError("no bound on the error of the inverse can be proven")
+    return residual / least
+
+
+def times(p: list[list[int]], q: list[list[int]]) -> list[list[int]]:
+    """Product of two polynomials in x and tau."""
+    rows, columns = len(p) + len(q) - 1, len(p[0]) + len(q[0]) - 1
+    product = [[0] * columns for _ in range(rows)]
+    for i, p_row in enumerate(p):
+        for j, c in enumerate(p_row):
+            for k, q_row in enumerate(q):
+                for m, d in enumerate(q_row):
+                    product[i + k][j + m] += c * d
+    return product
+
+
+def plus(p: Poly, q: Poly) -> Poly:
+    """Sum of two polynomials in x and tau."""
+    rows, columns = max(len(p), len(q)), max(len(p[0]), len(q[0]))
+
+    def at(of: Poly, i: int, j: int) -> Fraction:
+        return of[i][j] if i < len(of) and j < len(of[0]) else Fraction(0)
+
+    return [[at(p, i, j) + at(q, i, j) for j in range(columns)] for i in range(rows)]
+
+
+def scaled(p: Poly | list[list[int]], factor: Fraction) -> Poly:
+    """A polynomial times a number."""
+    return [[factor * c for c in row] for row in p]
+
+
+def chebyshev_rows(p: Poly) -> Poly:
+    """The polynomial in products of Chebyshev polynomials T_i(x) T_j(tau)."""
+    rows = [to_chebyshev(row) for row in p]
+    columns = [to_chebyshev(column) for column in zip(*rows, strict=True)]
+    return [list(row) for row in zip(*columns, strict=True)]
+
+
+def to_chebyshev(powers: Sequence[Fraction]) -> list[Fraction]:
+    """Coefficients of T_0, T_1, ... from those of 1, x, ...: x^n = 2^(1-n) sum of binomial(n, k) T_(n-2k)."""
+    found = [Fraction(0)] * len(powers)
+    for n, c in enumerate(powers):
+        for k in range(n // 2 + 1):
+            share = Fraction(math.comb(n, k), 2**n)
+            found[n - 2 * k] += c * (share if n == 2 * k else 2 * share)
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Bounded:
+    """A computed number of which only bounds are known."""
+
+    size: Fraction
+    """Largest absolute value."""
+    error: Fraction
+    """Largest distance from what exact arithmetic would have given."""
+    format: Format
+
+    def __add__(self, other: Bounded) -> Bounded:
+        size, u = self.size + other.size, self.format.roundoff
+        return Bounded(size * (1 + u), self.error + other.error + u * size, self.format)
+
+    def __mul__(self, other: Bounded) -> Bounded:
+        size, u, least = self.size * other.size, self.format.roundoff, self.format.least
+        spread = self.size * other.error + (other.size + other.error) * self.error
+        return Bounded(size * (1 + u) + least, spread + u * size + least, self.format)
+
+
+def rounding(inverse: Inverse, true_shift: Fraction, least: Fraction) -> Fraction:
+    """Bound on what rounding adds to the error of an inverse inside its range, m/s².
+
+    Parameters
+    ----------
+    inverse : as exported.
+    true_shift : the model's own change of the reading with temperature, of which the exported one is a neighbour.
+    least : smallest size of the slope dy/da on the widened range; carries an error of y to acceleration.
+    """
+    fmt, u = inverse.format, inverse.format.roundoff
+
+    def number(x: float) -> Bounded:
+        return Bounded(abs(Fraction(x)), Fraction(0), fmt)
+
+    tau, shifted = number(0.0), Fraction(0)
+    if inverse.warmth is not None:
+        w = inverse.warmth
+        half = Fraction(w.half)
+        t = Bounded(half, u * half, fmt)
+        tau = t * number(w.per_half)
+        largest = max(abs(Fraction(inverse.low)), abs(Fraction(inverse.high)))
+        step = number(w.shift) * t
+        shifted = step.error + abs(Fraction(w.shift) - true_shift) * half + u * largest * (1 + 2 * u)
+    worst = Fraction(0)
+    for segment in inverse.segments:
+        reach = max(Fraction(segment.high) - Fraction(segment.centre), Fraction(segment.centre) - Fraction(segment.low))
+        x = Bounded(reach * (1 + u), u * reach, fmt) * number(segment.per_half)
+        worst = max(worst, polynomial([[number(c) for c in row] for row in segment.coefficients], x, tau).error)
+    return worst + shifted / least
+
 
 NODES = (33, 17)
 """Chebyshev points in x and tau from which a polynomial is made."""

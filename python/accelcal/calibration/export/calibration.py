@@ -2,23 +2,138 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
 from fractions import Fraction
+from pathlib import Path
 from typing import ClassVar
+from urllib.parse import urlsplit
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError, MissingExtra
 from accelcal._support.result import Storable
 from accelcal._support.values import face
 from accelcal.calibration.characteristic import Characteristic, LeftOut, characteristic
-from accelcal.calibration.export.approximate import Domain, NotInvertible, Proven, invert
-from accelcal.calibration.export.finite import NotExportable, require_covariance, require_finite
-from accelcal.calibration.export.inverse import Inverse, evaluate
+from accelcal.calibration.export.approximate import Domain, Inverse, NotInvertible, Proven, evaluate, invert
 from accelcal.calibration.export.numbers import DOUBLE, SINGLE
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.estimation.estimate import Fit, tied_sum
 from accelcal.model import Estimate
+
+NEGATIVE = 1e-9
+"""Share of the largest variance by which rounding may make an eigenvalue of a covariance negative."""
+
+
+class NotExportable(AccelcalError):
+    """A model that cannot become a function of one reading. The text names the effects and the next step."""
+
+
+def require_finite(parts: Mapping[str, object]) -> None:
+    """Refuse NaN and infinity anywhere in what is exported.
+
+    Parameters
+    ----------
+    parts : by the words that name each in a sentence: numbers, arrays, or objects that hold some.
+
+    Raises
+    ------
+    NotExportable
+        Naming the first part with a number that is not finite.
+    """
+    for words, part in parts.items():
+        for value in numbers(part):
+            if not math.isfinite(value):
+                raise NotExportable(
+                    f"{words} {'is not a number' if math.isnan(value) else 'is infinite'}, so nothing is exported; fit "
+                    "the model again: accelcal fit RUN.csv -o MODEL.json"
+                )
+
+
+def require_covariance(P: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> None:
+    """Refuse a covariance that gives some combination of parameters a negative variance.
+
+    Raises
+    ------
+    NotExportable
+        If it has a negative eigenvalue beyond rounding.
+    """
+    if not len(P):
+        return
+    size = np.sqrt(np.maximum(np.diag(P), 0.0))
+    C = P / np.outer(size, size).clip(min=1e-300)
+    if np.any(np.diag(P) < 0.0) or float(np.linalg.eigvalsh(0.5 * (C + C.T))[0]) < -NEGATIVE * len(P):
+        raise NotExportable(
+            "the covariance of the parameters is not positive semi-definite, so no uncertainty follows from it and "
+            "nothing is exported; fit the model again: accelcal fit RUN.csv -o MODEL.json"
+        )
+
+
+def numbers(part: object) -> Iterator[float]:
+    """Every number in a part, however deep."""
+    if isinstance(part, float | np.floating):
+        yield float(part)
+    elif isinstance(part, np.ndarray):
+        yield from part.astype(np.float64).ravel().tolist()
+    elif isinstance(part, Mapping):
+        for value in part.values():
+            yield from numbers(value)
+    elif is_dataclass(part) and not isinstance(part, type):
+        for each in fields(part):
+            yield from numbers(getattr(part, each.name))
+    elif isinstance(part, Sequence) and not isinstance(part, str):
+        for value in part:
+            yield from numbers(value)
+
+
+MOST_ERRORS = 3
+"""Errors that are spelled out."""
+
+
+class SchemaError(AccelcalError):
+    """A certificate does not follow the schema, or the schema cannot be read. The text states where."""
+
+
+def require_valid(text: str, schema: Path) -> None:
+    """Check a certificate against a local schema.
+
+    Parameters
+    ----------
+    text : the certificate.
+    schema : dcc.xsd; what it imports (SI_Format.xsd, xmldsig-core-schema.xsd) is read from the same folder.
+
+    Raises
+    ------
+    MissingExtra
+        If xmlschema is not installed.
+    SchemaError
+        If the schema is not usable, or the certificate does not follow it.
+    """
+    try:
+        import xmlschema
+    except ImportError as error:
+        raise MissingExtra('--schema needs xmlschema; install it with: pip install "accelcal[dcc]"') from error
+    if not schema.is_file():
+        raise SchemaError(f"{schema}: there is no such file; get dcc.xsd from https://ptb.de/dcc, version 3.2.1")
+
+    def beside(address: str) -> str:
+        """An imported schema is the file of its name in the same folder."""
+        return str(schema.parent.absolute() / Path(urlsplit(address).path).name)
+
+    try:
+        rules = xmlschema.XMLSchema(str(schema.absolute()), uri_mapper=beside, allow="local")
+    except (xmlschema.XMLSchemaException, OSError, ValueError) as error:
+        reason = " ".join(str(error).split())[:300]
+        raise SchemaError(
+            f"{schema}: cannot be used as a schema ({reason}); put what it imports, SI_Format.xsd and "
+            "xmldsig-core-schema.xsd, beside it"
+        ) from None
+    errors = [f"{error.path}: {error.reason}" for error in rules.iter_errors(text)]
+    if errors:
+        more = f" and {len(errors) - MOST_ERRORS} more" if len(errors) > MOST_ERRORS else ""
+        raise SchemaError(f"the certificate does not follow {schema}: {'; '.join(errors[:MOST_ERRORS])}{more}")
+
 
 SHARES = (0.05, 0.25, 0.5, 0.8, 0.95)
 """Places inside the range at which the exported code is tested."""

@@ -11,7 +11,7 @@ from accelcal._core import __version__
 from accelcal.calibration.budget import COVERAGE_FACTOR
 from accelcal.calibration.characteristic import STATIC
 from accelcal.calibration.export.calibration import Calibration
-from accelcal.data.units import normalise
+from accelcal.data import normalise
 
 WIDTH = 100
 SPELT = {"²": "^2", "³": "^3", "⁻¹": "^-1", "⁻²": "^-2", "µ": "u", "°": "deg ", "√": "sqrt"}

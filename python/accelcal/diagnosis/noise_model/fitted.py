@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from accelcal._support.errors import AccelcalError
-from accelcal.data.recording import Recording
+from accelcal.data import Recording
 from accelcal.diagnosis.noise_model.growing import BlockPowers, growing_noise, score_of_growth
 from accelcal.diagnosis.noise_model.heavy_tails import outlying_noise, reading_errors, score_of_tails
 from accelcal.diagnosis.noise_model.rounding import rounded_noise, score_of_rounding
@@ -17,11 +17,11 @@ from accelcal.diagnosis.outlier_rejection import outliers_found, without_outlier
 from accelcal.diagnosis.policy import NOISE_EFFECT_ALPHA
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, require_channels, settled_state, state_at
-from accelcal.estimation.noise_effects import NoiseEffect, NoiseScore
+from accelcal.estimation.noise import NoiseEffect, NoiseScore
 from accelcal.estimation.run import PreparedRun, prepared
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model
-from accelcal.validation.other_record import values_on
+from accelcal.validation.prediction import values_on
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.policy import NOISE_TEST_LEAST_BLOCKS
 from accelcal.effects import Effect
-from accelcal.estimation.noise_effects import NoiseEffect, NoiseScore, NoiseSpectrum
+from accelcal.estimation.noise import NoiseEffect, NoiseScore, NoiseSpectrum
 from accelcal.signals.unresolved import Places
 
 BLOCK: Array = scipy.signal.windows.hann(128, sym=False)

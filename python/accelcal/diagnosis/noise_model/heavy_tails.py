@@ -13,14 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array, Flags
-from accelcal.data.recording import Recording
+from accelcal.data import Array, Flags, Recording
 from accelcal.diagnosis.noise_model.growing import total_with_std
 from accelcal.diagnosis.noise_tests.outliers import SampleErrors
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.robust import isolated_peaks, spread_of
 from accelcal.effects import Effect
-from accelcal.estimation.noise_effects import NoiseEffect, NoiseScore
+from accelcal.estimation.noise import NoiseEffect, NoiseScore
 
 LIMIT = 6.0
 """Standard deviations of the noise beyond which a sample is an outlier: normal noise has one in 5e8."""

@@ -12,12 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.diagnosis.noise_model.growing import total_with_std
 from accelcal.diagnosis.noise_tests.quantisation import quantisation
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.effects import Effect
-from accelcal.estimation.noise_effects import NoiseEffect, NoiseScore
+from accelcal.estimation.noise import NoiseEffect, NoiseScore
 
 MOVING = 8
 """Samples to either side over which the output moves by more than a step where rounding errors are independent: at rest

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 
 LONG_BLOCKS: Array = scipy.signal.windows.blackmanharris(128, sym=False)
 """Window of blocks that resolve colour: it suppresses a line 90 dB stronger at 100 Hz distance, at a few kHz."""

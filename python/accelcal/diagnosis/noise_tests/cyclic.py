@@ -7,7 +7,7 @@ import math
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.diagnosis.noise_tests.noise_test import POSITION_WAVE, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.tones import local_level, pair_fit
@@ -16,8 +16,7 @@ from accelcal.diagnosis.search.beam import block_length, block_sums, shrunk_infl
 from accelcal.diagnosis.search.homogeneity import PartSizes
 from accelcal.effects import HARMONICS
 from accelcal.effects.building_blocks import harmonics_of
-from accelcal.estimation.adjoint import gradient_in_readings
-from accelcal.estimation.columns import whitened_reading_errors
+from accelcal.estimation.columns import gradient_in_readings, whitened_reading_errors
 
 SHORTEST, LONGEST = 2e-6, 5e-3
 """Periods that are tested, m; the shortest is at least three counts."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.diagnosis.noise_tests.block_spectra import MIDDLE_BLOCKS, BlockSpectra, pearson_tail, power_fit
 from accelcal.diagnosis.noise_tests.interpolation_error import high_passed
 from accelcal.diagnosis.noise_tests.motion_noise import BANDS, amplitude_from_power, vibration_bins

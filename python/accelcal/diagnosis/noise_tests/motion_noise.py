@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra, power_fit, power_trend_test
 from accelcal.diagnosis.noise_tests.noise_test import JITTER, VIBRATION, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import TAIL, Residuals, is_coarse

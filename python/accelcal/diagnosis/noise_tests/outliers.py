@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array, Flags
+from accelcal.data import Array, Flags
 from accelcal.diagnosis.noise_tests.block_spectra import power_fit
 from accelcal.diagnosis.noise_tests.interpolation_error import REACH, InterpolationError
 from accelcal.diagnosis.noise_tests.noise_test import OUTPUT_OUTLIERS, READING_OUTLIERS, NoiseTest

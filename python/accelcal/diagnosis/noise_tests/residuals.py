@@ -9,8 +9,7 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array, Flags
-from accelcal.data.references import POSITION_ORDER
+from accelcal.data import POSITION_ORDER, Array, Flags
 from accelcal.diagnosis.noise_tests.block_spectra import SHORT_BLOCKS, BlockSpectra
 from accelcal.diagnosis.noise_tests.interpolation_error import REACH, InterpolationError, Places, high_passed
 from accelcal.diagnosis.noise_tests.robust import Outliers, isolated_peaks, outliers, spread_of
@@ -18,11 +17,11 @@ from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, OUTLIER_SIGMA
 from accelcal.estimation.channel_filters import HOLE, LEAST_GAIN
 from accelcal.estimation.rows import sums_of
 from accelcal.estimation.run_state import RunState
-from accelcal.signals.jumps import output_of
 from accelcal.signals.processing import low_pass, quintic
 from accelcal.signals.series import bridged, grid_step, local_spread, widened
 from accelcal.signals.signals import Signals
 from accelcal.signals.transfer import Spectrum, noise_bandwidth
+from accelcal.signals.unresolved import output_of
 
 MOTION_FREE = 0.09
 """Share of the sampling rate above which motion is negligible: a stage that starts with a jump in snap leaves f^-3."""

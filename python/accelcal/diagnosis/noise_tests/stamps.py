@@ -8,10 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array, Finding
+from accelcal.data.clocks import rounding_std
 from accelcal.data.quality import HELD, ROUNDED
-from accelcal.data.recording import Finding
-from accelcal.data.stamps import rounding_std
 from accelcal.diagnosis.noise_tests.noise_test import HELD_SAMPLES, ROUNDED_STAMPS, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals, sample_noise
 from accelcal.diagnosis.policy import HELD_SHARE, NOISE_TEST_ALPHA

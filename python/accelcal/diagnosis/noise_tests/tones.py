@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.diagnosis.noise_tests.block_spectra import power_fit
 from accelcal.diagnosis.noise_tests.motion_noise import rank_correlation
 from accelcal.diagnosis.noise_tests.noise_test import LINE, NoiseTest

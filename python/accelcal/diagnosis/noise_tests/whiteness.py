@@ -7,7 +7,7 @@ import math
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.diagnosis.noise_tests.noise_test import WHITENESS, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, NOISE_TEST_LEAST_BLOCKS, REPEATED_LEAST_SHARE

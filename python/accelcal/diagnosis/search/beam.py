@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.diagnosis.policy import (
     BEAM_WIDTH,
     BLOCK_SECONDS,

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.diagnosis.policy import (
     CLEAR_LOG_EVIDENCE,
     CONFOUNDED_CORRELATION,

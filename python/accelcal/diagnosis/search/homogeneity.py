@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from scipy import special
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.diagnosis.policy import (
     EQUAL_SIZE_SHARE,
     EXCITING_SHARE,

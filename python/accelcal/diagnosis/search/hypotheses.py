@@ -7,8 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from accelcal.data.orientation import DERIVED
-from accelcal.data.references import POSITION_ORDER
+from accelcal.data import DERIVED, POSITION_ORDER
 from accelcal.diagnosis.policy import FREE_SHAPE_PARAMETERS, RANDOM_PROCESS_COMPARISONS
 from accelcal.diagnosis.search.initial_shapes import PROPOSALS, InitialShape
 from accelcal.effects import BUILT_IN, Effect, find, side_channels, users_own

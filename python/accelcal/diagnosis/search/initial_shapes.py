@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.effects.building_blocks import periods
-from accelcal.estimation.adjoint import gradient_in_output
+from accelcal.estimation.columns import gradient_in_output
 from accelcal.estimation.run_state import RunState
 
 MOST_JUMPS = 8

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.diagnosis.policy import BETWEEN_TRIALS_GAIN_SHARE, FINALISTS
 from accelcal.diagnosis.search.beam import SearchRules, log_chance
 from accelcal.diagnosis.search.hypotheses import Hypothesis

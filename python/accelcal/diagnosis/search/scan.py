@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, SHAPE_FORMS, VERDICT_LEAST_BLOCKS
 from accelcal.diagnosis.search.beam import BlockScatter, SearchRules, block_length
 from accelcal.diagnosis.search.confounding import DetectedEffect, confounding_class, detected_effect, plainest

@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import NDArray
 from scipy import special
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.diagnosis.search.hypotheses import Hypothesis, nuisances
 from accelcal.diagnosis.search.slow_noise import SlowNoise, slow_noise
 from accelcal.effects import Effect

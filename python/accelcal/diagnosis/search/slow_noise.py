@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE, SLOW_NOISE_SIGMA
 
 BANDS_PER_OCTAVE = 3

@@ -9,8 +9,8 @@ import scipy
 from scipy.sparse import csr_array as Sparse
 
 from accelcal._support.errors import AccelcalError
-from accelcal.data.arrays import Array
-from accelcal.estimation.weak_form.splines import DEGREE
+from accelcal.data import Array
+from accelcal.estimation.weak_form.channel import DEGREE
 
 SAME = 1e-9
 """Difference of variances, over the variance, that is rounding and the tails of the test functions."""

@@ -14,9 +14,8 @@ import numpy as np
 import scipy
 from scipy.sparse import csr_array as Sparse
 
-from accelcal.data.arrays import Array, Flags
-from accelcal.data.references import POSITION_ORDER
-from accelcal.data.stamps import decimal_step
+from accelcal.data import POSITION_ORDER, Array, Flags
+from accelcal.data.clocks import decimal_step
 from accelcal.effects import is_local
 from accelcal.estimation.channel_filters import HOLE
 from accelcal.estimation.columns import MOST_READINGS, MOST_SUMS, OVERSAMPLING, column_parts, multiples
@@ -31,7 +30,7 @@ from accelcal.estimation.smoothing import (
     uniform_times,
 )
 from accelcal.estimation.values import Noise
-from accelcal.estimation.weak_form.channel import SampledChannel, covering
+from accelcal.estimation.weak_form.channel import DEGREE, SampledChannel, Splines, covering
 from accelcal.estimation.weak_form.covariance import (
     Covariance,
     NoWeakForm,
@@ -41,7 +40,6 @@ from accelcal.estimation.weak_form.covariance import (
     factor,
     solved,
 )
-from accelcal.estimation.weak_form.splines import DEGREE, Splines
 from accelcal.model import Term
 from accelcal.signals.processing import cubic, derivative, low_pass
 from accelcal.signals.series import lagrange_weights

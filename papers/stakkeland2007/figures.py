@@ -1,0 +1,257 @@
+"""Fig. 3 of the paper, output against acceleration, and Figs. 4 and 5, parameter estimates over time with the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from accelcal._support.result import Storable
+from accelcal.estimation.estimate import Fit
+from accelcal.plots import matplotlib
+from accelcal.plots.figure import Axis, Band, Figure, Level, Line, Mark, Panel, Role
+from accelcal.plots.model import nonlinearity
+from papers.stakkeland2007.rows import Item
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from papers.stakkeland2007.tracks import ParameterTrack, Tracks
+
+
+UNITS = {"k": "1", "K0": "m/s²", "K2": "(m/s²)⁻¹", "K3": "(m/s²)⁻²"}
+_ROLES: tuple[Role, ...] = ("band", "model")
+"""Of the filters; the first is drawn below the others."""
+_SPAN = 8.0
+"""Half height of a panel, in standard deviations at a fifth of the record."""
+
+
+def draw_mapping(fit: Fit, out: Path) -> Path:
+    """Writes Fig. 3 as PNG.
+
+    Parameters
+    ----------
+    fit : of a curved sensor.
+    out : Path
+        Directory; created if absent.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / "figure3.png"
+    matplotlib.save(matplotlib.draw(nonlinearity(fit)), path)
+    return path
+
+
+def draw_tracks(tracks: Tracks, out: Path) -> tuple[Path, ...]:
+    """Writes both figures as PNG.
+
+    Parameters
+    ----------
+    tracks : Tracks
+    out : Path
+        Directory; created if absent.
+
+    Returns
+    -------
+    tuple of Path
+        The files.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    drawn = {
+        "figure4.png": _figure(tracks.linear, "Linear model: scale factor and bias"),
+        "figure5.png": _figure(tracks.cubic, "Cubic model: scale factor, bias and nonlinear coefficients"),
+    }
+    for name, figure in drawn.items():
+        matplotlib.save(matplotlib.draw(figure), out / name)
+    return tuple(out / name for name in drawn)
+
+
+def _figure(tracks: Sequence[ParameterTrack], headline: str) -> Figure:
+    """Estimates of every filter with two standard deviations about the truth, and the motion under them."""
+    time, panels = Axis("time", "s", range=(0.0, max(float(track.t[-1]) for track in tracks))), []
+    for i, name in enumerate(tracks[0].names):
+        truth, marks = float(tracks[0].truth[i]), list[Mark]()
+        for track, role in zip(reversed(tracks), _ROLES, strict=True):
+            estimate, reach = track.estimates[:, i], 2.0 * track.sigmas[:, i]
+            said = f"{track.title}, ±2 sigma"
+            marks += [
+                Band(track.t, estimate - reach, estimate + reach, role=role, outlined=False),
+                Line(track.t, estimate, said, role, solid=True),
+            ]
+        half = _SPAN * max(track.sigmas[len(track.t) // 5, i] for track in tracks)
+        size = Axis(name, UNITS[name], range=(truth - half, truth + half))
+        panels.append(Panel((*marks, Level(truth, name="truth")), time, size, height=160.0))
+    motion = Line(tracks[0].t, tracks[0].motion, role="ink", opacity=0.5)
+    panels.append(Panel((motion,), time, Axis("mean a²", "1", range=(0.0, 1.05)), height=160.0))
+    return Figure(tuple(panels), headline, shared_x=True)
+
+
+def render(items: Iterable[Item], *, width: int = 160) -> str:
+    """Tables of what is claimed, expected and measured; then the claims that do not hold, first the paper's, then ours.
+
+    Parameters
+    ----------
+    items : iterable of Item
+    width : int
+        Characters per line.
+    """
+    from rich.console import Console
+
+    items = tuple(items)
+    console = Console(file=StringIO(), width=width, highlight=False)
+    for item in items:
+        console.print(_table(item))
+        console.print()
+    rows = [row for item in items for row in item.rows]
+    for by, whose in (("paper", "the paper's"), ("us", "our own")):
+        claims = [row for row in rows if row.by == by]
+        failed = [row for row in claims if not row.holds]
+        console.print(f"{len(claims) - len(failed)} of {whose} {len(claims)} claims hold in these runs.")
+        for row in failed:
+            remark = f" ({row.remark})" if row.remark else ""
+            text = f"  does not hold: {row.claim}: expected {row.expected}, measured {row.measured}{remark}"
+            console.print(text, markup=False)
+    file = console.file
+    assert isinstance(file, StringIO)
+    return file.getvalue()
+
+
+def _table(item: Item) -> Table:
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title=escape(f"{item.title} [{item.source}]"), title_justify="left")
+    for column in ("claim", "by", "expected", "measured", "n", "threshold", "holds", "remark"):
+        table.add_column(column, justify="right" if column == "n" else "left")
+    for row in item.rows:
+        cells = (row.claim, row.by, row.expected, row.measured, str(row.n), row.threshold, _mark(row.holds), row.remark)
+        table.add_row(*(escape(cell) for cell in cells))
+    return table
+
+
+def _mark(holds: bool) -> str:
+    return "yes" if holds else "NO"
+
+
+@dataclass(frozen=True, slots=True)
+class Statement(Storable):
+    """One statement of the paper."""
+
+    derived: ClassVar[tuple[str, ...]] = ("state",)
+
+    where: str
+    text: str
+    items: tuple[str, ...] = ()
+    """Items of the reproduction that answer it."""
+    product: str = ""
+    """Where else the product does: a command, an effect."""
+    open: str = ""
+    """What is not answered yet."""
+    impossible: str = ""
+    """Why it, or a part of it, cannot be answered."""
+
+    @property
+    def state(self) -> str:
+        """Closed, partly closed, open, or cannot be closed."""
+        answered = bool(self.items or self.product)
+        if self.open:
+            return "partly" if answered else "open"
+        if self.impossible:
+            return "closed in part, the rest cannot be" if answered else "cannot be closed"
+        return "closed"
+
+
+NO_ANGLE = "their reference is an angle, that of this method a length"
+LOST = "its body did not survive in the copies at hand; an independent simulation stands beside our figures"
+NOT_PUBLIC = "their recordings were not published"
+
+STATEMENTS: tuple[Statement, ...] = (
+    Statement(
+        "abstract", "test and characterise with a position sensor and nonlinear filters", ("consistency", "tracks")
+    ),
+    Statement("abstract, I", "simpler than tumble and vibration tests", ("standard_tests",)),
+    Statement("abstract, I", "simpler than centrifuge and rotary table", impossible=NO_ANGLE),
+    Statement("abstract, I", "real-time estimation of the parameters", ("tracks",), product="LiveModel, firmware"),
+    Statement(
+        "I", "bandwidth of detectable variations", product="accelcal power: drift bandwidth beside a tumble test"
+    ),
+    Statement(
+        "abstract", "part of a tracking or navigation system", ("gaps",), open="three dimensions and a navigation state"
+    ),
+    Statement("I", "multipoint tumble test: output = p'' - g", ("standard_tests",), product="accelcal dwells"),
+    Statement("I", "vibration test: mean of the output", ("standard_tests",)),
+    Statement("II-A", "ADXL105, CXL02TG3, encoder of 1 um at 833 Hz, two boards", ("consistency", "vibration", "gaps")),
+    Statement(
+        "II-A",
+        "CXL02TG3: three axes and a bandwidth of 200 Hz",
+        ("three_axes",),
+        product="a_y, a_z; [channels] filters",
+    ),
+    Statement("II-A", "encoder bandwidth of 100 mm/s", ("encoder_speed",), product="effect encoder_lag"),
+    Statement(
+        "II-A", "encoder accuracy of 10 um", product="effects encoder_cyclic, encoder_nonlinearity, encoder_scale"
+    ),
+    Statement(
+        "II-A",
+        "aligning the input axis",
+        ("alignment",),
+        product="tilt and misalignment from turned and rolled runs",
+    ),
+    Statement("II-A", "temperature controller", product="channel temperature and its effects"),
+    Statement("II-A", "clock skew between the boards", product="effect clock_skew"),
+    Statement("II-B", "(1) to (6), K' = (1 + k) K", ("scale_update",)),
+    Statement("II-B", "the linear model gives the same estimate in both forms", ("linear_filters",)),
+    Statement(
+        "II-B", "the extensive model of IEEE 1293", product="Kio, Kip, Kop, Koo, Kpp, Kspin, Kang with their channels"
+    ),
+    Statement("II-B1", "(7) and its cures: along gravity, rolled by 180 degrees", ("cross_axis",)),
+    Statement("II-C", "(8), neglected terms corrupt k and K0", ("fourier",)),
+    Statement(
+        "II-D", "constant parameters, Markov processes", ("varying",), product="bias_*, scale_* as processes; LiveModel"
+    ),
+    Statement("II-E", "ACI (9) and CWPA (10)", ("consistency", "convergence")),
+    Statement("II-F", "vibration of 200 Hz to 300 Hz growing with speed", ("vibration",)),
+    Statement(
+        "II-F",
+        "noise correlated with the state is approximated",
+        ("vibration",),
+        product="effects on noise: accelcal add vibration",
+    ),
+    Statement("II-G, II-H", "orders, integrators, NEES and rms (15)", ("consistency", "convergence")),
+    Statement("III-A1", "consistent when the model matches; CWPA converges faster", ("consistency", "convergence")),
+    Statement("III-A2, Table I", "errors under vibration", ("vibration",), impossible=LOST),
+    Statement("III-A2", "CWPA is often unstable", ("robustness",)),
+    Statement("III-B1", "first and second order are the same for the linear model", ("linear_filters",)),
+    Statement("III-B, Figs. 4, 5", "tracks of 130 s and 250 s of real data", ("tracks",), impossible=NOT_PUBLIC),
+    Statement("III-B, Tables II, III", "gaps", ("gaps",), impossible=NOT_PUBLIC),
+    Statement("IV", "ACI is less sensitive to mismatches", ("consistency",)),
+    Statement("IV", "why the linear model tracked better", ("question", "varying")),
+    Statement("IV, [4]", "a suboptimal design (Schmidt-Kalman)", ("consider",), product="FilterChoice(consider=...)"),
+    Statement("Figs. 1, 2", "photograph and acquisition", impossible="they show hardware"),
+    Statement("Fig. 3", "mapping between output and acceleration", ("mapping",), product="plots.nonlinearity"),
+)
+"""In the order of the paper."""
+
+
+def coverage_text(width: int = 160) -> str:
+    """A table for the terminal, and how many statements are in each state."""
+    from collections import Counter
+    from io import StringIO
+
+    from rich.console import Console
+    from rich.table import Table
+
+    file = StringIO()
+    console = Console(file=file, width=width, highlight=False)
+    table = Table(title="The paper, statement by statement", title_justify="left")
+    for column in ("where", "statement", "state", "by", "what is missing, or why"):
+        table.add_column(column)
+    for each in STATEMENTS:
+        answered = "; ".join(filter(None, [", ".join(each.items), each.product]))
+        cells = (each.where, each.text, each.state, answered, each.open or each.impossible)
+        table.add_row(*(cell.replace("[", "\\[") for cell in cells))
+    console.print(table)
+    counts = Counter(each.state for each in STATEMENTS)
+    console.print("; ".join(f"{state}: {n}" for state, n in counts.items()))
+    return file.getvalue()

@@ -1,0 +1,414 @@
+"""A draft Digital Calibration Certificate: DCC 3.2.1 with D-SI units, written with the standard library.
+
+It is a draft: unsigned, not accredited. Administrative data of the laboratory are marked as missing.
+"""
+
+from __future__ import annotations
+
+import datetime
+import difflib
+import re
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from accelcal._core import __version__
+from accelcal._support.errors import AccelcalError
+from accelcal.calibration.budget import COVERAGE_FACTOR, budget
+from accelcal.calibration.export.calibration import Calibration
+from accelcal.calibration.export.words import equation, left_out, plain, reading
+from accelcal.data import Sensor
+
+PLACES = ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")
+"""Where a calibration may take place, in the words of the DCC."""
+NO_DATE = "0001-01-01"
+NO_COUNTRY = "ZZ"
+
+
+class LaboratoryError(AccelcalError):
+    """A file of administrative data cannot be used. The text names file and key and states what was expected."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One piece of administrative data."""
+
+    key: str
+    """table.key of the file."""
+    what: str
+    check: Callable[[object], str | None]
+    """Its text, or None where the value is not of the kind."""
+    stand_in: str
+    """What the schema accepts in its place while it is missing."""
+
+
+def _text(found: object) -> str | None:
+    return " ".join(found.split()) or None if isinstance(found, str) else None
+
+
+def _date(found: object) -> str | None:
+    return found.isoformat() if type(found) is datetime.date else None
+
+
+def _code(pattern: str) -> Callable[[object], str | None]:
+    return lambda found: found if isinstance(found, str) and re.fullmatch(pattern, found) else None
+
+
+ENTRIES = (
+    Entry("certificate.identifier", "a text that no other certificate has", _text, "missing"),
+    Entry("certificate.country", 'two capital letters of ISO 3166-1, such as "DE"', _code("[A-Z]{2}"), NO_COUNTRY),
+    Entry("certificate.begin", "a date without quotes, such as 2026-11-20", _date, NO_DATE),
+    Entry("certificate.end", "a date without quotes, such as 2026-11-21", _date, NO_DATE),
+    Entry("certificate.place", "one of " + ", ".join(PLACES), _code("|".join(PLACES)), "other"),
+    Entry("laboratory.name", "a text", _text, "missing"),
+    Entry("laboratory.city", "a text", _text, "missing"),
+    Entry("responsible.name", "a text", _text, "missing"),
+    Entry("customer.name", "a text", _text, "missing"),
+    Entry("customer.city", "a text", _text, "missing"),
+)
+"""Administrative data that a DCC requires and no recording has."""
+
+
+@dataclass(frozen=True, slots=True)
+class Laboratory:
+    """Administrative data as far as they are declared."""
+
+    declared: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    """Texts by key."""
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Keys that are not declared."""
+        return tuple(entry.key for entry in ENTRIES if entry.key not in self.declared)
+
+    def text(self, key: str) -> str:
+        """The declared value, or a placeholder."""
+        stand_in = next(entry.stand_in for entry in ENTRIES if entry.key == key)
+        return self.declared.get(key, stand_in)
+
+
+def read_laboratory(path: Path) -> Laboratory:
+    """Read and check a file of administrative data.
+
+    Raises
+    ------
+    LaboratoryError
+        Naming file, key, what was found, what was expected.
+    """
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise LaboratoryError(f"{path}: {(error.strerror or 'cannot be read').lower()}; check the path") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise LaboratoryError(f"{path}: not valid TOML ({error}); correct that line") from None
+    known = {entry.key: entry for entry in ENTRIES}
+    declared: dict[str, str] = {}
+    for table, keys in content.items():
+        if not isinstance(keys, dict):
+            raise LaboratoryError(f"{path}: {table}: found {keys!r}, expected a table; {_nearest(table, known)}")
+        for key, value in keys.items():
+            name = f"{table}.{key}"
+            if name not in known:
+                raise LaboratoryError(f"{path}: {name}: unknown key; {_nearest(name, known)}")
+            text = known[name].check(value)
+            if text is None:
+                raise LaboratoryError(f"{path}: {name}: found {value!r}, expected {known[name].what}")
+            declared[name] = text
+    return Laboratory(declared)
+
+
+def _nearest(key: str, known: Mapping[str, Entry]) -> str:
+    close = difflib.get_close_matches(key, known, n=1)
+    return f'did you mean "{close[0]}"?' if close else "known keys: " + ", ".join(known)
+
+
+VERSION = "3.2.1"
+DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
+UNITS = {
+    "1": r"\one",
+    "count": r"\one",
+    "V": r"\volt",
+    "Hz": r"\hertz",
+    "s": r"\second",
+    "°": r"\degree",
+    "degC": r"\degreecelsius",
+    "m/s²": r"\metre\second\tothe{-2}",
+    "(m/s²)⁻¹": r"\metre\tothe{-1}\second\tothe{2}",
+    "(m/s²)⁻²": r"\metre\tothe{-2}\second\tothe{4}",
+    "m/s²/K": r"\metre\second\tothe{-2}\kelvin\tothe{-1}",
+    "K⁻¹": r"\kelvin\tothe{-1}",
+    "V/(m/s²)": r"\volt\metre\tothe{-1}\second\tothe{2}",
+    "count/(m/s²)": r"\metre\tothe{-1}\second\tothe{2}",
+}
+"""Units of this program in the notation of D-SI."""
+NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Characters that no XML document may hold."""
+PROBABILITY = "0.95"
+"""Of the expanded uncertainty, for a normal distribution."""
+PROBABILITY_OF_TWO = "0.9545"
+"""Of two standard deviations of a normal distribution; a column states the factor that reaches it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Draft:
+    """A certificate as text, and what it lacks."""
+
+    text: str
+    missing: tuple[str, ...]
+    """Keys of the administrative data and of the sidecar."""
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """One number of the certificate."""
+
+    name: str
+    value: float
+    unit: str
+    expanded: float | None = None
+    """None where none is stated."""
+    factor: float | None = None
+    """Its coverage factor at `PROBABILITY_OF_TWO`; None: coverage factor 2, taken as `PROBABILITY`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """Numbers of one kind, a row of a table each."""
+
+    name: str
+    values: Sequence[float]
+    unit: str
+    expanded: Sequence[float] | None = None
+    factors: Sequence[float] = ()
+    """Coverage factor of each expanded uncertainty, at `PROBABILITY_OF_TWO`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What was found: numbers that stand alone, or a table."""
+
+    name: str
+    description: str
+    quantities: tuple[Quantity, ...] = ()
+    table: tuple[Column, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """How it was measured, under which conditions, and what was found."""
+
+    name: str
+    method: str
+    description: str
+    """Of the method."""
+    conditions: tuple[tuple[str, tuple[float, float], str], ...]
+    """Ranges: quantity, least and largest value, unit."""
+    results: tuple[Result, ...]
+
+
+def certificate(
+    measurement: Measurement, sensor: Sensor, laboratory: Laboratory, undeclared: Sequence[str] = ()
+) -> Draft:
+    """Write a whole certificate.
+
+    Parameters
+    ----------
+    measurement : what is certified.
+    sensor : what was measured.
+    laboratory : administrative data; what is missing is marked and listed.
+    undeclared : keys of the sidecar that the measurement lacks.
+    """
+    missing = list(laboratory.missing)
+    missing += [f"sensor.{key}" for key in ("model", "serial") if not getattr(sensor, key)]
+    missing += undeclared
+    root = ET.Element(f"{{{DCC}}}digitalCalibrationCertificate", schemaVersion=VERSION)
+    root.set(f"{{{XSI}}}schemaLocation", f"{DCC} {DCC}/v{VERSION}/dcc.xsd")
+    root.append(_comment("DRAFT: not signed, not accredited. " + _missing(missing)))
+    _administrative(ET.SubElement(root, f"{{{DCC}}}administrativeData"), sensor, laboratory)
+    results = ET.SubElement(root, f"{{{DCC}}}measurementResults")
+    _measurement(ET.SubElement(results, f"{{{DCC}}}measurementResult"), measurement)
+    for prefix, space in (("dcc", DCC), ("si", SI), ("xsi", XSI)):
+        ET.register_namespace(prefix, space)
+    ET.indent(root)
+    text = ET.tostring(root, encoding="unicode")
+    return Draft(f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n', tuple(missing))
+
+
+def _missing(keys: Sequence[str]) -> str:
+    return f"Missing: {', '.join(keys)}." if keys else "Nothing is missing."
+
+
+def _comment(text: str) -> Any:
+    safe = plain(text).replace("--", "- -")
+    return ET.Comment(f" {safe} ")
+
+
+def _add(parent: ET.Element, tag: str, text: str | None = None) -> ET.Element:
+    node = ET.SubElement(parent, f"{{{DCC}}}{tag}")
+    node.text = None if text is None else NOT_XML.sub("?", text)
+    return node
+
+
+def _named(parent: ET.Element, tag: str, text: str) -> ET.Element:
+    """An element with a text in English."""
+    node = _add(parent, tag)
+    _add(node, "content", text).set("lang", "en")
+    return node
+
+
+def _declared(parent: ET.Element, tag: str, laboratory: Laboratory, key: str, *, named: bool = False) -> None:
+    """Administrative data, or a marked placeholder."""
+    if key in laboratory.missing:
+        parent.append(_comment(f"MISSING: {key}"))
+    (_named if named else _add)(parent, tag, laboratory.text(key))
+
+
+def _administrative(parent: ET.Element, sensor: Sensor, laboratory: Laboratory) -> None:
+    software = _add(_add(parent, "dccSoftware"), "software")
+    _named(software, "name", "accelcal")
+    _add(software, "release", __version__)
+    core = _add(parent, "coreData")
+    _declared(core, "countryCodeISO3166_1", laboratory, "certificate.country")
+    _add(core, "usedLangCodeISO639_1", "en")
+    _add(core, "mandatoryLangCodeISO639_1", "en")
+    _declared(core, "uniqueIdentifier", laboratory, "certificate.identifier")
+    _declared(core, "beginPerformanceDate", laboratory, "certificate.begin")
+    _declared(core, "endPerformanceDate", laboratory, "certificate.end")
+    _declared(core, "performanceLocation", laboratory, "certificate.place")
+    item = _add(_add(parent, "items"), "item")
+    _named(item, "name", "accelerometer")
+    if sensor.model:
+        _add(item, "model", " ".join(sensor.model.split()))
+    identification = _add(_add(item, "identifications"), "identification")
+    _add(identification, "issuer", "manufacturer")
+    if not sensor.serial:
+        identification.append(_comment("MISSING: sensor.serial"))
+    _add(identification, "value", " ".join(sensor.serial.split()) or "missing")
+    _named(identification, "name", "serial number")
+    contact = _add(_add(parent, "calibrationLaboratory"), "contact")
+    _declared(contact, "name", laboratory, "laboratory.name", named=True)
+    _declared(_add(contact, "location"), "city", laboratory, "laboratory.city")
+    person = _add(_add(_add(parent, "respPersons"), "respPerson"), "person")
+    _declared(person, "name", laboratory, "responsible.name", named=True)
+    customer = _add(parent, "customer")
+    _declared(customer, "name", laboratory, "customer.name", named=True)
+    _declared(_add(customer, "location"), "city", laboratory, "customer.city")
+    statement = _add(_add(parent, "statements"), "statement")
+    _named(statement, "declaration", "Draft: neither signed nor issued under an accreditation.")
+
+
+def _measurement(parent: ET.Element, measurement: Measurement) -> None:
+    _named(parent, "name", measurement.name)
+    method = _add(_add(parent, "usedMethods"), "usedMethod")
+    _named(method, "name", measurement.method)
+    _named(method, "description", measurement.description)
+    software = _add(_add(parent, "usedSoftware"), "software")
+    _named(software, "name", "accelcal")
+    _add(software, "release", __version__)
+    conditions = _add(parent, "influenceConditions")
+    for name, (low, high), unit in measurement.conditions:
+        condition = _add(conditions, "influenceCondition")
+        _named(condition, "name", f"range of {name}")
+        data = _add(condition, "data")
+        _quantity(data, Quantity(f"least {name}", low, unit))
+        _quantity(data, Quantity(f"largest {name}", high, unit))
+    results = _add(parent, "results")
+    for found in measurement.results:
+        result = _add(results, "result")
+        _named(result, "name", found.name)
+        _named(result, "description", found.description)
+        data = _add(result, "data")
+        for quantity in found.quantities:
+            _quantity(data, quantity)
+        if found.table:
+            listed = _add(data, "list")
+            for column in found.table:
+                _column(listed, column)
+
+
+def _quantity(parent: ET.Element, found: Quantity) -> None:
+    quantity = _add(parent, "quantity")
+    _named(quantity, "name", found.name)
+    real = ET.SubElement(quantity, f"{{{SI}}}real")
+    ET.SubElement(real, f"{{{SI}}}value").text = repr(found.value)
+    ET.SubElement(real, f"{{{SI}}}unit").text = UNITS[found.unit]
+    if found.expanded is not None:
+        spread = ET.SubElement(real, f"{{{SI}}}expandedUnc")
+        ET.SubElement(spread, f"{{{SI}}}uncertainty").text = repr(found.expanded)
+        ET.SubElement(spread, f"{{{SI}}}coverageFactor").text = f"{found.factor or COVERAGE_FACTOR:.4g}"
+        probability = PROBABILITY if found.factor is None else PROBABILITY_OF_TWO
+        ET.SubElement(spread, f"{{{SI}}}coverageProbability").text = probability
+
+
+def _column(parent: ET.Element, found: Column) -> None:
+    quantity = _add(parent, "quantity")
+    _named(quantity, "name", found.name)
+    numbers = ET.SubElement(quantity, f"{{{SI}}}realListXMLList")
+    ET.SubElement(numbers, f"{{{SI}}}valueXMLList").text = " ".join(map(repr, found.values))
+    ET.SubElement(numbers, f"{{{SI}}}unitXMLList").text = UNITS[found.unit]
+    if found.expanded is not None:
+        spread = ET.SubElement(numbers, f"{{{SI}}}expandedUncXMLList")
+        ET.SubElement(spread, f"{{{SI}}}uncertaintyXMLList").text = " ".join(map(repr, found.expanded))
+        ET.SubElement(spread, f"{{{SI}}}coverageFactorXMLList").text = " ".join(f"{k:.4g}" for k in found.factors)
+        ET.SubElement(spread, f"{{{SI}}}coverageProbabilityXMLList").text = PROBABILITY_OF_TWO
+
+
+METHOD = (
+    "The accelerometer moves along one axis with an encoder. Output and position are compared through a filter for "
+    "position and velocity; parameters are estimated by weighted least squares on its innovations, with the noise of "
+    "both channels found by likelihood."
+)
+
+
+def draft(c: Calibration, laboratory: Laboratory) -> Draft:
+    """Write a certificate of the sensor's own parameters.
+
+    Parameters
+    ----------
+    c : what is certified; only effects that the sensor owns.
+    laboratory : administrative data; what is missing is marked and listed.
+
+    Notes
+    -----
+    Expanded uncertainties are those of the budget. While it is withheld because declarations are missing, values stand
+    without uncertainty, and the declarations are listed.
+    """
+    undeclared = budget(c.fit).missing
+    temperature = c.fit.validity.get("temperature")
+    ranges = [("acceleration", c.domain.acceleration, "m/s²")]
+    ranges += [("temperature", temperature, "degC")] if temperature else []
+    notes = [f"Model in forward sense (IEEE 1293): {equation(c)}; {reading(c)}."]
+    if c.own.needs_temperature:
+        notes.append(f"T counts from {c.own.reference:.6g} degC.")
+    notes += [f"{text}." for text in c.remarks]
+    notes.append(f"Not certified: {'; '.join(left_out(c))}.")
+    if undeclared:
+        notes.append(f"Uncertainties are withheld until these are declared: {', '.join(undeclared)}.")
+    measurement = Measurement(
+        name="Calibration of an accelerometer against position",
+        method="Replay of output and position",
+        description=METHOD,
+        conditions=tuple(ranges),
+        results=(Result("Parameters of the sensor", " ".join(notes), tuple(quantities(c))),),
+    )
+    return certificate(measurement, c.fit.rig.sensor, laboratory, undeclared)
+
+
+def quantities(c: Calibration) -> list[Quantity]:
+    """Parameters of the sensor, then sensitivity and zero-g output where an electrical scale is declared."""
+    expanded = {line.estimate.name: line.expanded for line in budget(c.fit).lines}
+    found = [Quantity(f"{e.name} ({e.symbol})", e.value, e.unit, expanded.get(e.name)) for e in c.estimates]
+    sensor = c.fit.rig.sensor
+    if sensor.scale is not None:
+        zero = (sensor.zero or 0.0) + sensor.scale * c.fit["bias"].value
+        size = abs(sensor.scale)
+        spread = {name: size * value for name, value in expanded.items()}
+        found += [
+            Quantity("sensitivity", sensor.scale * c.own.scale, f"{c.unit}/(m/s²)", spread.get("scale_factor")),
+            Quantity("zero-g output", zero, c.unit, spread.get("bias")),
+        ]
+    return found

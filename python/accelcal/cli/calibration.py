@@ -1,0 +1,324 @@
+"""Commands that deliver results: report, export, workbench."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, cast, get_args
+
+import typer
+
+from accelcal._support.progress import within
+from accelcal.cli.common import (
+    EffectsFile,
+    Holdout,
+    Json,
+    ModelFile,
+    Output,
+    Rig,
+    RunFile,
+    UsageError,
+    app,
+    load_own_effects,
+    print_json,
+    print_status,
+    progress,
+    suggest,
+    with_exit_codes,
+    writable_file,
+)
+from accelcal.cli.models import load_like
+
+if TYPE_CHECKING:
+    from accelcal.calibration.export import Laboratory
+    from accelcal.calibration.export.certificate import Draft
+
+
+Dcc = Annotated[
+    Path | None, typer.Option("--dcc", help="Write a draft certificate (DCC 3.2.1).", callback=writable_file)
+]
+Lab = Annotated[Path | None, typer.Option("--lab", help="TOML with the administrative data of --dcc.")]
+Schema = Annotated[Path | None, typer.Option("--schema", help="Validate --dcc against this dcc.xsd.")]
+
+
+def require_usable(dcc: Path | None, lab: Path | None, schema: Path | None) -> None:
+    """Refuse options of a certificate without one, and a file of another kind.
+
+    Raises
+    ------
+    UsageError
+        With what was expected.
+    """
+    if dcc is None and (lab or schema):
+        raise UsageError("--lab and --schema apply to a certificate; add --dcc draft.xml")
+    if dcc is not None and dcc.suffix != ".xml":
+        raise UsageError(f"--dcc {dcc}: expected a name that ends in .xml")
+
+
+def laboratory_of(lab: Path | None) -> Laboratory:
+    """The administrative data as far as they are declared."""
+    from accelcal.calibration.export import Laboratory, read_laboratory
+
+    return Laboratory() if lab is None else read_laboratory(lab)
+
+
+def checked(certificate: Draft, schema: Path | None) -> Draft:
+    """The certificate, validated where there is a schema."""
+    from accelcal.calibration.export import require_valid
+
+    if schema is not None:
+        require_valid(certificate.text, schema)
+    return certificate
+
+
+def tell(path: Path, certificate: Draft, schema: Path | None) -> None:
+    """Print what a written certificate lacks, and whether it was validated."""
+    print_status(f"{path} is a draft; missing: {', '.join(certificate.missing) or 'nothing'}")
+    valid = "not validated; give --schema dcc.xsd" if schema is None else f"valid against {schema}"
+    print_status(f"{path} is {valid}")
+
+
+@app.command()
+@with_exit_codes
+def report(
+    model: ModelFile,
+    run: Annotated[
+        Path, typer.Argument(help="Recording; with --compare another model of the sensor.", show_default=False)
+    ],
+    holdout: Holdout = None,
+    rig: Rig = None,
+    compare: Annotated[
+        bool, typer.Option("--compare", help="Compare two models of one sensor: report --compare A.json B.json.")
+    ] = False,
+    light: Annotated[bool, typer.Option("--light", help="Static figures, no script: small enough to mail.")] = False,
+    pdf: Annotated[bool, typer.Option("--pdf", help="Write a PDF too; only a PDF if --output ends in .pdf.")] = False,
+    effects_file: EffectsFile = None,
+    output: Output = None,
+) -> None:
+    """Write a report on a model and a recording: diagnosis, error reduction, residuals, parameters, uncertainty budget.
+
+    One HTML page that opens offline; RUN.html by default. With --compare on two calibrations of one sensor: whether
+    they agree, and what changed between them.
+
+    Example: [bold]accelcal report m.json run12.csv --holdout run13.csv -o run12.html[/bold]
+    """
+    from accelcal import report as page
+    from accelcal.io import together
+    from accelcal.results import model_file
+
+    if compare:
+        if holdout or rig or light:
+            raise UsageError("--compare takes two models and no recording; leave out --holdout, --rig and --light")
+        report_agreement(model, run, pdf, effects_file, output)
+        return
+
+    written = pages_to_write(output if output is not None else run.with_suffix(".html"), pdf)
+    load_own_effects(effects_file)
+    fitted = model_file.load(model)
+    with progress("report") as share, together():
+        content = page.gather(
+            fitted,
+            load_like(fitted, run, rig),
+            holdout=None if holdout is None else load_like(fitted, holdout, rig),
+            command=shlex.join(["accelcal", *sys.argv[1:]]),
+            progress=within(share, 0.0, 0.8),
+        )
+        for path in written:
+            if path.suffix == ".pdf":
+                page.pdf(content, path)
+            else:
+                page.write(page.light(content) if light else page.html(content), path)
+    for path in written:
+        print_status(f"wrote {path}")
+    suggest("export", model, "--c", "sensor.h")
+
+
+def report_agreement(
+    first: Path, second: Path, pdf: bool, effects_file: Sequence[Path] | None, output: Path | None
+) -> None:
+    """Write a report on two calibrations, and print its verdict."""
+    from accelcal import report as page
+    from accelcal.cli.printing import show_agreement
+    from accelcal.io import together
+    from accelcal.report.agreement import agreement_view
+    from accelcal.results import model_file
+
+    written = pages_to_write(output if output is not None else second.with_suffix(".html"), pdf)
+    load_own_effects(effects_file)
+    names = (first.name, second.name) if first.name != second.name else (str(first), str(second))
+    found = page.agreement(model_file.load(first), model_file.load(second), names=names)
+    with together():
+        for path in written:
+            if path.suffix == ".pdf":
+                page.agreement_pdf(found, path)
+            else:
+                page.write(page.agreement_html(found), path)
+    show_agreement(agreement_view(found))
+    for path in written:
+        print_status(f"wrote {path}")
+
+
+def pages_to_write(target: Path, pdf: bool) -> list[Path]:
+    """The page, the PDF, or both.
+
+    Raises
+    ------
+    UsageError
+        If the name ends in neither .html nor .pdf.
+    """
+    if target.suffix not in (".html", ".pdf"):
+        raise UsageError(f"--output {target}: expected a name that ends in .html or .pdf")
+    return [target, target.with_suffix(".pdf")] if pdf and target.suffix == ".html" else [target]
+
+
+@app.command()
+@with_exit_codes
+def export(
+    model: ModelFile,
+    c: Annotated[Path | None, typer.Option("--c", help="Write a C99 header.", callback=writable_file)] = None,
+    rust: Annotated[Path | None, typer.Option("--rust", help="Write a Rust module.", callback=writable_file)] = None,
+    dcc: Dcc = None,
+    lab: Lab = None,
+    schema: Schema = None,
+    without: Annotated[
+        list[str] | None, typer.Option("--without", help="Omit an effect that cannot be exported.")
+    ] = None,
+    effects_file: EffectsFile = None,
+    json: Json = False,
+) -> None:
+    """Export the sensor's own calibration as code for firmware, as JSON, or as a draft certificate.
+
+    The code converts a reading in V, counts or m/s² to acceleration, with a proven error bound.
+
+    Example: [bold]accelcal export m.json --c sensor.h --rust sensor.rs --dcc draft.xml[/bold]
+    """
+    from accelcal.calibration import export as exports
+    from accelcal.cli.printing import show_export
+    from accelcal.io import atomic_write, together
+    from accelcal.results import model_file
+    from accelcal.results.json import content
+
+    if not (c or rust or dcc or json):
+        raise UsageError("nothing to write: give --c sensor.h, --rust sensor.rs, --dcc draft.xml or --json")
+    require_usable(dcc, lab, schema)
+    for option, path, endings in (("--c", c, (".h", ".c")), ("--rust", rust, (".rs",))):
+        if path is not None and path.suffix not in endings:
+            raise UsageError(f"{option} {path}: expected a name that ends in {' or '.join(endings)}")
+    load_own_effects(effects_file)
+    made = exports.calibrate(model_file.load(model), without=without or (), source=model.name)
+    files: dict[Path, str] = {}
+    if c is not None:
+        files[c] = exports.header(made, c.name)
+    if rust is not None:
+        files[rust] = exports.module(made)
+    if dcc is not None:
+        certificate = checked(exports.draft(made, laboratory_of(lab)), schema)
+        files[dcc] = certificate.text
+    with together():
+        for path, text in files.items():
+            atomic_write(path, text)
+    if json:
+        print_json(content(made))
+    else:
+        show_export(made)
+    for path in files:
+        print_status(f"wrote {path}")
+    if dcc is not None:
+        tell(dcc, certificate, schema)
+
+
+@app.command("app")
+@with_exit_codes
+def workbench(
+    run: Annotated[Path | None, typer.Argument(help="Recording or session to load first.", show_default=False)] = None,
+    port: Annotated[
+        int | None, typer.Option("--port", help="Port on 127.0.0.1; by default the first free one.")
+    ] = None,
+    show: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser.")] = True,
+) -> None:
+    """Open the workbench: fit, diagnose and improve in a browser, on this machine only.
+
+    Example: [bold]accelcal app run12.csv[/bold]
+    """
+    from accelcal.app import serve
+
+    if run is not None and not run.is_file():
+        raise UsageError(f"{run}: there is no such file; check the path")
+    serve(None if run is None else run.absolute(), port=port, show=show)
+
+
+@app.command()
+@with_exit_codes
+def response(
+    run: RunFile,
+    frequencies: Annotated[
+        str | None, typer.Option("--frequencies", help="Hz, such as 10,20,40; by default all that are found.")
+    ] = None,
+    method: Annotated[str, typer.Option("--method", help="auto, sine or broadband.")] = "auto",
+    csv: Annotated[Path | None, typer.Option("--csv", help="Write the table as CSV.", callback=writable_file)] = None,
+    dcc: Dcc = None,
+    lab: Lab = None,
+    schema: Schema = None,
+    figure: Annotated[
+        Path | None, typer.Option("--figure", help="Figure to write: .png, .svg or .pdf.", callback=writable_file)
+    ] = None,
+    rig: Rig = None,
+    json: Json = False,
+) -> None:
+    """Measure magnitude and phase of the sensitivity by frequency, from sine steps, a sweep or a random motion.
+
+    Then parameters (gain, poles, resonance, delay), where they fail, amplitude linearity, and a linear fit in the time
+    domain to compare with. The reference is the position, or the velocity or acceleration that was recorded in
+    its place; a lag has a negative phase.
+
+    Example: [bold]accelcal response shaker.csv --frequencies 10,20,40,80 --csv table.csv[/bold]
+    """
+    from accelcal import io
+    from accelcal.io import atomic_write, together
+    from accelcal.response.export import draft_response, lines, to_csv
+    from accelcal.response.measure import Method, frequency_response
+    from accelcal.results.json import content
+
+    require_usable(dcc, lab, schema)
+    if method not in get_args(Method):
+        raise UsageError(f"--method {method!r}: expected {', '.join(get_args(Method))}")
+    asked = None if frequencies is None else parse_frequencies(frequencies)
+    laboratory = laboratory_of(lab)
+    with progress("response") as share:
+        recording = io.load(run, rig=rig)
+        share(0.2)
+        found = frequency_response(recording, frequencies=asked, method=cast("Method", method))
+    certificate = draft_response(found, recording.rig.sensor, laboratory)
+    if dcc is not None:
+        checked(certificate, schema)
+    with together():
+        if csv is not None:
+            atomic_write(csv, to_csv(found))
+        if dcc is not None:
+            atomic_write(dcc, certificate.text)
+        if figure is not None:
+            from accelcal.plots import sensitivity
+            from accelcal.plots.matplotlib import save
+
+            save(sensitivity(found), figure)
+    if json:
+        print_json(content(found))
+    else:
+        print("\n".join(lines(found)))
+    for path in (csv, dcc, figure):
+        if path is not None:
+            print_status(f"wrote {path}")
+    if dcc is not None:
+        tell(dcc, certificate, schema)
+
+
+def parse_frequencies(text: str) -> list[float]:
+    """Parse numbers in Hz separated by commas."""
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise UsageError(
+            f"--frequencies {text!r}: expected numbers in Hz separated by commas, such as 10,20,40"
+        ) from None

@@ -1,0 +1,414 @@
+"""Time stamps that are coarser than the clock of their samples: the grid on which they lie, and the clock behind them.
+
+A logger that rounds its stamps, or that asks a slower sensor at ticks of its own, moves each stamp by less than one
+step of a grid. Where one uniform clock explains every stamp of a channel within that step, the instants of the clock
+are known far better than any stamp, and take their place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from accelcal.data import units
+from accelcal.data.arrays import Array, stretch_about
+from accelcal.data.recording import Channel, RecordingError
+
+FEWEST_STAMPS = 100
+"""Samples below which a clock is not told from chance."""
+FINEST = 0.01
+"""Least step of a grid over the usual spacing: rounding below moves a sample by 0.3 % of what it changes by."""
+MOST_SPACINGS = 300
+"""Different spacings at most: twice the usual spacing on the finest grid, and what holes add."""
+EQUAL = 1e-4
+"""Spacings that differ by less than this share of the usual one are equal."""
+WITHIN = 1.05
+"""Range of the stamps' errors, in steps, within which one clock explains them: 1, and the drift of a crystal."""
+SPANNED = 0.5
+"""Least range of the errors, in steps: a clock whose period is a multiple of the step shows no rounding."""
+RUNS = (1.75, 2.5, math.inf)
+"""Spacings up to these multiples of the usual one are tried as those without a missing sample."""
+BLOCKS = 512
+"""Stretches of which the earliest and the latest stamp bound the clock."""
+CLEARLY = 0.1
+"""Coherence with the mean spacing beyond that with the median one from which on the mean one is the period."""
+DECIMALS = tuple(10.0**-k for k in range(13))
+"""Steps of stamps that are written with so many decimals, s."""
+SQRT12 = math.sqrt(12.0)
+
+
+@dataclass(frozen=True, slots=True)
+class UniformClock:
+    """The uniform clock nearest to stamps, whose largest error is as small as it can be."""
+
+    period: float
+    """s"""
+    instants: Array
+    """(n,) s, in the middle between the earliest and the latest stamp."""
+    spread: float
+    """Range of the stamps about them, s."""
+    bounds: tuple[Array, Array, Array]
+    """Stamps that bound the clock: +1 for a latest and -1 for an earliest one, place from -1 to 1, error, s, (m,)."""
+
+    def explains(self, step: float) -> bool:
+        """Whether errors of one `step`, s, and no other, lie between the clock and the stamps."""
+        return SPANNED * step < self.spread < WITHIN * step
+
+    def common_std(self, step: float) -> float:
+        """Standard deviation of the error that all instants share, s: the middle of the clock may lie anywhere in what
+        stamps within half a `step` on either side allow. Periods close to a fraction of the step leave much of it."""
+        sign, place, error = self.bounds
+        left = np.column_stack([-sign, -sign * place])
+        ends = [
+            scipy.optimize.linprog([way, 0.0], left, 0.5 - sign * error / step, bounds=[(None, None)] * 2)
+            for way in (1.0, -1.0)
+        ]
+        range_of_middle = -sum(float(end.fun) for end in ends) if all(end.success for end in ends) else 0.0
+        return rounding_std(step * max(0.0, range_of_middle))
+
+
+def stamp_grid(t: Array) -> float:
+    """Step of the grid on which stamps (n,) lie, s; 0 where they lie on none that matters.
+
+    The spacings of rounded stamps take few values, whole multiples of one step.
+    """
+    if len(t) < FEWEST_STAMPS:
+        return 0.0
+    spacing = np.diff(t)
+    usual = float(np.median(spacing))
+    fine = max(EQUAL * usual, 16.0 * float(np.spacing(np.max(np.abs(t)))))
+    levels = fine * np.unique(np.rint(spacing / fine))
+    if len(levels) > MOST_SPACINGS:
+        return 0.0
+    gaps = np.diff(levels)
+    step = float(np.min(gaps[gaps > 2.5 * fine], initial=math.inf))
+    if not FINEST * usual < step < 1.5 * usual:
+        return 0.0
+    for _ in range(2):
+        count = np.rint(spacing / step)
+        step = float(spacing @ count) / float(count @ count)
+    return step if float(np.max(np.abs(spacing - count * step))) < 2.0 * fine else 0.0
+
+
+def decimal_step(t: Array) -> float:
+    """Largest power of ten of a second of which all stamps (n,) are multiples, s: a clock that is written with so many
+    decimals; 0 where it is written with all that a double holds."""
+    last = float(np.spacing(np.max(np.abs(t), initial=0.0)))
+    for step in DECIMALS:
+        if step <= 16.0 * last:
+            return 0.0
+        if float(np.max(np.abs(t - np.rint(t / step) * step), initial=0.0)) <= 2.0 * last:
+            return step
+    return 0.0
+
+
+def uniform_clock(t: Array) -> UniformClock:
+    """The uniform clock nearest to stamps (n,), s; samples may be missing.
+
+    Rounded stamps bound the clock on either side, sample by sample: the line with the least largest error lies in the
+    middle of what all of them allow, and is far better known than the line of least squares.
+    """
+    spacing = np.diff(t)
+    usual = float(np.median(spacing))
+    periods = {float(np.mean(spacing[spacing < share * usual])) for share in RUNS}
+    return min((_nearest_clock(t, spacing, period) for period in sorted(periods)), key=lambda clock: clock.spread)
+
+
+def _nearest_clock(t: Array, spacing: Array, period: float) -> UniformClock:
+    """The uniform clock nearest to stamps, whose period is about `period`."""
+    place = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(spacing / period), 1.0))])
+    middle, centre = float(np.mean(t)), float(np.mean(place))
+    place -= centre
+    slope = float(place @ (t - middle)) / float(place @ place)
+    error = t - middle - slope * place
+    begins = np.arange(0, len(t), max(1, len(t) // BLOCKS))
+    latest = np.array([begin + int(np.argmax(part)) for begin, part in _parts(error, begins)])
+    earliest = np.array([begin + int(np.argmin(part)) for begin, part in _parts(error, begins)])
+    # Least h with |error - c - d place| <= h at the extremes of all blocks, in units of the range and of the length.
+    size, length = max(float(np.ptp(error)), 1e-300), float(np.max(np.abs(place)))
+    rows = np.concatenate([latest, earliest])
+    sign = np.repeat([1.0, -1.0], [len(latest), len(earliest)])
+    left = np.column_stack([-sign, -sign * place[rows] / length, -np.ones(len(rows))])
+    found = scipy.optimize.linprog([0.0, 0.0, 1.0], left, -sign * error[rows] / size, bounds=[(None, None)] * 3)
+    if found.success:
+        middle += size * float(found.x[0])
+        slope += size * float(found.x[1]) / length
+    instants = middle + slope * place
+    error = t - instants
+    return UniformClock(slope, instants, float(np.ptp(error)), (sign, place[rows] / length, error[rows]))
+
+
+def _parts(y: Array, begins: NDArray[np.intp]) -> Iterator[tuple[int, Array]]:
+    """Each block of a series with the index at which it begins."""
+    return zip(begins.tolist(), np.split(y, begins[1:]), strict=True)
+
+
+def usual_step(t: Array) -> float:
+    """Period with which stamps (n,) s come: the median spacing, or the mean one where stamps keep step with that only.
+
+    The median spacing of an uneven clock is off by a fraction of its scatter, and a grid of that period would slip by
+    samples over a record; where samples are missing, the mean spacing is none at all. Periods between which no stamp
+    changes its phase by as much as `CLEARLY`, rad, are not told apart.
+    """
+    spacing = np.diff(t)
+    median, mean = float(np.median(spacing)), float(np.mean(spacing))
+    if 2.0 * np.pi * float(t[-1] - t[0]) * abs(1.0 / mean - 1.0 / median) < CLEARLY:
+        return median
+    return mean if _coherence(t, mean) > _coherence(t, median) + CLEARLY else median
+
+
+def _coherence(t: Array, period: float) -> float:
+    """1 where all stamps lie on a grid of this period, 0 where they keep no step with it."""
+    return float(np.abs(np.mean(np.exp((2j * np.pi / period) * (t - t[0])))))
+
+
+def rounding_std(step: float) -> float:
+    """Standard deviation of a stamp that is rounded to a grid of `step`, both in s."""
+    return step / SQRT12
+
+
+MOST = 1 << 22
+"""Instants of the common grid of a channel: a longer record is averaged to a coarser grid."""
+LEAST_OVERLAP = 0.1
+"""Share of the shorter record that the two must have in common."""
+FEWEST = 64
+"""Instants that they must have in common."""
+ALIKE = 0.3
+"""Least correlation of two records of one motion."""
+AMBIGUOUS = 0.8
+"""Height of the next-best peak, as a share of the best, beyond which a warning is due."""
+STRETCHES = 16
+"""Most stretches whose own offsets are compared."""
+_FINEST = 0.01
+"""What is left of one step of the grid by interpolation between its instants, as a standard deviation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """How the clock of the output was laid upon that of the position."""
+
+    shift: float
+    """What was added to the stamps of the output, s."""
+    std: float
+    """Standard deviation of `shift`, s, in the middle of what both recorded."""
+    middle: float
+    """That middle, s on the clock of the position."""
+    skew: float
+    """By how much the clock of the output runs faster; left to the effect clock_skew."""
+    skew_std: float
+    correlation: float
+    """Of output and second derivative, aligned, in the band that they share."""
+    overlap: float
+    """s"""
+    next_shift: float
+    """The next-best alignment, s."""
+    next_height: float
+    """Height of its peak as a share of the best one."""
+
+    @property
+    def is_ambiguous(self) -> bool:
+        """Whether another alignment is nearly as good."""
+        return self.next_height > AMBIGUOUS
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        text = (
+            f"two loggers: the stamps of the output are shifted by {self.shift:+.6f} s (standard deviation "
+            f"{self.std:.1g} s at {units.instant(self.middle)} s) onto the clock of the position, correlation "
+            f"{self.correlation:.3f} over {self.overlap:.4g} s in common, skew {self.skew * 1e6:+.1f} ppm (standard "
+            f"deviation {self.skew_std * 1e6:.1g} ppm); the next-best alignment, {self.next_shift:+.4f} s, reaches "
+            f"{self.next_height:.2f} of its height"
+        )
+        if self.is_ambiguous:
+            text += ": the motion repeats, and another alignment is nearly as good; record a motion that does not"
+        return text
+
+
+def align(accel: Channel, position: Channel, *, polarity: float = 1.0, delay: float = 0.0, name: str = "") -> Alignment:
+    """Find the shift of the stamps of `accel` that lays it upon `position`.
+
+    Parameters
+    ----------
+    polarity : -1 where the sensor is reversed on its stage.
+    delay : of the declared filter of the output, s.
+    name : for messages.
+
+    Raises
+    ------
+    RecordingError
+        If one of the two is too short, or no shift makes them alike.
+    """
+    for channel in (accel, position):
+        if len(channel) < FEWEST:
+            raise RecordingError(
+                f"{name}: {channel.name} has {len(channel)} samples, expected at least {FEWEST} to align two loggers; "
+                "record longer"
+            )
+    step = max(spacing(accel), spacing(position), *((c.t[-1] - c.t[0]) / MOST for c in (accel, position)))
+    a = polarity * _on_grid(accel, step)
+    x = _on_grid(position, step)
+    if min(len(a), len(x)) < FEWEST:
+        raise RecordingError(f"{name}: fewer than {FEWEST} instants of both loggers; record a longer motion")
+    second = np.zeros(len(x))
+    second[1:-1] = (x[2:] - 2.0 * x[1:-1] + x[:-2]) / step**2
+    a = a - np.mean(a)
+    peaks = _Peaks(*_shared(a, second, step), name)
+    to_shift = position.t[0] - accel.t[0] + delay
+    late = _Stretches(*_coherent(a, second, step, peaks.lag), peaks)
+    return Alignment(
+        shift=float(to_shift - late.lag * step),
+        std=float(late.lag_std * step),
+        middle=float(position.t[0] + late.middle * step),
+        skew=float(late.slope),
+        skew_std=float(late.slope_std),
+        correlation=peaks.correlation,
+        overlap=float(peaks.overlap * step),
+        next_shift=float(to_shift - peaks.next_lag * step),
+        next_height=peaks.next_height,
+    )
+
+
+def shifted(channel: Channel, by: float) -> Channel:
+    """A channel with its stamps moved, s."""
+    return Channel(channel.name, channel.t + by, channel.y, channel.unit)
+
+
+def spacing(channel: Channel) -> float:
+    """Usual time from one sample to the next, s."""
+    return float(np.median(np.diff(channel.t)))
+
+
+def _on_grid(channel: Channel, step: float) -> Array:
+    """Values at `channel.t[0]` + k `step`; averages of about one step where the channel is faster."""
+    t, y = channel.t - channel.t[0], channel.y
+    instants = np.arange(int(t[-1] / step) + 1) * step
+    if spacing(channel) > 0.75 * step:
+        return np.asarray(np.interp(instants, t, y))
+    sums = np.concatenate([[0.0], np.cumsum(0.5 * (y[1:] + y[:-1]) * np.diff(t))])
+    ends = np.clip(instants[:, None] + 0.5 * step * np.array([-1.0, 1.0]), 0.0, t[-1])
+    low, high = np.interp(ends, t, sums).T
+    width = ends[:, 1] - ends[:, 0]
+    return np.asarray((high - low) / np.where(width > 0.0, width, 1.0))
+
+
+def _shared(a: Array, b: Array, step: float) -> tuple[Array, Array]:
+    """Both signals, with the frequencies at which one has far more power than the other turned down."""
+    length = min(len(a), len(b), _SEGMENT)
+    frequency, of_a = scipy.signal.welch(a, 1.0 / step, nperseg=length)
+    _, of_b = scipy.signal.welch(b, 1.0 / step, nperseg=length)
+    share = np.minimum(of_a, of_b) / np.maximum(np.maximum(of_a, of_b), _TINY)
+    gain = np.sqrt(share) / np.maximum(of_a * of_b, _TINY) ** 0.125  # some of the way to a white spectrum: sharp peaks
+    return _filtered(a, step, frequency, gain), _filtered(b, step, frequency, gain)
+
+
+def _coherent(a: Array, b: Array, step: float, lag: int) -> tuple[Array, Array]:
+    """Both signals, once they are aligned, at the frequencies at which they are coherent."""
+    first, last = max(0, -lag), min(len(b), len(a) - lag)
+    length = min(last - first, max(FEWEST, min(_SEGMENT, (last - first) // 8)))
+    frequency, of_a = scipy.signal.welch(a[first + lag : last + lag], 1.0 / step, nperseg=length)
+    _, of_b = scipy.signal.welch(b[first:last], 1.0 / step, nperseg=length)
+    _, cross = scipy.signal.csd(b[first:last], a[first + lag : last + lag], 1.0 / step, nperseg=length)
+    coherence = np.abs(cross) ** 2 / np.maximum(of_a * of_b, _TINY)
+    gain = np.sqrt(np.where(coherence > _COHERENT, coherence, 0.0))
+    return _filtered(a, step, frequency, gain), _filtered(b, step, frequency, gain)
+
+
+def _filtered(y: Array, step: float, frequency: Array, gain: Array) -> Array:
+    """A signal with each frequency turned down by a gain, of variance 1."""
+    size = 1 << (2 * len(y) - 1).bit_length()
+    spectrum = np.fft.rfft(y, size) * np.interp(np.fft.rfftfreq(size, step), frequency, gain)
+    found = np.asarray(np.fft.irfft(spectrum, size)[: len(y)])
+    return np.asarray(found / max(float(np.std(found)), _TINY))
+
+
+_SEGMENT = 4096
+"""Most instants of a segment of which a spectrum is made."""
+_COHERENT = 0.3
+"""Coherence below which a frequency counts as noise: with few segments chance reaches it."""
+_TINY = float(np.finfo(float).tiny)
+
+
+class _Peaks:
+    """The best lag of `a` behind `b`, in steps, and the next-best."""
+
+    def __init__(self, a: Array, b: Array, name: str) -> None:
+        size = 1 << (len(a) + len(b)).bit_length()
+        product = np.fft.irfft(np.conj(np.fft.rfft(b, size)) * np.fft.rfft(a, size), size)
+        self.lags = np.arange(-len(b) + 1, len(a))
+        heights = product[self.lags]
+        common = np.minimum(len(b), len(a) - self.lags) - np.maximum(0, -self.lags)
+        allowed = common >= max(FEWEST, LEAST_OVERLAP * min(len(a), len(b)))
+        heights = np.where(allowed, heights, 0.0)
+        best = int(np.argmax(heights))
+        self.lag, self.overlap = int(self.lags[best]), int(common[best])
+        inner = slice(max(0, -self.lag), max(0, -self.lag) + self.overlap)
+        outer = slice(max(0, self.lag), max(0, self.lag) + self.overlap)
+        energy = float(np.sqrt(np.sum(b[inner] ** 2) * np.sum(a[outer] ** 2)))
+        self.correlation = float(heights[best] / energy) if energy > 0.0 else 0.0
+        if -float(heights.min()) > 1.1 * float(heights[best]):
+            raise RecordingError(
+                f"{name}: the output is like the second derivative of the position with the other sign; declare in its "
+                'sidecar [rig] mount = "reversed" (or "normal"), or check the sense of the encoder'
+            )
+        if not self.correlation >= ALIKE:
+            raise RecordingError(
+                f"{name}: at no shift of the clocks is the output like the second derivative of the position "
+                f"(correlation {self.correlation:.2f}, expected at least {ALIKE}); check that both files are of one run"
+            )
+        begin, end = stretch_about(heights > 0.0, best)
+        self.reach = max(2, min(best - begin, end - best))
+        outside = heights.copy()
+        outside[begin : end + 1] = 0.0
+        second = int(np.argmax(outside))
+        self.next_lag = int(self.lags[second])
+        self.next_height = float(max(0.0, outside[second]) / heights[best])
+
+
+class _Stretches:
+    """The lag, in steps, in the middle of the record and its slope, by a line through the lags of stretches of it."""
+
+    def __init__(self, a: Array, b: Array, peaks: _Peaks) -> None:
+        first = max(0, -peaks.lag)
+        count = max(4, min(STRETCHES, peaks.overlap // (8 * peaks.reach + FEWEST)))
+        edges = np.linspace(first, first + peaks.overlap, count + 1).astype(int)
+        found = [_lag(a, b, i, j, peaks) for i, j in pairwise(edges)]
+        places = (edges[:-1] + edges[1:]) / 2.0
+        kept = [(place, *lag) for place, lag in zip(places, found, strict=True) if lag is not None]
+        self.middle, self.lag = first + peaks.overlap / 2.0, float(peaks.lag)
+        self.lag_std, self.slope, self.slope_std = 0.5, 0.0, 0.5 / peaks.overlap
+        if len(kept) < 4:
+            return
+        place, lag, weight = np.array(kept).T
+        self.middle = float(np.average(place, weights=weight))
+        away = place - self.middle
+        moment = float(np.sum(weight * away**2))
+        mean = float(np.average(lag, weights=weight))
+        self.slope = float(np.sum(weight * away * lag) / moment)
+        left = lag - mean - self.slope * away
+        variance = float(np.sum(weight * left**2) / (len(lag) - 2))
+        self.lag = mean
+        self.lag_std = float(np.hypot(np.sqrt(variance / np.sum(weight)), _FINEST))
+        self.slope_std = float(np.hypot(np.sqrt(variance / moment), _FINEST / np.sqrt(np.mean(away**2))))
+
+
+def _lag(a: Array, b: Array, begin: int, end: int, peaks: _Peaks) -> tuple[float, float] | None:
+    """Lag of one stretch of `b`, in steps, near the common one, and its weight; None without a peak there."""
+    reach = peaks.reach
+    lags = np.arange(peaks.lag - reach, peaks.lag + reach + 1)
+    begin, end = max(begin, reach - peaks.lag), min(end, len(a) - peaks.lag - reach)
+    if end - begin < FEWEST // 2:
+        return None
+    heights = np.array([b[begin:end] @ a[begin + lag : end + lag] for lag in lags])
+    top = int(np.argmax(heights))
+    if not 0 < top < len(lags) - 1 or heights[top] <= 0.0:
+        return None
+    left, middle, right = heights[top - 1 : top + 2]
+    curvature = left - 2.0 * middle + right
+    return float(lags[top] + 0.5 * (left - right) / curvature), float(-curvature)

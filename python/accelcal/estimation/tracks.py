@@ -1,0 +1,189 @@
+"""Estimates as readings come in: the parameters and their uncertainty from the readings up to each instant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from accelcal._support.result import Result
+from accelcal._support.values import immutable, listing
+from accelcal.data import Array, Recording
+from accelcal.effects import Variable, find
+from accelcal.effects.building_blocks import since_reversal
+from accelcal.effects.curves import AGES
+from accelcal.estimation.estimate import Fit, engine_of, solve_runs
+from accelcal.estimation.rows import rows_of_run
+from accelcal.signals.signals import Signals
+
+TRACK_POINTS = 240
+"""Instants of a track."""
+SINGULAR = 1e-10
+"""Least eigenvalue of the scaled information at which a model is determined."""
+
+
+@immutable
+@dataclass(frozen=True, slots=True)
+class Track(Result):
+    """Estimates of every free parameter over time."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    t: Array
+    """(n,) s"""
+    values: Array
+    """(n, m) SI; NaN while the readings do not determine the model."""
+    std: Array
+    """(n, m) SI"""
+
+    def __repr__(self) -> str:
+        return f"Track({', '.join(self.names)}: {len(self.t)} instants)"
+
+
+def track(
+    fit: Fit, recording: Recording, *, start: float | None = None, end: float | None = None, points: int = TRACK_POINTS
+) -> Track:
+    """Estimate the parameters of a model from the readings up to each instant of a recording.
+
+    Parameters
+    ----------
+    fit : its model and origins are used; the parameters are estimated anew.
+    recording : one run.
+    start, end : s, optional; only this part is used.
+    points : instants, evenly spread.
+
+    Raises
+    ------
+    NotIdentifiable
+        If the whole record does not determine the model.
+
+    Notes
+    -----
+    Information adds up: beta(t) = beta + G(t)^-1 s(t), with the Gram matrix G and the score s of the readings up to t,
+    as a Kalman filter with the parameters in its state would. Noise and smoothed regressors are those of the whole
+    record. Where a band was imposed, deviations are scaled to the robust ones at the end.
+    """
+    solution = solve_runs(fit.model, [recording], start=start, end=end, origins=fit.origins, engine=engine_of(fit))
+    state, model = solution.states[0], solution.model
+    run = state.run
+    belief = solution.layout.prior_information(model)
+    m = len(model.free)
+    gram, score = np.diag(belief), belief * (solution.layout.prior_mean(model) - solution.x)
+    at = np.linspace(run.t[0], run.t[-1], points + 1)[1:]
+    values, std = np.full((points, m), np.nan), np.full((points, m), np.nan)
+    k = 0
+    for t, columns, y in rows_of_run(state, model.free):
+        ends = np.searchsorted(t, at[k:], side="right")
+        begin = 0
+        for end in [*(int(each) for each in ends if each < len(t)), len(t)]:
+            gram = gram + columns[begin:end].T @ columns[begin:end]
+            score = score + columns[begin:end].T @ y[begin:end]
+            if end < len(t):
+                values[k], std[k] = estimate_from(gram, score, solution.x)
+                k += 1
+            begin = end
+    values[k:], std[k:] = estimate_from(gram, score, solution.x)
+    if state.band is not None:
+        std = std * (np.sqrt(np.diag(solution.covariance)) / std[-1])
+    return Track(
+        names=tuple(term.name for term in model.free),
+        units=tuple(term.unit for term in model.free),
+        t=at,
+        values=values,
+        std=std,
+    )
+
+
+def estimate_from(gram: Array, score: Array, x: Array) -> tuple[Array, Array]:
+    """Estimates and standard deviations from a Gram matrix and a score, NaN while the information is singular."""
+    nothing = np.full(len(x), np.nan)
+    size = np.sqrt(np.diag(gram))
+    if not np.all(size > 0.0):
+        return nothing, nothing
+    eigenvalues, vectors = np.linalg.eigh(gram / np.outer(size, size))
+    if eigenvalues[0] < SINGULAR:
+        return nothing, nothing
+    covariance = (vectors / eigenvalues) @ vectors.T / np.outer(size, size)
+    return x + covariance @ score, np.sqrt(np.diag(covariance))
+
+
+POINTS = 201
+STROKE = 0.1
+"""Stroke of the motion on which a response to reversals is evaluated, m; the response does not depend on it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """One function with its pointwise standard uncertainty."""
+
+    effect: str
+    label: str
+    """Branch of the function; empty where there is one."""
+    variable: str
+    variable_unit: str
+    unit: str
+    x: Array
+    """(n,) in `variable_unit`, on the clock and scale of the recording."""
+    value: Array
+    """(n,) in `unit`"""
+    std: Array
+    """(n,) in `unit`"""
+
+
+def shapes(fit: Fit) -> tuple[Shape, ...]:
+    """Every family in a model, as the function that was fitted."""
+    found: list[Shape] = []
+    for name in fit.model.added:
+        family = find(name).family
+        if family is None:
+            continue
+        if family.variable.letter == "reversal":
+            found += [_since_reversal(fit, name, direction) for direction in (1.0, -1.0)]
+        elif {"low", "start"} & set(fit.model.shapes.get(name, {})):
+            found.append(_over_variable(fit, name, family.variable))
+    return tuple(found)
+
+
+def _over_variable(fit: Fit, name: str, variable: Variable) -> Shape:
+    """The function over the range of its variable; a response to velocity or acceleration per unit of it."""
+    given = fit.model.shapes[name]
+    low, high = (given["low"], given["high"]) if "low" in given else (given["start"], given["start"] + given["length"])
+    x = np.linspace(low, high, POINTS)
+    motion = {"v": np.ones(POINTS), "a": np.ones(POINTS)} | {variable.letter: x}
+    t, p, v, a, jerk = (motion.get(key, np.zeros(POINTS)) for key in ("t", "p", "v", "a", "jerk"))
+    side = {"temperature": x, "a_y": x}
+    s = Signals(t=t, p=p, v=v, a=a, jerk=jerk, scale=fit.values().scale, rig=fit.rig, side=side)
+    origins = fit.origins
+    origin = {"t": origins.t, "p": origins.p}.get(variable.letter, origins.of(variable.letter))
+    return _shape(fit, name, "", variable.name, variable.unit, s, x + origin, np.ones(POINTS, dtype=bool))
+
+
+def _since_reversal(fit: Fit, name: str, direction: float) -> Shape:
+    """Response to one reversal: the stage moves at a steady speed, turns, and moves back."""
+    t = np.linspace(-AGES[-1], AGES[-1], 8 * POINTS)
+    p = direction * STROKE * np.abs(t) / AGES[-1]
+    zero = np.zeros(len(t))
+    s = Signals(t=t, p=p, v=np.gradient(p, t), a=zero, jerk=zero, scale=fit.values().scale, rig=fit.rig)
+    age = since_reversal(s)
+    after = t > t[np.flatnonzero(age == 0.0)[-1]]
+    label = "after turning to forwards" if direction > 0.0 else "after turning to backwards"
+    return _shape(fit, name, label, "time since reversal", "s", s, age, after)
+
+
+def _shape(
+    fit: Fit, name: str, label: str, variable: str, variable_unit: str, s: Signals, x: Array, rows: Array
+) -> Shape:
+    effect = find(name)
+    columns = effect.column(s, **fit.model.shapes.get(name, {}))
+    terms = [term.name for term in fit.model.terms if term.effect.name == name]
+    value = columns @ np.array([fit[term].value for term in terms])
+    free = [e.name for e in fit.free]
+    kept = [i for i, term in enumerate(terms) if term in free]
+    at = [free.index(terms[i]) for i in kept]
+    covariance = fit.covariance[np.ix_(at, at)]
+    variance = np.einsum("ni,ij,nj->n", columns[:, kept], covariance, columns[:, kept])
+    std = np.sqrt(np.maximum(variance, 0.0))
+    return Shape(name, label, variable, variable_unit, effect.unit, x[rows], value[rows], std[rows])
+
+
+__dir__ = listing(globals())

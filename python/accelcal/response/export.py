@@ -1,0 +1,161 @@
+"""A frequency response as a draft certificate: the table by frequency, the parametric fit, amplitude linearity."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from typing import Any
+
+from accelcal.calibration.export.certificate import (
+    Column,
+    Draft,
+    Laboratory,
+    Measurement,
+    Quantity,
+    Result,
+    certificate,
+)
+from accelcal.data import Sensor
+from accelcal.response.linearity import Term
+from accelcal.response.measure import FrequencyResponse
+from accelcal.response.parametric import Parameter, ResponseModel
+from accelcal.response.sine import Point
+
+METHOD = (
+    "Output and reference are fitted by least squares to sines over the steady part of each step (sine "
+    "approximation of ISO 16063-11 and -41), or compared segment by segment for other motions."
+)
+TYPE_A = (
+    "Expanded uncertainties are of type A, from the noise beside each line: no contribution of the calibration of the "
+    "reference is contained."
+)
+
+
+def draft_response(found: FrequencyResponse, sensor: Sensor, laboratory: Laboratory) -> Draft:
+    """Write a certificate of the sensitivity by frequency.
+
+    Parameters
+    ----------
+    found : from `accelcal.response.frequency_response`.
+    sensor : what was measured; with an electrical scale the table has the sensitivity in its unit, too.
+    laboratory : administrative data; what is missing is marked and listed.
+    """
+    points, model = found.points, found.model
+    sines = [abs(p.acceleration) for p in points if p.method == "sine"]
+    conditions = [("frequency", (points[0].frequency, points[-1].frequency), "Hz")]
+    conditions += [("amplitude of the acceleration", (min(sines), max(sines)), "m/s²")] if sines else []
+    results = [
+        Result("Frequency response of the sensitivity", f"{TYPE_A} A lag is negative.", table=_table(found, sensor))
+    ]
+    if model is not None:
+        quantities = tuple(_quantity(p.name, p) for p in model.best.parameters)
+        results.append(Result("Parametric fit of the frequency response", _described(model), quantities))
+    if found.terms:
+        quantities = tuple(_quantity(f"{t.name} from {t.source}", t) for t in found.terms)
+        results.append(Result("Amplitude linearity", TYPE_A, quantities))
+    measurement = Measurement(
+        name="Sensitivity of an accelerometer by frequency",
+        method="Sine approximation" if sines else "Spectral estimation",
+        description=METHOD,
+        conditions=tuple(conditions),
+        results=tuple(results),
+    )
+    return certificate(measurement, sensor, laboratory)
+
+
+def _table(found: FrequencyResponse, sensor: Sensor) -> tuple[Column, ...]:
+    points = found.points
+    factors = [p.coverage_factor for p in points]
+    magnitude, expanded = [p.magnitude for p in points], [p.expanded for p in points]
+    phase, spread = [math.degrees(p.phase) for p in points], [math.degrees(p.expanded_phase) for p in points]
+    columns = [
+        Column("frequency", [p.frequency for p in points], "Hz"),
+        Column("magnitude of output over acceleration", magnitude, "1", expanded, factors),
+        Column("phase of output over acceleration", phase, "°", spread, factors),
+    ]
+    if sensor.scale is not None and sensor.scale_unit:
+        size, unit = abs(sensor.scale), f"{sensor.scale_unit}/(m/s²)"
+        columns.append(
+            Column(
+                "magnitude of the sensitivity",
+                [size * m for m in magnitude],
+                unit,
+                [size * u for u in expanded],
+                factors,
+            )
+        )
+    if all(p.method == "sine" for p in points):
+        columns.append(Column("amplitude of the acceleration", [abs(p.acceleration) for p in points], "m/s²"))
+    return tuple(columns)
+
+
+def _quantity(name: str, found: Parameter | Term) -> Quantity:
+    return Quantity(
+        name, found.value, found.unit, found.expanded, found.expanded / found.std if found.std > 0.0 else None
+    )
+
+
+def _described(model: ResponseModel) -> str:
+    """What was fitted, how well, and what it cannot be told from."""
+    return f"{TYPE_A} {'. '.join(text.rstrip('.') for text in model.sentences)}."
+
+
+COLUMNS = (
+    "frequency_hz",
+    "magnitude",
+    "magnitude_expanded",
+    "phase_deg",
+    "phase_expanded_deg",
+    "degrees_of_freedom",
+    "acceleration_m_per_s2",
+    "method",
+    "start_s",
+    "end_s",
+)
+"""Of a row. Expanded uncertainties have k = 2; the acceleration of a broadband row is per square root of Hz."""
+
+
+def row(point: Point) -> dict[str, Any]:
+    """One point, by column."""
+    values = (
+        point.frequency,
+        point.magnitude,
+        point.expanded,
+        math.degrees(point.phase),
+        math.degrees(point.expanded_phase),
+        point.degrees,
+        abs(point.acceleration),
+        point.method,
+        point.start,
+        point.end,
+    )
+    return dict(zip(COLUMNS, values, strict=True))
+
+
+def to_csv(found: FrequencyResponse) -> str:
+    """The points as CSV, one a line."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(row(p) for p in found.points)
+    return text.getvalue()
+
+
+def lines(found: FrequencyResponse) -> list[str]:
+    """The table, then what was concluded from it, for a terminal."""
+    out = [f"{'f, Hz':>10} {'|H|':>10} {'U (k=2)':>9} {'phase, deg':>11} {'U (k=2)':>9}  {'a, m/s²':>9}"]
+    for p in found.points:
+        size = f"{abs(p.acceleration):9.4g}" if p.method == "sine" else " " * 9
+        out.append(
+            f"{p.frequency:10.5g} {p.magnitude:10.6f} {p.expanded:9.2g} {math.degrees(p.phase):11.4f} "
+            f"{math.degrees(p.expanded_phase):9.2g}  {size}".rstrip()
+        )
+    if found.model is not None:
+        out += ["", *found.model.sentences]
+    out += [
+        f"{t.name} from {t.source}: {t.value:.4g} +- {t.expanded:.2g} {t.unit} ({t.count} steps)" for t in found.terms
+    ]
+    if found.check is not None:
+        out.append(found.check if isinstance(found.check, str) else found.check.sentence)
+    return out
