@@ -8,14 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from accelcal.estimation.shape_functions import shapes
-from accelcal.validation.spectrum import accel_spectrum, one_step_spectrum
 
 import accelcal as ac
 from accelcal.diagnosis.findings import Confounded
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.estimation.estimate import estimate
-from accelcal.estimation.tracks import track
+from accelcal.estimation.tracks import shapes, track
 from accelcal.experiment import power
 from accelcal.live.session import LiveEvent, LiveHistory, LiveState
 from accelcal.live.tracker import Alarm, Innovation, Interval
@@ -24,7 +22,7 @@ from accelcal.plots import comparison, diagnosis, interactive, matplotlib, plotl
 from accelcal.plots import diagnosis as findings
 from accelcal.plots import figure as style
 from accelcal.plots import model as models
-from accelcal.plots import tracks as over_time
+from accelcal.plots import timeline as over_time
 from accelcal.plots.diagnosis import chosen
 from accelcal.plots.figure import Bars, Level, Line, Points, Text, candidate_groups, decades, thin
 from accelcal.plots.response import sensitivity
@@ -35,7 +33,7 @@ from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.validation.comparison import Bins, RmsInterval
 from accelcal.validation.consistency import cumulative_periodogram
 from accelcal.validation.differences import Comparison
-from accelcal.validation.evaluation import compare
+from accelcal.validation.evaluation import accel_spectrum, compare, one_step_spectrum
 from accelcal.validation.regions import worst_stretches
 from accelcal.workflow import diagnose
 from tests.plots.test_plots import SHORT, a_comparison
