@@ -8,7 +8,7 @@ export CARGO_INCREMENTAL ?= 0
 RUN_TESTS := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal -q
 BESIDE := slow or outside or statistics
 
-.PHONY: help demo docs paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls bench-added bench-lines bench-axes bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response
+.PHONY: help demo docs paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -72,6 +72,7 @@ check: $(STAMP) ## Format, lints, types, stubs.
 
 wheel: $(STAMP) ## Build the wheel (Python 3.11 and later) and the source distribution into dist/.
 	rm -rf dist
+	$(BIN)/python tools/licences.py > LICENSES-THIRD-PARTY.txt
 	$(BIN)/maturin build --release --locked --strip --quiet --out dist
 	$(BIN)/maturin sdist --out dist >/dev/null 2>&1
 
@@ -120,6 +121,9 @@ bench-peers: $(STAMP) ## Run every other filter on our workloads and put the tab
 bench-regimes: $(STAMP) ## Hold the product to honest records of every kind of rig; hours, restartable.
 	$(BIN)/python -m benches.regimes --workers 2
 
+nulls: $(STAMP) ## Print the false names among the last 2000 honest records that benches ran; at most 1 %.
+	$(BIN)/python -m benches.ledger
+
 bench-nulls: $(STAMP) ## Read 300 honest records of every kind of rig; half an hour, restartable.
 	$(BIN)/python -m benches.nulls
 
@@ -159,7 +163,7 @@ format: $(STAMP) ## Rewrite sources in the project's style.
 	$(BIN)/ruff check --fix python papers tests benches docs tools
 
 clean: ## Remove everything that can be made again.
-	rm -rf $(VENV) target demo build
+	rm -rf $(VENV) target demo build dist LICENSES-THIRD-PARTY.txt
 
 $(VENV)/bin/python:
 	@tools/prerequisites.sh

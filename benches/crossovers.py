@@ -142,6 +142,12 @@ def errors(fit: Fit, world: World) -> dict[str, float]:
     return found
 
 
+def null(outcome: Outcome) -> tuple[str, str, Sequence[str]] | None:
+    """Bench, regime and false names for the ledger, where nothing was hidden."""
+    honest = not outcome["name"] and "effects" in outcome
+    return ("crossovers", f"crossover {outcome['crossover']:.2g}", outcome["effects"]) if honest else None
+
+
 def found_hidden(outcomes: Sequence[Outcome]) -> bool:
     """Print how many hidden effects are in a reported class; whether enough are."""
     holds = True
@@ -195,7 +201,7 @@ def main() -> int:
     wanted = parser.parse_args()
     nulls = [Trial(number, wanted.seed) for number in range(wanted.records)]
     hidden = [Trial(number, wanted.seed, SEEN[number % len(SEEN)]) for number in range(wanted.hidden)]
-    outcomes = run_all(run, nulls + hidden, wanted.out / f"seed{wanted.seed}.jsonl", wanted.workers)
+    outcomes = run_all(run, nulls + hidden, wanted.out / f"seed{wanted.seed}.jsonl", wanted.workers, null)
     holds = not nulls or report(outcomes[: len(nulls)])
     return 0 if found_hidden(outcomes[len(nulls) :]) and holds else 1
 

@@ -1,15 +1,14 @@
-"""Records with nothing hidden, of every kind of rig: how many carry a false name. One line of a ledger for each.
+"""Records with nothing hidden, of every kind of rig: how many carry a false name.
 
 From the top of the repository: python -m benches.nulls [--worlds 112] [--seed 34001] [--out build/nulls.jsonl]
-One record of each regime of `tests/regimes` and records of `tests/worlds` beside them. The ledger keeps the commit of
-each line; an interrupted run continues where it stopped.
+One record of each regime of `tests/regimes` and records of `tests/worlds` beside them, all entered in the ledger
+(`benches.ledger`); an interrupted run continues where it stopped.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -29,21 +28,20 @@ from tests.regimes.regimes import TABLE
 Outcome = dict[str, Any]
 
 
-def commit() -> str:
-    """Abbreviated revision of the checkout."""
-    command = ["git", "rev-parse", "--short", "HEAD"]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-
-
 def run(trial: worlds.Trial | regimes.Trial) -> Outcome:
-    """Run one record; its outcome has the false names and the revision beside it."""
+    """Run one record; its outcome has the false names beside it."""
     if isinstance(trial, worlds.Trial):
         outcome = guarded(trial)
         names = falsely_named(outcome) if "effects" in outcome else []
     else:
         outcome = regimes.run(trial)
         names = false_names(outcome)
-    return {**outcome, "commit": commit(), "false_names": names}
+    return {**outcome, "false_names": names}
+
+
+def null(outcome: Outcome) -> tuple[str, str, Sequence[str]] | None:
+    """Bench, regime and false names for the ledger; None where a record ended in an error."""
+    return ("nulls", outcome.get("regime", "worlds"), outcome["false_names"]) if "effects" in outcome else None
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -55,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=2)
     chosen = parser.parse_args(arguments)
     trials = [*worlds.plan(1, chosen.worlds, chosen.seed), *regimes.plan(list(TABLE), 1, chosen.seed)]
-    outcomes = run_all(run, trials, chosen.out, chosen.workers)
+    outcomes = run_all(run, trials, chosen.out, chosen.workers, null)
     ran = [outcome for outcome in outcomes if "effects" in outcome]
     named = [outcome for outcome in ran if outcome["false_names"]]
     for outcome in named:

@@ -14,6 +14,7 @@ from scipy import stats
 
 import accelcal as ac
 from accelcal.diagnosis.verdict import Diagnosis
+from benches.ledger import enter
 from tests.worlds import Hidden, World
 
 CASES = ((2e-3, 2.0), (5e-3, 0.5))
@@ -70,6 +71,7 @@ def main() -> None:
         for k in range(given.nulls):
             run = recorded(World(MOTIONS[k % 2], given.sensor, (), seed=1000 * given.seed + 500 + k), Path(name))
             group = named(ac.diagnose(ac.fit(run), run))
+            enter("random_processes", f"{given.sensor} {MOTIONS[k % 2]}", 1000 * given.seed + 500 + k, sorted(group))
             false += bool(group & CLASS)
             if group:
                 print(f"nothing hidden, {MOTIONS[k % 2]} {k}: {sorted(group)}", flush=True)

@@ -15,9 +15,15 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from benches.outcomes import run_all
-from tests.regimes.judge import hidden_lines, lines, rows, unreachable
+from tests.regimes.judge import Outcome, false_names, hidden_lines, lines, rows, unreachable
 from tests.regimes.regimes import TABLE
 from tests.regimes.trials import plan, plan_hidden, run
+
+
+def null(outcome: Outcome) -> tuple[str, str, Sequence[str]] | None:
+    """Bench, regime and false names for the ledger, where nothing was planted."""
+    honest = not outcome["hidden"] and "effects" in outcome
+    return ("regimes", outcome["regime"], false_names(outcome)) if honest else None
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -39,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     trials = list((plan_hidden if chosen.hidden else plan)(names, chosen.records, chosen.seed))
     path = chosen.out / ("hidden.jsonl" if chosen.hidden else "null.jsonl")
-    outcomes = run_all(run, trials, path, chosen.workers)
+    outcomes = run_all(run, trials, path, chosen.workers, null)
     print("\n".join(rows(outcomes)))
     for pair in unreachable(outcomes):
         print(f"out of reach: {pair}")

@@ -16,6 +16,7 @@ from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.simulation import CXL02_RIG
+from benches.ledger import enter
 
 D = 10.0
 """Size of what is hidden, in standard deviations of it in the set that can tell."""
@@ -113,6 +114,7 @@ def main() -> None:
         rng = np.random.default_rng([given.seed, 1 << 20, k])
         sets = [which for each in SETS.values() for which in each]
         found = judged(made(rng, sets[k % len(sets)], "", 0.0))
+        enter("run_sets", str(sets[k % len(sets)]), f"{given.seed}/{k}", [group.effect for group in found.classes])
         wrong = bool(found.classes) or bool({one.group.effect for one in found.present} & set(SETS))
         wrong |= bool(found.fit.spreads) or found.verdict != "adequate"
         false += wrong

@@ -63,10 +63,10 @@ SYMPTOMS = "<!-- symptoms of the catalogue -->"
 """Mark of a page for the table of what every effect looks like."""
 GALLERY = "<!-- gallery -->"
 """Mark of a page for the pictures of all effects."""
-COMMANDS = "<!-- commands -->"
+COMMANDS = "<!-- all commands -->"
 """Mark of a page for the table of all commands."""
-
-
+MODULES = "<!-- modules -->"
+"""Mark of a page for the index of source files."""
 SCHEMAS = "<!-- schemas -->"
 """Mark of a page for the table of all JSON schemas."""
 
@@ -96,7 +96,7 @@ def complete(app: Any, page: str, source: list[str]) -> None:
     if GALLERY in source[0]:
         source[0] = source[0].replace(GALLERY, gallery(os.path.relpath(pictures(app), app.srcdir)))
     source[0] = source[0].replace(SYMPTOMS, symptoms(BUILT_IN)).replace(COMMANDS, commands())
-    source[0] = source[0].replace(SCHEMAS, schemas())
+    source[0] = source[0].replace(SCHEMAS, schemas()).replace(MODULES, modules())
 
 
 def pair(effect: Effect, folder: str, options: str = "") -> str:
@@ -140,6 +140,22 @@ def schemas() -> str:
         for name in results_json.SCHEMAS
     ]
     return "\n".join(["| command | what it is of | file |", "|---|---|---|", *rows])
+
+
+def modules() -> str:
+    """Every source file of the package and of the crates, with the first sentence of its documentation, by folder."""
+    root = Path(__file__).parent.parent
+    first = {".py": r'"""((?s:.*?))(?:"""|\n\n)', ".rs": r"((?://! .+\n)+)"}
+    lines, folder = [], Path()
+    for path in sorted([*root.glob("python/**/*.py"), *root.glob("crates/*/src/**/*.rs")], key=lambda p: (p.parent, p)):
+        text = re.match(first[path.suffix], path.read_text(encoding="utf-8"))
+        if path.parent != folder:
+            folder = path.parent
+            lines.append(f"\n## `{folder.relative_to(root)}`\n")
+        if text:
+            sentence = re.sub(r"\[(`[^]]*`)\]", r"\1", " ".join(text[1].replace("//! ", "").split()))
+            lines.append(f"- `{path.name}`: {sentence}")
+    return "\n".join(lines)
 
 
 def publish(app: Any, error: Exception | None) -> None:

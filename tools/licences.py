@@ -2,6 +2,8 @@
 
     python tools/licences.py > LICENSES-THIRD-PARTY.txt
 
+`make wheel` does so; the file is not kept in the repository.
+
 Reads `cargo metadata`: the packages that `cargo tree -e normal` shows for accelcal-py, and the licence files that each
 brings. A test compares the list with Cargo.lock.
 """

@@ -9,6 +9,7 @@ rm -rf "$there"
 "${PYTHON:-python3}" -m venv "$there"
 python="$there/bin/python"
 set -- "$root"/dist/accelcal-*.whl ${1:+"$1"}
+"$python" -m zipfile -l "$1" | grep -q licenses/LICENSES-THIRD-PARTY.txt # of the crates that are compiled in
 constraints="$root/constraints.txt"
 if [ "${2:-}" = --lowest ]; then
     constraints="$there/lowest.txt"

@@ -23,7 +23,21 @@ class Example:
     """Name of the file that the reader is asked to write with this text."""
 
 
+INCLUDE = re.compile(
+    r"^```\{include\} (?P<file>\S+)\n:start-after: (?P<after>.+)\n:end-before: (?P<before>.+)\n(?::.*\n)*```$",
+    flags=re.MULTILINE,
+)
+
+
+def text_of(page: str) -> str:
+    """Text of a page of `docs` with the parts of other files that it includes."""
+    return INCLUDE.sub(
+        lambda m: (DOCS / m["file"]).read_text("utf-8").partition(m["after"])[2].partition(m["before"])[0],
+        (DOCS / f"{page}.md").read_text(encoding="utf-8"),
+    )
+
+
 def examples(page: str) -> Iterator[Example]:
     """Yield the blocks of a page of `docs`."""
-    for found in FENCE.finditer((DOCS / f"{page}.md").read_text(encoding="utf-8")):
+    for found in FENCE.finditer(text_of(page)):
         yield Example(found["language"], found["text"], found["file"] or "")
