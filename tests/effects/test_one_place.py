@@ -27,7 +27,7 @@ HOMONYMS = {
     ("cli/data.py", "cubic"): "option of `simulate`",
     ("cli/models.py", "cubic"): "model of `fit`: linear or cubic",
     ("data/recording.py", "velocity"): "a reference",
-    ("diagnosis/turning.py", "tilt"): "the cause that the file judges, and the class that it enters",
+    ("diagnosis/checks.py", "tilt"): "the cause that a check judges, and the class that it enters",
     ("results/model_file.py", "tilt"): "the field of a fit, an angle",
     ("estimation/run.py", "cubic"): "interpolation",
     ("estimation/drive.py", "cubic"): "interpolation",

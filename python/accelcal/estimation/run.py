@@ -196,8 +196,8 @@ class Unpredicted:
 
 
 @dataclass(frozen=True, eq=False)
-class PreparedRun:
-    """A recording prepared for the replay; `prepare` makes one. Nothing in it changes during a fit."""
+class RunSamples:
+    """Samples and readings of a prepared recording, and what follows from them alone."""
 
     recording: Recording
     origins: Origins
@@ -240,50 +240,11 @@ class PreparedRun:
         answer: Answer = self.answers[question]
         return answer
 
-    def but(self, **changes: Any) -> PreparedRun:
-        """A copy with another engine, origins or recording of the same samples: what was computed of them stays."""
-        one = copy.copy(self)
-        for name, value in changes.items():
-            object.__setattr__(one, name, value)
-        return one
-
-    @property
-    def complete(self) -> PreparedRun:
-        """The run with every reading that is used, repeated counts among them."""
-        return self.before or self
-
-    def with_steps(self, steps: Sequence[PositionStep]) -> PreparedRun:
-        """The run with jumps of its position."""
-        recording, t = replace(self.recording, position_steps=tuple(steps)), self.complete.all_readings[0]
-        starts = tuple(time for time in new_starts(recording, t) if t[0] < time <= self.complete.t[-1])
-        return without_repeated_counts(replace(self.complete, recording=recording, restarts=starts))
-
-    def anew(self, recording: Recording) -> PreparedRun:
-        """The same part of a recording with other readings, prepared."""
-        return prepare(recording, start=self.asked[0], end=self.asked[1])
-
     @cached_property
     def order(self) -> int:
         """How many derivatives of what the reference reads make an acceleration: 2 of a position, 1, 0."""
         reference = self.recording.reference
         return POSITION_ORDER if reference is None else require_reference(reference)[0]
-
-    def by(self, engine: Engine) -> PreparedRun:
-        """The run for an engine; where the reference is no position only the weak form can fit it."""
-        if self.order != POSITION_ORDER:
-            return self.but(engine="weak")
-        one = self.but(engine=engine)
-        return one.thinned(NEAR_RATE) if engine == "weak" and self.read is None and self.rounding == 0.0 else one
-
-    def thinned(self, too_good: float) -> PreparedRun:
-        """The run with a part of its readings, where they are so good that the crossover, in sampling rates of the
-        output, is above a limit; `read` then has all."""
-        every = reading_stride(self.t, self.accel, self.accel_step, self.unpredicted, too_good)
-        if every == 1:
-            return self
-        t, z = np.ascontiguousarray(self.t[::every]), np.ascontiguousarray(self.z[::every])
-        step, starts = float(np.median(np.diff(t))), tuple(time for time in self.restarts if time <= t[-1])
-        return replace(self, t=t, z=z, reading_step=step, restarts=starts, every=every, read=(self.t, self.z))
 
     @property
     def suits_weak_form(self) -> bool:
@@ -471,6 +432,50 @@ class PreparedRun:
     def wait(self, noise: Noise) -> float:
         """Time after a start during which innovations are not used, s: five time constants of the filter."""
         return SETTLE / (2.0 * np.pi * self.crossover(noise))
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedRun(RunSamples):
+    """A recording prepared for the replay; `prepare` makes one. Nothing in it changes during a fit."""
+
+    def but(self, **changes: Any) -> PreparedRun:
+        """A copy with another engine, origins or recording of the same samples: what was computed of them stays."""
+        one = copy.copy(self)
+        for name, value in changes.items():
+            object.__setattr__(one, name, value)
+        return one
+
+    @property
+    def complete(self) -> PreparedRun:
+        """The run with every reading that is used, repeated counts among them."""
+        return self.before or self
+
+    def with_steps(self, steps: Sequence[PositionStep]) -> PreparedRun:
+        """The run with jumps of its position."""
+        recording, t = replace(self.recording, position_steps=tuple(steps)), self.complete.all_readings[0]
+        starts = tuple(time for time in new_starts(recording, t) if t[0] < time <= self.complete.t[-1])
+        return without_repeated_counts(replace(self.complete, recording=recording, restarts=starts))
+
+    def anew(self, recording: Recording) -> PreparedRun:
+        """The same part of a recording with other readings, prepared."""
+        return prepare(recording, start=self.asked[0], end=self.asked[1])
+
+    def by(self, engine: Engine) -> PreparedRun:
+        """The run for an engine; where the reference is no position only the weak form can fit it."""
+        if self.order != POSITION_ORDER:
+            return self.but(engine="weak")
+        one = self.but(engine=engine)
+        return one.thinned(NEAR_RATE) if engine == "weak" and self.read is None and self.rounding == 0.0 else one
+
+    def thinned(self, too_good: float) -> PreparedRun:
+        """The run with a part of its readings, where they are so good that the crossover, in sampling rates of the
+        output, is above a limit; `read` then has all."""
+        every = reading_stride(self.t, self.accel, self.accel_step, self.unpredicted, too_good)
+        if every == 1:
+            return self
+        t, z = np.ascontiguousarray(self.t[::every]), np.ascontiguousarray(self.z[::every])
+        step, starts = float(np.median(np.diff(t))), tuple(time for time in self.restarts if time <= t[-1])
+        return replace(self, t=t, z=z, reading_step=step, restarts=starts, every=every, read=(self.t, self.z))
 
 
 Source = Recording | PreparedRun
