@@ -38,17 +38,18 @@ from accelcal.effects import Effect, find, side_channels
 from accelcal.estimation.estimate import (
     DWELLS_ALONE,
     Fit,
-    engine_of,
     estimate_dwells,
     restored_states,
     result,
     solve_runs,
 )
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
+from accelcal.estimation.recursive import fit_recursive
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import Method, PreparedRun
 from accelcal.estimation.run_differences import SEEN_BY_RUNS, run_to_hold_out
 from accelcal.estimation.run_state import RunState
+from accelcal.filters.choice import FilterChoice
 from accelcal.model import BASE, Model
 from accelcal.selection.curve_formulas import FormulaSet, formulas_of
 from accelcal.selection.improvement import Improvement, Step
@@ -165,7 +166,7 @@ def diagnose(
             end=stretch.end,
             origins=fit.origins,
             others_whole=not stretch.chosen,
-            engine=engine_of(fit),
+            engine=fit.engine,
             progress=within(progress, 0.1, 0.3),
         )
 
@@ -229,12 +230,12 @@ def formulas(
         (clear,), part, _ = judged_runs([Examined(one)])
 
         def solve(these: Sequence[PreparedRun]) -> Solution:
-            plain = solve_runs(model, these, start=part.start, end=part.end, origins=fit.origins, engine=engine_of(fit))
+            plain = solve_runs(model, these, start=part.start, end=part.end, origins=fit.origins, engine=fit.engine)
             entered = scan(plain.states, model, only=(effect,)).entered
             if not entered:
                 return plain
             grown = entered[0].enter(model)
-            return solve_runs(grown, these, start=part.start, end=part.end, origins=fit.origins, engine=engine_of(fit))
+            return solve_runs(grown, these, start=part.start, end=part.end, origins=fit.origins, engine=fit.engine)
 
         return clean_fit([clear], solve, test=run_outlier_tests).solution.states[0]
 
@@ -256,7 +257,7 @@ def fit(
     band: float | None = None,
     origins: Origins | None = None,
     reject_outliers: bool = True,
-    method: Method = "auto",
+    method: Method | FilterChoice = "auto",
     progress: Callable[[float], None] = lambda share: None,
 ) -> Fit:
     """Fit a model to one or several recordings; samples that the noise of their channel does not allow are rejected.
@@ -272,6 +273,7 @@ def fit(
     method : "replay", a filter on position and velocity, or "weak", integrals against smooth test functions
         (derivations 6.15); both give the same estimates where the record is what it should be. "auto" takes the weak
         form where the reference is so good that it meets the noise of the output above a tenth of its sampling rate.
+        A `FilterChoice` is one of the paper's live filters, run over one recording; it brings its own model.
     reject_outliers : if False, every sample is used, as in :func:`accelcal.estimation.estimate.estimate`.
     progress : called with the share of the work that is done, 0 to 1.
 
@@ -297,6 +299,12 @@ def fit(
     >>> abs(found["bias"].value - 0.05) < 4 * found["bias"].std
     True
     """
+    if isinstance(method, FilterChoice):
+        if not isinstance(recordings, Recording) or model is not None or band is not None or origins is not None:
+            raise AccelcalError(
+                "a live filter fits one recording with the model of its FilterChoice: leave out model, band and origins"
+            )
+        return fit_recursive(method, recordings, start=start, end=end)[0]
     model = Model.linear() if model is None else model
     several = with_dwells(recordings)
     if isinstance(several, Dwells):
@@ -390,7 +398,7 @@ def fitted(
     solution = solve_runs(model, runs, progress=within(progress, 0.0, 0.8 if reject else 1.0), **settings)
     found = result(solution)
     if reject:
-        again = {**settings, "origins": found.origins, "engine": engine_of(found)}
+        again = {**settings, "origins": found.origins, "engine": found.engine}
         solve = partial(solve_runs, found.model, **again)
         clean = clean_fit(runs, solve, solved=solution, test=run_outlier_tests)
         solution, rejected = clean.solution, clean.rejected(runs)
@@ -454,10 +462,10 @@ def add(
             continue
         if states is None or model is not fit.model:
             shared = within(progress, 0.0, 0.4)
-            states = solve_runs(model, runs, origins=fit.origins, engine=engine_of(fit), progress=shared).states
+            states = solve_runs(model, runs, origins=fit.origins, engine=fit.engine, progress=shared).states
         model, size = with_effect(effect, model, states, extra, within(progress, 0.4, 0.6))
         waves |= {name: size} if size else {}
-    origins, engine = fit.origins, engine_of(fit)
+    origins, engine = fit.origins, fit.engine
     grown, solution = fitted(model, runs, within(progress, 0.6, 0.9), origins=origins, engine=engine)
     lost = [name for name in names if name not in solution.model.effects]
     if lost:
@@ -556,7 +564,7 @@ def drop(
     """
     runs, broken = used_runs([Examined(one) for one in runs_of(recordings)])
     model = model_in_motion(fit).drop(*names)
-    origins, engine = fit.origins, engine_of(fit)
+    origins, engine = fit.origins, fit.engine
     left, _ = fitted(model, runs, within(progress, 0.0, 0.9), origins=origins, engine=engine)
     return remembered(replace(left, remarks=(*broken, *left.remarks)), recordings)
 
@@ -589,7 +597,7 @@ def run_values(fit: Fit, recordings: Sequence[Recording | Dwells]) -> RunValues:
     runs, _ = used_runs([Examined(one) for one in runs_of(recordings)])
     states = restored_states(fit, runs)
     if states is None:
-        states = solve_runs(model_in_motion(fit), runs, origins=fit.origins, engine=engine_of(fit)).states
+        states = solve_runs(model_in_motion(fit), runs, origins=fit.origins, engine=fit.engine).states
     found = values_by_run(states, fit.model, [one.instead for one in fit.seen_by_runs])
     if found is None:
         raise AccelcalError("run_values needs two recordings or more, and a model with parameters that they share")

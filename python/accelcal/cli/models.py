@@ -257,7 +257,6 @@ def freeze(
 
     Example: [bold]accelcal freeze m.json run12.csv --at bias=0.05 -o m2.json[/bold]
     """
-    from accelcal.estimation.estimate import engine_of
     from accelcal.results import model_file
     from accelcal.workflow import fit as fit_again
 
@@ -282,7 +281,7 @@ def freeze(
         found = fit_again(
             recordings,
             chosen,
-            method=engine_of(fitted),
+            method=fitted.engine,
             origins=fitted.origins,
             progress=within(report, LOADED, 1.0),
         )

@@ -186,6 +186,11 @@ class Fit(Result):
         return made
 
     @property
+    def engine(self) -> Engine:
+        """Engine that made the rows of the fit; the replay for fits of other kinds."""
+        return "weak" if self.method == "weak" else "replay"
+
+    @property
     def sources(self) -> tuple[tuple[str, str], ...]:
         """Name and SHA-256 of every file that it was made from, of the whole file where a part of it was used."""
         runs = [(run.name or "recording", run.session or run.digest) for run in self.runs]
@@ -375,11 +380,6 @@ def _solved(
     return replace(refine_shapes(solution), seen_by_runs=seen)
 
 
-def engine_of(fit: Fit) -> Engine:
-    """What made the rows that a fit was made from; the replay for fits of other kinds."""
-    return "weak" if fit.method == "weak" else "replay"
-
-
 def require_process_size(model: Model) -> None:
     """Refuse a stationary random process without a standard deviation: its mean would be free beside its parameter.
 
@@ -410,7 +410,7 @@ def restored_states(fit: Fit, sources: Sequence[Source]) -> list[RunState] | Non
         return None
     states = []
     for index, (source, recording, fitted) in enumerate(zip(sources, recordings, fit.runs, strict=True)):
-        run = prepared(source, fit.origins).but(recording=recording).by(engine_of(fit))
+        run = prepared(source, fit.origins).but(recording=recording).by(fit.engine)
         span = (float(run.t[0]), float(run.t[-1]), run.used, len(run.accel.t))
         if not fitted.digest or fitted.digest != recording.digest:
             return None

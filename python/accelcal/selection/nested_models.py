@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from accelcal._support.values import listing
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.effects import find, spelled
-from accelcal.estimation.estimate import Fit, engine_of, result, solve_runs
+from accelcal.estimation.estimate import Fit, result, solve_runs
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import Source
 from accelcal.model import Model
@@ -57,7 +57,7 @@ def nested_fits(
 
     def enter(effect: str, model: Model) -> None:
         if model is not whole or refit:
-            engine = engine_of(fitted)
+            engine = fitted.engine
             solution = solve_runs(model, sources, start=start, end=end, origins=fitted.origins, engine=engine)
             fits.append(result(solution))
         else:
