@@ -14,7 +14,7 @@ import accelcal
 from accelcal.cli import app
 from accelcal.estimation.triad import fit_triad
 from accelcal.results import model_file
-from accelcal.results.json import SCHEMAS, content, kind_of, schema_name
+from accelcal.results.json import SCHEMAS, VERSION, content, kind_of, schema_name
 from tests.estimation.test_triad import positions
 from tests.hostile.model_files import DEAR, bases, exported
 from tests.schemas import require_published, validator
@@ -45,7 +45,7 @@ def test_every_schema_that_the_code_names_is_printed() -> None:
         for name in re.findall(r'"accelcal/([a-z-]+)/\d+"', path.read_text(encoding="utf-8"))
     }
     assert named - NOT_JSON <= set(SCHEMAS)
-    assert all(schema_name(kind_of(name)) == f"accelcal/{name}/3" for name in SCHEMAS if name != "session")
+    assert all(schema_name(kind_of(name)) == f"accelcal/{name}/{VERSION}" for name in SCHEMAS if name != "session")
 
 
 @pytest.mark.parametrize("number", range(3))

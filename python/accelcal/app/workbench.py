@@ -732,10 +732,10 @@ class Workbench:
                     self.sentence = self.plain(text)
         finally:
             with self._lock:
-                if self.job is job:
+                if self.job is job:  # a cancelled one has been shown as such, and another may be under way
                     self.job = None
-                self.arriving = None
-                self.version += 1
+                    self.arriving = None
+                    self.version += 1
 
     def plain(self, text: str) -> str:
         """A sentence of the library with file names as the user knows them, without the folder of the workbench."""

@@ -6,7 +6,7 @@ transaction, so a campaign that was interrupted goes on where it stopped.
 
 Examples
 --------
->>> from accelcal import campaign
+>>> from accelcal.fleet import campaign
 >>> [campaign.label(seed) for seed in campaign.seeds(2007, 2)]
 ['2007:0', '2007:1']
 """

@@ -178,7 +178,8 @@ def library_missing(kind: str, library: str) -> str:
 
 def start() -> subprocess.Popen[bytes]:
     """Start a process that waits for the name of a file."""
-    packages = {"accelcal": accelcal.__path__[0], "accelcal.io": str(Path(__file__).parent)}
+    top = Path(accelcal.__path__[0])
+    packages = {"accelcal": str(top), "accelcal.data": str(top / "data"), "accelcal.io": str(top / "io")}
     process = subprocess.Popen(
         [sys.executable, "-I", "-S", "-c", _START],
         stdin=subprocess.PIPE,

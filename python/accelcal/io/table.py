@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal.data import Array, Flags
+from accelcal.data.arrays import Array, Flags
 
 
 @dataclass(frozen=True, slots=True)
