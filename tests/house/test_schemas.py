@@ -28,7 +28,7 @@ def test_the_command_lists_every_schema_and_prints_each() -> None:
     listed = CliRunner().invoke(app, ["schema"]).stdout.split()
     assert listed == [*SCHEMAS]
     for name in listed:
-        validator(f"accelcal/{name}/3")  # checked against its dialect
+        validator(f"accelcal/{name}/{VERSION}")  # checked against its dialect
         assert json.loads(CliRunner().invoke(app, ["schema", name]).stdout)["$schema"].endswith("2020-12/schema")
 
 

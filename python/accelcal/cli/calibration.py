@@ -142,7 +142,7 @@ def report_agreement(
     from accelcal import report as page
     from accelcal.cli.printing import show_agreement
     from accelcal.io import together
-    from accelcal.report.agreement import agreement_view
+    from accelcal.report.calibrations import agreement_view
     from accelcal.results import model_file
 
     written = pages_to_write(output if output is not None else second.with_suffix(".html"), pdf)

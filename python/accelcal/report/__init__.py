@@ -2,7 +2,7 @@
 
 from accelcal._support.values import listing
 from accelcal.calibration.agreement import Agreement, agreement
-from accelcal.report.agreement import agreement_html, agreement_pdf
+from accelcal.report.calibrations import agreement_html, agreement_pdf
 from accelcal.report.content import Content, gather
 from accelcal.report.page import html, light, pdf, write
 
