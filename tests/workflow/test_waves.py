@@ -100,7 +100,7 @@ def test_a_coefficient_below_two_standard_deviations_is_said(hum, sigma, said):
     fit = ac.fit(run, ac.Model.linear().add("velocity"))
     estimates = [replace(e, value=sigma * e.std) if e.name == "velocity" else e for e in fit.estimates]
     notes = barely_shown(replace(fit, estimates=tuple(estimates)), ["velocity"])
-    assert [f"{sigma} standard deviations from zero" in note for note in notes] == [True] * said
+    assert [f"{sigma} standard deviations from zero" in note.sentence for note in notes] == [True] * said
 
 
 def test_a_further_line_needs_the_first(hum):
