@@ -128,10 +128,8 @@ def fit(
             raise UsageError(
                 f"--method {method} accepts one recording and no --band; auto, replay and weak accept several"
             )
-        from accelcal.estimation.recursive import fit_recursive
-
         with progress("fit"):
-            found, _ = fit_recursive(choice, recordings[0], start=begin, end=stop)
+            found = fit_runs(recordings[0], start=begin, end=stop, method=choice)
     if output is not None:
         model_file.save(found, output)
     if json:

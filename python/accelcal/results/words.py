@@ -55,11 +55,6 @@ def interval(value: float, std: float, factor: float = 1.96) -> str:
     return " .. ".join(f"{end:.{max(0, last)}f}" for end in ends).replace("-", "−")
 
 
-def millionths(value: float | None) -> str:
-    """A length in um, "-" where there is none."""
-    return "-" if value is None else f"{1e6 * value:.4g} um"
-
-
 def number(value: float, digits: int = 4) -> str:
     """A number for reading, with a true minus sign.
 
