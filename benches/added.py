@@ -23,7 +23,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from accelcal import workflow
+from accelcal import verbs
 from accelcal.effects import CATALOGUE, find
 from accelcal.estimation.estimate import Fit
 from accelcal.io import load
@@ -86,12 +86,12 @@ def added(trial: Trial) -> Outcome:
         return {"skipped": str(refused)}
     with tempfile.TemporaryDirectory() as folder:
         recording = load(world.record().write(folder))
-    base = workflow.fit(recording)
-    before = workflow.diagnose(base, recording)
+    base = verbs.fit(recording)
+    before = verbs.diagnose(base, recording)
     jumps = [test for test in before.channels if test.effect == trial.effect == "encoder_step"]
     present = jumps or trial.effect in (*DELAYS, *base.model.effects)
-    model = base if present else workflow.add(base, recording, trial.effect)
-    after = workflow.diagnose(model, recording)
+    model = base if present else verbs.add(base, recording, trial.effect)
+    after = verbs.diagnose(model, recording)
     left_out = {test.effect: [test.estimate, test.std, abs(world.hidden[0].magnitude)] for test in jumps}
     return {
         "before": list(before.effects),

@@ -19,7 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from accelcal import workflow
+from accelcal import verbs
 from accelcal.effects import find
 from accelcal.io import load
 from benches.outcomes import run_all
@@ -91,7 +91,7 @@ def run(trial: Trial) -> dict[str, Any]:
         with tempfile.TemporaryDirectory() as folder:
             path = write(trial, folder)
             begin = time.process_time()
-            found = workflow.improve(load(path))
+            found = verbs.improve(load(path))
     except (ValueError, OutOfReach) as refused:
         return {**outcome, "skipped": str(refused)}
     except Exception:

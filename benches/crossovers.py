@@ -23,7 +23,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy.stats import binom, chi2
 
-from accelcal import Fit, workflow
+from accelcal import Fit, verbs
 from accelcal.io import load
 from benches.outcomes import run_all
 from benches.references import AT_OUTPUT
@@ -106,7 +106,7 @@ def run(trial: Trial) -> Outcome:
         with tempfile.TemporaryDirectory() as folder:
             recording = load(record.write(folder))
         begin = time.process_time()
-        found = workflow.improve(recording, holdout=recording)
+        found = verbs.improve(recording, holdout=recording)
     except Exception:
         return {**outcome, "error": traceback.format_exc()}
     fit = found.steps[0].fit

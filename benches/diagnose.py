@@ -43,7 +43,7 @@ import json, sys, time
 from accelcal import io
 from benches.peak import megabytes
 from accelcal.estimation.estimate import estimate
-from accelcal.workflow import diagnose
+from accelcal.verbs import diagnose
 from accelcal.model import Model
 recording = io.load(sys.argv[1])
 warm = estimate(Model.linear(), recording, end=float(sys.argv[2]), method=sys.argv[4])

@@ -20,7 +20,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import scipy
 
-from accelcal import io, workflow
+from accelcal import io, verbs
 from benches.outcomes import Outcome, run_all
 from tests.hidden.trials import Trial, draw
 
@@ -76,12 +76,12 @@ def run(trial: Trial) -> Outcome:
     with tempfile.TemporaryDirectory() as folder:
         recording = io.load(settled.record().write(folder))
         unseen = io.load(settled.again(world.motion, world.seed + 1).record().write(Path(folder), "unseen"))
-        base = workflow.fit(recording)
+        base = verbs.fit(recording)
         try:
-            added = workflow.add(base, recording, trial.names[0])
+            added = verbs.add(base, recording, trial.names[0])
         except ValueError as refused:
             return {"key": trial.key, "skipped": str(refused)}
-        before, after = workflow.compare([base, added], unseen)
+        before, after = verbs.compare([base, added], unseen)
     drifts = [compared.coast_rms.get(10.0) for compared in (before, after)]
     if None in drifts:
         return {"key": trial.key, "skipped": "shorter than 10 s"}

@@ -14,9 +14,9 @@ from scipy import stats
 
 import accelcal as ac
 from accelcal.data.recording import Recording
+from accelcal.diagnosis.select.curve_formulas import FormulaSet, HatGram, nodes_over, value_of
 from accelcal.effects import CATALOGUE, find
 from accelcal.estimation.estimate import solve_runs
-from accelcal.selection.curve_formulas import FormulaSet, HatGram, nodes_over, value_of
 from accelcal.simulation import CXL02_RIG
 from accelcal.validation.prediction import Prediction, rms
 

@@ -23,7 +23,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from accelcal import workflow
+from accelcal import verbs
 from accelcal.data.recording import Recording
 from accelcal.io import load
 from accelcal.validation.differences import heldout_change
@@ -123,7 +123,7 @@ def run(trial: Trial) -> Outcome:
             t = max(recording.accel.t[0], recording.position.t[0]), min(recording.accel.t[-1], recording.position.t[-1])
             cuts = np.linspace(*t, 4)
             fitted, held, untouched = (recording.part(a, b) for a, b in pairwise(cuts))
-            found = workflow.improve(fitted, holdout=held)
+            found = verbs.improve(fitted, holdout=held)
             outcome |= scored(found, untouched)
             outcome["false"] = (
                 [group.effect for group in found.classes if not honest & {group.effect, *group.members}]
@@ -142,9 +142,9 @@ def stop(number: int, frame: object) -> None:
     raise TimeoutError(f"stopped after {LONGEST:g} s of processor time")
 
 
-def scored(found: workflow.Improvement, untouched: Recording) -> Outcome:
+def scored(found: verbs.Improvement, untouched: Recording) -> Outcome:
     """Names, remarks, and for each horizon the rise from the best step to the last one on the untouched part."""
-    seen = list(workflow.compare([step.fit for step in found.steps], untouched))
+    seen = list(verbs.compare([step.fit for step in found.steps], untouched))
     rises = {}
     for horizon in seen[0].drifts:
         errors = [one.coast_rms[horizon] for one in seen]

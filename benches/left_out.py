@@ -20,7 +20,7 @@ from accelcal.data.recording import Recording
 from accelcal.data.rig import STANDARD_GRAVITY, LowPass, Rig, Sensor
 from accelcal.estimation.estimate import estimate
 from accelcal.model import Model
-from accelcal.workflow import improve
+from accelcal.verbs import improve
 from benches.outcomes import Outcome, run_all
 
 SECONDS, RATE, FINER = 40.0, 500, 20

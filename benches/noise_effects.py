@@ -17,9 +17,9 @@ import numpy as np
 from scipy import stats
 
 import accelcal as ac
-from accelcal.diagnosis.noise_model.growing import flatness
-from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
-from accelcal.diagnosis.outlier_rejection import outliers_found, without_outliers
+from accelcal.diagnosis.left_out import outliers_found, without_outliers
+from accelcal.diagnosis.noise.growing import flatness
+from accelcal.diagnosis.noise.run_all import run_noise_tests
 from accelcal.estimation.estimate import Fit, state_at
 from accelcal.estimation.run import prepare
 from accelcal.estimation.run_state import RunState

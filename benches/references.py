@@ -21,7 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy.stats import binom
 
-from accelcal import workflow
+from accelcal import verbs
 from accelcal.io import load
 from benches.outcomes import run_all
 from tests.hidden.trials import VISIBLE, Outcome, Trial, draw, improved
@@ -64,7 +64,7 @@ def run(one: Referred) -> Outcome:
     try:
         with tempfile.TemporaryDirectory() as folder:
             recording = load(world.record().write(folder))
-        found = improved(workflow.improve(recording, holdout=recording), world.settled())
+        found = improved(verbs.improve(recording, holdout=recording), world.settled())
     except Exception:
         return {**outcome, "error": traceback.format_exc()}
     nuisances = {"vibration": world.nuisances.vibration, "converter_bits": world.nuisances.converter_bits}

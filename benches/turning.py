@@ -14,7 +14,7 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from accelcal import workflow
+from accelcal import verbs
 from accelcal.io import load
 from benches.outcomes import Outcome, run_all
 from tests.hidden.trials import Trial, draw
@@ -55,7 +55,7 @@ def run(trial: Trial) -> Outcome:
         return {**outcome, "skipped": str(refused)}
     with tempfile.TemporaryDirectory() as folder:
         recording = load(world.record().write(folder))
-        found = workflow.improve(recording, holdout=recording)
+        found = verbs.improve(recording, holdout=recording)
     return {
         **outcome,
         "codes": [one.code for one in found.diagnosis.remarks],

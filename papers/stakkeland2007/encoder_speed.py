@@ -14,7 +14,7 @@ from accelcal.filters.choice import FilterChoice
 from accelcal.model import Model
 from accelcal.simulation.motion import Motion, motion
 from accelcal.simulation.sensor import simulate
-from accelcal.workflow import diagnose
+from accelcal.verbs import diagnose
 from papers.stakkeland2007.rows import (
     ACI,
     CWPA,

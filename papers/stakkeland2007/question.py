@@ -24,7 +24,7 @@ from accelcal.experiment.drift_bandwidth import DWELL, DWELLS, TURN, tumble
 from accelcal.model import Model
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
 from accelcal.validation.prediction import Prediction, rms
-from accelcal.workflow import improve
+from accelcal.verbs import improve
 from papers.stakkeland2007.rows import SIGMAS, Item, Plan, Row, paired
 
 SECONDS = 60.0

@@ -19,7 +19,7 @@ from accelcal.model import Model
 from accelcal.simulation.motion import Motion
 from accelcal.simulation.sensor import ADXL105_RIG, Simulated, simulate
 from accelcal.validation.consistency import Consistency, consistency, nees
-from accelcal.workflow import diagnose
+from accelcal.verbs import diagnose
 from papers.stakkeland2007.question import BASE, drift, noise_free, snr
 from papers.stakkeland2007.rows import (
     ACI,

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from accelcal._core import __version__
     from accelcal._support.errors import AccelcalError
     from accelcal.data import Channel, Dwells, LowPass, Recording, RecordingError, Rig, Sensor
+    from accelcal.diagnosis.select.improvement import Improvement
     from accelcal.diagnosis.verdict import Diagnosis
     from accelcal.effects import effect, load_effects
     from accelcal.estimation.estimate import Fit
@@ -33,10 +34,9 @@ if TYPE_CHECKING:
     from accelcal.io import load, load_dwells
     from accelcal.model import Model, Prior
     from accelcal.results.model_file import load as load_model
-    from accelcal.selection.improvement import Improvement
     from accelcal.simulation.sensor import simulate
     from accelcal.validation.differences import Comparison
-    from accelcal.workflow import add, compare, diagnose, drop, fit, formulas, improve, nested
+    from accelcal.verbs import add, compare, diagnose, drop, fit, formulas, improve, nested
 
 __all__ = [
     "AccelcalError",
@@ -125,9 +125,9 @@ def __getattr__(name: str) -> Any:
         return face(name)
     if name not in __all__:
         raise AttributeError(f"module 'accelcal' has no attribute {name!r}")
-    from accelcal import experiment, workflow
+    from accelcal import experiment, verbs
 
-    home = experiment if name in ("plan", "power") else workflow
+    home = experiment if name in ("plan", "power") else verbs
     return globals().setdefault(name, getattr(home, name))
 
 

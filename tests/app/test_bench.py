@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 import accelcal as ac
-from accelcal import io, workflow
+from accelcal import io, verbs
 from accelcal.app import mapping, script, tasks, workbench
 from accelcal.app.screens import improvement
 from accelcal.app.state import Refused, State
@@ -46,12 +46,12 @@ def test_numbers_are_those_of_the_library(grown, files):
     a, b = grown.state.run.held_out
     train, unseen = data.without((a, b)), data.part(a, b)
     base = estimate(ac.Model.linear(), train)
-    cubic = workflow.add(base, train, "cubic")
+    cubic = verbs.add(base, train, "cubic")
     compared = ac.compare([base, cubic], unseen)
     for step, fit, seen in zip(grown.state.path, (base, cubic), compared, strict=True):
         assert model_file.to_dict(step.fit) == model_file.to_dict(fit)
         assert step.heldout.to_json() == seen.to_json()
-    assert b - a == pytest.approx(workflow.HELD_OUT * 40.0, abs=0.01)  # rounded to a millisecond, ends of the channels
+    assert b - a == pytest.approx(verbs.HELD_OUT * 40.0, abs=0.01)  # rounded to a millisecond, ends of the channels
 
 
 def test_the_held_out_error_falls_to_the_noise(grown):
@@ -282,7 +282,7 @@ def test_work_ends_when_it_is_cancelled(bench, files):
                 bench.cancel()
             progress(share)
 
-        return workflow.diagnose(fit, state.train, progress=reported)
+        return verbs.diagnose(fit, state.train, progress=reported)
 
     bench._perform("diagnosing", work)
     assert max(seen) < 0.6  # it ended at the next report, long before the end

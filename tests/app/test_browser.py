@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import pytest
 
 import accelcal as ac
-from accelcal import workflow
+from accelcal import verbs
 from accelcal.estimation.estimate import estimate
 from accelcal.validation.differences import headline_horizon
 from tests.commands import accelcal
@@ -65,10 +65,10 @@ def expected(files, name="cubic"):
     data = ac.load(files / f"{name}.csv")
     end = max(data.accel.t[-1], data.position.t[-1])
     used = data.position.t[0], data.position.t[-1]
-    split = round(used[1] - workflow.HELD_OUT * (used[1] - used[0]), 3)
+    split = round(used[1] - verbs.HELD_OUT * (used[1] - used[0]), 3)
     train, unseen = data.without((split, end)), data.part(split, end)
     base = estimate(ac.Model.linear(), train)
-    fits = [base, workflow.add(base, train, "cubic")]
+    fits = [base, verbs.add(base, train, "cubic")]
     seen = [*ac.compare(base, unseen), *ac.compare(fits, unseen)]
     horizon = headline_horizon(*seen)
     return [each.coast_rms[horizon] for each in seen]

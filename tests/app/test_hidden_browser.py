@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal import workflow
+from accelcal import verbs
 from accelcal.effects import spelled
 from accelcal.estimation.estimate import estimate
 from accelcal.validation.differences import headline_horizon
@@ -41,7 +41,7 @@ def parts(path):
     """The part that the workbench fits, and the part that it holds out."""
     data = ac.load(path)
     begin, end = data.position.t[0], data.position.t[-1]
-    split = round(end - workflow.HELD_OUT * (end - begin), 3)
+    split = round(end - verbs.HELD_OUT * (end - begin), 3)
     return data.without((split, max(data.accel.t[-1], end))), data.part(split, max(data.accel.t[-1], end))
 
 
@@ -65,24 +65,24 @@ def test_an_effect_drawn_at_random_is_added_and_the_error_falls(tab, seed, tmp_p
     fit(tab)
     before = number(tab, "error")
     train, unseen = parts(path)
-    horizon = f"{headline_horizon(workflow.compare(estimate(ac.Model.linear(), train), unseen)[0]):g} s"
+    horizon = f"{headline_horizon(verbs.compare(estimate(ac.Model.linear(), train), unseen)[0]):g} s"
     model = estimate(ac.Model.linear(), train)
-    informed = workflow.add(model, train, world.hidden[0].name)
+    informed = verbs.add(model, train, world.hidden[0].name)
     print(f"{world.hidden[0].name} on {world.motion}, {world.sensor}")
-    for _ in range(workflow.MOST_EFFECTS):
-        missing = workflow.diagnose(model, train).scan.found
+    for _ in range(verbs.MOST_EFFECTS):
+        missing = verbs.diagnose(model, train).scan.found
         if not missing:
             break
         tab.get_by_role("button", name=f"Add {spelled(missing[0].effect)}", exact=True).click()
-        model = workflow.add(model, train, missing[0].effect)
-        shows(tab, coasting(workflow.compare(model, unseen)[0])[horizon])
+        model = verbs.add(model, train, missing[0].effect)
+        shows(tab, coasting(verbs.compare(model, unseen)[0])[horizon])
     tab.get_by_text("Detection limits: no missing effect is larger than").wait_for(timeout=LONG)
     found, oracle, more = (
-        coasting(workflow.compare(model, unseen)[0]),
-        coasting(workflow.compare(informed, unseen)[0]),
+        coasting(verbs.compare(model, unseen)[0]),
+        coasting(verbs.compare(informed, unseen)[0]),
         allowed(model, unseen),
     )
-    base = coasting(workflow.compare(estimate(ac.Model.linear(), train), unseen)[0])
+    base = coasting(verbs.compare(estimate(ac.Model.linear(), train), unseen)[0])
     assert before == base[horizon]
     assert found["one_step"] < base["one_step"]
     if before >= 2.5 * oracle[horizon]:  # unaided, a model that knows sgn v may drift more than one that does not

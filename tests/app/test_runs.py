@@ -311,7 +311,7 @@ def test_recordings_that_disagree_are_seen_and_those_that_agree_are_not():
         truth = {"bias": 0.05, "scale_factor": scale}
         return ac.simulate("interleaved", seconds=12.0, rig=CXL02_RIG, parameters=truth, rng=rng).recording
 
-    from accelcal.workflow import run_values
+    from accelcal.verbs import run_values
 
     for scale, agree in ((0.01, True), (0.012, False)):
         pair = [made(1, 0.01), made(2, scale)]

@@ -14,7 +14,7 @@ from accelcal.data.rig import LowPass
 from accelcal.estimation.estimate import estimate
 from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
-from accelcal.workflow import improve
+from accelcal.verbs import improve
 from tests.consistency.campaign import rms_region
 from tests.consistency.toleranced import NAMES, TRUTH, normalised, record
 

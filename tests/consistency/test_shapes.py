@@ -19,7 +19,7 @@ from accelcal.estimation.estimate import Fit, estimate
 from accelcal.estimation.run import prepare
 from accelcal.model import Model
 from accelcal.simulation.sensor import CXL02_RIG, simulate
-from accelcal.workflow import add
+from accelcal.verbs import add
 
 HIDDEN = {"creep": (0.2, {"tau": 2.0, "start": 0.0}), "bias_step": (3e-3, {"instant": 3.1})}
 STARTS = {"creep": {"tau": 1.2, "start": 0.0}, "bias_step": {"instant": 2.9}}

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accelcal import workflow
+from accelcal import verbs
 from accelcal.data.recording import Channel
 from accelcal.data.rig import ChannelFilter, LowPass
 from accelcal.diagnosis.faults import faults
@@ -60,7 +60,7 @@ def test_wrong_readings_take_no_part_in_a_fit(kind, rig):
     """4 sigma of two parameters in 8 records: one false alarm in a thousand runs. The twin, a fit to every reading, is
     off by more."""
     bad, expected = faulty(kind, record("interleaved", RIGS[rig], 31))
-    found = workflow.fit(bad)
+    found = verbs.fit(bad)
     errors = [(found[name].value - value) / found[name].std for name, value in TRUTH.items()]
     every = estimate(Model.linear(), bad)
     twin = max(abs(every[name].value - value) / found[name].std for name, value in TRUTH.items())
@@ -78,7 +78,7 @@ def test_wrong_readings_take_no_part_in_a_fit(kind, rig):
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_verdict_is_that_of_the_rest(kind):
     bad, (channel, code) = faulty(kind, record("interleaved", CXL02_RIG, 32))
-    found = workflow.diagnose(workflow.fit(bad), bad)
+    found = verbs.diagnose(verbs.fit(bad), bad)
     print(found.sentence)
     assert found.verdict == "adequate"
     assert found.effects == ()
@@ -95,13 +95,13 @@ def test_a_hole_that_was_left_out_is_no_dropout():
 def test_held_out_data_leave_them_out_and_say_so():
     good = record("interleaved", CXL02_RIG, 34)
     bad, _ = faulty("held", record("interleaved", CXL02_RIG, 35))
-    found = workflow.improve(good, holdout=bad, most=1)
-    clean = workflow.improve(good, holdout=record("interleaved", CXL02_RIG, 35), most=1)
+    found = verbs.improve(good, holdout=bad, most=1)
+    clean = verbs.improve(good, holdout=record("interleaved", CXL02_RIG, 35), most=1)
     rms = [step.steps[-1].heldout.coast_rms[1.0] for step in (found, clean)]
     print(f"drift after 1 s {rms[0]:.3g} m, without the fault {rms[1]:.3g} m")
     assert rms[0] < 1.3 * rms[1]
     assert any(text.startswith("held out, ") and "are left out" in text for text in found.diagnosis.suspect)
-    seen = workflow.compare(found.steps[0].fit, bad)[0]
+    seen = verbs.compare(found.steps[0].fit, bad)[0]
     assert len(seen.left_out) == 1
     assert seen.coast_rms[1.0] < 1.3 * rms[1]
 

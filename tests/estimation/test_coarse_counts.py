@@ -8,7 +8,7 @@ import numpy as np
 
 from accelcal import improve
 from accelcal.data.recording import Channel
-from accelcal.diagnosis.noise_tests.noise_test import POSITION_JUMPS
+from accelcal.diagnosis.noise.noise_test import POSITION_JUMPS
 from accelcal.estimation import run as runs
 from accelcal.estimation.readings import distinct_readings
 from accelcal.estimation.run import prepare

@@ -12,7 +12,7 @@ import accelcal as ac
 from accelcal.data.arrays import Array
 from accelcal.estimation import rows
 from accelcal.estimation.estimate import solve_runs
-from accelcal.estimation.noise_spectrum import measured_spectrum, whitener
+from accelcal.estimation.noise import measured_spectrum, whitener
 from accelcal.estimation.rows import spectrum_of
 from accelcal.model import Model
 from accelcal.simulation import CXL02_RIG

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from accelcal import workflow
+from accelcal import verbs
 from accelcal.data.recording import Recording
 from accelcal.estimation.estimate import Fit
 from accelcal.io import load
@@ -194,14 +194,14 @@ def run(trial: Trial) -> Outcome:
             unseen = load(settled.again(other, world.seed + 1).record().write(Path(folder), "unseen"))
             outcome |= held_out(trial, recording, unseen)
         else:
-            outcome |= improved(workflow.improve(recording, holdout=recording), settled)
+            outcome |= improved(verbs.improve(recording, holdout=recording), settled)
     outcome["seconds"] = time.process_time() - begin
     if trial.group == 2:
         outcome["rival"] = nearest_rival(world)
     return outcome
 
 
-def improved(found: workflow.Improvement, world: World) -> Outcome:
+def improved(found: verbs.Improvement, world: World) -> Outcome:
     """Names, classes, verdict and estimates of an improvement."""
     first = found.steps[0].fit
     return {
@@ -238,7 +238,7 @@ def errors(fit: Fit, world: World) -> dict[str, list[float]]:
 
 def held_out(trial: Trial, recording: Recording, unseen: Recording) -> Outcome:
     """Coasting on another motion: base, found model, and the model that knows the true effect."""
-    found = workflow.improve(recording, holdout=unseen)
+    found = verbs.improve(recording, holdout=unseen)
     last = found.steps[-1]
     outcome = {
         "effects": list(found.effects),
@@ -249,10 +249,10 @@ def held_out(trial: Trial, recording: Recording, unseen: Recording) -> Outcome:
         "allowed": allowed(last.fit, unseen),
     }
     base = found.steps[0].fit
-    oracle = base if trial.names[0] in base.model.effects else workflow.add(base, recording, trial.names[0])
+    oracle = base if trial.names[0] in base.model.effects else verbs.add(base, recording, trial.names[0])
     if "time_offset" in base.model.fixed:
         oracle = found.steps[1].fit
-    return {**outcome, "oracle": coasting(workflow.compare(oracle, unseen)[0])}
+    return {**outcome, "oracle": coasting(verbs.compare(oracle, unseen)[0])}
 
 
 def coasting(compared: Any) -> dict[str, float | None]:
@@ -266,12 +266,12 @@ def allowed(fit: Fit, unseen: Recording) -> dict[str, float]:
     One comparison to either side along each principal axis of the covariance: exact for errors that are linear in
     the parameters.
     """
-    centre = coasting(workflow.compare(fit, unseen)[0])
+    centre = coasting(verbs.compare(fit, unseen)[0])
     values, vectors = np.linalg.eigh(fit.covariance)
     total = dict.fromkeys(centre, 0.0)
     for value, axis in zip(values, vectors.T, strict=True):
         for side in (1.0, -1.0):
-            moved = coasting(workflow.compare(shifted(fit, side * np.sqrt(max(value, 0.0)) * axis), unseen)[0])
+            moved = coasting(verbs.compare(shifted(fit, side * np.sqrt(max(value, 0.0)) * axis), unseen)[0])
             for key, there in moved.items():
                 here = centre[key]
                 if here is not None and there is not None:

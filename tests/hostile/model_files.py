@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import accelcal as ac
-from accelcal import report, workflow
+from accelcal import report, verbs
 from accelcal._support.plain_text import OBEYED
 from accelcal.calibration import export
 from accelcal.calibration.characteristic import apply, characteristic
@@ -62,9 +62,9 @@ def enter_own_effect() -> None:
 def bases() -> tuple[dict[str, Any], ...]:
     """Contents of model files: a cubic model; a joint fit with a bias of each run; effects with shapes and noise."""
     enter_own_effect()
-    cubic = workflow.fit(record(), ac.Model.cubic())
-    joint = workflow.fit([record(), recording(seed=2), recording(seed=3)], ac.Model.linear().vary("bias"))
-    grown = workflow.add(cubic, record(), "own_drag", "hysteresis")
+    cubic = verbs.fit(record(), ac.Model.cubic())
+    joint = verbs.fit([record(), recording(seed=2), recording(seed=3)], ac.Model.linear().vary("bias"))
+    grown = verbs.add(cubic, record(), "own_drag", "hysteresis")
     contents = [json.loads(model_file.dumps(model_file.to_dict(fit))) for fit in (cubic, joint, grown)]
     contents[2]["model"]["effects"].append("vibration")
     contents[2]["runs"][0]["noise"]["noise"]["growth"] = [{"effect": "vibration", "q": 1e-9, "r": 0.0, "mean": 1.0}]
@@ -199,43 +199,43 @@ def printed(fit: ac.Fit) -> Iterator[str]:
 
 def compared(fit: ac.Fit) -> Iterator[str]:
     """The comparison with a record."""
-    seen = workflow.compare(fit, record())
+    seen = verbs.compare(fit, record())
     show_comparison(seen)
     yield model_file.dumps(results_json.content(seen))
 
 
 def diagnosed(fit: ac.Fit) -> Iterator[str]:
     """The diagnosis on a record."""
-    seen = workflow.diagnose(fit, record())
+    seen = verbs.diagnose(fit, record())
     show(seen)
     yield model_file.dumps(results_json.content(seen))
 
 
 def added(fit: ac.Fit) -> Iterator[str]:
     """The model with one more effect."""
-    yield from printed(workflow.add(fit, record(), "odd_quadratic"))
+    yield from printed(verbs.add(fit, record(), "odd_quadratic"))
 
 
 def dropped(fit: ac.Fit) -> Iterator[str]:
     """The model without its last effect."""
-    yield from printed(workflow.drop(fit, record(), fit.model.effects[-1]))
+    yield from printed(verbs.drop(fit, record(), fit.model.effects[-1]))
 
 
 def frozen(fit: ac.Fit) -> Iterator[str]:
     """The model with a bias that is held."""
-    yield from printed(workflow.fit(record(), fit.model.freeze(bias=0.05), origins=fit.origins))
+    yield from printed(verbs.fit(record(), fit.model.freeze(bias=0.05), origins=fit.origins))
 
 
 def compared_in_pairs(fit: ac.Fit) -> Iterator[str]:
     """Two models on a record, and their difference."""
-    seen = workflow.compare([fit, fit], record())
+    seen = verbs.compare([fit, fit], record())
     show_comparison(seen)
     yield model_file.dumps(results_json.content(seen))
 
 
 def put_into_formulas(fit: ac.Fit) -> Iterator[str]:
     """Formulas of a curve."""
-    found = workflow.formulas(fit, record(), "shape_of_velocity")
+    found = verbs.formulas(fit, record(), "shape_of_velocity")
     show_formulas(found)
     yield model_file.dumps(results_json.content(found))
 

@@ -15,7 +15,7 @@ import pytest
 
 import accelcal as ac
 from accelcal import io
-from accelcal._support import internal_error
+from accelcal._support import errors
 from accelcal.app import tasks
 from accelcal.app.workbench import Workbench
 from accelcal.cli import app, write_recording
@@ -25,7 +25,7 @@ from accelcal.data.units import quantity
 from accelcal.simulation import ADXL105_RIG
 
 SECRET = "4.2424242"
-LIBRARIES = internal_error._libraries()
+LIBRARIES = errors._libraries()
 
 
 class PanicException(BaseException):
@@ -75,7 +75,7 @@ def here(tmp_path, monkeypatch):
 
 @pytest.fixture(autouse=True)
 def _tests_are_no_user_code(monkeypatch):
-    monkeypatch.setattr(internal_error, "_libraries", lambda: (*LIBRARIES, str(Path(__file__).parent)))
+    monkeypatch.setattr(errors, "_libraries", lambda: (*LIBRARIES, str(Path(__file__).parent)))
 
 
 def ended(*arguments: str) -> int:
@@ -112,7 +112,7 @@ def test_reports_are_never_written_over_and_find_another_place(here, monkeypatch
     monkeypatch.setattr("tempfile.tempdir", str(here / "absent"))
     assert ended("check", "run.csv") == 70
     assert len(list(here.glob("accelcal-error-*.txt"))) == 1
-    monkeypatch.setattr(internal_error, "_folders", lambda: iter([str(here / "absent")]))
+    monkeypatch.setattr(errors, "_folders", lambda: iter([str(here / "absent")]))
     assert ended("check", "run.csv") == 70
     assert "no folder accepts a report of it" in capsys.readouterr().err
 
@@ -140,12 +140,12 @@ def test_what_accelcal_raises_on_purpose_is_for_users_and_nothing_else(tmp_path,
     monkeypatch.chdir(tmp_path)
     with pytest.raises((ValueError, OSError)) as caught:
         raised()
-    assert internal_error.is_for_user(caught.value) is for_user
+    assert errors.is_for_user(caught.value) is for_user
 
 
 def test_a_value_error_that_a_function_of_accelcal_lets_through_is_its_error():
     namespace: dict[str, object] = {"math": math, "Own": ac.AccelcalError}
-    name = str(internal_error.PACKAGE / "made_up.py")
+    name = str(errors.PACKAGE / "made_up.py")
     exec(
         compile("def f(x):\n    return math.sqrt(x)\ndef g(x):\n    raise Own('x: expected 1')\n", name, "exec"),
         namespace,
@@ -153,12 +153,12 @@ def test_a_value_error_that_a_function_of_accelcal_lets_through_is_its_error():
     for function, for_user in (("f", False), ("g", True)):
         with pytest.raises(ValueError, match=r"x: expected 1|math domain error") as caught:
             namespace[function](-1.0)  # type: ignore[operator]
-        assert internal_error.is_for_user(caught.value) is for_user
+        assert errors.is_for_user(caught.value) is for_user
 
 
 def test_every_error_that_accelcal_words_derives_from_its_base() -> None:
     bare, classes = [], []
-    for path in sorted(internal_error.PACKAGE.rglob("*.py")):
+    for path in sorted(errors.PACKAGE.rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and node.exc.args:
                 name, codes = ast.unparse(node.exc.func), ast.unparse(node.exc.args[0]).startswith("errno.")
@@ -172,7 +172,7 @@ def test_every_error_that_accelcal_words_derives_from_its_base() -> None:
 
 
 def test_an_effect_of_the_user_that_fails_is_named_by_its_line(here, monkeypatch, capsys):
-    monkeypatch.setattr(internal_error, "_libraries", lambda: LIBRARIES)
+    monkeypatch.setattr(errors, "_libraries", lambda: LIBRARIES)
     effect = here / "own.py"
     effect.write_text("def f(*a, **k):\n    return 1 // 0\n")
     names: dict[str, object] = {}
@@ -211,7 +211,7 @@ def test_errors_of_worker_processes_keep_their_kind():
         for call, for_user in ((raise_own, True), (raise_foreign, False), (raise_recording_error, True)):
             error = pool.submit(call).exception()
             assert error is not None
-            assert internal_error.is_for_user(error) is for_user, call
+            assert errors.is_for_user(error) is for_user, call
 
 
 def raise_foreign() -> None:
@@ -225,6 +225,6 @@ def raise_recording_error() -> None:
 
 
 def test_the_report_is_for_its_owner_alone(here):
-    place = internal_error.write_report(KeyError(SECRET), ["accelcal"])
+    place = errors.write_report(KeyError(SECRET), ["accelcal"])
     assert place is not None
     assert os.stat(place).st_mode & 0o077 == 0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal._support import internal_error
+from accelcal._support import errors
 from accelcal.data.recording import Recording
 from accelcal.simulation import CXL02_RIG
 
@@ -34,7 +34,7 @@ def test_samples_of_any_size_are_fitted_or_refused_with_a_sentence(
     try:
         found = ac.fit(dataclasses.replace(recording, **{channel: scaled}), reject_outliers=False)
     except Exception as error:
-        if not internal_error.is_for_user(error):
+        if not errors.is_for_user(error):
             raise
     else:
         assert all(np.isfinite(estimate.value) for estimate in found.estimates)

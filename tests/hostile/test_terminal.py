@@ -16,7 +16,7 @@ from accelcal.cli.printing import show_comparison, show_fit
 from accelcal.data.rig import Sensor
 from accelcal.results import json as results_json
 from accelcal.results import model_file
-from accelcal.workflow import compare
+from accelcal.verbs import compare
 
 from .model_files import bases, enter_own_effect, record
 

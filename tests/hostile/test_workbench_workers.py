@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from accelcal._support import internal_error
+from accelcal._support import errors
 from accelcal.app.session_content import Formula
 from accelcal.app.state import Cancelled, Known, State
 from accelcal.app.workbench import Workbench
@@ -80,14 +80,14 @@ def test_what_goes_wrong_in_a_worker_is_an_error_here(workers: Workers) -> None:
 def test_what_a_worker_raised_is_judged_by_where_it_was_raised(workers: Workers, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="math domain error") as caught:
         workers(work.foreign, progress=ignore, known=NOTHING)
-    assert not internal_error.is_for_user(caught.value)
-    said = internal_error.sentence(caught.value, ["accelcal", "app"])
+    assert not errors.is_for_user(caught.value)
+    said = errors.sentence(caught.value, ["accelcal", "app"])
     report = Path(said.partition("please send ")[2].partition(" to its authors")[0])
     assert "workbench_tasks.py" in report.read_text()  # the place in the worker, not that of its messenger
     report.unlink()
     with pytest.raises((ValueError, OSError)) as caught:
         workers(work.own, progress=ignore, known=NOTHING)
-    assert internal_error.is_for_user(caught.value)
+    assert errors.is_for_user(caught.value)
 
 
 def test_cancelling_ends_the_process_and_what_it_started(workers: Workers, tmp_path: Path) -> None:

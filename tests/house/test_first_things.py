@@ -16,7 +16,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.cli import common, write_recording
-from accelcal.diagnosis.noise_tests.block_spectra import power_fit
+from accelcal.diagnosis.noise.residuals import power_fit
 from accelcal.signals.series import interpolation_spread, local_spread
 from accelcal.simulation import ADXL105_RIG
 from tests import commands

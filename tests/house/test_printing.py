@@ -17,7 +17,7 @@ from accelcal.cli.printing import show_fit, show_improvement
 from accelcal.estimation.estimate import estimate
 from accelcal.results.words import interval
 from accelcal.simulation import CXL02_RIG
-from accelcal.workflow import improve
+from accelcal.verbs import improve
 
 TRUTH = {"bias": 0.05, "cubic": 1e-3}
 

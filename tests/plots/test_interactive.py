@@ -11,7 +11,8 @@ import pytest
 
 import accelcal as ac
 from accelcal.diagnosis.findings import Confounded
-from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.noise.noise_test import NoiseTest
+from accelcal.diagnosis.select.improvement import nested_fits
 from accelcal.estimation.estimate import estimate
 from accelcal.estimation.tracks import shapes, track
 from accelcal.experiment import power
@@ -28,14 +29,13 @@ from accelcal.plots.figure import Bars, Level, Line, Points, Text, candidate_gro
 from accelcal.plots.response import sensitivity
 from accelcal.plots.timeline import Marks
 from accelcal.results import words as formatting
-from accelcal.selection.nested_models import nested_fits
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.validation.comparison import Bins, RmsInterval
 from accelcal.validation.consistency import cumulative_periodogram
 from accelcal.validation.differences import Comparison
 from accelcal.validation.evaluation import accel_spectrum, compare, one_step_spectrum
 from accelcal.validation.regions import worst_stretches
-from accelcal.workflow import diagnose
+from accelcal.verbs import diagnose
 from tests.plots.test_plots import SHORT, a_comparison
 from tests.plots.test_sensitivity import responded
 

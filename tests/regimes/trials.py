@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from accelcal import workflow
+from accelcal import verbs
 from accelcal.estimation.gauss_newton import NotIdentifiable
 from accelcal.io import load
 
@@ -77,7 +77,7 @@ def run(trial: Trial) -> Outcome:
         begin = time.process_time()
         _alarm(LONGEST)
         try:
-            found = workflow.improve(load(path))
+            found = verbs.improve(load(path))
             outcome |= summary(found, record.truth)
         except NotIdentifiable as refused:
             outcome["refused"] = str(refused)
@@ -102,7 +102,7 @@ def _stop(number: int, frame: object) -> None:
     raise TimeoutError(f"stopped after {LONGEST:g} s of processor time")
 
 
-def summary(found: workflow.Improvement, truth: Mapping[str, float]) -> Outcome:
+def summary(found: verbs.Improvement, truth: Mapping[str, float]) -> Outcome:
     """Names, classes, verdict and estimates beside the truth."""
     free = {e.name: e for e in found.steps[-1].fit.estimates if e.std > 0.0}
     return {

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal import workflow
+from accelcal import verbs
 from accelcal.data.dwells import Dwells
 from accelcal.estimation.estimate import estimate
 from accelcal.results import table as tables
@@ -35,16 +35,16 @@ def tumble():
 @pytest.fixture(scope="module")
 def results():
     train, unseen = record(1), record(2)
-    linear, cubic = estimate(ac.Model.linear(), train), workflow.add(estimate(ac.Model.linear(), train), train, "cubic")
+    linear, cubic = estimate(ac.Model.linear(), train), verbs.add(estimate(ac.Model.linear(), train), train, "cubic")
     return {
         "recording": train,
         "dwells": tumble(),
         "fit": linear,
         "comparison": ac.compare(linear, unseen),
-        "lacking": workflow.diagnose(linear, train),
-        "complete": workflow.diagnose(cubic, train),
-        "history": workflow.compare([linear, cubic], unseen),
-        "improvement": workflow.improve(train, holdout=unseen, most=1),
+        "lacking": verbs.diagnose(linear, train),
+        "complete": verbs.diagnose(cubic, train),
+        "history": verbs.compare([linear, cubic], unseen),
+        "improvement": verbs.improve(train, holdout=unseen, most=1),
     }
 
 
@@ -129,7 +129,7 @@ def test_a_comparison_is_the_sequence_of_its_models(results):
     assert [seen.coast_rms for seen in history] == [history[0].coast_rms, history[1].coast_rms]
     assert history.names == ("base", "base + cubic")
     with pytest.raises(ValueError, match="at least one of each"):
-        workflow.compare([], results["recording"])
+        verbs.compare([], results["recording"])
 
 
 def test_a_hostile_name_is_text(results):
@@ -145,7 +145,7 @@ def test_what_is_no_result_has_no_card():
 
 
 def test_the_face_is_loaded_when_a_result_is_shown_and_not_before():
-    code = "import sys, accelcal.workflow; print(*(m in sys.modules for m in ('accelcal.results.table', 'plotly')))"
+    code = "import sys, accelcal.verbs; print(*(m in sys.modules for m in ('accelcal.results.table', 'plotly')))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
     assert done.stdout.split() == ["False", "False"]
 

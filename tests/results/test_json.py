@@ -22,6 +22,7 @@ import accelcal as ac
 from accelcal._support.result import NotStored
 from accelcal.data.rig import ChannelFilter, Rig
 from accelcal.diagnosis.dwells import DwellDiagnosis
+from accelcal.diagnosis.select.improvement import Improvement
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit
@@ -32,7 +33,6 @@ from accelcal.filters.choice import FilterChoice
 from accelcal.filters.record import FilterRun
 from accelcal.model import Estimate, Model, Prior
 from accelcal.results import json as results_json
-from accelcal.selection.improvement import Improvement
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 from accelcal.validation.comparison import Coast, Evaluation
 from accelcal.validation.differences import Comparison

@@ -8,8 +8,8 @@ import pytest
 
 import accelcal as ac
 from accelcal.diagnosis.policy import SEARCH_MODELS, SEARCH_SECONDS
-from accelcal.selection import stepwise
-from accelcal.selection.stepwise import MARGIN, SearchBudget
+from accelcal.diagnosis.select import stepwise
+from accelcal.diagnosis.select.stepwise import MARGIN, SearchBudget
 from accelcal.simulation import CXL02_RIG
 
 

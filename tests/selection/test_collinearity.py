@@ -11,10 +11,7 @@ import accelcal as ac
 from accelcal.diagnosis.findings import Confounded
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Candidate
-from accelcal.diagnosis.verdict import Case
-from accelcal.effects import BUILT_IN, find
-from accelcal.estimation.estimate import estimate
-from accelcal.selection.collinearity import (
+from accelcal.diagnosis.select.collinearity import (
     confounding_families,
     families_with_remainder,
     family_replacing_sum,
@@ -22,7 +19,10 @@ from accelcal.selection.collinearity import (
     random_process_replacing,
     sum_families,
 )
-from accelcal.selection.stepwise import SelectionHistory
+from accelcal.diagnosis.select.stepwise import SelectionHistory
+from accelcal.diagnosis.verdict import Case
+from accelcal.effects import BUILT_IN, find
+from accelcal.estimation.estimate import estimate
 from accelcal.simulation import CXL02_RIG
 
 FAMILIES = [effect for effect in BUILT_IN if effect.family]

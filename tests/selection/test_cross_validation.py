@@ -7,10 +7,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.data.recording import Channel
-from accelcal.effects import find
-from accelcal.estimation.columns import whitened_columns
-from accelcal.estimation.estimate import solve_runs
-from accelcal.selection.cross_validation import (
+from accelcal.diagnosis.select.cross_validation import (
     PairedChange,
     alike,
     belongs_to_its_time,
@@ -20,6 +17,9 @@ from accelcal.selection.cross_validation import (
     refusing,
     rows_of,
 )
+from accelcal.effects import find
+from accelcal.estimation.columns import whitened_columns
+from accelcal.estimation.estimate import solve_runs
 from accelcal.simulation import CXL02_RIG
 
 BASE = {"bias": 0.05, "scale_factor": 0.01}

@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 import accelcal as ac
 from accelcal.cli import app, write_recording
 from accelcal.data.rig import Rig
+from accelcal.diagnosis.select.curve_formulas import GRAMMAR, Trial, nodes_over, per
 from accelcal.effects import from_expression
 from accelcal.model import Model
 from accelcal.results import model_file
-from accelcal.selection.curve_formulas import GRAMMAR, Trial, nodes_over, per
 from accelcal.signals.signals import Signals
 from accelcal.simulation import CXL02_RIG
 from benches.formulas import NONE, WORLDS, answer, normalised, record, records, size_at

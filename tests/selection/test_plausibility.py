@@ -8,8 +8,8 @@ import pytest
 import accelcal as ac
 from accelcal.data.recording import Channel
 from accelcal.diagnosis.findings import Size
+from accelcal.diagnosis.select.collinearity import implausible, unconfirmed, undetermined
 from accelcal.estimation.estimate import result, solve_runs
-from accelcal.selection.plausibility import implausible, unconfirmed, undetermined
 from accelcal.simulation import CXL02_RIG
 
 

@@ -22,7 +22,7 @@ from accelcal.validation.comparison import DIFFER, ONLY_WHITE, NoiseFloor, Senso
 from accelcal.validation.differences import drift_spread
 from accelcal.validation.evaluation import compare
 from accelcal.validation.noise_floor import Ruler, noise_floor
-from accelcal.workflow import compare_models
+from accelcal.verbs import compare_models
 
 RECORDS = int(os.environ.get("ACCELCAL_FLOORS", "12"))
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 0.0, "cubic": 3e-4}

@@ -15,7 +15,7 @@ from accelcal.data.recording import Channel, Recording
 from accelcal.data.rig import ChannelFilter
 from accelcal.validation.dead_reckoning import DeadReckoning, total
 from accelcal.validation.noise_floor import Ruler
-from accelcal.workflow import compare_models
+from accelcal.verbs import compare_models
 
 TAU = 0.16
 """Of an AC-coupled sensor, s."""

@@ -16,7 +16,7 @@ from accelcal.simulation import CXL02_RIG
 from accelcal.simulation.motion import motion
 from accelcal.simulation.sensor import Vibration
 from accelcal.validation.evaluation import compare
-from accelcal.workflow import diagnose, improve
+from accelcal.verbs import diagnose, improve
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 MG = 1e-3 * STANDARD_GRAVITY

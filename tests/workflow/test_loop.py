@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal import workflow
+from accelcal import verbs
 from accelcal.cli import write_recording
 from accelcal.diagnosis.search.scores import log_survival, score_gain, variance_gain
 from accelcal.estimation.estimate import estimate, restored_states, solve_runs
@@ -17,7 +17,7 @@ from accelcal.estimation.rows import normal_equations
 from accelcal.results import json as results_json
 from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
-from accelcal.workflow import add, diagnose, drop, improve
+from accelcal.verbs import add, diagnose, drop, improve
 from tests import commands
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
@@ -78,7 +78,7 @@ def test_outliers_count_neither_in_a_fit_nor_when_an_effect_is_added():
     every, kept = ac.fit(run, reject_outliers=False), ac.fit(run)
     assert every.noise().q > 2.0 * kept.noise().q
     assert kept.remarks[0].sentence == "simulated interleaved: 11 of 66680 readings of accel were rejected as outliers"
-    grown, truth = add(kept, run, "cubic"), add(workflow.fit(clean), clean, "cubic")
+    grown, truth = add(kept, run, "cubic"), add(verbs.fit(clean), clean, "cubic")
     assert grown.remarks[0] == kept.remarks[0]
     assert grown["cubic"].value == pytest.approx(truth["cubic"].value, abs=0.5 * truth["cubic"].std)
     assert not any(one.code == "outliers_rejected" for one in truth.remarks)

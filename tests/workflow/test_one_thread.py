@@ -12,7 +12,7 @@ import accelcal as ac
 from accelcal._support.threads import one_thread
 from accelcal.estimation.estimate import estimate
 from accelcal.simulation import CXL02_RIG
-from accelcal.workflow import diagnose
+from accelcal.verbs import diagnose
 
 
 def threads() -> set[int]:

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal import workflow
+from accelcal import verbs
+from accelcal.diagnosis.select.improvement import Step
 from accelcal.estimation.estimate import estimate
-from accelcal.selection.improvement import Step
 from accelcal.simulation import CXL02_RIG
 from accelcal.validation.differences import heldout_change, paired_change
 from accelcal.validation.noise_floor import Ruler
-from accelcal.workflow import heldout_rises
+from accelcal.verbs import heldout_rises
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 2e-3}
 
@@ -27,7 +27,7 @@ def table():
     """A base model and a cubic one, each with a noise of its own, on another recording."""
     train, unseen = record(1), record(2)
     fits = [estimate(model, train) for model in (ac.Model.linear(), ac.Model.cubic())]
-    return fits, unseen, workflow.compare(fits, unseen)
+    return fits, unseen, verbs.compare(fits, unseen)
 
 
 def test_all_rows_have_one_filter_one_band_and_the_same_start_points(table):
@@ -46,10 +46,10 @@ def test_all_rows_have_the_start_points_of_a_model_that_remembers_motion():
     lags = ac.Model.linear().add("shape_since_reversal")
     held = {term.name: 1e-3 for term in lags.terms if term.effect.name == "shape_since_reversal"}
     fits = [estimate(model, train) for model in (ac.Model.linear(), lags.freeze(**held))]
-    first, second = workflow.compare_models(fits, unseen, Ruler.of(fits), horizons=(0.5,))
+    first, second = verbs.compare_models(fits, unseen, Ruler.of(fits), horizons=(0.5,))
     assert len(first.drifts[0.5][0]) < 100
     assert np.array_equal(first.drifts[0.5][0], second.drifts[0.5][0])
-    (alone,) = workflow.compare_models(fits[:1], unseen, Ruler.of(fits[:1]), horizons=(0.5,))
+    (alone,) = verbs.compare_models(fits[:1], unseen, Ruler.of(fits[:1]), horizons=(0.5,))
     assert len(alone.drifts[0.5][0]) > 150
 
 

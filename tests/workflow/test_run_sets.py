@@ -7,7 +7,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.data.dwells import Dwells
-from accelcal.diagnosis.further_run import further_runs
+from accelcal.diagnosis.runs import further_runs
 from accelcal.estimation.estimate import solve_runs
 from accelcal.simulation import CXL02_RIG
 from tests.worlds import World

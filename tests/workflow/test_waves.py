@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import accelcal as ac
+from accelcal.diagnosis.select import stepwise
 from accelcal.estimation.remarks import remark
 from accelcal.results import model_file
-from accelcal.selection import stepwise
 from accelcal.simulation.sensor import ADXL105_RIG
-from accelcal.workflow import barely_shown
+from accelcal.verbs import barely_shown
 
 DENSITY, RATE = 1.4e-3, 1000.0
 LINES = ((0.06, 50.02), (0.03, 73.31))

@@ -11,7 +11,7 @@ from typing import Any
 from nicegui import background_tasks, ui
 
 from accelcal import io
-from accelcal._support import internal_error
+from accelcal._support import errors
 from accelcal.app import figures, mapping, widgets, workers
 from accelcal.app.follower import KINDS, Asked, Follower, Followers, Kind, recording_path
 from accelcal.app.screens import uploads
@@ -305,7 +305,7 @@ class LivePage(widgets.Frame):
         """Show what there is, and follow it from now on."""
         await self.ask_browser()
         client = ui.context.client
-        ui.on_exception(lambda error: self.bench.refuse(internal_error.sentence(error)))
+        ui.on_exception(lambda error: self.bench.refuse(errors.sentence(error)))
         client.on_delete(lambda: self._closed(client.id))
         if self.follower is not None:
             self.follower.show(client.id)

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 from nicegui import background_tasks, ui
 
-from accelcal._support import internal_error
+from accelcal._support import errors
 from accelcal.app import widgets, workers
 from accelcal.app.figures import Picture
 from accelcal.app.sessions import Workbenches
@@ -134,7 +134,7 @@ class Page(widgets.Frame):
         )
         if not isinstance(error, Busy) and place not in self._failures:
             self._failures.add(place)
-            self.bench.refuse(internal_error.sentence(error))
+            self.bench.refuse(errors.sentence(error))
 
     async def open(self, path: Path, *, session: bool) -> None:
         """Load a recording, or go on with a session where it was left."""
@@ -280,7 +280,7 @@ class Page(widgets.Frame):
             except Exception as error:
                 if build == self._build_count:
                     with box:
-                        ui.label(self.bench.plain(internal_error.sentence(error))).classes("note")
+                        ui.label(self.bench.plain(errors.sentence(error))).classes("note")
                 return
             if build == self._build_count and not box.is_deleted:
                 with box:

@@ -33,7 +33,7 @@ def python(state: State) -> str:
         lines.append(f"{names[i]} = {made}")
     lines += ["", f"models = [{', '.join(names)}]", *comparing()]
     if sum(run.role == "fit" and run.recording is not None for run in in_use(state)) > 1:
-        lines.insert(1 + len(summarised) + len(asked), "from accelcal.workflow import run_values")
+        lines.insert(1 + len(summarised) + len(asked), "from accelcal.verbs import run_values")
         lines += [f"print(run_values({names[-1]}, train))  # whether the recordings agree"]
     lines += [
         f"print(ac.diagnose({names[-1]}, train).sentence)",

@@ -19,7 +19,7 @@ from accelcal.app.workers import Report
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module
 from accelcal.data import Dwells, Recording, RecordingError, Rig, quality
 from accelcal.demo import TRUTH, with_effect
-from accelcal.diagnosis.run_agreement import RunValues
+from accelcal.diagnosis.runs import RunValues
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect, find, spelled
 from accelcal.effects.processes import side_channels
@@ -38,7 +38,7 @@ from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.differences import Comparison
 from accelcal.validation.noise_floor import Ruler
-from accelcal.workflow import add, compare, compare_models, diagnose, drop, fit, run_values
+from accelcal.verbs import add, compare, compare_models, diagnose, drop, fit, run_values
 
 
 @dataclass(frozen=True, slots=True)

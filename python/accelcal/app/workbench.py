@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Concatenate, Literal, ParamSpec
 
 from accelcal import io
-from accelcal._support import internal_error
+from accelcal._support import errors
 from accelcal._support.progress import within
 from accelcal.app import mapping, session_file, tasks
 from accelcal.app.session_content import MOST_GUESTS, Formula, OpenedSession
@@ -43,7 +43,7 @@ from accelcal.app.state import (
 from accelcal.app.tasks import PREFIX, Export, Reader
 from accelcal.app.workers import Compute, Report, direct
 from accelcal.data import Recording, require_same_sensor
-from accelcal.diagnosis.run_agreement import RunValues
+from accelcal.diagnosis.runs import RunValues
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.estimation.estimate import Fit, require_distinct
 from accelcal.io.files import READABLE
@@ -726,7 +726,7 @@ class Workbench:
         except Cancelled:
             pass
         except Exception as error:
-            text = internal_error.sentence(error)
+            text = errors.sentence(error)
             with self._lock:
                 if not job.cancelled:
                     self.sentence = self.plain(text)

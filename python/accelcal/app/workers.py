@@ -27,7 +27,7 @@ from threading import Thread
 from types import MappingProxyType
 from typing import Any, BinaryIO, Protocol, TypeVar
 
-from accelcal._support import internal_error
+from accelcal._support import errors
 from accelcal._support.errors import AccelcalError
 from accelcal._support.process import end, send
 from accelcal.app.state import Known
@@ -219,7 +219,7 @@ class Workers:
             raise WorkerLost("this takes more memory than there is; use a shorter recording, or the command line")
         if answer.error is not None:
             logging.getLogger(__name__).debug("%s", answer.trace)
-            raise answer.error from internal_error.RemoteTraceback(answer.trace)
+            raise answer.error from errors.RemoteTraceback(answer.trace)
         return answer.found
 
     def start_one(self) -> None:

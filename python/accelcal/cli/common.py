@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
 from rich.text import Text
 
-from accelcal._support import internal_error
+from accelcal._support import errors
 from accelcal._support.errors import AccelcalError
 from accelcal._support.plain_text import visible
 from accelcal._support.process import continue_in_child
@@ -214,7 +214,7 @@ def with_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
         except BaseException as error:
             if speaks_for_itself(error) or asked_to_end():
                 raise
-            exit_with(internal_error.sentence(error) + template_hint(error, kwargs), code_of(error))
+            exit_with(errors.sentence(error) + template_hint(error, kwargs), code_of(error))
         finally:
             writing.reset(token)
 
@@ -250,8 +250,8 @@ def speaks_for_itself(error: BaseException) -> bool:
 
 def code_of(error: BaseException) -> int:
     """Exit code of an error."""
-    if not internal_error.is_for_user(error):
-        return BAD_DATA if internal_error.is_of_user_code(error) else INTERNAL
+    if not errors.is_for_user(error):
+        return BAD_DATA if errors.is_of_user_code(error) else INTERNAL
     from accelcal.estimation.gauss_newton import NotIdentifiable
 
     if isinstance(error, NotIdentifiable):
@@ -283,7 +283,7 @@ def print_alignment(recording: Any) -> None:
 
 def print_json(content: dict[str, Any], indent: int | None = 2) -> None:
     """Print JSON on stdout, in ASCII where its encoding lacks a character; without an indent in one line."""
-    from accelcal.results.json_text import dumps
+    from accelcal.results.json import dumps
 
     text = dumps(content, indent)
     try:

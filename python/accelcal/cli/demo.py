@@ -58,8 +58,8 @@ def demo(
     from accelcal.results import model_file
     from accelcal.simulation.sensor import ADXL105_RIG
     from accelcal.simulation.sensor import simulate as simulate_rig
-    from accelcal.workflow import compare as compare_with
-    from accelcal.workflow import fit as fit_replay
+    from accelcal.verbs import compare as compare_with
+    from accelcal.verbs import fit as fit_replay
 
     truth = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
     began = time.perf_counter()
@@ -91,7 +91,7 @@ def demo_hidden(effect: str, output: Path, seed: int) -> None:
     from accelcal.cli.printing import show_improvement
     from accelcal.demo import hide, seal
     from accelcal.results import model_file
-    from accelcal.workflow import improve as improve_with
+    from accelcal.verbs import improve as improve_with
 
     hidden = hide(effect, seed)
     paths = [output / "run1.csv", output / "run2.csv"]

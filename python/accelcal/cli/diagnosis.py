@@ -74,8 +74,8 @@ def diagnose(
     from accelcal.io import atomic_write
     from accelcal.results import model_file
     from accelcal.results.json import content
-    from accelcal.workflow import compare as compare_with
-    from accelcal.workflow import diagnose as diagnose_with
+    from accelcal.verbs import compare as compare_with
+    from accelcal.verbs import diagnose as diagnose_with
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
@@ -112,8 +112,7 @@ def report_on_dwells(found: DwellDiagnosis, output: Path | None, json: bool) -> 
     """Print and write a diagnosis of dwells."""
     from accelcal.cli.printing import show
     from accelcal.io import atomic_write
-    from accelcal.results.json import content
-    from accelcal.results.json_text import dumps
+    from accelcal.results.json import content, dumps
 
     if output is not None:
         atomic_write(output, dumps(content(found)))
@@ -150,7 +149,7 @@ def improve(
     from accelcal.estimation.estimate import require_distinct
     from accelcal.results import model_file
     from accelcal.results.json import content
-    from accelcal.workflow import improve as improve_with
+    from accelcal.verbs import improve as improve_with
 
     load_own_effects(effects_file)
     recordings = [load_run(path, rig) for path in runs]
@@ -218,7 +217,7 @@ def formula(
     from accelcal.io import atomic_write
     from accelcal.results import model_file
     from accelcal.results.json import content
-    from accelcal.workflow import formulas
+    from accelcal.verbs import formulas
 
     load_own_effects(effects_file)
     try:
@@ -416,7 +415,7 @@ def compare(
     from accelcal.io import atomic_write, together
     from accelcal.results import json as results_json
     from accelcal.results import model_file
-    from accelcal.workflow import compare as compare_with
+    from accelcal.verbs import compare as compare_with
 
     load_own_effects(effects_file)
     models, runs = models_and_runs(files)

@@ -99,7 +99,7 @@ def fit(
     from accelcal.estimation.run import Method
     from accelcal.model import Model
     from accelcal.results import model_file
-    from accelcal.workflow import fit as fit_runs
+    from accelcal.verbs import fit as fit_runs
 
     chosen = {"linear": Model.linear, "cubic": Model.cubic}.get(model)
     if chosen is None:
@@ -199,7 +199,7 @@ def add(
     Example: [bold]accelcal add m.json run12.csv --effect cubic -o m2.json[/bold]
     """
     from accelcal.results import model_file
-    from accelcal.workflow import add as add_to
+    from accelcal.verbs import add as add_to
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
@@ -227,7 +227,7 @@ def drop(
     Example: [bold]accelcal drop m2.json run12.csv --effect cubic -o m3.json[/bold]
     """
     from accelcal.results import model_file
-    from accelcal.workflow import drop as drop_from
+    from accelcal.verbs import drop as drop_from
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
@@ -256,7 +256,7 @@ def freeze(
     Example: [bold]accelcal freeze m.json run12.csv --at bias=0.05 -o m2.json[/bold]
     """
     from accelcal.results import model_file
-    from accelcal.workflow import fit as fit_again
+    from accelcal.verbs import fit as fit_again
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)

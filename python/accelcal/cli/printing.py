@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from accelcal._support.result import Result
     from accelcal.calibration.export import Calibration
     from accelcal.data import Recording
+    from accelcal.diagnosis.select.curve_formulas import FormulaSet
+    from accelcal.diagnosis.select.improvement import Improvement
     from accelcal.estimation.estimate import Fit
     from accelcal.experiment.design import Plan
     from accelcal.experiment.detectability import Power
     from accelcal.experiment.drift_bandwidth import DriftBandwidth
     from accelcal.fleet.summary import Fleet
-    from accelcal.selection.curve_formulas import FormulaSet
-    from accelcal.selection.improvement import Improvement
     from accelcal.validation.differences import Comparison
 
 

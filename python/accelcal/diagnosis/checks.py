@@ -16,7 +16,7 @@ import scipy
 
 from accelcal.data import ACCELERATION, DERIVED, STANDARD_GRAVITY, Array, Recording, Rig, instant
 from accelcal.diagnosis.evidence import Evidence, noise_ratio
-from accelcal.diagnosis.noise_tests.noise_test import LINE
+from accelcal.diagnosis.noise.noise_test import LINE
 from accelcal.diagnosis.policy import (
     CLEAR_LOG_EVIDENCE,
     COHERENCE_LEAST_SHARE,
@@ -32,7 +32,7 @@ from accelcal.diagnosis.policy import (
     UNDECLARED_BIAS_INSTABILITY,
     UNRESOLVED_MOST_SHARE,
 )
-from accelcal.diagnosis.run_agreement import runs_disagree
+from accelcal.diagnosis.runs import runs_disagree
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.effects import BUILT_IN, OF_TIME, find
 from accelcal.estimation.estimate import Fit, implausible_scale, result, solve_runs

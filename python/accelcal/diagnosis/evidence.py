@@ -15,15 +15,13 @@ from accelcal.data import Recording
 from accelcal.diagnosis.change_points import Usable, usable
 from accelcal.diagnosis.faults import fault_remarks, faults, with_position_steps
 from accelcal.diagnosis.findings import sizes_of
-from accelcal.diagnosis.further_run import further_runs
 from accelcal.diagnosis.independent_estimate import differences
-from accelcal.diagnosis.left_out import left_out_remarks, without_wrong_readings
-from accelcal.diagnosis.noise_tests.noise_test import LINE, POSITION_WAVE, STEPS, VIBRATION, NoiseTest
-from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
-from accelcal.diagnosis.outlier_rejection import CleanFit
+from accelcal.diagnosis.left_out import CleanFit, left_out_remarks, without_wrong_readings
+from accelcal.diagnosis.noise.noise_test import LINE, POSITION_WAVE, STEPS, VIBRATION, NoiseTest
+from accelcal.diagnosis.noise.run_all import run_noise_tests
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, NOISE_TEST_ALPHA, VIBRATION_LINE_SHARE
 from accelcal.diagnosis.relation import RelationColumns
-from accelcal.diagnosis.run_agreement import values_by_run
+from accelcal.diagnosis.runs import further_runs, values_by_run
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Scan, scan
 from accelcal.effects import BUILT_IN, Effect, find, next_name, stem_of

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import special
 
 from accelcal.data import usual_unit
-from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.noise.noise_test import NoiseTest
 from accelcal.diagnosis.search.homogeneity import PartSizes
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.search.scores import log_survival

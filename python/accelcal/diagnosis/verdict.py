@@ -22,16 +22,16 @@ from accelcal.diagnosis.findings import (
     split,
     with_findings,
 )
-from accelcal.diagnosis.further_run import FurtherRun
-from accelcal.diagnosis.noise_tests.noise_test import WHITENESS, NoiseTest
-from accelcal.diagnosis.noise_tests.tones import harmonic_effects
-from accelcal.diagnosis.outlier_rejection import RejectedReadings
+from accelcal.diagnosis.left_out import RejectedReadings
+from accelcal.diagnosis.noise.noise_test import WHITENESS, NoiseTest
+from accelcal.diagnosis.noise.tones import harmonic_effects
 from accelcal.diagnosis.policy import (
     CLEAR_LOG_EVIDENCE,
     DATA_SHEET_NOISE_RATIO,
     FAMILYWISE_ALPHA,
     VERDICT_LEAST_BLOCKS,
 )
+from accelcal.diagnosis.runs import FurtherRun
 from accelcal.diagnosis.search.scan import Scan, Verdict
 from accelcal.effects import BUILT_IN, find
 from accelcal.estimation.estimate import Fit

@@ -13,8 +13,14 @@ from numpy.typing import NDArray
 from accelcal.data import POSITION_ORDER, Array, RecordingError
 from accelcal.estimation.columns import ColumnFilter, whitened_columns
 from accelcal.estimation.dwell_rows import DwellRows, Nuisances, dwell_rows, stepped, with_scatter
-from accelcal.estimation.noise import NoiseSearch, blocks, most_likely_noise
-from accelcal.estimation.noise_spectrum import MeasuredSpectrum, measured_spectrum, whitener
+from accelcal.estimation.noise import (
+    MeasuredSpectrum,
+    NoiseSearch,
+    blocks,
+    measured_spectrum,
+    most_likely_noise,
+    whitener,
+)
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.values import Noise
 from accelcal.estimation.weak_form.covariance import NoWeakForm, factor, solved

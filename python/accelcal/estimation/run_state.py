@@ -12,8 +12,7 @@ from accelcal import _core
 from accelcal.data import Array, Flags, RecordingError
 from accelcal.estimation.drive import DriveIntegrals, drive, require_output, run_filter, without_transients
 from accelcal.estimation.dwell_rows import Nuisances
-from accelcal.estimation.noise import GROWN, LEAST_COUNT, NoiseSearch, variance_functions, with_growth
-from accelcal.estimation.noise_spectrum import MeasuredSpectrum
+from accelcal.estimation.noise import GROWN, LEAST_COUNT, MeasuredSpectrum, NoiseSearch, variance_functions, with_growth
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.smoothing import smoothed_signals
 from accelcal.estimation.values import Noise, Values

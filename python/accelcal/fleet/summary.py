@@ -19,7 +19,7 @@ from accelcal.fleet.campaign import Results
 from accelcal.fleet.population import Population, population
 from accelcal.io import load
 from accelcal.model import Model
-from accelcal.workflow import fit
+from accelcal.verbs import fit
 
 MODELS = {"linear": Model.linear, "cubic": Model.cubic}
 STD = ".std"

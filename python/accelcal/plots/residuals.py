@@ -11,7 +11,7 @@ import numpy as np
 from scipy import special
 
 from accelcal.data import Array, instant
-from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.noise.noise_test import NoiseTest
 from accelcal.effects import spelled
 from accelcal.estimation.estimate import Fit
 from accelcal.plots.figure import (

@@ -11,6 +11,7 @@ from accelcal._support.threads import Report, on_two_threads, one_thread
 from accelcal.calibration.budget import Budget, budget
 from accelcal.calibration.characteristic import Application, example
 from accelcal.data import Recording, describe
+from accelcal.diagnosis.select.improvement import NestedFits, nested_fits
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect
 from accelcal.estimation.estimate import Fit
@@ -21,10 +22,9 @@ from accelcal.plots.figure import Figure
 from accelcal.plots.response import sensitivity
 from accelcal.plots.timeline import Marks, marks
 from accelcal.response import FrequencyResponse, stepped_response
-from accelcal.selection.nested_models import NestedFits, nested_fits
 from accelcal.validation.comparison import HELD_OUT, Evaluation
 from accelcal.validation.differences import Comparison
-from accelcal.workflow import MOST_AT_ONCE, compare, diagnose
+from accelcal.verbs import MOST_AT_ONCE, compare, diagnose
 
 T = TypeVar("T")
 

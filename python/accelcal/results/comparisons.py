@@ -8,10 +8,10 @@ from typing import Any
 
 from accelcal._support.values import listing
 from accelcal.data import MICRO_G, instant
+from accelcal.diagnosis.select.improvement import Improvement
 from accelcal.results.diagnoses import VERDICTS
 from accelcal.results.table import Column, Row, Table, as_sentence, require, table
 from accelcal.results.words import decimal, length, number, percent, prefixed, probability, typeset, with_unit
-from accelcal.selection.improvement import Improvement
 from accelcal.validation.comparison import ONLY_WHITE, SOURCES, Evaluation, NoiseFloor, Outside, Region, SensorNoise
 from accelcal.validation.differences import Comparison, HeldOutChange, headline_horizon, quoted_error, verdict_of
 from accelcal.validation.noise_floor import Ruler

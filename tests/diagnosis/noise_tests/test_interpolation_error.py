@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from accelcal.diagnosis.noise_tests import interpolation_error
-from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra
-from accelcal.diagnosis.noise_tests.interpolation_error import (
+from accelcal.diagnosis.noise import residuals
+from accelcal.diagnosis.noise.residuals import (
     DENSE_MOST,
     REACH,
+    BlockSpectra,
     InterpolationError,
     remaining_information,
 )
@@ -37,7 +37,7 @@ def test_few_lost_samples_are_filled_in_like_many(series, monkeypatch):
     y, interpolation = series
     lost = np.sort(np.random.default_rng(7).choice(N, 60, replace=False))
     by_matrix = interpolation.correction(interpolation(y), lost)
-    monkeypatch.setattr(interpolation_error, "DENSE_MOST", 0)
+    monkeypatch.setattr(residuals, "DENSE_MOST", 0)
     assert len(lost) < DENSE_MOST
     np.testing.assert_allclose(
         interpolation.correction(interpolation(y), lost), by_matrix, atol=1e-12

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from accelcal.diagnosis.noise_tests import tones
-from accelcal.diagnosis.noise_tests.tones import spectral_peaks
+from accelcal.diagnosis.noise import tones
+from accelcal.diagnosis.noise.tones import spectral_peaks
 from accelcal.signals import processing
 from accelcal.signals.processing import quintic
 

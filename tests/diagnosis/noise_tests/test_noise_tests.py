@@ -12,13 +12,18 @@ import numpy as np
 import pytest
 
 from accelcal.data.recording import Channel
-from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra, power_trend_test
-from accelcal.diagnosis.noise_tests.motion_noise import rank_correlation
-from accelcal.diagnosis.noise_tests.residuals import Residuals
-from accelcal.diagnosis.noise_tests.robust import contamination_test, outliers, spread_of
-from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
-from accelcal.diagnosis.noise_tests.tones import is_single_line, motion_makes_lines, spectral_peaks
-from accelcal.diagnosis.noise_tests.whiteness import portmanteau
+from accelcal.diagnosis.noise.motion_noise import rank_correlation
+from accelcal.diagnosis.noise.position import portmanteau
+from accelcal.diagnosis.noise.residuals import (
+    BlockSpectra,
+    Residuals,
+    contamination_test,
+    outliers,
+    power_trend_test,
+    spread_of,
+)
+from accelcal.diagnosis.noise.run_all import run_noise_tests
+from accelcal.diagnosis.noise.tones import is_single_line, motion_makes_lines, spectral_peaks
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA
 from accelcal.signals.series import local_spread
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Vibration, simulate

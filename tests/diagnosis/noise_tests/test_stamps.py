@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal.diagnosis.noise_tests.stamps import repeated_share
+from accelcal.diagnosis.noise.counts import repeated_share
 from accelcal.diagnosis.policy import HELD_SHARE
 from accelcal.diagnosis.verdict import Diagnosis
 from tests.regimes.regimes import ADXL105, MOCAP, TABLE, phone

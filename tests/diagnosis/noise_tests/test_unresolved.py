@@ -11,16 +11,16 @@ import pytest
 
 from accelcal.data.recording import Channel, Recording
 from accelcal.diagnosis.checks import unresolved_motion
-from accelcal.diagnosis.noise_tests import outliers, residuals, tones, whiteness
-from accelcal.diagnosis.noise_tests.noise_test import JITTER, LINE, OUTPUT_OUTLIERS
-from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
+from accelcal.diagnosis.noise import outliers, position, residuals, tones
+from accelcal.diagnosis.noise.noise_test import JITTER, LINE, OUTPUT_OUTLIERS
+from accelcal.diagnosis.noise.run_all import run_noise_tests
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.io import load
 from accelcal.model import Model
 from accelcal.signals.series import widened
 from accelcal.signals.unresolved import NO_JUMPS
-from accelcal.workflow import improve
+from accelcal.verbs import improve
 from tests.regimes.regimes import TABLE
 from tests.regimes.rig import Clocks
 from tests.regimes.trials import Trial
@@ -121,5 +121,5 @@ def test_rounding_of_a_coarse_encoder_is_no_colour(tmp_path: Path, monkeypatch: 
     record = TABLE["h-coarse-mixed"].build(Trial("h-coarse-mixed", 0, 912).record_seed)
     recording = load(record.write(tmp_path))
     assert "whiteness" not in found(recording)
-    monkeypatch.setattr(whiteness, "shortest_scale", lambda _: 1.0)
+    monkeypatch.setattr(position, "shortest_scale", lambda _: 1.0)
     assert "whiteness" in found(recording)

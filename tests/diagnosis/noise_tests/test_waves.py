@@ -8,7 +8,7 @@ import pytest
 
 from accelcal.diagnosis.evidence import independent_tests, largest_first, own_tests
 from accelcal.diagnosis.findings import Confounded, in_noise
-from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.noise.noise_test import NoiseTest
 from accelcal.diagnosis.policy import OWN_WAVE_TURNS
 from accelcal.diagnosis.search.scan import Scan
 from accelcal.diagnosis.verdict import Case, judgement

@@ -22,7 +22,7 @@ from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term
 from accelcal.signals.signals import Signals
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
-from accelcal.workflow import diagnose
+from accelcal.verbs import diagnose
 from tests.effects.motions import sines
 
 PEAK = """

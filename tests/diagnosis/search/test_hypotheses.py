@@ -18,7 +18,7 @@ from accelcal.estimation.estimate import estimate, solve_runs
 from accelcal.model import Model
 from accelcal.simulation import CXL02_RIG
 from accelcal.simulation.sensor import Simulated, simulate
-from accelcal.workflow import add, diagnose
+from accelcal.verbs import add, diagnose
 from tests.diagnosis.search.records import fitted
 
 INNER = {f"shape_of_position.s{j}" for j in range(3, 9)}

@@ -7,8 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from accelcal.diagnosis.search.hypotheses import hypotheses_for
-from accelcal.diagnosis.search.initial_shapes import jump_response, jumps, ripples, waves
+from accelcal.diagnosis.search.hypotheses import hypotheses_for, jump_response, jumps, ripples, waves
 from accelcal.estimation.drive import run_filter
 from accelcal.estimation.estimate import solve_runs
 from accelcal.model import Model

@@ -8,7 +8,7 @@ import pytest
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.search.slow_noise import slow_noise
-from accelcal.estimation.noise_spectrum import whitener
+from accelcal.estimation.noise import whitener
 from accelcal.model import Model
 from accelcal.simulation.sensor import Simulated
 from tests.diagnosis.search.records import fitted

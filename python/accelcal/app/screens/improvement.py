@@ -14,7 +14,7 @@ from accelcal.app.screens import per_run, start
 from accelcal.app.state import State, Step
 from accelcal.app.tasks import example_of
 from accelcal.diagnosis.findings import Size
-from accelcal.diagnosis.noise_tests.noise_test import WHITENESS
+from accelcal.diagnosis.noise.noise_test import WHITENESS
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find, spelled

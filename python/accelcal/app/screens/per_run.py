@@ -10,7 +10,7 @@ from accelcal.app import figures, widgets
 from accelcal.app.page import Page
 from accelcal.app.state import State, Step
 from accelcal.diagnosis.policy import HOMOGENEITY_ALPHA
-from accelcal.diagnosis.run_agreement import RunValues
+from accelcal.diagnosis.runs import RunValues
 from accelcal.effects import spelled
 from accelcal.estimation.dwell_fit import DwellFit
 from accelcal.results.comparisons import density

@@ -15,8 +15,7 @@ import numpy as np
 import scipy
 
 from accelcal.data import Array
-from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra
-from accelcal.diagnosis.noise_tests.residuals import Residuals
+from accelcal.diagnosis.noise.residuals import BlockSpectra, Residuals
 from accelcal.diagnosis.policy import NOISE_TEST_LEAST_BLOCKS
 from accelcal.effects import Effect
 from accelcal.estimation.noise import NoiseEffect, NoiseScore, NoiseSpectrum

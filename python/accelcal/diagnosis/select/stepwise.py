@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from accelcal.data import Recording
 from accelcal.diagnosis.evidence import DELAY_CLASS, DELAY_EXPERIMENT, Evidence, TimeSpan, delay_is_significant
 from accelcal.diagnosis.findings import Confounded, explained_gain, with_findings
-from accelcal.diagnosis.outlier_rejection import CHANNEL_OF, CleanFit, clean_fit
+from accelcal.diagnosis.left_out import CHANNEL_OF, CleanFit, clean_fit
 from accelcal.diagnosis.policy import (
     NAMED_ALTERNATIVES,
     SEARCH_MODELS,
@@ -21,6 +21,20 @@ from accelcal.diagnosis.policy import (
 )
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Candidate, scan
+from accelcal.diagnosis.select.collinearity import (
+    Replacement,
+    confounding_families,
+    families_with_remainder,
+    family_replacing,
+    family_replacing_sum,
+    implausible,
+    log_significance,
+    random_process_replacing,
+    sum_families,
+    unconfirmed,
+    undetermined,
+)
+from accelcal.diagnosis.select.cross_validation import cross_validate, refusing
 from accelcal.diagnosis.verdict import Diagnosis, verdict_on
 from accelcal.effects import Effect, find, stem_of
 from accelcal.estimation.estimate import Fit, result, solve_runs
@@ -28,18 +42,6 @@ from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun
 from accelcal.model import Model, Term
-from accelcal.selection.collinearity import (
-    Replacement,
-    confounding_families,
-    families_with_remainder,
-    family_replacing,
-    family_replacing_sum,
-    log_significance,
-    random_process_replacing,
-    sum_families,
-)
-from accelcal.selection.cross_validation import cross_validate, refusing
-from accelcal.selection.plausibility import implausible, unconfirmed, undetermined
 
 MARGIN = 1.5
 """Cost of the next model over that of the dearest so far: models grow."""

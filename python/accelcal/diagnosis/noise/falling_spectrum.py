@@ -9,11 +9,17 @@ from dataclasses import replace
 import numpy as np
 
 from accelcal.data import Array
-from accelcal.diagnosis.noise_tests.block_spectra import MIDDLE_BLOCKS, BlockSpectra, pearson_tail, power_fit
-from accelcal.diagnosis.noise_tests.interpolation_error import high_passed
-from accelcal.diagnosis.noise_tests.motion_noise import BANDS, amplitude_from_power, vibration_bins
-from accelcal.diagnosis.noise_tests.noise_test import VIBRATION, NoiseTest
-from accelcal.diagnosis.noise_tests.residuals import Residuals, is_coarse
+from accelcal.diagnosis.noise.motion_noise import BANDS, amplitude_from_power, vibration_bins
+from accelcal.diagnosis.noise.noise_test import VIBRATION, NoiseTest
+from accelcal.diagnosis.noise.residuals import (
+    MIDDLE_BLOCKS,
+    BlockSpectra,
+    Residuals,
+    high_passed,
+    is_coarse,
+    pearson_tail,
+    power_fit,
+)
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, NOISE_TEST_LEAST_BLOCKS
 
 APART = 3

@@ -9,10 +9,9 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal.data import Array
-from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra, power_fit, power_trend_test
-from accelcal.diagnosis.noise_tests.noise_test import JITTER, VIBRATION, NoiseTest
-from accelcal.diagnosis.noise_tests.residuals import TAIL, Residuals, is_coarse
-from accelcal.diagnosis.noise_tests.stamps import known_jitter
+from accelcal.diagnosis.noise.counts import known_jitter
+from accelcal.diagnosis.noise.noise_test import JITTER, VIBRATION, NoiseTest
+from accelcal.diagnosis.noise.residuals import TAIL, BlockSpectra, Residuals, is_coarse, power_fit, power_trend_test
 from accelcal.diagnosis.policy import (
     CLEAR_TAIL_RATIO,
     JITTER_BAND,

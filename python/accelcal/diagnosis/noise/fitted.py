@@ -7,13 +7,18 @@ from dataclasses import dataclass, replace
 
 from accelcal._support.errors import AccelcalError
 from accelcal.data import Recording
-from accelcal.diagnosis.noise_model.growing import BlockPowers, growing_noise, score_of_growth
-from accelcal.diagnosis.noise_model.heavy_tails import outlying_noise, reading_errors, score_of_tails
-from accelcal.diagnosis.noise_model.rounding import rounded_noise, score_of_rounding
-from accelcal.diagnosis.noise_tests.outliers import SampleErrors, output_errors
-from accelcal.diagnosis.noise_tests.residuals import Residuals
-from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
-from accelcal.diagnosis.outlier_rejection import outliers_found, without_outliers
+from accelcal.diagnosis.left_out import outliers_found, without_outliers
+from accelcal.diagnosis.noise.counts import rounded_noise, score_of_rounding
+from accelcal.diagnosis.noise.growing import BlockPowers, growing_noise, score_of_growth
+from accelcal.diagnosis.noise.outliers import (
+    SampleErrors,
+    outlying_noise,
+    output_errors,
+    reading_errors,
+    score_of_tails,
+)
+from accelcal.diagnosis.noise.residuals import Residuals
+from accelcal.diagnosis.noise.run_all import run_noise_tests
 from accelcal.diagnosis.policy import NOISE_EFFECT_ALPHA
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, require_channels, settled_state, state_at

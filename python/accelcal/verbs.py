@@ -23,26 +23,21 @@ from accelcal.diagnosis.checks import slow_residual, stretches_of
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
 from accelcal.diagnosis.evidence import Evidence, Examined, TimeSpan, largest_wave
 from accelcal.diagnosis.findings import Confounded, in_model
-from accelcal.diagnosis.left_out import left_out_sentences
-from accelcal.diagnosis.noise_model.fitted import noise_scores, require_noise_shown, with_noise_effects
-from accelcal.diagnosis.noise_tests.noise_test import POSITION_JUMPS
-from accelcal.diagnosis.noise_tests.run_all import run_outlier_tests
+from accelcal.diagnosis.left_out import RejectedReadings, clean_fit, left_out_sentences
+from accelcal.diagnosis.noise.fitted import noise_scores, require_noise_shown, with_noise_effects
+from accelcal.diagnosis.noise.noise_test import POSITION_JUMPS
+from accelcal.diagnosis.noise.run_all import run_outlier_tests
 from accelcal.diagnosis.one_axis import require_motion_above_noise, require_one_axis
-from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, SHOWN_SIGMA, VALIDATION_SIGMA
-from accelcal.diagnosis.run_agreement import RunValues, runs_disagree, values_by_run
+from accelcal.diagnosis.runs import RunValues, runs_disagree, values_by_run
 from accelcal.diagnosis.search.hypotheses import lacks_its_position, may_be_refined
 from accelcal.diagnosis.search.scan import scan
+from accelcal.diagnosis.select.curve_formulas import FormulaSet, formulas_of
+from accelcal.diagnosis.select.improvement import Improvement, Step, nested_fits
+from accelcal.diagnosis.select.stepwise import SearchBudget, StepwiseSelection
 from accelcal.diagnosis.verdict import Diagnosis, verdict_on
 from accelcal.effects import Effect, find, side_channels
-from accelcal.estimation.estimate import (
-    DWELLS_ALONE,
-    Fit,
-    estimate_dwells,
-    restored_states,
-    result,
-    solve_runs,
-)
+from accelcal.estimation.estimate import DWELLS_ALONE, Fit, estimate_dwells, restored_states, result, solve_runs
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.estimation.recursive import fit_recursive
 from accelcal.estimation.remarks import Remark, remark
@@ -51,10 +46,6 @@ from accelcal.estimation.run_differences import SEEN_BY_RUNS, run_to_hold_out
 from accelcal.estimation.run_state import RunState
 from accelcal.filters.choice import FilterChoice
 from accelcal.model import BASE, Model
-from accelcal.selection.curve_formulas import FormulaSet, formulas_of
-from accelcal.selection.improvement import Improvement, Step
-from accelcal.selection.nested_models import nested_fits
-from accelcal.selection.stepwise import SearchBudget, StepwiseSelection
 from accelcal.signals.signals import Origins
 from accelcal.validation import evaluation
 from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Evaluation, NoiseFloor
@@ -588,7 +579,7 @@ def run_values(fit: Fit, recordings: Sequence[Recording | Dwells]) -> RunValues:
     --------
     >>> import numpy as np
     >>> import accelcal as ac
-    >>> from accelcal.workflow import run_values
+    >>> from accelcal.verbs import run_values
     >>> settings = {"seconds": 8.0, "rig": ac.simulation.CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(1)}
     >>> one, two = (ac.simulate("tones", **settings).recording for _ in range(2))
     >>> bool(run_values(ac.fit([one, two]), [one, two]).p_values.min() > 1e-4)

@@ -11,10 +11,9 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal.data import Array
-from accelcal.diagnosis.noise_tests.block_spectra import power_fit
-from accelcal.diagnosis.noise_tests.motion_noise import rank_correlation
-from accelcal.diagnosis.noise_tests.noise_test import LINE, NoiseTest
-from accelcal.diagnosis.noise_tests.residuals import Residuals, is_coarse
+from accelcal.diagnosis.noise.motion_noise import rank_correlation
+from accelcal.diagnosis.noise.noise_test import LINE, NoiseTest
+from accelcal.diagnosis.noise.residuals import Residuals, is_coarse, power_fit
 from accelcal.diagnosis.policy import (
     COMB_HALF_WIDTH,
     COMB_POWER_RATIO,

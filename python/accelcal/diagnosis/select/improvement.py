@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar
@@ -9,10 +10,14 @@ from typing import ClassVar
 from accelcal._support.result import Result
 from accelcal._support.values import immutable, listing
 from accelcal.diagnosis.findings import Confounded, Finding, Importance, in_model, in_noise, split, with_findings
+from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Verdict
 from accelcal.diagnosis.verdict import Case, Diagnosis, judgement
-from accelcal.effects import find
-from accelcal.estimation.estimate import Fit
+from accelcal.effects import find, spelled
+from accelcal.estimation.estimate import Fit, result, solve_runs
+from accelcal.estimation.remarks import Remark, remark
+from accelcal.estimation.run import Source
+from accelcal.model import Model
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.differences import HeldOutChange, heldout_change
 
@@ -119,6 +124,80 @@ class Improvement(Result):
     def effects(self) -> tuple[str, ...]:
         """Names in the order added."""
         return self.steps[-1].effects
+
+
+@dataclass(frozen=True, slots=True)
+class NestedFits:
+    """Fits of growing size."""
+
+    fits: tuple[Fit, ...]
+    """Base first."""
+    names: tuple[str, ...]
+    """The base, then the effect that is new, or the finer form of a curve."""
+    lacking: int
+    """Number of fits at the end with effects that the model itself lacks."""
+    remarks: tuple[Remark, ...]
+    """Models that could not be fitted, and why."""
+
+
+def nested_fits(
+    fitted: Fit,
+    sources: Sequence[Source],
+    found: Sequence[DetectedEffect] = (),
+    *,
+    start: float | None = None,
+    end: float | None = None,
+    refit: bool = False,
+) -> NestedFits:
+    """Fit the base of a model, then one more effect at a time.
+
+    Parameters
+    ----------
+    fitted : the largest model.
+    sources : one or several recordings that the models are fitted to.
+    found : effects that the model lacks; they are added behind its own.
+    start, end : s, optional; only this part is used.
+    refit : whether the largest model is fitted again, too: to a part of its recordings.
+
+    Raises
+    ------
+    NotIdentifiable
+        If the recordings do not determine even the base.
+    """
+
+    fits, names, remarks, lacking = list[Fit](), list[str](), list[Remark](), 0
+
+    def enter(effect: str, model: Model) -> None:
+        if model is not whole or refit:
+            engine = fitted.engine
+            solution = solve_runs(model, sources, start=start, end=end, origins=fitted.origins, engine=engine)
+            fits.append(result(solution))
+        else:
+            fits.append(fitted)
+        name = f"+ {spelled(effect)}" if effect else "base"
+        names.append(f"{name}, finer" if name in names else name)
+
+    # Effects that a turned sensor or the tolerance of a low-pass added depend on the recordings, not on the model.
+    set_by_recordings = [name for name in fitted.model.added if not find(name).traits.visible]
+    model = whole = fitted.model.drop(*set_by_recordings)
+    added = model.added
+    for count in range(len(added) + 1):
+        try:
+            enter(added[count - 1] if count else "", model.drop(*added[count:]) if count < len(added) else model)
+        except ValueError as error:
+            if count == 0:
+                raise
+            text = f"without {', '.join(added[count:])} the model cannot be fitted here: {error}"
+            remarks.append(remark("not_fitted", text=text))
+    for finding in found:
+        try:
+            model = finding.enter(model)
+            enter(finding.effect, model)
+            lacking += 1
+        except ValueError as error:
+            remarks.append(remark("not_fitted", text=f"{finding.effect} could not be added: {error}"))
+            break
+    return NestedFits(tuple(fits), tuple(names), lacking, tuple(remarks))
 
 
 __dir__ = listing(globals())

@@ -1,1 +1,0 @@
-"""What effects that act on noise amount to, and what they gain on held-out data."""
