@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from accelcal.effects import effect, load_effects
     from accelcal.estimation.estimate import Fit
     from accelcal.estimation.gauss_newton import NotIdentifiable
-    from accelcal.experiment import plan, power
+    from accelcal.diagnosis.power import plan, power
     from accelcal.filters.choice import FilterChoice
     from accelcal.filters.live_model import LiveModel
     from accelcal.io import load, load_dwells

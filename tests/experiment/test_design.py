@@ -11,7 +11,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION
-from accelcal.experiment import Limits, plan
+from accelcal.diagnosis.power import Limits, plan
 from accelcal.experiment.design import PATTERNS, Recipe, build
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 from tests.commands import accelcal
@@ -60,7 +60,7 @@ def test_a_plan_separates_what_one_tone_confounds(odd):
 
 
 def test_a_plan_beats_the_motion_of_the_paper(odd):
-    from accelcal.experiment import power_of_motion
+    from accelcal.diagnosis.power import power_of_motion
     from accelcal.simulation.motion import motion
 
     usual = power_of_motion(motion("interleaved", 30.0, np.random.default_rng(1)), CXL02_RIG)

@@ -16,7 +16,7 @@ from accelcal.diagnosis.power.planned_motion import planned_noise, planned_state
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.search.thresholds import least_distance
 from accelcal.effects import BUILT_IN
-from accelcal.experiment import power, power_of_motion, predicted_detection, through
+from accelcal.diagnosis.power import power, power_of_motion, predicted_detection, through
 from accelcal.experiment.detectability import Power
 from accelcal.experiment.power_analysis import detectability_of, with_drift
 from accelcal.model import Model

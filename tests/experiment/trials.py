@@ -17,7 +17,7 @@ from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.search.thresholds import least_distance
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.run_state import RunState
-from accelcal.experiment import Plan, plan
+from accelcal.diagnosis.power import Plan, plan
 from accelcal.experiment.detection_probability import DetectionModel
 from accelcal.experiment.power_analysis import detectability_of, with_drift
 from accelcal.model import Model

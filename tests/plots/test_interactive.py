@@ -15,7 +15,7 @@ from accelcal.diagnosis.noise.noise_test import NoiseTest
 from accelcal.diagnosis.select.improvement import nested_fits
 from accelcal.estimation.estimate import estimate
 from accelcal.estimation.tracks import shapes, track
-from accelcal.experiment import power
+from accelcal.diagnosis.power import power
 from accelcal.live.session import LiveEvent, LiveHistory, LiveState
 from accelcal.live.tracker import Alarm, Innovation, Interval
 from accelcal.model import Estimate

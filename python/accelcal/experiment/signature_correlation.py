@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.data import Array
-from accelcal.experiment import Power
+from accelcal.diagnosis.power import Power
 
 
 @dataclass(frozen=True, slots=True)

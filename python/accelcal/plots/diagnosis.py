@@ -9,7 +9,7 @@ import numpy as np
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find, spelled
-from accelcal.experiment import Detectability, DriftBandwidth, Power
+from accelcal.diagnosis.power import Detectability, DriftBandwidth, Power
 from accelcal.experiment.signature_correlation import SignatureCorrelation, signature_correlation
 from accelcal.plots.figure import (
     Axis,

@@ -16,7 +16,7 @@ from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.tracks import Shape, Track, shapes, track
-from accelcal.experiment import Power, power
+from accelcal.diagnosis.power import Power, power
 from accelcal.plots import comparison, diagnosis, residuals, timeline
 from accelcal.plots.figure import Figure
 from accelcal.plots.response import sensitivity
