@@ -17,10 +17,10 @@ import scipy
 
 from accelcal.data import Array, Recording, Rig
 from accelcal.demo import with_effect
+from accelcal.diagnosis.power.drift_bandwidth import DWELL, DWELLS, TURN, tumble
 from accelcal.effects import find, polynomial
 from accelcal.estimation.estimate import Fit, estimate, estimate_dwells
 from accelcal.estimation.run import prepare
-from accelcal.experiment.drift_bandwidth import DWELL, DWELLS, TURN, tumble
 from accelcal.model import Model
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
 from accelcal.validation.prediction import Prediction, rms

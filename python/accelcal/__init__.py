@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from accelcal._core import __version__
     from accelcal._support.errors import AccelcalError
     from accelcal.data import Channel, Dwells, LowPass, Recording, RecordingError, Rig, Sensor
+    from accelcal.diagnosis.power import plan, power
     from accelcal.diagnosis.select.improvement import Improvement
     from accelcal.diagnosis.verdict import Diagnosis
     from accelcal.effects import effect, load_effects
     from accelcal.estimation.estimate import Fit
     from accelcal.estimation.gauss_newton import NotIdentifiable
-    from accelcal.diagnosis.power import plan, power
     from accelcal.filters.choice import FilterChoice
     from accelcal.filters.live_model import LiveModel
     from accelcal.io import load, load_dwells

@@ -18,7 +18,7 @@ from accelcal._support.progress import within
 from accelcal._support.threads import on_two_threads, one_thread
 from accelcal._support.values import listing
 from accelcal.data import DERIVED, Dwells, Recording, RecordingError
-from accelcal.data.dwell_sets import with_dwells
+from accelcal.data.recording import with_dwells
 from accelcal.diagnosis.checks import slow_residual, stretches_of
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
 from accelcal.diagnosis.evidence import Evidence, Examined, TimeSpan, largest_wave
@@ -42,7 +42,7 @@ from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.estimation.recursive import fit_recursive
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import Method, PreparedRun
-from accelcal.estimation.run_differences import SEEN_BY_RUNS, run_to_hold_out
+from accelcal.estimation.run_fit import SEEN_BY_RUNS, run_to_hold_out
 from accelcal.estimation.run_state import RunState
 from accelcal.filters.choice import FilterChoice
 from accelcal.model import BASE, Model

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal.calibration.budget import budget
-from accelcal.calibration.characteristic import OutsideRange, apply, example
+from accelcal.calibration.characteristic import OutsideRange, apply, budget, example
 from accelcal.data.rig import STANDARD_GRAVITY, Sensor, Uncertainty
 from accelcal.estimation.estimate import estimate
 from accelcal.simulation import CXL02_RIG

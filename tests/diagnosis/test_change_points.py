@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from accelcal.data.recording import Channel
-from accelcal.diagnosis.change_points import usable
-from accelcal.diagnosis.faults import faults
+from accelcal.diagnosis.faults import faults, usable
 from accelcal.estimation.run import prepare
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Vibration, simulate
 

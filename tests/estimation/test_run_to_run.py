@@ -7,7 +7,7 @@ import pytest
 from scipy import optimize, stats
 
 import accelcal as ac
-from accelcal.calibration.budget import budget
+from accelcal.calibration.characteristic import budget
 from accelcal.data.rig import Uncertainty
 from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns
 from accelcal.model import Prior

@@ -12,7 +12,7 @@ import pytest
 import accelcal as ac
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION
 from accelcal.diagnosis.power import Limits, plan
-from accelcal.experiment.design import PATTERNS, Recipe, build
+from accelcal.diagnosis.power.design import PATTERNS, Recipe, build
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 from tests.commands import accelcal
 from tests.schemas import require_published

@@ -8,9 +8,9 @@ from typer.testing import CliRunner
 
 import accelcal as ac
 from accelcal.cli import app, write_recording
-from accelcal.effects import found_by
 from accelcal.diagnosis.power import power
-from accelcal.experiment.drift_bandwidth import SIGMA, drift_bandwidth, tumble_limit
+from accelcal.diagnosis.power.drift_bandwidth import SIGMA, drift_bandwidth, tumble_limit
+from accelcal.effects import found_by
 from accelcal.model import Model
 from accelcal.simulation import ADXL105_RIG
 

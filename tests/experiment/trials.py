@@ -12,14 +12,14 @@ import numpy as np
 
 from accelcal import io
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
+from accelcal.diagnosis.power import Plan, plan
+from accelcal.diagnosis.power.detectability import DetectionModel
+from accelcal.diagnosis.power.power_analysis import detectability_of, with_drift
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.search.thresholds import least_distance
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.run_state import RunState
-from accelcal.diagnosis.power import Plan, plan
-from accelcal.experiment.detection_probability import DetectionModel
-from accelcal.experiment.power_analysis import detectability_of, with_drift
 from accelcal.model import Model
 from accelcal.signals.signals import Origins
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG

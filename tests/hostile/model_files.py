@@ -18,7 +18,7 @@ import numpy as np
 
 import accelcal as ac
 from accelcal import report, verbs
-from accelcal._support.plain_text import OBEYED
+from accelcal._support.errors import OBEYED
 from accelcal.calibration import export
 from accelcal.calibration.characteristic import apply, characteristic
 from accelcal.cli.printing import show, show_comparison, show_export, show_fit, show_formulas

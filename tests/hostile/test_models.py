@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal._support.plain_text import OBEYED
+from accelcal._support.errors import OBEYED
 from accelcal.cli import write_recording
 from accelcal.effects import CATALOGUE
 from accelcal.results import model_file

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal._support.plain_text import OBEYED, visible
+from accelcal._support.errors import OBEYED, visible
 from accelcal.cli import common
 from accelcal.cli.common import say, say_line, show_table, show_wrapped_table
 from accelcal.cli.printing import show_comparison, show_fit

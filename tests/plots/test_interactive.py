@@ -12,10 +12,10 @@ import pytest
 import accelcal as ac
 from accelcal.diagnosis.findings import Confounded
 from accelcal.diagnosis.noise.noise_test import NoiseTest
+from accelcal.diagnosis.power import power
 from accelcal.diagnosis.select.improvement import nested_fits
 from accelcal.estimation.estimate import estimate
 from accelcal.estimation.tracks import shapes, track
-from accelcal.diagnosis.power import power
 from accelcal.live.session import LiveEvent, LiveHistory, LiveState
 from accelcal.live.tracker import Alarm, Innovation, Interval
 from accelcal.model import Estimate

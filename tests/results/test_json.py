@@ -22,13 +22,13 @@ import accelcal as ac
 from accelcal._support.result import NotStored
 from accelcal.data.rig import ChannelFilter, Rig
 from accelcal.diagnosis.dwells import DwellDiagnosis
+from accelcal.diagnosis.power.design import Limits, Plan
+from accelcal.diagnosis.power.detectability import Power
 from accelcal.diagnosis.select.improvement import Improvement
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.tracks import Track
-from accelcal.experiment.design import Limits, Plan
-from accelcal.experiment.detectability import Power
 from accelcal.filters.choice import FilterChoice
 from accelcal.filters.record import FilterRun
 from accelcal.model import Estimate, Model, Prior

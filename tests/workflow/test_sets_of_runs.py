@@ -7,7 +7,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.data.recording import Recording
-from accelcal.estimation.run_differences import run_to_hold_out
+from accelcal.estimation.run_fit import run_to_hold_out
 from accelcal.simulation import CXL02_RIG
 
 THREE = ("level", "up", "down")

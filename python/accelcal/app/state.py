@@ -17,7 +17,7 @@ from accelcal.app.session_content import Formula, OpenedSession
 from accelcal.data import Dwells, Recording
 from accelcal.effects import CATALOGUE, Own, side_channels
 from accelcal.estimation.estimate import Fit
-from accelcal.estimation.run_differences import run_to_hold_out
+from accelcal.estimation.run_fit import run_to_hold_out
 from accelcal.plots.timeline import Marks
 from accelcal.validation.comparison import HELD_OUT, Evaluation
 from accelcal.validation.differences import pooled

@@ -10,8 +10,15 @@ from typing import Literal
 import numpy as np
 
 from accelcal._support.values import listing
-from accelcal.calibration.budget import COVERAGE_FACTOR, Budget, budget, expanded_uncertainty, standard_uncertainty
-from accelcal.calibration.characteristic import STATIC, characteristic
+from accelcal.calibration.characteristic import (
+    COVERAGE_FACTOR,
+    STATIC,
+    Budget,
+    budget,
+    characteristic,
+    expanded_uncertainty,
+    standard_uncertainty,
+)
 from accelcal.data import MICRO_G, Array, RunLabels
 from accelcal.effects import spelled
 from accelcal.estimation.estimate import Fit

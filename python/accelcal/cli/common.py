@@ -20,8 +20,7 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
 from rich.text import Text
 
 from accelcal._support import errors
-from accelcal._support.errors import AccelcalError
-from accelcal._support.plain_text import visible
+from accelcal._support.errors import AccelcalError, visible
 from accelcal._support.process import continue_in_child
 from accelcal._support.progress import time_left
 from accelcal._support.stopping import asked_to_end

@@ -44,8 +44,8 @@ from accelcal.cli.overwriting import mark_of
 if TYPE_CHECKING:
     from accelcal.data import Rig as RigOf
     from accelcal.diagnosis.dwells import DwellDiagnosis
-    from accelcal.estimation.estimate import Fit
     from accelcal.diagnosis.power import Plan
+    from accelcal.estimation.estimate import Fit
     from accelcal.validation.differences import Comparison
 
 
@@ -68,8 +68,8 @@ def diagnose(
     Example: [bold]accelcal diagnose m.json run12.csv --holdout run13.csv[/bold]
     """
     from accelcal.cli.printing import show
-    from accelcal.data.dwell_sets import with_dwells
     from accelcal.data.dwells import Dwells
+    from accelcal.data.recording import with_dwells
     from accelcal.diagnosis.dwells import diagnose_dwells
     from accelcal.io import atomic_write
     from accelcal.results import model_file

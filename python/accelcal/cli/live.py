@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 
 import typer
 
-from accelcal._support.plain_text import visible
+from accelcal._support.errors import visible
 from accelcal._support.stopping import deferred
 from accelcal.cli.common import (
     Json,

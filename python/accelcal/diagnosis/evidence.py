@@ -12,8 +12,7 @@ from scipy import special
 
 from accelcal._support.progress import within
 from accelcal.data import Recording
-from accelcal.diagnosis.change_points import Usable, usable
-from accelcal.diagnosis.faults import fault_remarks, faults, with_position_steps
+from accelcal.diagnosis.faults import Usable, fault_remarks, faults, usable, with_position_steps
 from accelcal.diagnosis.findings import sizes_of
 from accelcal.diagnosis.independent_estimate import differences
 from accelcal.diagnosis.left_out import CleanFit, left_out_remarks, without_wrong_readings

@@ -20,7 +20,7 @@ from accelcal.estimation.dwell_rows import dwell_rows
 from accelcal.estimation.gauss_newton import PER_RUN_OWNERS, Layout
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.rows import inverse, normal_equations
-from accelcal.estimation.run_differences import SEEN_APART, SEEN_BY_RUNS
+from accelcal.estimation.run_fit import SEEN_APART, SEEN_BY_RUNS
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.weak_form.rows import WeakRows
 from accelcal.model import Model, Term, terms_of

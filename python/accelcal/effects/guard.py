@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from accelcal._support.errors import AccelcalError
-from accelcal._support.plain_text import OBEYED_IN_NAMES
+from accelcal._support.errors import OBEYED_IN_NAMES, AccelcalError
 from accelcal.data import Array, instant
 from accelcal.signals.signals import Signals
 

@@ -20,8 +20,7 @@ from typing import Literal, ParamSpec, get_args
 import numpy as np
 
 from accelcal._support.arguments import checked
-from accelcal._support.errors import AccelcalError
-from accelcal._support.plain_text import OBEYED
+from accelcal._support.errors import OBEYED, AccelcalError
 from accelcal._support.stopping import Stopped
 from accelcal.data import Array, Rig, normalise
 from accelcal.data.units import is_unit

@@ -27,8 +27,7 @@ from accelcal.data import (
     high_passes,
     require_same_sensor,
 )
-from accelcal.data.dwell_sets import dwells_with_first
-from accelcal.data.recording import listed
+from accelcal.data.recording import dwells_with_first, listed
 from accelcal.effects import BUILT_IN, CATALOGUE, find
 from accelcal.estimation.bands import best_band, change_with_band, needs_band, trial_bands
 from accelcal.estimation.channel_filters import names
@@ -46,8 +45,7 @@ from accelcal.estimation.noise import NoiseEffect
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.rows import measure_noise, settle_dwells
 from accelcal.estimation.run import Engine, Method, PreparedRun, Source, prepared, recording_of, side_means
-from accelcal.estimation.run_differences import differing
-from accelcal.estimation.run_fit import RunFit, run_fit
+from accelcal.estimation.run_fit import RunFit, differing, run_fit
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.run_to_run import SPREAD_ALPHA, GoesWith, SeenByRuns, Spread, covariates_of, goes_with
 from accelcal.estimation.shape_parameters import held_shapes, on_bounds, refine_shapes

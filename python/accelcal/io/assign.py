@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from accelcal._support.plain_text import OBEYED_IN_NAMES, visible
+from accelcal._support.errors import OBEYED_IN_NAMES, visible
 from accelcal.data import QUATERNION, Array, Finding, RecordingError, Rig, reference_among, units
 from accelcal.io import naming
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of

@@ -10,8 +10,7 @@ import numpy as np
 from accelcal._support.errors import AccelcalError
 from accelcal.data import Array, Channel, Recording, instant
 from accelcal.data.quality import rest
-from accelcal.diagnosis.change_points import usable
-from accelcal.diagnosis.faults import Fault, fault_remarks, faults
+from accelcal.diagnosis.faults import Fault, fault_remarks, faults, usable
 from accelcal.diagnosis.left_out import left_out_remarks, without_wrong_readings
 from accelcal.effects import spelled
 from accelcal.estimation.remarks import Remark

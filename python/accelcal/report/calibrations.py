@@ -9,7 +9,7 @@ from typing import Any
 
 from accelcal._core import __version__
 from accelcal.calibration.agreement import BEYOND_BY_CHANCE, LIMIT, Agreement, ComparedParameter
-from accelcal.calibration.budget import budget
+from accelcal.calibration.characteristic import budget
 from accelcal.effects import spelled
 from accelcal.estimation.estimate import Fit
 from accelcal.io import atomic_write

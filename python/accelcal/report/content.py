@@ -8,15 +8,14 @@ from typing import Any, TypeVar
 
 from accelcal._support.progress import within
 from accelcal._support.threads import Report, on_two_threads, one_thread
-from accelcal.calibration.budget import Budget, budget
-from accelcal.calibration.characteristic import Application, example
+from accelcal.calibration.characteristic import Application, Budget, budget, example
 from accelcal.data import Recording, describe
+from accelcal.diagnosis.power import Power, power
 from accelcal.diagnosis.select.improvement import NestedFits, nested_fits
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.tracks import Shape, Track, shapes, track
-from accelcal.diagnosis.power import Power, power
 from accelcal.plots import comparison, diagnosis, residuals, timeline
 from accelcal.plots.figure import Figure
 from accelcal.plots.response import sensitivity

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from accelcal._core import __version__
-from accelcal.calibration.budget import COVERAGE_FACTOR, Component, expanded_uncertainty, standard_uncertainty
+from accelcal.calibration.characteristic import COVERAGE_FACTOR, Component, expanded_uncertainty, standard_uncertainty
 from accelcal.data import STANDARD_GRAVITY, UNITS, Recording, Rig, instant
 from accelcal.diagnosis.findings import Size
 from accelcal.effects import BUILT_IN, find, spelled

@@ -9,11 +9,11 @@ from accelcal._support.values import listing
 from accelcal.data import STANDARD_GRAVITY
 from accelcal.diagnosis.dwells import DwellDiagnosis
 from accelcal.diagnosis.findings import Size
+from accelcal.diagnosis.power.design import Plan
+from accelcal.diagnosis.power.detectability import Detectability, Power
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import CATALOGUE, find, spelled
-from accelcal.experiment.design import Plan
-from accelcal.experiment.detectability import Detectability, Power
 from accelcal.results.table import Column, Row, Table, as_sentence, require, table
 from accelcal.results.words import about, amount, length, number, plain, probability, typeset, with_plain, with_unit
 

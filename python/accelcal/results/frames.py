@@ -13,10 +13,10 @@ import numpy as np
 from accelcal._support.errors import MissingExtra
 from accelcal._support.values import listing
 from accelcal.data import Dwells, Recording
+from accelcal.diagnosis.power.detectability import Power
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.tracks import Track
-from accelcal.experiment.detectability import Power
 from accelcal.filters.choice import STATE_UNITS
 from accelcal.filters.record import FilterRun
 from accelcal.io.write import common_rows, common_stamps

@@ -16,8 +16,7 @@ from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import CoreSchema, SchemaSerializer, SchemaValidator, core_schema
 
 from accelcal import _core
-from accelcal._support.errors import AccelcalError
-from accelcal._support.plain_text import visible
+from accelcal._support.errors import AccelcalError, visible
 from accelcal._support.result import NotStored
 from accelcal._support.values import face
 from accelcal.data import RecordingError
@@ -168,8 +167,8 @@ SCHEMAS: Mapping[str, str] = {
     "diagnosis": "diagnosis.verdict:Diagnosis",
     "diagnosis-of-dwells": "diagnosis.dwells:DwellDiagnosis",
     "improvement": "diagnosis.select.improvement:Improvement",
-    "power": "experiment.detectability:Power",
-    "plan": "experiment.design:Plan",
+    "power": "diagnosis.power.detectability:Power",
+    "plan": "diagnosis.power.design:Plan",
     "formulas": "diagnosis.select.curve_formulas:FormulaSet",
     "triad": "estimation.triad:TriadFit",
     "response": "response.measure:FrequencyResponse",

@@ -14,7 +14,7 @@ import numpy as np
 
 from accelcal._core import __version__
 from accelcal._support.arguments import checked
-from accelcal._support.plain_text import OBEYED_IN_NAMES, visible
+from accelcal._support.errors import OBEYED_IN_NAMES, visible
 from accelcal._support.values import face, listing
 from accelcal.effects import CATALOGUE, Effect, side_channel
 from accelcal.effects.own import probe

@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from accelcal.calibration.budget import budget
+from accelcal.calibration.characteristic import budget
 from accelcal.calibration.export import LaboratoryError, SchemaError, calibrate, draft, read_laboratory, require_valid
 from accelcal.calibration.export.certificate import ENTRIES, UNITS, Laboratory, quantities
 from accelcal.data.rig import Sensor, Uncertainty

@@ -16,8 +16,16 @@ from accelcal._support.errors import AccelcalError, MissingExtra
 from accelcal._support.result import Storable
 from accelcal._support.values import face
 from accelcal.calibration.characteristic import Characteristic, LeftOut, characteristic
-from accelcal.calibration.export.approximate import Domain, Inverse, NotInvertible, Proven, evaluate, invert
-from accelcal.calibration.export.numbers import DOUBLE, SINGLE
+from accelcal.calibration.export.approximate import (
+    DOUBLE,
+    SINGLE,
+    Domain,
+    Inverse,
+    NotInvertible,
+    Proven,
+    evaluate,
+    invert,
+)
 from accelcal.data import Array
 from accelcal.estimation.estimate import Fit, tied_sum
 from accelcal.model import Estimate

@@ -5,9 +5,8 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 
-from accelcal.calibration.export.approximate import READING_OUTSIDE, TEMPERATURE_OUTSIDE
+from accelcal.calibration.export.approximate import READING_OUTSIDE, SINGLE, TEMPERATURE_OUTSIDE
 from accelcal.calibration.export.calibration import Calibration, Code
-from accelcal.calibration.export.numbers import SINGLE
 from accelcal.calibration.export.words import comment, unit, upwards
 
 

@@ -8,8 +8,7 @@ import textwrap
 from collections.abc import Iterator
 
 from accelcal._core import __version__
-from accelcal.calibration.budget import COVERAGE_FACTOR
-from accelcal.calibration.characteristic import STATIC
+from accelcal.calibration.characteristic import COVERAGE_FACTOR, STATIC
 from accelcal.calibration.export.calibration import Calibration
 from accelcal.data import normalise
 

@@ -12,6 +12,8 @@ import numpy as np
 from accelcal._support.errors import AccelcalError
 from accelcal.data import Array, Channel, Recording, Rig
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
+from accelcal.diagnosis.power.detectability import Power
+from accelcal.diagnosis.power.power_analysis import detectability_of, with_drift
 from accelcal.effects import Effect
 from accelcal.estimation.drive import DriveIntegrals, run_filter
 from accelcal.estimation.estimate import require_motion
@@ -21,8 +23,6 @@ from accelcal.estimation.run_state import RunState
 from accelcal.estimation.smoothing import SmoothedMotion as Sampled
 from accelcal.estimation.smoothing import Thinning, sensor_signals
 from accelcal.estimation.values import Noise, Values
-from accelcal.experiment.detectability import Power
-from accelcal.experiment.power_analysis import detectability_of, with_drift
 from accelcal.model import Model
 from accelcal.signals.processing import low_pass, motion_bandwidth
 from accelcal.simulation.motion import Motion

@@ -16,8 +16,10 @@ from accelcal._support.arguments import checked
 from accelcal._support.progress import within
 from accelcal._support.threads import one_thread
 from accelcal.data import Array, Recording
-from accelcal.diagnosis.change_points import usable
+from accelcal.diagnosis.faults import usable
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION, DETECTION_PROBABILITY, FAMILYWISE_ALPHA
+from accelcal.diagnosis.power.detectability import Detectability, DetectionModel, Group, Power
+from accelcal.diagnosis.power.drift_bandwidth import drift_bandwidth
 from accelcal.diagnosis.search.beam import SearchRules
 from accelcal.diagnosis.search.confounding import contribution_correlation
 from accelcal.diagnosis.search.hypotheses import Hypothesis
@@ -27,9 +29,6 @@ from accelcal.diagnosis.search.thresholds import entry_gains
 from accelcal.effects import Effect
 from accelcal.estimation.estimate import Fit, solve_runs
 from accelcal.estimation.run_state import RunState
-from accelcal.experiment.detectability import Detectability, Group, Power
-from accelcal.experiment.detection_probability import DetectionModel
-from accelcal.experiment.drift_bandwidth import drift_bandwidth
 from accelcal.model import Model
 
 RANDOM_PROCESS_PATHS = 40
