@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from accelcal.data.arrays import Array
+from accelcal.data import Array
 
 WINDOW = 1.0
 """Length of the moving window over which a channel is judged, s."""
