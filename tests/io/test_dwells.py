@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 import accelcal as ac
 from accelcal.cli import app
-from accelcal.data.rests import rests
+from accelcal.io.dwells import rests
 from tests.schemas import require_published
 
 TABLE = """attitude_deg,mean,std,duration_s,temperature_degC,samples,group

@@ -61,7 +61,7 @@ def fleet(
     print_status(f"{done.computed} recordings fitted, {done.kept} found in {store}, {done.failed} refused")
     found = summarise(campaign.load(store))
     if output is not None:
-        from accelcal.fleet.page import html
+        from accelcal.fleet.summary import html
         from accelcal.io import atomic_write
 
         atomic_write(output, html(found, output.parent))

@@ -10,7 +10,7 @@ from nicegui import ui
 
 from accelcal.app import figures, widgets
 from accelcal.app.page import Page, Zoom, stretches_of
-from accelcal.app.screens import per_run, start
+from accelcal.app.screens import model, start
 from accelcal.app.state import State, Step
 from accelcal.app.tasks import example_of
 from accelcal.diagnosis.findings import Size
@@ -220,7 +220,7 @@ def error(page: Page) -> None:
         figure("noise alone", compared.floor.value, "floor")
     ui.label(f"{compared.measure[:1].upper()}{compared.measure[1:]}, on {held_out(state)}.").classes("note")
     ui.label(f"{ONLY_WHITE[:1].upper()}{ONLY_WHITE[1:]}.").classes("note")
-    per_run.errors(page)
+    model.errors_by_run(page)
     widgets.lines(compared[-1].not_carried)
     widgets.lines(noise_scores(state))
 
