@@ -78,7 +78,6 @@ __all__ = [
 PACKAGES = (
     "data",
     "effects",
-    "experiment",
     "filters",
     "fleet",
     "io",
@@ -86,7 +85,7 @@ PACKAGES = (
     "report",
     "response",
     "simulation",
-    "workflow",
+    "verbs",
 )
 """Modules below the public names that are reached as attributes, imported on first use; `response` is public."""
 HOMES = {
@@ -105,13 +104,13 @@ HOMES = {
     "simulation.sensor": "simulate",
     "validation.differences": "Comparison",
 }
-"""Modules of the public names that are bound together; the workflow loads SciPy's statistics, which takes longer."""
+"""Modules of the public names that are bound together; `verbs` loads SciPy's statistics, which takes longer."""
 _binding: set[int] = set()
 """Threads that are importing the public names."""
 
 
 def __getattr__(name: str) -> Any:
-    """Import what a name needs on its first use: all but the workflow at once, and that when one of its verbs is used.
+    """Import what a name needs on its first use: all but `verbs` at once, and that when one of its verbs is used.
 
     Nothing is imported before, so that a Ctrl-C finds the command line ready for it.
     """
@@ -125,14 +124,15 @@ def __getattr__(name: str) -> Any:
         return face(name)
     if name not in __all__:
         raise AttributeError(f"module 'accelcal' has no attribute {name!r}")
-    from accelcal import experiment, verbs
+    from accelcal import verbs
+    from accelcal.diagnosis import power
 
-    home = experiment if name in ("plan", "power") else verbs
+    home = power if name in ("plan", "power") else verbs
     return globals().setdefault(name, getattr(home, name))
 
 
 def _bind() -> None:
-    """Bind the public names, and with them the submodules; but for the workflow: SciPy's statistics load slowly."""
+    """Bind the public names, and with them the submodules; but for `verbs`: SciPy's statistics load slowly."""
     thread = get_ident()
     if thread in _binding:
         return  # a module asks for a submodule: Python imports it

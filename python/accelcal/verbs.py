@@ -922,7 +922,7 @@ def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
     >>> fit = ac.fit(made.recording)
-    >>> ac.workflow.coast(fit, made.recording, 2.0, 5.0)
+    >>> ac.verbs.coast(fit, made.recording, 2.0, 5.0)
     Coast(from 2 s to 6.999 s: 4167 readings)
     """
     return evaluation.coast(fit, Examined(recording).source, start, horizon)

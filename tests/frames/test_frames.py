@@ -191,7 +191,7 @@ def test_other_results_as_frames(fit: ac.Fit, run: ac.Recording) -> None:
     assert comparison.to_dataframe()["simulation"].iloc[0] == comparison[0].simulated_rms
     power = ac.power(fit, run)
     assert power.to_dataframe().loc["cubic", "smallest"] == power["cubic"].smallest[0]
-    coast = ac.workflow.coast(fit, run, 2.0, 5.0)
+    coast = ac.verbs.coast(fit, run, 2.0, 5.0)
     np.testing.assert_array_equal(coast.to_dataframe()["floor"], coast.floor)
     np.testing.assert_array_equal(coast.to_xarray()["floor"].values, coast.floor)
 

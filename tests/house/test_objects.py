@@ -44,7 +44,7 @@ def objects() -> dict[str, Any]:
     improvement = ac.improve(run, holdout=other, most=1)
     return {
         "Channel": run.accel,
-        "Coast": ac.workflow.coast(fit, other, 2.0, 5.0),
+        "Coast": ac.verbs.coast(fit, other, 2.0, 5.0),
         "Evaluation": ac.compare(fit, other)[0],
         "Diagnosis": ac.diagnose(fit, run),
         "DwellDiagnosis": ac.diagnose(on_dwells, dwells),

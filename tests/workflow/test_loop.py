@@ -120,13 +120,13 @@ def test_coasting_with_any_effect_never_looks_at_position(plain, effect):
     y = recording.position.y.copy()
     y[late] = noise
     blind = dataclasses.replace(recording, position=dataclasses.replace(recording.position, y=y))
-    seen, unseen = (ac.workflow.coast(grown, run, start, 5.0) for run in (recording, blind))
+    seen, unseen = (ac.verbs.coast(grown, run, start, 5.0) for run in (recording, blind))
     np.testing.assert_array_equal(seen.frozen, unseen.frozen)
     np.testing.assert_array_equal(seen.rezeroed, unseen.rezeroed)
     # The sister: noise before the start does change the prediction.
     y = recording.position.y + 1e-5 * np.random.default_rng(1).standard_normal(len(recording.position))
     other = dataclasses.replace(recording, position=dataclasses.replace(recording.position, y=y))
-    assert np.any(ac.workflow.coast(grown, other, start, 5.0).frozen != seen.frozen)
+    assert np.any(ac.verbs.coast(grown, other, start, 5.0).frozen != seen.frozen)
 
 
 def test_what_is_added_can_be_dropped(plain):

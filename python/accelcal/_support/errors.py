@@ -1,4 +1,4 @@
-"""Errors whose text is for users: what was found, where, what was expected, the next step."""
+"""Errors for users: what was found, where, what was expected, the next step; and errors that are defects of accelcal."""
 
 from __future__ import annotations
 

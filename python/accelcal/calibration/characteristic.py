@@ -1,4 +1,4 @@
-"""The sensor's own static characteristic: its output at one acceleration and temperature, and what is left out."""
+"""Static characteristic of a sensor: output at an acceleration and temperature, omissions, uncertainty budget."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands on recordings: describe, check, cut, simulate."""
+"""Commands on recordings and dwells: describe, check, cut, simulate, dwells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command on a running measurement: `live`."""
+"""The command `live`: a running measurement, in the terminal, as lines of JSON or as a page."""
 
 from __future__ import annotations
 

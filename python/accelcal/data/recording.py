@@ -1,4 +1,4 @@
-"""What was measured: channels, each on its own clock, and what was noticed when they were read."""
+"""Recordings: channels, each on its own clock, notes made when they were read, and sets with dwells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Evidence: what a verdict on one fitted model rests on, made once and handed to every check."""
+"""Evidence: what a verdict on a fitted model rests on, made once and handed to every check; the second engine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults of the data that are told: dropouts, glitches, lost samples, steps of position."""
+"""Faults of the data: dropouts, glitches, lost samples, steps of position, and changes in the middle of a record."""
 
 from __future__ import annotations
 

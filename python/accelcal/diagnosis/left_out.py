@@ -1,4 +1,4 @@
-"""Readings that are known to be wrong, left out before anything is estimated: saturated, stuck, of a sleeping logger.
+"""Readings left out of an estimate: saturated, stuck, of a sleeping logger, and outliers found by its residual.
 
 A reading at the limit of the range, or one that repeats a value while the other channel moves, is no measurement with
 noise: it biases every estimate, so it becomes a gap, with the reach of the declared filters on both sides.

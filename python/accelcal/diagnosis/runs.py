@@ -1,4 +1,4 @@
-"""Recordings that disagree: whether the parameters that all runs share have one value in all of them."""
+"""Recordings compared: parameters that differ between runs, and the further run that would separate two effects."""
 
 from __future__ import annotations
 

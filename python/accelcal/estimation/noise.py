@@ -1,4 +1,4 @@
-"""Process and reading noise (q, R) by innovation likelihood, at rest and in motion."""
+"""Process and reading noise (q, R) by innovation likelihood, at rest and in motion, and spectra of the noise."""
 
 from __future__ import annotations
 

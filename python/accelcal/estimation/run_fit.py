@@ -1,4 +1,4 @@
-"""What a fit keeps of each recording: its span, its noise at rest and in motion, its likelihood."""
+"""Fits of single recordings: span, noise at rest and in motion, likelihood, and differences between runs."""
 
 from __future__ import annotations
 

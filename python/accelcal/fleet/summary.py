@@ -1,4 +1,4 @@
-"""A fleet in numbers: every parameter's population, every sensor, every run, and control charts over the dates."""
+"""Fleet: the population of every parameter, sensors, runs, control charts over dates, and its page."""
 
 from __future__ import annotations
 

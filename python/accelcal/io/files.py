@@ -1,4 +1,4 @@
-"""Files that are files, of a size that they can have, and which reader opens each: by first bytes and suffix."""
+"""Files: their kinds and sizes, the reader of each by first bytes and suffix, and columns known by their names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of a diagnosis: candidates by significance, and the error that each effect takes away."""
+"""Figures of a diagnosis: candidates by significance, the error each takes away, correlation of signatures."""
 
 from __future__ import annotations
 

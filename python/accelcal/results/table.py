@@ -1,4 +1,4 @@
-"""Tables: rows of plain values, columns that word them, and the renderers for text, HTML, DataFrame and typst.
+"""Tables: rows of plain values, columns that word them, numbers and units in words, renderers for each format.
 
 A renderer may leave out columns in which every cell is empty. It never adds or leaves out a row.
 """

@@ -161,7 +161,7 @@ class Coast(Result):
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
     >>> fit = ac.fit(made.recording)
-    >>> bool(ac.workflow.coast(fit, made.recording, 2.0, 5.0).floor[-1] > 0.0)
+    >>> bool(ac.verbs.coast(fit, made.recording, 2.0, 5.0).floor[-1] > 0.0)
     True
     """
 

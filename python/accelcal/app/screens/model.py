@@ -1,4 +1,4 @@
-"""The model: hold parameters, remove effects, define effects of your own, set two models side by side."""
+"""The model: hold parameters, remove effects, define effects, two models side by side, values by run."""
 
 from __future__ import annotations
 
@@ -180,7 +180,7 @@ def card(page: Page) -> None:
     with widgets.card("Two models side by side"):
         names = list(state.models)
         if len(names) > 1:
-            pair = chosen(page, names)
+            pair = chosen_pair(page, names)
             with ui.row().classes("line"):
                 select(page, names, 0)
                 select(page, names, 1)
@@ -191,7 +191,7 @@ def card(page: Page) -> None:
         uploads.drop(page, "Drop a model (.json) or another session (.accelcal)", guest=True)
 
 
-def chosen(page: Page, names: list[str]) -> tuple[str, str]:
+def chosen_pair(page: Page, names: list[str]) -> tuple[str, str]:
     """The two models that were chosen; the first and the last where they are no longer there."""
     if page.pair is None or not set(page.pair) <= set(names):
         page.pair = (names[0], names[-1])

@@ -1,4 +1,4 @@
-"""From the model's output as a function of acceleration to the polynomials of its inverse."""
+"""Polynomials of the inverse characteristic, in the number formats of an export with directed rounding."""
 
 from __future__ import annotations
 

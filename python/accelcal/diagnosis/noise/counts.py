@@ -1,4 +1,4 @@
-"""Quantisation: steps of the converter that exceed the noise."""
+"""Quantisation: converter steps above the noise, the rounding they cost, and stamps of finite resolution."""
 
 from __future__ import annotations
 

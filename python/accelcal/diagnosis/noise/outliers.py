@@ -1,4 +1,4 @@
-"""Outliers of the output and of the encoder: single samples that their noise does not allow."""
+"""Outliers of output and encoder: single samples that the noise excludes, and noise with heavy tails."""
 
 from __future__ import annotations
 

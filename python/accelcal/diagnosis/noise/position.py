@@ -1,4 +1,4 @@
-"""The encoder's interpolation error: a wave over position."""
+"""Noise of the encoder: its interpolation error, a wave over position, and innovations that are not white."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Residuals of a fitted run as the noise tests use them: the output above the motion, and whitened innovations."""
+"""Residuals for noise tests: output above the motion, whitened innovations, spectra, robust sums, interpolation error."""
 
 from __future__ import annotations
 

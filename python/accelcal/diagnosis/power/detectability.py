@@ -1,4 +1,4 @@
-"""Probability that any effect enters when one is present: the rules of the search applied to simulated scores.
+"""Detectability: probability that an effect enters by the rules of the search, and results of a power analysis.
 
 The scores of all alternatives are normal, c ~ N(G theta, G) with G = their Gram matrix given the base, so the search is
 run on draws of c and no record is needed: every alternative at its trial shapes, the strongest ones also at shapes

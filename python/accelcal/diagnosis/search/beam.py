@@ -1,4 +1,4 @@
-"""Beam search over sets of effects: which enter, at what price, and whether their scores scatter as the model says."""
+"""Beam search over sets of effects: which enter, thresholds and price, and whether their scores scatter as modelled."""
 
 from __future__ import annotations
 

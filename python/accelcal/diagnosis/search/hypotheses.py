@@ -1,4 +1,4 @@
-"""Hypotheses: every effect that may be missing from a model, at each of its trial shapes."""
+"""Hypotheses: effects that may be missing from a model, and the trial shapes of each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gram matrix and scores of the hypotheses, with the base model projected out."""
+"""Gram matrix and scores of the hypotheses, without the base model and without slow noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collinear effects of one variable are replaced by that variable's nonparametric curve."""
+"""Collinear effects of one variable replaced by its nonparametric curve, and effects too large to be plausible."""
 
 from __future__ import annotations
 

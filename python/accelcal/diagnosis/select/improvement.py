@@ -1,4 +1,4 @@
-"""Result of improving a model: its steps, and what the last model still lacks."""
+"""Improvement: the steps of a model, what the last still lacks, and nested models compared."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One channel of a run against the test functions: sums that are integrals, whatever its stamps."""
+"""Channels against the test functions: sums that are integrals whatever the stamps, and their covariance."""
 
 from __future__ import annotations
 

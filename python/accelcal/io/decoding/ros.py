@@ -1,4 +1,4 @@
-"""Messages of ROS 1 and 2 by the definitions that a file brings along: which numbers they hold, and in which unit.
+"""ROS messages by the definitions that a file brings along, and bags of ROS 1 and ROS 2.
 
 The library makes Python code of these definitions, so nothing but plain names comes near it.
 """
