@@ -17,7 +17,7 @@ import scipy
 
 from accelcal.data import Array, Recording, Rig
 from accelcal.demo import with_effect
-from accelcal.diagnosis.power.drift_bandwidth import DWELL, DWELLS, TURN, tumble
+from accelcal.diagnosis.experiment.drift_bandwidth import DWELL, DWELLS, TURN, tumble
 from accelcal.effects import find, polynomial
 from accelcal.estimation.estimate import Fit, estimate, estimate_dwells
 from accelcal.estimation.run import prepare

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from accelcal._core import __version__
     from accelcal._support.errors import AccelcalError
     from accelcal.data import Channel, Dwells, LowPass, Recording, RecordingError, Rig, Sensor
-    from accelcal.diagnosis.power import plan, power
+    from accelcal.diagnosis.experiment import plan, power
     from accelcal.diagnosis.select.improvement import Improvement
     from accelcal.diagnosis.verdict import Diagnosis
     from accelcal.effects import effect, load_effects
@@ -125,9 +125,9 @@ def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'accelcal' has no attribute {name!r}")
     from accelcal import verbs
-    from accelcal.diagnosis import power
+    from accelcal.diagnosis import experiment
 
-    home = power if name in ("plan", "power") else verbs
+    home = experiment if name in ("plan", "power") else verbs
     return globals().setdefault(name, getattr(home, name))
 
 

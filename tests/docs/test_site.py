@@ -15,7 +15,7 @@ from .site import broken, read, remote
 DOCS = Path(__file__).parents[2] / "docs"
 PUBLIC = (
     "accelcal",
-    "accelcal.diagnosis.power",
+    "accelcal.diagnosis.experiment",
     "accelcal.fleet.campaign",
     "accelcal.io",
     "accelcal.plots",

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import accelcal as ac
+from accelcal.diagnosis.experiment import Limits, plan
+from accelcal.diagnosis.experiment.design import PATTERNS, Recipe, build
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION
-from accelcal.diagnosis.power import Limits, plan
-from accelcal.diagnosis.power.design import PATTERNS, Recipe, build
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 from tests.commands import accelcal
 from tests.schemas import require_published
@@ -60,7 +60,7 @@ def test_a_plan_separates_what_one_tone_confounds(odd):
 
 
 def test_a_plan_beats_the_motion_of_the_paper(odd):
-    from accelcal.diagnosis.power import power_of_motion
+    from accelcal.diagnosis.experiment import power_of_motion
     from accelcal.simulation.motion import motion
 
     usual = power_of_motion(motion("interleaved", 30.0, np.random.default_rng(1)), CXL02_RIG)

@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 import accelcal as ac
 from accelcal.cli import app, write_recording
-from accelcal.diagnosis.power import power
-from accelcal.diagnosis.power.drift_bandwidth import SIGMA, drift_bandwidth, tumble_limit
+from accelcal.diagnosis.experiment import power
+from accelcal.diagnosis.experiment.drift_bandwidth import SIGMA, drift_bandwidth, tumble_limit
 from accelcal.effects import found_by
 from accelcal.model import Model
 from accelcal.simulation import ADXL105_RIG

@@ -11,10 +11,10 @@ from functools import cache
 import numpy as np
 
 from accelcal import io
+from accelcal.diagnosis.experiment import Plan, plan
+from accelcal.diagnosis.experiment.detectability import DetectionModel
+from accelcal.diagnosis.experiment.power_analysis import detectability_of, with_drift
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
-from accelcal.diagnosis.power import Plan, plan
-from accelcal.diagnosis.power.detectability import DetectionModel
-from accelcal.diagnosis.power.power_analysis import detectability_of, with_drift
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.search.thresholds import least_distance

@@ -164,8 +164,8 @@ def test_power_that_was_pickled_keeps_its_limits_and_says_what_it_lost(objects: 
 
 
 MODULES = (
-    *("workflow", "effects", "io", "plots", "plots.interactive", "filters"),
-    *("experiment", "model", "data.recording"),
+    *("verbs", "effects", "io", "plots", "plots.interactive", "filters"),
+    *("diagnosis.experiment", "model", "data.recording"),
 )
 
 

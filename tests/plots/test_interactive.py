@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import accelcal as ac
+from accelcal.diagnosis.experiment import power
 from accelcal.diagnosis.findings import Confounded
 from accelcal.diagnosis.noise.noise_test import NoiseTest
-from accelcal.diagnosis.power import power
 from accelcal.diagnosis.select.improvement import nested_fits
 from accelcal.estimation.estimate import estimate
 from accelcal.estimation.tracks import shapes, track

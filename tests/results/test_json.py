@@ -22,8 +22,8 @@ import accelcal as ac
 from accelcal._support.result import NotStored
 from accelcal.data.rig import ChannelFilter, Rig
 from accelcal.diagnosis.dwells import DwellDiagnosis
-from accelcal.diagnosis.power.design import Limits, Plan
-from accelcal.diagnosis.power.detectability import Power
+from accelcal.diagnosis.experiment.design import Limits, Plan
+from accelcal.diagnosis.experiment.detectability import Power
 from accelcal.diagnosis.select.improvement import Improvement
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect, find

@@ -1,4 +1,9 @@
-"""Errors for users: what was found, where, what was expected, the next step; and errors that are defects of accelcal."""
+"""Errors for users: what was found, where, what was expected, the next step; and defects of accelcal itself.
+
+An exception speaks to the user if it is an `AccelcalError`, or names a file that the operating system refused. Anything
+else is an error of accelcal. Its report holds what the authors need and nothing of the user's data: no values, no texts
+of exceptions.
+"""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ from accelcal.cli.overwriting import mark_of
 if TYPE_CHECKING:
     from accelcal.data import Rig as RigOf
     from accelcal.diagnosis.dwells import DwellDiagnosis
-    from accelcal.diagnosis.power import Plan
+    from accelcal.diagnosis.experiment import Plan
     from accelcal.estimation.estimate import Fit
     from accelcal.validation.differences import Comparison
 
@@ -292,8 +292,8 @@ def power(
     """
     from accelcal import io
     from accelcal.cli.printing import show_power
-    from accelcal.diagnosis.power import power as power_of
-    from accelcal.diagnosis.power import power_of_set_points
+    from accelcal.diagnosis.experiment import power as power_of
+    from accelcal.diagnosis.experiment import power_of_set_points
     from accelcal.model import Model
     from accelcal.results.json import content
 
@@ -333,7 +333,7 @@ def plan(
     """
     from accelcal import io
     from accelcal.cli.printing import limit, show_plan
-    from accelcal.diagnosis.power import plan as plan_for
+    from accelcal.diagnosis.experiment import plan as plan_for
     from accelcal.results.json import content
     from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG
 

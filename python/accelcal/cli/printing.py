@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from accelcal._support.result import Result
     from accelcal.calibration.export import Calibration
     from accelcal.data import Recording
-    from accelcal.diagnosis.power.design import Plan
-    from accelcal.diagnosis.power.detectability import Power
-    from accelcal.diagnosis.power.drift_bandwidth import DriftBandwidth
+    from accelcal.diagnosis.experiment.design import Plan
+    from accelcal.diagnosis.experiment.detectability import Power
+    from accelcal.diagnosis.experiment.drift_bandwidth import DriftBandwidth
     from accelcal.diagnosis.select.curve_formulas import FormulaSet
     from accelcal.diagnosis.select.improvement import Improvement
     from accelcal.estimation.estimate import Fit
@@ -119,7 +119,7 @@ def show_power(result: Power) -> None:
 
 def show_drift_bandwidth(drift: DriftBandwidth) -> None:
     """Print the smallest sinusoidal changes of bias and scale factor that a record shows, and those of a tumble."""
-    from accelcal.diagnosis.power.drift_bandwidth import SIGMA
+    from accelcal.diagnosis.experiment.drift_bandwidth import SIGMA
 
     frequency, tumble, curves = drift.frequency, drift.tumble, (drift.bias, drift.scale_factor)
     say_line(f"smallest sinusoidal change that this record shows at {SIGMA:g} sigma, whatever its phase")

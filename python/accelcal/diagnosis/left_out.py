@@ -2,6 +2,10 @@
 
 A reading at the limit of the range, or one that repeats a value while the other channel moves, is no measurement with
 noise: it biases every estimate, so it becomes a gap, with the reach of the declared filters on both sides.
+
+An outlier counts with the weight of a good sample and raises the fitted noise of its channel for all others, so it is
+removed from the record and the fit is repeated. Two periods of the motion's bandwidth at either end are not tested:
+sharp features there are confounded with the end itself.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.data import Array
-from accelcal.diagnosis.power import Detectability, DriftBandwidth, Power
+from accelcal.diagnosis.experiment import Detectability, DriftBandwidth, Power
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find, spelled

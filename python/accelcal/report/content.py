@@ -10,7 +10,7 @@ from accelcal._support.progress import within
 from accelcal._support.threads import Report, on_two_threads, one_thread
 from accelcal.calibration.characteristic import Application, Budget, budget, example
 from accelcal.data import Recording, describe
-from accelcal.diagnosis.power import Power, power
+from accelcal.diagnosis.experiment import Power, power
 from accelcal.diagnosis.select.improvement import NestedFits, nested_fits
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect

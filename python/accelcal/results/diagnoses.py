@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from accelcal._support.values import listing
 from accelcal.data import STANDARD_GRAVITY
 from accelcal.diagnosis.dwells import DwellDiagnosis
+from accelcal.diagnosis.experiment.design import Plan
+from accelcal.diagnosis.experiment.detectability import Detectability, Power
 from accelcal.diagnosis.findings import Size
-from accelcal.diagnosis.power.design import Plan
-from accelcal.diagnosis.power.detectability import Detectability, Power
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import CATALOGUE, find, spelled

@@ -13,7 +13,7 @@ import numpy as np
 from accelcal._support.errors import MissingExtra
 from accelcal._support.values import listing
 from accelcal.data import Dwells, Recording
-from accelcal.diagnosis.power.detectability import Power
+from accelcal.diagnosis.experiment.detectability import Power
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.tracks import Track

@@ -1,4 +1,8 @@
-"""Quantisation: converter steps above the noise, the rounding they cost, and stamps of finite resolution."""
+"""Quantisation: converter steps above the noise, the rounding they cost, and stamps of finite resolution.
+
+Derivations 7.12. A code u = D round(x/D) of x = model + normal noise has the probability that x lies in its cell; noise
+of the same variance that is not rounded gives it its density times D.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Outliers of output and encoder: single samples that the noise excludes, and noise with heavy tails."""
+"""Outliers of output and encoder: single samples that the noise excludes, and noise with heavy tails.
+
+Derivations 7.11. A sample is normal with the noise of its channel, or, with a small probability, with a far larger
+variance. The few that exceed what the noise allows determine both: their number the share, their heights the size.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Residuals for noise tests: output above the motion, whitened innovations, spectra, robust sums, interpolation error."""
+"""Residuals for noise tests: output above the motion, whitened innovations, spectra, robust sums, slow error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Beam search over sets of effects: which enter, thresholds and price, and whether their scores scatter as modelled."""
+"""Beam search over sets of effects: which enter, thresholds and price, and whether their scores scatter as modelled.
+
+The gain of an effect with `dof` coefficients at a distance of d standard deviations from zero is noncentral chi-square
+with noncentrality d² (derivations D3.5). The effect enters when its gain is significant over all alternatives and
+exceeds its price.
+"""
 
 from __future__ import annotations
 

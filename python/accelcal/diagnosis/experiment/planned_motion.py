@@ -11,9 +11,9 @@ import numpy as np
 
 from accelcal._support.errors import AccelcalError
 from accelcal.data import Array, Channel, Recording, Rig
+from accelcal.diagnosis.experiment.detectability import Power
+from accelcal.diagnosis.experiment.power_analysis import detectability_of, with_drift
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
-from accelcal.diagnosis.power.detectability import Power
-from accelcal.diagnosis.power.power_analysis import detectability_of, with_drift
 from accelcal.effects import Effect
 from accelcal.estimation.drive import DriveIntegrals, run_filter
 from accelcal.estimation.estimate import require_motion

@@ -16,10 +16,10 @@ from accelcal._support.arguments import checked
 from accelcal._support.progress import within
 from accelcal._support.threads import one_thread
 from accelcal.data import Array, Recording
+from accelcal.diagnosis.experiment.detectability import Detectability, DetectionModel, Group, Power
+from accelcal.diagnosis.experiment.drift_bandwidth import drift_bandwidth
 from accelcal.diagnosis.faults import usable
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION, DETECTION_PROBABILITY, FAMILYWISE_ALPHA
-from accelcal.diagnosis.power.detectability import Detectability, DetectionModel, Group, Power
-from accelcal.diagnosis.power.drift_bandwidth import drift_bandwidth
 from accelcal.diagnosis.search.beam import SearchRules
 from accelcal.diagnosis.search.confounding import contribution_correlation
 from accelcal.diagnosis.search.hypotheses import Hypothesis

@@ -19,10 +19,10 @@ from accelcal._support.errors import AccelcalError
 from accelcal._support.result import NotStored, Result
 from accelcal._support.threads import one_thread
 from accelcal.data import Array, Rig
+from accelcal.diagnosis.experiment.detectability import Detectability, Power, evidence_of, rules_for
+from accelcal.diagnosis.experiment.planned_motion import ACCEL_RATE, POSITION_RATE, planned_noise, planned_state
+from accelcal.diagnosis.experiment.power_analysis import detectability_of, most_visible_direction
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION, FAMILYWISE_ALPHA, PLAN_CORRELATION
-from accelcal.diagnosis.power.detectability import Detectability, Power, evidence_of, rules_for
-from accelcal.diagnosis.power.planned_motion import ACCEL_RATE, POSITION_RATE, planned_noise, planned_state
-from accelcal.diagnosis.power.power_analysis import detectability_of, most_visible_direction
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
 from accelcal.diagnosis.search.scan import detectable_sizes
 from accelcal.diagnosis.search.scores import CandidateScores

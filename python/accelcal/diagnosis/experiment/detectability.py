@@ -20,8 +20,8 @@ from accelcal._support.errors import AccelcalError
 from accelcal._support.result import NotStored, Result
 from accelcal._support.values import immutable
 from accelcal.data import Array
+from accelcal.diagnosis.experiment.drift_bandwidth import DriftBandwidth
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, FINALISTS
-from accelcal.diagnosis.power.drift_bandwidth import DriftBandwidth
 from accelcal.diagnosis.search.beam import SearchRules, block_length, shrunk_inflation
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
 from accelcal.diagnosis.search.scores import DEGENERATE_MIX, BaseProjection, CandidateScores, scale_of
@@ -358,7 +358,7 @@ class Power(Result):
 
         Rivals share its signature in part and have their own share of the noise, so one of them may enter where the
         effect just fails; the search refines shapes and divides significance by the scatter of blocks. All of that is
-        simulated (:mod:`accelcal.diagnosis.power.detectability`); `predicted_detection` is the probability that an
+        simulated (:mod:`accelcal.diagnosis.experiment.detectability`); `predicted_detection` is the probability that an
         effect enters on its own.
 
         Parameters

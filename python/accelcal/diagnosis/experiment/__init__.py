@@ -1,11 +1,11 @@
 """Experiment design: what a record or a planned motion can detect, and how to plan a motion (derivations D3.5)."""
 
 from accelcal._support.values import listing
-from accelcal.diagnosis.power.design import Limits, Plan, plan
-from accelcal.diagnosis.power.detectability import Detectability, Group, Power
-from accelcal.diagnosis.power.drift_bandwidth import DriftBandwidth, TumbleLimit, drift_bandwidth
-from accelcal.diagnosis.power.planned_motion import power_of_motion, power_of_set_points, through
-from accelcal.diagnosis.power.power_analysis import power
+from accelcal.diagnosis.experiment.design import Limits, Plan, plan
+from accelcal.diagnosis.experiment.detectability import Detectability, Group, Power
+from accelcal.diagnosis.experiment.drift_bandwidth import DriftBandwidth, TumbleLimit, drift_bandwidth
+from accelcal.diagnosis.experiment.planned_motion import power_of_motion, power_of_set_points, through
+from accelcal.diagnosis.experiment.power_analysis import power
 from accelcal.diagnosis.search.thresholds import predicted_detection
 
 __all__ = [
