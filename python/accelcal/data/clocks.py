@@ -135,10 +135,10 @@ def _nearest_clock(t: Array, spacing: Array, period: float) -> UniformClock:
     rows = np.concatenate([latest, earliest])
     sign = np.repeat([1.0, -1.0], [len(latest), len(earliest)])
     left = np.column_stack([-sign, -sign * place[rows] / length, -np.ones(len(rows))])
-    found = scipy.optimize.linprog([0.0, 0.0, 1.0], left, -sign * error[rows] / size, bounds=[(None, None)] * 3)
-    if found.success:
-        middle += size * float(found.x[0])
-        slope += size * float(found.x[1]) / length
+    solution = scipy.optimize.linprog([0.0, 0.0, 1.0], left, -sign * error[rows] / size, bounds=[(None, None)] * 3)
+    if solution.success:
+        middle += size * float(solution.x[0])
+        slope += size * float(solution.x[1]) / length
     instants = middle + slope * place
     error = t - instants
     return UniformClock(slope, instants, float(np.ptp(error)), (sign, place[rows] / length, error[rows]))
@@ -324,8 +324,8 @@ def _filtered(y: Array, step: float, frequency: Array, gain: Array) -> Array:
     """A signal with each frequency turned down by a gain, of variance 1."""
     size = 1 << (2 * len(y) - 1).bit_length()
     spectrum = np.fft.rfft(y, size) * np.interp(np.fft.rfftfreq(size, step), frequency, gain)
-    found = np.asarray(np.fft.irfft(spectrum, size)[: len(y)])
-    return np.asarray(found / max(float(np.std(found)), _TINY))
+    filtered = np.asarray(np.fft.irfft(spectrum, size)[: len(y)])
+    return np.asarray(filtered / max(float(np.std(filtered)), _TINY))
 
 
 _SEGMENT = 4096
@@ -378,14 +378,14 @@ class _Stretches:
         first = max(0, -peaks.lag)
         count = max(4, min(STRETCHES, peaks.overlap // (8 * peaks.reach + FEWEST)))
         edges = np.linspace(first, first + peaks.overlap, count + 1).astype(int)
-        found = [_lag(a, b, i, j, peaks) for i, j in pairwise(edges)]
+        lags = [_lag(a, b, i, j, peaks) for i, j in pairwise(edges)]
         places = (edges[:-1] + edges[1:]) / 2.0
-        kept = [(place, *lag) for place, lag in zip(places, found, strict=True) if lag is not None]
+        places_lags = [(place, *lag) for place, lag in zip(places, lags, strict=True) if lag is not None]
         self.middle, self.lag = first + peaks.overlap / 2.0, float(peaks.lag)
         self.lag_std, self.slope, self.slope_std = 0.5, 0.0, 0.5 / peaks.overlap
-        if len(kept) < 4:
+        if len(places_lags) < 4:
             return
-        place, lag, weight = np.array(kept).T
+        place, lag, weight = np.array(places_lags).T
         self.middle = float(np.average(place, weights=weight))
         away = place - self.middle
         moment = float(np.sum(weight * away**2))

@@ -127,9 +127,9 @@ class Dwells(Result):
         """Mean specific force along the input axis at elevations of which each is uncertain, m/s²."""
         return np.asarray(self.gravity * math.exp(-0.5 * self.angle_std**2) * np.sin(angle))
 
-    def rows(self, kept: Array) -> Dwells:
+    def rows(self, rows: Array) -> Dwells:
         """Some of the dwells."""
-        some = np.flatnonzero(kept) if np.asarray(kept).dtype == np.bool_ else np.asarray(kept, dtype=np.intp)
+        some = np.flatnonzero(rows) if np.asarray(rows).dtype == np.bool_ else np.asarray(rows, dtype=np.intp)
         return replace(
             self,
             angle=self.angle[some],

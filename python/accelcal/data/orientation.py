@@ -99,8 +99,8 @@ def turning(t: Array, place: Array, attitude: tuple[Array, Array], axis: Array, 
         directions = rotated(q, v, sense)
         if len(stamps) == len(t) and np.array_equal(stamps, t):
             return directions
-        found = np.column_stack([np.interp(t, stamps, directions[:, i]) for i in range(3)])
-        return np.asarray(found / np.linalg.norm(found, axis=1)[:, None])
+        direction = np.column_stack([np.interp(t, stamps, directions[:, i]) for i in range(3)])
+        return np.asarray(direction / np.linalg.norm(direction, axis=1)[:, None])
 
     e, body = at(axis), [at(v) for v in np.eye(3)]
     mean = np.mean(e, axis=0)
@@ -186,9 +186,9 @@ def turned(t: Array, rates: Array, axis: Array) -> tuple[Channel, Channel]:
     axis : (3,) input axis, of length 1.
     """
     h = np.diff(t)
-    found = []
+    turns = []
     for name, direction in zip(TURNED, across(axis), strict=True):
         rate = rates @ direction
         angle = np.concatenate([[0.0], np.cumsum(0.5 * h * (rate[1:] + rate[:-1]))])
-        found.append(Channel(name, t, angle, "rad"))
-    return found[0], found[1]
+        turns.append(Channel(name, t, angle, "rad"))
+    return turns[0], turns[1]

@@ -166,8 +166,8 @@ def require_few_holes(recording: Recording, seconds: float, step: float) -> None
 
 
 def _too_few(file: str, name: str, count: int) -> str:
-    found = "1 sample" if count else "no sample"
-    return f"{file}: {name}: {found}; at least 2 are needed to have a rate."
+    count_text = "1 sample" if count else "no sample"
+    return f"{file}: {name}: {count_text}; at least 2 are needed to have a rate."
 
 
 def require_overlap(file: str, accel: Channel, position: Channel) -> None:
@@ -336,13 +336,13 @@ def _without_held(name: str, t: Array, y: Array) -> tuple[Array, Array, list[Fin
     if len(np.unique(y[starts])) > _DISTINCT * len(starts):
         sampled[:] = 1.0
     number = np.floor((np.arange(len(y)) - np.repeat(starts, lengths)) / pace + 1e-9)
-    kept = (np.diff(number, prepend=-1.0) != 0.0) & (number < np.repeat(sampled, lengths))
-    kept[starts] = True
+    changed = (np.diff(number, prepend=-1.0) != 0.0) & (number < np.repeat(sampled, lengths))
+    changed[starts] = True
     tick = float(np.median(np.diff(t)))
-    kept &= np.diff(t, prepend=-np.inf) < 1.5 * tick  # behind a gap nobody knows since when the value is held
-    dropped = int(np.count_nonzero(~kept))
-    first = float(t[np.argmin(kept)])
-    instants, common, jitter = t[kept], rounding_std(tick), rounding_std(tick)
+    changed &= np.diff(t, prepend=-np.inf) < 1.5 * tick  # behind a gap nobody knows since when the value is held
+    dropped = int(np.count_nonzero(~changed))
+    first = float(t[np.argmin(changed)])
+    instants, common, jitter = t[changed], rounding_std(tick), rounding_std(tick)
     after = "the repeats are taken as not sampled"
     if len(instants) >= FEWEST_STAMPS and (clock := uniform_clock(instants)).explains(tick):
         instants, common, jitter = clock.instants, clock.common_std(tick), 0.0
@@ -355,7 +355,7 @@ def _without_held(name: str, t: Array, y: Array) -> tuple[Array, Array, list[Fin
         f"The first of each run is kept, {after}"
     )
     # A value is written at the first tick after the sensor's own instant: late by half a tick on average.
-    return instants - 0.5 * tick, y[kept], [Finding(HELD, name, dropped, first, text, "warning", tick, common, jitter)]
+    return instants - 0.5 * tick, y[changed], [Finding(HELD, name, dropped, first, text, "warning", tick, common, jitter)]
 
 
 def equal_by_chance(counts: Sequence[int]) -> float:
@@ -524,8 +524,8 @@ def describe(recording: Recording) -> dict[str, Any]:
 
 def orientation(recording: Recording) -> str | None:
     """What says how the axis turns: "attitude", "gravity_along_axis" or "gyroscope"; None where nothing does."""
-    known = {"attitude": LEVERS[0], GRAVITY: GRAVITY, "gyroscope": TURNED[0]}
-    return next((name for name, channel in known.items() if channel in recording.side), None)
+    words = {"attitude": LEVERS[0], GRAVITY: GRAVITY, "gyroscope": TURNED[0]}
+    return next((name for name, channel in words.items() if channel in recording.side), None)
 
 
 _ORIENTATIONS = {

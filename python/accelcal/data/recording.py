@@ -311,7 +311,7 @@ class Recording(Result):
         >>> Recording.from_arrays(t, a, p, units={"accel": "m/s^2", "position": "mm"}, name="sweep")
         Recording('sweep': 1000 samples of accel, 1000 of position)
         """
-        found = face("io.memory").from_arrays(
+        recording = face("io.memory").from_arrays(
             t,
             accel,
             position,
@@ -322,8 +322,8 @@ class Recording(Result):
             name=name,
             reference=reference,
         )
-        assert isinstance(found, Recording)
-        return found
+        assert isinstance(recording, Recording)
+        return recording
 
     @classmethod
     def from_dataframe(
@@ -352,9 +352,9 @@ class Recording(Result):
         >>> Recording.from_dataframe(frame)
         Recording('': 1000 samples of accel, 1000 of position)
         """
-        found = face("io.memory").from_dataframe(frame, units=units, rig=rig, name=name)
-        assert isinstance(found, Recording)
-        return found
+        recording = face("io.memory").from_dataframe(frame, units=units, rig=rig, name=name)
+        assert isinstance(recording, Recording)
+        return recording
 
     @property
     def sums(self) -> tuple[float, float, float, float]:
@@ -518,22 +518,22 @@ def require_reference(channel: Channel) -> tuple[Order, str]:
     RecordingError
         If it is no velocity or acceleration.
     """
-    known = ORDERS.get(channel.name)
-    if known is None:
+    order = ORDERS.get(channel.name)
+    if order is None:
         raise RecordingError(f"{channel.name}: no reference; expected {' or '.join(ORDERS)}")
-    if not units.same_unit(channel.unit, known[1]):
+    if not units.same_unit(channel.unit, order[1]):
         raise RecordingError(
-            f"{channel.name} is in {channel.unit}; expected {known[1]}, or a unit that converts to it: the reference "
+            f"{channel.name} is in {channel.unit}; expected {order[1]}, or a unit that converts to it: the reference "
             "moves along one axis, and turning tables are not calibrated"
         )
-    return known
+    return order
 
 
 def with_dwells(several: Recording | Dwells | Sequence[Recording | Dwells]) -> list[Recording] | Dwells:
     """Recordings, all dwells among them given to the first; the dwells themselves where there is no recording."""
     given = [several] if isinstance(several, Recording | Dwells) else list(several)
-    recordings = [one for one in given if isinstance(one, Recording)]
-    dwells = [one for one in given if isinstance(one, Dwells)]
+    recordings = [item for item in given if isinstance(item, Recording)]
+    dwells = [item for item in given if isinstance(item, Dwells)]
     if not recordings:
         return together(dwells)
     return dwells_with_first(recordings, dwells)
@@ -543,7 +543,7 @@ def dwells_with_first(recordings: Sequence[Recording], further: Sequence[Dwells]
     """The recordings, all their dwells and further ones with the first; a table that several sidecars name counts
     once."""
     own = {r.dwells.digest or str(number): r.dwells for number, r in enumerate(recordings) if r.dwells is not None}
-    every = [*own.values(), *(one for one in further if not one.digest or one.digest not in own)]
+    every = [*own.values(), *(dwells for dwells in further if not dwells.digest or dwells.digest not in own)]
     if not every:
         return list(recordings)
     first, *others = recordings
@@ -581,19 +581,19 @@ def together(several: Sequence[Dwells]) -> Dwells:
         require_same_sensor(one, first.rig, first.name)
         if one.digest and one.digest in {first.digest, *(other.digest for other in others if other is not one)}:
             raise RecordingError(f"{one.name} is given twice: its dwells would count twice. Give it once")
-    warm = [one.temperature for one in several]
+    warm = [dwells.temperature for dwells in several]
     return replace(
         first,
-        angle=np.concatenate([one.angle for one in several]),
-        mean=np.concatenate([one.mean for one in several]),
-        std=np.concatenate([one.std for one in several]),
-        duration=np.concatenate([one.duration for one in several]),
-        samples=np.concatenate([one.samples for one in several]),
-        group=tuple(f"{k}: {group}" if group else str(k) for k, one in enumerate(several) for group in one.group),
-        temperature=None if any(each is None for each in warm) else np.concatenate([w for w in warm if w is not None]),
-        name=" and ".join(one.name for one in several),
-        digest=hashlib.sha256(" ".join(one.digest for one in several).encode()).hexdigest(),
-        assumptions=tuple(dict.fromkeys(text for one in several for text in one.assumptions)),
+        angle=np.concatenate([dwells.angle for dwells in several]),
+        mean=np.concatenate([dwells.mean for dwells in several]),
+        std=np.concatenate([dwells.std for dwells in several]),
+        duration=np.concatenate([dwells.duration for dwells in several]),
+        samples=np.concatenate([dwells.samples for dwells in several]),
+        group=tuple(f"{k}: {group}" if group else str(k) for k, dwells in enumerate(several) for group in dwells.group),
+        temperature=None if any(warmth is None for warmth in warm) else np.concatenate([w for w in warm if w is not None]),
+        name=" and ".join(dwells.name for dwells in several),
+        digest=hashlib.sha256(" ".join(dwells.digest for dwells in several).encode()).hexdigest(),
+        assumptions=tuple(dict.fromkeys(text for dwells in several for text in dwells.assumptions)),
     )
 
 

@@ -75,7 +75,7 @@ def _tokens(text: str) -> str | None:
 
     n is a name, e an exponent, s one that a bracket may carry, r a root; marks stand for themselves.
     """
-    found, at = [], 0
+    tokens, at = [], 0
     text = text.rstrip()
     while at < len(text):
         part = _TOKEN.match(text, at)
@@ -84,16 +84,16 @@ def _tokens(text: str) -> str | None:
         if part["name"]:
             if part["name"].startswith(_DIFFERENCE):
                 return None
-            found.append("n")
+            tokens.append("n")
         elif part["exponent"]:
             kind = _exponent(part["exponent"])
             if kind is None:
                 return None
-            found.append(kind)
+            tokens.append(kind)
         else:
-            found.append(part["mark"])
+            tokens.append(part["mark"])
         at = part.end()
-    return "".join(found)
+    return "".join(tokens)
 
 
 def _exponent(text: str) -> str | None:
@@ -494,7 +494,7 @@ def usual_unit(unit: str, *values: float) -> tuple[str, float]:
         return _USUAL.get(unit, (unit, 1.0))
     largest = max(map(abs, values), default=0.0)
     sizes = ((unit, 1.0), (f"m{unit}", 1e-3), (f"u{unit}", 1e-6), (f"n{unit}", 1e-9))
-    return next((one for one in sizes if largest >= one[1]), sizes[0] if largest == 0.0 else sizes[-1])
+    return next((size for size in sizes if largest >= size[1]), sizes[0] if largest == 0.0 else sizes[-1])
 
 
 __dir__ = listing(globals())

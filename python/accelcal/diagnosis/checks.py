@@ -64,7 +64,7 @@ def turning_sensor(e: Evidence) -> Iterator[Remark]:
     where none does no name is certain. No null: the limit is the declared bias instability, noise subtracted
     (tests/diagnosis/test_turning.py).
     """
-    model, found, recording = e.model, e.scan.found, e.recording
+    model, scan, recording = e.model, e.scan.found, e.recording
     if e.forbidden or not e.scan.enough or gravity_is_recorded(recording):
         return
     slow = SlowResidual.of(recording, e.where.accel_residual, e.where.band)
@@ -77,10 +77,10 @@ def turning_sensor(e: Evidence) -> Iterator[Remark]:
         for finding in entering:
             reference = finding.enter(reference)
         fitted = result(solve_runs(reference, e.sources, start=begin, end=end, others_whole=True))
-        seen = compare(fitted, e.sources[0], start=span[0], end=span[1])
-        return SlowResidual.of(recording, seen.accel_residual, seen.band)
+        leaving = compare(fitted, e.sources[0], start=span[0], end=span[1])
+        return SlowResidual.of(recording, leaving.accel_residual, leaving.band)
 
-    certain = [finding for finding in found if finding.effect not in FOLLOW_TIME]
+    certain = [finding for finding in scan if finding.effect not in FOLLOW_TIME]
     left = slow
     if certain or following:
         try:
@@ -89,13 +89,13 @@ def turning_sensor(e: Evidence) -> Iterator[Remark]:
             if following:
                 return
     if left.rms <= left.ordinary:
-        if slow.rms > slow.ordinary and any(finding.effect in DRIFTS for finding in found):
+        if slow.rms > slow.ordinary and any(finding.effect in DRIFTS for finding in scan):
             yield from slow.remark("tilt_or_drift")
         return
-    if left.stretches and all(one.code != "disturbed" for one in e.stretch.remarks):
+    if left.stretches and all(note.code != "disturbed" for note in e.stretch.remarks):
         yield left.apart(recording.name)
         return
-    wandering = [finding for finding in found if finding.effect in FOLLOW_TIME & DRIFTS]
+    wandering = [finding for finding in scan if finding.effect in FOLLOW_TIME & DRIFTS]
     code = "turning_sensor"
     if left.faster <= left.ordinary and (wandering or (following and DRIFTS.issuperset(following))):
         try:  # a process says nothing of what lies beyond the fitted part
@@ -106,9 +106,9 @@ def turning_sensor(e: Evidence) -> Iterator[Remark]:
     yield from left.remark(code)
 
 
-def beside_tilt(found: Sequence[DetectedEffect]) -> tuple[DetectedEffect, ...]:
+def beside_tilt(detected: Sequence[DetectedEffect]) -> tuple[DetectedEffect, ...]:
     """Effects that were found, with a tilt in the class of each drift of the bias."""
-    return tuple(replace(one, members=(*one.members, TILT)) if one.effect in DRIFTS else one for one in found)
+    return tuple(replace(effect, members=(*effect.members, TILT)) if effect.effect in DRIFTS else effect for effect in detected)
 
 
 def slow_residual(fit: Fit, run: PreparedRun, *, stretches: bool = True) -> Iterator[Remark]:
@@ -320,13 +320,13 @@ def transverse_coherence(e: Evidence) -> Iterator[Remark]:
             name, np.interp(t, channel.t, channel.y), t, residual, a, highest(channel.t, e.where.band)
         )
     ]
-    found = [
+    excesses = [
         band
         for band in bands
         if band.p_value * len(bands) < TRANSVERSE_ALPHA and band.coherence > COHERENCE_LEAST_SHARE
     ]
     for name in channels:
-        if coherent := [band for band in found if band.channel == name]:
+        if coherent := [band for band in excesses if band.channel == name]:
             strongest = max(coherent, key=lambda band: band.coherence)
             yield remark(
                 "transverse_coherence",
@@ -416,9 +416,9 @@ def coloured_position(e: Evidence) -> Iterator[Remark]:
         yield remark("coloured_position", rms=best[1], tau=best[2], log_evidence=best[0] - by_sensor)
 
 
-def residual_spectrum(seen: Evaluation, step: float) -> tuple[Array, Array, float] | None:
+def residual_spectrum(evaluation: Evaluation, step: float) -> tuple[Array, Array, float] | None:
     """Frequencies, density of the residual acceleration, and independent averages in it; None where it is too short."""
-    _, residual = seen.accel_residual
+    _, residual = evaluation.accel_residual
     segment = 2 * len(residual) // (SEGMENTS + 1)
     if segment < 64:
         return None
@@ -429,12 +429,12 @@ def residual_spectrum(seen: Evaluation, step: float) -> tuple[Array, Array, floa
 
 
 def most_likely(
-    density: Array, averages: float, known: Array, parts: tuple[Array, Array], start: tuple[float, float]
+    density: Array, averages: float, white: Array, parts: tuple[Array, Array], start: tuple[float, float]
 ) -> tuple[Array, float]:
     """Sizes of two parts of a spectrum beside a known one, and Whittle's log-likelihood at them."""
 
     def cost(x: Array) -> float:
-        model = known + math.exp(x[0]) * parts[0] + math.exp(x[1]) * parts[1]
+        model = white + math.exp(x[0]) * parts[0] + math.exp(x[1]) * parts[1]
         return float(averages * np.sum(np.log(model) + density / model))
 
     best = scipy.optimize.minimize(cost, np.log(start), method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-2})
@@ -454,11 +454,11 @@ def scale_factor(e: Evidence) -> Iterator[Remark]:
 def engines(e: Evidence) -> Iterator[Remark]:
     """Replay and weak form that disagree: normal differences of two estimates, beyond `ENGINES_APART` standard
     deviations (tests/diagnosis/test_independent_estimate.py)."""
-    apart = sorted((one for one in e.differences if abs(one.sigma) > ENGINES_APART), key=lambda one: -abs(one.sigma))
+    apart = sorted((difference for difference in e.differences if abs(difference.sigma) > ENGINES_APART), key=lambda difference: -abs(difference.sigma))
     for worst in apart[:1]:
         yield remark(
             "engines_disagree",
-            parameters=", ".join(dict.fromkeys(one.name for one in apart)),
+            parameters=", ".join(dict.fromkeys(difference.name for difference in apart)),
             parameter=worst.name,
             replay=float(f"{worst.replay:.6g}"),
             weak=float(f"{worst.weak:.6g}"),
@@ -470,11 +470,11 @@ def unresolved_motion(e: Evidence) -> Iterator[Remark]:
     """Motion that jumps between two samples; beyond `UNRESOLVED_MOST_SHARE` of a record what is left is too little to
     judge (tests/diagnosis/noise_tests/test_unresolved.py)."""
     jumps = [run.jumps for run in e.runs]
-    if any(np.any(one.certain) for one in jumps):
-        share = sum(float(np.sum(one.before + one.after)) for one in jumps)
+    if any(np.any(jump.certain) for jump in jumps):
+        share = sum(float(np.sum(jump.before + jump.after)) for jump in jumps)
         share /= sum(float(run.t[-1] - run.t[0]) for run in e.runs)
         code = "unresolved_motion" if share < UNRESOLVED_MOST_SHARE else "motion_beyond_sampling"
-        yield remark(code, instants=sum(len(one.t) for one in jumps), share=100.0 * share)
+        yield remark(code, instants=sum(len(jump.t) for jump in jumps), share=100.0 * share)
 
 
 def agreement(e: Evidence) -> Iterator[Remark]:
@@ -486,7 +486,7 @@ def agreement(e: Evidence) -> Iterator[Remark]:
 def run_to_run(e: Evidence) -> Iterator[Remark]:
     """Coefficients that differ from run to run, and what they go with; tested in the fit (REML,
     tests/estimation/test_run_to_run.py)."""
-    yield from (one for one in e.fit.remarks if one.code in ("goes_with", "run_to_run"))
+    yield from (note for note in e.fit.remarks if note.code in ("goes_with", "run_to_run"))
 
 
 def faults(e: Evidence) -> Iterable[Remark]:
@@ -498,11 +498,11 @@ def unsteady(e: Evidence) -> Iterator[Remark]:
     """Effects that would have entered, had they one size in all parts of the runs and happened once: chi-square over
     the parts, below `HOMOGENEITY_ALPHA` (tests/diagnosis/search/test_homogeneity.py)."""
     sigma = {candidate.effect: candidate.snr for candidate in e.scan.candidates}
-    for one in () if e.forbidden else e.scan.changing:
-        if one.effect in sigma:  # of those that explain part of what is left at the end
-            sizes = {"sizes": one.unequal.text} if one.unequal else {}
-            code = "no_single_size" if one.unequal else "recurs"
-            yield remark(code, effect=one.effect, sigma=sigma[one.effect], **sizes)
+    for change in () if e.forbidden else e.scan.changing:
+        if change.effect in sigma:  # of those that explain part of what is left at the end
+            sizes = {"sizes": change.unequal.text} if change.unequal else {}
+            code = "no_single_size" if change.unequal else "recurs"
+            yield remark(code, effect=change.effect, sigma=sigma[change.effect], **sizes)
 
 
 def slow_noise(e: Evidence) -> Iterator[Remark]:

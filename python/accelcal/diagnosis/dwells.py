@@ -87,7 +87,7 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
     'adequate'
     """
     solution = solve_dwells(fit.model, dwells, fit.origins)
-    model, seen = solution.model, solution.seen
+    model, by_runs = solution.model, solution.seen
     given = dwell_rows(dwells, model.free, solution.values, fit.origins, solution.known)
     squares, freedom = remainder(given)
     names = {term.name for term in model.terms}
@@ -100,7 +100,7 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
     extra = dwell_rows(dwells, terms, solution.values, fit.origins, solution.known).columns
     basis = scipy.linalg.orth(given.columns / np.maximum(np.linalg.norm(given.columns, axis=0), 1e-300))
     left = given.y - basis @ (basis.T @ given.y)
-    exact = seen.scatter == 0.0
+    exact = by_runs.scatter == 0.0
     found: list[tuple[float, float, float, int]] = []
     for k in range(len(terms)):
         column = extra[:, k]
@@ -124,7 +124,7 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
         )
         for p, estimate, std, k in sorted(found)
     )
-    return judged(candidates, seen, dwells, alpha)
+    return judged(candidates, by_runs, dwells, alpha)
 
 
 def tests(effect: Effect) -> bool:
@@ -137,28 +137,28 @@ def tests(effect: Effect) -> bool:
     )
 
 
-def judged(candidates: tuple[DwellCandidate, ...], seen: DwellFit, dwells: Dwells, alpha: float) -> DwellDiagnosis:
+def judged(candidates: tuple[DwellCandidate, ...], by_runs: DwellFit, dwells: Dwells, alpha: float) -> DwellDiagnosis:
     """The verdict on what candidates explain and what is left."""
     best = candidates[0] if candidates and candidates[0].p_value < alpha else None
     members: tuple[str, ...] = ()
-    known = dwells.rig.sensor.bias_instability is not None or dwells.rig.sensor.random_walk is not None
+    declared = dwells.rig.sensor.bias_instability is not None or dwells.rig.sensor.random_walk is not None
     if best is not None:
-        rivals = [one for one in candidates if best.sigma**2 - one.sigma**2 < 2.0 * CLEAR_LOG_EVIDENCE]
-        members = tuple(one.effect for one in rivals)
+        rivals = [candidate for candidate in candidates if best.sigma**2 - candidate.sigma**2 < 2.0 * CLEAR_LOG_EVIDENCE]
+        members = tuple(rival.effect for rival in rivals)
         verdict = "named" if len(members) == 1 else "tied"
         sentence = f"{best.effect} is missing ({best.sigma:.1f} sigma; {len(candidates)} candidates examined)."
         if len(members) > 1:
             sentence += (
                 f" It is confounded with {', '.join(members[1:])} on these dwells; more elevations separate them."
             )
-    elif known and seen.p_value < alpha:
+    elif declared and by_runs.p_value < alpha:
         verdict = "unexplained"
         sentence = (
-            f"The dwells scatter by {seen.scatter:.2g} m/s² more than noise, instability and angles explain, and none "
+            f"The dwells scatter by {by_runs.scatter:.2g} m/s² more than noise, instability and angles explain, and none "
             f"of {len(candidates)} candidates explains it."
         )
     else:
         verdict = "adequate"
         largest = f", the largest at {candidates[0].sigma:.1f} sigma" if candidates else ""
         sentence = f"Nothing is missing ({len(candidates)} candidates examined{largest})."
-    return DwellDiagnosis(verdict, sentence, candidates, members, seen, seen.remarks)
+    return DwellDiagnosis(verdict, sentence, candidates, members, by_runs, by_runs.remarks)

@@ -40,16 +40,16 @@ fewer."""
 DELAY_EXPERIMENT = "a common trigger on both channels; motion at frequencies above 1/(10 tau), where lag and delay part"
 
 
-def with_detected_effects(solution: Solution, profiled: Fit, found: Scan) -> Fit:
+def with_detected_effects(solution: Solution, profiled: Fit, scan: Scan) -> Fit:
     """The fit with all detected effects estimated jointly: what a missing effect leaves can pass for a delay.
 
     The solution is used up; the fit is returned as it was where the larger model cannot be estimated.
     """
-    if not found.found:
+    if not scan.found:
         return profiled
     model = solution.model
     try:
-        for finding in found.found:
+        for finding in scan.found:
             model = finding.enter(model)
         states = [state.grown(model) for state in solution.states]
         solution.states.clear()  # so that each step frees the track before it
@@ -61,7 +61,7 @@ def with_detected_effects(solution: Solution, profiled: Fit, found: Scan) -> Fit
         return profiled
 
 
-def delay_is_significant(fit: Fit, found: Scan, alpha: float) -> bool:
+def delay_is_significant(fit: Fit, scan: Scan, alpha: float) -> bool:
     """Whether the time offset is significant beyond what was declared (the delay rule).
 
     It is judged for a low-pass exactly as declared: the tolerance of the low-pass is subtracted from the delay, so it
@@ -69,12 +69,12 @@ def delay_is_significant(fit: Fit, found: Scan, alpha: float) -> bool:
     determine the scatter of scores to as many degrees of freedom less one, at least the three of one block: Student's
     distribution replaces the normal one, so that a handful of blocks needs tens of standard deviations.
     """
-    if found.blocks < 1:
+    if scan.blocks < 1:
         return False
     tolerance = fit.rig.offset_tolerance + fit.rig.lowpass_tolerance
-    chance = alpha / max(1, found.examined) / 2.0
-    freedom = max(found.blocks, FREEDOM_OF_BLOCK) - 1
-    required = -float(special.ndtri(chance) if found.enough else special.stdtrit(freedom, chance))
+    chance = alpha / max(1, scan.examined) / 2.0
+    freedom = max(scan.blocks, FREEDOM_OF_BLOCK) - 1
+    required = -float(special.ndtri(chance) if scan.enough else special.stdtrit(freedom, chance))
     names = [e.name for e in fit.free]
     lowpass = names.index("lowpass_error") if "lowpass_error" in names else None
     for i in (i for i, name in enumerate(names) if name == "time_offset"):
@@ -143,8 +143,8 @@ def independent_tests(significant: Sequence[NoiseTest], *, no_effect_found: bool
     def names(test: NoiseTest) -> bool:
         if test.effect != LINE:
             return not (test.effect == POSITION_WAVE and harmonic)
-        within, made = bool(test.parts.get("within_motion")), bool(test.parts.get("made_by_motion"))
-        return not (within or made) or (no_effect_found and within != made)
+        within, by_motion = bool(test.parts.get("within_motion")), bool(test.parts.get("made_by_motion"))
+        return not (within or by_motion) or (no_effect_found and within != by_motion)
 
     return tuple(test for test in significant if names(test))
 
@@ -172,8 +172,8 @@ def largest_wave(effect: Effect, model: Model, states: Sequence[RunState]) -> No
         for test in own_tests(tests)
         if test.effect == stem_of(effect) and not test.in_model(model, state.signals)
     ]
-    found = largest_first(independent_tests(lacking, no_effect_found=True) or lacking)
-    return found[0] if found else None
+    waves = largest_first(independent_tests(lacking, no_effect_found=True) or lacking)
+    return waves[0] if waves else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,8 +274,8 @@ class Examined:
         begin, stop = float(run.t[0]), float(run.t[-1])
         broken = [remark("break", recording=recording.name or "recording", time=at) for at in self.breaks]
         gone = left_out_remarks([recording], "", begin, stop)
-        found = fault_remarks(faults(recording, run, columns), stop - begin)
-        return TimeSpan(begin, stop, self.breaks, (*broken, *gone, *found), self.chosen)
+        remarks = fault_remarks(faults(recording, run, columns), stop - begin)
+        return TimeSpan(begin, stop, self.breaks, (*broken, *gone, *remarks), self.chosen)
 
 
 def as_prepared(recording: Recording) -> Source:
@@ -330,9 +330,9 @@ class Evidence:
         self.sizes = sizes_of(self.fit, states, self.scan.candidates, self.tests)
         self.seen = solution.seen_by_runs if self.scan.enough and not self.scan.found else ()
         """Effects that no single run shows, where nothing else is missing."""
-        self.by_run = values_by_run(states, model, [one.instead for one in self.seen[:1]])
+        self.by_run = values_by_run(states, model, [choice.instead for choice in self.seen[:1]])
         self.further = further_runs(states, model)
-        self.telling = [further_runs(states, model, [one.instead], [one.effect]) for one in self.seen[:1]]
+        self.telling = [further_runs(states, model, [choice.instead], [choice.effect]) for choice in self.seen[:1]]
         delayed = "time_offset" not in model.fixed and delay_is_significant(self.fit, self.scan, alpha)
         self.delayed = delayed and delay_is_significant(
             with_detected_effects(solution, self.fit, self.scan), self.scan, alpha
@@ -360,7 +360,7 @@ class Evidence:
     @property
     def forbidden(self) -> bool:
         """Whether a remark forbids to name an effect."""
-        return any(one.forbids_names for one in self.remarks)
+        return any(note.forbids_names for note in self.remarks)
 
     @property
     def found(self) -> tuple[DetectedEffect, ...]:

@@ -79,26 +79,26 @@ def faults(recording: Recording, run: PreparedRun, columns: RelationColumns | No
     -------
     Dropouts, glitches, saturation, position steps (missed counts) and dropped samples; not what was left out.
     """
-    found = [*dropouts(run.accel), *dropouts(recording.reference or recording.position), *glitches(recording, run)]
-    gone = [(one.channel, begin, end) for one in recording.left_out for begin, end in one.stretches]
-    found = [
+    listed = [*dropouts(run.accel), *dropouts(recording.reference or recording.position), *glitches(recording, run)]
+    gone = [(gap.channel, begin, end) for gap in recording.left_out for begin, end in gap.stretches]
+    listed = [
         fault
-        for fault in found
+        for fault in listed
         if not any(
             fault.channel == name and fault.time <= begin and end <= fault.time + fault.size
             for name, begin, end in gone
         )
     ]
-    found += rail_hits(run)
+    listed += rail_hits(run)
     columns = columns or RelationColumns(run)
     steps = (*recording.position_steps, *(() if recording.reference else position_steps(columns)))
-    found += [Fault("position_step", "position", step.time, step.size, step.sentence) for step in steps]
-    found += dropped_samples(columns)
-    inside = [f for f in found if run.t[0] <= f.time <= run.t[-1]]
+    listed += [Fault("position_step", "position", step.time, step.size, step.sentence) for step in steps]
+    listed += dropped_samples(columns)
+    inside = [f for f in listed if run.t[0] <= f.time <= run.t[-1]]
     return tuple(sorted(inside, key=lambda f: f.time))
 
 
-def fault_remarks(found: Sequence[Fault], length: float) -> tuple[Remark, ...]:
+def fault_remarks(listed: Sequence[Fault], length: float) -> tuple[Remark, ...]:
     """One remark for each fault, or one for all of a kind and channel where there are many.
 
     Parameters
@@ -107,7 +107,7 @@ def fault_remarks(found: Sequence[Fault], length: float) -> tuple[Remark, ...]:
     length : of the record, s.
     """
     groups: dict[tuple[Kind, str], list[Fault]] = {}
-    for fault in found:
+    for fault in listed:
         groups.setdefault((fault.kind, fault.channel), []).append(fault)
     remarks: list[Remark] = []
     for (kind, channel), members in groups.items():
@@ -163,13 +163,13 @@ def glitches(recording: Recording, run: PreparedRun) -> list[Fault]:
     skipped = spikes(t, z, recording.accel)
     begins = np.flatnonzero(skipped & ~np.concatenate([[False], skipped[:-1]]))
     ends = np.flatnonzero(skipped & ~np.concatenate([skipped[1:], [False]]))
-    found = []
+    instants = []
     for a, b in zip(begins, ends, strict=True):
         jumps = z[a : b + 1] - np.interp(t[a : b + 1], run.t, run.z)
         size = float(jumps[np.argmax(np.abs(jumps))])
         text = f"position: {b - a + 1} readings jump by {size:.3g} m at t = {instant(t[a])} s and return"
-        found.append(Fault("glitch", "position", float(t[a]), size, text))
-    return found
+        instants.append(Fault("glitch", "position", float(t[a]), size, text))
+    return instants
 
 
 def rail_hits(run: PreparedRun) -> list[Fault]:
@@ -180,7 +180,7 @@ def rail_hits(run: PreparedRun) -> list[Fault]:
     t, u = run.accel.t, run.accel.y
     steps = np.abs(np.diff(u))
     quantum = float(np.min(steps[steps > 0.0], initial=math.inf))
-    found = []
+    hits = []
     for extreme in (float(u.max()), float(u.min())):
         for a, b in runs_of_true(u == extreme, RAIL_SAMPLES):
             jump = max(abs(u[a] - u[max(a - 1, 0)]), abs(u[b] - u[min(b + 1, len(u) - 1)]))
@@ -189,8 +189,8 @@ def rail_hits(run: PreparedRun) -> list[Fault]:
                 text = (
                     f"accel: the output saturates at {extreme:.4g} m/s² for {size:.2g} s from t = {instant(begin)} s on"
                 )
-                found.append(Fault("rail_hit", "accel", begin, size, text))
-    return found
+                hits.append(Fault("rail_hit", "accel", begin, size, text))
+    return hits
 
 
 MOST_STEP_SEARCHES = 3
@@ -208,12 +208,12 @@ def with_position_steps(run: PreparedRun) -> tuple[PreparedRun, RelationColumns 
     for _ in range(MOST_STEP_SEARCHES):
         try:
             columns = RelationColumns(run.complete)
-            found = position_steps(columns)
+            jumps = position_steps(columns)
         except ValueError:
             break
-        if not found:
+        if not jumps:
             return run, columns
-        run = run.with_steps(sorted((*run.recording.position_steps, *found), key=lambda step: step.time))
+        run = run.with_steps(sorted((*run.recording.position_steps, *jumps), key=lambda step: step.time))
     return run, None
 
 
@@ -236,7 +236,7 @@ def position_steps(columns: RelationColumns) -> list[PositionStep]:
     chance = np.minimum(1.0, 2.0 * len(score) * scipy.special.stdtr(0.7 * LOCAL, -score))
     noise = float(np.median(np.abs(residual))) / 0.6745
     behind_gap = np.diff(relation.t, prepend=relation.t[0]) > HOLE * run.reading_step
-    found: list[PositionStep] = []
+    jumps: list[PositionStep] = []
     last = -PULSE
     for k in (int(k) for k in np.flatnonzero((chance < FAULT_ALPHA) & ~behind_gap)):
         neighbours = slice(max(0, k - PULSE), k + PULSE)
@@ -251,8 +251,8 @@ def position_steps(columns: RelationColumns) -> list[PositionStep]:
         if abs(size) < STEP_LEAST_COUNTS * run.least_step:
             continue
         last = k
-        found.append(PositionStep(float(relation.t[k]), size, float(chance[k])))
-    return found
+        jumps.append(PositionStep(float(relation.t[k]), size, float(chance[k])))
+    return jumps
 
 
 PULSE = 16
@@ -393,16 +393,16 @@ def find_breaks(columns: RelationColumns) -> tuple[float, ...]:
     if lowest >= top:
         return ()
     count = max(2, math.ceil(BANDS_PER_DECADE * math.log10(top / lowest)) + 1)
-    widest, found = 0.0, math.inf
+    widest, largest = 0.0, math.inf
     for band in np.geomspace(top, lowest, count):
         if band < widest / BREAK_BAND_RATIO:
             break
         split = _split(columns.in_band(float(band)))
         if split is not None:
-            widest, found = max(widest, float(band)), min(found, split)
+            widest, largest = max(widest, float(band)), min(largest, split)
     if widest == 0.0:
-        found = impact(run)
-    return (found,) if math.isfinite(found) else ()
+        largest = impact(run)
+    return (largest,) if math.isfinite(largest) else ()
 
 
 IMPACT_SAMPLES = 5

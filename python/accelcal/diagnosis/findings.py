@@ -62,11 +62,11 @@ def sizes_of(
 
     The contribution of an effect of several columns is their sum.
     """
-    found = {c.effect: Size(c.largest, find(c.effect).port == "position") for c in reversed(candidates)}
+    sizes = {c.effect: Size(c.largest, find(c.effect).port == "position") for c in reversed(candidates)}
     for test in tests:
         size = contribution_of_test(test, states)
         if size is not None:
-            found[test.effect] = max(size, found.get(test.effect, size), key=lambda state: state.value)
+            sizes[test.effect] = max(size, sizes.get(test.effect, size), key=lambda state: state.value)
     in_model: dict[str, Size] = {}
     for number, state in enumerate(states):
         values = fit.values(number)
@@ -77,7 +77,7 @@ def sizes_of(
         for name, y in total.items():
             largest = max(float(np.max(np.abs(y))), in_model[name].value if name in in_model else 0.0)
             in_model[name] = Size(largest, find(name).port == "position")
-    return {**found, **in_model}
+    return {**sizes, **in_model}
 
 
 def contribution_of_test(test: NoiseTest, states: Sequence[RunState]) -> Size | None:
@@ -185,12 +185,12 @@ def in_model(fit: Fit, group: Confounded, sizes: Mapping[str, Size]) -> Finding:
     name = group.effect
     owners = {term.name: term.effect.name for term in fit.model.terms}
     random = find(name).port == "process"
-    own = [] if random else [e for e in fit.free if owners.get(e.name) == name]
-    gain, dof = explained_gain(fit, name) if own else (0.0, 0)
+    coefficients = [] if random else [e for e in fit.free if owners.get(e.name) == name]
+    gain, dof = explained_gain(fit, name) if coefficients else (0.0, 0)
     return Finding(
         group,
-        tuple(e.value for e in own),
-        tuple(e.std for e in own),
+        tuple(e.value for e in coefficients),
+        tuple(e.std for e in coefficients),
         find(name).unit,
         math.sqrt(gain) if dof == 1 else equivalent_sigma(log_survival(gain, dof)) if dof else None,
         sizes.get(name),
@@ -233,12 +233,12 @@ def explained_gain(fit: Fit, name: str) -> tuple[float, int]:
     The prior information on a coefficient explains nothing and is subtracted.
     """
     owners = {term.name: term.effect.name for term in fit.model.terms}
-    own = [k for k, e in enumerate(fit.free) if owners.get(e.name) == name]
-    x = np.array([fit.free[k].value for k in own])
-    information = np.linalg.inv(fit.covariance[np.ix_(own, own)])
+    coefficients = [k for k, e in enumerate(fit.free) if owners.get(e.name) == name]
+    x = np.array([fit.free[k].value for k in coefficients])
+    information = np.linalg.inv(fit.covariance[np.ix_(coefficients, coefficients)])
     if find(name).search.prior:
         information -= np.diag([fit.model.priors[name].std ** -2 if name in fit.model.priors else 0.0])
-    return max(0.0, float(x @ information @ x)), len(own)
+    return max(0.0, float(x @ information @ x)), len(coefficients)
 
 
 def present(fit: Fit, alpha: float, sizes: Mapping[str, Size]) -> tuple[Finding, ...]:
@@ -246,7 +246,7 @@ def present(fit: Fit, alpha: float, sizes: Mapping[str, Size]) -> tuple[Finding,
 
     A random process has no coefficient to test: it counts where the model gives it a contribution.
     """
-    found = []
+    contributions = []
     for name in fit.model.added:
         effect = find(name)
         finding = in_model(fit, Confounded(name, (name,), effect.experiment.rstrip(".")), sizes)
@@ -256,8 +256,8 @@ def present(fit: Fit, alpha: float, sizes: Mapping[str, Size]) -> tuple[Finding,
         else:
             confirmed = log_survival(*explained_gain(fit, name)) < math.log(alpha)
         if confirmed:
-            found.append(finding)
-    return tuple(found)
+            contributions.append(finding)
+    return tuple(contributions)
 
 
 def with_findings(findings: Sequence[Finding], left: str, tolerance: float | None = None) -> str:
@@ -269,16 +269,16 @@ def with_findings(findings: Sequence[Finding], left: str, tolerance: float | Non
     left : the sentence on what the last model lacks.
     tolerance : contribution to the output below which an effect does not matter, m/s²; None where none is declared.
     """
-    small = [one for one in findings if tolerance is not None and one.below(tolerance)]
-    findings = [one for one in findings if one not in small]
-    closing = f" Below tolerance: {', '.join(f'{one.effect}{one.particulars}' for one in small)}." if small else ""
+    small = [finding for finding in findings if tolerance is not None and finding.below(tolerance)]
+    findings = [finding for finding in findings if finding not in small]
+    closing = f" Below tolerance: {', '.join(f'{finding.effect}{finding.particulars}' for finding in small)}." if small else ""
     if not findings:
         return f"{left}{closing}"
     *most, last = findings
-    each = ", ".join(f"{one.effect}{one.particulars}" for one in most)
+    small_names = ", ".join(f"{finding.effect}{finding.particulars}" for finding in most)
     verb = "were found" if most else "was found"
     opening = (
-        f"{each} and {last.effect}{last.particulars} {verb}" if most else f"{last.effect} {verb}{last.particulars}"
+        f"{small_names} and {last.effect}{last.particulars} {verb}" if most else f"{last.effect} {verb}{last.particulars}"
     )
     if left.startswith(NOTHING_MISSING):
         return f"{opening}; nothing else is missing{left.removeprefix(NOTHING_MISSING)}{closing}"

@@ -72,22 +72,22 @@ def differences(solution: Solution) -> tuple[Difference, ...]:
     except NoWeakForm:
         return ()
     belief = layout.prior_information(model)
-    own, other = np.diag(belief), np.diag(belief)
+    variances, other = np.diag(belief), np.diag(belief)
     score = belief * (layout.prior_mean(model) - x)
     for index, run in enumerate(runs):
         slots = layout.rows(index)
-        own[np.ix_(slots, slots)] += run.gram
+        variances[np.ix_(slots, slots)] += run.gram
         other[np.ix_(slots, slots)] += run.X.T @ run.X
         score[slots] += run.scores.sum(axis=0)
     for name, between in solution.between.items():
         places = layout.rows_of(name)
         drawn = penalty(len(places), between.variance)
-        own[np.ix_(places, places)] += drawn
+        variances[np.ix_(places, places)] += drawn
         other[np.ix_(places, places)] += drawn
         score[places] -= drawn @ x[places]
-    if not (np.all(np.isfinite(other)) and np.all(np.isfinite(score)) and min(*np.diag(own), *np.diag(other)) > 0.0):
+    if not (np.all(np.isfinite(other)) and np.all(np.isfinite(score)) and min(*np.diag(variances), *np.diag(other)) > 0.0):
         return ()
-    before, covariance = inverse(own), inverse(other)
+    before, covariance = inverse(variances), inverse(other)
     moved = covariance @ score
     added, shares = [], []
     for index, run in enumerate(runs):
@@ -170,9 +170,9 @@ class ByBoth:
 
         `covariance` is that of the m coefficients of the run with all p.
         """
-        found = np.zeros((len(self.scores), covariance.shape[1]))
-        np.add.at(found, self.block, (self.X @ covariance) ** 2)
-        return found
+        errors = np.zeros((len(self.scores), covariance.shape[1]))
+        np.add.at(errors, self.block, (self.X @ covariance) ** 2)
+        return errors
 
 
 def joined(rows: Iterable[Rows]) -> Rows:

@@ -74,20 +74,20 @@ def left_out_remarks(
     first, last = -math.inf if start is None else start, math.inf if end is None else end
     return [
         remark(
-            one.kind,
+            gap.kind,
             recording=f"{place}{recording.name or 'recording'}",
-            channel=one.channel,
-            count=one.count,
-            of=one.of,
-            share=100.0 * one.count / one.of,
-            stretches=len(one.stretches),
-            time=one.stretches[0][0],
-            end=one.stretches[-1][1],
-            reach=one.reach,
+            channel=gap.channel,
+            count=gap.count,
+            of=gap.of,
+            share=100.0 * gap.count / gap.of,
+            stretches=len(gap.stretches),
+            time=gap.stretches[0][0],
+            end=gap.stretches[-1][1],
+            reach=gap.reach,
         )
         for recording in recordings
-        for one in recording.left_out
-        if any(a <= last and b >= first for a, b in one.stretches)
+        for gap in recording.left_out
+        if any(a <= last and b >= first for a, b in gap.stretches)
     ]
 
 
@@ -135,7 +135,7 @@ def rail_hits(recording: Recording) -> Stretches:
     accel = recording.accel
     if declared is None or float(np.max(np.abs(accel.y))) < 0.5 * declared:
         return []
-    found: Stretches = []
+    stretches: Stretches = []
     for t, y in (accel.t, accel.y), _before_low_passes(recording):
         noise = RAIL_NOISE * interpolation_spread(t, y) if y is not accel.y else 0.0
         tolerance = max(RAIL_TOLERANCE * declared, noise)
@@ -147,8 +147,8 @@ def rail_hits(recording: Recording) -> Stretches:
             others = np.count_nonzero((upward >= below[0]) & (upward < below[1]))
             higher = np.count_nonzero(upward > limit + tolerance)
             if np.count_nonzero(at) >= RAIL_PILED * max(others, higher):
-                found += [(float(t[a]), float(t[b])) for a, b in runs_of_true(at, 2)]
-    return found
+                stretches += [(float(t[a]), float(t[b])) for a, b in runs_of_true(at, 2)]
+    return stretches
 
 
 def _before_low_passes(recording: Recording) -> tuple[Array, Array]:
@@ -159,8 +159,8 @@ def _before_low_passes(recording: Recording) -> tuple[Array, Array]:
     accel = ChannelFilters(recording.rig, *rates).undone(accel)
     if lowpass is None:
         return accel.t, accel.y
-    kept = np.exp(-np.diff(accel.t) / lowpass.tau)
-    return accel.t[1:], (accel.y[1:] - kept * accel.y[:-1]) / (1.0 - kept)
+    weight = np.exp(-np.diff(accel.t) / lowpass.tau)
+    return accel.t[1:], (accel.y[1:] - weight * accel.y[:-1]) / (1.0 - weight)
 
 
 def stuck(source: Source) -> list[tuple[WrongKind, str, Stretches]]:
@@ -181,15 +181,15 @@ def stuck_outputs(run: PreparedRun) -> Stretches:
     noise = math.sqrt(run.reading_variance_guess) if degree == POSITION_ORDER else interpolation_spread(t, z)
     steps = np.abs(np.diff(accel.y))
     count = float(np.quantile(steps[steps > 0.0], 0.01)) if np.any(steps) else 0.0
-    found = []
+    stretches = []
     for a, b in runs_of_true(steps == 0.0, STUCK_SAMPLES):
         begin, end = float(accel.t[a]), float(accel.t[b + 1])
         rows = slice(*np.searchsorted(t, [begin, end]))
         hidden = HIDDEN[degree] * count * (end - begin) ** degree
         least = 10.0 * (noise + run.least_step) + hidden
         if rows.stop - rows.start >= 8 and _departure_from_polynomial(t[rows], z[rows], degree) > least:
-            found.append((begin, end))
-    return found
+            stretches.append((begin, end))
+    return stretches
 
 
 def stuck_positions(run: PreparedRun) -> Stretches:
@@ -207,7 +207,7 @@ def stuck_positions(run: PreparedRun) -> Stretches:
     force = run.rig.polarity * (accel.y - np.mean(accel.y))
     speed = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(accel.t))])
     usual = float(np.std(force))
-    found = []
+    stretches = []
     for a, b in runs_of_true(steps == 0.0, STUCK_SAMPLES):
         begin, end = float(t[a]), float(t[b + 1])
         rows = slice(*np.searchsorted(accel.t, [begin, end]))
@@ -224,8 +224,8 @@ def stuck_positions(run: PreparedRun) -> Stretches:
             shown = speed[rows]
             if abs(gained - (shown[-1] - shown[0])) > STUCK_VELOCITY_SHARE * float(np.ptp(shown)):
                 continue
-        found.append((begin, end))
-    return found
+        stretches.append((begin, end))
+    return stretches
 
 
 def _departure_from_polynomial(t: Array, y: Array, degree: int) -> float:
@@ -277,13 +277,13 @@ class CleanFit:
 
     def rejected(self, original: Sequence[PreparedRun]) -> tuple[RejectedReadings, ...]:
         """Samples that are missing compared with the original runs, by recording and channel."""
-        found = []
+        samples = []
         for before, after in zip(original, self.runs, strict=True):
             for name in CHANNEL_OF.values():
                 have, left = (len(getattr(run.recording, name)) for run in (before, after))
                 if left < have:
-                    found.append(RejectedReadings(before.recording.name, name, have - left, have))
-        return tuple(found)
+                    samples.append(RejectedReadings(before.recording.name, name, have - left, have))
+        return tuple(samples)
 
 
 def clean_fit(
@@ -308,22 +308,22 @@ def clean_fit(
     NotIdentifiable, RecordingError
         From the fit.
     """
-    runs, found_earlier = list(runs), {each.effect: each for each in before}
+    runs, found_earlier = list(runs), {test.effect: test for test in before}
     solution = solved or solve(runs)
     for rounds_left in reversed(range(REJECTION_ROUNDS + 1)):
         tests_of_runs = [test(state) for state in solution.states]
-        tests = [each for of_run in tests_of_runs for each in of_run]
+        tests = [test for of_run in tests_of_runs for test in of_run]
         outlier_tests = [outliers_found(of_run) for of_run in tests_of_runs]
         if not rounds_left or not any(outlier_tests):
             break
-        for number, found in enumerate(outlier_tests):
-            for each in found:
+        for number, tests_of_run in enumerate(outlier_tests):
+            for each in tests_of_run:
                 found_earlier.setdefault(each.effect, each)
                 runs[number] = without_outliers(runs[number], each)
         solution.states.clear()  # one set of filters at a time
         solution = solve(runs)
-    kept = [each for each in tests if each.effect not in found_earlier]
-    return CleanFit(tuple(runs), solution, (*kept, *found_earlier.values()))
+    new = [test for test in tests if test.effect not in found_earlier]
+    return CleanFit(tuple(runs), solution, (*new, *found_earlier.values()))
 
 
 def outliers_found(tests: Sequence[NoiseTest]) -> list[NoiseTest]:
@@ -335,9 +335,9 @@ def without_outliers(run: PreparedRun, test: NoiseTest) -> PreparedRun:
     """The run without the samples that a test rejects."""
     recording, name = run.recording, CHANNEL_OF[test.effect]
     channel = recording.accel if name == "accel" else recording.position
-    kept = np.ones(len(channel), dtype=np.bool_)
-    kept[nearest(channel.t, np.asarray(test.at))] = False
-    cleaned = Channel(channel.name, channel.t[kept], channel.y[kept], channel.unit)
+    good = np.ones(len(channel), dtype=np.bool_)
+    good[nearest(channel.t, np.asarray(test.at))] = False
+    cleaned = Channel(channel.name, channel.t[good], channel.y[good], channel.unit)
     return run.anew(replace(recording, accel=cleaned) if name == "accel" else replace(recording, position=cleaned))
 
 

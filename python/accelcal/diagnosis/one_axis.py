@@ -276,7 +276,7 @@ class Pair:
             return None
         at = first + step * np.arange(count)
         both = [
-            evenly(channel.t, channel.y, own, at, step) for channel, own in zip((accel, position), periods, strict=True)
+            evenly(channel.t, channel.y, period, at, step) for channel, period in zip((accel, position), periods, strict=True)
         ]
         return cls(recording, both[0][1:-1], np.diff(both[1], 2) / step**2, periods, segment)
 
@@ -289,7 +289,7 @@ class Pair:
         output, motion = self.spectra()
         power = (np.mean(np.abs(output) ** 2, axis=0), np.mean(np.abs(motion) ** 2, axis=0))
         noises = zip((output_noise, motion_noise), power, strict=True)
-        share = np.prod([np.maximum(0.0, 1.0 - noise / np.maximum(each, 1e-300)) for noise, each in noises], axis=0)
+        share = np.prod([np.maximum(0.0, 1.0 - noise / np.maximum(power, 1e-300)) for noise, power in noises], axis=0)
         n = fft.next_fast_len(2 * len(self.output), real=True)
         product = fft.rfft(self.output - np.mean(self.output), n) * np.conj(fft.rfft(self.motion, n))
         weight = np.interp(np.linspace(0.0, 1.0, len(product)), np.linspace(0.0, 1.0, len(share)), share)
@@ -299,8 +299,8 @@ class Pair:
         late = int(reach[int(np.argmax(correlation[reach]))])
         if abs(late) <= self.segment / 16:
             return self
-        kept = len(self.output) - abs(late)
-        behind, before = slice(abs(late), None), slice(0, kept)
+        overlap = len(self.output) - abs(late)
+        behind, before = slice(abs(late), None), slice(0, overlap)
         first, second = (behind, before) if late > 0 else (before, behind)
         return replace(self, output=self.output[first], motion=self.motion[second])
 
@@ -308,11 +308,11 @@ class Pair:
         """Of segments that overlap by half behind a Hann window, (K, m) each; their squares are one-sided densities."""
         window = np.hanning(self.segment + 1)[:-1]
         scale = math.sqrt(2.0 * self.step / float(window @ window))
-        found = []
+        blocks = []
         for y in (self.output, self.motion):
             views = np.lib.stride_tricks.sliding_window_view(y, self.segment)[:: self.segment // 2]
-            found.append(np.fft.rfft((views - views.mean(axis=1, keepdims=True)) * window, axis=1) * scale)
-        return found[0], found[1]
+            blocks.append(np.fft.rfft((views - views.mean(axis=1, keepdims=True)) * window, axis=1) * scale)
+        return blocks[0], blocks[1]
 
     def noise(self, f: Array) -> tuple[Array, Array]:
         """One-sided densities of the noise of either channel at frequencies, (m/s²)²/Hz."""
@@ -335,11 +335,11 @@ def power_below(y: Array, step: float) -> Callable[[float], float]:
     return lambda frequency: float(np.interp(frequency, f, share))
 
 
-def evenly(t: Array, y: Array, own: float, at: Array, step: float) -> Array:
+def evenly(t: Array, y: Array, period: float, at: Array, step: float) -> Array:
     """A channel at even times, its faster part removed where it is sampled faster."""
-    if own < 0.7 * step:
-        fine: Array = np.arange(at[0] - 16.0 * step, at[-1] + 16.0 * step, own)
-        y, t = low_pass(np.interp(fine, t, y), 1.0 / own, 0.4 / step), fine
+    if period < 0.7 * step:
+        fine: Array = np.arange(at[0] - 16.0 * step, at[-1] + 16.0 * step, period)
+        y, t = low_pass(np.interp(fine, t, y), 1.0 / period, 0.4 / step), fine
     return quintic(t, y, at)
 
 

@@ -437,12 +437,12 @@ def thresholds() -> tuple[Threshold, ...]:
     """
     source = Path(__file__).read_text(encoding="utf-8")
     headings = {n: line.strip("# -") for n, line in enumerate(source.splitlines(), 1) if line.startswith("# ----")}
-    found: list[Threshold] = []
+    table: list[Threshold] = []
     for node, after in pairwise(ast.parse(source).body):
         if not (isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)):
             continue
         name = node.targets[0].id
-        if any(threshold.name == name for threshold in found):
+        if any(threshold.name == name for threshold in table):
             raise ValueError(f"{name} is defined twice")
         value = after.value if isinstance(after, ast.Expr) else None
         text = value.value if isinstance(value, ast.Constant) else ""
@@ -451,8 +451,8 @@ def thresholds() -> tuple[Threshold, ...]:
             raise ValueError(f'{name}: its docstring must be "What it decides. The reason. [unit; guard]"')
         decides, reason, unit, guard = said.groups()
         group = headings[max(n for n in headings if n < node.lineno)]
-        found.append(Threshold(name, globals()[name], decides, reason, unit, guard, group))
-    return tuple(found)
+        table.append(Threshold(name, globals()[name], decides, reason, unit, guard, group))
+    return tuple(table)
 
 
 def markdown() -> str:

@@ -107,33 +107,33 @@ def values_by_run(states: Sequence[RunState], model: Model, explained: Sequence[
     )
 
 
-def runs_disagree(found: RunValues | None) -> Iterator[Remark]:
+def runs_disagree(values: RunValues | None) -> Iterator[Remark]:
     """Recording in which a shared parameter has another value; no remark where all agree."""
-    k = 0 if found is None else int(np.argmin(found.p_values))
-    if found is not None and found.p_values[k] <= HOMOGENEITY_ALPHA:
-        value = found.value[:, k]
-        r, others, sigma = odd_one_out(value, found.std[:, k] ** 2)
+    k = 0 if values is None else int(np.argmin(values.p_values))
+    if values is not None and values.p_values[k] <= HOMOGENEITY_ALPHA:
+        value = values.value[:, k]
+        r, others, sigma = odd_one_out(value, values.std[:, k] ** 2)
         yield remark(
             "runs_disagree",
-            parameter=found.parameters[k],
-            recording=found.runs[r],
+            parameter=values.parameters[k],
+            recording=values.runs[r],
             value=float(f"{value[r]:.4g}"),
             others=float(f"{others:.4g}"),
             sigma=sigma,
-            p=float(found.p_values[k]),
+            p=float(values.p_values[k]),
         )
 
 
 def odd_one_out(value: Array, variance: Array) -> tuple[int, float, float]:
     """The run that departs most from the mean of the others, that mean, and by how many standard deviations."""
-    found = (0, 0.0, -1.0)
+    odd = (0, 0.0, -1.0)
     for r in range(len(value)):
         rest = np.arange(len(value)) != r
         weight = 1.0 / variance[rest]
         mean = float(weight @ value[rest] / np.sum(weight))
         sigma = abs(float(value[r]) - mean) / float(np.sqrt(variance[r] + 1.0 / np.sum(weight)))
-        found = max(found, (r, mean, sigma), key=lambda one: one[2])
-    return found
+        odd = max(odd, (r, mean, sigma), key=lambda candidate: candidate[2])
+    return odd
 
 
 MOTIONS: tuple[tuple[str, Axis | None, Mount | None], ...] = (
@@ -201,15 +201,15 @@ def further_runs(
         return ()
     known = information(states, model, extra)
     before = deviations(known, len(extra))
-    found: dict[str, FurtherRun] = {}
+    runs_by_effect: dict[str, FurtherRun] = {}
     for text, gram in tried(first, model, extra):
         together = added(known, gram, model, len(states), extra)
         after = deviations(together, len(extra))
         for name, term, old, std in zip(names, extra, before, after, strict=True):
             shown = old > find(name).scale and std < TELLS * old  # not by these runs, but with that one
-            if shown and std < (found[name].std if name in found else math.inf):
-                found[name] = FurtherRun(name, term.unit, text, std)
-    return tuple(found.values())
+            if shown and std < (runs_by_effect[name].std if name in runs_by_effect else math.inf):
+                runs_by_effect[name] = FurtherRun(name, term.unit, text, std)
+    return tuple(runs_by_effect.values())
 
 
 def tried(state: RunState, model: Model, extra: Sequence[Term]) -> list[tuple[str, Array]]:
@@ -229,14 +229,14 @@ def tried(state: RunState, model: Model, extra: Sequence[Term]) -> list[tuple[st
 
 def turned(state: RunState, axis: Axis, mount: Mount) -> RunState:
     """The run as it would have been with another axis or mount."""
-    one, old = copy.copy(state), state.run.rig
+    rotated, old = copy.copy(state), state.run.rig
     rig = replace(old, axis=axis, mount=mount, gravity_along_axis=None if axis != old.axis else old.gravity_along_axis)
-    one.run = replace(state.run, recording=replace(state.run.recording, rig=rig, dwells=None))
-    one.signals = turned_signals(state.signals, old, rig)
+    rotated.run = replace(state.run, recording=replace(state.run.recording, rig=rig, dwells=None))
+    rotated.signals = turned_signals(state.signals, old, rig)
     if isinstance(state.weak, WeakRows):
         same = state.weak.signals is state.signals
-        one.weak = state.weak.moved(one, one.signals if same else turned_signals(state.weak.signals, old, rig))
-    return one
+        rotated.weak = state.weak.moved(rotated, rotated.signals if same else turned_signals(state.weak.signals, old, rig))
+    return rotated
 
 
 def turned_signals(s: Signals, old: Rig, rig: Rig) -> Signals:
@@ -277,15 +277,15 @@ def information(states: Sequence[RunState], model: Model, extra: Sequence[Term])
 def added(known: Array, gram: Array, model: Model, runs: int, extra: Sequence[Term]) -> Array:
     """Normal equations with one more run, whose own coefficients are eliminated."""
     free = list(model.free)
-    own = [k for k, term in enumerate(free) if term.owner in PER_RUN_OWNERS or term.name in model.per_run]
-    shared = [k for k in range(len(gram)) if k not in own]
+    per_run = [k for k, term in enumerate(free) if term.owner in PER_RUN_OWNERS or term.name in model.per_run]
+    shared = [k for k in range(len(gram)) if k not in per_run]
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     G = gram / np.outer(size, size)
     left = (
         G[np.ix_(shared, shared)]
-        - G[np.ix_(shared, own)]
-        @ np.linalg.pinv(G[np.ix_(own, own)], rcond=1e-10, hermitian=True)
-        @ G[np.ix_(own, shared)]
+        - G[np.ix_(shared, per_run)]
+        @ np.linalg.pinv(G[np.ix_(per_run, per_run)], rcond=1e-10, hermitian=True)
+        @ G[np.ix_(per_run, shared)]
     )
     left = left * np.outer(size[shared], size[shared])
     layout = Layout.of(model, runs)
@@ -301,10 +301,10 @@ def deviations(information: Array, count: int) -> list[float]:
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     weights, vectors = scipy.linalg.eigh(information / np.outer(size, size))
     blind = weights < SEEN_APART
-    found = []
+    sigmas = []
     for k in range(len(size) - count, len(size)):
         hidden = float(np.sum(vectors[k, blind] ** 2))
         shown = vectors[k, ~blind]
         std = math.sqrt(float(np.sum(shown**2 / weights[~blind]))) / float(size[k])
-        found.append(math.inf if hidden > INSIDE or size[k] <= 1e-140 else std)
-    return found
+        sigmas.append(math.inf if hidden > INSIDE or size[k] <= 1e-140 else std)
+    return sigmas

@@ -113,8 +113,8 @@ class Diagnosis(Result):
         MissingExtra
             If matplotlib is not installed.
         """
-        made: Figure = face("plots").ranking(self, theme=theme)
-        return made
+        figure: Figure = face("plots").ranking(self, theme=theme)
+        return figure
 
     @property
     def suspect(self) -> tuple[str, ...]:
@@ -145,8 +145,8 @@ def verdict_on(e: Evidence) -> Diagnosis:
     groups = classes_of(e, scan, tests)
     verdict, left = judgement(Case(e.fit, scan, tests, unnamed, groups, e.remarks))
     inside = confirmed(e, groups)
-    vetoes = (f"{one.sentence}." for one in e.remarks if one.vetoes_adequate)
-    tilt = next((float(one.values["tilt_deg"]) for one in e.remarks if "tilt_deg" in one.values), 0.0)
+    vetoes = (f"{note.sentence}." for note in e.remarks if note.vetoes_adequate)
+    tilt = next((float(note.values["tilt_deg"]) for note in e.remarks if "tilt_deg" in note.values), 0.0)
     return Diagnosis(
         verdict=verdict,
         sentence=" ".join((*vetoes, with_findings(inside, left, e.fit.rig.tolerance))),
@@ -167,7 +167,7 @@ def verdict_on(e: Evidence) -> Diagnosis:
 
 def confirmed(e: Evidence, groups: Sequence[Confounded]) -> tuple[Finding, ...]:
     """Effects of the model that the record confirms, and a significant delay before them."""
-    delays = (in_model(e.fit, one, e.sizes) for one in groups if one.effect == "time_offset")
+    delays = (in_model(e.fit, effect, e.sizes) for effect in groups if effect.effect == "time_offset")
     inside = present(e.fit, e.alpha / e.scan.examined, e.sizes) if e.scan.enough and not e.forbidden else ()
     return (*delays, *inside)
 
@@ -181,16 +181,16 @@ def nameable(e: Evidence) -> tuple[Scan, tuple[NoiseTest, ...], tuple[NoiseTest,
     if e.forbidden:
         return replace(e.scan, found=(), named=(), changing=()), (), ()
     scan, tested = e.scan, e.scan.enough
-    if any(one.code == "tilt_or_drift" for one in e.remarks):
+    if any(note.code == "tilt_or_drift" for note in e.remarks):
         scan = replace(scan, found=beside_tilt(scan.found), named=beside_tilt(scan.named))
-        tested = tested and not FOLLOW_TIME.intersection((*e.model.effects, *(one.effect for one in scan.found)))
+        tested = tested and not FOLLOW_TIME.intersection((*e.model.effects, *(effect.effect for effect in scan.found)))
     return (scan, e.tests, e.unnamed) if tested else (scan, (), ())
 
 
 def classes_of(e: Evidence, scan: Scan, tests: Sequence[NoiseTest]) -> list[Confounded]:
     """Effects that would enter, each with its confounding class; a significant delay comes first."""
     groups = [Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT)] if e.delayed and not e.forbidden else []
-    groups += [Confounded(one.effect, one.members, one.experiment, one.parts) for one in scan.found]
+    groups += [Confounded(effect.effect, effect.members, effect.experiment, effect.parts) for effect in scan.found]
     p_values: dict[str, float] = {}
     for test in tests:
         p_values[test.effect] = min(test.p_value, p_values.get(test.effect, 1.0))
@@ -205,15 +205,15 @@ def classes_of(e: Evidence, scan: Scan, tests: Sequence[NoiseTest]) -> list[Conf
             uncertain = p > e.level * math.exp(-CLEAR_LOG_EVIDENCE)
             members = (name, *(find(name).confused if uncertain else harmonics.get(name, ())))
             groups.append(Confounded(name, members, find(name).experiment.rstrip(".")))
-    for one, telling in zip(e.seen[:1], e.telling, strict=True):
-        members = (*(each.effect for each in e.fit.seen_by_runs), one.instead)
-        groups.append(Confounded(one.effect, members, with_further(SEEN_EXPERIMENT, [one.effect], telling)))
+    for choice, telling in zip(e.seen[:1], e.telling, strict=True):
+        members = (*(effect.effect for effect in e.fit.seen_by_runs), choice.instead)
+        groups.append(Confounded(choice.effect, members, with_further(SEEN_EXPERIMENT, [choice.effect], telling)))
     return groups
 
 
 def with_further(experiment: str, members: Sequence[str], further: Sequence[FurtherRun]) -> str:
     """An experiment, with the one further run that would separate each member, and how well."""
-    told = [one.sentence for one in further if one.effect in members]
+    told = [run.sentence for run in further if run.effect in members]
     return "; ".join((experiment, *told))
 
 
@@ -252,8 +252,8 @@ class Case:
     @property
     def cause(self) -> Remark | None:
         """The remark that explains the residual, the weightiest of them: those that forbid names come first."""
-        causes = [one for one in self.remarks if one.place == "verdict" and not one.vetoes_adequate]
-        return min(causes, key=lambda one: list(KINDS).index(one.code), default=None)
+        causes = [note for note in self.remarks if note.place == "verdict" and not note.vetoes_adequate]
+        return min(causes, key=lambda note: list(KINDS).index(note.code), default=None)
 
     def with_rivals(self, effect: str, text: str) -> Judgement:
         """The judgement on an effect that is present, with the effects that it is confounded with."""
@@ -268,7 +268,7 @@ class Case:
 def judgement(case: Case) -> Judgement:
     """Judge what a model lacks: the first rule that applies, and nothing is adequate beside a remark that vetoes it."""
     verdict, text = next(judged for rule in RULES if (judged := rule(case)) is not None)
-    if verdict == "adequate" and any(one.vetoes_adequate for one in case.remarks):
+    if verdict == "adequate" and any(note.vetoes_adequate for note in case.remarks):
         return "unexplained", f"No effect explains that ({case.examined})."
     return verdict, text
 
@@ -303,7 +303,7 @@ def found_by_search(case: Case) -> Judgement | None:
     if not case.scan.found:
         return None
     name = case.scan.found[0].effect
-    sigmas = [f"{one.snr:.0f} sigma; " for one in case.scan.candidates if one.effect == name]
+    sigmas = [f"{candidate.snr:.0f} sigma; " for candidate in case.scan.candidates if candidate.effect == name]
     evidence, effect = f"({''.join(sigmas[:1])}{case.examined})", find(name)
     if not effect.family:
         return case.with_rivals(name, f"{name} explains what the model lacks {evidence}.")
@@ -321,7 +321,7 @@ def found_by_tests(case: Case) -> Judgement | None:
 
 def no_one_size(case: Case) -> Judgement | None:
     """Judge a residual that only an effect without one size would explain."""
-    unsteady = [one.sentence for one in case.remarks if one.code in ("no_single_size", "recurs")]
+    unsteady = [note.sentence for note in case.remarks if note.code in ("no_single_size", "recurs")]
     return ("unexplained", f"{unsteady[0]} ({case.examined}).") if unsteady else None
 
 

@@ -68,8 +68,8 @@ def users_own() -> tuple[Effect, ...]:
 
 def static_terms() -> dict[str, Static]:
     """Terms of a sensor's static characteristic by effect: of acceleration alone in rising order, then thermal ones."""
-    found = {effect.name: effect.traits.static for effect in BUILT_IN if effect.traits.static}
-    return dict(sorted(found.items(), key=lambda item: (item[1].thermal, item[1].power, item[1].mirrored)))
+    terms = {effect.name: effect.traits.static for effect in BUILT_IN if effect.traits.static}
+    return dict(sorted(terms.items(), key=lambda item: (item[1].thermal, item[1].power, item[1].mirrored)))
 
 
 def polynomial(degree: int) -> tuple[str, ...]:

@@ -52,9 +52,9 @@ def card(effect: Effect) -> str:
     lines.append(f"- Unit of {effect.symbol}: {effect.unit}; owner: {effect.owner}; {PORTS[effect.port]}.")
     lines.append(f"- Typical size: {effect.scale:g} ({effect.source}).")
     for label, refined in (("Refined by likelihood", True), ("Range fixed at fit time", False)):
-        each = [f"{name} ({shape.unit})" for name, shape in effect.shapes.items() if shape.refined is refined]
-        if each:
-            lines.append(f"- {label}: {', '.join(each)}.")
+        shapes = [f"{name} ({shape.unit})" for name, shape in effect.shapes.items() if shape.refined is refined]
+        if shapes:
+            lines.append(f"- {label}: {', '.join(shapes)}.")
     if effect.width > 1:
         lines.append(f"- Columns: {', '.join(effect.parts)}.")
     if effect.needs:

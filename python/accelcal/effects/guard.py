@@ -66,10 +66,10 @@ class Guarded:
     def __call__(self, s: Signals, **shape: float) -> Array:
         given = read_only(s)
         try:
-            found, seconds = timed(self._function, given, shape)
+            values, seconds = timed(self._function, given, shape)
             budget = LEAST_SECONDS + SECONDS_A_SAMPLE * len(s.t)
             if seconds > budget:  # once more: the first call may compile or import
-                found, seconds = timed(self._function, given, shape)
+                values, seconds = timed(self._function, given, shape)
         except EffectsFileError:
             raise
         except Exception as error:
@@ -81,7 +81,7 @@ class Guarded:
                     "loops by operations on whole arrays"
                 )
             )
-        return values_of(found, s, self._width, self._sentence)
+        return values_of(values, s, self._width, self._sentence)
 
 
 def is_trusted(function: Function) -> bool:
@@ -143,8 +143,8 @@ def timed(function: Callable[..., Any], s: Signals, shape: Mapping[str, float]) 
     """What a function returns, and the processor time of this thread that it took, s."""
     began = time.thread_time()
     with np.errstate(all="ignore"):  # what is not finite is refused afterwards
-        found = function(s, **shape)
-    return found, time.thread_time() - began
+        values = function(s, **shape)
+    return values, time.thread_time() - began
 
 
 def values_of(found: Any, s: Signals, width: int, sentence: Sentence) -> Array:
@@ -170,8 +170,8 @@ def values_of(found: Any, s: Signals, width: int, sentence: Sentence) -> Array:
         raise EffectsFileError(sentence(f"returns shape {array.shape} at {len(s.t)} times; return {wanted}"))
     values = array.astype(np.float64)
     if not np.all(np.isfinite(values)):
-        known = np.all([np.isfinite(y) for y in (s.t, s.p, s.v, s.a, s.jerk, *s.side.values())], axis=0)
-        wrong = known & ~np.all(np.isfinite(values.reshape(len(s.t), -1)), axis=1)
+        finite = np.all([np.isfinite(y) for y in (s.t, s.p, s.v, s.a, s.jerk, *s.side.values())], axis=0)
+        wrong = finite & ~np.all(np.isfinite(values.reshape(len(s.t), -1)), axis=1)
         if np.any(wrong):
             first = float(s.t[int(np.argmax(wrong))])
             raise EffectsFileError(
@@ -207,13 +207,13 @@ def _locked(y: Array) -> Array:
 def guarded_bounds(declared: Bounds, spacing: str, name: str, sentence: Sentence) -> Bounds:
     """Bounds of a shape parameter; those that depend on the motion are looked at when they are asked for."""
 
-    def checked(found: Any) -> tuple[float, float]:
+    def checked(interval: Any) -> tuple[float, float]:
         try:
-            low, high = (float(end) for end in found)
+            low, high = (float(end) for end in interval)
         except (TypeError, ValueError):
             low, high = math.nan, math.nan
         if not (math.isfinite(low) and math.isfinite(high) and low <= high):
-            raise EffectsFileError(sentence(f"has no bounds of {name}: found {found!r:.60}, expected two numbers"))
+            raise EffectsFileError(sentence(f"has no bounds of {name}: found {interval!r:.60}, expected two numbers"))
         if spacing == "log" and not low > 0.0:
             raise EffectsFileError(sentence(f"tries {name} on a logarithmic grid from {low:g}; begin above 0"))
         return low, high
@@ -223,9 +223,9 @@ def guarded_bounds(declared: Bounds, spacing: str, name: str, sentence: Sentence
 
     def bounds(s: Signals) -> tuple[float, float]:
         try:
-            found = declared(read_only(s))
+            interval = declared(read_only(s))
         except Exception as error:
             raise EffectsFileError(sentence(f"has no bounds of {name}: {type(error).__name__}: {error}")) from None
-        return checked(found)
+        return checked(interval)
 
     return bounds

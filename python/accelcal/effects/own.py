@@ -49,10 +49,10 @@ def _looked_at(declare: Callable[_P, _Enter]) -> Callable[_P, _Enter]:
         enter = declare(*args, **declared)
 
         def tried(function: Callable[..., Array]) -> Callable[..., Array]:
-            known = set(CATALOGUE)
+            names = set(CATALOGUE)
             enter(function)
             if not _loading.get():
-                (name,) = set(CATALOGUE) - known
+                (name,) = set(CATALOGUE) - names
                 _accept(name)
             return function
 
@@ -114,9 +114,9 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
         if not names:
             raise EffectsFileError(f"{path}: adds no effect; put @effect(...) before a function of Signals")
         for name in names:
-            made = CATALOGUE[name]
-            _try(str(path), made)
-            CATALOGUE[name] = replace(made, text=text, digest=hashlib.sha256(raw).hexdigest())
+            effect = CATALOGUE[name]
+            _try(str(path), effect)
+            CATALOGUE[name] = replace(effect, text=text, digest=hashlib.sha256(raw).hexdigest())
     except BaseException:
         CATALOGUE.clear()
         CATALOGUE.update(before)
@@ -289,9 +289,9 @@ def from_expression(
     >>> from_expression("air_drag", "v*abs(v)", unit="1/m").expression
     'v * abs(v)'
     """
-    made, understood = _made(name, text, unit, port, owner, channels)
-    _try_out(made, understood)
-    return _entered(made, understood)
+    effect, understood = _made(name, text, unit, port, owner, channels)
+    _try_out(effect, understood)
+    return _entered(effect, understood)
 
 
 def from_tried_expression(name: str, text: str, *, unit: str, port: FormulaPort, channels: tuple[str, ...] = ()) -> Own:
@@ -327,8 +327,8 @@ def _made(
     needs = tuple(c for c in usable if c in _names(tree))
 
     def function(s: Signals) -> Array:
-        known = {each: s.side[each] for each in needs} | {each: getattr(s, each) for each in MOTION}
-        return _value(tree, known)
+        channels_read = {channel: s.side[channel] for channel in needs} | {channel: getattr(s, channel) for channel in MOTION}
+        return _value(tree, channels_read)
 
     function.__doc__ = f"Own effect: {understood}."
     file = (  # every part of it has been checked
@@ -340,7 +340,7 @@ def _made(
         f'    """Own effect: {understood}."""\n'
         f"    return {_python(tree)} + 0.0 * s.t\n"
     )
-    made = Effect(
+    effect = Effect(
         name=name,
         unit=unit,
         port=port,
@@ -354,18 +354,18 @@ def _made(
         text=file,
         digest=hashlib.sha256(file.encode()).hexdigest(),
     )
-    return made, understood
+    return effect, understood
 
 
-def _entered(made: Effect, understood: str) -> Own:
+def _entered(effect: Effect, understood: str) -> Own:
     """An effect in the catalogue, looked at each time it is evaluated."""
-    name, subject = made.name, f"effect {made.name!r}, {understood},"
+    name, subject = effect.name, f"effect {effect.name!r}, {understood},"
     function = Guarded(
-        made.function, 1, lambda wrong: f"{subject} {wrong}", lambda error: f"{subject} does not evaluate: {error}"
+        effect.function, 1, lambda wrong: f"{subject} {wrong}", lambda error: f"{subject} does not evaluate: {error}"
     )
-    made = replace(made, function=function)
-    old = CATALOGUE.setdefault(name, made)
-    if old.digest != made.digest:
+    effect = replace(effect, function=function)
+    old = CATALOGUE.setdefault(name, effect)
+    if old.digest != effect.digest:
         raise ExpressionError(f"name {name!r}: there is an effect called so already; choose another name")
     return Own(old, understood)
 
@@ -450,41 +450,41 @@ def _names(tree: ast.expr) -> set[str]:
     return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
 
 
-def _value(node: ast.expr, known: Mapping[str, Array]) -> Array:
+def _value(node: ast.expr, names: Mapping[str, Array]) -> Array:
     """Evaluate a tree that `_check` has passed."""
     match node:
         case ast.Constant(value=int() | float() as value):
             return np.asarray(float(value))
         case ast.Name(id=name):
-            return known[name]
+            return names[name]
         case ast.UnaryOp(op=op, operand=operand):
-            return _UNARY[type(op)][1](_value(operand, known))
+            return _UNARY[type(op)][1](_value(operand, names))
         case ast.BinOp(left=left, op=op, right=right):
-            return _BINARY[type(op)][1](_value(left, known), _value(right, known))
+            return _BINARY[type(op)][1](_value(left, names), _value(right, names))
         case ast.Call(func=ast.Name(id=name), args=[argument]):
-            return FUNCTIONS[name](_value(argument, known))
+            return FUNCTIONS[name](_value(argument, names))
     raise AssertionError(f"unchecked expression: {ast.dump(node)}")
 
 
-def _try_out(made: Effect, understood: str) -> None:
+def _try_out(effect: Effect, understood: str) -> None:
     """Evaluate an effect on an ordinary motion, which passes through zero, as its file will be."""
-    moving, fine, nothing = probe(made.needs), probe(made.needs, MANY), np.zeros(PROBE)
+    moving, fine, nothing = probe(effect.needs), probe(effect.needs, MANY), np.zeros(PROBE)
     still = replace(moving, p=nothing, v=nothing, a=nothing, jerk=nothing)
     with np.errstate(all="ignore"):
-        y = np.concatenate([made.column(motion) for motion in (moving, still, fine)])
+        y = np.concatenate([effect.column(motion) for motion in (moving, still, fine)])
     if not np.all(np.isfinite(y)):
         raise ExpressionError(
             f"{understood}: not finite at {len(y) - int(np.isfinite(y).sum())} of {len(y)} instants of an ordinary "
             "motion, where a, v and p pass through zero; guard divisions, roots and logarithms with abs and a constant"
         )
-    if not _varies(made, moving) and not _varies(made, _wide(moving)):
+    if not _varies(effect, moving) and not _varies(effect, _wide(moving)):
         raise ExpressionError(f"{understood}: constant on an ordinary motion; that is what bias is for")
 
 
-def _varies(made: Effect, s: Signals) -> bool:
+def _varies(effect: Effect, s: Signals) -> bool:
     """Whether an effect has more than one finite value on a motion."""
     with np.errstate(all="ignore"):
-        y = made.column(s)
+        y = effect.column(s)
     y = y[np.isfinite(y)]
     return len(y) > 1 and float(np.ptp(y)) > 1e-12 * float(np.max(np.abs(y)))
 

@@ -154,11 +154,11 @@ def side_channel(name: str, unit: str = "") -> Effect:
     >>> side_channel("supply", "V").unit
     'm/s²/V'
     """
-    own = free_name(name, name)
-    if own not in CATALOGUE:
+    effect_name = free_name(name, name)
+    if effect_name not in CATALOGUE:
         enter(
             {
-                own: {
+                effect_name: {
                     "function": lambda s: s.side[name],
                     "card": f"""The output follows the recorded channel {name!r}.
 
@@ -178,7 +178,7 @@ def side_channel(name: str, unit: str = "") -> Effect:
                 }
             }
         )
-    return CATALOGUE[own]
+    return CATALOGUE[effect_name]
 
 
 def side_channel_scale(name: str, unit: str = "") -> Effect:
@@ -190,11 +190,11 @@ def side_channel_scale(name: str, unit: str = "") -> Effect:
     >>> side_channel_scale("supply", "V").unit
     'V⁻¹'
     """
-    own = free_name(f"{name}_scale", name)
-    if own not in CATALOGUE:
+    effect_name = free_name(f"{name}_scale", name)
+    if effect_name not in CATALOGUE:
         enter(
             {
-                own: {
+                effect_name: {
                     "function": lambda s: s.a * s.side[name],
                     "card": f"""The scale factor follows the recorded channel {name!r}.
 
@@ -214,7 +214,7 @@ def side_channel_scale(name: str, unit: str = "") -> Effect:
                 }
             }
         )
-    return CATALOGUE[own]
+    return CATALOGUE[effect_name]
 
 
 def side_channels(units: Iterable[tuple[str, str]]) -> tuple[Effect, ...]:
@@ -235,8 +235,8 @@ def follows_output(effect: Effect) -> bool:
 
 def free_name(wanted: str, channel: str) -> str:
     """A name in the catalogue for an effect of a channel: the wanted one, unless a physical effect has it."""
-    known = CATALOGUE.get(wanted)
-    return wanted if known is None or known.needs == (channel,) else f"{wanted}_channel"
+    entry = CATALOGUE.get(wanted)
+    return wanted if entry is None or entry.needs == (channel,) else f"{wanted}_channel"
 
 
 class Names:

@@ -47,8 +47,8 @@ class Catalogue(MutableMapping[str, Entry]):
 
     @property
     def _entries(self) -> dict[str, Entry]:
-        own = self._apart.get()
-        return self._common if own is None else own
+        entries = self._apart.get()
+        return self._common if entries is None else entries
 
     def __getitem__(self, name: str) -> Entry:
         return self._entries[name]
@@ -334,8 +334,8 @@ class Effect(Result):
             self.name, {"unit": self.unit, "symbol": self.symbol, "source": self.source}, self.scale, sentence
         )
         shapes = {
-            key: replace(one, bounds=guard.guarded_bounds(one.bounds, one.spacing, key, sentence))
-            for key, one in self.shapes.items()
+            key: replace(shape, bounds=guard.guarded_bounds(shape.bounds, shape.spacing, key, sentence))
+            for key, shape in self.shapes.items()
         }
         object.__setattr__(self, "function", guard.Guarded(self.function, self.width, sentence, failure))
         object.__setattr__(self, "shapes", MappingProxyType(shapes))
@@ -489,7 +489,7 @@ def effect(
             raise AccelcalError(f"effect {name!r} is already in the catalogue; choose another name")
         taken = inspect.signature(function).parameters
         for keyword in declared:
-            if keyword not in taken and not any(each.kind is each.VAR_KEYWORD for each in taken.values()):
+            if keyword not in taken and not any(parameter.kind is parameter.VAR_KEYWORD for parameter in taken.values()):
                 raise AccelcalError(f"effect {name!r} declares the shape {keyword!r} but its function does not take it")
         CATALOGUE[name] = Effect(
             name, unit, port, owner, symbol, scale, source, function, declared, needs, parts, traits, search
@@ -524,14 +524,14 @@ def family(
     """
 
     def enter(function: Callable[..., Array]) -> Callable[..., Array]:
-        found = next((e for e in CATALOGUE.values() if function in (e.function, inspect.unwrap(e.function))), None)
-        if found is None:
+        effect = next((e for e in CATALOGUE.values() if function in (e.function, inspect.unwrap(e.function))), None)
+        if effect is None:
             raise AccelcalError(f"{function.__name__} is no effect yet; write @effect(...) below @family(...)")
-        if not 0 <= coarse < found.width:
+        if not 0 <= coarse < effect.width:
             raise AccelcalError(
-                f"effect {found.name!r}: {coarse} of its {found.width} columns cannot be a coarser function"
+                f"effect {effect.name!r}: {coarse} of its {effect.width} columns cannot be a coarser function"
             )
-        CATALOGUE[found.name] = replace(found, family=Family(variable, covers, groups, coarse, basis))
+        CATALOGUE[effect.name] = replace(effect, family=Family(variable, covers, groups, coarse, basis))
         return function
 
     return enter
@@ -557,16 +557,16 @@ def enter(table: Mapping[str, Mapping[str, Any]]) -> None:
 
 def card_line(function: Callable[..., Array], label: str) -> str:
     """Text behind `label:` in a function's docstring, up to the next label."""
-    found: list[str] = []
+    lines: list[str] = []
     for line in (inspect.getdoc(function) or "").splitlines():
         head, colon, rest = line.partition(":")
         if colon and head in CARD:
-            if found:
+            if lines:
                 break
-            found = [rest.strip()] if head == label else []
-        elif found:
-            found.append(line.strip())
-    return " ".join(found).strip()
+            lines = [rest.strip()] if head == label else []
+        elif lines:
+            lines.append(line.strip())
+    return " ".join(lines).strip()
 
 
 def find(name: str) -> Effect:

@@ -193,7 +193,7 @@ def cubic(t: Array, y: Array, at: Array) -> Array:
     held beyond them."""
     if len(t) < 4:
         return np.asarray(np.interp(at, t, y))
-    found = np.empty(len(at))
+    values = np.empty(len(at))
     most = 3.0 * EVEN * float(np.median(np.diff(t[:4096])))
     for begin in range(0, len(at), CUBIC_STRETCH):
         times = at[begin : begin + CUBIC_STRETCH]
@@ -201,15 +201,15 @@ def cubic(t: Array, y: Array, at: Array) -> Array:
         inside = np.flatnonzero((first >= 0) & (first < len(t) - 3))
         inside = inside[t[first[inside] + 3] - t[first[inside]] < most]
         if len(inside) < len(times):
-            found[begin : begin + CUBIC_STRETCH] = np.interp(times, t, y)
+            values[begin : begin + CUBIC_STRETCH] = np.interp(times, t, y)
         times, first = times[inside], first[inside]
         if len(first) and np.all(np.diff(first) == 1):  # nothing is gathered where both series go on alike
             four: list[slice | NDArray[np.intp]] = [slice(first[0] + k, first[-1] + 1 + k) for k in range(4)]
         else:
             four = [first + k for k in range(4)]
         weights = lagrange_weights([t[k] - times for k in four])
-        found[begin + inside] = sum(weight * y[k] for weight, k in zip(weights, four, strict=True))
-    return np.asarray(found)
+        values[begin + inside] = sum(weight * y[k] for weight, k in zip(weights, four, strict=True))
+    return np.asarray(values)
 
 
 SPLINE_STRETCH, SPLINE_MARGIN = 1 << 17, 32
@@ -222,7 +222,7 @@ def quintic(t: Array, y: Array, at: Array) -> Array:
     A line at frequency f on samples h apart has an image at 1/h - f, (f h)^6 of its size: of a cubic spline (f h)^4,
     which a periodic motion lifts above the noise of a line (Unser 1999, IEEE Signal Process. Mag. 16(6)).
     """
-    found = np.empty(len(at))
+    values = np.empty(len(at))
     for begin in range(0, len(t), SPLINE_STRETCH):
         end = min(len(t), begin + SPLINE_STRETCH)
         rows = slice(max(0, begin - SPLINE_MARGIN), min(len(t), end + SPLINE_MARGIN))
@@ -230,5 +230,5 @@ def quintic(t: Array, y: Array, at: Array) -> Array:
         high = len(at) if end == len(t) else int(np.searchsorted(at, t[end]))
         degree = min(5, rows.stop - rows.start - 1)
         degree -= 1 - degree % 2
-        found[low:high] = scipy.interpolate.make_interp_spline(t[rows], y[rows], k=degree)(at[low:high])
-    return found
+        values[low:high] = scipy.interpolate.make_interp_spline(t[rows], y[rows], k=degree)(at[low:high])
+    return values

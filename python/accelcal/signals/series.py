@@ -47,12 +47,12 @@ def lagrange_weights(offsets: Sequence[Array]) -> list[Array]:
     """Weights at 0 of values at `offsets`, (n,) each, in the polynomial through them: products over all other offsets o
     of o / (o - own)."""
     weights = []
-    for i, own in enumerate(offsets):
+    for i, offset in enumerate(offsets):
         others = [*offsets[:i], *offsets[i + 1 :]]
-        above, below = others[0].copy(), others[0] - own
+        above, below = others[0].copy(), others[0] - offset
         for other in others[1:]:
             above *= other
-            below *= other - own
+            below *= other - offset
         above /= below
         weights.append(above)
     return weights
@@ -73,10 +73,10 @@ def local_spread(y: Array) -> Array:
     K = len(y) // LOCAL
     if K < 3:
         return np.full(len(y), max(whole, 1e-300))
-    each = np.median(np.abs(y[: K * LOCAL].reshape(K, LOCAL)), axis=1) / 0.6745
-    each = np.maximum(np.maximum(each, np.append(each[1:], 0.0)), np.append(0.0, each[:-1]))
+    spreads = np.median(np.abs(y[: K * LOCAL].reshape(K, LOCAL)), axis=1) / 0.6745
+    spreads = np.maximum(np.maximum(spreads, np.append(spreads[1:], 0.0)), np.append(0.0, spreads[:-1]))
     index = np.minimum(np.arange(len(y)) // LOCAL, K - 1)
-    return np.asarray(np.maximum(each, max(whole, 1e-300))[index])
+    return np.asarray(np.maximum(spreads, max(whole, 1e-300))[index])
 
 
 def grid_step(y: Array) -> float:
@@ -107,12 +107,12 @@ def bridged(y: Array, hidden: Flags) -> Array:
     for begin, end in edges.reshape(-1, 2):
         low, high = max(0, begin - SIDE), min(len(y), end + SIDE)
         x = (np.arange(low, high) - 0.5 * (low + high - 1)) / (0.5 * (high - low))
-        known = ~hidden[low:high]
-        if int(known.sum()) <= DEGREE:
+        visible = ~hidden[low:high]
+        if int(visible.sum()) <= DEGREE:
             filled[begin:end] = np.interp(np.arange(begin, end), np.flatnonzero(~hidden), y[~hidden])
             continue
         powers = np.vander(x, DEGREE + 1)
-        coefficients, *_ = np.linalg.lstsq(powers[known], y[low:high][known], rcond=None)
+        coefficients, *_ = np.linalg.lstsq(powers[visible], y[low:high][visible], rcond=None)
         filled[begin:end] = (powers @ coefficients)[begin - low : end - low]
     return filled
 

@@ -101,15 +101,15 @@ class Signals:
         """
         side = {name: np.empty_like(t) for name in self.side}
         p, v, a, jerk = (np.empty_like(t) for _ in range(4))
-        made = replace(self, t=t, p=p, v=v, a=a, jerk=jerk, side=side)
+        copy = replace(self, t=t, p=p, v=v, a=a, jerk=jerk, side=side)
         for begin in range(0, len(t), RESAMPLED):
-            self._write(made.at(slice(begin, begin + RESAMPLED)))
-        return made
+            self._write(copy.at(slice(begin, begin + RESAMPLED)))
+        return copy
 
-    def _write(self, made: Signals) -> None:
+    def _write(self, target: Signals) -> None:
         """Write the motion at other times into the arrays of `made`."""
         h = self.step
-        u = np.clip((made.t - self.t[0]) / h, 0.0, len(self.t) - 1.0)
+        u = np.clip((target.t - self.t[0]) / h, 0.0, len(self.t) - 1.0)
         k = np.minimum(u.astype(np.intp), max(0, len(self.t) - 2))
         f = u - k
         end = np.minimum(k + 1, len(self.t) - 1)
@@ -121,14 +121,14 @@ class Signals:
                 y[k] + f * rise + bend * ((1.0 - f) * (h * slope(k) - rise) - f * (h * slope(end) - rise))
             )
 
-        made.p[:] = between(self.p, lambda i: self.v[i])
+        target.p[:] = between(self.p, lambda i: self.v[i])
         gravity = self.gravity
         level = (lambda i: gravity) if isinstance(gravity, float) else (lambda i: gravity[i])
-        made.v[:] = between(self.v, lambda i: self.rig.polarity * self.a[i] - level(i))
-        made.a[:] = between(self.a, lambda i: self.jerk[i])
-        made.jerk[:] = self.jerk[k] + f * (self.jerk[end] - self.jerk[k])
+        target.v[:] = between(self.v, lambda i: self.rig.polarity * self.a[i] - level(i))
+        target.a[:] = between(self.a, lambda i: self.jerk[i])
+        target.jerk[:] = self.jerk[k] + f * (self.jerk[end] - self.jerk[k])
         for name, y in self.side.items():
-            made.side[name][:] = y[k] + f * (y[end] - y[k])
+            target.side[name][:] = y[k] + f * (y[end] - y[k])
 
     @property
     def gravity(self) -> Array | float:

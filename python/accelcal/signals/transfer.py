@@ -38,8 +38,8 @@ def response(filters: Sequence[ChannelFilter], rate: float) -> Response:
 
     def gain(f: Array) -> Spectrum:
         total = np.ones(np.shape(f), dtype=np.complex128)
-        for each in filters:
-            total *= _response(each, np.asarray(f, dtype=np.float64), rate)
+        for stage in filters:
+            total *= _response(stage, np.asarray(f, dtype=np.float64), rate)
         return total
 
     return gain
@@ -97,31 +97,31 @@ def prototype(declared: ChannelFilter, rate: float | None = None) -> tuple[Spect
 def memory(filters: Sequence[ChannelFilter], rate: float) -> float:
     """Time after which the responses of all filters have died away, s."""
     total = 0.0
-    for each in filters:
-        step = 1.0 / (each.rate or rate)
-        if each.kind == "sinc":
-            total += each.order * each.length * step
-        elif each.kind == "fir":
-            total += len(each.b) * step
-        elif each.digital:
-            poles = np.roots(each.a) if each.cutoff is None else prototype(each, 1.0 / step)[1]
+    for stage in filters:
+        step = 1.0 / (stage.rate or rate)
+        if stage.kind == "sinc":
+            total += stage.order * stage.length * step
+        elif stage.kind == "fir":
+            total += len(stage.b) * step
+        elif stage.digital:
+            poles = np.roots(stage.a) if stage.cutoff is None else prototype(stage, 1.0 / step)[1]
             slowest = float(np.max(np.abs(poles), initial=0.0))
-            total += (len(each.b) + 1) * step
+            total += (len(stage.b) + 1) * step
             total += FORGOTTEN * step / -math.log(slowest) if slowest > 0.0 else 0.0
         else:
-            total += FORGOTTEN / float(np.min(-np.real(prototype(each)[1])))
+            total += FORGOTTEN / float(np.min(-np.real(prototype(stage)[1])))
     return total
 
 
 def modes(filters: Sequence[ChannelFilter], rate: float) -> list[complex]:
     """Poles of the filters in 1/s: transients of the chain are sums of exp(pole t)."""
     found: list[complex] = []
-    for each in filters:
-        if not each.digital:
-            found += [complex(p) for p in prototype(each)[1]]
-        elif each.kind == "biquad" or each.cutoff is not None:
-            own = each.rate or rate
-            poles = np.roots(each.a) if each.cutoff is None else prototype(each, own)[1]
+    for stage in filters:
+        if not stage.digital:
+            found += [complex(p) for p in prototype(stage)[1]]
+        elif stage.kind == "biquad" or stage.cutoff is not None:
+            own = stage.rate or rate
+            poles = np.roots(stage.a) if stage.cutoff is None else prototype(stage, own)[1]
             found += [complex(np.log(complex(p)) * own) for p in poles if abs(p) > 0.0]
     return found
 

@@ -51,14 +51,14 @@ def jump_responses(after: Array, pole: float) -> tuple[Array, Array]:
     return begun * (1.0 - decay), after - pole * (1.0 - decay)
 
 
-def output_of(found: Jumps, begin: float, step: float, n: int) -> Array:
+def output_of(jumps: Jumps, begin: float, step: float, n: int) -> Array:
     """Output that some jumps cause at `n` uniform times from `begin` on, s, each from its instant on, (n,) m/s².
 
     Jumps before `begin` count as motion that was there. Every pole forgets by the same factor from sample to sample,
     so that all of its jumps are one recursion.
     """
     output = np.zeros(n)
-    for tau, of_jerk, t, size in groups(found):
+    for tau, of_jerk, t, size in groups(jumps):
         first = np.ceil((t - begin) / step - 1e-9).astype(np.intp)
         inside = (first >= 0) & (first < n)
         first, size, late = first[inside], size[inside], begin + step * first[inside] - t[inside]
@@ -76,25 +76,25 @@ def output_of(found: Jumps, begin: float, step: float, n: int) -> Array:
     return output
 
 
-def groups(found: Jumps) -> Iterator[tuple[float, bool, Array, Array]]:
+def groups(jumps: Jumps) -> Iterator[tuple[float, bool, Array, Array]]:
     """Time constant, whether of the jerk, instants and sizes of the jumps of one kind."""
-    for tau in np.unique(found.tau):
+    for tau in np.unique(jumps.tau):
         for of_jerk in (False, True):
-            same = (found.tau == tau) & (found.of_jerk == of_jerk)
+            same = (jumps.tau == tau) & (jumps.of_jerk == of_jerk)
             if same.any():
-                yield float(tau), of_jerk, found.t[same], found.size[same]
+                yield float(tau), of_jerk, jumps.t[same], jumps.size[same]
 
 
-def lost_velocity(found: Jumps, step: float) -> Array:
+def lost_velocity(jumps: Jumps, step: float) -> Array:
     """Standard deviation of the velocity that samples `step` s apart miss at each jump, (n,) m/s (derivations 7.5)."""
-    if len(found.t) == 0:
+    if len(jumps.t) == 0:
         return np.empty(0)
     phase = (np.arange(64) + 0.5) / 64.0
-    x = np.maximum(found.tau, 0.02 * step)[:, None] / step  # time constants in samples
+    x = np.maximum(jumps.tau, 0.02 * step)[:, None] / step  # time constants in samples
     of_step = (0.5 - phase) - (np.exp(-phase / x) / -np.expm1(-1.0 / x) - x)
     of_ramp = 0.5 * (phase - phase**2) - x * of_step
-    missed = np.where(found.of_jerk, of_ramp.std(axis=1) * step**2, of_step.std(axis=1) * step)
-    return np.asarray(np.abs(found.size) * missed)
+    missed = np.where(jumps.of_jerk, of_ramp.std(axis=1) * step**2, of_step.std(axis=1) * step)
+    return np.asarray(np.abs(jumps.size) * missed)
 
 
 Places = NDArray[np.intp]
@@ -187,10 +187,10 @@ def prediction_scores(t: Array, u: Array) -> tuple[Array, Array]:
 def examined(t: Array, u: Array, spread: Array, peaks: Places, step: float, tau: float) -> Jumps:
     """The jumps among some samples that stand out; `spread` (n,) is the noise of each sample, m/s²."""
     peaks = peaks[(peaks >= HALF_WINDOW) & (peaks < len(u) - HALF_WINDOW)]
-    found = [classified(t, u, spread, peaks[k : k + CHUNK], step, tau) for k in range(0, len(peaks), CHUNK)]
-    if not found:
+    parts = [classified(t, u, spread, peaks[k : k + CHUNK], step, tau) for k in range(0, len(peaks), CHUNK)]
+    if not parts:
         return NO_JUMPS
-    row = np.concatenate(found)
+    row = np.concatenate(parts)
     row = row[np.argsort(row["t"], kind="stable")]
     row = row[np.diff(row["t"], prepend=-np.inf) > APART * step]  # two windows may hold the same jump
     after = ISOLATED * step + np.maximum(row["tau"], tau) * np.log1p(row["ratio"])
@@ -214,20 +214,20 @@ def classified(t: Array, u: Array, spread: Array, peaks: Places, step: float, ta
     poles = np.array(list(dict.fromkeys((tau / step, *POLES))))
     single, gain = windows.best_single(poles)
     spoiled = windows.spoiled(2)
-    kept = (gain > spoiled) & explained(windows.energy, gain)
+    accepted = (gain > spoiled) & explained(windows.energy, gain)
     certain = gain > CERTAIN[0] * spoiled + CERTAIN[1]
-    remaining = np.where(kept, windows.energy - gain, np.inf)
+    remaining = np.where(accepted, windows.energy - gain, np.inf)
     poor, undeclared = remaining > UNEXPLAINED[0], single.kind > 1
-    found = []
+    parts = []
     for tried, of in ((poor, poles), (~poor & undeclared, poles[:1])):
         left = np.flatnonzero(tried)
         if len(left):
             pair, sure, two = windows.of(left).two_jumps(of, remaining[left], undeclared[left])
             certain[left] |= sure
-            kept[left] = (kept[left] | sure) & ~two
-            found.append(replace(pair, window=left[pair.window]))
-    found.append(single.of(kept))
-    return np.concatenate([some.rows(t[peaks], spread[peaks], certain, poles, step) for some in found])
+            accepted[left] = (accepted[left] | sure) & ~two
+            parts.append(replace(pair, window=left[pair.window]))
+    parts.append(single.of(accepted))
+    return np.concatenate([some.rows(t[peaks], spread[peaks], certain, poles, step) for some in parts])
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,10 +276,10 @@ class Windows:
         """The jump that explains each window best, and twice the log-likelihood that it gains, (n,)."""
         gain, kind, place, size = best_form(self.forms(poles, PLACES), self.y)
         near = PLACES[place]
-        for one in np.unique(kind):
-            same = np.flatnonzero(kind == one)
-            some, pole = self.of(same), poles[one // 2 : one // 2 + 1]
-            finer = some.forms(pole, near[same, None] + FINER)[:, :, one % 2 : one % 2 + 1]
+        for code in np.unique(kind):
+            same = np.flatnonzero(kind == code)
+            some, pole = self.of(same), poles[code // 2 : code // 2 + 1]
+            finer = some.forms(pole, near[same, None] + FINER)[:, :, code % 2 : code % 2 + 1]
             gain[same], _, place, size[same] = best_form(finer, some.y)
             near[same] += FINER[place]
         return Found(np.arange(len(near)), kind, near, size), gain
@@ -323,9 +323,9 @@ class Found:
     size: Array
     """In deviations of the noise, per sample where it is of the jerk, (m,)."""
 
-    def of(self, kept: Flags) -> Found:
+    def of(self, rows: Flags) -> Found:
         """Those in some of the windows."""
-        return Found(self.window[kept], self.kind[kept], self.place[kept], self.size[kept])
+        return Found(self.window[rows], self.kind[rows], self.place[rows], self.size[rows])
 
     def rows(self, middle: Array, spread: Array, certain: Flags, poles: Array, step: float) -> NDArray[np.void]:
         """Each as a `ROW`, by the middle, s, the noise, m/s², and the certainty of each window."""
@@ -371,14 +371,14 @@ def best_pair(forms: Array, y: Array) -> tuple[Found, Array]:
         volume = together - shared**2
         distinct = volume > DISTINCT * together
         volume = np.where(distinct, volume, 1.0)
-        own = dots[0] * powers[1] - dots[1] * shared, dots[1] * powers[0] - dots[0] * shared
-        gain = np.where(distinct, (dots[0] * own[0] + dots[1] * own[1]) / volume, 0.0)
+        determinants = dots[0] * powers[1] - dots[1] * shared, dots[1] * powers[0] - dots[0] * shared
+        gain = np.where(distinct, (dots[0] * determinants[0] + dots[1] * determinants[1]) / volume, 0.0)
         most = np.argmax(gain, axis=1)
         better = gain[every, most] > best + (STEPS_FIRST if kind % 2 else 0.0)
         chosen = every[better], most[better]
         best[better], which[better] = gain[chosen], kind
         at[better] = np.column_stack([first, last])[most[better]]
-        sizes[better] = np.column_stack([each[chosen] / volume[chosen] for each in own])
+        sizes[better] = np.column_stack([numerator[chosen] / volume[chosen] for numerator in determinants])
     return Found(np.repeat(every, 2), np.repeat(which, 2), PAIR_PLACES[at].ravel(), sizes.ravel()), best
 
 

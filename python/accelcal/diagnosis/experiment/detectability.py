@@ -60,8 +60,8 @@ class DetectionModel:
     def item(self, effect: str, shape: Mapping[str, float]) -> Hypothesis:
         """An effect at its own shape, which need not be one of the trials; what the record determines is kept."""
         trials = [item for item in self.items if item.effect.name == effect]
-        known = trials[len(trials) // 2]
-        return replace(known, shape={**known.shape, **shape})
+        truth_term = trials[len(trials) // 2]
+        return replace(truth_term, shape={**truth_term.shape, **shape})
 
     def distance(self, truth: Hypothesis, sizes: Array) -> float:
         """Distance of an effect from zero in standard deviations, the base projected out."""
@@ -128,21 +128,21 @@ class DetectionModel:
         them.
         """
         named = [truth if item.effect.name == truth.effect.name else item for item in finalists]
-        kept = self.evidence_of([*named, truth])
-        t, _, columns_of = (np.concatenate(each, axis=-1) for each in zip(*kept.rows(), strict=True))
+        remaining = self.evidence_of([*named, truth])
+        t, _, columns_of = (np.concatenate(parts, axis=-1) for parts in zip(*remaining.rows(), strict=True))
         X = columns_of.T
-        expected = coefficients(truth, sizes) @ kept.G[kept.columns[-1]]
+        expected = coefficients(truth, sizes) @ remaining.G[remaining.columns[-1]]
         length = block_length(self.state)
         edges = np.flatnonzero(np.diff(np.floor(t / length), prepend=-1.0))
-        values, vectors = np.linalg.eigh(normalised(kept.G))
+        values, vectors = np.linalg.eigh(normalised(remaining.G))
         good = values > 1e-9
-        size = scale_of(np.diag(kept.G))
+        size = scale_of(np.diag(remaining.G))
         Q = (X / size) @ (vectors[:, good] / np.sqrt(values[good]))
-        found = {}
-        for item, columns in zip(named, kept.columns, strict=False):
+        scatters = {}
+        for item, columns in zip(named, remaining.columns, strict=False):
             if item.effect.port == "process":
                 continue
-            weights = np.linalg.pinv(kept.G[columns, columns], rcond=DEGENERATE_MIX) @ expected[0, columns]
+            weights = np.linalg.pinv(remaining.G[columns, columns], rcond=DEGENERATE_MIX) @ expected[0, columns]
             x = X[:, columns] @ weights
             power = float(x @ x)
             if power <= 0.0:
@@ -152,8 +152,8 @@ class DetectionModel:
             S = np.diag(w) - U @ U.T
             mean, variance = float(np.trace(S)), 2.0 * float(np.sum(S**2))
             a = variance / mean**2 / 9.0  # 2/(9 nu), nu = 2 mean²/variance
-            found[item.effect.name] = shrunk_inflation(mean * (1.0 - a + deviate * math.sqrt(a)) ** 3, w)
-        return found
+            scatters[item.effect.name] = shrunk_inflation(mean * (1.0 - a + deviate * math.sqrt(a)) ** 3, w)
+        return scatters
 
 
 def evidence_of(state: RunState, model: Model, items: Sequence[Hypothesis]) -> CandidateScores:
@@ -315,8 +315,8 @@ class Power(Result):
     """Detectable drift bandwidth; None where a plan of several is only compared."""
 
     def __repr__(self) -> str:
-        seen = sum(each.seen for each in self.detectabilities)
-        return f"Power({self.name!r}: {seen} of {len(self.detectabilities)} effects are detectable)"
+        visible = sum(effect.seen for effect in self.detectabilities)
+        return f"Power({self.name!r}: {visible} of {len(self.detectabilities)} effects are detectable)"
 
     @property
     def of_run(self) -> DetectionModel:
@@ -343,15 +343,15 @@ class Power(Result):
 
     def _ipython_key_completions_(self) -> list[str]:
         """Names that a notebook offers behind power[."""
-        return [each.effect for each in self.detectabilities]
+        return [effect.effect for effect in self.detectabilities]
 
     def __getitem__(self, effect: str) -> Detectability:
         """Return the detection limit of `effect`."""
         for detectability in self.detectabilities:
             if detectability.effect == effect:
                 return detectability
-        known = ", ".join(s.effect for s in self.detectabilities)
-        raise KeyError(f"{effect!r} is in the model or cannot be tested on this record; it has {known}")
+        effects = ", ".join(s.effect for s in self.detectabilities)
+        raise KeyError(f"{effect!r} is in the model or cannot be tested on this record; it has {effects}")
 
     def detection(self, effect: str, size: float | Sequence[float], shape: Mapping[str, float] | None = None) -> float:
         """Probability that any effect enters when `effect` is present at a given size.

@@ -45,7 +45,7 @@ def tumble(
     mean = a + white * drawn[1]
     for name, term in static_terms().items():
         if not term.thermal:
-            mean += parameters.get(name, 0.0) * np.array([term.per_unit(float(each), 0.0) for each in a])
+            mean += parameters.get(name, 0.0) * np.array([term.per_unit(float(position), 0.0) for position in a])
     return Dwells(
         angle=angle,
         mean=mean,
@@ -128,8 +128,8 @@ def drift_bandwidth(state: RunState, model: Model) -> DriftBandwidth:
         for f in frequency
         for part in range(effect.width)
     ]
-    G, _, own, *_ = run.remainder(terms)
-    amplitudes = np.array([amplitude(G[k : k + 2, k : k + 2], own[k : k + 2]) for k in range(0, len(terms), 2)])
+    G, _, curvature, *_ = run.remainder(terms)
+    amplitudes = np.array([amplitude(G[k : k + 2, k : k + 2], curvature[k : k + 2]) for k in range(0, len(terms), 2)])
     bias, scale = np.split(amplitudes, 2)
     return DriftBandwidth(frequency, bias, scale, tumble_limit(state))
 
@@ -143,10 +143,10 @@ def times_acceleration(line: Effect) -> Effect:
     return replace(line, name=f"{BASE[1]}.{line.name}", unit=find(BASE[1]).unit, function=changed)
 
 
-def amplitude(information: Array, own: Array) -> float:
+def amplitude(information: Array, curvature: Array) -> float:
     """Amplitude of sine and cosine together that is 5 standard deviations of its estimate at the worst phase."""
     least = float(np.linalg.eigvalsh(information)[0])
-    return SIGMA / math.sqrt(least) if least > 1e-9 * float(np.max(own)) else math.inf
+    return SIGMA / math.sqrt(least) if least > 1e-9 * float(np.max(curvature)) else math.inf
 
 
 def tumble_limit(state: RunState) -> TumbleLimit:
@@ -154,7 +154,7 @@ def tumble_limit(state: RunState) -> TumbleLimit:
     rig = state.run.rig
     density = abs(state.values.scale) * math.sqrt(2.0 * state.noise.usual.q)
     plain = replace(rig, lowpass=None, sensor=replace(rig.sensor, noise=density))
-    found = estimate_dwells(Model.linear(), tumble({}, plain, angle_std=HEAD))
+    fit = estimate_dwells(Model.linear(), tumble({}, plain, angle_std=HEAD))
     seconds = DWELLS * (DWELL + TURN)
-    bias, scale = (SIGMA * found[name].std for name in BASE[:2])
+    bias, scale = (SIGMA * fit[name].std for name in BASE[:2])
     return TumbleLimit(seconds, 0.5 / seconds, bias, scale)

@@ -160,8 +160,8 @@ def planned_noise(rig: Rig, encoder_noise: float | None = None, *, name: str = "
             '[channels]\nposition = { column = "position_m", unit = "m", resolution = "1 um" }'
         )
     step = rig.resolution or 0.0
-    own = step if encoder_noise is None else encoder_noise
-    return Noise(0.5 * rig.sensor.noise**2, own**2 + step**2 / 12.0)
+    position_noise = step if encoder_noise is None else encoder_noise
+    return Noise(0.5 * rig.sensor.noise**2, position_noise**2 + step**2 / 12.0)
 
 
 def planned_state(

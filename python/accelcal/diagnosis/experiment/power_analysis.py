@@ -79,14 +79,14 @@ def power(
         start, end = whole.start, whole.end
     progress(0.1)
     solution = solve_runs(model, [recording], start=start, end=end, progress=within(progress, 0.1, 0.4))
-    found = detectability_of(solution.states[0], model, extra, alpha)
+    result = detectability_of(solution.states[0], model, extra, alpha)
     progress(0.9)
-    return with_drift(found)
+    return with_drift(result)
 
 
-def with_drift(found: Power) -> Power:
+def with_drift(result: Power) -> Power:
     """The detection limits with the detectable drift bandwidth of the same run."""
-    return replace(found, drift=drift_bandwidth(found.of_run.state, found.of_run.model))
+    return replace(result, drift=drift_bandwidth(result.of_run.state, result.of_run.model))
 
 
 def detectability_of(
@@ -176,15 +176,15 @@ def rivals(evidence: CandidateScores, i: int, best_index: Mapping[str, int]) -> 
     if item.effect.family:
         return {}
     direction = most_visible_direction(evidence, i)
-    found: dict[str, float] = {}
+    correlations: dict[str, float] = {}
     for j, rival in enumerate(evidence.items):
         name = rival.effect.name
         if name == item.effect.name or name not in best_index or rival.effect.family:
             continue
         rho = contribution_correlation(evidence, evidence.G, i, j, direction)
-        if rho > max(CONFOUNDED_CORRELATION, found.get(name, 0.0)):
-            found[name] = min(rho, 1.0)
-    return dict(sorted(found.items(), key=lambda pair: -pair[1]))
+        if rho > max(CONFOUNDED_CORRELATION, correlations.get(name, 0.0)):
+            correlations[name] = min(rho, 1.0)
+    return dict(sorted(correlations.items(), key=lambda pair: -pair[1]))
 
 
 def most_visible_direction(evidence: CandidateScores, i: int) -> Array:
@@ -199,11 +199,11 @@ def confounded_groups(
 ) -> tuple[Group, ...]:
     """Each effect with all that are confounded with it, largest group first; a group that is part of another is
     dropped."""
-    kept: list[Group] = []
+    groups: list[Group] = []
     for detectability in sorted(detectabilities, key=lambda s: -len(s.members)):
-        if len(detectability.members) == 1 or any(set(detectability.members) <= set(g.members) for g in kept):
+        if len(detectability.members) == 1 or any(set(detectability.members) <= set(g.members) for g in groups):
             continue
-        kept.append(
+        groups.append(
             Group(detectability.members, min(rivals_of[detectability.effect].values()), detectability.experiment)
         )
-    return tuple(kept)
+    return tuple(groups)

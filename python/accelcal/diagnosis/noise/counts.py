@@ -128,15 +128,15 @@ def held_samples(residuals: Residuals) -> NoiseTest:
     repeats = repeated_share(u) if residuals.lsb == 0.0 and len(u) > CHANCE_LAGS[-1] else 0.0
     left_out = next((f for f in findings_of(residuals, HELD) if f.channel == residuals.run.accel.name), None)
     tick = left_out.size if left_out else residuals.step / (1.0 - min(repeats, 0.99))
-    found = left_out is not None or repeats > HELD_SHARE
+    held = left_out is not None or repeats > HELD_SHARE
     text = "no samples of the output are held"
-    if found:
+    if held:
         rate = (1.0 - min(repeats, 0.99)) / residuals.step
         text = f"samples of the output are held: the logger repeats those of a sensor that renews them at {rate:.4g} Hz"
         text += "; the repeats are left out" if left_out else ", and the repeats are in the record"
     parts = {"held": repeats, "coarse": float(repeats > HELD_SHARE), "tick": tick}
-    std = rounding_std(tick) if found else 0.0
-    return NoiseTest(HELD_SAMPLES, repeats, 0.0 if found else 1.0, std, "s", 0.0, text, parts)
+    std = rounding_std(tick) if held else 0.0
+    return NoiseTest(HELD_SAMPLES, repeats, 0.0 if held else 1.0, std, "s", 0.0, text, parts)
 
 
 def findings_of(residuals: Residuals, kind: str) -> Iterator[Finding]:
@@ -167,8 +167,8 @@ def sample_residuals(residuals: Residuals) -> Array:
     place, model = residuals.place, residuals.model
     padded = np.pad(model, MOVING, mode="edge")
     moving = np.abs(padded[2 * MOVING :] - padded[: -2 * MOVING]) > residuals.lsb
-    kept = ~residuals.unresolved[place] & residuals.sampled[place] & moving[place]
-    return np.asarray((residuals.u - model[place])[kept])
+    usable = ~residuals.unresolved[place] & residuals.sampled[place] & moving[place]
+    return np.asarray((residuals.u - model[place])[usable])
 
 
 def code_log_probability(r: Array, step: float, noise: float) -> Array:
@@ -199,16 +199,16 @@ def rounded_noise(several: Sequence[Residuals], effect: Effect) -> NoiseEffect:
     return NoiseEffect(effect.name, effect.symbol, effect.unit, step**2, 0.0, effect.owner, p, text, particulars)
 
 
-def score_of_rounding(residuals: Residuals, known: NoiseEffect) -> NoiseScore | None:
+def score_of_rounding(residuals: Residuals, effect: NoiseEffect) -> NoiseScore | None:
     """Gain of the log probability of the codes of a record by the rounding, over noise of the variance that its samples
     have and that is not rounded; None where the output never moves by a step."""
-    r, step = sample_residuals(residuals), known.particulars["step"]
+    r, step = sample_residuals(residuals), effect.particulars["step"]
     if len(r) == 0:
         return None
-    noise, plain = known.particulars["noise"], math.sqrt(float(np.mean(r**2)))
+    noise, plain = effect.particulars["noise"], math.sqrt(float(np.mean(r**2)))
     density = -0.5 * (r / plain) ** 2 - math.log(plain) - 0.5 * math.log(2.0 * math.pi)
     gain = code_log_probability(r, step, noise) - np.maximum(density + math.log(step), math.log(LEAST_PROBABILITY))
     total, std = total_with_std(gain)
     power = float(np.mean(r**2))
     ratio, without = power / (noise**2 + step**2 / 12.0), power / plain**2
-    return NoiseScore(known.name, "accel", total, std, len(r), ratio, without, "mean square")
+    return NoiseScore(effect.name, "accel", total, std, len(r), ratio, without, "mean square")

@@ -74,33 +74,33 @@ def noise_estimates(model: Model, records: Sequence[RecordNoise]) -> tuple[Noise
     """
     effects = model.noise_effects
     growing = [effect for effect in effects if grows(effect)]
-    found = {one.name: one for one in growing_noise([r.clean for r in records], growing)} if growing else {}
+    grown = {effect.name: effect for effect in growing_noise([r.clean for r in records], growing)} if growing else {}
     for effect in effects:
         channel = rejected_channel(effect)
         if channel:
-            found[effect.name] = outlying_noise(channel, effect, [record.errors(channel) for record in records])
+            grown[effect.name] = outlying_noise(channel, effect, [record.errors(channel) for record in records])
         elif is_rounding(effect):
-            found[effect.name] = rounded_noise([record.clean for record in records], effect)
-    return tuple(found[effect.name] for effect in effects if effect.name in found)
+            grown[effect.name] = rounded_noise([record.clean for record in records], effect)
+    return tuple(grown[effect.name] for effect in effects if effect.name in grown)
 
 
-def noise_scores_of(known: Sequence[NoiseEffect], record: RecordNoise) -> tuple[NoiseScore, ...]:
+def noise_scores_of(effects_in_model: Sequence[NoiseEffect], record: RecordNoise) -> tuple[NoiseScore, ...]:
     """What each effect gains on a record that it was not estimated from; none where frequencies do not match."""
-    effects = {one.name: find(one.name) for one in known}
+    effects = {effect.name: find(effect.name) for effect in effects_in_model}
     growing = [effect for effect in effects.values() if grows(effect)]
     blocks = BlockPowers.of(record.clean, growing) if growing else None
-    found: list[NoiseScore | None] = []
-    for one in known:
+    scores: list[NoiseScore | None] = []
+    for one in effects_in_model:
         if one.value <= 0.0:  # the fit saw none
             continue
         channel = rejected_channel(effects[one.name])
         if channel:
-            found.append(score_of_tails(record.errors(channel), one))
+            scores.append(score_of_tails(record.errors(channel), one))
         elif is_rounding(effects[one.name]):
-            found.append(score_of_rounding(record.clean, one))
+            scores.append(score_of_rounding(record.clean, one))
         elif blocks is not None:
-            found.append(score_of_growth(blocks, one))
-    return tuple(score for score in found if score is not None)
+            scores.append(score_of_growth(blocks, one))
+    return tuple(score for score in scores if score is not None)
 
 
 def with_noise_effects(fit: Fit, original: Sequence[PreparedRun], states: Sequence[RunState]) -> Fit:
@@ -132,21 +132,21 @@ def require_noise_shown(fit: Fit, names: Sequence[str]) -> None:
     ValueError
         Naming the effect, and from which size on it would show.
     """
-    known = {one.name: one for one in fit.noise_effects}
+    sizes = {effect.name: effect for effect in fit.noise_effects}
     for effect in fit.model.noise_effects:
         if effect.name not in names:
             continue
-        one = known.get(effect.name)
-        if one is None:
+        size = sizes.get(effect.name)
+        if size is None:
             raise AccelcalError(
                 f"{effect.name!r} cannot be added: the record is too short, or its filters leave no noise above the "
                 "motion"
             )
-        if one.p_value >= NOISE_EFFECT_ALPHA or one.value <= 0.0:
-            least = one.particulars.get("least", 0.0)
-            limit = f"; it would show from {one.symbol} = {least:.2g} {one.unit} on" if least > 0.0 else ""
+        if size.p_value >= NOISE_EFFECT_ALPHA or size.value <= 0.0:
+            least = size.particulars.get("least", 0.0)
+            limit = f"; it would show from {size.symbol} = {least:.2g} {size.unit} on" if least > 0.0 else ""
             raise AccelcalError(
-                f"{effect.name!r} cannot be added: this record does not show it (p = {one.p_value:.2g}){limit}"
+                f"{effect.name!r} cannot be added: this record does not show it (p = {size.p_value:.2g}){limit}"
             )
 
 
@@ -171,8 +171,8 @@ def noise_scores(
     recording = run.recording
     require_channels(fit, recording)
 
-    def state_of(one: PreparedRun) -> RunState:
-        return settled_state(prepared(one, fit.origins, start=start, end=end), values_on(fit, recording), fit.noise())
+    def state_of(run: PreparedRun) -> RunState:
+        return settled_state(prepared(run, fit.origins, start=start, end=end), values_on(fit, recording), fit.noise())
 
     whole, clean = state_of(run), run
     for test in outliers_found(run_noise_tests(whole)):

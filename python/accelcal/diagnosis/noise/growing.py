@@ -73,8 +73,8 @@ class BlockPowers:
         first = several[0]
         like = [one for one in several if len(shared_frequencies(first.f, one.f)[0])]
         f = first.f
-        for one in like:
-            f = f[shared_frequencies(f, one.f)[0]]
+        for powers in like:
+            f = f[shared_frequencies(f, powers.f)[0]]
         like = [one.at(f) for one in like]
         functions = {name: np.concatenate([one.functions[name] for one in like]) for name in first.functions}
         return cls(f, np.concatenate([one.power for one in like]), functions)
@@ -91,17 +91,17 @@ class BlockPowers:
         return expected
 
 
-def shared_frequencies(one: Array, other: Array) -> tuple[Places, Places]:
+def shared_frequencies(f: Array, other: Array) -> tuple[Places, Places]:
     """Places in both of the frequencies that two records of one rate share; the lowest depends on the motion."""
-    if len(one) == 0 or len(other) == 0 or abs(one[-1] - other[-1]) > SAME_RATE * other[-1]:
+    if len(f) == 0 or len(other) == 0 or abs(f[-1] - other[-1]) > SAME_RATE * other[-1]:
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
-    count = min(len(one), len(other))
-    return np.arange(len(one) - count, len(one)), np.arange(len(other) - count, len(other))
+    count = min(len(f), len(other))
+    return np.arange(len(f) - count, len(f)), np.arange(len(other) - count, len(other))
 
 
 def at_frequencies(spectrum: NoiseSpectrum, places: Places) -> NoiseSpectrum:
     """A spectrum at some of its frequencies."""
-    growth = {name: one[places] for name, one in spectrum.growth.items()}
+    growth = {name: values[places] for name, values in spectrum.growth.items()}
     return NoiseSpectrum(spectrum.f[places], spectrum.floor[places], growth)
 
 
@@ -133,7 +133,7 @@ def grown_spectrum(blocks: BlockPowers, effects: Sequence[Effect]) -> tuple[Nois
         level = common(c[:, k], information[:, k]) if is_white(e) else c[:, k]
         growth[e.name] = np.maximum(level, 0.0) / most
     explained = sum(
-        (np.outer(blocks.functions[name], one) for name, one in growth.items()), np.zeros_like(blocks.power)
+        (np.outer(blocks.functions[name], size) for name, size in growth.items()), np.zeros_like(blocks.power)
     )
     return NoiseSpectrum(blocks.f, floor_beside(blocks.power, explained), growth), estimated
 
@@ -224,7 +224,7 @@ def growing_noise(several: Sequence[Residuals], effects: Sequence[Effect]) -> li
         p = float(scipy.special.ndtr(-value / std)) if std > 0.0 else 1.0
         trials = 1 if is_white(effect) else len(at)
         low, high = float(blocks.f[band.start]), float(blocks.f[min(band.stop, len(at)) - 1])
-        most = max(float(np.max(effect.column(one.signals))) for one in several)
+        most = max(float(np.max(effect.column(residuals.signals))) for residuals in several)
         strongest = math.sqrt(max(value, 0.0) * most)
         text = f"noise of the output from {low:.0f} Hz to {high:.0f} Hz grows, to {strongest:.2g} m/s² rms at most"
         of_block = np.mean(blocks.power[:, band] / blocks.mean(spectrum)[:, band], axis=1)
@@ -248,7 +248,7 @@ def growing_noise(several: Sequence[Residuals], effects: Sequence[Effect]) -> li
     return found
 
 
-def score_of_growth(blocks: BlockPowers, known: NoiseEffect) -> NoiseScore | None:
+def score_of_growth(blocks: BlockPowers, effect: NoiseEffect) -> NoiseScore | None:
     """Gain of Whittle's log-likelihood on a record by an effect; None where the frequencies are not those of the fit.
 
     The level of either spectrum at each frequency is that of the record: what is scored is how the noise grows.
@@ -258,26 +258,26 @@ def score_of_growth(blocks: BlockPowers, known: NoiseEffect) -> NoiseScore | Non
     blocks : of the record, with the variance functions of all effects of the model of this kind.
     known : the effect, as it was estimated.
     """
-    if known.spectrum is None or known.without is None or len(blocks.power) == 0:
+    if effect.spectrum is None or effect.without is None or len(blocks.power) == 0:
         return None
-    own, places = shared_frequencies(blocks.f, known.spectrum.f)
-    if len(own) == 0:
+    own_places, places = shared_frequencies(blocks.f, effect.spectrum.f)
+    if len(own_places) == 0:
         return None
-    blocks = BlockPowers(blocks.f[own], blocks.power[:, own], blocks.functions)
-    spectrum = at_frequencies(known.spectrum, places)
-    m1, m0 = blocks.mean(spectrum), blocks.mean(at_frequencies(known.without, places))
+    blocks = BlockPowers(blocks.f[own_places], blocks.power[:, own_places], blocks.functions)
+    spectrum = at_frequencies(effect.spectrum, places)
+    m1, m0 = blocks.mean(spectrum), blocks.mean(at_frequencies(effect.without, places))
     level1, level0 = (np.mean(blocks.power / m, axis=0) for m in (m1, m0))  # how noise grows, not how much there is
     gain = np.sum(
         np.log(level0 * m0) + blocks.power / (level0 * m0) - np.log(level1 * m1) - blocks.power / (level1 * m1), axis=1
     )
-    h = blocks.functions[known.name]
+    h = blocks.functions[effect.name]
     strong = h >= np.quantile(h, STRONGEST)
-    grown = spectrum.growth[known.name] / spectrum.floor
-    seen = np.where(grown > 0.0, grown, 0.0)
-    weights = seen / float(np.sum(seen)) if np.any(seen > 0.0) else np.full(len(seen), 1.0 / len(seen))
+    grown = spectrum.growth[effect.name] / spectrum.floor
+    positive = np.where(grown > 0.0, grown, 0.0)
+    weights = positive / float(np.sum(positive)) if np.any(positive > 0.0) else np.full(len(positive), 1.0 / len(positive))
     total, std = total_with_std(gain)
     with_it, without = (float(np.mean((blocks.power[strong] / m[strong]) @ weights)) for m in (m1, m0))
-    return NoiseScore(known.name, "accel", total, std, blocks.power.size, with_it, without)
+    return NoiseScore(effect.name, "accel", total, std, blocks.power.size, with_it, without)
 
 
 def flatness(power: Array, variable: Array, edges: int = FLAT_BINS) -> float:

@@ -61,9 +61,9 @@ class NoiseTest:
             return self.effect in model.effects
         waves = [model.shapes[name] for name in model.added if stem_of(find(name)) == self.effect]
         return any(
-            abs(value - own) < OWN_WAVE_TURNS * width(s, own)
+            abs(value - multiple) < OWN_WAVE_TURNS * width(s, multiple)
             for name, value in self.shape.items()
             if (width := (shape := find(self.effect).shapes[name]).width)
             for wave in waves
-            for own in (shape.multiple(wave[name], n) for n in range(1, int(wave[HARMONICS]) + 1))
+            for multiple in (shape.multiple(wave[name], n) for n in range(1, int(wave[HARMONICS]) + 1))
         )

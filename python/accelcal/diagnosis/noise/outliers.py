@@ -64,19 +64,19 @@ def motion_noise_level(residuals: Residuals, interpolation: InterpolationError) 
     return np.asarray(np.sqrt(behind, out=behind))
 
 
-def motion_jumps(residuals: Residuals, known: Places, score: Array) -> Flags:
+def motion_jumps(residuals: Residuals, sampled: Places, score: Array) -> Flags:
     """Which of some uniform times lie at a jump of the motion, by the samples about each score that is large."""
     scores, marked = np.zeros(residuals.n), np.zeros(residuals.n, dtype=np.bool_)
-    scores[known] = score
+    scores[sampled] = score
     peaks = local_maxima(scores, 2 * ISOLATED, EXAMINED_SIGMA)  # the filter rings about a wrong sample
     run, stamps = residuals.run, residuals.t_u[np.searchsorted(residuals.place, peaks)]
     places = np.unique(np.searchsorted(run.accel.t, stamps)[:, None] + BESIDE)
     if len(places) == 0:
-        return marked[known]
-    found = jumps_at(run.accel.t, run.accel.y, run.sample_noise, places, run.accel_step, run.declared_tau)
-    at = np.rint((found.t - residuals.t_u[0]) / residuals.step).astype(np.intp)
+        return marked[sampled]
+    jumps = jumps_at(run.accel.t, run.accel.y, run.sample_noise, places, run.accel_step, run.declared_tau)
+    at = np.rint((jumps.t - residuals.t_u[0]) / residuals.step).astype(np.intp)
     marked[np.clip(at, 0, residuals.n - 1)] = True
-    return np.asarray(widened(marked, 2 * ISOLATED)[known])
+    return np.asarray(widened(marked, 2 * ISOLATED)[sampled])
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,50 +96,50 @@ class SampleErrors:
 def output_errors(residuals: Residuals) -> SampleErrors:
     """Interpolation errors of the samples of the output, m/s²; none about a jump of the motion."""
     y, interpolation = residuals.interpolation_errors
-    known = np.flatnonzero(residuals.sampled & np.isfinite(y))
-    usual = motion_noise_level(residuals, interpolation)[known]
-    y = y[known]
+    sampled = np.flatnonzero(residuals.sampled & np.isfinite(y))
+    usual = motion_noise_level(residuals, interpolation)[sampled]
+    y = y[sampled]
     y /= usual
     spread, dof = spread_of(y)
     spread *= usual
     y *= usual
     del usual
     np.hypot(spread, math.sqrt(residuals.white_floor * float(np.mean(interpolation.gain**2))), out=spread)
-    kept = ~motion_jumps(residuals, known, np.abs(y) / np.maximum(spread, 1e-300))
-    return SampleErrors(residuals.t[known[kept]], y[kept], spread[kept], dof)
+    steady = ~motion_jumps(residuals, sampled, np.abs(y) / np.maximum(spread, 1e-300))
+    return SampleErrors(residuals.t[sampled[steady]], y[steady], spread[steady], dof)
 
 
 def accelerometer_outliers(residuals: Residuals) -> NoiseTest:
     """Test for single samples of the output that its local noise does not allow."""
     errors = output_errors(residuals)
-    found = outliers(errors.y, errors.spread, len(errors.y), errors.dof)
+    flagged = outliers(errors.y, errors.spread, len(errors.y), errors.dof)
     text = (
-        found.sentence("samples of the output", "m/s²")
-        if found.p_value < NOISE_TEST_ALPHA
+        flagged.sentence("samples of the output", "m/s²")
+        if flagged.p_value < NOISE_TEST_ALPHA
         else "the output has no outliers"
     )
     n = len(residuals.u)
-    at = tuple(float(instant) for instant in errors.t[found.peaks])
-    std = math.sqrt(max(found.count, 1.0)) / n
-    return NoiseTest(OUTPUT_OUTLIERS, found.score, found.p_value, found.count / n, "", std, text, found.parts, at)
+    at = tuple(float(instant) for instant in errors.t[flagged.peaks])
+    std = math.sqrt(max(flagged.count, 1.0)) / n
+    return NoiseTest(OUTPUT_OUTLIERS, flagged.score, flagged.p_value, flagged.count / n, "", std, text, flagged.parts, at)
 
 
 def encoder_outliers(residuals: Residuals) -> NoiseTest:
     """Test for single readings that the smoothed position does not allow; those skipped by the replay count too."""
-    found = residuals.reading_outliers
+    flagged = residuals.reading_outliers
     left_out = residuals.run.left_out
     n = len(residuals.readings) + left_out
-    p = 0.0 if left_out else found.p_value
-    count = found.count + left_out
-    at = tuple(float(t) for t in residuals.run.t[residuals.state.counts][found.peaks]) if p < NOISE_TEST_ALPHA else ()
+    p = 0.0 if left_out else flagged.p_value
+    count = flagged.count + left_out
+    at = tuple(float(t) for t in residuals.run.t[residuals.state.counts][flagged.peaks]) if p < NOISE_TEST_ALPHA else ()
     text = (
-        f"{count:.0f} readings of the encoder are outliers of up to {found.size * 1e6:.2g} um"
+        f"{count:.0f} readings of the encoder are outliers of up to {flagged.size * 1e6:.2g} um"
         if p < NOISE_TEST_ALPHA
         else "the encoder has no outliers"
     )
-    parts = {**found.parts, "count": count, "left_out": float(left_out)}
+    parts = {**flagged.parts, "count": count, "left_out": float(left_out)}
     std = math.sqrt(max(count, 1.0)) / max(1, n)
-    return NoiseTest(READING_OUTLIERS, found.score, p, count / max(1, n), "", std, text, parts, at)
+    return NoiseTest(READING_OUTLIERS, flagged.score, p, count / max(1, n), "", std, text, parts, at)
 
 
 LIMIT = 6.0
@@ -173,8 +173,8 @@ class Exceedances:
             disturbed[np.clip(peaks + offset, 0, len(score) - 1)] = True
         outlying = np.zeros(len(score), dtype=np.bool_)
         outlying[peaks] = True
-        kept = (outlying | ~disturbed) & ((np.abs(score) <= LIMIT) | outlying)
-        return cls(score[kept], outlying[kept], float(np.median(errors.spread)))
+        exceeding = (outlying | ~disturbed) & ((np.abs(score) <= LIMIT) | outlying)
+        return cls(score[exceeding], outlying[exceeding], float(np.median(errors.spread)))
 
     @classmethod
     def joined(cls, several: Sequence[Exceedances]) -> Exceedances:
@@ -210,9 +210,9 @@ def tail_probability(size: float) -> float:
     return math.erfc(LIMIT / math.sqrt(2.0 * (1.0 + size**2)))
 
 
-def log_likelihood(share: float, size: float, found: Exceedances) -> float:
+def log_likelihood(share: float, size: float, exceedances: Exceedances) -> float:
     """Of the number of outliers and their heights."""
-    x, n = found.score[found.outlying], len(found.score)
+    x, n = exceedances.score[exceedances.outlying], len(exceedances.score)
     variance = 1.0 + size**2
     heights = -0.5 * x**2 / variance - 0.5 * math.log(2.0 * math.pi * variance)
     return float(np.sum(math.log(share) + heights)) + (n - len(x)) * math.log1p(-share * tail_probability(size))
@@ -220,8 +220,8 @@ def log_likelihood(share: float, size: float, found: Exceedances) -> float:
 
 def outlying_noise(channel: str, effect: Effect, several: Sequence[SampleErrors]) -> NoiseEffect:
     """Share and size of the outliers of a channel; the coefficient is the share times the mean square height."""
-    found = Exceedances.joined([Exceedances.of(errors) for errors in several])
-    x, n = found.score[found.outlying], max(1, len(found.score))
+    exceedances = Exceedances.joined([Exceedances.of(errors) for errors in several])
+    x, n = exceedances.score[exceedances.outlying], max(1, len(exceedances.score))
     if len(x) == 0:
         return NoiseEffect(effect.name, effect.symbol, effect.unit, 0.0, math.inf, effect.owner, 1.0, "no outliers")
 
@@ -229,17 +229,17 @@ def outlying_noise(channel: str, effect: Effect, several: Sequence[SampleErrors]
         return min(0.5, len(x) / (n * tail_probability(size)))
 
     best = scipy.optimize.minimize_scalar(
-        lambda log: -log_likelihood(share_of(math.exp(log)), math.exp(log), found),
+        lambda log: -log_likelihood(share_of(math.exp(log)), math.exp(log), exceedances),
         bounds=(0.0, math.log(WIDEST)),
         method="bounded",
     )
     size = math.exp(float(best.x))
     share = share_of(size)
     at, h = np.array([math.log(share), math.log(size)]), 0.02
-    hessian = np.array([[second_difference(at, i, j, h, found) for j in (0, 1)] for i in (0, 1)])
+    hessian = np.array([[second_difference(at, i, j, h, exceedances) for j in (0, 1)] for i in (0, 1)])
     covariance = np.linalg.pinv(-hessian)
     relative = math.sqrt(max(0.0, float(np.array([1.0, 2.0]) @ covariance @ np.array([1.0, 2.0]))))
-    height = size * found.scale
+    height = size * exceedances.scale
     value = share * height**2
     stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     particulars = {
@@ -247,7 +247,7 @@ def outlying_noise(channel: str, effect: Effect, several: Sequence[SampleErrors]
         "share_std": share * float(stds[0]),
         "size": height,
         "size_std": height * float(stds[1]),
-        "noise": found.scale,
+        "noise": exceedances.scale,
         "count": float(len(x)),
         "position": float(channel == "position"),
     }
@@ -258,34 +258,34 @@ def outlying_noise(channel: str, effect: Effect, several: Sequence[SampleErrors]
     )
 
 
-def second_difference(at: Array, i: int, j: int, h: float, found: Exceedances) -> float:
+def second_difference(at: Array, i: int, j: int, h: float, exceedances: Exceedances) -> float:
     """Second derivative of the log-likelihood by the logarithms of share and size."""
 
     def value(a: float, b: float) -> float:
         x = at.copy()
         x[i] += a * h
         x[j] += b * h
-        return log_likelihood(math.exp(x[0]), math.exp(x[1]), found)
+        return log_likelihood(math.exp(x[0]), math.exp(x[1]), exceedances)
 
     return (value(1, 1) - value(1, -1) - value(-1, 1) + value(-1, -1)) / (4.0 * h**2)
 
 
-def score_of_tails(errors: SampleErrors, known: NoiseEffect) -> NoiseScore:
+def score_of_tails(errors: SampleErrors, effect: NoiseEffect) -> NoiseScore:
     """Gain of the log density of the samples of a channel by outliers of a known share and size, over normal noise of
     the variance that the samples have."""
-    found = Exceedances.of(errors)
-    share, size = known.particulars["share"], known.particulars["size"] / max(found.scale, 1e-300)
+    exceedances = Exceedances.of(errors)
+    share, size = effect.particulars["share"], effect.particulars["size"] / max(exceedances.scale, 1e-300)
     wide = math.sqrt(1.0 + size**2)
-    usual, rare = normal_log_density(found.score, 1.0), normal_log_density(found.score, wide)
-    plain = normal_log_density(found.score, math.sqrt(float(np.mean(found.score**2))))
+    usual, rare = normal_log_density(exceedances.score, 1.0), normal_log_density(exceedances.score, wide)
+    plain = normal_log_density(exceedances.score, math.sqrt(float(np.mean(exceedances.score**2))))
     gain = np.logaddexp(math.log1p(-share) + usual, math.log(share) + rare) - plain
     total, std = total_with_std(gain)
-    n, events = len(gain), int(np.sum(found.outlying))
+    n, events = len(gain), int(np.sum(exceedances.outlying))
     expected = n * share * tail_probability(size)
     without = n * tail_probability(math.sqrt(share) * size)
-    channel = "position" if known.particulars["position"] else "accel"
-    ratio, ratio_without = (min(MOST_RATIO, events / max(one, 1e-300)) for one in (expected, without))
-    return NoiseScore(known.name, channel, total, std, n, ratio, ratio_without, "number of outliers")
+    channel = "position" if effect.particulars["position"] else "accel"
+    ratio, ratio_without = (min(MOST_RATIO, events / max(expectation, 1e-300)) for expectation in (expected, without))
+    return NoiseScore(effect.name, channel, total, std, n, ratio, ratio_without, "number of outliers")
 
 
 def normal_log_density(x: Array, sigma: float) -> Array:

@@ -63,19 +63,19 @@ class BlockSpectra:
         n = len(window)
         f = np.asarray(np.fft.rfftfreq(n, 1.0 / rate), dtype=np.float64)
         rows = slice(int(np.searchsorted(f, low)), len(f) - 1)
-        kept = _block_means(sampled.astype(np.float64), window) > 0.7
+        complete = _block_means(sampled.astype(np.float64), window) > 0.7
         if len(y) < n:
-            return cls(f[rows], np.zeros((0, len(f[rows]))), kept, window)
+            return cls(f[rows], np.zeros((0, len(f[rows]))), complete, window)
         blocks = np.lib.stride_tricks.sliding_window_view(y, n)[:: n // 2]
         weight = window / math.sqrt(float(window @ window))
-        power = np.empty((int(np.sum(kept)), len(f[rows])))
+        power = np.empty((int(np.sum(complete)), len(f[rows])))
         filled = 0
         for begin in range(0, len(blocks), BATCH_OF_BLOCKS):
-            part = blocks[begin : begin + BATCH_OF_BLOCKS][kept[begin : begin + BATCH_OF_BLOCKS]]
+            part = blocks[begin : begin + BATCH_OF_BLOCKS][complete[begin : begin + BATCH_OF_BLOCKS]]
             transform = scipy.fft.rfft(part * weight, axis=1)[:, rows]
             power[filled : filled + len(part)] = transform.real**2 + transform.imag**2
             filled += len(part)
-        return cls(f[rows], power, kept, window)
+        return cls(f[rows], power, complete, window)
 
     def means(self, x: Array) -> Array:
         """Mean of a uniform series (n,) over each block that is kept, weighted as its power is, (K,)."""
@@ -204,14 +204,14 @@ def steady_spread(y: Array) -> tuple[Array, float] | None:
         m = span // LOCAL
         groups = logs[: len(logs) // m * m].reshape(-1, m)
         if len(groups) >= enough and float(np.mean(groups.var(axis=1, ddof=1))) < STEADY_SCATTER_RATIO * between:
-            own = np.abs(y[: len(groups) * span].reshape(-1, span))
-            own = np.median(own, axis=1, overwrite_input=True) / 0.6745
-            own = np.where(own > 0.0, own, usual / 0.6745)
-            centres = (np.arange(len(own)) + 0.5) * span
+            spreads = np.abs(y[: len(groups) * span].reshape(-1, span))
+            spreads = np.median(spreads, axis=1, overwrite_input=True) / 0.6745
+            spreads = np.where(spreads > 0.0, spreads, usual / 0.6745)
+            centres = (np.arange(len(spreads)) + 0.5) * span
             spread = np.empty(len(y))
             for begin in range(0, len(y), CHUNK):
                 rows = np.arange(begin, min(begin + CHUNK, len(y)), dtype=np.float64)
-                spread[begin : begin + CHUNK] = np.interp(rows, centres, own)
+                spread[begin : begin + CHUNK] = np.interp(rows, centres, spreads)
             return spread, dof
     return None
 
@@ -289,12 +289,12 @@ def isolated_peaks(score: Array, large: NDArray[np.intp]) -> NDArray[np.intp]:
     if len(large) == 0:
         return large
     groups = np.split(large, np.flatnonzero(np.diff(large) > 8) + 1)
-    kept = []
+    peaks = []
     for group in groups:
         peak = group[int(np.argmax(score[group]))]
         if int(np.sum(score[group] > 0.5 * score[peak])) <= OUTLIER_MOST_SAMPLES:
-            kept.append(peak)
-    return np.asarray(kept, dtype=np.intp)
+            peaks.append(peak)
+    return np.asarray(peaks, dtype=np.intp)
 
 
 Places = NDArray[np.intp]
@@ -622,8 +622,8 @@ class Residuals:
         errors = interpolation(self.residual - np.mean(self.residual))
         correction = interpolation.correction(errors, lost)
         y = interpolation.corrected(errors, correction, lost)
-        known = np.flatnonzero(self.sampled & np.isfinite(y))
-        y = y[known]
+        sampled = np.flatnonzero(self.sampled & np.isfinite(y))
+        y = y[sampled]
         spread, _ = spread_of(y)
         np.hypot(spread, math.sqrt(self.white_floor * float(np.mean(interpolation.gain**2))), out=spread)
         score = np.abs(y)
@@ -631,7 +631,7 @@ class Residuals:
         outlying = isolated_peaks(score, np.flatnonzero(score > limit))
         if len(outlying) == 0:
             return correction, lost
-        outlying = known[outlying]
+        outlying = sampled[outlying]
         lost = np.union1d(lost, np.clip(outlying[:, None] + np.arange(-1, 2), 0, self.n - 1))
         return interpolation.correction(errors, lost), lost
 
@@ -733,8 +733,8 @@ class Residuals:
         certain = np.flatnonzero(~self.at_jumps)
         z = z[certain] - np.median(z)
         spread, dof = spread_of(z, self.run.least_step)
-        found = outliers(z, spread, len(z), dof)
-        return replace(found, peaks=certain[found.peaks])
+        flagged = outliers(z, spread, len(z), dof)
+        return replace(flagged, peaks=certain[flagged.peaks])
 
     @cached_property
     def readings(self) -> Array:

@@ -177,8 +177,8 @@ def is_single_line(part: Array, level: Array, k: int, neighbours: int) -> bool:
     """
     rows = slice(max(0, k - neighbours), k + neighbours + 1)
     excess = np.minimum(part[rows], part[k]) - level[rows]
-    own = slice(max(0, k - 4 - rows.start), k + 5 - rows.start)
-    own_power = float(np.sum(excess[own]))
+    window = slice(max(0, k - 4 - rows.start), k + 5 - rows.start)
+    own_power = float(np.sum(excess[window]))
     other_power = float(np.sum(excess)) - own_power
     noise = 1.5 * level[k] * math.sqrt(len(excess))
     return bool(other_power < COMB_POWER_RATIO * own_power + 6.0 * noise)
@@ -297,12 +297,12 @@ def motion_makes_lines(s: Signals, frequency: float, amplitude: float) -> bool:
     has_line = line_detector(s, frequency)
     wave = np.exp(omega * s.t)
     window = np.hanning(len(s.t))
-    own = 2.0 * np.sum(s.a * window * np.conj(wave)) / np.sum(window)
-    if abs(own) > MOTION_LINE_RATIO * amplitude:
+    line = 2.0 * np.sum(s.a * window * np.conj(wave)) / np.sum(window)
+    if abs(line) > MOTION_LINE_RATIO * amplitude:
         if has_line(s.a):
             return True
-        own = 0.0
-    a, v, p = (y - np.real(own * wave / omega**k) for k, y in enumerate((s.a, s.v, s.p)))
+        line = 0.0
+    a, v, p = (y - np.real(line * wave / omega**k) for k, y in enumerate((s.a, s.v, s.p)))
     directions = (np.where(np.abs(y) > 2.0 * w, np.sign(y), 0.0) for y, w in ((a, s.a_width), (v, s.v_width)))
     return any(has_line(function) for function in (a**2, a**3, np.abs(a), v**2, p**2, *directions))
 

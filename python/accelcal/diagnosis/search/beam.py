@@ -85,17 +85,17 @@ class SearchRules:
         self, evidence: CandidateScores, scatter: BlockScatter | None, chosen: tuple[int, ...]
     ) -> tuple[int, ...]:
         """Members of a set that are significant given all others of them, strongest first."""
-        kept = sorted(chosen)
-        while len(kept) > 1:
-            net_gains = [(self.net_gain_given(evidence, scatter, i, [j for j in kept if j != i]), i) for i in kept]
+        members = sorted(chosen)
+        while len(members) > 1:
+            net_gains = [(self.net_gain_given(evidence, scatter, i, [j for j in members if j != i]), i) for i in members]
             insignificant = [i for value, i in net_gains if value == -math.inf]
             if not insignificant:
                 break
-            kept.remove(min(insignificant, key=lambda i: self.net_gain_given(evidence, None, i, ())))
+            members.remove(min(insignificant, key=lambda i: self.net_gain_given(evidence, None, i, ())))
         ordered: list[int] = []
-        while kept:
-            ordered.append(max(kept, key=lambda i: self.net_gain_given(evidence, None, i, ordered)))
-            kept.remove(ordered[-1])
+        while members:
+            ordered.append(max(members, key=lambda i: self.net_gain_given(evidence, None, i, ordered)))
+            members.remove(ordered[-1])
         return tuple(ordered)
 
     def net_gain_of_set(self, evidence: CandidateScores, ordered: Sequence[int]) -> float:
@@ -117,7 +117,7 @@ class SearchRules:
         """Beam search: the best set, then every set that was kept at any depth."""
         beam: list[tuple[float, tuple[int, ...]]] = [(0.0, ())]
         best: tuple[float, tuple[int, ...]] = (0.0, ())
-        seen: list[tuple[int, ...]] = []
+        visited: list[tuple[int, ...]] = []
         for _ in range(SEARCH_DEPTH):
             extended: dict[frozenset[int], tuple[float, tuple[int, ...]]] = {}
             for total, chosen in beam:
@@ -129,8 +129,8 @@ class SearchRules:
             if not beam:
                 break
             best = max(best, beam[0])
-            seen += [chosen for _, chosen in beam]
-        return [best[1], *seen]
+            visited += [chosen for _, chosen in beam]
+        return [best[1], *visited]
 
     def extensions(
         self, evidence: CandidateScores, chosen: tuple[int, ...], scatter: BlockScatter | None
@@ -156,14 +156,14 @@ class SearchRules:
     ) -> list[tuple[float, tuple[int, ...]]]:
         """The best sets, at most one for each choice of effects, so that trial shapes of one effect do not fill the
         beam."""
-        kept: dict[frozenset[str], tuple[float, tuple[int, ...]]] = {}
+        best: dict[frozenset[str], tuple[float, tuple[int, ...]]] = {}
         for value, chosen in ranked:
             names = frozenset(evidence.items[i].effect.name for i in chosen)
-            if names not in kept:
-                kept[names] = (value, chosen)
-            if len(kept) == BEAM_WIDTH:
+            if names not in best:
+                best[names] = (value, chosen)
+            if len(best) == BEAM_WIDTH:
                 break
-        return list(kept.values())
+        return list(best.values())
 
 
 def log_chance(gain: float, dof: int, item: Hypothesis) -> float:
@@ -225,10 +225,10 @@ class BlockScatter:
         _, dof, estimate, _ = e.gain(i, given)
         if e.items[i].effect.port == "process" or dof == 0:
             return 1.0
-        own = e.columns[i]
+        column = e.columns[i]
         direction = direction_of(e, i, given)
         power = float(direction @ e.G @ direction)
-        if power <= CONTAINED_SHARE * float(estimate @ e.G[own, own] @ estimate):
+        if power <= CONTAINED_SHARE * float(estimate @ e.G[column, column] @ estimate):
             return 1.0
         scores = direction @ self.scores
         return float(shrunk_inflation(float(scores @ scores) / power, direction**2 @ self.powers))

@@ -53,8 +53,8 @@ class DetectedEffect:
     def enter(self, model: Model) -> Model:
         """Return the model with this effect; a coarse curve of the model becomes the finer one."""
         if self.effect in model.effects:
-            own = (term.name for term in model.terms if term.effect.name == self.effect)
-            return model.release(*(name for name in own if name in model.fixed and name not in self.fixed))
+            terms = (term.name for term in model.terms if term.effect.name == self.effect)
+            return model.release(*(name for name in terms if name in model.fixed and name not in self.fixed))
         shapes = {self.effect: dict(self.shape)} if self.shape else None
         grown = model.add(self.effect, shapes=shapes)
         if self.prior_std is not None:

@@ -70,10 +70,10 @@ class PartSizes:
         No part needs to be significant: one with little information says little, and counts little.
         """
         total = float(np.sum(information))
-        kept = information > EXCITING_SHARE * total / max(len(information), 1)
-        if total <= 0.0 or np.count_nonzero(kept) < 2:
+        exciting = information > EXCITING_SHARE * total / max(len(information), 1)
+        if total <= 0.0 or np.count_nonzero(exciting) < 2:
             return cls.none()
-        size, variance = 1.0 + score[kept] / information[kept], 1.0 / information[kept]
+        size, variance = 1.0 + score[exciting] / information[exciting], 1.0 / information[exciting]
         weight = 1.0 / (variance + EQUAL_SIZE_SHARE**2)
         p = float(different(size[:, None], weight[:, None])[0])
         return cls(tuple(size.tolist()), tuple(np.sqrt(variance).tolist()), p, of_what)
@@ -155,12 +155,12 @@ def compared(G: Array, c: Array, estimate: Array, direction: Array) -> tuple[Arr
 
 def direction_of(evidence: CandidateScores, i: int, given: Sequence[int]) -> Array:
     """Combination of all columns that is the contribution of a hypothesis without what others explain of it, (m,)."""
-    own = evidence.columns[i]
+    column = evidence.columns[i]
     _, _, estimate, _ = evidence.gain(i, given)
     direction = np.zeros(len(evidence.G))
-    direction[own] = estimate
+    direction[column] = estimate
     if given:
         rows = np.concatenate([np.arange(evidence.columns[j].start, evidence.columns[j].stop) for j in given])
-        weights, *_ = np.linalg.lstsq(evidence.G[np.ix_(rows, rows)], evidence.G[rows, own] @ estimate, rcond=1e-9)
+        weights, *_ = np.linalg.lstsq(evidence.G[np.ix_(rows, rows)], evidence.G[rows, column] @ estimate, rcond=1e-9)
         direction[rows] = -weights
     return direction

@@ -79,13 +79,13 @@ def jumps(state: RunState) -> list[InitialShape]:
     match = np.abs(scipy.signal.correlate(y, response, mode="full")[len(response) - 1 :])
     span = max(1, int(1.0 / (crossover * state.run.reading_step)))
     comparisons = max(1, int(s.length * crossover))
-    found: list[InitialShape] = []
+    shapes: list[InitialShape] = []
     for _ in range(MOST_JUMPS):
         k = int(np.argmax(match))
         instant = float(state.run.t[k] - 0.5 * state.run.reading_step - state.run.origins.t)
-        found.append(InitialShape(instant, (instant, instant), comparisons))
+        shapes.append(InitialShape(instant, (instant, instant), comparisons))
         match[max(0, k - 4 * span) : k + 4 * span] = 0.0
-    return sorted(found, key=lambda shape: shape.value)
+    return sorted(shapes, key=lambda shape: shape.value)
 
 
 def jump_response(state: RunState) -> Array:
@@ -112,23 +112,23 @@ def waves(state: RunState) -> list[InitialShape]:
     stroke = float(np.ptp(s.p))
     always = [stroke * share for share in LONG_WAVES if stroke * share > low]
     edges = [8.0 * stroke, *always, 0.5 * stroke]
-    found = [InitialShape(p, (0.5 * (p + edges[k + 2]), 0.5 * (p + edges[k])), 1) for k, p in enumerate(always)]
+    shapes = [InitialShape(p, (0.5 * (p + edges[k + 2]), 0.5 * (p + edges[k])), 1) for k, p in enumerate(always)]
     shortest = max(low, 2.0 * CELLS_PER_PERIOD * stroke / MOST_CELLS)
     if stroke * LONGEST_SEARCHED < 2.0 * shortest:
-        return found
+        return shapes
     kappa, power = folded_spectrum(state, s.p, 1.0 / (LONGEST_SEARCHED * stroke), 1.0 / shortest)
     score = power / np.maximum(scipy.ndimage.median_filter(power, LOCAL_LINES, mode="reflect"), 1e-300)
     comparisons = max(1, int(stroke / shortest))
     for _ in range(min(MOST_WAVES, len(score) // 4)):
         k = int(np.argmax(score))
         best = float(kappa[k])
-        found.append(
+        shapes.append(
             InitialShape(
                 1.0 / best, (1.0 / (best + 0.6 / stroke), 1.0 / max(best - 0.6 / stroke, 0.4 * best)), comparisons
             )
         )
         score[max(0, k - LINE_HALF_WIDTH) : k + LINE_HALF_WIDTH + 1] = 0.0
-    return found
+    return shapes
 
 
 def folded_spectrum(state: RunState, x: Array, lowest: float, highest: float) -> tuple[Array, Array]:
@@ -309,5 +309,5 @@ def nuisances(state: RunState, model: Model) -> list[tuple[Term, float]]:
     of the delay rule where none is declared: five percent of a millisecond exceed a delay when the motion is fast.
     """
     tolerance = state.run.rig.lowpass_tolerance
-    known = [(Term(find("lowpass_error")), tolerance)] if tolerance > 0.0 else []
-    return known + [(shape.term, shape.prior_std) for shape in linearised(model, state)]
+    terms = [(Term(find("lowpass_error")), tolerance)] if tolerance > 0.0 else []
+    return terms + [(shape.term, shape.prior_std) for shape in linearised(model, state)]

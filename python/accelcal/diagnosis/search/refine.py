@@ -27,8 +27,8 @@ def shortlist(evidence: CandidateScores, sets: Sequence[tuple[int, ...]], rules:
     Each at the trial shape and fineness with the largest net gain; where none is positive, at the least probable one.
     """
     chosen = sets[0]
-    kept = list(dict.fromkeys(i for chosen_set in sets for i in chosen_set))
-    names = {evidence.items[i].effect.name for i in kept}
+    indices = list(dict.fromkeys(i for chosen_set in sets for i in chosen_set))
+    names = {evidence.items[i].effect.name for i in indices}
     for position in range(max(1, len(chosen))):
         gains, dofs = evidence.gains(tuple(i for k, i in enumerate(chosen) if k != position))
         best: dict[str, int] = {}
@@ -38,16 +38,16 @@ def shortlist(evidence: CandidateScores, sets: Sequence[tuple[int, ...]], rules:
             name = evidence.items[i].effect.name
             best[name] = max(best.get(name, i), i, key=lambda j: net_gains[j])
         strongest = sorted(best.values(), key=lambda i: gains_of[i][0] - gains_of[i][1], reverse=True)[:FINALISTS]
-        kept += [i for i in strongest if evidence.items[i].effect.name not in names]
+        indices += [i for i in strongest if evidence.items[i].effect.name not in names]
         names |= {evidence.items[i].effect.name for i in strongest}
     # What only sets of runs show is confounded among itself by design, whoever else is as strong.
     _, dofs = evidence.gains()
-    kept += [
+    indices += [
         i
         for i in np.flatnonzero(dofs).tolist()
         if evidence.items[i].effect.seen_by_sets and evidence.items[i].effect.name not in names
     ]
-    return kept
+    return indices
 
 
 def starting_points(
@@ -98,7 +98,7 @@ def between_trials(evidence: CandidateScores, name: str, least: float) -> list[H
     """Hypotheses midway between the trial shapes of an effect, next to trials that gain more than `least`."""
     trials = [(evidence.gain(j)[0], item) for j, item in enumerate(evidence.items) if item.effect.name == name]
     s = evidence.runs[0].column_filter.signals
-    found: dict[tuple[float | None, ...], Hypothesis] = {}
+    hypotheses: dict[tuple[float | None, ...], Hypothesis] = {}
     for gain, item in trials:
         shapes = item.effect.shapes.items() if gain > least and item.effect.port != "process" else ()
         for shape, declared in shapes:
@@ -111,10 +111,10 @@ def between_trials(evidence: CandidateScores, name: str, least: float) -> list[H
                     midpoint = math.sqrt(low * high) if declared.spacing == "log" else 0.5 * (low + high)
                     shape_between = {**item.shape, shape: midpoint}
                     brackets = {**item.brackets, shape: (low, high)}
-                    found[(*shape_between.values(), item.leading)] = replace(
+                    hypotheses[(*shape_between.values(), item.leading)] = replace(
                         item, shape=shape_between, brackets=brackets
                     )
-    return list(found.values())
+    return list(hypotheses.values())
 
 
 def refine(runs: Sequence[BaseProjection], lists: Sequence[Sequence[Hypothesis]]) -> list[list[Hypothesis]]:

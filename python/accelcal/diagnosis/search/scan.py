@@ -34,17 +34,17 @@ def detectable_sizes(
     much as the motion itself. A random process has one part, with the information of all its columns.
     """
     item, columns = evidence.items[i], evidence.columns[i]
-    A, own, left = evidence.G[columns, columns], evidence.own[columns], evidence.beyond_line[columns]
+    A, diagonal, left = evidence.G[columns, columns], evidence.own[columns], evidence.beyond_line[columns]
     dof = score_gain(A, evidence.c[columns])[1]
     information = np.diag(A)
     if item.effect.port == "process":
-        information, own, left = (np.array([y.sum()]) for y in (information, own, left))
+        information, diagonal, left = (np.array([y.sum()]) for y in (information, diagonal, left))
         dof = 1
     d = np.sqrt(np.maximum(information, 0.0))
     if dof == 0:
         return tuple(d.tolist()), (math.inf,) * len(d)
     distance = distance_for_gain(max(rules.required_gains(dof, item)), dof)
-    beyond_motion = distance**2 * own > d**2 * (evidence.motion or math.inf)
+    beyond_motion = distance**2 * diagonal > d**2 * (evidence.motion or math.inf)
     invisible = (information <= DEGENERATE * left) | beyond_motion
     return tuple(d.tolist()), tuple(
         math.inf if unseen else distance / x for unseen, x in zip(invisible.tolist(), d, strict=True)
@@ -57,13 +57,13 @@ def detection_limits(evidence: CandidateScores, rules: SearchRules) -> dict[str,
     Taken at the trial shape and for the part with the smallest limit; infinite where the effect is not visible on this
     record. Random processes are left to `power`.
     """
-    found: dict[str, float] = {}
+    limits: dict[str, float] = {}
     for i, item in enumerate(evidence.items):
         if item.effect.port != "process" and item.leading is None:
-            found[item.effect.name] = min(
-                *detectable_sizes(evidence, i, rules)[1], found.get(item.effect.name, math.inf)
+            limits[item.effect.name] = min(
+                *detectable_sizes(evidence, i, rules)[1], limits.get(item.effect.name, math.inf)
             )
-    return found
+    return limits
 
 
 Verdict = Literal["adequate", "named", "tied", "shape", "unexplained", "too_short"]
@@ -164,8 +164,8 @@ def scan(
     finalists are refined by likelihood before effects are compared; their scores are checked block by block.
     """
     if only:
-        known = users_own() if extra is None else tuple(extra)
-        extra = (*known, *(e for e in only if e not in known and e not in BUILT_IN and not e.traits.follows))
+        further = users_own() if extra is None else tuple(extra)
+        extra = (*further, *(e for e in only if e not in further and e not in BUILT_IN and not e.traits.follows))
     items = hypotheses_for(passes[0], model, extra, others=passes[1:])
     if only:
         names = {effect.name for effect in only}
@@ -182,16 +182,16 @@ def scan(
     progress(0.65)
     lists = refine(runs, starting_points(evidence, finalists, rules))
     progress(0.85)
-    found = max(
+    best = max(
         (BestSet.of(CandidateScores(runs, hypotheses), length, rules) for hypotheses in lists),
-        key=lambda each: rules.net_gain_of_set(each.evidence, each.chosen),
+        key=lambda candidate: rules.net_gain_of_set(candidate.evidence, candidate.chosen),
     )
     enough = blocks >= VERDICT_LEAST_BLOCKS
-    entering, changing = found.divided(evidence, rules) if enough else ((), ())
-    process = found.process_instead(runs, changing, length, rules)
+    entering, changing = best.divided(evidence, rules) if enough else ((), ())
+    process = best.process_instead(runs, changing, length, rules)
     if process is not None:
-        found, (entering, changing) = process, process.divided(evidence, rules)
-    final, scatter, chosen = found.evidence, found.scatter, found.chosen
+        best, (entering, changing) = process, process.divided(evidence, rules)
+    final, scatter, chosen = best.evidence, best.scatter, best.chosen
     progress(1.0)
     return Scan(
         rank(final, scatter, chosen, rules, passes),
@@ -206,7 +206,7 @@ def scan(
         ),
         named_members(final, scatter, chosen, rules),
         changing,
-        found.slow_noise,
+        best.slow_noise,
     )
 
 
@@ -313,7 +313,7 @@ def rank(
 ) -> tuple[Candidate, ...]:
     """Every finalist as it would be in the first place of the set, largest log-evidence first."""
     others = chosen[1:]
-    found = []
+    ranked = []
     for i, item in enumerate(evidence.items):
         if i in others:
             continue
@@ -322,7 +322,7 @@ def rank(
             continue
         gain /= scatter.inflation(i, others)
         log_p = log_survival(gain, dof)
-        found.append(
+        ranked.append(
             Candidate(
                 effect=item.effect.name,
                 shape=dict(item.shape),
@@ -339,7 +339,7 @@ def rank(
                 comparisons=item.comparisons * (SHAPE_FORMS if item.effect.coarse else 1),
             )
         )
-    return tuple(sorted(found, key=lambda f: f.log_evidence, reverse=True))
+    return tuple(sorted(ranked, key=lambda f: f.log_evidence, reverse=True))
 
 
 def largest(item: Hypothesis, estimate: Array, state: RunState) -> float:

@@ -181,17 +181,17 @@ class BaseProjection:
         """The same run, its rows whitened by the spectrum of slow noise."""
         if noise is None:
             return self
-        one = copy.copy(self)
-        one.slow_noise = noise
+        projection = copy.copy(self)
+        projection.slow_noise = noise
         whiten = whitener(noise, self.rate)
         n = self.column_filter.rows
-        one.B = np.hstack([whiten(self.B[:, :n]), self.B[:, n:]])
-        one.y = np.concatenate([whiten(self.y[:n]), self.y[n:]])
-        one._factorise()
+        projection.B = np.hstack([whiten(self.B[:, :n]), self.B[:, n:]])
+        projection.y = np.concatenate([whiten(self.y[:n]), self.y[n:]])
+        projection._factorise()
         if self._cached is not None:
             terms, rows, Z = self._cached
-            one._cached = (terms, rows, whiten(Z))
-        return one
+            projection._cached = (terms, rows, whiten(Z))
+        return projection
 
     def weights(self, products: Array) -> Array:
         """Weights with which the base, under its prior information, predicts columns from its products with them."""
@@ -239,15 +239,15 @@ class BaseProjection:
             products += self.B[:, rows] @ Z.T
             score += Z @ self.y[rows]
             progress(rows.stop / len(self.y))
-        weights, own = self.weights(products), np.diag(G).copy()
-        beyond_line = own.copy()
+        weights, diagonal = self.weights(products), np.diag(G).copy()
+        beyond_line = diagonal.copy()
         static = np.array([is_power(term.effect) for term in terms], dtype=np.bool_)
         straight, B = products[np.ix_(self.line, static)], self.B[self.line]
         within = np.einsum("km,km->m", straight, np.linalg.pinv(B @ B.T, hermitian=True) @ straight)
-        beyond_line[static] = np.maximum(own[static] - within, ROUNDING / DEGENERATE * own[static])
+        beyond_line[static] = np.maximum(diagonal[static] - within, ROUNDING / DEGENERATE * diagonal[static])
         G -= products.T @ weights
         score -= products.T @ self.wy
-        return G, score, own, beyond_line, weights
+        return G, score, diagonal, beyond_line, weights
 
 
 def is_power(effect: Effect) -> bool:
@@ -320,9 +320,9 @@ class CandidateScores:
         """The same beyond a straight line of the acceleration, of its powers."""
         self._weights: list[Array] = []
         for run in runs:
-            G, c, own, beyond_line, weights = run.remainder(self.terms, progress)
+            G, c, diagonal, beyond_line, weights = run.remainder(self.terms, progress)
             self.G += G
-            self.own += own
+            self.own += diagonal
             self.beyond_line += beyond_line
             self.c += c
             self._weights.append(weights)
@@ -436,9 +436,9 @@ class CandidateScores:
         starts = np.array([columns.start for columns in self.columns], dtype=np.intp)[self._plain]
         A, b, before = np.diag(G)[starts], c[starts], np.diag(self.G)[starts]
         testable = (self._degenerate[self._plain] * before < A) & (A > 0.0) & ~(self._positive[self._plain] & (b < 0.0))
-        known = A / (1.0 + A * self.rounding[starts])
+        shrunk = A / (1.0 + A * self.rounding[starts])
         gain[self._plain] = np.where(
-            testable, b**2 / np.where(testable, A, 1.0) * known / np.where(testable, A, 1.0), 0.0
+            testable, b**2 / np.where(testable, A, 1.0) * shrunk / np.where(testable, A, 1.0), 0.0
         )
         dof[self._plain] = testable
         for i in np.flatnonzero(~self._plain):

@@ -90,14 +90,14 @@ def slow_noise(r: Array, rate: float, crossover: float, explained: Array | None 
     edges = edges[edges < n - 1]
     count = np.diff(np.append(edges, n - 1)).astype(np.float64)
     dof = count if explained is None else count - np.add.reduceat(explained[1:], edges)
-    kept = dof > LEAST_DOF
-    level = np.add.reduceat(power, edges)[kept] / dof[kept]
+    determined = dof > LEAST_DOF
+    level = np.add.reduceat(power, edges)[determined] / dof[determined]
     if not np.any(level > 0.0):  # a planned motion leaves nothing
         return None
-    centre = np.exp(np.add.reduceat(np.log(f), edges) / count)[kept]
+    centre = np.exp(np.add.reduceat(np.log(f), edges) / count)[determined]
     shapes = spectral_shapes(centre, crossover)
-    _, _, by_white = most_likely(shapes[:, [0, 3]], level, dof[kept])
-    coefficients, covariance, by_slow = most_likely(shapes, level, dof[kept])
+    _, _, by_white = most_likely(shapes[:, [0, 3]], level, dof[determined])
+    coefficients, covariance, by_slow = most_likely(shapes, level, dof[determined])
     if by_slow - by_white < CLEAR_LOG_EVIDENCE:
         return None
     return SlowNoise(coefficients, covariance, crossover, by_slow - by_white)

@@ -121,9 +121,9 @@ def log_significance(fit: Fit, name: str) -> float:
 def estimate_correlation(fit: Fit, effect: str, other: str) -> float:
     """Largest correlation of a coefficient of one effect with one of another, the whole model estimated jointly."""
     owners = {term.name: term.effect.name for term in fit.model.terms}
-    own, theirs = ([k for k, e in enumerate(fit.free) if owners.get(e.name) == name] for name in (effect, other))
+    columns, theirs = ([k for k, e in enumerate(fit.free) if owners.get(e.name) == name] for name in (effect, other))
     std = np.sqrt(np.diag(fit.covariance))
-    rho = fit.covariance[np.ix_(own, theirs)] / np.outer(std[own], std[theirs])
+    rho = fit.covariance[np.ix_(columns, theirs)] / np.outer(std[columns], std[theirs])
     return float(np.max(np.abs(rho), initial=0.0))
 
 
@@ -194,11 +194,11 @@ def implausible(name: str, size: Size | None, recordings: Sequence[Recording]) -
         return None
     if size.at_encoder:
         of_scale = "instant" not in effect.shapes and "time_offset" not in effect.search.includes
-        most = PLAUSIBLE_ENCODER_SHARE * max(float(np.ptp(each.position.y)) for each in recordings)
+        most = PLAUSIBLE_ENCODER_SHARE * max(float(np.ptp(recording.position.y)) for recording in recordings)
         limit, unit = f"{100.0 * PLAUSIBLE_ENCODER_SHARE:.0f} % of the travel", "m"
         possible = size.value <= most or not of_scale
     else:
-        spans = [each.rig.sensor.range or float(np.ptp(np.append(each.accel.y, 0.0))) for each in recordings]
+        spans = [recording.rig.sensor.range or float(np.ptp(np.append(recording.accel.y, 0.0))) for recording in recordings]
         declared = recordings[0].rig.sensor.range is not None
         most, unit = max(spans), "m/s²"
         limit = "declared range" if declared else "span of all readings and zero"
@@ -220,18 +220,18 @@ def undetermined(name: str, solution: Solution) -> Remark | None:
     -------
     The remark; None where its size is told from zero, or it has none of its own.
     """
-    own = [i for i, (term, _) in enumerate(solution.layout.slots) if term.effect.name == name]
-    if not own or find(name).port == "process" or find(name).search.prior:
+    slots = [i for i, (term, _) in enumerate(solution.layout.slots) if term.effect.name == name]
+    if not slots or find(name).port == "process" or find(name).search.prior:
         return None
     information = np.diag(solution.layout.prior_information(solution.model))
     for index, state in enumerate(solution.states):
         rows = solution.layout.rows(index)
         information[np.ix_(rows, rows)] += normal_equations(state, solution.model.free).gram
-    x, covariance = solution.x[own], inverse(information)[np.ix_(own, own)]
+    x, covariance = solution.x[slots], inverse(information)[np.ix_(slots, slots)]
     gain = float(x @ inverse(covariance) @ x)
-    if scipy.special.chdtrc(len(own), gain) < DETERMINED_ALPHA:
+    if scipy.special.chdtrc(len(slots), gain) < DETERMINED_ALPHA:
         return None
-    return remark("undetermined", effect=name, gain=gain, coefficients=len(own))
+    return remark("undetermined", effect=name, gain=gain, coefficients=len(slots))
 
 
 def unconfirmed(name: str, fit: Fit, examined: int, alpha: float) -> Remark | None:

@@ -85,7 +85,7 @@ def refusing(changes: Sequence[PairedChange]) -> PairedChange | None:
     """
     rising = [change for change in changes if change.rises]
     if not rising and changes and changes[0].spread >= VALIDATION_SPREAD:
-        rising = [change for change in changes if all(one.sigma > -VALIDATION_LEAST_FALL for one in changes)]
+        rising = [change for change in changes if all(measure.sigma > -VALIDATION_LEAST_FALL for measure in changes)]
     return max(rising, key=lambda change: change.sigma, default=None)
 
 
@@ -117,27 +117,27 @@ def cross_validate(solution: Solution, entering: Sequence[str], leaving: Sequenc
         pieces(state, terms, rows_of(solution, index, len(leaving)), width + len(leaving), count)
         for index, state in enumerate(solution.states)
     ]
-    whitened, drifts, readings = (np.concatenate([each[kind] for each in several]) for kind in range(3))
+    whitened, drifts, readings = (np.concatenate([block[kind] for block in several]) for kind in range(3))
     reference = np.zeros(width + len(leaving) + 1)  # the coefficient of an effect is counted from zero
     reference[:width] = np.where(new, solution.x, 0.0)
     reference[-1] = 1.0
     whitened, drifts = (with_reference(grams, reference) for grams in (whitened, drifts))
     belief = solution.layout.prior_information(solution.model)
     mean = solution.layout.prior_mean(solution.model) - np.where(new, 0.0, solution.x)
-    belief, mean = (np.concatenate([each, np.zeros(len(leaving))]) for each in (belief, mean))
+    belief, mean = (np.concatenate([entry, np.zeros(len(leaving))]) for entry in (belief, mean))
     with_them = np.array([*(True for _ in range(width)), *(False for _ in leaving)])
-    without = np.array([*(not one for one in new), *(True for _ in leaving)])
+    without = np.array([*(not entering for entering in new), *(True for _ in leaving)])
     entered = np.array([*new, *(False for _ in leaving)], dtype=np.bool_)
     of_time = all(belongs_to_its_time(find(name)) for name in entering)
     energy = powers(whitened, belief, entered, reference)
     blocks = alike(readings, np.zeros_like(energy) if of_time else energy, len(solution.states), count)
-    energy, whitened, drifts = (np.add.reduceat(each, blocks) for each in (energy, whitened, drifts))
+    energy, whitened, drifts = (np.add.reduceat(sums, blocks) for sums in (energy, whitened, drifts))
     spread = float(np.sum(energy)) ** 2 / max(float(np.sum(energy**2)), 1e-300)
     scored = whitened, drifts
     if of_time:  # as on another recording: its own part is fitted anew there, what it does to all others counts
         scored = profiled(whitened, entered, belief), profiled(drifts, entered, np.zeros_like(belief))
         spread = 0.0
-    errors = [left_out(whitened, scored, kept, belief, mean) for kept in (without, with_them)]
+    errors = [left_out(whitened, scored, columns, belief, mean) for columns in (without, with_them)]
     least = VALIDATION_RISE if of_time else 0.0
     changes = [
         paired("one-step error", errors[0][0], errors[1][0], whitened[:, -1, -1] > 0.0, least, spread),
@@ -152,9 +152,9 @@ def rows_of(solution: Solution, index: int, leaving: int) -> list[int]:
     return [*solution.layout.rows(index), *range(width, width + leaving + 1)]
 
 
-def paired(measure: str, before: Array, after: Array, known: Flags, least: float, spread: float) -> PairedChange:
+def paired(measure: str, before: Array, after: Array, usable: Flags, least: float, spread: float) -> PairedChange:
     """The change of an error over the blocks where it is known, (blocks,)."""
-    before, after = before[known], after[known]
+    before, after = before[usable], after[usable]
     count = len(before)
     std = float(np.std(after - before, ddof=1)) / math.sqrt(count) if count > 1 else math.inf
     if not count:
@@ -162,19 +162,19 @@ def paired(measure: str, before: Array, after: Array, known: Flags, least: float
     return PairedChange(measure, float(np.mean(before)), float(np.mean(after)), std, count, least, spread)
 
 
-def profiled(grams: Array, own: Flags, belief: Array) -> Array:
+def profiled(grams: Array, prior_rows: Flags, belief: Array) -> Array:
     """Gram matrices of [X y] after the columns of an effect were fitted within each block, (blocks, m + 1, m + 1)."""
-    rows = np.flatnonzero(own)
-    found = np.empty_like(grams)
+    rows = np.flatnonzero(prior_rows)
+    reduced = np.empty_like(grams)
     for number, gram in enumerate(grams):
         inside = gram[np.ix_(rows, rows)] + np.diag(belief[rows])
         fitted = np.linalg.lstsq(inside, gram[rows], rcond=SINGULAR)[0]
-        found[number] = gram - gram[:, rows] @ fitted
-    return found
+        reduced[number] = gram - gram[:, rows] @ fitted
+    return reduced
 
 
 def left_out(
-    whitened: Array, scored: tuple[Array, Array], kept: Flags, belief: Array, mean: Array
+    whitened: Array, scored: tuple[Array, Array], columns: Flags, belief: Array, mean: Array
 ) -> tuple[Array, Array]:
     """Square errors of each block, summed, under coefficients that all other blocks determine, (blocks,) each.
 
@@ -182,10 +182,10 @@ def left_out(
 
     A direction that the other blocks do not determine stays where it was without the effect.
     """
-    own = np.flatnonzero(kept)
-    wide = np.append(own, len(kept))
+    own = np.flatnonzero(columns)
+    wide = np.append(own, len(columns))
     total = whitened.sum(axis=0)[np.ix_(wide, wide)]
-    found = np.zeros((2, len(whitened)))
+    errors = np.zeros((2, len(whitened)))
     for number, block in enumerate(whitened):
         rest = total - block[np.ix_(wide, wide)]
         information = rest[:-1, :-1] + np.diag(belief[own])
@@ -197,18 +197,18 @@ def left_out(
         inverse = np.divide(1.0, values, out=np.zeros_like(values), where=certain)
         x = np.append(-(vectors * inverse) @ (vectors.T @ (score / size)) / size, 1.0)
         for kind, grams in enumerate(scored):
-            found[kind, number] = max(0.0, float(x @ grams[number][np.ix_(wide, wide)] @ x))
-    return found[0], found[1]
+            errors[kind, number] = max(0.0, float(x @ grams[number][np.ix_(wide, wide)] @ x))
+    return errors[0], errors[1]
 
 
 def powers(whitened: Array, belief: Array, new: Flags, reference: Array) -> Array:
     """Power of the part of an effect that all other coefficients leave of it, block by block, (blocks,)."""
     total = whitened.sum(axis=0)
-    own, others = np.flatnonzero(new), np.flatnonzero(~new)
+    entering, others = np.flatnonzero(new), np.flatnonzero(~new)
     contribution = np.zeros(len(reference))
-    contribution[own] = reference[own]
+    contribution[entering] = reference[entering]
     information = total[np.ix_(others, others)] + np.diag(belief[others])
-    cross = total[np.ix_(others, own)] @ reference[own]
+    cross = total[np.ix_(others, entering)] @ reference[entering]
     contribution[others] = -np.linalg.lstsq(information, cross, rcond=SINGULAR)[0]
     return np.asarray(np.maximum(np.einsum("i,bij,j->b", contribution, whitened, contribution), 0.0))
 

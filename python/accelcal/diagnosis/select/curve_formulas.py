@@ -219,7 +219,7 @@ class FormulaSet(Storable):
         first = self.formulas[0].text
         if len(self.formulas) == 1:
             return f"what depends on {self.variable} is {first} ({tried})"
-        others = "; ".join(each.text for each in self.formulas[1:])
+        others = "; ".join(formula.text for formula in self.formulas[1:])
         return (
             f"what depends on {self.variable} is {first}, or one of these, which the record does not separate: "
             f"{others} ({tried})"
@@ -329,7 +329,7 @@ class Trial:
     @classmethod
     def of(cls, elements: tuple[Element, ...], hats: HatGram) -> Trial:
         """The elements at the best of the trial values."""
-        return max((cls.at(elements, float(d), hats) for d in lengths(elements, hats.nodes)), key=lambda one: one.gain)
+        return max((cls.at(elements, float(d), hats) for d in lengths(elements, hats.nodes)), key=lambda trial: trial.gain)
 
     def refined(self, hats: HatGram) -> Trial:
         """The same at the most likely inner parameter between the neighbours of its trial value."""
@@ -344,8 +344,8 @@ class Trial:
             method="bounded",
             options={"xatol": 1e-4},
         )
-        found = Trial.at(self.elements, math.exp(float(best.x)), hats)
-        return found if found.gain > self.gain else self
+        trial = Trial.at(self.elements, math.exp(float(best.x)), hats)
+        return trial if trial.gain > self.gain else self
 
     def estimate(self, hats: HatGram) -> tuple[Array, Array]:
         """Coefficients, then the inner parameter where there is one, and their standard deviations."""
@@ -401,8 +401,8 @@ class Trial:
         added = "m" if curve.port == "position" else "m/s²"
         return Formula(
             elements=tuple(element.name for element in self.elements),
-            summands=tuple(text.replace("{x}", letter) for one in self.elements for text in one.texts),
-            units=tuple(per(added, unit, one.power) for one in self.elements for _ in one.functions),
+            summands=tuple(text.replace("{x}", letter) for element in self.elements for text in element.texts),
+            units=tuple(per(added, unit, element.power) for element in self.elements for _ in element.functions),
             coefficients=tuple(values[:p].tolist()),
             std=tuple(std[:p].tolist()),
             inner=float(values[p]) if len(values) > p else None,
@@ -457,24 +457,24 @@ def formulas_of(
         raise AccelcalError(f"{variable.name} does not change on this record, which therefore shows no function of it")
     nodes = nodes_of(state, curve)
     hats = HatGram(state, model, curve, nodes)
-    trials = sorted((Trial.of(elements, hats) for elements in combinations()), key=lambda one: -one.log_evidence)
-    ranked = sorted((one.refined(hats) for one in trials[:REFINED]), key=lambda one: -one.log_evidence)
+    trials = sorted((Trial.of(elements, hats) for elements in combinations()), key=lambda trial: -trial.log_evidence)
+    ranked = sorted((trial.refined(hats) for trial in trials[:REFINED]), key=lambda trial: -trial.log_evidence)
     examined = sum(len(lengths(elements, nodes)) for elements in combinations())
     p_value = min(1.0, math.exp(min(0.0, log_survival(ranked[0].gain, ranked[0].dof) + math.log(examined))))
     other = None if holdout is None else HatGram(*holdout, curve, nodes_of(holdout[0], curve))
-    near = [one for one in ranked if one.log_evidence > ranked[0].log_evidence - FORMULA_LOG_EVIDENCE]
-    made = [one.formula(hats, curve, other) for one in near if one.determined(hats) and not contains(one, near)]
-    held = tuple(one for one in made if one.lack_of_fit > FORMULA_LACK_OF_FIT_ALPHA)
-    refused = tuple(one for one in made if one.lack_of_fit <= FORMULA_LACK_OF_FIT_ALPHA)
-    found = held if p_value < alpha else ()
+    near = [trial for trial in ranked if trial.log_evidence > ranked[0].log_evidence - FORMULA_LOG_EVIDENCE]
+    candidates = [trial.formula(hats, curve, other) for trial in near if trial.determined(hats) and not contains(trial, near)]
+    held = tuple(formula for formula in candidates if formula.lack_of_fit > FORMULA_LACK_OF_FIT_ALPHA)
+    refused = tuple(formula for formula in candidates if formula.lack_of_fit <= FORMULA_LACK_OF_FIT_ALPHA)
+    formulas = held if p_value < alpha else ()
     origins = state.run.origins
     origin = {"t": origins.t, "p": origins.p}.get(variable.letter, origins.of(variable.letter))
-    return FormulaSet(curve.name, variable.name, variable.unit, found, examined, p_value, origin, refused, alpha)
+    return FormulaSet(curve.name, variable.name, variable.unit, formulas, examined, p_value, origin, refused, alpha)
 
 
-def contains(one: Trial, others: Sequence[Trial]) -> bool:
+def contains(trial: Trial, others: Sequence[Trial]) -> bool:
     """Whether a shorter formula that is as good is part of one."""
-    return any(set(other.elements) < set(one.elements) and other.log_evidence >= one.log_evidence for other in others)
+    return any(set(other.elements) < set(trial.elements) and other.log_evidence >= trial.log_evidence for other in others)
 
 
 __dir__ = listing(globals())

@@ -113,7 +113,7 @@ class Improvement(Result):
     @property
     def changes(self) -> tuple[HeldOutChange | None, ...]:
         """Paired change of the held-out error from each step to the next; None where the data are too short for one."""
-        return tuple(heldout_change(one.heldout, other.heldout) for one, other in pairwise(self.steps))
+        return tuple(heldout_change(step.heldout, other.heldout) for step, other in pairwise(self.steps))
 
     @property
     def importance(self) -> Importance | None:
@@ -143,7 +143,7 @@ class NestedFits:
 def nested_fits(
     fitted: Fit,
     sources: Sequence[Source],
-    found: Sequence[DetectedEffect] = (),
+    detected: Sequence[DetectedEffect] = (),
     *,
     start: float | None = None,
     end: float | None = None,
@@ -189,7 +189,7 @@ def nested_fits(
                 raise
             text = f"without {', '.join(added[count:])} the model cannot be fitted here: {error}"
             remarks.append(remark("not_fitted", text=text))
-    for finding in found:
+    for finding in detected:
         try:
             model = finding.enter(model)
             enter(finding.effect, model)

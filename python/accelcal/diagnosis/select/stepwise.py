@@ -300,8 +300,8 @@ class StepwiseSelection:
             stop = remark("search_stopped", models=self.budget.models, seconds=self.budget.seconds)
             verdict = replace(verdict, remarks=(*verdict.remarks, stop))
         sigmas = {test.effect: math.sqrt(test.evidence) for test in reversed(verdict.channels) if test.shape}
-        sigmas |= {one.effect: 0.0 for one in verdict.scan.found} | {c.effect: c.snr for c in verdict.scan.candidates}
-        lacking = [one.effect for one in verdict.scan.found] or [t.effect for t in verdict.channels if t.shape]
+        sigmas |= {finding.effect: 0.0 for finding in verdict.scan.found} | {c.effect: c.snr for c in verdict.scan.candidates}
+        lacking = [effect.effect for effect in verdict.scan.found] or [t.effect for t in verdict.channels if t.shape]
         if not lacking:
             return verdict
         missing = lacking[0]
@@ -309,7 +309,7 @@ class StepwiseSelection:
         if missing in self.refused:
             reason = REASONS[self.refused[missing].code]
         note = remark("not_added", effect=missing, sigma=sigma, reason=reason)
-        causes = [one.sentence for one in verdict.remarks if one.place == "verdict"]
+        causes = [note.sentence for note in verdict.remarks if note.place == "verdict"]
         left = f"{note.sentence} ({verdict.scan.examined} candidates examined)."
         left = " ".join([left, *(f"{cause}." for cause in causes)])
         return replace(
@@ -344,9 +344,9 @@ class StepwiseSelection:
         A nonparametric curve gives way to a named effect of its class if the fit with that effect leaves nothing to
         explain for the curve and for all that is confounded with it.
         """
-        found = self.current.verdict.scan
-        first = {finding.effect for finding in found.found[:1]}
-        for finding in (*found.named[:NAMED_ALTERNATIVES], *found.found):
+        scan = self.current.verdict.scan
+        first = {finding.effect for finding in scan.found[:1]}
+        for finding in (*scan.named[:NAMED_ALTERNATIVES], *scan.found):
             if finding.effect in self.refused:
                 continue
             if not self.budget.allows_another():
@@ -360,7 +360,7 @@ class StepwiseSelection:
                 continue
             if judged is None:
                 continue
-            if finding in found.found or not any(
+            if finding in scan.found or not any(
                 first & {*remaining.members} for remaining in judged.verdict.scan.found
             ):
                 return finding, judged
@@ -391,11 +391,11 @@ class StepwiseSelection:
         note = validation_rises(fitted.solution, name, terms) or undetermined(name, fitted.solution)
         if note is None:
             judged = self.judge(fitted)
-            found = judged.verdict.scan
+            scan = judged.verdict.scan
             note = implausible(name, judged.verdict.sizes.get(name), [run.recording for run in fitted.runs])
             note = note or unconfirmed(name, judged.verdict.fit, self.current.verdict.scan.examined, self.alpha)
-            if not found.enough:
-                note = remark("too_short_with", effect=name, blocks=found.blocks, least=VERDICT_LEAST_BLOCKS)
+            if not scan.enough:
+                note = remark("too_short_with", effect=name, blocks=scan.blocks, least=VERDICT_LEAST_BLOCKS)
             if note is None:
                 return judged
         self.refused[name] = note
