@@ -355,7 +355,11 @@ def _without_held(name: str, t: Array, y: Array) -> tuple[Array, Array, list[Fin
         f"The first of each run is kept, {after}"
     )
     # A value is written at the first tick after the sensor's own instant: late by half a tick on average.
-    return instants - 0.5 * tick, y[changed], [Finding(HELD, name, dropped, first, text, "warning", tick, common, jitter)]
+    return (
+        instants - 0.5 * tick,
+        y[changed],
+        [Finding(HELD, name, dropped, first, text, "warning", tick, common, jitter)],
+    )
 
 
 def equal_by_chance(counts: Sequence[int]) -> float:
@@ -539,31 +543,31 @@ _ORIENTATIONS = {
 
 def summarise(recording: Recording) -> str:
     """Return `describe` as lines for a human reader; warnings come before notes."""
-    found = describe(recording)
-    lines = [found["name"] or "recording"]
-    for name, channel in found["channels"].items():
+    summary = describe(recording)
+    lines = [summary["name"] or "recording"]
+    for name, channel in summary["channels"].items():
         rate = f"{channel['rate_hz']:.6g} Hz" if channel["rate_hz"] else "no rate"
         span = f"{instant(channel['start_s'])} s to {instant(channel['end_s'])} s"
         lines.append(
             f"  {name}: {channel['samples']} samples, {rate}, {span}, "
             f"{channel['min']:.6g} to {channel['max']:.6g} {channel['unit']}"
         )
-    if found["range_used"] is not None:
-        lines.append(f"  range used: {found['range_used']:.0%} of ±{recording.rig.sensor.range:.6g} m/s^2")
-    total = sum(end - start for start, end in found["rest_s"])
-    stretches = ", ".join(f"{instant(start)} s to {instant(end)} s" for start, end in found["rest_s"][:3])
-    more = ", ..." if len(found["rest_s"]) > 3 else ""
+    if summary["range_used"] is not None:
+        lines.append(f"  range used: {summary['range_used']:.0%} of ±{recording.rig.sensor.range:.6g} m/s^2")
+    total = sum(end - start for start, end in summary["rest_s"])
+    stretches = ", ".join(f"{instant(start)} s to {instant(end)} s" for start, end in summary["rest_s"][:3])
+    more = ", ..." if len(summary["rest_s"]) > 3 else ""
     if recording.dwells is not None:
         lines.append(f"  dwells: {len(recording.dwells)} of {recording.dwells.name}, fitted together with the motion")
-    lines.append(f"  orientation: {_ORIENTATIONS[found['orientation']]}")
+    lines.append(f"  orientation: {_ORIENTATIONS[summary['orientation']]}")
     lines.append(
-        f"  at rest: {instant(total)} s in {len(found['rest_s'])} stretches ({stretches}{more})"
+        f"  at rest: {instant(total)} s in {len(summary['rest_s'])} stretches ({stretches}{more})"
         if total
         else "  at rest: never"
     )
     for severity in ("warning", "note"):
         lines += [f"  {severity}: {finding.text}" for finding in recording.findings if finding.severity == severity]
-    return "\n".join(lines + [f"  assumed: {sentence}" for sentence in found["assumptions"]])
+    return "\n".join(lines + [f"  assumed: {sentence}" for sentence in summary["assumptions"]])
 
 
 def rest(recording: Recording) -> list[tuple[float, float]]:

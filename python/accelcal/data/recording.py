@@ -58,7 +58,7 @@ class RunLabels:
 NO_LABELS = RunLabels()
 
 
-def days_of(found: object) -> float:
+def days_of(value: object) -> float:
     """Days since 1970 of a date, or a date with time, as TOML has them or as ISO 8601; UTC where no zone is given.
 
     Raises
@@ -66,19 +66,19 @@ def days_of(found: object) -> float:
     ValueError
         If it is no date.
     """
-    if isinstance(found, str):
+    if isinstance(value, str):
         try:
-            found = datetime.fromisoformat(found)
+            value = datetime.fromisoformat(value)
         except ValueError:
             raise AccelcalError(
-                f"found {shown(found)}, expected a date such as 2026-11-03 or 2026-11-03T14:30:00"
+                f"found {shown(value)}, expected a date such as 2026-11-03 or 2026-11-03T14:30:00"
             ) from None
-    if isinstance(found, datetime):
-        at = found if found.tzinfo else found.replace(tzinfo=UTC)
+    if isinstance(value, datetime):
+        at = value if value.tzinfo else value.replace(tzinfo=UTC)
         return (at - EPOCH) / timedelta(days=1)
-    if isinstance(found, date):
-        return float((found - date(1970, 1, 1)).days)
-    raise AccelcalError(f"found {shown(found)}, expected a date such as 2026-11-03 or 2026-11-03T14:30:00")
+    if isinstance(value, date):
+        return float((value - date(1970, 1, 1)).days)
+    raise AccelcalError(f"found {shown(value)}, expected a date such as 2026-11-03 or 2026-11-03T14:30:00")
 
 
 class RecordingError(AccelcalError):
@@ -542,8 +542,13 @@ def with_dwells(several: Recording | Dwells | Sequence[Recording | Dwells]) -> l
 def dwells_with_first(recordings: Sequence[Recording], further: Sequence[Dwells] = ()) -> list[Recording]:
     """The recordings, all their dwells and further ones with the first; a table that several sidecars name counts
     once."""
-    own = {r.dwells.digest or str(number): r.dwells for number, r in enumerate(recordings) if r.dwells is not None}
-    every = [*own.values(), *(dwells for dwells in further if not dwells.digest or dwells.digest not in own)]
+    by_digest = {
+        r.dwells.digest or str(number): r.dwells for number, r in enumerate(recordings) if r.dwells is not None
+    }
+    every = [
+        *by_digest.values(),
+        *(dwells for dwells in further if not dwells.digest or dwells.digest not in by_digest),
+    ]
     if not every:
         return list(recordings)
     first, *others = recordings
@@ -590,7 +595,9 @@ def together(several: Sequence[Dwells]) -> Dwells:
         duration=np.concatenate([dwells.duration for dwells in several]),
         samples=np.concatenate([dwells.samples for dwells in several]),
         group=tuple(f"{k}: {group}" if group else str(k) for k, dwells in enumerate(several) for group in dwells.group),
-        temperature=None if any(warmth is None for warmth in warm) else np.concatenate([w for w in warm if w is not None]),
+        temperature=None
+        if any(warmth is None for warmth in warm)
+        else np.concatenate([w for w in warm if w is not None]),
         name=" and ".join(dwells.name for dwells in several),
         digest=hashlib.sha256(" ".join(dwells.digest for dwells in several).encode()).hexdigest(),
         assumptions=tuple(dict.fromkeys(text for dwells in several for text in dwells.assumptions)),

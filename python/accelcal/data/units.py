@@ -329,12 +329,12 @@ def conversion(unit: str, kind: str | None = None) -> Conversion:
         If the unit is unknown or of another dimension than `kind`.
     """
     text = normalise(unit)
-    known = _KIND_OF_SI.get(text)
-    if known is not None and kind in (None, known):
+    conversion_known = _KIND_OF_SI.get(text)
+    if conversion_known is not None and kind in (None, conversion_known):
         return Conversion(1.0, 0.0, text)
-    known, factor = _FACTORS.get(text, ("", 0.0))
-    if known and kind in (None, known):
-        return Conversion(factor, 0.0, KINDS[known].si)
+    conversion_known, factor = _FACTORS.get(text, ("", 0.0))
+    if conversion_known and kind in (None, conversion_known):
+        return Conversion(factor, 0.0, KINDS[conversion_known].si)
     if text in _TEMPERATURES and kind in (None, "temperature"):
         return _TEMPERATURES[text]
 

@@ -108,7 +108,9 @@ def turning_sensor(e: Evidence) -> Iterator[Remark]:
 
 def beside_tilt(detected: Sequence[DetectedEffect]) -> tuple[DetectedEffect, ...]:
     """Effects that were found, with a tilt in the class of each drift of the bias."""
-    return tuple(replace(effect, members=(*effect.members, TILT)) if effect.effect in DRIFTS else effect for effect in detected)
+    return tuple(
+        replace(effect, members=(*effect.members, TILT)) if effect.effect in DRIFTS else effect for effect in detected
+    )
 
 
 def slow_residual(fit: Fit, run: PreparedRun, *, stretches: bool = True) -> Iterator[Remark]:
@@ -454,7 +456,10 @@ def scale_factor(e: Evidence) -> Iterator[Remark]:
 def engines(e: Evidence) -> Iterator[Remark]:
     """Replay and weak form that disagree: normal differences of two estimates, beyond `ENGINES_APART` standard
     deviations (tests/diagnosis/test_independent_estimate.py)."""
-    apart = sorted((difference for difference in e.differences if abs(difference.sigma) > ENGINES_APART), key=lambda difference: -abs(difference.sigma))
+    apart = sorted(
+        (difference for difference in e.differences if abs(difference.sigma) > ENGINES_APART),
+        key=lambda difference: -abs(difference.sigma),
+    )
     for worst in apart[:1]:
         yield remark(
             "engines_disagree",

@@ -101,7 +101,7 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
     basis = scipy.linalg.orth(given.columns / np.maximum(np.linalg.norm(given.columns, axis=0), 1e-300))
     left = given.y - basis @ (basis.T @ given.y)
     exact = by_runs.scatter == 0.0
-    found: list[tuple[float, float, float, int]] = []
+    detected: list[tuple[float, float, float, int]] = []
     for k in range(len(terms)):
         column = extra[:, k]
         beyond = column - basis @ (basis.T @ column)
@@ -111,8 +111,8 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
         gain = float(beyond @ left) ** 2 / power
         left_each = 1.0 if exact else max(squares - gain, 1e-300) / (freedom - 1)
         p = scipy.special.chdtrc(1, gain) if exact else scipy.special.fdtrc(1, freedom - 1, gain / left_each)
-        found.append((float(p), float(beyond @ left) / power, math.sqrt(left_each / power), k))
-    count = max(len(found), 1)
+        detected.append((float(p), float(beyond @ left) / power, math.sqrt(left_each / power), k))
+    count = max(len(detected), 1)
     candidates = tuple(
         DwellCandidate(
             terms[k].name,
@@ -122,7 +122,7 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
             float(-scipy.special.ndtri(max(0.5 * p, 1e-300))),
             over_all(p, count),
         )
-        for p, estimate, std, k in sorted(found)
+        for p, estimate, std, k in sorted(detected)
     )
     return judged(candidates, by_runs, dwells, alpha)
 
@@ -143,7 +143,9 @@ def judged(candidates: tuple[DwellCandidate, ...], by_runs: DwellFit, dwells: Dw
     members: tuple[str, ...] = ()
     declared = dwells.rig.sensor.bias_instability is not None or dwells.rig.sensor.random_walk is not None
     if best is not None:
-        rivals = [candidate for candidate in candidates if best.sigma**2 - candidate.sigma**2 < 2.0 * CLEAR_LOG_EVIDENCE]
+        rivals = [
+            candidate for candidate in candidates if best.sigma**2 - candidate.sigma**2 < 2.0 * CLEAR_LOG_EVIDENCE
+        ]
         members = tuple(rival.effect for rival in rivals)
         verdict = "named" if len(members) == 1 else "tied"
         sentence = f"{best.effect} is missing ({best.sigma:.1f} sigma; {len(candidates)} candidates examined)."

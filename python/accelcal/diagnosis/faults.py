@@ -103,7 +103,7 @@ def fault_remarks(listed: Sequence[Fault], length: float) -> tuple[Remark, ...]:
 
     Parameters
     ----------
-    found : in order of time.
+    listed : in order of time.
     length : of the record, s.
     """
     groups: dict[tuple[Kind, str], list[Fault]] = {}

@@ -271,14 +271,20 @@ def with_findings(findings: Sequence[Finding], left: str, tolerance: float | Non
     """
     small = [finding for finding in findings if tolerance is not None and finding.below(tolerance)]
     findings = [finding for finding in findings if finding not in small]
-    closing = f" Below tolerance: {', '.join(f'{finding.effect}{finding.particulars}' for finding in small)}." if small else ""
+    closing = (
+        f" Below tolerance: {', '.join(f'{finding.effect}{finding.particulars}' for finding in small)}."
+        if small
+        else ""
+    )
     if not findings:
         return f"{left}{closing}"
     *most, last = findings
     small_names = ", ".join(f"{finding.effect}{finding.particulars}" for finding in most)
     verb = "were found" if most else "was found"
     opening = (
-        f"{small_names} and {last.effect}{last.particulars} {verb}" if most else f"{last.effect} {verb}{last.particulars}"
+        f"{small_names} and {last.effect}{last.particulars} {verb}"
+        if most
+        else f"{last.effect} {verb}{last.particulars}"
     )
     if left.startswith(NOTHING_MISSING):
         return f"{opening}; nothing else is missing{left.removeprefix(NOTHING_MISSING)}{closing}"

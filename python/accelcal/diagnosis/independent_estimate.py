@@ -85,7 +85,9 @@ def differences(solution: Solution) -> tuple[Difference, ...]:
         variances[np.ix_(places, places)] += drawn
         other[np.ix_(places, places)] += drawn
         score[places] -= drawn @ x[places]
-    if not (np.all(np.isfinite(other)) and np.all(np.isfinite(score)) and min(*np.diag(variances), *np.diag(other)) > 0.0):
+    if not (
+        np.all(np.isfinite(other)) and np.all(np.isfinite(score)) and min(*np.diag(variances), *np.diag(other)) > 0.0
+    ):
         return ()
     before, covariance = inverse(variances), inverse(other)
     moved = covariance @ score

@@ -317,9 +317,9 @@ def clean_fit(
         if not rounds_left or not any(outlier_tests):
             break
         for number, tests_of_run in enumerate(outlier_tests):
-            for each in tests_of_run:
-                found_earlier.setdefault(each.effect, each)
-                runs[number] = without_outliers(runs[number], each)
+            for outlier_test in tests_of_run:
+                found_earlier.setdefault(outlier_test.effect, outlier_test)
+                runs[number] = without_outliers(runs[number], outlier_test)
         solution.states.clear()  # one set of filters at a time
         solution = solve(runs)
     new = [test for test in tests if test.effect not in found_earlier]

@@ -276,7 +276,8 @@ class Pair:
             return None
         at = first + step * np.arange(count)
         both = [
-            evenly(channel.t, channel.y, period, at, step) for channel, period in zip((accel, position), periods, strict=True)
+            evenly(channel.t, channel.y, period, at, step)
+            for channel, period in zip((accel, position), periods, strict=True)
         ]
         return cls(recording, both[0][1:-1], np.diff(both[1], 2) / step**2, periods, segment)
 

@@ -199,11 +199,11 @@ def further_runs(
     extra = [term for name in names for term in terms_of(find(name))]
     if not extra:
         return ()
-    known = information(states, model, extra)
-    before = deviations(known, len(extra))
+    fisher = information(states, model, extra)
+    before = deviations(fisher, len(extra))
     runs_by_effect: dict[str, FurtherRun] = {}
     for text, gram in tried(first, model, extra):
-        together = added(known, gram, model, len(states), extra)
+        together = added(fisher, gram, model, len(states), extra)
         after = deviations(together, len(extra))
         for name, term, old, std in zip(names, extra, before, after, strict=True):
             shown = old > find(name).scale and std < TELLS * old  # not by these runs, but with that one
@@ -235,7 +235,9 @@ def turned(state: RunState, axis: Axis, mount: Mount) -> RunState:
     rotated.signals = turned_signals(state.signals, old, rig)
     if isinstance(state.weak, WeakRows):
         same = state.weak.signals is state.signals
-        rotated.weak = state.weak.moved(rotated, rotated.signals if same else turned_signals(state.weak.signals, old, rig))
+        rotated.weak = state.weak.moved(
+            rotated, rotated.signals if same else turned_signals(state.weak.signals, old, rig)
+        )
     return rotated
 
 
@@ -274,7 +276,7 @@ def information(states: Sequence[RunState], model: Model, extra: Sequence[Term])
     return total
 
 
-def added(known: Array, gram: Array, model: Model, runs: int, extra: Sequence[Term]) -> Array:
+def added(fisher: Array, gram: Array, model: Model, runs: int, extra: Sequence[Term]) -> Array:
     """Normal equations with one more run, whose own coefficients are eliminated."""
     free = list(model.free)
     per_run = [k for k, term in enumerate(free) if term.owner in PER_RUN_OWNERS or term.name in model.per_run]
@@ -291,7 +293,7 @@ def added(known: Array, gram: Array, model: Model, runs: int, extra: Sequence[Te
     layout = Layout.of(model, runs)
     m = len(layout.slots)
     place = [layout.rows(0)[k] for k in shared if k < len(free)] + list(range(m, m + len(extra)))
-    total = known.copy()
+    total = fisher.copy()
     total[np.ix_(place, place)] += left
     return total
 

@@ -147,7 +147,7 @@ def timed(function: Callable[..., Any], s: Signals, shape: Mapping[str, float]) 
     return values, time.thread_time() - began
 
 
-def values_of(found: Any, s: Signals, width: int, sentence: Sentence) -> Array:
+def values_of(answer: Any, s: Signals, width: int, sentence: Sentence) -> Array:
     """What an effect returned as real numbers, (n,) or (n, width).
 
     Raises
@@ -157,10 +157,10 @@ def values_of(found: Any, s: Signals, width: int, sentence: Sentence) -> Array:
     """
     wanted = (len(s.t),) if width == 1 else (len(s.t), width)
     expected = f"return real numbers of shape {wanted}"
-    if found is None:
+    if answer is None:
         raise EffectsFileError(sentence(f"returns None; {expected}"))
     try:
-        array = np.asarray(found)
+        array = np.asarray(answer)
     except ValueError:
         raise EffectsFileError(sentence(f"returns rows of different lengths; {expected}")) from None
     if array.dtype.kind not in "biuf":

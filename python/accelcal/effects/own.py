@@ -327,7 +327,9 @@ def _made(
     needs = tuple(c for c in usable if c in _names(tree))
 
     def function(s: Signals) -> Array:
-        channels_read = {channel: s.side[channel] for channel in needs} | {channel: getattr(s, channel) for channel in MOTION}
+        channels_read = {channel: s.side[channel] for channel in needs} | {
+            channel: getattr(s, channel) for channel in MOTION
+        }
         return _value(tree, channels_read)
 
     function.__doc__ = f"Own effect: {understood}."

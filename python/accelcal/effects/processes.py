@@ -95,14 +95,14 @@ def _enter(name: str, stem: Effect, *, markov: bool) -> None:
         **RECORD,
         **({"tau": CATALOGUE["bias_gauss_markov"].shapes["tau"]} if markov else {}),
     }
-    own = tuple(stem.shapes)
-    if len(shapes) != len(own) + len(RECORD) + markov:
+    stem_shapes = tuple(stem.shapes)
+    if len(shapes) != len(stem_shapes) + len(RECORD) + markov:
         raise AccelcalError(
-            f"{name}: {stem.name} has a shape parameter of its own that a process needs: {', '.join(own)}"
+            f"{name}: {stem.name} has a shape parameter of its own that a process needs: {', '.join(stem_shapes)}"
         )
 
     def moving(s: Signals, **shape: float) -> Array:
-        column = stem.column(s, **{key: shape[key] for key in own})
+        column = stem.column(s, **{key: shape[key] for key in stem_shapes})
         start, length = shape["start"], shape["length"]
         if markov:
             return column[:, None] * stationary(s.t, start, length, shape["tau"])

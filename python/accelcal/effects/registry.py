@@ -489,7 +489,9 @@ def effect(
             raise AccelcalError(f"effect {name!r} is already in the catalogue; choose another name")
         taken = inspect.signature(function).parameters
         for keyword in declared:
-            if keyword not in taken and not any(parameter.kind is parameter.VAR_KEYWORD for parameter in taken.values()):
+            if keyword not in taken and not any(
+                parameter.kind is parameter.VAR_KEYWORD for parameter in taken.values()
+            ):
                 raise AccelcalError(f"effect {name!r} declares the shape {keyword!r} but its function does not take it")
         CATALOGUE[name] = Effect(
             name, unit, port, owner, symbol, scale, source, function, declared, needs, parts, traits, search

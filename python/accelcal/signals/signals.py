@@ -107,7 +107,7 @@ class Signals:
         return copy
 
     def _write(self, target: Signals) -> None:
-        """Write the motion at other times into the arrays of `made`."""
+        """Write the motion at other times into the arrays of `target`."""
         h = self.step
         u = np.clip((target.t - self.t[0]) / h, 0.0, len(self.t) - 1.0)
         k = np.minimum(u.astype(np.intp), max(0, len(self.t) - 2))

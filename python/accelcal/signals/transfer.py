@@ -115,15 +115,15 @@ def memory(filters: Sequence[ChannelFilter], rate: float) -> float:
 
 def modes(filters: Sequence[ChannelFilter], rate: float) -> list[complex]:
     """Poles of the filters in 1/s: transients of the chain are sums of exp(pole t)."""
-    found: list[complex] = []
+    modal: list[complex] = []
     for stage in filters:
         if not stage.digital:
-            found += [complex(p) for p in prototype(stage)[1]]
+            modal += [complex(p) for p in prototype(stage)[1]]
         elif stage.kind == "biquad" or stage.cutoff is not None:
-            own = stage.rate or rate
-            poles = np.roots(stage.a) if stage.cutoff is None else prototype(stage, own)[1]
-            found += [complex(np.log(complex(p)) * own) for p in poles if abs(p) > 0.0]
-    return found
+            omega = stage.rate or rate
+            poles = np.roots(stage.a) if stage.cutoff is None else prototype(stage, omega)[1]
+            modal += [complex(np.log(complex(p)) * omega) for p in poles if abs(p) > 0.0]
+    return modal
 
 
 def group_delay(filters: Sequence[ChannelFilter], rate: float) -> float:

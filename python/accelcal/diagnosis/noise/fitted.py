@@ -90,16 +90,16 @@ def noise_scores_of(effects_in_model: Sequence[NoiseEffect], record: RecordNoise
     growing = [effect for effect in effects.values() if grows(effect)]
     blocks = BlockPowers.of(record.clean, growing) if growing else None
     scores: list[NoiseScore | None] = []
-    for one in effects_in_model:
-        if one.value <= 0.0:  # the fit saw none
+    for noise_effect in effects_in_model:
+        if noise_effect.value <= 0.0:  # the fit saw none
             continue
-        channel = rejected_channel(effects[one.name])
+        channel = rejected_channel(effects[noise_effect.name])
         if channel:
-            scores.append(score_of_tails(record.errors(channel), one))
-        elif is_rounding(effects[one.name]):
-            scores.append(score_of_rounding(record.clean, one))
+            scores.append(score_of_tails(record.errors(channel), noise_effect))
+        elif is_rounding(effects[noise_effect.name]):
+            scores.append(score_of_rounding(record.clean, noise_effect))
         elif blocks is not None:
-            scores.append(score_of_growth(blocks, one))
+            scores.append(score_of_growth(blocks, noise_effect))
     return tuple(score for score in scores if score is not None)
 
 

@@ -71,13 +71,13 @@ class BlockPowers:
     def joined(cls, several: Sequence[BlockPowers]) -> BlockPowers:
         """Blocks of all records that share frequencies with the first, at those that all of them have."""
         first = several[0]
-        like = [one for one in several if len(shared_frequencies(first.f, one.f)[0])]
+        like = [block for block in several if len(shared_frequencies(first.f, block.f)[0])]
         f = first.f
         for powers in like:
             f = f[shared_frequencies(f, powers.f)[0]]
-        like = [one.at(f) for one in like]
-        functions = {name: np.concatenate([one.functions[name] for one in like]) for name in first.functions}
-        return cls(f, np.concatenate([one.power for one in like]), functions)
+        like = [block.at(f) for block in like]
+        functions = {name: np.concatenate([block.functions[name] for block in like]) for name in first.functions}
+        return cls(f, np.concatenate([block.power for block in like]), functions)
 
     def at(self, f: Array) -> BlockPowers:
         """The same at frequencies that it has."""
@@ -168,8 +168,8 @@ def floor_beside(power: Array, explained: Array) -> Array:
     floor = np.maximum(np.mean(power - explained, axis=0), 0.05 * np.median(power, axis=0)) + 1e-300
     for _ in range(ITERATIONS):
         weights = (floor + explained) ** -2.0
-        found = np.sum(weights * (power - explained), axis=0) / np.sum(weights, axis=0)
-        floor = np.maximum(found, 0.05 * np.median(power, axis=0)) + 1e-300
+        spectrum = np.sum(weights * (power - explained), axis=0) / np.sum(weights, axis=0)
+        floor = np.maximum(spectrum, 0.05 * np.median(power, axis=0)) + 1e-300
     return np.asarray(floor)
 
 
@@ -207,7 +207,7 @@ def growing_noise(several: Sequence[Residuals], effects: Sequence[Effect]) -> li
         return []
     spectrum, estimated = grown_spectrum(blocks, effects)
     gain = np.maximum(np.abs(several[0].gain(blocks.f)), several[0].least_gain)
-    found = []
+    noise_effects = []
     for effect in effects:
         at, spread = estimated[effect.name]
         if is_white(effect):
@@ -230,7 +230,7 @@ def growing_noise(several: Sequence[Residuals], effects: Sequence[Effect]) -> li
         of_block = np.mean(blocks.power[:, band] / blocks.mean(spectrum)[:, band], axis=1)
         flat = flatness(of_block, blocks.functions[effect.name])
         particulars = {"lowest": low, "highest": high, "least": LEAST_SHOWN * std, "flat": flat, "strongest": strongest}
-        found.append(
+        noise_effects.append(
             NoiseEffect(
                 effect.name,
                 effect.symbol,
@@ -245,7 +245,7 @@ def growing_noise(several: Sequence[Residuals], effects: Sequence[Effect]) -> li
                 without,
             )
         )
-    return found
+    return noise_effects
 
 
 def score_of_growth(blocks: BlockPowers, effect: NoiseEffect) -> NoiseScore | None:
@@ -256,7 +256,7 @@ def score_of_growth(blocks: BlockPowers, effect: NoiseEffect) -> NoiseScore | No
     Parameters
     ----------
     blocks : of the record, with the variance functions of all effects of the model of this kind.
-    known : the effect, as it was estimated.
+    effect : the effect, as it was estimated.
     """
     if effect.spectrum is None or effect.without is None or len(blocks.power) == 0:
         return None
@@ -274,7 +274,9 @@ def score_of_growth(blocks: BlockPowers, effect: NoiseEffect) -> NoiseScore | No
     strong = h >= np.quantile(h, STRONGEST)
     grown = spectrum.growth[effect.name] / spectrum.floor
     positive = np.where(grown > 0.0, grown, 0.0)
-    weights = positive / float(np.sum(positive)) if np.any(positive > 0.0) else np.full(len(positive), 1.0 / len(positive))
+    weights = (
+        positive / float(np.sum(positive)) if np.any(positive > 0.0) else np.full(len(positive), 1.0 / len(positive))
+    )
     total, std = total_with_std(gain)
     with_it, without = (float(np.mean((blocks.power[strong] / m[strong]) @ weights)) for m in (m1, m0))
     return NoiseScore(effect.name, "accel", total, std, blocks.power.size, with_it, without)

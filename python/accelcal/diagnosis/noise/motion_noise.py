@@ -74,10 +74,10 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
     power, rows = judged[which]
     c, covariance = power_fit(power[rows], design[rows])
     p_jerk_given_speed = float(scipy.special.ndtr(-c[3] / math.sqrt(covariance[3, 3])))
-    known = known_jitter(residuals) ** 2
-    if known > 0.0:  # that noise grows with jerk is known: jitter is what exceeds the rounding of the stamps
+    variance = known_jitter(residuals) ** 2
+    if variance > 0.0:  # that noise grows with jerk is known: jitter is what exceeds the rounding of the stamps
         c, covariance = power_fit(white, design)
-        z_jerk = (c[3] - known) / math.sqrt(covariance[3, 3])
+        z_jerk = (c[3] - variance) / math.sqrt(covariance[3, 3])
         p_jerk = max(p_jerk, float(scipy.special.ndtr(-z_jerk)))
         p_jerk_given_speed = max(p_jerk_given_speed, p_jerk)
     confounded = (
@@ -89,7 +89,7 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
     )
     columns = design if p_vibration < NOISE_TEST_ALPHA else design[:, [0, 3]]
     c, covariance = power_fit(np.maximum(spectra.power @ (every / every.sum()), floor), columns)
-    jitter, spread = amplitude_from_power(c[-1] - known, covariance[-1, -1], 1.0)
+    jitter, spread = amplitude_from_power(c[-1] - variance, covariance[-1, -1], 1.0)
     stamps = NoiseTest(
         JITTER,
         z_jerk,
@@ -108,7 +108,7 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
         p_vibration,
         z_speed,
         band,
-        math.hypot(jitter if p_jitter < NOISE_TEST_ALPHA else 0.0, math.sqrt(known)),
+        math.hypot(jitter if p_jitter < NOISE_TEST_ALPHA else 0.0, math.sqrt(variance)),
     ), stamps
 
 

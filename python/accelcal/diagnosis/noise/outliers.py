@@ -121,7 +121,9 @@ def accelerometer_outliers(residuals: Residuals) -> NoiseTest:
     n = len(residuals.u)
     at = tuple(float(instant) for instant in errors.t[flagged.peaks])
     std = math.sqrt(max(flagged.count, 1.0)) / n
-    return NoiseTest(OUTPUT_OUTLIERS, flagged.score, flagged.p_value, flagged.count / n, "", std, text, flagged.parts, at)
+    return NoiseTest(
+        OUTPUT_OUTLIERS, flagged.score, flagged.p_value, flagged.count / n, "", std, text, flagged.parts, at
+    )
 
 
 def encoder_outliers(residuals: Residuals) -> NoiseTest:

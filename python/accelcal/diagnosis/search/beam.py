@@ -87,7 +87,9 @@ class SearchRules:
         """Members of a set that are significant given all others of them, strongest first."""
         members = sorted(chosen)
         while len(members) > 1:
-            net_gains = [(self.net_gain_given(evidence, scatter, i, [j for j in members if j != i]), i) for i in members]
+            net_gains = [
+                (self.net_gain_given(evidence, scatter, i, [j for j in members if j != i]), i) for i in members
+            ]
             insignificant = [i for value, i in net_gains if value == -math.inf]
             if not insignificant:
                 break
@@ -138,7 +140,7 @@ class SearchRules:
         """Hypotheses that may enter after a set, with their net gains, best first."""
         gains, dofs = evidence.gains(chosen)
         present = {evidence.items[i].effect.name for i in chosen}
-        found: list[tuple[float, int]] = []
+        extended: list[tuple[float, int]] = []
         first = float(evidence.gains()[0][chosen[0]]) if chosen else 0.0
         for i, item in enumerate(evidence.items):
             if item.effect.name in present:
@@ -148,8 +150,8 @@ class SearchRules:
                 continue
             if scatter is not None and not self.significant(gain / scatter.inflation(i, chosen), dof, item):
                 continue
-            found.append((self.net_gain(gain, dof, item), i))
-        return sorted(found, reverse=True)
+            extended.append((self.net_gain(gain, dof, item), i))
+        return sorted(extended, reverse=True)
 
     def distinct(
         self, evidence: CandidateScores, ranked: Sequence[tuple[float, tuple[int, ...]]]

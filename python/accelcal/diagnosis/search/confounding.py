@@ -191,14 +191,14 @@ def redundant(evidence: CandidateScores, i: int, G: Array) -> tuple[str, ...]:
     power = np.diag(evidence.G[columns, columns])
     size = scale_of(power)
     A = G[columns, columns] / np.outer(size, size)
-    kept: list[int] = []
+    independent: list[int] = []
     empty = power < EMPTY_COLUMN * np.max(power)
     for _ in names:
         left = np.diag(A).copy()
-        left[kept] = left[empty] = 0.0
+        left[independent] = left[empty] = 0.0
         k = int(np.argmax(left))
         if left[k] < DEGENERATE_MIX:
             break
         A = A - np.outer(A[:, k], A[k]) / A[k, k]
-        kept.append(k)
-    return (*(name for k, name in enumerate(names) if k not in kept), *held)
+        independent.append(k)
+    return (*(name for k, name in enumerate(names) if k not in independent), *held)

@@ -119,10 +119,10 @@ def between_trials(evidence: CandidateScores, name: str, least: float) -> list[H
 
 def refine(runs: Sequence[BaseProjection], lists: Sequence[Sequence[Hypothesis]]) -> list[list[Hypothesis]]:
     """Hypotheses of several lists with shape parameters by likelihood; one that is in several lists is refined once."""
-    known: dict[int, Hypothesis] = {}
+    by_index: dict[int, Hypothesis] = {}
     for item in (item for hypotheses in lists for item in hypotheses):
-        known[id(item)] = known.get(id(item)) or refined(runs, item)
-    return [[known[id(item)] for item in hypotheses] for hypotheses in lists]
+        by_index[id(item)] = by_index.get(id(item)) or refined(runs, item)
+    return [[by_index[id(item)] for item in hypotheses] for hypotheses in lists]
 
 
 def refined(runs: Sequence[BaseProjection], item: Hypothesis) -> Hypothesis:

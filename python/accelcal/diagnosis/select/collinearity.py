@@ -198,7 +198,9 @@ def implausible(name: str, size: Size | None, recordings: Sequence[Recording]) -
         limit, unit = f"{100.0 * PLAUSIBLE_ENCODER_SHARE:.0f} % of the travel", "m"
         possible = size.value <= most or not of_scale
     else:
-        spans = [recording.rig.sensor.range or float(np.ptp(np.append(recording.accel.y, 0.0))) for recording in recordings]
+        spans = [
+            recording.rig.sensor.range or float(np.ptp(np.append(recording.accel.y, 0.0))) for recording in recordings
+        ]
         declared = recordings[0].rig.sensor.range is not None
         most, unit = max(spans), "m/s²"
         limit = "declared range" if declared else "span of all readings and zero"

@@ -182,14 +182,14 @@ def left_out(
 
     A direction that the other blocks do not determine stays where it was without the effect.
     """
-    own = np.flatnonzero(columns)
-    wide = np.append(own, len(columns))
+    block_columns = np.flatnonzero(columns)
+    wide = np.append(block_columns, len(columns))
     total = whitened.sum(axis=0)[np.ix_(wide, wide)]
     errors = np.zeros((2, len(whitened)))
     for number, block in enumerate(whitened):
         rest = total - block[np.ix_(wide, wide)]
-        information = rest[:-1, :-1] + np.diag(belief[own])
-        score = rest[:-1, -1] + belief[own] * mean[own]
+        information = rest[:-1, :-1] + np.diag(belief[block_columns])
+        score = rest[:-1, -1] + belief[block_columns] * mean[block_columns]
         size = np.sqrt(np.diag(information))
         size[size == 0.0] = 1.0
         values, vectors = np.linalg.eigh(information / np.outer(size, size))

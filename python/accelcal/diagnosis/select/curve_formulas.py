@@ -329,7 +329,9 @@ class Trial:
     @classmethod
     def of(cls, elements: tuple[Element, ...], hats: HatGram) -> Trial:
         """The elements at the best of the trial values."""
-        return max((cls.at(elements, float(d), hats) for d in lengths(elements, hats.nodes)), key=lambda trial: trial.gain)
+        return max(
+            (cls.at(elements, float(d), hats) for d in lengths(elements, hats.nodes)), key=lambda trial: trial.gain
+        )
 
     def refined(self, hats: HatGram) -> Trial:
         """The same at the most likely inner parameter between the neighbours of its trial value."""
@@ -448,9 +450,9 @@ def formulas_of(
     if curve.family is None or curve.family.variable.per or curve.family.variable.letter == "reversal":
         raise AccelcalError(f"{curve.name} is no curve of one variable; shape_of_velocity is one")
     variable = curve.family.variable
-    for each in (state, *(() if holdout is None else holdout[:1])):
-        if missing := [name for name in curve.needs if name not in each.signals.side]:
-            name = each.run.recording.name or "recording"
+    for checked_state in (state, *(() if holdout is None else holdout[:1])):
+        if missing := [name for name in curve.needs if name not in checked_state.signals.side]:
+            name = checked_state.run.recording.name or "recording"
             raise AccelcalError(f"{name} has no channel {' and '.join(missing)}, of which {curve.name} is a function")
     x = value_of(state.signals, curve)
     if not np.ptp(x) > 0.0:
@@ -463,7 +465,9 @@ def formulas_of(
     p_value = min(1.0, math.exp(min(0.0, log_survival(ranked[0].gain, ranked[0].dof) + math.log(examined))))
     other = None if holdout is None else HatGram(*holdout, curve, nodes_of(holdout[0], curve))
     near = [trial for trial in ranked if trial.log_evidence > ranked[0].log_evidence - FORMULA_LOG_EVIDENCE]
-    candidates = [trial.formula(hats, curve, other) for trial in near if trial.determined(hats) and not contains(trial, near)]
+    candidates = [
+        trial.formula(hats, curve, other) for trial in near if trial.determined(hats) and not contains(trial, near)
+    ]
     held = tuple(formula for formula in candidates if formula.lack_of_fit > FORMULA_LACK_OF_FIT_ALPHA)
     refused = tuple(formula for formula in candidates if formula.lack_of_fit <= FORMULA_LACK_OF_FIT_ALPHA)
     formulas = held if p_value < alpha else ()
@@ -474,7 +478,9 @@ def formulas_of(
 
 def contains(trial: Trial, others: Sequence[Trial]) -> bool:
     """Whether a shorter formula that is as good is part of one."""
-    return any(set(other.elements) < set(trial.elements) and other.log_evidence >= trial.log_evidence for other in others)
+    return any(
+        set(other.elements) < set(trial.elements) and other.log_evidence >= trial.log_evidence for other in others
+    )
 
 
 __dir__ = listing(globals())

@@ -155,7 +155,7 @@ def nested_fits(
     ----------
     fitted : the largest model.
     sources : one or several recordings that the models are fitted to.
-    found : effects that the model lacks; they are added behind its own.
+    detected : effects that the model lacks; they are added behind its own.
     start, end : s, optional; only this part is used.
     refit : whether the largest model is fitted again, too: to a part of its recordings.
 

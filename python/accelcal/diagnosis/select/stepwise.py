@@ -300,7 +300,9 @@ class StepwiseSelection:
             stop = remark("search_stopped", models=self.budget.models, seconds=self.budget.seconds)
             verdict = replace(verdict, remarks=(*verdict.remarks, stop))
         sigmas = {test.effect: math.sqrt(test.evidence) for test in reversed(verdict.channels) if test.shape}
-        sigmas |= {finding.effect: 0.0 for finding in verdict.scan.found} | {c.effect: c.snr for c in verdict.scan.candidates}
+        sigmas |= {finding.effect: 0.0 for finding in verdict.scan.found} | {
+            c.effect: c.snr for c in verdict.scan.candidates
+        }
         lacking = [effect.effect for effect in verdict.scan.found] or [t.effect for t in verdict.channels if t.shape]
         if not lacking:
             return verdict
