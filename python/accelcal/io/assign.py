@@ -132,12 +132,12 @@ def discover(table: Table) -> dict[str, tuple[str, Clock | None]]:
     for column, base in named.items():
         aliases = naming.ROLES.get(naming.role(base) or "", (base.lower(),))
         stamps = [f"{alias}_{stamp}" for alias in aliases for stamp in naming.ROLES["time"]]
-        found = [by_base[stamp] for stamp in stamps if stamp in by_base]
-        own = clock_in_file(table, column)
-        if own is not None:
-            clocks[column] = own
-        elif found:
-            clocks[column] = Clock(column=min(found, key=places.__getitem__))
+        bases = [by_base[stamp] for stamp in stamps if stamp in by_base]
+        file_clock = clock_in_file(table, column)
+        if file_clock is not None:
+            clocks[column] = file_clock
+        elif bases:
+            clocks[column] = Clock(column=min(bases, key=places.__getitem__))
     owned = {clock.column for clock in clocks.values()}
     return {
         column: ("time" if column in owned else naming.role(base) or base, clocks.get(column))

@@ -214,10 +214,10 @@ def is_stream(name: Path, there: os.stat_result | None) -> bool:
 
 def _open_stream(name: Path) -> int | None:
     """Descriptor of an open stream by its name in the file system; None for any other name."""
-    found = OPEN.fullmatch(os.path.abspath(name))
-    if found is None:
+    match = OPEN.fullmatch(os.path.abspath(name))
+    if match is None:
         return None
-    return int(found["number"]) if found["number"] else {"stdout": 1, "stderr": 2}[found["name"]]
+    return int(match["number"]) if match["number"] else {"stdout": 1, "stderr": 2}[match["name"]]
 
 
 @contextmanager

@@ -115,8 +115,8 @@ class ReaderProcess:
     def _column(self, length: int) -> Column:
         answer = self._answer()
         if answer["length"] != length:
-            found = f"{answer['length']} numbers where {length} are declared"
-            raise RecordingError(f"{self.path}: {self._damage(found)}")
+            lengths = f"{answer['length']} numbers where {length} are declared"
+            raise RecordingError(f"{self.path}: {self._damage(lengths)}")
         assert self._process.stdout is not None
         values = _filled(self._process.stdout, np.empty(length, dtype="<f8")).astype(np.float64, copy=False)
         if not answer["missing"]:
@@ -238,9 +238,9 @@ class _Waiting:
     def take(self, path: Path, kind: str) -> ReaderProcess:
         """The kept process if it has this file, as it is now, open; else another one."""
         with self._lock:
-            kept, self._kept = self._kept, None
-        if kept is not None and kept[0] == _identity(path, kind) and kept[1].waits:
-            return kept[1]
+            waiting, self._kept = self._kept, None
+        if waiting is not None and waiting[0] == _identity(path, kind) and waiting[1].waits:
+            return waiting[1]
         return ReaderProcess(path, kind)
 
     def keep(self, process: ReaderProcess) -> None:
@@ -251,8 +251,8 @@ class _Waiting:
 
 def _identity(path: Path, kind: str) -> tuple[object, ...]:
     """What tells a file from every other and from itself after a change, in one process."""
-    found = path.stat()
-    return (os.getpid(), kind, str(path), found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
+    status = path.stat()
+    return (os.getpid(), kind, str(path), status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns)
 
 
 _WAITING = _Waiting()

@@ -58,8 +58,8 @@ def rests(t: Array, outputs: Array, least: float = 2.0, *, factor: float = WITHI
         floor = max(float(np.quantile(spread, LEAST_NOISY)), step / np.sqrt(12.0))
         quiet &= spread <= factor * floor
     edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet.astype(np.int8), [0]])))
-    found = [(int(a) + half, int(b) - 1 + half) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-    return [(a, b) for a, b in found if t[b] - t[a] >= least]
+    intervals = [(int(a) + half, int(b) - 1 + half) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return [(a, b) for a, b in intervals if t[b] - t[a] >= least]
 
 
 def moving_std(y: Array, width: int) -> Array:
@@ -222,11 +222,11 @@ def load_rests(path: Path, rig: Path | None, least: float) -> Rests:
             )
     outputs = np.column_stack([channel.y for channel in channels])
     warm = recording.side.get("temperature")
-    found = []
+    dwells = []
     for a, b in rests(first.t, outputs, least):
         part = outputs[a : b + 1]
         inside = None if warm is None else warm.y[(warm.t >= first.t[a]) & (warm.t <= first.t[b])]
-        found.append(
+        dwells.append(
             Rest(
                 float(first.t[a]),
                 float(first.t[b]),
@@ -236,19 +236,19 @@ def load_rests(path: Path, rig: Path | None, least: float) -> Rests:
                 float(np.mean(inside)) if inside is not None and len(inside) else None,
             )
         )
-    if not found:
+    if not dwells:
         raise RecordingError(
             f"{path}: no rest of {least:g} s or more was found; look at the record, or give a shorter --least"
         )
     return Rests(
-        path.name, first.t, outputs, (TRIAD if triad else ("output",)), first.unit, tuple(found), setup, declared.rig
+        path.name, first.t, outputs, (TRIAD if triad else ("output",)), first.unit, tuple(dwells), setup, declared.rig
     )
 
 
-def table_of(found: Rests, degrees: list[float]) -> list[dict[str, Any]]:
+def table_of(result: Rests, degrees: list[float]) -> list[dict[str, Any]]:
     """One entry for each rest, by the header of a table of dwells."""
     rows = []
-    for k, rest in enumerate(found.rests):
+    for k, rest in enumerate(result.rests):
         length = rest.end - rest.start
         values = (
             degrees[k] if degrees else None,
@@ -263,7 +263,7 @@ def table_of(found: Rests, degrees: list[float]) -> list[dict[str, Any]]:
     return rows
 
 
-def write_table(found: Rests, degrees: list[float], path: Path, mark: Callable[[str], str] = str) -> Path:
+def write_table(result: Rests, degrees: list[float], path: Path, mark: Callable[[str], str] = str) -> Path:
     """Write the rests as a table of dwells, with its sidecar, whose path is returned; both replace what is there.
 
     Parameters
@@ -274,9 +274,9 @@ def write_table(found: Rests, degrees: list[float], path: Path, mark: Callable[[
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
-    for row in table_of(found, degrees):
+    for row in table_of(result, degrees):
         writer.writerow(["" if row[name] is None else repr(row[name]) for name in COLUMNS])
     with together():
         atomic_write(path, text.getvalue())
-        write_sidecar(found.rig, {"accel": Source("mean", found.unit)}, sidecar, found.setup, mark=mark)
+        write_sidecar(result.rig, {"accel": Source("mean", result.unit)}, sidecar, result.setup, mark=mark)
     return sidecar

@@ -31,14 +31,14 @@ def open_regular(path: Path, expected: str, most: int | None = None) -> IO[bytes
         If it is a folder, a pipe, a device or a socket, has a name that no file can have, is not readable, or is too
         large.
     """
-    found = _in_words(os.stat, path, expected)
-    if not stat.S_ISREG(found.st_mode):
+    status = _in_words(os.stat, path, expected)
+    if not stat.S_ISREG(status.st_mode):
         kinds = {stat.S_IFDIR: "directory", stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket"}
         kinds |= {stat.S_IFCHR: "device", stat.S_IFBLK: "device"}
-        kind = kinds.get(stat.S_IFMT(found.st_mode))
+        kind = kinds.get(stat.S_IFMT(status.st_mode))
         raise RecordingError(f"{shown(path)}: this is {f'a {kind}' if kind else 'no regular file'}; give {expected}.")
-    if most is not None and found.st_size > most:
-        raise RecordingError(f"{shown(path)}: {found.st_size} bytes, expected at most {most}; give {expected}.")
+    if most is not None and status.st_size > most:
+        raise RecordingError(f"{shown(path)}: {status.st_size} bytes, expected at most {most}; give {expected}.")
     return os.fdopen(_in_words(lambda name: os.open(name, _FLAGS), path, expected), "rb")
 
 
@@ -95,24 +95,24 @@ def open_table(path: Path) -> Table:
         If the file is missing, no regular file, empty, of no known format, or of another format than its name says.
     """
     head = _first_bytes(path)
-    found = next((name for name, mark in MARKS.items() if mark.match(head)), None)
+    format_name = next((name for name, mark in MARKS.items() if mark.match(head)), None)
     suffix = path.suffix.lower()
-    if found not in _ALLOWED.get(suffix, {found}):
-        raise RecordingError(_mismatch(path, head, found))
+    if format_name not in _ALLOWED.get(suffix, {format_name}):
+        raise RecordingError(_mismatch(path, head, format_name))
 
     from accelcal.io import containers, csv
 
-    kind = found or _UNMARKED.get(suffix)
+    kind = format_name or _UNMARKED.get(suffix)
     return csv.open_csv(path) if kind is None else containers.open_container(path, kind)
 
 
 def _allowed() -> dict[str, set[str | None]]:
     """The formats whose marks a file of each suffix may bear; None = no mark."""
-    found: dict[str, set[str | None]] = {suffix: {None} for suffix in TEXTS}
-    for each in FORMATS:
-        for suffix in each.suffixes:
-            found.setdefault(suffix, set()).update({each.name, None} if each.unmarked else {each.name})
-    return found
+    names: dict[str, set[str | None]] = {suffix: {None} for suffix in TEXTS}
+    for file_format in FORMATS:
+        for suffix in file_format.suffixes:
+            names.setdefault(suffix, set()).update({file_format.name, None} if file_format.unmarked else {file_format.name})
+    return names
 
 
 TEXTS = (".csv", ".txt", ".tsv")
@@ -120,7 +120,7 @@ TEXTS = (".csv", ".txt", ".tsv")
 READABLE = (*TEXTS, *SUFFIXES)
 """Endings of all recordings."""
 _ALLOWED = _allowed()
-_UNMARKED = {suffix: each.name for each in FORMATS if each.unmarked for suffix in each.suffixes}
+_UNMARKED = {suffix: file_format.name for file_format in FORMATS if file_format.unmarked for suffix in file_format.suffixes}
 _HEAD = 1024
 
 
@@ -135,9 +135,9 @@ def _first_bytes(path: Path) -> bytes:
     return head
 
 
-def _mismatch(path: Path, head: bytes, found: str | None) -> str:
-    if found is not None:
-        return f"{path}: the name ends in {path.suffix} but the content is {found}; rename the file."
+def _mismatch(path: Path, head: bytes, marked: str | None) -> str:
+    if marked is not None:
+        return f"{path}: the name ends in {path.suffix} but the content is {marked}; rename the file."
     mark = head[:4].decode("latin-1").encode("unicode_escape").decode()
     return (
         f'{path}: the name ends in {path.suffix} but the file begins with "{mark}", which is not of that format; '

@@ -65,20 +65,20 @@ def joined(output: Recording, reference: Recording) -> Recording:
     )
     delay = 0.0 if rig.lowpass is None else rig.lowpass.tau
     name = f"{output.name} with {reference.name}"
-    found = align(output.accel, reference.position, polarity=rig.polarity, delay=delay, name=name)
-    assumptions = tuple(each for each in rig.assumptions if each != ASSUMED_OFFSET_TOLERANCE)
-    drifted = 4.0 * found.std + abs(found.skew) * found.overlap
+    recording = align(output.accel, reference.position, polarity=rig.polarity, delay=delay, name=name)
+    assumptions = tuple(assumption for assumption in rig.assumptions if assumption != ASSUMED_OFFSET_TOLERANCE)
+    drifted = 4.0 * recording.std + abs(recording.skew) * recording.overlap
     free = max(rig.offset_tolerance, drifted, *(spacing(c) for c in (output.accel, reference.position)))
-    note = Finding("alignment", "accel", 1, found.middle, found.sentence, "warning" if found.is_ambiguous else "note")
-    side = {key: shifted(channel, found.shift) for key, channel in output.side.items()}
+    note = Finding("alignment", "accel", 1, recording.middle, recording.sentence, "warning" if recording.is_ambiguous else "note")
+    side = {key: shifted(channel, recording.shift) for key, channel in output.side.items()}
     return replace(
         output,
-        accel=shifted(output.accel, found.shift),
+        accel=shifted(output.accel, recording.shift),
         position=reference.position,
         rig=replace(rig, offset_tolerance=free, assumptions=assumptions),
-        side={**{key: each for key, each in reference.side.items() if key not in side}, **side},
+        side={**{key: channel for key, channel in reference.side.items() if key not in side}, **side},
         name=name,
-        digest=hashlib.sha256(f"{output.digest} at {found.shift!r} on {reference.digest}".encode()).hexdigest(),
+        digest=hashlib.sha256(f"{output.digest} at {recording.shift!r} on {reference.digest}".encode()).hexdigest(),
         findings=(note, *output.findings, *reference.findings),
         position_steps=reference.position_steps,
         reference=reference.reference,
@@ -195,13 +195,13 @@ def digest_of(path: Path) -> str:
     RecordingError
         If it is no regular file, or is not readable.
     """
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     with open_regular(path, "a recording") as file:
         left = os.fstat(file.fileno()).st_size
         while left > 0 and (part := file.read(min(left, 1_000_000))):
-            found.update(part)
+            digest.update(part)
             left -= len(part)
-    return found.hexdigest()
+    return digest.hexdigest()
 
 
 @checked
@@ -258,15 +258,15 @@ def load(
 
 def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None) -> Recording:
     """The output of one file and the position of another, aligned."""
-    own, other = load(output, rig, need_position=False), load(position, need_accel=False)
-    for recording, channel, place in ((own, own.position, output), (other, other.accel, position)):
+    first, other = load(output, rig, need_position=False), load(position, need_accel=False)
+    for recording, channel, place in ((first, first.position, output), (other, other.accel, position)):
         if len(channel):
-            what = "a position" if channel is own.position else "an output"
+            what = "a position" if channel is first.position else "an output"
             raise RecordingError(
                 f"{place}: this file has {what} of its own, in {recording.name}; expected the output in the first file "
                 "alone and the position in the second alone; give one file, or map its columns in a sidecar"
             )
-    return joined(own, other)
+    return joined(first, other)
 
 
 def recording_of(
@@ -359,17 +359,17 @@ def _samples(table: Table, plan: Plan, rig: Rig) -> Iterator[tuple[str, quality.
                 f'{table.path}: {name}: column "{source.column}" has {len(y.values)} values but its time column '
                 f'"{clock.column}" has {len(stamps.values)}; give it its own: time = {{ column = "...", unit = "s" }}'
             )
-        kept = _kept(table, name, stamps, y)
-        values, unit = in_si(table, plan, name, source, rig, y.values if kept is None else y.values[kept])
+        rows = _kept(table, name, stamps, y)
+        values, unit = in_si(table, plan, name, source, rig, y.values if rows is None else y.values[rows])
         yield (
             name,
             quality.Samples(
                 file=str(table.path),
                 name=name,
-                t=stamps.values if kept is None else stamps.values[kept],
+                t=stamps.values if rows is None else stamps.values[rows],
                 y=values,
                 unit=unit,
-                row=table.row if kept is None else lambda i, kept=kept: table.row(int(np.flatnonzero(kept)[i])),  # type: ignore[misc]
+                row=table.row if rows is None else lambda i, kept=rows: table.row(int(np.flatnonzero(kept)[i])),  # type: ignore[misc]
             ),
         )
 

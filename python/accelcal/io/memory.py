@@ -151,7 +151,7 @@ def require_scale(table: Table, where: str, rig: Rig | None) -> None:
     scale = None if rig is None else rig.sensor.scale
     for column, (channel, _) in discover(table).items():
         unit = unit_of(table, column)
-        if channel == "accel" and scale is None and any(same_unit(unit, one) for one in ("V", "mV", "count")):
+        if channel == "accel" and scale is None and any(same_unit(unit, electrical) for electrical in ("V", "mV", "count")):
             counted = "count" if same_unit(unit, "count") else "V"
             raise RecordingError(
                 f"{where}: {column} is in {unit}, and no scale is declared. Give "
@@ -179,8 +179,8 @@ def require_lengths(numbers: Mapping[str, Array], where: str) -> None:
 
 def digest_of(numbers: Mapping[str, Array], units: Mapping[str, str]) -> str:
     """SHA-256 of columns and units, hex."""
-    found = hashlib.sha256(repr(sorted(units.items())).encode())
+    digest = hashlib.sha256(repr(sorted(units.items())).encode())
     for key, values in numbers.items():
-        found.update(key.encode())
-        found.update(np.ascontiguousarray(values).tobytes())
-    return found.hexdigest()
+        digest.update(key.encode())
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()

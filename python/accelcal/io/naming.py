@@ -111,5 +111,5 @@ def orientation_role(base: str) -> str | None:
 
 def column_name(channel: str, unit: str) -> str:
     """Name a column so that `take_apart` gives back `channel` and `unit`."""
-    suffix = next((suffix for suffix, known in SUFFIXES.items() if known == unit), None)
+    suffix = next((suffix for suffix, listed in SUFFIXES.items() if listed == unit), None)
     return f"{channel}_{suffix}" if suffix else f"{channel} [{unit}]"

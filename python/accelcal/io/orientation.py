@@ -73,14 +73,14 @@ def with_orientation(
 
 def asked(table: Table, declared: Sidecar) -> list[Finding]:
     """A note on columns that look like an orientation, where none is declared."""
-    known = declared.attitude is not None or declared.input_axis is not None or GRAVITY in declared.channels
-    found = {naming.orientation_role(naming.take_apart(column).base): column for column in table.columns}
+    declared_axis = declared.attitude is not None or declared.input_axis is not None or GRAVITY in declared.channels
+    roles = {naming.orientation_role(naming.take_apart(column).base): column for column in table.columns}
     lines = []
-    if not known and set(GYROSCOPE) <= set(found):
-        columns = ", ".join(found[name] for name in GYROSCOPE)
+    if not declared_axis and set(GYROSCOPE) <= set(roles):
+        columns = ", ".join(roles[name] for name in GYROSCOPE)
         lines.append(f'a gyroscope ({columns}): map them as {", ".join(GYROSCOPE)} and write [rig] input_axis = "x"')
-    if not known and set(QUATERNION) <= set(found):
-        columns = ", ".join(f'"{found[name]}"' for name in QUATERNION)
+    if not declared_axis and set(QUATERNION) <= set(roles):
+        columns = ", ".join(f'"{roles[name]}"' for name in QUATERNION)
         lines.append(
             f'an attitude: map {", ".join(PLACE)} and write [rig] input_axis = "x" and [channels.attitude] '
             f'columns = [{columns}], maps = "sensor to ENU"'
@@ -116,18 +116,18 @@ def _of_attitude(
     t, r = together(place)
     near = np.abs(t - stamps[np.clip(np.searchsorted(stamps, t), 1, len(stamps) - 1)])
     near = np.minimum(near, np.abs(t - stamps[np.clip(np.searchsorted(stamps, t) - 1, 0, len(stamps) - 1)]))
-    known = near <= HOLE * float(np.median(np.diff(stamps)))
-    if int(np.sum(known)) < 2:
+    near_stamp = near <= HOLE * float(np.median(np.diff(stamps)))
+    if int(np.sum(near_stamp)) < 2:
         raise RecordingError(
-            f"{file}: {', '.join(PLACE)} and the attitude share {int(np.sum(known))} instants; at least 2 are needed. "
+            f"{file}: {', '.join(PLACE)} and the attitude share {int(np.sum(near_stamp))} instants; at least 2 are needed. "
             "Check the time columns of both"
         )
     axis = np.array(declared.input_axis)
-    found = turning(t[known], r[known], (stamps, q), axis, declared.attitude.maps)
+    directions = turning(t[near_stamp], r[near_stamp], (stamps, q), axis, declared.attitude.maps)
     position, findings = quality.clean(
-        quality.Samples(file, "position", found.path.t, found.path.y, "m", lambda i: f"reading {i}"), declared.rig
+        quality.Samples(file, "position", directions.path.t, directions.path.y, "m", lambda i: f"reading {i}"), declared.rig
     )
-    level = found.gravity.y
+    level = directions.gravity.y
     rig = replace(declared.rig, gravity_along_axis=float(np.mean(level)))
     rms, most = _turning_of(q, axis)
     text = (
@@ -136,7 +136,7 @@ def _of_attitude(
         f"the path by, gravity included: {np.min(level):.3g} to {np.max(level):.3g} m/s^2"
     )
     findings.append(Finding("turning", "position", len(q), float(t[0]), text))
-    return {**channels, "position": position, **found.side}, rig, findings
+    return {**channels, "position": position, **directions.side}, rig, findings
 
 
 def together(parts: Sequence[Channel]) -> tuple[Array, Array]:

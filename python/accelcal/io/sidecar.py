@@ -169,17 +169,17 @@ _Check = Callable[[object], Any]
 _Sign = Literal["any", "not negative", "positive", "not zero"]
 
 
-def _text(found: object) -> str:
-    if not isinstance(found, str):
-        raise AccelcalError(f"found {units.shown(found)}, expected a text in quotes")
-    return found
+def _text(value: object) -> str:
+    if not isinstance(value, str):
+        raise AccelcalError(f"found {units.shown(value)}, expected a text in quotes")
+    return value
 
 
 def _one_of(*words: str) -> _Check:
-    def check(found: object) -> str:
-        if found not in words:
-            raise AccelcalError(f"found {units.shown(found)}, expected " + " or ".join(f'"{word}"' for word in words))
-        return str(found)
+    def check(value: object) -> str:
+        if value not in words:
+            raise AccelcalError(f"found {units.shown(value)}, expected " + " or ".join(f'"{word}"' for word in words))
+        return str(value)
 
     return check
 
@@ -187,8 +187,8 @@ def _one_of(*words: str) -> _Check:
 def _amount(kind: str, sign: _Sign = "any") -> _Check:
     def check(found: object) -> float:
         value = units.quantity(found, kind)
-        kept = {"any": True, "not negative": value >= 0, "positive": value > 0, "not zero": value != 0}
-        if not kept[sign]:
+        allowed = {"any": True, "not negative": value >= 0, "positive": value > 0, "not zero": value != 0}
+        if not allowed[sign]:
             raise AccelcalError(f"found {units.shown(found)}, expected {units.KINDS[kind].name} that is {sign}")
         return value
 
@@ -198,50 +198,50 @@ def _amount(kind: str, sign: _Sign = "any") -> _Check:
 def _electrical(volts: str, counts: str, sign: _Sign) -> _Check:
     """Accept one kind in volts and one in counts; return the value with "V" or "count"."""
 
-    def check(found: object) -> tuple[float, str]:
+    def check(value: object) -> tuple[float, str]:
         try:
-            return _amount(counts, sign)(found), "count"
+            return _amount(counts, sign)(value), "count"
         except units.UnitError:
-            return _amount(volts, sign)(found), "V"
+            return _amount(volts, sign)(value), "V"
 
     return check
 
 
-def _whole(found: object) -> int:
-    if not isinstance(found, int) or isinstance(found, bool):
-        raise AccelcalError(f"found {units.shown(found)}, expected a whole number")
-    if abs(found) > MOST_WHOLE:
-        raise AccelcalError(f"found {units.shown(found)}, expected a whole number of at most {MOST_WHOLE}")
-    return found
+def _whole(value: object) -> int:
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise AccelcalError(f"found {units.shown(value)}, expected a whole number")
+    if abs(value) > MOST_WHOLE:
+        raise AccelcalError(f"found {units.shown(value)}, expected a whole number of at most {MOST_WHOLE}")
+    return value
 
 
-def _numbers(found: object) -> tuple[float, ...]:
-    plain = isinstance(found, list) and all(isinstance(x, int | float) and not isinstance(x, bool) for x in found)
-    if not plain or not isinstance(found, list):
-        raise AccelcalError(f"found {units.shown(found)}, expected a list of numbers such as [0.25, 0.5, 0.25]")
+def _numbers(value: object) -> tuple[float, ...]:
+    plain = isinstance(value, list) and all(isinstance(x, int | float) and not isinstance(x, bool) for x in value)
+    if not plain or not isinstance(value, list):
+        raise AccelcalError(f"found {units.shown(value)}, expected a list of numbers such as [0.25, 0.5, 0.25]")
     try:
-        numbers = tuple(float(x) for x in found)
+        numbers = tuple(float(x) for x in value)
     except OverflowError:
         numbers = (math.inf,)
     if not all(map(units.is_measurable, numbers)):
-        raise AccelcalError(f"found {units.shown(found)}, expected finite numbers, none beyond {units.LARGEST:g}")
+        raise AccelcalError(f"found {units.shown(value)}, expected finite numbers, none beyond {units.LARGEST:g}")
     return numbers
 
 
-def _input_axis(found: object) -> tuple[float, float, float]:
+def _input_axis(value: object) -> tuple[float, float, float]:
     """A letter, or a direction of length 1."""
     letters = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-    if isinstance(found, str) and found in letters:
-        return letters[found]
-    if not isinstance(found, list) or len(found) != 3:
+    if isinstance(value, str) and value in letters:
+        return letters[value]
+    if not isinstance(value, list) or len(value) != 3:
         raise AccelcalError(
-            f'found {units.shown(found)}, expected "x", "y", "z" or a unit vector such as [0.0, 0.6, 0.8]'
+            f'found {units.shown(value)}, expected "x", "y", "z" or a unit vector such as [0.0, 0.6, 0.8]'
         )
-    x, y, z = _numbers(found)
+    x, y, z = _numbers(value)
     length = math.hypot(x, y, z)
     if not abs(length - 1.0) < UNIT_LENGTH:
         raise AccelcalError(
-            f"found {units.shown(found)}, of length {length:.4g}, expected a unit vector"
+            f"found {units.shown(value)}, of length {length:.4g}, expected a unit vector"
             + (f"; the same direction is [{x / length:.6g}, {y / length:.6g}, {z / length:.6g}]" if length else "")
         )
     return x / length, y / length, z / length
@@ -285,28 +285,28 @@ def _join(*parts: str) -> str:
     return ".".join(part for part in parts if part)
 
 
-def _nearest(key: str, known: Mapping[str, Any]) -> str:
-    close = difflib.get_close_matches(key, known, n=1)
-    return f'did you mean "{close[0]}"?' if close else "known keys here: " + ", ".join(known)
+def _nearest(key: str, keys: Mapping[str, Any]) -> str:
+    close = difflib.get_close_matches(key, keys, n=1)
+    return f'did you mean "{close[0]}"?' if close else "known keys here: " + ", ".join(keys)
 
 
-def _clock(found: object) -> Clock:
-    values = _table(found, "", {"column": _text, "unit": _text, "rate": _amount("frequency", "positive")})
+def _clock(value: object) -> Clock:
+    values = _table(value, "", {"column": _text, "unit": _text, "rate": _amount("frequency", "positive")})
     if ("column" in values) == ("rate" in values):
         raise AccelcalError('expected either column = "..." with its unit, or rate = "1667 Hz"')
     return Clock(**values)
 
 
-def _four_columns(found: object) -> tuple[str, ...]:
-    if not isinstance(found, list) or len(found) != 4 or not all(isinstance(name, str) for name in found):
+def _four_columns(value: object) -> tuple[str, ...]:
+    if not isinstance(value, list) or len(value) != 4 or not all(isinstance(name, str) for name in value):
         raise AccelcalError(
-            f"found {units.shown(found)}, expected four columns such as {list(QUATERNION)}".replace("'", '"')
+            f"found {units.shown(value)}, expected four columns such as {list(QUATERNION)}".replace("'", '"')
         )
-    if len(set(found)) != 4:
+    if len(set(value)) != 4:
         raise AccelcalError(
-            f"found {units.shown(found)}, expected four different columns, w, x, y, z of the quaternion"
+            f"found {units.shown(value)}, expected four different columns, w, x, y, z of the quaternion"
         )
-    return tuple(found)
+    return tuple(value)
 
 
 _ATTITUDE: dict[str, _Check] = {
@@ -316,8 +316,8 @@ _ATTITUDE: dict[str, _Check] = {
 }
 
 
-def _attitude(found: object) -> Attitude:
-    values = _table(found, "", _ATTITUDE)
+def _attitude(value: object) -> Attitude:
+    values = _table(value, "", _ATTITUDE)
     for key, example in (("columns", f"{list(QUATERNION)}".replace("'", '"')), ("maps", '"sensor to ENU"')):
         if key not in values:
             raise AccelcalError(f"{key} is missing; expected e.g. {key} = {example}")
@@ -359,9 +359,9 @@ _FILTER: dict[str, _Check] = {
 }
 
 
-def _filter(found: object, passes: Pass) -> tuple[ChannelFilter, float | None]:
+def _filter(value: object, passes: Pass) -> tuple[ChannelFilter, float | None]:
     """One filter, and the declared tolerance of its time constant."""
-    values = _table(found, "", _FILTER)
+    values = _table(value, "", _FILTER)
     kind = values.pop("kind", "RC")
     keys, needed, missing = _FILTERS[kind]
     for key in values:
@@ -391,22 +391,22 @@ def _filter(found: object, passes: Pass) -> tuple[ChannelFilter, float | None]:
 def _filters(passes: Pass) -> _Check:
     """One filter or a list of several, as the signal passes them."""
 
-    def check(found: object) -> list[tuple[ChannelFilter, float | None]]:
-        if not isinstance(found, list):
-            return [_filter(found, passes)]
-        if not found:
+    def check(value: object) -> list[tuple[ChannelFilter, float | None]]:
+        if not isinstance(value, list):
+            return [_filter(value, passes)]
+        if not value:
             raise AccelcalError(
                 "found an empty list, expected at least one filter; leave the key out where there is none"
             )
-        made = []
-        for number, each in enumerate(found, 1):
+        filters = []
+        for number, item in enumerate(value, 1):
             try:
-                made.append(_filter(each, passes))
+                filters.append(_filter(item, passes))
             except _KeyError as error:
                 raise _KeyError(_join(str(number), error.where), error.text) from None
             except ValueError as error:
                 raise _KeyError(str(number), str(error)) from None
-        return made
+        return filters
 
     return check
 
@@ -415,8 +415,8 @@ _FILTERED: dict[str, _Check] = {"lowpass": _filters("lowpass"), "highpass": _fil
 
 
 def _source(**further: _Check) -> _Check:
-    def check(found: object) -> tuple[Source, dict[str, Any]]:
-        values = _table(found, "", _SOURCE | further)
+    def check(value: object) -> tuple[Source, dict[str, Any]]:
+        values = _table(value, "", _SOURCE | further)
         if "column" not in values:
             raise AccelcalError('column is missing; expected e.g. { column = "accel", unit = "m/s^2" }')
         extra = {key: values.pop(key) for key in further if key in values}
@@ -728,7 +728,7 @@ def _sidecar(content: Mapping[str, Any], path: Path) -> Sidecar:
         for name in content:
             if name not in KEYS:
                 raise _KeyError(name, f"unknown table; {_nearest(name, KEYS)}")
-        checks = {name: {key: one.check for key, one in keys.items()} for name, keys in KEYS.items()}
+        checks = {name: {key: entry.check for key, entry in keys.items()} for name, keys in KEYS.items()}
         tables = {name: _table(content.get(name, {}), name, checks[name]) for name in KEYS}
         channels = tables["channels"]
         time, rate = channels.pop("time", None), channels.pop("rate", None)
@@ -833,7 +833,7 @@ def _rig(tables: Mapping[str, dict[str, Any]], *, turning: bool) -> Rig:
         sensor=sensor,
         lowpass=lowpass,
         output_filters=output_filters,
-        position_filters=tuple(each for each, _ in _declared(channels, reference_among(channels) or "position")),
+        position_filters=tuple(channel_filter for channel_filter, _ in _declared(channels, reference_among(channels) or "position")),
         resolution=resolution,
         uncertainty=Uncertainty(**tables["uncertainty"]),
         assumptions=tuple(sentence for sentence, declared in assumptions.items() if not declared),
@@ -846,25 +846,25 @@ def _rig(tables: Mapping[str, dict[str, Any]], *, turning: bool) -> Rig:
 def _declared(channels: Mapping[str, Any], name: str) -> list[tuple[ChannelFilter, float | None]]:
     """Declared filters of one channel, with the tolerance of each: high-passes first."""
     extra = channels[name][1] if name in channels else {}
-    found = [*extra.get("highpass", ()), *extra.get("lowpass", ())]
-    tolerant = [each for each, tolerance in found if tolerance is not None]
+    filters = [*extra.get("highpass", ()), *extra.get("lowpass", ())]
+    tolerant = [channel_filter for channel_filter, tolerance in filters if tolerance is not None]
     alone = name == "accel" and len(extra.get("lowpass", ())) == 1
-    if any(not alone or each.passes == "highpass" for each in tolerant):
+    if any(not alone or channel_filter.passes == "highpass" for channel_filter in tolerant):
         raise _KeyError(
             f"channels.{name}",
             "a tolerance is estimated where the accelerometer has one RC as its only low-pass; leave out tolerance, "
             "and give the corner as it was measured",
         )
-    return found
+    return filters
 
 
 def _of_output(channels: Mapping[str, Any]) -> tuple[LowPass | None, tuple[ChannelFilter, ...]]:
     """The low-pass of the accelerometer where it is one RC alone, and every other filter of it."""
-    found = _declared(channels, "accel")
-    low = [(each, tolerance) for each, tolerance in found if each.passes == "lowpass"]
+    filters = _declared(channels, "accel")
+    low = [(channel_filter, tolerance) for channel_filter, tolerance in filters if channel_filter.passes == "lowpass"]
     if len(low) == 1 and low[0][0].kind == "RC" and low[0][0].cutoff is not None:
-        return LowPass(low[0][0].cutoff, low[0][1]), tuple(each for each, _ in found if each.passes == "highpass")
-    return None, tuple(each for each, _ in found)
+        return LowPass(low[0][0].cutoff, low[0][1]), tuple(channel_filter for channel_filter, _ in filters if channel_filter.passes == "highpass")
+    return None, tuple(channel_filter for channel_filter, _ in filters)
 
 
 def _sensor(values: dict[str, Any]) -> Sensor:

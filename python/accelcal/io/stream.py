@@ -100,10 +100,10 @@ def require_growing(path: Path, file: IO[bytes]) -> None:
     RecordingError
         Saying which.
     """
-    own = os.fstat(file.fileno())
-    if own.st_size < file.tell():
+    status = os.fstat(file.fileno())
+    if status.st_size < file.tell():
         raise RecordingError(f"{path} has become shorter")
-    if not path.exists() or not os.path.samestat(own, path.stat()):
+    if not path.exists() or not os.path.samestat(status, path.stat()):
         raise RecordingError(f"{path} was removed or replaced")
 
 
@@ -356,16 +356,16 @@ class LineReader:
             return _NO_ROWS
         rows = self._columns.converted(self._numbers(lines, self._columns))
         most = (self._most_accel, MOST_POSITION)
-        known = (np.abs(rows[:, 0]) <= MOST_TIME) & ~np.any(np.abs(rows[:, 1:]) > most, axis=1)
-        self.counts.broken += len(rows) - int(known.sum())
-        return self._ordered(rows[known])
+        plausible = (np.abs(rows[:, 0]) <= MOST_TIME) & ~np.any(np.abs(rows[:, 1:]) > most, axis=1)
+        self.counts.broken += len(rows) - int(plausible.sum())
+        return self._ordered(rows[plausible])
 
     def _ordered(self, rows: Array, *, ended: bool = False) -> Rows:
         """Those of the rows (n, 3) that follow the rows before."""
-        kept = self._order.kept(rows, ended=ended)
+        ordered = self._order.kept(rows, ended=ended)
         self.counts.out_of_order, self.counts.missing = self._order.late, self._order.missing
-        self.counts.used += len(kept)
-        return Rows(kept[:, 0], kept[:, 1], kept[:, 2])
+        self.counts.used += len(ordered)
+        return Rows(ordered[:, 0], ordered[:, 1], ordered[:, 2])
 
     def _begin(self, lines: list[bytes]) -> list[bytes]:
         """Understand the first line: a header, the first row, or the end of a row that began before."""
@@ -388,7 +388,7 @@ class LineReader:
     def _numbers(self, lines: list[bytes], columns: _Columns) -> Array:
         """Time, output and position of the lines that have them, (n, 3) in their units; NaN where not sampled."""
         count, places, longest = columns.count, columns.places, LONGEST
-        found: list[float] = []
+        numbers: list[float] = []
         for line in lines:
             fields = line.split(b",")
             if len(fields) != count or len(line) > longest or b"_" in line:
@@ -406,8 +406,8 @@ class LineReader:
             if not math.isfinite(row[0]) or sampled < 2 or sampled != sum(bool(fields[p].strip()) for p in places):
                 self.counts.broken += 1
                 continue
-            found += row
-        return np.array(found).reshape(-1, 3)
+            numbers += row
+        return np.array(numbers).reshape(-1, 3)
 
 
 class _Order:
@@ -509,12 +509,12 @@ class _Columns:
 
 def _require_lines(declared: Sidecar, source: str) -> None:
     """Refuse what lines of three fields cannot be."""
-    for found, what in (
+    for count, what in (
         (declared.attitude is not None, "[channels.attitude]"),
         (declared.time is not None and declared.time.rate is not None, "[channels] rate"),
         (bool(set(declared.channels) - set(CHANNELS)), ", ".join(sorted(set(declared.channels) - set(CHANNELS)))),
     ):
-        if found:
+        if count:
             raise RecordingError(
                 f"{declared.path}: {what}: lines of {source} hold time, output and position alone; leave it out of the "
                 "sidecar of a live view"

@@ -46,9 +46,9 @@ def template(path: str | Path) -> str:
     """
     path = Path(path)
     table = open_table(path)
-    found = discover(table)
-    by_name = {column: channel for column, (channel, _) in found.items()}
-    clocks = {column: clock.column for column, (_, clock) in found.items() if clock is not None and clock.column}
+    assigned = discover(table)
+    by_name = {column: channel for column, (channel, _) in assigned.items()}
+    clocks = {column: clock.column for column, (_, clock) in assigned.items() if clock is not None and clock.column}
     alone = {column: channel for column, channel in by_name.items() if column not in {*clocks.values()}}
     columns = {
         name: next((column for column, channel in alone.items() if channel == name), None)
@@ -72,9 +72,9 @@ def template(path: str | Path) -> str:
 
 def _examples(asked: re.Match[str]) -> str:
     """Examples of the keys of a table, a line each, commented out."""
-    keys = {key: one for key, one in KEYS[asked[1]].items() if one.example}
+    keys = {key: entry for key, entry in KEYS[asked[1]].items() if entry.example}
     return "\n".join(
-        f"{f'# {key} = {one.example}':32}{'# ' * bool(one.note)}{one.note}".rstrip() for key, one in keys.items()
+        f"{f'# {key} = {entry.example}':32}{'# ' * bool(entry.note)}{entry.note}".rstrip() for key, entry in keys.items()
     )
 
 

@@ -112,7 +112,7 @@ def write_sidecar(
     """
     reference = reference_among(channels) or "position"
     holder = SimpleNamespace(rig=rig, dwell=dwell or DwellSetup(), run=labels)
-    tables = {name: {key: _written(one, holder) for key, one in keys.items()} for name, keys in KEYS.items()}
+    tables = {name: {key: _written(entry, holder) for key, entry in keys.items()} for name, keys in KEYS.items()}
     if GRAVITY in channels:  # gravity along the axis is not declared twice
         tables["rig"][GRAVITY] = None
     tables["channels"] = {name: _channel(rig, name, source, reference) for name, source in channels.items()}
@@ -230,17 +230,17 @@ def _channel(rig: Rig, name: str, source: Clock | Source, reference: str) -> str
 def _filters(rig: Rig, name: str, reference: str) -> dict[str, str | None]:
     """Return the keys lowpass and highpass of one channel."""
     filters = {"accel": rig.output_filters, reference: rig.position_filters}.get(name, ())
-    low, high = ([_filter(each) for each in kind] for kind in (low_passes(filters), high_passes(filters)))
+    low, high = ([_filter(channel_filter) for channel_filter in kind] for kind in (low_passes(filters), high_passes(filters)))
     if name == "accel" and rig.lowpass is not None:
-        one = {
+        filter_keys = {
             "kind": '"RC"',
             "fc": _amount(rig.lowpass.cutoff, "Hz"),
             "tolerance": None if (share := rig.lowpass.tolerance) is None else repr(float(share)),
         }
-        low = [_inline(one)]
+        low = [_inline(filter_keys)]
     listed = {"lowpass": low, "highpass": high}
     return {
-        key: each[0] if len(each) == 1 else f"[{', '.join(each)}]" if each else None for key, each in listed.items()
+        key: texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]" if texts else None for key, texts in listed.items()
     }
 
 
@@ -383,11 +383,11 @@ class GrowingParquet:
             self._table = table
         else:
             self._table.append_row_groups(table)
-        hidden, seen = self._copies
+        hidden, latest = self._copies
         with named(self.path):
             hidden.grow(self._late + group, _footer(self._table))
             hidden.take(self.path)
-        self._copies = [seen, hidden]
+        self._copies = [latest, hidden]
         self._late = group
         self._new += len(group)
         self.rows, self.groups = self.rows + len(next(iter(columns.values()))), self.groups + 1

@@ -91,8 +91,8 @@ def measure_broadband(output: Channel, reference: Reference, frequencies: Sequen
     first = _points(channels, reference, segments, 0.0, chosen, noise)
     # the windows of the output follow the delay that the first pass finds, so that a steep phase does not leak
     delay = _delay([p for p in first if p.std < COHERENT * p.magnitude], segments)
-    found = _points(channels, reference, segments, delay, chosen, noise)
-    return [p for p in found if frequencies is not None or p.std < COHERENT * p.magnitude]
+    points = _points(channels, reference, segments, delay, chosen, noise)
+    return [p for p in points if frequencies is not None or p.std < COHERENT * p.magnitude]
 
 
 def _delay(points: Sequence[Point], segments: Segments) -> float:
@@ -102,8 +102,8 @@ def _delay(points: Sequence[Point], segments: Segments) -> float:
     w = 2.0 * math.pi * np.array([p.frequency for p in points])
     phase = np.unwrap(np.array([p.phase for p in points]))
     weight = np.array([(p.magnitude / p.std) ** 2 for p in points])
-    found = -float(np.sum(weight * w * phase) / np.sum(weight * w * w))
-    return float(np.clip(found, -0.1 * segments.length, 0.1 * segments.length))
+    seconds = -float(np.sum(weight * w * phase) / np.sum(weight * w * w))
+    return float(np.clip(seconds, -0.1 * segments.length, 0.1 * segments.length))
 
 
 def even(channel: Channel) -> Channel:
@@ -132,7 +132,7 @@ def amplitudes(channel: Channel, segments: Segments, frequencies: Array, order: 
     w, step = 2.0 * math.pi * frequencies, usual_step(channel.t)
     turns = np.exp(-1j * np.outer(w, step * np.arange(math.ceil(segments.length / step) + 2)))
     factors = {0: (1.0,), 1: (1j * w, -1.0), 2: (-(w**2), -2j * w, 1.0)}[order]
-    found = np.empty((len(w), segments.count), dtype=np.complex128)
+    values = np.empty((len(w), segments.count), dtype=np.complex128)
     for i in range(segments.count):
         begin = segments.begin + delay + i * segments.hop
         first, last = np.searchsorted(channel.t, (begin, begin + segments.length))
@@ -140,8 +140,8 @@ def amplitudes(channel: Channel, segments: Segments, frequencies: Array, order: 
         tests = window((t - begin) / segments.length)[: order + 1] / segments.length ** np.arange(order + 1.0)[:, None]
         sums = turns[:, : len(t)] @ (tests * y).T
         total = sum(factor * sums[:, k] for k, factor in enumerate(factors))
-        found[:, i] = step * total * np.exp(-1j * w * t[0])
-    return found
+        values[:, i] = step * total * np.exp(-1j * w * t[0])
+    return values
 
 
 def _reference_noise(channel: Channel, segments: Segments) -> float:
@@ -169,7 +169,7 @@ def _points(
     moved = scipy.linalg.solve_triangular(factor, raw.T, lower=True)
     degrees = 2 * (segments.count - 1)
     energy = 35.0 / 128.0 * segments.length  # the integral of the squared window
-    found = []
+    points = []
     for i, f in enumerate(frequencies):
         y, a = outputs[:, i], moved[:, i]
         power = float(np.sum(np.abs(a) ** 2))
@@ -178,7 +178,7 @@ def _points(
             continue
         value = complex(np.vdot(a, y)) / (power - of_noise)
         variance = float(np.sum(np.abs(y - value * a) ** 2)) / degrees
-        found.append(
+        points.append(
             Point(
                 frequency=float(f),
                 value=value,
@@ -190,4 +190,4 @@ def _points(
                 end=segments.begin + segments.length * SEGMENTS,
             )
         )
-    return found
+    return points

@@ -32,27 +32,27 @@ TYPE_A = (
 )
 
 
-def draft_response(found: FrequencyResponse, sensor: Sensor, laboratory: Laboratory) -> Draft:
+def draft_response(answer: FrequencyResponse, sensor: Sensor, laboratory: Laboratory) -> Draft:
     """Write a certificate of the sensitivity by frequency.
 
     Parameters
     ----------
-    found : from `accelcal.response.frequency_response`.
+    answer : from `accelcal.response.frequency_response`.
     sensor : what was measured; with an electrical scale the table has the sensitivity in its unit, too.
     laboratory : administrative data; what is missing is marked and listed.
     """
-    points, model = found.points, found.model
+    points, model = answer.points, answer.model
     sines = [abs(p.acceleration) for p in points if p.method == "sine"]
     conditions = [("frequency", (points[0].frequency, points[-1].frequency), "Hz")]
     conditions += [("amplitude of the acceleration", (min(sines), max(sines)), "m/s²")] if sines else []
     results = [
-        Result("Frequency response of the sensitivity", f"{TYPE_A} A lag is negative.", table=_table(found, sensor))
+        Result("Frequency response of the sensitivity", f"{TYPE_A} A lag is negative.", table=_table(answer, sensor))
     ]
     if model is not None:
         quantities = tuple(_quantity(p.name, p) for p in model.best.parameters)
         results.append(Result("Parametric fit of the frequency response", _described(model), quantities))
-    if found.terms:
-        quantities = tuple(_quantity(f"{t.name} from {t.source}", t) for t in found.terms)
+    if answer.terms:
+        quantities = tuple(_quantity(f"{t.name} from {t.source}", t) for t in answer.terms)
         results.append(Result("Amplitude linearity", TYPE_A, quantities))
     measurement = Measurement(
         name="Sensitivity of an accelerometer by frequency",
@@ -64,8 +64,8 @@ def draft_response(found: FrequencyResponse, sensor: Sensor, laboratory: Laborat
     return certificate(measurement, sensor, laboratory)
 
 
-def _table(found: FrequencyResponse, sensor: Sensor) -> tuple[Column, ...]:
-    points = found.points
+def _table(answer: FrequencyResponse, sensor: Sensor) -> tuple[Column, ...]:
+    points = answer.points
     factors = [p.coverage_factor for p in points]
     magnitude, expanded = [p.magnitude for p in points], [p.expanded for p in points]
     phase, spread = [math.degrees(p.phase) for p in points], [math.degrees(p.expanded_phase) for p in points]
@@ -90,9 +90,9 @@ def _table(found: FrequencyResponse, sensor: Sensor) -> tuple[Column, ...]:
     return tuple(columns)
 
 
-def _quantity(name: str, found: Parameter | Term) -> Quantity:
+def _quantity(name: str, parameter: Parameter | Term) -> Quantity:
     return Quantity(
-        name, found.value, found.unit, found.expanded, found.expanded / found.std if found.std > 0.0 else None
+        name, parameter.value, parameter.unit, parameter.expanded, parameter.expanded / parameter.std if parameter.std > 0.0 else None
     )
 
 
@@ -133,29 +133,29 @@ def row(point: Point) -> dict[str, Any]:
     return dict(zip(COLUMNS, values, strict=True))
 
 
-def to_csv(found: FrequencyResponse) -> str:
+def to_csv(answer: FrequencyResponse) -> str:
     """The points as CSV, one a line."""
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
-    writer.writerows(row(p) for p in found.points)
+    writer.writerows(row(p) for p in answer.points)
     return text.getvalue()
 
 
-def lines(found: FrequencyResponse) -> list[str]:
+def lines(answer: FrequencyResponse) -> list[str]:
     """The table, then what was concluded from it, for a terminal."""
     out = [f"{'f, Hz':>10} {'|H|':>10} {'U (k=2)':>9} {'phase, deg':>11} {'U (k=2)':>9}  {'a, m/s²':>9}"]
-    for p in found.points:
+    for p in answer.points:
         size = f"{abs(p.acceleration):9.4g}" if p.method == "sine" else " " * 9
         out.append(
             f"{p.frequency:10.5g} {p.magnitude:10.6f} {p.expanded:9.2g} {math.degrees(p.phase):11.4f} "
             f"{math.degrees(p.expanded_phase):9.2g}  {size}".rstrip()
         )
-    if found.model is not None:
-        out += ["", *found.model.sentences]
+    if answer.model is not None:
+        out += ["", *answer.model.sentences]
     out += [
-        f"{t.name} from {t.source}: {t.value:.4g} +- {t.expanded:.2g} {t.unit} ({t.count} steps)" for t in found.terms
+        f"{t.name} from {t.source}: {t.value:.4g} +- {t.expanded:.2g} {t.unit} ({t.count} steps)" for t in answer.terms
     ]
-    if found.check is not None:
-        out.append(found.check if isinstance(found.check, str) else found.check.sentence)
+    if answer.check is not None:
+        out.append(answer.check if isinstance(answer.check, str) else answer.check.sentence)
     return out

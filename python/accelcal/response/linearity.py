@@ -68,10 +68,10 @@ def measure_step(output: Channel, reference: Reference, step: SineStep) -> list[
         return []
     fits = fit_sines(parts[0], lines, step.centre), fit_sines(parts[1], lines, step.centre)
     if alone:
-        found = [_harmonics(fits, reference, step, lines, 0, len(lines))]
+        points = [_harmonics(fits, reference, step, lines, 0, len(lines))]
     else:
-        found = [_harmonics(fits, reference, step, lines, i, 1) for i in range(len(lines))]
-    return [each for each in found if each is not None]
+        points = [_harmonics(fits, reference, step, lines, i, 1) for i in range(len(lines))]
+    return [point for point in points if point is not None]
 
 
 def _harmonics(
@@ -162,12 +162,12 @@ def linearity(steps: Sequence[Harmonics], gain: Callable[[Array], Spectrum]) -> 
     K2 and K3 from the harmonics; K2 from the mean and K3 from the fundamental where amplitudes differ at a frequency.
     """
     sized = float(np.real(gain(np.array([1e-3]))[0]))
-    found = [
+    remarks = [
         _of_harmonic(steps, gain, sized, 2, "K2", "(m/s²)⁻¹"),
         _of_harmonic(steps, gain, sized, 3, "K3", "(m/s²)⁻²"),
     ]
-    found += [_rectification(steps), _compression(steps, gain, sized)]
-    return tuple(term for term in found if term is not None)
+    remarks += [_rectification(steps), _compression(steps, gain, sized)]
+    return tuple(term for term in remarks if term is not None)
 
 
 def _of_harmonic(
@@ -216,7 +216,7 @@ def _compression(steps: Sequence[Harmonics], gain: Callable[[Array], Spectrum], 
     x: list[float] = []
     y: list[float] = []
     weights: list[float] = []
-    kept, degrees = 0, 0.0
+    degree, degrees = 0, 0.0
     for f, members in groups.items():
         if len(members) < 2:
             continue
@@ -227,24 +227,24 @@ def _compression(steps: Sequence[Harmonics], gain: Callable[[Array], Spectrum], 
         x += list(size - np.average(size, weights=weight))
         y += list(part - np.average(part, weights=weight))
         weights += list(weight)
-        kept += len(members)
+        degree += len(members)
         degrees += sum(s.point.degrees for s in members)
     w, xs, ys = np.array(weights), np.array(x), np.array(y)
-    information = float(np.sum(w * xs**2)) if kept else 0.0
+    information = float(np.sum(w * xs**2)) if degree else 0.0
     if information <= 0.0:
         return None
     value, std = float(np.sum(w * xs * ys)) / information, 1.0 / math.sqrt(information)
     factor = float(scipy.special.stdtrit(degrees, 0.5 + 0.5 * COVERAGE))
-    return Term("K3", "fundamental", "(m/s²)⁻²", value, std, factor * std, kept)
+    return Term("K3", "fundamental", "(m/s²)⁻²", value, std, factor * std, degree)
 
 
 def _line(name: str, source: str, unit: str, x: Array, y: Array) -> Term | None:
     if len(x) < 4 or float(np.ptp(x)) < 0.3 * float(np.max(x)):
         return None
     columns = np.column_stack([np.ones(len(x)), x])
-    found, *_ = np.linalg.lstsq(columns, y, rcond=None)
+    coefficients, *_ = np.linalg.lstsq(columns, y, rcond=None)
     degrees = len(x) - 2
-    variance = float(np.sum((y - columns @ found) ** 2)) / degrees
+    variance = float(np.sum((y - columns @ coefficients) ** 2)) / degrees
     std = math.sqrt(variance * float(np.linalg.inv(columns.T @ columns)[1, 1]))
     factor = float(scipy.special.stdtrit(degrees, 0.5 + 0.5 * COVERAGE))
-    return Term(name, source, unit, float(found[1]), std, factor * std, len(x))
+    return Term(name, source, unit, float(coefficients[1]), std, factor * std, len(x))

@@ -210,11 +210,11 @@ def _concluded(
 
 def _distinct(frequencies: Sequence[float]) -> list[float]:
     """Frequencies that differ by more than `NEAR`, rising."""
-    found: list[float] = []
+    distinct: list[float] = []
     for f in sorted(frequencies):
-        if not found or f > (1.0 + NEAR) * found[-1]:
-            found.append(f)
-    return found
+        if not distinct or f > (1.0 + NEAR) * distinct[-1]:
+            distinct.append(f)
+    return distinct
 
 
 def _highest(recording: Recording, reference: Reference) -> float:
@@ -240,10 +240,10 @@ def _require_samples(recording: Recording, reference: Reference) -> None:
 
 
 def _valid(recording: Recording, frequencies: Sequence[float]) -> list[float]:
-    found = [float(f) for f in frequencies]
-    if not found or not all(np.isfinite(f) and f > 0.0 for f in found):
-        raise RecordingError(f"{recording.name}: frequencies {found}, expected positive numbers in Hz")
-    return found
+    valid = [float(f) for f in frequencies]
+    if not valid or not all(np.isfinite(f) and f > 0.0 for f in valid):
+        raise RecordingError(f"{recording.name}: frequencies {valid}, expected positive numbers in Hz")
+    return valid
 
 
 def _sine(recording: Recording, reference: Reference, method: str, asked: Sequence[float] | None) -> list[Harmonics]:
@@ -252,16 +252,16 @@ def _sine(recording: Recording, reference: Reference, method: str, asked: Sequen
     inside, steady = explained(recording.accel, steps)
     if method == "auto" and (inside < STEPPED or steady < STEADY):
         return []
-    found = [h for step in steps for h in measure_step(recording.accel, reference, step)]
+    points = [h for step in steps for h in measure_step(recording.accel, reference, step)]
     if asked is None:
-        return found
-    missing = [f for f in asked if not any(abs(h.point.frequency - f) < NEAR * f for h in found)]
+        return points
+    missing = [f for f in asked if not any(abs(h.point.frequency - f) < NEAR * f for h in points)]
     if missing:
-        there = ", ".join(f"{f:.4g}" for f in sorted({h.point.frequency for h in found}))
+        there = ", ".join(f"{f:.4g}" for f in sorted({h.point.frequency for h in points}))
         raise RecordingError(
             f"{recording.name}: no steady sine at {', '.join(f'{f:.6g}' for f in missing)} Hz; found are: {there} Hz"
         )
-    return [h for h in found if any(abs(h.point.frequency - f) < NEAR * f for f in asked)]
+    return [h for h in points if any(abs(h.point.frequency - f) < NEAR * f for f in asked)]
 
 
 def _shared(steps: Sequence[SineStep], recording: Recording, reference: Reference) -> list[SineStep]:

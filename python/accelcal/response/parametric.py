@@ -53,8 +53,8 @@ class Structure:
 
     def contains(self, other: Structure) -> bool:
         """Whether another structure is a special case of this one; a pole is the limit of a second order of low Q."""
-        own = {*self.terms, *(("pole",) if "second_order" in self.terms else ())}
-        return set(other.terms) <= own
+        terms = {*self.terms, *(("pole",) if "second_order" in self.terms else ())}
+        return set(other.terms) <= terms
 
     def response(self, theta: Array, frequency: Array) -> Spectrum:
         """Gain (n,) at frequencies (n,) Hz. theta: gain, then log f0 and log Q, log f_pole, delay in s."""
@@ -97,7 +97,7 @@ class Structure:
     def parameters(self, theta: Array, covariance: Array, factor: float) -> tuple[Parameter, ...]:
         """Names, units and uncertainties; logarithms are undone."""
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        found = [Parameter("k", "1", float(theta[0]), float(std[0]), factor * float(std[0]))]
+        parameters = [Parameter("k", "1", float(theta[0]), float(std[0]), factor * float(std[0]))]
         kinds: list[tuple[str, str, bool]] = []
         for term in self.terms:
             kinds += {
@@ -108,8 +108,8 @@ class Structure:
         for i, (name, unit, logarithm) in enumerate(kinds, start=1):
             value = math.exp(min(theta[i], 300.0)) if logarithm else float(theta[i])
             spread = float(std[i]) * (value if logarithm else 1.0)
-            found.append(Parameter(name, unit, value, spread, factor * spread))
-        return tuple(found)
+            parameters.append(Parameter(name, unit, value, spread, factor * spread))
+        return tuple(parameters)
 
 
 STRUCTURES = (
@@ -164,14 +164,14 @@ class ResponseModel(Storable):
     def sentences(self) -> tuple[str, ...]:
         """For people."""
         best = self.best
-        found = [
+        sentences = [
             f"{best.structure.name}: {_values(best)}; chi-square {best.chi_square:.4g} on {best.degrees} degrees of "
             f"freedom (p = {best.p_value:.2g})"
         ]
         if self.rivals:
             others = "; ".join(f"{r.structure.name} ({_values(r)})" for r in self.rivals)
-            found.append(f"not separated at these frequencies from: {others}. {self.further}")
-        return (*found, *([self.failure] if self.failure else []))
+            sentences.append(f"not separated at these frequencies from: {others}. {self.further}")
+        return (*sentences, *([self.failure] if self.failure else []))
 
     @property
     def failure(self) -> str:
@@ -207,7 +207,7 @@ def fit_response(points: Sequence[Point]) -> ResponseModel | None:
     """Fit every structure that has fewer parameters than the points have numbers; None with fewer than two points."""
     if len(points) < 2:
         return None
-    fitted = [found for s in STRUCTURES if s.size < 2 * len(points) - 1 and (found := _fit(s, points)) is not None]
+    fitted = [candidate for s in STRUCTURES if s.size < 2 * len(points) - 1 and (candidate := _fit(s, points)) is not None]
     if not fitted:
         return None
     best = min(fitted, key=lambda each: each.criterion)
@@ -244,7 +244,7 @@ def _fit(structure: Structure, points: Sequence[Point]) -> Fitted | None:
         )
         for start in starts[:4]
     ]
-    best = min(trials, key=lambda each: float(each.cost))
+    best = min(trials, key=lambda trial: float(trial.cost))
     chi_square, degrees = 2.0 * float(best.cost), 2 * len(points) - structure.size
     if np.linalg.matrix_rank(best.jac / (np.linalg.norm(best.jac, axis=0) + 1e-300)) < structure.size:
         return None

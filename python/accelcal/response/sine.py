@@ -65,10 +65,10 @@ def fit_sines(channel: Channel, frequencies: Sequence[float] | Array, centre: fl
     if len(t) <= unknowns:
         raise AccelcalError(f"{channel.name}: {len(t)} samples in this stretch, expected more than {unknowns}")
     columns = _columns(t, np.asarray(frequencies, dtype=np.float64))
-    found = np.linalg.lstsq(columns, channel.y, rcond=None)[0]
-    waves = found[DRIFT:]
-    drift = columns[:, :DRIFT] @ found[:DRIFT]
-    return SineFit(waves[::2] - 1j * waves[1::2], float(np.mean(drift)), t, channel.y - columns @ found)
+    coefficients = np.linalg.lstsq(columns, channel.y, rcond=None)[0]
+    waves = coefficients[DRIFT:]
+    drift = columns[:, :DRIFT] @ coefficients[:DRIFT]
+    return SineFit(waves[::2] - 1j * waves[1::2], float(np.mean(drift)), t, channel.y - columns @ coefficients)
 
 
 def refined_frequency(channel: Channel, frequency: float) -> float:
@@ -78,8 +78,8 @@ def refined_frequency(channel: Channel, frequency: float) -> float:
     t = channel.t - centre
     for _ in range(ROUNDS):
         columns = _columns(t, np.array([frequency]))
-        found = np.linalg.lstsq(columns, channel.y, rcond=None)[0]
-        c, s = found[DRIFT:]
+        coefficients = np.linalg.lstsq(columns, channel.y, rcond=None)[0]
+        c, s = coefficients[DRIFT:]
         slope = 2.0 * math.pi * t * (s * columns[:, DRIFT] - c * columns[:, DRIFT + 1])
         full = np.column_stack([columns, slope])
         step = float(np.linalg.lstsq(full, channel.y, rcond=None)[0][-1])

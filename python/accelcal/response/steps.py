@@ -62,9 +62,9 @@ def find_steps(channel: Channel, highest: float, *, lines: int | None = None) ->
     """
     t, x = _uniform(channel)
     step = float(t[1] - t[0])
-    found: list[SineStep] = []
+    steps: list[SineStep] = []
     failures = looked_at = 0
-    while len(found) < MOST_STEPS and failures < MOST_FAILURES and looked_at != lines:
+    while len(steps) < MOST_STEPS and failures < MOST_FAILURES and looked_at != lines:
         looked_at += 1
         frequency = _strongest(x, step, highest)
         if frequency is None:
@@ -85,14 +85,14 @@ def find_steps(channel: Channel, highest: float, *, lines: int | None = None) ->
         else:
             turns = np.exp(2j * math.pi * sine.frequencies[0] * (t[begin:stop] - sine.centre))
             x[begin:stop] -= np.real(fitted.amplitudes[0] * turns)
-        found.append(sine)
-    return _joined(found)
+        steps.append(sine)
+    return _joined(steps)
 
 
 def may_be_stepped(channel: Channel, highest: float) -> bool:
     """Whether most of the strongest lines are steady sines; where they are not, a whole search would be in vain."""
-    found = find_steps(channel, highest, lines=FIRST_LOOK)
-    return 2 * sum(len(s.frequencies) for s in found) > FIRST_LOOK and explained(channel, found)[1] >= CLEAR
+    steps = find_steps(channel, highest, lines=FIRST_LOOK)
+    return 2 * sum(len(s.frequencies) for s in steps) > FIRST_LOOK and explained(channel, steps)[1] >= CLEAR
 
 
 def explained(channel: Channel, steps: Sequence[SineStep]) -> tuple[float, float]:
@@ -100,9 +100,9 @@ def explained(channel: Channel, steps: Sequence[SineStep]) -> tuple[float, float
     about = float(np.median(channel.y))
     whole = float(np.sum((channel.y - about) ** 2))
     inside = sines = 0.0
-    for each in steps:
-        part = within(channel, each.start, each.end)
-        amplitudes = fit_sines(part, each.frequencies, each.centre).amplitudes
+    for step in steps:
+        part = within(channel, step.start, step.end)
+        amplitudes = fit_sines(part, step.frequencies, step.centre).amplitudes
         inside += float(np.sum((part.y - about) ** 2))
         sines += 0.5 * len(part) * float(np.sum(np.abs(amplitudes) ** 2))
     return (inside / whole, sines / inside) if inside > 0.0 else (0.0, 0.0)
@@ -157,16 +157,16 @@ def _stretch(x: Array, step: float, frequency: float) -> tuple[int, int, int, in
     return (start, end, begin, stop) if end > start else (first, first, begin, stop)
 
 
-def _joined(found: list[SineStep]) -> list[SineStep]:
+def _joined(steps: list[SineStep]) -> list[SineStep]:
     """Steps that share most of their stretch as one step of several sines over the stretch that they share."""
-    kept: list[SineStep] = []
-    for step in sorted(found, key=lambda each: (each.start, each.end)):
-        for i, other in enumerate(kept):
+    joined: list[SineStep] = []
+    for step in sorted(steps, key=lambda item: (item.start, item.end)):
+        for i, other in enumerate(joined):
             start, end = max(step.start, other.start), min(step.end, other.end)
             if end - start > 0.5 * max(step.end - step.start, other.end - other.start):
                 together = tuple(sorted({*other.frequencies, *step.frequencies}))
-                kept[i] = replace(other, frequencies=together, start=start, end=end)
+                joined[i] = replace(other, frequencies=together, start=start, end=end)
                 break
         else:
-            kept.append(step)
-    return sorted(kept, key=lambda each: each.start)
+            joined.append(step)
+    return sorted(joined, key=lambda item: item.start)

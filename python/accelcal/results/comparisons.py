@@ -18,13 +18,13 @@ from accelcal.validation.noise_floor import Ruler
 
 
 @table.register
-def _(seen: Evaluation, which: str = "") -> Table:
+def _(evaluation: Evaluation, which: str = "") -> Table:
     require(which, "regions")
     if which == "regions":
-        return regions(("", seen.recording, seen))
+        return regions(("", evaluation.recording, evaluation))
     return Table(
-        title=f"Model against {seen.recording or 'recording'}",
-        sentence=drift_sentence(seen),
+        title=f"Model against {evaluation.recording or 'recording'}",
+        sentence=drift_sentence(evaluation),
         columns=(
             Column("horizon", "unaided drift after", lambda r: f"{r['horizon']:g} s", "s"),
             length_column("drift", "bias re-estimated"),
@@ -35,34 +35,34 @@ def _(seen: Evaluation, which: str = "") -> Table:
         rows=tuple(
             {
                 "horizon": h,
-                "drift": seen.coast_rms[h],
-                "drift_frozen": seen.coast_frozen_rms[h],
-                "noise_floor": seen.drift_floors[h],
-                **span_of(seen.noise_floor, h, "noise_floor"),
-                "start_points": seen.coast_starts[h],
+                "drift": evaluation.coast_rms[h],
+                "drift_frozen": evaluation.coast_frozen_rms[h],
+                "noise_floor": evaluation.drift_floors[h],
+                **span_of(evaluation.noise_floor, h, "noise_floor"),
+                "start_points": evaluation.coast_starts[h],
             }
-            for h in seen.coast_rms
+            for h in evaluation.coast_rms
         ),
-        alarms=tuple(f"Suspect data: {text}" for text in suspect(seen)),
-        notes=(*floor_notes(seen.noise_floor), *comparison_notes(seen)),
-        about={"name": seen.recording},
+        alarms=tuple(f"Suspect data: {text}" for text in suspect(evaluation)),
+        notes=(*floor_notes(evaluation.noise_floor), *comparison_notes(evaluation)),
+        about={"name": evaluation.recording},
     )
 
 
-def comparison_notes(seen: Evaluation) -> list[str]:
+def comparison_notes(evaluation: Evaluation) -> list[str]:
     """Errors beside the drift, and what must be read with them."""
-    (setup, std), k_steps = seen.setup_bias, seen.k_step_rms.items()
-    nis = "" if seen.nis is None else f", normalised innovation squared {seen.nis:.4f} (1 when consistent)"
+    (setup, std), k_steps = evaluation.setup_bias, evaluation.k_step_rms.items()
+    nis = "" if evaluation.nis is None else f", normalised innovation squared {evaluation.nis:.4f} (1 when consistent)"
     return [
         *([f"Change of set-up or turn-on bias: {decimal(setup, std)} m/s²."] if math.isfinite(std) else []),
-        f"One-step prediction error: {length(seen.one_step_rms)} rms{nis}.",
+        f"One-step prediction error: {length(evaluation.one_step_rms)} rms{nis}.",
         f"Errors of k steps, in readings: {', '.join(f'{k}: {length(y)}' for k, y in k_steps if y is not None)}.",
-        f"Accelerometer residual up to {number(seen.band)} Hz: {number(seen.accel_rms)} m/s² rms"
-        + ("." if seen.fit_percent is None else f"; fit {percent(seen.fit_percent)}."),
-        f"Largest residual: {seen.worst}.",
-        *(as_sentence(score.sentence) for score in seen.noise_scores),
-        *map(as_sentence, seen.not_carried),
-        *(outside_notes(seen) or map(as_sentence, seen.remarks)),
+        f"Accelerometer residual up to {number(evaluation.band)} Hz: {number(evaluation.accel_rms)} m/s² rms"
+        + ("." if evaluation.fit_percent is None else f"; fit {percent(evaluation.fit_percent)}."),
+        f"Largest residual: {evaluation.worst}.",
+        *(as_sentence(score.sentence) for score in evaluation.noise_scores),
+        *map(as_sentence, evaluation.not_carried),
+        *(outside_notes(evaluation) or map(as_sentence, evaluation.remarks)),
     ]
 
 
@@ -142,17 +142,17 @@ def span_of(floor: NoiseFloor | None, horizon: float | None, key: str) -> Row:
     return {} if spread is None else {f"{key}_low": spread.low, f"{key}_high": spread.high}
 
 
-def drift_sentence(seen: Evaluation) -> str:
+def drift_sentence(evaluation: Evaluation) -> str:
     """The drift that is quoted first and its noise floor."""
-    h = headline_horizon(seen)
+    h = headline_horizon(evaluation)
     if h is None:
-        return f"Simulation error {length(seen.simulated_rms)} rms; too short for a drift."
-    return f"Unaided drift after {h:g} s: {length(quoted_error(seen, h))} rms{floor_of(seen, h)}."
+        return f"Simulation error {length(evaluation.simulated_rms)} rms; too short for a drift."
+    return f"Unaided drift after {h:g} s: {length(quoted_error(evaluation, h))} rms{floor_of(evaluation, h)}."
 
 
-def floor_of(seen: Evaluation, horizon: float | None) -> str:
+def floor_of(evaluation: Evaluation, horizon: float | None) -> str:
     """Errors that noise of the sensor alone would give, as the end of a sentence."""
-    spread = None if seen.noise_floor is None else seen.noise_floor.at(horizon)
+    spread = None if evaluation.noise_floor is None else evaluation.noise_floor.at(horizon)
     return "" if spread is None else f"; noise alone {length(spread.low)} to {length(spread.high)}"
 
 
@@ -185,9 +185,9 @@ def broken(breaks: Sequence[float]) -> list[str]:
     ]
 
 
-def outside_notes(seen: Evaluation) -> list[str]:
+def outside_notes(evaluation: Evaluation) -> list[str]:
     """One sentence for each variable that leaves the trained range: how often, and the errors inside and outside."""
-    return [outside_note(part) for part in seen.outside if part.count and part.range is not None]
+    return [outside_note(part) for part in evaluation.outside if part.count and part.range is not None]
 
 
 def outside_note(part: Outside) -> str:
@@ -224,8 +224,8 @@ def _(result: Comparison, which: str = "") -> Table:
         return changes(result)
     every = [
         (name, recording, evaluation)
-        for recording, seen in zip(result.recordings, result.seen, strict=True)
-        for name, evaluation in zip(result.names, seen, strict=True)
+        for recording, evaluations in zip(result.recordings, result.seen, strict=True)
+        for name, evaluation in zip(result.names, evaluations, strict=True)
     ]
     if len(every) == 1:
         return table(every[0][2], which)
@@ -235,8 +235,8 @@ def _(result: Comparison, which: str = "") -> Table:
     parts: list[Part] = [("", list(result), [None, *(difference.pooled for difference in differences)])]
     if len(result.recordings) > 1:
         parts += [
-            (recording, seen, [None, *(difference.recordings[number] for difference in differences)])
-            for number, (recording, seen) in enumerate(zip(result.recordings, result.seen, strict=True))
+            (recording, evaluations, [None, *(difference.recordings[number] for difference in differences)])
+            for number, (recording, evaluations) in enumerate(zip(result.recordings, result.seen, strict=True))
         ]
     return error_reduction(
         f"{', '.join(result.names)} on {', '.join(name or 'recording' for name in result.recordings)}",
@@ -246,7 +246,7 @@ def _(result: Comparison, which: str = "") -> Table:
         sentence=" ".join(
             [fall(parts[0][1], result.horizon), *(as_sentence(typeset(d.sentence)) for d in differences)]
         ),
-        alarms=[f"Suspect data: {text}" for text in suspect(*(seen[-1] for seen in result.seen))],
+        alarms=[f"Suspect data: {text}" for text in suspect(*(evaluations[-1] for evaluations in result.seen))],
     )
 
 
@@ -270,13 +270,13 @@ def _(result: Improvement, which: str = "") -> Table:
 def fall(steps: Sequence[Evaluation], h: float | None, where: str = "") -> str:
     """The quoted error of the first and of the last model, and what noise alone gives."""
     measure = "Simulation error" if h is None else f"Unaided drift after {h:g} s"
-    errors = " → ".join(length(quoted_error(seen, h)) for seen in (steps[0], steps[-1])[: len(steps)])
+    errors = " → ".join(length(quoted_error(evaluation, h)) for evaluation in (steps[0], steps[-1])[: len(steps)])
     return f"{measure}{where}: {errors}{floor_of(steps[0], h)}."
 
 
 def suspect(*several: Evaluation) -> list[str]:
     """Readings that are left out, and breaks, of each recording."""
-    return [text for seen in several for text in (*seen.left_out, *broken(seen.breaks))]
+    return [text for evaluation in several for text in (*evaluation.left_out, *broken(evaluation.breaks))]
 
 
 def error_reduction(
@@ -291,7 +291,7 @@ def error_reduction(
 ) -> Table:
     """Errors of several models, one row each, and a row for noise alone: over all recordings, then on each of them."""
     steps = parts[0][1]
-    h, horizons = headline_horizon(*(seen for _, every, _ in parts for seen in every)), list(steps[0].coast_rms)
+    h, horizons = headline_horizon(*(evaluation for _, every, _ in parts for evaluation in every)), list(steps[0].coast_rms)
     rows: list[Row] = []
     errors: list[float] = []
     changed = next((change.measure for _, _, changes in parts for change in changes if change is not None), "")
@@ -300,15 +300,15 @@ def error_reduction(
             {
                 "model": name,
                 "recording": recording,
-                **{f"drift_{k:g}s": seen.coast_rms[k] for k in horizons},
-                "simulation": seen.simulated_rms,
-                "one_step": seen.one_step_rms,
+                **{f"drift_{k:g}s": evaluation.coast_rms[k] for k in horizons},
+                "simulation": evaluation.simulated_rms,
+                "one_step": evaluation.one_step_rms,
                 "change": None if change is None else change.percent,
                 "change_std": None if change is None else change.percent_std,
             }
-            for name, seen, change in zip(names, every, changes, strict=True)
+            for name, evaluation, change in zip(names, every, changes, strict=True)
         ]
-        errors += [quoted_error(seen, h) for seen in every]
+        errors += [quoted_error(evaluation, h) for evaluation in every]
         if (floor := every[0].noise_floor) is not None:
             alone: dict[str, Any] = {"model": "noise alone", "recording": recording}
             for k in horizons:
@@ -335,7 +335,7 @@ def error_reduction(
             *floor_notes(steps[0].noise_floor),
             ruler_note(ruler, steps[0].band),
             *(as_sentence(score.sentence) for score in steps[-1].noise_scores),
-            *dict.fromkeys(as_sentence(text) for seen in steps for text in seen.not_carried),
+            *dict.fromkeys(as_sentence(text) for evaluation in steps for text in evaluation.not_carried),
             *outside_notes(steps[-1]),
         ),
         bars=tuple(error / longest for error in errors),

@@ -187,7 +187,7 @@ def _(result: DwellDiagnosis, which: str = "") -> Table:
             {key: getattr(c, key) for key in ("effect", "estimate", "std", "unit", "sigma", "p_value")}
             for c in result.candidates[:CANDIDATES]
         ),
-        notes=tuple(as_sentence(one.sentence) for one in result.remarks),
+        notes=tuple(as_sentence(note.sentence) for note in result.remarks),
         about={"verdict": result.verdict, "sentence": result.sentence},
     )
 

@@ -111,8 +111,8 @@ def correlations(fit: Fit) -> DataFrame:
     """Correlations of the free parameters, names on both sides."""
     std = np.sqrt(np.diag(fit.covariance))
     names = [name_in_data(fit, e) for e in fit.free]
-    made: DataFrame = pandas_module().DataFrame(fit.covariance / np.outer(std, std), index=names, columns=names)
-    return made
+    frame: DataFrame = pandas_module().DataFrame(fit.covariance / np.outer(std, std), index=names, columns=names)
+    return frame
 
 
 def name_in_data(fit: Fit, e: Estimate) -> str:
@@ -187,23 +187,23 @@ def _(fit: Fit) -> Any:
 
 
 @dataset.register
-def _(seen: Evaluation) -> Any:
-    t, measured, simulated = seen.simulated
+def _(evaluation: Evaluation) -> Any:
+    t, measured, simulated = evaluation.simulated
     return xarray_module().Dataset(
         {
             "measured": variable("t", measured, "m", "measured position"),
             "simulated": variable("t", simulated, "m", "position simulated without readings"),
-            "simulated_std": variable("t", seen.simulated_std, "m", "standard deviation from noise and start state"),
-            "one_step": variable("t_reading", seen.residual[1], "m", "one-step prediction error"),
-            "one_step_std": variable("t_reading", seen.residual_std, "m", "its predicted standard deviation"),
-            "accel_residual": variable("t_accel", seen.accel_residual[1], "m/s²", "residual at the accelerometer"),
+            "simulated_std": variable("t", evaluation.simulated_std, "m", "standard deviation from noise and start state"),
+            "one_step": variable("t_reading", evaluation.residual[1], "m", "one-step prediction error"),
+            "one_step_std": variable("t_reading", evaluation.residual_std, "m", "its predicted standard deviation"),
+            "accel_residual": variable("t_accel", evaluation.accel_residual[1], "m/s²", "residual at the accelerometer"),
         },
         {
             "t": variable("t", t, "s"),
-            "t_reading": variable("t_reading", seen.residual[0], "s"),
-            "t_accel": variable("t_accel", seen.accel_residual[0], "s"),
+            "t_reading": variable("t_reading", evaluation.residual[0], "s"),
+            "t_accel": variable("t_accel", evaluation.accel_residual[0], "s"),
         },
-        {"name": seen.recording},
+        {"name": evaluation.recording},
     )
 
 
@@ -268,11 +268,11 @@ def _(run: FilterRun) -> Any:
 
 
 @dataset.register
-def _(made: Simulated) -> Any:
-    t = made.recording.accel.t
-    exact = np.asarray(made.truth.motion.derivatives(t))
+def _(simulated: Simulated) -> Any:
+    t = simulated.recording.accel.t
+    exact = np.asarray(simulated.truth.motion.derivatives(t))
     names = {"p": "m", "v": "m/s", "a": "m/s²", "jerk": "m/s³"}
-    return dataset(made.recording).assign(
+    return dataset(simulated.recording).assign(
         {name: variable("t_accel", y, unit, "exact") for (name, unit), y in zip(names.items(), exact, strict=True)}
     )
 

@@ -48,7 +48,7 @@ def dumps(content: Mapping[str, Any], indent: int | None = 2) -> str:
 
 def escaped(text: str) -> str:
     """Text of JSON with escapes for characters that a terminal would obey."""
-    return ESCAPED.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    return ESCAPED.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
 
 
 def read_json(path: Path) -> Any:
@@ -110,8 +110,8 @@ def _text(path: Path) -> str:
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     content = dict(pairs)
     if len(content) != len(pairs):
-        seen: set[str] = set()
-        twice = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
+        names: set[str] = set()
+        twice = next(key for key, _ in pairs if key in names or names.add(key))  # type: ignore[func-returns-value]
         raise ModelFileError(f"the key {twice[:40]!r} stands twice in one object, expected each key once")
     return content
 
@@ -227,8 +227,8 @@ def from_json(kind: type[T], text: str) -> T:
     if not isinstance(stored, dict) or stored.get("schema") != expected:
         named = stored.get("schema") if isinstance(stored, dict) else None
         raise ModelFileError(f"schema: found {shown(named)}, expected {expected!r}")
-    made: T = read(kind, {key: value for key, value in stored.items() if key not in ("schema", "version")})
-    return made
+    result: T = read(kind, {key: value for key, value in stored.items() if key not in ("schema", "version")})
+    return result
 
 
 def read(kind: Any, stored: Any) -> Any:
@@ -277,13 +277,13 @@ def schema_of(kind: Any) -> dict[str, Any]:
         return {"$schema": DIALECT, **plain_schema(kind.model_json_schema())}
     generator = Schema()
     generator.ignored_warning_kinds = {"non-serializable-default"}
-    made: dict[str, Any] = plain_schema(generator.generate(codec(kind).schema, mode="serialization"))
-    named = {**made.pop("$defs", {}), "Number": NUMBER}
-    made = named.pop(made["$ref"].rpartition("/")[2]) if "$ref" in made else made
+    schema: dict[str, Any] = plain_schema(generator.generate(codec(kind).schema, mode="serialization"))
+    named = {**schema.pop("$defs", {}), "Number": NUMBER}
+    schema = named.pop(schema["$ref"].rpartition("/")[2]) if "$ref" in schema else schema
     head = {"schema": {"const": schema_name(kind)}, "version": {"type": "string"}}
-    made["properties"] = {**head, **made["properties"]}
-    made["required"] = [*head, *made["required"]]
-    return {"$schema": DIALECT, "title": schema_name(kind), **made, "$defs": named}
+    schema["properties"] = {**head, **schema["properties"]}
+    schema["required"] = [*head, *schema["required"]]
+    return {"$schema": DIALECT, "title": schema_name(kind), **schema, "$defs": named}
 
 
 def plain_schema(part: Any) -> Any:
@@ -292,10 +292,10 @@ def plain_schema(part: Any) -> Any:
         return [plain_schema(value) for value in part]
     if not isinstance(part, dict) or part == NUMBER:
         return {"$ref": "#/$defs/Number"} if part == NUMBER else part
-    made = {key: plain_schema(value) for key, value in part.items() if key != "title" or not isinstance(value, str)}
-    if isinstance(made.get("description"), str):
-        made["description"] = " ".join(made["description"].partition("\n\n")[0].split())
-    return made
+    plain_part = {key: plain_schema(value) for key, value in part.items() if key != "title" or not isinstance(value, str)}
+    if isinstance(plain_part.get("description"), str):
+        plain_part["description"] = " ".join(plain_part["description"].partition("\n\n")[0].split())
+    return plain_part
 
 
 class Schema(GenerateJsonSchema):
@@ -315,8 +315,8 @@ class Codec:
     @cached_property
     def schema(self) -> CoreSchema:
         """What the reader follows."""
-        made: CoreSchema = tight(self.core)
-        return made
+        schema: CoreSchema = tight(self.core)
+        return schema
 
     @cached_property
     def reader(self) -> SchemaValidator:
@@ -353,28 +353,28 @@ def tight(part: Any, short: bool = False) -> Any:
         return type(part)(tight(value, short) for value in part)
     if not isinstance(part, dict):
         return part
-    made = {key: value if key in AS_THEY_ARE else tight(value, short) for key, value in part.items()}
-    match made.get("type"):
+    tightened = {key: value if key in AS_THEY_ARE else tight(value, short) for key, value in part.items()}
+    match tightened.get("type"):
         case "dataclass":
-            made["config"] = WRITTEN
+            tightened["config"] = WRITTEN
         case "dataclass-args":
-            made["fields"] = [tight(one, short) for one in part["fields"] if mark_of(one) is not False]
-        case "dataclass-field" if mark_of(made):
-            made["serialization_exclude"] = short
-        case "dataclass-field" if made["schema"]["type"] == "default":
-            made["schema"] = made["schema"]["schema"]
+            tightened["fields"] = [tight(field, short) for field in part["fields"] if mark_of(field) is not False]
+        case "dataclass-field" if mark_of(tightened):
+            tightened["serialization_exclude"] = short
+        case "dataclass-field" if tightened["schema"]["type"] == "default":
+            tightened["schema"] = tightened["schema"]["schema"]
         case "int" | "bool" | "str":
-            made["strict"] = True
+            tightened["strict"] = True
         case "float":
-            return core_schema.no_info_before_validator_function(number, {**made, "strict": True})
-    return made
+            return core_schema.no_info_before_validator_function(number, {**tightened, "strict": True})
+    return tightened
 
 
-def mark_of(one: Any) -> bool | None:
+def mark_of(part: Any) -> bool | None:
     """Whether a field is left out by commands alone; None where it is always stored."""
-    schema = one["schema"]
-    found: bool | None = schema.get("metadata", {}).get("by_commands")
-    return mark_of(schema) if found is None and schema["type"] == "default" else found
+    schema = part["schema"]
+    mark: bool | None = schema.get("metadata", {}).get("by_commands")
+    return mark_of(schema) if mark is None and schema["type"] == "default" else mark
 
 
 def number(value: Any) -> Any:
@@ -384,19 +384,19 @@ def number(value: Any) -> Any:
 
 def schema_of_result(kind: Any, source: Any, handler: Any) -> CoreSchema:
     """Core schema of a result: its fields, and the properties derived from them."""
-    made: CoreSchema = handler(source)
-    dataclass = handler.resolve_ref_schema(made)
+    schema: CoreSchema = handler(source)
+    dataclass = handler.resolve_ref_schema(schema)
     dataclass["schema"]["computed_fields"] = [
         core_schema.computed_field(name, handler.generate_schema(get_type_hints(getattr(kind, name).fget)["return"]))
         for name in kind.derived
     ]
 
     def without_derived(value: Any) -> Any:
-        return {key: one for key, one in value.items() if key not in kind.derived} if isinstance(value, dict) else value
+        return {key: item for key, item in value.items() if key not in kind.derived} if isinstance(value, dict) else value
 
     present = core_schema.no_info_after_validator_function(without_absent, dataclass["schema"])
     dataclass["schema"] = core_schema.no_info_before_validator_function(without_derived, present)
-    return made
+    return schema
 
 
 def without_absent(values: tuple[dict[str, Any], Any]) -> tuple[dict[str, Any], Any]:
@@ -469,10 +469,10 @@ def leaves(value: Any, kind: type[np.generic], depth: int = 0) -> Any:
         If a leaf is not of the kind, rows differ in length, or lists stand in lists without end.
     """
     if isinstance(value, list):
-        made = [leaves(inner, kind, depth + 1) for inner in value] if depth < DEEPEST else None
-        if made is None or len({len(row) if isinstance(row, list) else -1 for row in made}) > 1:
+        inner_leaves = [leaves(inner, kind, depth + 1) for inner in value] if depth < DEEPEST else None
+        if inner_leaves is None or len({len(row) if isinstance(row, list) else -1 for row in inner_leaves}) > 1:
             raise AccelcalError(f"rows of equal length, at most {DEEPEST} lists in one another")
-        return made
+        return inner_leaves
     value = number(value) if kind is np.float64 else value
     types = {np.bool_: (bool,), np.int64: (int,)}.get(kind, (float, int))
     if type(value) not in types:

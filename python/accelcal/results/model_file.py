@@ -42,8 +42,8 @@ def migrated(content: Any) -> dict[str, Any]:
     schema = content.get("schema") if isinstance(content, dict) else None
     number = re.fullmatch(rf"{NAME}([1-9]\d{{0,3}})", schema) if isinstance(schema, str) else None
     if number is None:
-        found = "none" if schema is None else f'"{visible(schema[:40])}"' if isinstance(schema, str) else "no text"
-        raise ModelFileError(f'expected a model file with the schema "{MODEL_SCHEMA}", found {found}; {MAKE}')
+        described = "none" if schema is None else f'"{visible(schema[:40])}"' if isinstance(schema, str) else "no text"
+        raise ModelFileError(f'expected a model file with the schema "{MODEL_SCHEMA}", found {described}; {MAKE}')
     version = content.get("version")
     written = f"accelcal {visible(version[:20])}" if isinstance(version, str) else "a version that is not named"
     if int(number[1]) > PRESENT or _is_newer(version):
@@ -77,10 +77,10 @@ def from_2_to_3(content: dict[str, Any]) -> dict[str, Any]:
     """
     try:
         model, dwells = content["model"], content["dwells"]
-        own = [{"name": one["name"], "digest": one["sha256"], "source": one["source"]} for one in model["own"]]
+        own_effects = [{"name": effect["name"], "digest": effect["sha256"], "source": effect["source"]} for effect in model["own"]]
         return {
             **{key: content[key] for key in ("method", "validity", "remarks", "rig", "shapes")},
-            **{"schema": f"{NAME}3", "version": content["version"], "model": {**model, "own": own}},
+            **{"schema": f"{NAME}3", "version": content["version"], "model": {**model, "own": own_effects}},
             **{"covariance": content["covariance"]["matrix"], "origins": {"side": {}, **content["origins"]}},
             **{"seen_by_runs": [], "goes_with": [], "tilt": content["tilt_deg"]},
             "estimates": [
@@ -91,11 +91,11 @@ def from_2_to_3(content: dict[str, Any]) -> dict[str, Any]:
             "dwells": dwells and _filled("NaN", dwells),
             "noise_effects": [
                 {
-                    **_filled("Infinity", one, "std"),
-                    "spectrum": _spectrum(one["spectrum"]),
-                    "without": _spectrum(one["without"]),
+                    **_filled("Infinity", effect, "std"),
+                    "spectrum": _spectrum(effect["spectrum"]),
+                    "without": _spectrum(effect["without"]),
                 }
-                for one in content["noise_effects"]
+                for effect in content["noise_effects"]
             ],
         }
     except (AttributeError, KeyError, TypeError, ValueError) as error:
@@ -200,7 +200,7 @@ _POSITIVE = (
     *("model.priors.std", "runs.noise.noise.q", "runs.noise.noise.r", "runs.noise.declared", "runs.noise.crossover"),
     *(f"{level}.{key}" for level in _LEVELS for key in ("density", "reading")),
     *(f"rig.sensor.{key}" for key in ("noise", "range", "bias_instability", "random_walk")),
-    *(f"{one}.{key}" for one in _FILTERS for key in ("cutoff", "rate")),
+    *(f"{path}.{key}" for path in _FILTERS for key in ("cutoff", "rate")),
     *("runs.noise.band", "rig.lowpass.cutoff", "rig.resolution", "rig.tolerance", "dwells.std"),
 )
 _NOT_NEGATIVE = (
@@ -218,8 +218,8 @@ RANGES: Mapping[str, tuple[float, float]] = {
     **dict.fromkeys(
         ("spreads.p_value", "noise_effects.p_value", "dwells.p_value", "rig.lowpass.tolerance"), (0.0, 1.0)
     ),
-    **dict.fromkeys((f"{one}.order" for one in _FILTERS), (1.0, 10.0)),
-    **dict.fromkeys((f"{one}.length" for one in _FILTERS), (0.0, 1e6)),
+    **dict.fromkeys((f"{path}.order" for path in _FILTERS), (1.0, 10.0)),
+    **dict.fromkeys((f"{path}.length" for path in _FILTERS), (0.0, 1e6)),
     **{
         "rig.lowpass.tolerance": (0.0, 1.0),
         "tilt": (0.0, 180.0),
@@ -287,7 +287,7 @@ def _once(fit: Fit) -> Found:
         "model.per_run": fit.model.per_run,
         "shapes": [e.name for e in fit.shapes],
         "spreads": [spread.name for spread in fit.spreads],
-        "noise_effects": [one.name for one in fit.noise_effects],
+        "noise_effects": [effect.name for effect in fit.noise_effects],
         **{
             f"runs[{i}].noise.noise.growth": [grown.effect.name for grown in run.noise.noise.growth]
             for i, run in enumerate(fit.runs)
@@ -385,19 +385,19 @@ def _spreads(fit: Fit) -> Found:
 
 
 def _noise(fit: Fit) -> Found:
-    known = {effect.name: effect for effect in fit.model.noise_effects}
+    noise_effects = {effect.name: effect for effect in fit.model.noise_effects}
     for i, run in enumerate(fit.runs):
         for k, grown in enumerate(run.noise.noise.growth):
-            if grown.effect.name not in known:
+            if grown.effect.name not in noise_effects:
                 yield (
                     f"runs[{i}].noise.noise.growth[{k}].effect",
                     f"found {grown.effect.name!r}, which acts on no noise here",
                 )
     for i, one in enumerate(fit.noise_effects):
-        if one.name not in known:
+        if one.name not in noise_effects:
             yield f"noise_effects[{i}].name", f"found {one.name!r}, expected an effect of the model that acts on noise"
-        elif one.unit != known[one.name].unit:
-            yield f"noise_effects[{i}].unit", f"found {one.unit!r}, expected {known[one.name].unit!r}"
+        elif one.unit != noise_effects[one.name].unit:
+            yield f"noise_effects[{i}].unit", f"found {one.unit!r}, expected {noise_effects[one.name].unit!r}"
         for key, spectrum in (("spectrum", one.spectrum), ("without", one.without)):
             where = f"noise_effects[{i}].{key}"
             if spectrum is None:
@@ -523,7 +523,7 @@ def from_dict(content: Any) -> Fit:
     ModelFileError
         If it does not follow the schema, or contradicts itself. The text names the path to the leaf.
     """
-    known = dict(CATALOGUE)
+    catalogue = dict(CATALOGUE)
     try:
         stored = migrated(content)
         enter_effects(stored.get("model"))
@@ -531,7 +531,7 @@ def from_dict(content: Any) -> Fit:
         require_coefficients(fit)
         require_consistent(fit)
     except ModelFileError as error:
-        for name in set(CATALOGUE) - set(known):  # side channels of a file that is refused
+        for name in set(CATALOGUE) - set(catalogue):  # side channels of a file that is refused
             del CATALOGUE[name]
         said = visible(str(error), one_line=True)
         raise ModelFileError(f"{said}. The model file is damaged or incomplete: {AGAIN}") from None
@@ -565,16 +565,16 @@ def enter_effects(model: Any) -> None:
             side_channel(stored.channel, stored.unit.removeprefix("m/s²/").strip("()"))
         else:
             side_channel_scale(stored.channel, stored.unit.removesuffix("⁻¹").strip("()"))
-    for own in needs.own:
-        if own.name not in CATALOGUE:
+    for definition in needs.own:
+        if definition.name not in CATALOGUE:
             raise ModelFileError(
-                f"the model uses {own.name!r} from a file of your own (SHA-256 {own.digest[:12]}…); name that "
+                f"the model uses {definition.name!r} from a file of your own (SHA-256 {definition.digest[:12]}…); name that "
                 "file with --effects-file. Its source is stored in the model file under model.own"
             )
-        if CATALOGUE[own.name].digest != own.digest:
+        if CATALOGUE[definition.name].digest != definition.digest:
             raise ModelFileError(
-                f"{own.name!r} in the effects file is not the one that the model was fitted with: its source has "
-                f"changed (SHA-256 {CATALOGUE[own.name].digest[:12]}… instead of {own.digest[:12]}…). Fit again, "
+                f"{definition.name!r} in the effects file is not the one that the model was fitted with: its source has "
+                f"changed (SHA-256 {CATALOGUE[definition.name].digest[:12]}… instead of {definition.digest[:12]}…). Fit again, "
                 "or name the old file"
             )
 

@@ -35,11 +35,11 @@ COASTED = 6
 @table.register
 def _(recording: Recording, which: str = "") -> Table:
     require(which)
-    seen = describe(recording)
+    description = describe(recording)
     warnings = [f.text for f in recording.findings if f.severity == "warning"]
-    used = "" if seen["range_used"] is None else f"; {100.0 * seen['range_used']:.0f} % of the sensor's range used"
+    used = "" if description["range_used"] is None else f"; {100.0 * description['range_used']:.0f} % of the sensor's range used"
     counted = f"{len(warnings)} warning{'s' if len(warnings) != 1 else ''}" if warnings else "no warnings"
-    rest = sum(end - start for start, end in seen["rest_s"])
+    rest = sum(end - start for start, end in description["rest_s"])
     clocks = [channel.t for channel in (recording.accel, recording.position) if len(channel)]
     duration = float(max(t[-1] for t in clocks) - min(t[0] for t in clocks))
     return Table(
@@ -55,11 +55,11 @@ def _(recording: Recording, which: str = "") -> Table:
             Column("max", "largest", lambda r: reading(r["max"], r["unit"])),
             Column("unit"),
         ),
-        rows=tuple({"channel": name, **channel} for name, channel in seen["channels"].items()),
+        rows=tuple({"channel": name, **channel} for name, channel in description["channels"].items()),
         alarms=tuple(f"warning: {text}" for text in warnings),
         notes=(
             *(f.text for f in recording.findings if f.severity != "warning"),
-            *(f"assumed: {text}" for text in seen["assumptions"]),
+            *(f"assumed: {text}" for text in description["assumptions"]),
         ),
     )
 
@@ -203,13 +203,13 @@ def _(coast: Coast, which: str = "") -> Table:
 
 
 @table.register
-def _(made: Simulated, which: str = "") -> Table:
+def _(simulated: Simulated, which: str = "") -> Table:
     require(which)
     return Table(
-        title=made.recording.name,
-        sentence=as_sentence(f"{made.truth!r}"),
+        title=simulated.recording.name,
+        sentence=as_sentence(f"{simulated.truth!r}"),
         columns=(Column("parameter", "parameter"), Column("value", "true value", lambda r: number(r["value"]))),
-        rows=tuple({"parameter": name, "value": value} for name, value in made.truth.parameters.items()),
+        rows=tuple({"parameter": name, "value": value} for name, value in simulated.truth.parameters.items()),
     )
 
 

@@ -80,9 +80,9 @@ class SensorNoise:
         """
         limit = abs(scale) * math.sqrt(2.0 * fitted.usual.q)
         declared = recording.rig.sensor.noise or None
-        found = density_at_rest(recording, end)
-        if found is not None and found[0] <= DIFFER * limit:
-            return cls(*found, "rest", _beside(declared, found[0]))
+        density = density_at_rest(recording, end)
+        if density is not None and density[0] <= DIFFER * limit:
+            return cls(*density, "rest", _beside(declared, density[0]))
         if declared is not None and declared <= DIFFER * limit:
             return cls(declared, 0.0, "declared")
         return cls(limit, 0.0, "fit", _beside(declared, limit))
@@ -127,11 +127,11 @@ def _band(rig: Rig, rate: float) -> tuple[float, float]:
     lowest, highest = 0.0, OF_RATE * rate
     if rig.lowpass is not None:
         highest = min(highest, OF_CUTOFF * rig.lowpass.cutoff)
-    for each in rig.output_filters:
-        if each.cutoff is not None and each.passes == "lowpass":
-            highest = min(highest, OF_CUTOFF * each.cutoff)
-        elif each.cutoff is not None:
-            lowest = max(lowest, each.cutoff / OF_CUTOFF)
+    for channel_filter in rig.output_filters:
+        if channel_filter.cutoff is not None and channel_filter.passes == "lowpass":
+            highest = min(highest, OF_CUTOFF * channel_filter.cutoff)
+        elif channel_filter.cutoff is not None:
+            lowest = max(lowest, channel_filter.cutoff / OF_CUTOFF)
     return lowest, highest
 
 
@@ -207,11 +207,11 @@ class Bins:
 
         Bins weigh as much as they hold data, which is the inverse of their variance; 0 against frequency.
         """
-        known = self.std > 0.0
+        occupied = self.std > 0.0
         share = np.zeros(len(self.mean))
-        if self.variable != "frequency" and known.any() and rms > 0.0:
-            weight = self.std[known] ** -2.0
-            share[known] = (weight * self.mean[known] ** 2 - 1.0) / np.sum(weight) / rms**2
+        if self.variable != "frequency" and occupied.any() and rms > 0.0:
+            weight = self.std[occupied] ** -2.0
+            share[occupied] = (weight * self.mean[occupied] ** 2 - 1.0) / np.sum(weight) / rms**2
         return [float(x) for x in share]
 
     def explained(self, rms: float) -> float:
@@ -401,8 +401,8 @@ class Evaluation(Result):
         """Floor under the drift by horizon, m: that of the sensor where known, else what the fit takes for noise."""
         if self.noise_floor is None:
             return self.coast_floor
-        found = self.noise_floor.drift
-        return {horizon: None if spread is None else spread.value for horizon, spread in found.items()}
+        floors = self.noise_floor.drift
+        return {horizon: None if spread is None else spread.value for horizon, spread in floors.items()}
 
     @property
     def fit_percent(self) -> float | None:
@@ -437,8 +437,8 @@ class Evaluation(Result):
             raise AccelcalError(
                 f"plot: there is no figure {figure!r}; expected one of {', '.join(get_args(FigureName))}"
             )
-        made: Figure = getattr(face("plots"), figure)(self, theme=theme)
-        return made
+        picture: Figure = getattr(face("plots"), figure)(self, theme=theme)
+        return picture
 
 
 HELD_OUT = 0.3

@@ -133,7 +133,7 @@ class DeadReckoning:
     def __init__(
         self,
         values: Values,
-        known: Signals,
+        signals: Signals,
         bare: Array,
         carried: tuple[Array, Array],
         density: float,
@@ -142,34 +142,34 @@ class DeadReckoning:
     ) -> None:
         self.density, self.lost = density, lost
         self.filters = filters if filters is not None and filters.acts else None
-        self.gain = known.rig.polarity / values.scale
-        self.known = replace(known, a_corner=known.a_width, v_corner=known.v_width)
-        gravity = known.gravity
+        self.gain = signals.rig.polarity / values.scale
+        self.known = replace(signals, a_corner=signals.a_width, v_corner=signals.v_width)
+        gravity = signals.gravity
         self.bare = bare
-        self.jerk = derivative(bare if isinstance(gravity, float) else bare + gravity, known.step)
+        self.jerk = derivative(bare if isinstance(gravity, float) else bare + gravity, signals.step)
         self.carried_v, self.carried_p = carried
-        self.local, self.lagging = split(values.additive("output"), known, self.filters)
-        self.local_read, self.lagging_read = split(values.additive("position"), known, self.filters)
+        self.local, self.lagging = split(values.additive("output"), signals, self.filters)
+        self.local_read, self.lagging_read = split(values.additive("position"), signals, self.filters)
         local = [term for term, _ in self.local]
-        self.followers = tuple(following(local, known, y) for y in "pva")
+        self.followers = tuple(following(local, signals, y) for y in "pva")
         # What the output alone determines, no simulated motion changes; nor does it what looks ahead.
         late = [term for term, _ in self.lagging]
-        moved = [self.lagging[i] for i in sorted({*following(late, known, "p"), *following(late, known, "v")})]
+        moved = [self.lagging[i] for i in sorted({*following(late, signals, "p"), *following(late, signals, "v")})]
         self.feeds_back = bool(self.followers[0] or self.followers[1] or moved)
         # Differences that slopes are taken on: shares of what a variable changes over.
-        widths = max(float(np.ptp(known.p)), CORNER), 1e3 * self.known.v_width, 1e3 * self.known.a_width
+        widths = max(float(np.ptp(signals.p)), CORNER), 1e3 * self.known.v_width, 1e3 * self.known.a_width
         self.small = tuple(SMALL * width for width in widths)
         self.known_effects = np.asarray(total(self.local, self.known))
         self.lagged_effects = self.remembered(self.lagging, self.known) if self.lagging else np.empty(0)
         self.lagging = [
-            one for one in self.lagging if self.feeds_back and (one in moved or not looks_ahead(one[0], known))
+            term for term in self.lagging if self.feeds_back and (term in moved or not looks_ahead(term[0], signals))
         ]
         self.read_lagged = self.remembered(self.lagging_read, self.known) if self.lagging_read else np.empty(0)
 
     def remembered(self, terms: Terms, s: Signals) -> Array:
         """Sum of terms with memory at uniform times, behind the filters, (n,)."""
-        found = total(terms, s)
-        return found if self.filters is None else self.filters.behind(found, self.known.step)
+        values = total(terms, s)
+        return values if self.filters is None else self.filters.behind(values, self.known.step)
 
     @property
     def remembers(self) -> bool:
@@ -226,26 +226,26 @@ class DeadReckoning:
     @cached_property
     def _along_record(self) -> Paths:
         """The path from the first node over the whole record, (1, n)."""
-        known, zero = self.known, np.zeros(1)
-        first = Starts(known.t[:1], known.p[:1], known.v[:1], zero, np.zeros((1, 3)))
-        paths = Simulation(self, first, float(known.t[-1] - known.t[0]), math.inf).run(floor=False)
-        whole = [y[:, : len(known.t)] for y in (paths.t, paths.effects, paths.dv, paths.dp, paths.variance)]
+        signals, zero = self.known, np.zeros(1)
+        first = Starts(signals.t[:1], signals.p[:1], signals.v[:1], zero, np.zeros((1, 3)))
+        paths = Simulation(self, first, float(signals.t[-1] - signals.t[0]), math.inf).run(floor=False)
+        whole = [y[:, : len(signals.t)] for y in (paths.t, paths.effects, paths.dv, paths.dp, paths.variance)]
         return Paths(paths.first, *whole)
 
     def _shared_displacement(self, starts: Starts, t: Array, limit: float) -> Array:
         """What effects that follow the output alone add to readings at times `t`, (n, k) m: up to its second node each
         path has a way of its own, from there on it is the difference of two places on that over the whole record."""
-        begun, along, known = Simulation(self, starts, 0.0, math.inf).run(floor=False), self._along_record, self.known
-        second = np.minimum(begun.first, len(known.t) - 1)[:, None]
-        node = np.maximum(np.clip(np.searchsorted(known.t, t, side="right") - 1, 0, len(known.t) - 2), second)
-        ahead = np.minimum(node + 1, len(known.t) - 1)
+        begun, along, signals = Simulation(self, starts, 0.0, math.inf).run(floor=False), self._along_record, self.known
+        second = np.minimum(begun.first, len(signals.t) - 1)[:, None]
+        node = np.maximum(np.clip(np.searchsorted(signals.t, t, side="right") - 1, 0, len(signals.t) - 2), second)
+        ahead = np.minimum(node + 1, len(signals.t) - 1)
         effects, dv, dp = along.effects[0], along.dv[0], along.dp[0]
-        since = known.t[node] - known.t[second]
+        since = signals.t[node] - signals.t[second]
         dv_node = begun.dv[:, [1]] + dv[node] - dv[second]
         dp_node = begun.dp[:, [1]] + since * (begun.dv[:, [1]] - dv[second]) + dp[node] - dp[second]
         before = t < begun.t[:, [1]]
-        h = np.where(before, t - begun.t[:, [0]], t - known.t[node])
-        step = np.where(before, begun.t[:, [1]] - begun.t[:, [0]], known.step)
+        h = np.where(before, t - begun.t[:, [0]], t - signals.t[node])
+        step = np.where(before, begun.t[:, [1]] - begun.t[:, [0]], signals.step)
         here = np.where(before, begun.effects[:, [0]], effects[node])
         rise = np.where(before, begun.effects[:, [1]], effects[ahead]) - here
         added = np.where(before, 0.0, dp_node) + h * np.where(before, 0.0, dv_node)
@@ -254,20 +254,20 @@ class DeadReckoning:
 
     def _read(self, starts: Starts, paths: Paths, t: Array, dp: Array) -> Array:
         """What effects add to the readings themselves at times `t` of each path, (n, k) m."""
-        known, read = self.known, np.zeros_like(t)
+        signals, read = self.known, np.zeros_like(t)
         for i in range(len(t)):
             motion = self._motion_at(starts, paths, i, t[i], dp[i])
             if self.local_read:
                 read[i] += total(self.local_read, motion)
             if not self.lagging_read:
                 continue
-            nodes = slice(int(paths.first[i]), min(int(paths.first[i]) + paths.t.shape[1] - 1, len(known.t)))
-            simulated = self._motion_at(starts, paths, i, known.t[nodes], None)
-            before = history(known, nodes.start)
-            reference = self.remembered(self.lagging_read, known.at(slice(before.start, nodes.stop)))
-            change = self.remembered(self.lagging_read, joined(known, before, simulated)) - reference
+            nodes = slice(int(paths.first[i]), min(int(paths.first[i]) + paths.t.shape[1] - 1, len(signals.t)))
+            simulated = self._motion_at(starts, paths, i, signals.t[nodes], None)
+            before = history(signals, nodes.start)
+            reference = self.remembered(self.lagging_read, signals.at(slice(before.start, nodes.stop)))
+            change = self.remembered(self.lagging_read, joined(signals, before, simulated)) - reference
             change = change[nodes.start - before.start :]
-            read[i] += np.interp(t[i], known.t, self.read_lagged) + np.interp(t[i], known.t[nodes], change)
+            read[i] += np.interp(t[i], signals.t, self.read_lagged) + np.interp(t[i], signals.t[nodes], change)
         return read
 
     def _motion_at(self, starts: Starts, paths: Paths, i: int, t: Array, dp: Array | None) -> Signals:
@@ -310,26 +310,26 @@ class Carried:
     def of(cls, ahead: DeadReckoning, starts: Starts, t: Array, nodes: NDArray[np.intp] | None = None) -> Carried:
         """At times `t`, (n, m) s, which are those of `nodes` if these are given: between them the acceleration is
         straight."""
-        known = ahead.known
+        signals = ahead.known
         begin_p, begin_v = ahead_at(ahead, starts.t)
         since = t - starts.t[:, None]
         position, velocity = ahead_at(ahead, t) if nodes is None else (ahead.carried_p[nodes], ahead.carried_v[nodes])
 
         def at(y: Array) -> Array:
-            return np.interp(t, known.t, y) if nodes is None else y[nodes]
+            return np.interp(t, signals.t, y) if nodes is None else y[nodes]
 
         constant = starts.constant[:, None]
         v = velocity - begin_v[:, None] + starts.v[:, None]
         p = position - begin_p[:, None] + starts.p[:, None] + since * (starts.v - begin_v)[:, None]
-        side = {name: at(y) for name, y in known.side.items()}
+        side = {name: at(y) for name, y in signals.side.items()}
         return cls(p + 0.5 * constant * since**2, v + constant * since, at(ahead.bare) + constant, at(ahead.jerk), side)
 
 
 def ahead_at(ahead: DeadReckoning, t: Array) -> tuple[Array, Array]:
     """Position and velocity that the bare acceleration has added since the first time, at times `t`."""
-    known, step = ahead.known, ahead.known.step
-    node = np.clip(((t - known.t[0]) / step).astype(np.intp), 0, len(known.t) - 2)
-    h = t - known.t[node]
+    signals, step = ahead.known, ahead.known.step
+    node = np.clip(((t - signals.t[0]) / step).astype(np.intp), 0, len(signals.t) - 2)
+    h = t - signals.t[node]
     b, rise = ahead.bare[node], ahead.bare[node + 1] - ahead.bare[node]
     v = ahead.carried_v[node] + h * b + h**2 * rise / (2.0 * step)
     p = ahead.carried_p[node] + h * ahead.carried_v[node] + h**2 * b / 2.0 + h**3 * rise / (6.0 * step)
@@ -340,10 +340,10 @@ class Simulation:
     """Paths of several starts while they are simulated, window by window."""
 
     def __init__(self, ahead: DeadReckoning, starts: Starts, horizon: float, limit: float) -> None:
-        self.ahead, self.starts, self.limit, known = ahead, starts, limit, ahead.known
-        n, m = len(starts.t), int(horizon / known.step) + 3
-        first = np.searchsorted(known.t, starts.t, side="right")
-        grid = known.t[0] + known.step * (first[:, None] + np.arange(m - 1))
+        self.ahead, self.starts, self.limit, signals = ahead, starts, limit, ahead.known
+        n, m = len(starts.t), int(horizon / signals.step) + 3
+        first = np.searchsorted(signals.t, starts.t, side="right")
+        grid = signals.t[0] + signals.step * (first[:, None] + np.arange(m - 1))
         self.paths = Paths(first, np.column_stack([starts.t, grid]), *(np.zeros((n, m)) for _ in range(4)))
         self.steps = np.diff(self.paths.t, axis=1)
         self.variances = starts.variances.copy()
@@ -482,20 +482,20 @@ class Simulation:
         return np.nan_to_num(total)
 
     def _corrected(
-        self, window: slice, displacement: Displacement, effects: Array, found: Array, slopes: Sequence[Array | float]
+        self, window: slice, displacement: Displacement, effects: Array, errors: Array, slopes: Sequence[Array | float]
     ) -> Array:
-        """The next iterate of the effects, (n, w) m/s²: linear in the motion about the last, where `found` acted."""
+        """The next iterate of the effects, (n, w) m/s²: linear in the motion about the last, where `errors` acted."""
         gain, (on_p, on_v, on_a) = self.ahead.gain, slopes
         if not isinstance(on_a, float):
             # E = found + on_a (-gain) (E - effects) + what position and velocity change
             scale = 1.0 / np.where(np.abs(1.0 + gain * on_a) > 0.1, 1.0 + gain * on_a, 1.0)
-            found = effects + scale * (found - effects)
+            errors = effects + scale * (errors - effects)
             on_p, on_v = (y if isinstance(y, float) else scale * y for y in (on_p, on_v))
         if window.start == 0 or (isinstance(on_p, float) and isinstance(on_v, float)):
-            return found
-        falling = [np.ascontiguousarray(np.broadcast_to(gain * slope, found.shape)) for slope in (on_p, on_v)]
+            return errors
+        falling = [np.ascontiguousarray(np.broadcast_to(gain * slope, errors.shape)) for slope in (on_p, on_v)]
         last, steps = self._before(window)
-        return _core.corrected(last, steps, displacement, -gain * found, (falling[0], falling[1])) / -gain
+        return _core.corrected(last, steps, displacement, -gain * errors, (falling[0], falling[1])) / -gain
 
     def _at_node(self, window: slice, bare: Carried, effects: Array) -> Array:
         """Effects at one node, where no iteration of the path converged: Newton's method with halved steps, (n, 1)
@@ -537,14 +537,14 @@ class Simulation:
 
     def _effects(self, window: slice, motion: Motion, columns: list[Array]) -> Array:
         """Effects at given motion, of which those without memory are `columns`, (n, w) m/s²."""
-        found = np.zeros_like(motion[0])
+        sums = np.zeros_like(motion[0])
         for column in columns:
-            found += column
+            sums += column
         if len(self.ahead.lagged_effects):
-            found += self._along(window, self.ahead.lagged_effects)
+            sums += self._along(window, self.ahead.lagged_effects)
         if self.ahead.lagging and window.start > 0:
-            found += self._changes(window, motion)
-        return found
+            sums += self._changes(window, motion)
+        return sums
 
     def _local(
         self, window: slice, bare: Carried, motion: Sequence[Array], rows: Sequence[int] | None = None
@@ -557,23 +557,23 @@ class Simulation:
 
     def _changes(self, window: slice, motion: Motion) -> Array:
         """What simulated motion has changed in the effects with memory, (n, w) m/s²."""
-        ahead, known = self.ahead, self.ahead.known
-        found = np.zeros_like(motion[0])
+        ahead, signals = self.ahead, self.ahead.known
+        changes = np.zeros_like(motion[0])
         for i, (first, reference) in enumerate(zip(self.paths.first, self.reference, strict=True)):
             nodes = slice(int(first), int(first) + window.stop - 1)
             so_far = (
                 np.concatenate([y[i, 1 : window.start], new[i]]) for y, new in zip(self.motion, motion, strict=True)
             )
-            inside = known.t[nodes]
+            inside = signals.t[nodes]
             p, v, a, jerk = (y[: len(inside)] for y in so_far)
-            side = {name: y[nodes] for name, y in known.side.items()}
-            before = history(known, nodes.start)
-            path = joined(known, before, ahead.signals(inside, p, v, a, jerk, side))
+            side = {name: y[nodes] for name, y in signals.side.items()}
+            before = history(signals, nodes.start)
+            path = joined(signals, before, ahead.signals(inside, p, v, a, jerk, side))
             self.work += len(path.t)
             change = ahead.remembered(ahead.lagging, path)[len(path.t) - len(inside) :] - reference[: len(inside)]
             row = change[window.start - 1 :]
-            found[i, : len(row)] = row
-        return found
+            changes[i, : len(row)] = row
+        return changes
 
     def _reference(self, i: int) -> Array:
         """Effects with memory along the known motion from a start on, evaluated like those of simulated motion."""
@@ -588,8 +588,8 @@ class Simulation:
         motion, (paths.dv[:, window], paths.dp[:, window]) = self._motion(window, bare, effects)
         paths.effects[:, window] = effects
         self.largest = np.fmax(self.largest, largest_of(effects))
-        for kept, new in zip(self.motion, motion, strict=False):
-            kept[:, window] = new
+        for old, new in zip(self.motion, motion, strict=False):
+            old[:, window] = new
 
     def _spread(self, window: slice) -> None:
         """Variance of the simulated position over a window: noise, and what effects make of errors of the motion.
@@ -654,46 +654,46 @@ def total(terms: Terms, s: Signals) -> Array:
 
 
 def split(
-    terms: Iterable[tuple[Term, float]], known: Signals, filters: ChannelFilters | None = None
+    terms: Iterable[tuple[Term, float]], signals: Signals, filters: ChannelFilters | None = None
 ) -> tuple[list[tuple[Term, float]], list[tuple[Term, float]]]:
     """Terms without memory, and those with: all that pass filters."""
     local: list[tuple[Term, float]] = []
     lagging: list[tuple[Term, float]] = []
     for term, c in terms:
-        at_once = filters is None and (is_local(term.effect) or seems_local(term, known))
+        at_once = filters is None and (is_local(term.effect) or seems_local(term, signals))
         (local if at_once else lagging).append((term, c))
     return local, lagging
 
 
-def seems_local(term: Term, known: Signals) -> bool:
+def seems_local(term: Term, signals: Signals) -> bool:
     """Whether a user's effect has the values on parts of the record that it has on the whole."""
     if term.effect in BUILT_IN:
         return False
-    whole, n = term.column(known), len(known.t)
+    whole, n = term.column(signals), len(signals.t)
     parts = [slice(n * k // 7, n * (k + 1) // 7 + 1) for k in range(1, 6)]
-    return all(np.array_equal(term.column(known.part(rows)), whole[rows], equal_nan=True) for rows in parts)
+    return all(np.array_equal(term.column(signals.part(rows)), whole[rows], equal_nan=True) for rows in parts)
 
 
-def following(terms: Sequence[Term], known: Signals, letter: str) -> list[int]:
+def following(terms: Sequence[Term], signals: Signals, letter: str) -> list[int]:
     """Which of some terms depend on position ("p"), velocity ("v") or acceleration ("a")."""
-    y = getattr(known, letter)
-    other = replace(known, **{letter: np.mean(y) - 0.7 * (y - np.mean(y)) + 0.1 * np.ptp(y)})
-    pairs = enumerate(zip(evaluate(terms, known), evaluate(terms, other), strict=True))
+    y = getattr(signals, letter)
+    other = replace(signals, **{letter: np.mean(y) - 0.7 * (y - np.mean(y)) + 0.1 * np.ptp(y)})
+    pairs = enumerate(zip(evaluate(terms, signals), evaluate(terms, other), strict=True))
     return [i for i, (here, there) in pairs if not np.array_equal(here, there, equal_nan=True)]
 
 
-def looks_ahead(term: Term, known: Signals) -> bool:
+def looks_ahead(term: Term, signals: Signals) -> bool:
     """Whether an effect depends on later motion, as a difference to either side does."""
-    rows = slice(0, 2 * len(known.t) // 3)
-    return not np.array_equal(term.column(known)[rows], term.column(known.at(rows)), equal_nan=True)
+    rows = slice(0, 2 * len(signals.t) // 3)
+    return not np.array_equal(term.column(signals)[rows], term.column(signals.at(rows)), equal_nan=True)
 
 
-def history(known: Signals, node: int) -> slice:
+def history(signals: Signals, node: int) -> slice:
     """Nodes before one over which effects with memory are evaluated."""
-    return slice(max(0, node - int(MEMORY / known.step)), node)
+    return slice(max(0, node - int(MEMORY / signals.step)), node)
 
 
-def joined(known: Signals, before: slice, simulated: Signals) -> Signals:
+def joined(signals: Signals, before: slice, simulated: Signals) -> Signals:
     """Known motion with simulated motion behind it."""
 
     def one(y: Array, ahead: Array) -> Array:
@@ -701,10 +701,10 @@ def joined(known: Signals, before: slice, simulated: Signals) -> Signals:
 
     return replace(
         simulated,
-        t=one(known.t, simulated.t),
-        p=one(known.p, simulated.p),
-        v=one(known.v, simulated.v),
-        a=one(known.a, simulated.a),
-        jerk=one(known.jerk, simulated.jerk),
-        side={name: one(y, simulated.side[name]) for name, y in known.side.items()},
+        t=one(signals.t, simulated.t),
+        p=one(signals.p, simulated.p),
+        v=one(signals.v, simulated.v),
+        a=one(signals.a, simulated.a),
+        jerk=one(signals.jerk, simulated.jerk),
+        side={name: one(y, simulated.side[name]) for name, y in signals.side.items()},
     )

@@ -48,14 +48,14 @@ def stretch_means(t: Array, length: float, *squares: Array) -> tuple[NDArray[np.
     return number[some], [np.bincount(stretch, y)[some] / number[some] for y in squares]
 
 
-def stretch_count(seen: Evaluation, horizon: float) -> int:
+def stretch_count(evaluation: Evaluation, horizon: float) -> int:
     """Stretches of two horizons among the start points of a drift; 0 where the record is too short for it."""
-    if horizon not in seen.drifts:
+    if horizon not in evaluation.drifts:
         return 0
-    return len(stretch_means(seen.drifts[horizon][0], HORIZONS_APART * horizon)[0])
+    return len(stretch_means(evaluation.drifts[horizon][0], HORIZONS_APART * horizon)[0])
 
 
-def headline_horizon(*seen: Evaluation) -> float | None:
+def headline_horizon(*evaluations: Evaluation) -> float | None:
     """The drift that is quoted first: the longest horizon with enough independent stretches to have an interval.
 
     Parameters
@@ -66,14 +66,14 @@ def headline_horizon(*seen: Evaluation) -> float | None:
     -------
     s; the shortest horizon that all of them allow where none has enough stretches, None where they allow none.
     """
-    allowed = [h for h in seen[0].coast_rms if all(each.coast_rms.get(h) is not None for each in seen)]
-    sure = [h for h in allowed if all(stretch_count(each, h) >= LEAST_STRETCHES for each in seen)]
+    allowed = [h for h in evaluations[0].coast_rms if all(evaluation.coast_rms.get(h) is not None for evaluation in evaluations)]
+    sure = [h for h in allowed if all(stretch_count(evaluation, h) >= LEAST_STRETCHES for evaluation in evaluations)]
     return max(sure, default=min(allowed, default=None))
 
 
-def quoted_error(seen: Evaluation, horizon: float | None) -> float:
+def quoted_error(evaluation: Evaluation, horizon: float | None) -> float:
     """Rms unaided drift over a horizon, or the free-running error for None, m; NaN where there is none."""
-    value = seen.simulated_rms if horizon is None else seen.coast_rms.get(horizon)
+    value = evaluation.simulated_rms if horizon is None else evaluation.coast_rms.get(horizon)
     return math.nan if value is None else value
 
 
@@ -96,22 +96,22 @@ def pooled(several: Sequence[Evaluation]) -> Evaluation:
     first, *others = several
     if not others:
         return first
-    readings = [len(seen.simulated[0]) for seen in several]
-    innovations = [len(seen.residual[0]) for seen in several]
-    drifts = {h: in_a_row([seen.drifts[h] for seen in several], APART * h) for h in first.drifts}
+    readings = [len(evaluation.simulated[0]) for evaluation in several]
+    innovations = [len(evaluation.residual[0]) for evaluation in several]
+    drifts = {h: in_a_row([evaluation.drifts[h] for evaluation in several], APART * h) for h in first.drifts}
     return replace(
         first,
-        recording=" and ".join(seen.recording for seen in several),
+        recording=" and ".join(evaluation.recording for evaluation in several),
         drifts=drifts,
         coast_rms={horizon: rms(error) for horizon, (_, error) in drifts.items()},
-        coast_starts={h: sum(seen.coast_starts[h] for seen in several) for h in first.coast_starts},
+        coast_starts={h: sum(evaluation.coast_starts[h] for evaluation in several) for h in first.coast_starts},
         coast_frozen_rms={h: over_starts(several, [s.coast_frozen_rms[h] for s in several], h) for h in drifts},
         coast_floor={h: over_starts(several, [s.coast_floor[h] for s in several], h) for h in drifts},
-        simulated_rms=root_mean(zip((seen.simulated_rms for seen in several), readings, strict=True)),
-        one_step_rms=root_mean(zip((seen.one_step_rms for seen in several), innovations, strict=True)),
-        not_carried=tuple(dict.fromkeys(text for seen in several for text in seen.not_carried)),
-        left_out=tuple(text for seen in several for text in seen.left_out),
-        noise_scores=tuple(score for seen in several for score in seen.noise_scores),
+        simulated_rms=root_mean(zip((evaluation.simulated_rms for evaluation in several), readings, strict=True)),
+        one_step_rms=root_mean(zip((evaluation.one_step_rms for evaluation in several), innovations, strict=True)),
+        not_carried=tuple(dict.fromkeys(text for evaluation in several for text in evaluation.not_carried)),
+        left_out=tuple(text for evaluation in several for text in evaluation.left_out),
+        noise_scores=tuple(score for evaluation in several for score in evaluation.noise_scores),
         noise_floor=pooled_floor(several, readings),
     )
 
@@ -128,30 +128,30 @@ def in_a_row(series: Sequence[tuple[Array, Array]], gap: float) -> tuple[Array, 
 
 def root_mean(weighted: Iterable[tuple[float | None, int]]) -> float:
     """Root of the mean square of values with their numbers; NaN where there is none."""
-    known = [(value, count) for value, count in weighted if value is not None and count]
-    count = sum(count for _, count in known)
-    return math.sqrt(sum(count * value**2 for value, count in known) / count) if count else math.nan
+    finite = [(value, count) for value, count in weighted if value is not None and count]
+    count = sum(count for _, count in finite)
+    return math.sqrt(sum(count * value**2 for value, count in finite) / count) if count else math.nan
 
 
 def over_starts(several: Sequence[Evaluation], values: Sequence[float | None], horizon: float) -> float | None:
     """Rms of values over the start points of a horizon; None where there are none."""
-    found = root_mean(zip(values, (seen.coast_starts[horizon] for seen in several), strict=True))
-    return None if math.isnan(found) else found
+    rms = root_mean(zip(values, (evaluation.coast_starts[horizon] for evaluation in several), strict=True))
+    return None if math.isnan(rms) else rms
 
 
 def pooled_floor(several: Sequence[Evaluation], readings: Sequence[int]) -> NoiseFloor | None:
     """The floor under the errors of several recordings, whose noises are independent; None where one has none."""
-    floors = [seen.noise_floor for seen in several]
-    known = [floor for floor in floors if floor is not None]
-    if len(known) < len(floors):
+    floors = [evaluation.noise_floor for evaluation in several]
+    present = [floor for floor in floors if floor is not None]
+    if len(present) < len(floors):
         return None
     drift = {}
-    for horizon in known[0].drift:
-        found = [(floor.drift[horizon], seen.coast_starts[horizon]) for floor, seen in zip(known, several, strict=True)]
-        drift[horizon] = together([(one, count) for one, count in found if one is not None and count])
-    simulated = together([(floor.simulated, count) for floor, count in zip(known, readings, strict=True)])
-    limits = [floor for floor in known if floor.sensor.is_limit]
-    return NoiseFloor((limits or known)[0].sensor, drift, simulated or known[0].simulated)
+    for horizon in present[0].drift:
+        drifts = [(floor.drift[horizon], evaluation.coast_starts[horizon]) for floor, evaluation in zip(present, several, strict=True)]
+        drift[horizon] = together([(estimate, count) for estimate, count in drifts if estimate is not None and count])
+    simulated = together([(floor.simulated, count) for floor, count in zip(present, readings, strict=True)])
+    limits = [floor for floor in present if floor.sensor.is_limit]
+    return NoiseFloor((limits or present)[0].sensor, drift, simulated or present[0].simulated)
 
 
 def together(several: Sequence[tuple[RmsInterval, int]]) -> RmsInterval | None:
@@ -159,10 +159,10 @@ def together(several: Sequence[tuple[RmsInterval, int]]) -> RmsInterval | None:
     total = sum(count for _, count in several)
     if not total:
         return None
-    shares = [(one, count / total) for one, count in several]
-    square = sum(share * one.value**2 for one, share in shares)
-    above = math.sqrt(sum((share * (one.high**2 - one.value**2)) ** 2 for one, share in shares))
-    below = math.sqrt(sum((share * (one.value**2 - one.low**2)) ** 2 for one, share in shares))
+    shares = [(estimate, count / total) for estimate, count in several]
+    square = sum(share * estimate.value**2 for estimate, share in shares)
+    above = math.sqrt(sum((share * (estimate.high**2 - estimate.value**2)) ** 2 for estimate, share in shares))
+    below = math.sqrt(sum((share * (estimate.value**2 - estimate.low**2)) ** 2 for estimate, share in shares))
     return RmsInterval(math.sqrt(square), math.sqrt(max(0.0, square - below)), math.sqrt(square + above))
 
 
@@ -237,7 +237,7 @@ class PairedStretches:
     @classmethod
     def joined(cls, several: Sequence[PairedStretches]) -> PairedStretches:
         """Stretches of several recordings; each counts by its number of errors."""
-        columns = (np.concatenate([getattr(each, key) for each in several]) for key in ("number", "before", "after"))
+        columns = (np.concatenate([getattr(stretches, key) for stretches in several]) for key in ("number", "before", "after"))
         return cls(several[0].measure, several[0].unit, *columns)
 
     def change(self) -> HeldOutChange | None:
@@ -302,19 +302,19 @@ def heldout_change(before: Evaluation, after: Evaluation, horizon: float | None 
     The change of the drift; of the one-step error where no horizon is short enough; None where that is too short too.
     """
     tried = (*sorted(before.drifts, reverse=True), None) if horizon is None else (horizon,)
-    several = (paired_stretches(before, after, each) for each in tried)
-    changes = (each.change() for each in several if each is not None)
+    several = (paired_stretches(before, after, h) for h in tried)
+    changes = (stretches.change() for stretches in several if stretches is not None)
     return next((change for change in changes if change is not None), None)
 
 
-def drift_spread(seen: Evaluation, horizon: float | None) -> RmsInterval | None:
+def drift_spread(evaluation: Evaluation, horizon: float | None) -> RmsInterval | None:
     """Rms drift with its 95 % interval over the start points; None for a simulation, or where there are too few.
 
     Mean squares of stretches of two horizons count as independent; the interval is that of their mean.
     """
-    if horizon is None or horizon not in seen.drifts:
+    if horizon is None or horizon not in evaluation.drifts:
         return None
-    t, error = seen.drifts[horizon]
+    t, error = evaluation.drifts[horizon]
     _, (means,) = stretch_means(t, HORIZONS_APART * horizon, error**2)
     count = len(means)
     middle = float(np.mean(error**2)) if count else 0.0
@@ -331,8 +331,8 @@ def best_step(steps: Sequence[Evaluation]) -> tuple[int, HeldOutChange] | None:
     `steps` are comparisons under one ruler, in order; None where the last one is the best, or the data are too short.
     """
     rises = [(number, heldout_change(step, steps[-1])) for number, step in enumerate(steps[:-1])]
-    known = [(number, change) for number, change in rises if change is not None and change.before < change.after]
-    return min(known, key=lambda each: each[1].before, default=None)
+    rises_known = [(number, change) for number, change in rises if change is not None and change.before < change.after]
+    return min(rises_known, key=lambda rise: rise[1].before, default=None)
 
 
 DifferenceVerdict = Literal["better", "worse", "undecided", "too_short"]
@@ -430,7 +430,7 @@ class Comparison(Result):
 
     def __getitem__(self, number: int) -> Evaluation:
         """Return the evaluation of one model over all recordings; its curves are those of the first."""
-        return pooled([each[number] for each in self.seen])
+        return pooled([evaluations[number] for evaluations in self.seen])
 
     def __iter__(self) -> Iterator[Evaluation]:
         return (self[number] for number in range(len(self)))
@@ -469,7 +469,7 @@ class Comparison(Result):
     @property
     def paired_horizon(self) -> float | None:
         """Longest horizon, s, at which every recording has enough stretches, or all together; None: one-step errors."""
-        counts = {h: [stretch_count(each[0], h) for each in self.seen] for h in self.seen[0][0].drifts}
+        counts = {h: [stretch_count(evaluations[0], h) for evaluations in self.seen] for h in self.seen[0][0].drifts}
         alone = [h for h, stretches in counts.items() if min(stretches) >= LEAST_STRETCHES]
         together = [h for h, stretches in counts.items() if sum(stretches) >= LEAST_STRETCHES]
         return max(alone, default=max(together, default=None))
@@ -486,18 +486,18 @@ class Comparison(Result):
             self.names[k],
             self.names[0],
             change_over(several),
-            tuple(None if each is None else each.change() for each in several),
+            tuple(None if stretches is None else stretches.change() for stretches in several),
             tuple(change for change in every if change is not None),
         )
 
     def _stretches(self, k: int, horizon: float | None) -> list[PairedStretches | None]:
         """Errors of one model and of the first, for each recording."""
-        return [paired_stretches(each[0], each[k], horizon) for each in self.seen]
+        return [paired_stretches(evaluations[0], evaluations[k], horizon) for evaluations in self.seen]
 
     @property
     def horizon(self) -> float | None:
         """Time without position, s, after which the drift is quoted; None: too short, the free-running error is."""
-        return headline_horizon(*(evaluation for each in self.seen for evaluation in each))
+        return headline_horizon(*(evaluation for evaluations in self.seen for evaluation in evaluations))
 
     @property
     def measure(self) -> str:
@@ -542,14 +542,14 @@ class Comparison(Result):
     @property
     def at_floor(self) -> tuple[bool, ...]:
         """Whether noise alone may give the error of each model; never where only an upper limit of it is known."""
-        known, high = not self.noise_floor.sensor.is_limit, self.floor.high
-        return tuple(known and error <= high for error in self.errors)
+        resolved, high = not self.noise_floor.sensor.is_limit, self.floor.high
+        return tuple(resolved and error <= high for error in self.errors)
 
 
 def change_over(several: Sequence[PairedStretches | None]) -> HeldOutChange | None:
     """Change over all recordings; None where they hold too few stretches together."""
-    known = [each for each in several if each is not None]
-    return PairedStretches.joined(known).change() if known else None
+    changes = [change for change in several if change is not None]
+    return PairedStretches.joined(changes).change() if changes else None
 
 
 def names_of(fits: Sequence[Fit]) -> tuple[str, ...]:

@@ -63,10 +63,10 @@ def accel_spectrum(fit: Fit, comparison: Evaluation) -> Spectrum | None:
         return None
     _t, residual = comparison.accel_residual
     step = float(np.median(np.diff(comparison.residual[0])))
-    found = welch(residual, 1.0 / step)
-    if found is None:
+    spectrum = welch(residual, 1.0 / step)
+    if spectrum is None:
         return None
-    f, density, low, high = found
+    f, density, low, high = spectrum
     inside = (f > 0.0) & (f <= comparison.band)
     if int(inside.sum()) < FEWEST_LINES:
         return None
@@ -79,10 +79,10 @@ def one_step_spectrum(comparison: Evaluation) -> Spectrum | None:
     """Spectrum of one-step residuals over their predicted deviation, which is flat when nothing is missing, 1/Hz."""
     t, y = comparison.normalised
     rate = 1.0 / float(np.median(np.diff(t)))
-    found = welch(y, rate)
-    if found is None:
+    spectrum = welch(y, rate)
+    if spectrum is None:
         return None
-    f, density, low, high = found
+    f, density, low, high = spectrum
     return Spectrum(f[1:], density[1:], np.full(len(f) - 1, 2.0 / rate), low, high)
 
 
@@ -214,7 +214,7 @@ def nodes_apart(ruler: Ruler, source: Source, start: float | None, end: float | 
     if place not in ruler.nodes:
         several = [ruler.held_by(fit) for fit in ruler.remembering]
         ahead = (Prediction.of(fit, source, start=start, end=end, remembers=True) for fit in several)
-        ruler.nodes[place] = max(one.nodes_apart for one in ahead)
+        ruler.nodes[place] = max(model.nodes_apart for model in ahead)
     return ruler.nodes[place]
 
 

@@ -173,31 +173,31 @@ class Prediction:
         e = track.series("e")
         p = track.series("p") + track.series("gain_p") * e
         v = track.series("v") + track.series("gain_v") * e
-        known = max(1, int(np.searchsorted(run.t, withheld, side="right")))
-        p[known:], v[known:] = p[known - 1], v[known - 1]
+        count = max(1, int(np.searchsorted(run.t, withheld, side="right")))
+        p[count:], v[count:] = p[count - 1], v[count - 1]
         t = uniform_times(run)
         motion = np.interp(t, run.t, p), np.interp(t, run.t, v)
-        spread = math.sqrt(max(float(np.median(track.series("vv")[:known])), 0.0))
+        spread = math.sqrt(max(float(np.median(track.series("vv")[:count])), 0.0))
         return replace(output_signals(run, self.values, cutoff, motion), v_std=spread)
 
-    def _dead_reckoning(self, known: Signals, cutoff: float) -> DeadReckoning:
+    def _dead_reckoning(self, signals: Signals, cutoff: float) -> DeadReckoning:
         """What the effects do to simulated motion; between readings the output drives it as it drives the filter."""
         run = self.run
-        stamps = self.values.stamps(known.t + run.origins.t, run.origins.t)
+        stamps = self.values.stamps(signals.t + run.origins.t, run.origins.t)
         output = (
             output_at(run, stamps, corner_of(self.values, cutoff), run.tau(self.values))
             - self.values.bias * run.filters.at_rest
         )
-        t, full = known.t + run.origins.t, uniform_times(run)
+        t, full = signals.t + run.origins.t, uniform_times(run)
         gravity = run.gravity.behind_high_passes(full, run.accel_step, cutoff)
         bare = run.rig.polarity / self.values.scale * output
         bare -= gravity if isinstance(gravity, float) else np.interp(t, full, gravity)
-        v = integral(bare, known.step)
+        v = integral(bare, signals.step)
         v += np.interp(t, run.t, self.travelled - np.interp(run.t, t, v))
-        p = integral(v, known.step)
+        p = integral(v, signals.step)
         p += np.interp(t, run.t, self.moved - np.interp(run.t, t, p))
         lost = np.interp(t, run.t, self.unknown[0])
-        return DeadReckoning(self.values, known, bare, (v, p), self.noise.q, lost, run.filters)
+        return DeadReckoning(self.values, signals, bare, (v, p), self.noise.q, lost, run.filters)
 
     @classmethod
     def of(
@@ -298,7 +298,7 @@ class Prediction:
         """
         pp, pv, vv = (entry[k][:, None] for entry in self.P)
         rows = np.searchsorted(self.run.t, t, side="right") - 1
-        zeroth, first, second = (each[rows] - each[k][:, None] for each in self.unknown)
+        zeroth, first, second = (block[rows] - block[k][:, None] for block in self.unknown)
         since = t - self.run.t[0]
         lost = np.maximum(since * (since * zeroth - 2.0 * first) + second, 0.0)
         del rows, zeroth, first, second, since  # as long as the record is

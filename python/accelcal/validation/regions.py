@@ -35,8 +35,8 @@ def worst_regions(bins: Sequence[Bins], rms: float) -> tuple[Region, ...]:
     rms : of the residual, m/s².
     """
     number = sum(int(np.sum(b.std > 0.0)) for b in bins)
-    found = [_worst_of(b, rms, number) for b in bins if np.any(b.std > 0.0)]
-    return tuple(sorted(found, key=lambda r: (r.variable == "frequency" or abs(r.sigma) < NOTABLE, -abs(r.sigma))))
+    worst = [_worst_of(b, rms, number) for b in bins if np.any(b.std > 0.0)]
+    return tuple(sorted(worst, key=lambda r: (r.variable == "frequency" or abs(r.sigma) < NOTABLE, -abs(r.sigma))))
 
 
 def _worst_of(bins: Bins, rms: float, number: int) -> Region:
@@ -74,7 +74,7 @@ def worst_sentence(regions: Sequence[Region], number: int) -> str:
         return "the record is too short to say where the model fails"
     worst = regions[0]
     if abs(worst.sigma) < NOTABLE:
-        largest = max(abs(each.sigma) for each in regions)
+        largest = max(abs(region.sigma) for region in regions)
         return f"no region stands out: the largest of {number} deviations is {largest:.1f} sigma"
     low, high = (instant(x) if worst.variable == "time" else f"{x:.4g}" for x in (worst.low, worst.high))
     where = f"{worst.variable} between {low} and {high} {worst.unit}".rstrip()
@@ -106,8 +106,8 @@ def seen_at(t: Array, residual: Array, index: NDArray[np.intp], mean: Array) -> 
     first = np.searchsorted(part, np.arange(STRETCHES))
     last = np.searchsorted(part, np.arange(STRETCHES), side="right") - 1
     chosen = np.argmax(total, axis=1)
-    found = np.stack([t[np.minimum(first[chosen], len(t) - 1)], t[last[chosen]]], axis=1)
-    return np.where(np.sum(count, axis=1, keepdims=True) > 0, found, np.nan)
+    spans = np.stack([t[np.minimum(first[chosen], len(t) - 1)], t[last[chosen]]], axis=1)
+    return np.where(np.sum(count, axis=1, keepdims=True) > 0, spans, np.nan)
 
 
 def worst_stretches(t: Array, residual: Array) -> list[tuple[float, float]]:
@@ -137,24 +137,24 @@ def bin_residual(ahead: Prediction, t: Array, residual: Array, motion: Signals, 
         "time since reversal": (since_reversal(motion), "s"),
         **{name: (y + run.origins.of(name), run.recording.side[name].unit) for name, y in motion.side.items()},
     }
-    found = []
+    bins = []
     for name, (x, unit) in variables.items():
-        known = np.isfinite(x)
-        if not known.any():
+        finite = np.isfinite(x)
+        if not finite.any():
             continue
-        low, high = (float(v) for v in np.quantile(x[known], [0.001, 0.999]))
+        low, high = (float(v) for v in np.quantile(x[finite], [0.001, 0.999]))
         if not high > low:
             continue
         edges = np.linspace(low, high, BINS + 1)
-        index = np.clip(np.searchsorted(edges, x[known], side="right") - 1, 0, BINS - 1)
+        index = np.clip(np.searchsorted(edges, x[finite], side="right") - 1, 0, BINS - 1)
         count = np.bincount(index, minlength=BINS)
-        total = np.bincount(index, weights=residual[known], minlength=BINS)
+        total = np.bincount(index, weights=residual[finite], minlength=BINS)
         mean = np.divide(total, count, out=np.zeros(BINS), where=count > 0)
         std = np.sqrt(np.divide(density, 2.0 * step * count, out=np.zeros(BINS), where=count >= 1.0 / (band * step)))
         at = np.full(len(x), -1)
-        at[known] = index
-        found.append(Bins(name, unit, edges, mean, std, seen_at(t, residual, at, mean)))
-    return found
+        at[finite] = index
+        bins.append(Bins(name, unit, edges, mean, std, seen_at(t, residual, at, mean)))
+    return bins
 
 
 def beyond(fit: Fit, motion: Signals) -> tuple[str, ...]:
@@ -192,20 +192,20 @@ def outside(
     if len(t) == 0 or not variables:
         return ()
     at = np.clip(np.searchsorted(t, run.t - 0.5 * run.reading_step), 0, len(t) - 1)
-    known = ahead.counts & (np.abs(t[at] - run.t) <= run.reading_step)
+    counted = ahead.counts & (np.abs(t[at] - run.t) <= run.reading_step)
     flags = {}
     for key, (y, _) in variables.items():
         low, high = fit.validity[key]
-        flags[key] = known & ((y < low) | (y > high))[at]
-    found = [
-        scored(ahead, known, flags[key], coasting, key, unit, fit.validity[key]) for key, (_, unit) in variables.items()
+        flags[key] = counted & ((y < low) | (y > high))[at]
+    texts = [
+        scored(ahead, counted, flags[key], coasting, key, unit, fit.validity[key]) for key, (_, unit) in variables.items()
     ]
-    return (*found, scored(ahead, known, np.any(list(flags.values()), axis=0), coasting, "any", "", None))
+    return (*texts, scored(ahead, counted, np.any(list(flags.values()), axis=0), coasting, "any", "", None))
 
 
 def scored(
     ahead: Prediction,
-    known: Flags,
+    counted: Flags,
     out: Flags,
     coasting: Mapping[float, Coasting],
     variable: str,
@@ -220,8 +220,8 @@ def scored(
         unit=unit,
         range=span,
         count=int(out.sum()),
-        of=int(known.sum()),
-        one_step=(rms(ahead.e[known & ~out]), rms(ahead.e[out])),
+        of=int(counted.sum()),
+        one_step=(rms(ahead.e[counted & ~out]), rms(ahead.e[out])),
         coast={h: (rms(c.rezeroed[~leaves[h]]), rms(c.rezeroed[leaves[h]])) for h, c in coasting.items()},
         starts={h: (int(np.sum(~leaves[h])), int(np.sum(leaves[h]))) for h in coasting},
     )

@@ -42,7 +42,7 @@ def _topics(reader: Any, kind: Kind) -> Iterator[Topic]:
 
 def _definition(connection: Any, kind: Kind) -> tuple[str, Kind]:
     """The definition of a type and its language; "" where the bag, of an older ROS 2, brings none along."""
-    found = connection.msgdef
-    if found.format == MessageDefinitionFormat.NONE:
+    definition = connection.msgdef
+    if definition.format == MessageDefinitionFormat.NONE:
         return "", kind
-    return str(found.data), "ros2idl" if found.format == MessageDefinitionFormat.IDL else kind
+    return str(definition.data), "ros2idl" if definition.format == MessageDefinitionFormat.IDL else kind

@@ -56,15 +56,15 @@ def _sampled(file: Any) -> Iterator[Sampled]:
         )
 
 
-def _names(found: Any) -> list[str]:
-    return [] if found is None else [str(each).strip() for each in found]
+def _names(strings: Any) -> list[str]:
+    return [] if strings is None else [str(string).strip() for string in strings]
 
 
 def _texts(file: Any, key: str) -> list[str]:
     """A parameter of one text or several."""
-    found = file.get(key)
-    if found is None:
+    item = file.get(key)
+    if item is None:
         return []
-    if len(found.dimensions) < 2:
-        return [str(found.string_value).strip()]
-    return _names(found.string_array)
+    if len(item.dimensions) < 2:
+        return [str(item.string_value).strip()]
+    return _names(item.string_array)

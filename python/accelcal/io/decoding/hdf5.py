@@ -28,7 +28,7 @@ def opened(path: str) -> Source:
     return Source(limited(_entries(file, "", 0, {_address(file)})), column)
 
 
-def _entries(group: Any, prefix: str, depth: int, seen: set[int]) -> Iterator[Entry]:
+def _entries(group: Any, prefix: str, depth: int, addresses: set[int]) -> Iterator[Entry]:
     """Vectors below a group, each object once; links that are soft or lead to another file are not followed."""
     if depth > MOST_DEPTH:
         raise RefusedError(f"groups lie more than {MOST_DEPTH} deep; expected data sets, one per channel")
@@ -37,11 +37,11 @@ def _entries(group: Any, prefix: str, depth: int, seen: set[int]) -> Iterator[En
             continue
         item = group[name]
         address = _address(item)
-        if address in seen:
+        if address in addresses:
             continue
-        seen.add(address)
+        addresses.add(address)
         if isinstance(item, h5py.Group):
-            yield from _entries(item, f"{prefix}{name}/", depth + 1, seen)
+            yield from _entries(item, f"{prefix}{name}/", depth + 1, addresses)
         elif isinstance(item, h5py.Dataset) and item.shape is not None and is_vector(item.shape, item.dtype.kind):
             yield Entry(f"{prefix}{name}", int(max(item.shape)), _unit(item))
 

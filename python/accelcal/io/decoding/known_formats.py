@@ -68,7 +68,7 @@ FORMATS = (
     Format("C3D", (".c3d",), "c3d", "c3d", rb"\x02P", "c3d", "the parameters of the file", unmarked=True),
 )
 """Each is known by its first bytes, in this order."""
-MARKS = {each.name: re.compile(each.mark, re.DOTALL) for each in FORMATS}
-BY_NAME = {each.name: each for each in FORMATS}
-SUFFIXES = tuple(dict.fromkeys(suffix for each in FORMATS for suffix in each.suffixes))
+MARKS = {file_format.name: re.compile(file_format.mark, re.DOTALL) for file_format in FORMATS}
+BY_NAME = {file_format.name: file_format for file_format in FORMATS}
+SUFFIXES = tuple(dict.fromkeys(suffix for file_format in FORMATS for suffix in file_format.suffixes))
 """Endings of containers."""

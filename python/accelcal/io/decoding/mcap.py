@@ -35,31 +35,31 @@ def _topics(reader: SeekingReader, summary: Any, channels: list[Any], counts: Ma
     by_ros = [c for c in channels if (getattr(schemas[c.id], "encoding", ""), c.message_encoding) in _ROS]
     by_json = [each for each in channels if each.message_encoding == "json"]
     if not by_ros and not by_json:
-        found = ", ".join(sorted({each.message_encoding for each in channels})) or "nothing"
-        raise RefusedError(f"its messages are encoded as {found}; expected ROS 1, ROS 2 or JSON; convert the recording")
+        encodings = ", ".join(sorted({each.message_encoding for each in channels})) or "nothing"
+        raise RefusedError(f"its messages are encoded as {encodings}; expected ROS 1, ROS 2 or JSON; convert the recording")
     if by_ros:
         from accelcal.io.decoding.ros import Messages
 
         messages = Messages(
             (schemas[each.id].name, schemas[each.id].data.decode(), schemas[each.id].encoding) for each in by_ros
         )
-        for each in by_ros:
-            schema = schemas[each.id]
+        for channel in by_ros:
+            schema = schemas[channel.id]
             decode = messages.decoder(schema.name, schema.encoding)
             leaves, stamp = messages.leaves(schema.name), messages.stamp(schema.name)
-            yield Topic(each.topic, counts[each.id], leaves, _messages(reader, each, decode), stamp)
-    for each in by_json:
-        read = _messages(reader, each, json.loads)
+            yield Topic(channel.topic, counts[channel.id], leaves, _messages(reader, channel, decode), stamp)
+    for channel in by_json:
+        read = _messages(reader, channel, json.loads)
         first: Any = next(read(), (0, {}))[1]
-        yield Topic(each.topic, counts[each.id], tuple(_leaves(first, _units(schemas[each.id], each), (), 0)), read)
+        yield Topic(channel.topic, counts[channel.id], tuple(_leaves(first, _units(schemas[channel.id], channel), (), 0)), read)
 
 
 def _messages(
     reader: SeekingReader, channel: Any, decode: Callable[[bytes], Any]
 ) -> Callable[[], Iterator[tuple[int, Any]]]:
     def messages() -> Iterator[tuple[int, Any]]:
-        for _, found, message in reader.iter_messages(topics=[channel.topic]):
-            if found.id == channel.id:
+        for _, record, message in reader.iter_messages(topics=[channel.topic]):
+            if record.id == channel.id:
                 yield message.log_time, decode(message.data)
 
     return messages
@@ -99,10 +99,10 @@ def _of_properties(schema: Any, depth: int) -> dict[str, Any]:
     properties = schema.get("properties") if isinstance(schema, Mapping) else None
     if not isinstance(properties, Mapping) or depth > MOST_DEPTH:
         return {}
-    found: dict[str, Any] = {}
-    for name, each in properties.items():
-        unit = each.get("unit") if isinstance(each, Mapping) else None
-        its = unit if isinstance(unit, str) else _of_properties(each, depth + 1)
+    leaves: dict[str, Any] = {}
+    for name, declared in properties.items():
+        unit = declared.get("unit") if isinstance(declared, Mapping) else None
+        its = unit if isinstance(unit, str) else _of_properties(declared, depth + 1)
         if its:
-            found[name] = its
-    return found
+            leaves[name] = its
+    return leaves

@@ -80,5 +80,5 @@ def _require_no_formula(conversion: Any) -> None:
         return
     if conversion.conversion_type == _FORMULA:
         raise RefusedError("is converted by a formula in the file, which is not evaluated; export it with its values")
-    for each in (conversion.referenced_blocks or {}).values():
-        _require_no_formula(each)
+    for block in (conversion.referenced_blocks or {}).values():
+        _require_no_formula(block)

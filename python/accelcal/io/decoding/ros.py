@@ -92,10 +92,10 @@ class Messages:
 def _parsed(name: str, text: str, kind: Kind) -> dict[str, Any]:
     """Types by name, each as constants and fields."""
     if not text:
-        known = get_typestore(Stores.LATEST).fielddefs
-        if _full(name) not in known:
+        fields = get_typestore(Stores.LATEST).fielddefs
+        if _full(name) not in fields:
             raise RefusedError(f"messages of type {name} are not defined in the file; record them with MCAP")
-        return dict(known)
+        return dict(fields)
     if kind == "ros2idl":
         parts = [part.partition("\n")[2] for part in text.split(_IDL_MARK)[1:]] or [text]
         return {k: v for part in parts for k, v in get_types_from_idl(part).items()}

@@ -84,9 +84,9 @@ def numbers(values: Any) -> Column:
     """
     if not isinstance(values, np.ndarray) or not is_vector(values.shape, values.dtype.kind):
         raise RefusedError("is no vector of real numbers; export it as one")
-    found = np.ascontiguousarray(values.ravel(), dtype=np.float64)
-    missing = np.isnan(found)
-    return Column(found, ~missing if missing.any() else None)
+    vector = np.ascontiguousarray(values.ravel(), dtype=np.float64)
+    missing = np.isnan(vector)
+    return Column(vector, ~missing if missing.any() else None)
 
 
 COMMON = "t"
@@ -139,11 +139,11 @@ def opened_channels(channels: Iterable[Sampled]) -> Source:
         entries.append(Entry(name, length, plain(unit) or None if unit else None, clock))
         return name
 
-    for each in listed:
-        if each.clock is not None and each.clock.key not in clocks:
-            name = COMMON if alone else each.clock.name or f"{each.name}_t"
-            clocks[each.clock.key] = enter(name, each.length, "s", each.clock.read, None)
-        enter(each.name, each.length, each.unit, each.read, clocks[each.clock.key] if each.clock else None)
+    for channel in listed:
+        if channel.clock is not None and channel.clock.key not in clocks:
+            name = COMMON if alone else channel.clock.name or f"{channel.name}_t"
+            clocks[channel.clock.key] = enter(name, channel.length, "s", channel.clock.read, None)
+        enter(channel.name, channel.length, channel.unit, channel.read, clocks[channel.clock.key] if channel.clock else None)
         limited(entries)
 
     return Source(limited(entries), lambda name: numbers(np.asarray(readers[name]())))
@@ -192,7 +192,7 @@ def opened_topics(topics: Iterable[Topic], zero: int) -> Source:
     Its stamps, ``topic.t``, are those of the messages themselves, else those of the logger; with both, the latter are
     ``topic.log_t``. Dates count from `zero`, ns.
     """
-    return opened_channels(each for topic in topics for each in _sampled(topic, zero))
+    return opened_channels(sampled for topic in topics for sampled in _sampled(topic, zero))
 
 
 def _sampled(topic: Topic, zero: int) -> Iterator[Sampled]:

@@ -53,10 +53,10 @@ def _clock(channel: Any, first: tuple[int, int] | None) -> Clock | None:
 def _start(channel: Any) -> tuple[int, int] | None:
     """When a waveform begins: seconds and 2^-64 s."""
     start = channel.properties.get("wf_start_time")
-    found = getattr(start, "seconds", None)
-    if found is None or not found:  # LabVIEW writes 0 where no start is known
+    seconds = getattr(start, "seconds", None)
+    if seconds is None or not seconds:  # LabVIEW writes 0 where no start is known
         return None
-    return int(found), int(start.second_fractions)
+    return int(seconds), int(start.second_fractions)
 
 
 def _difference(later: tuple[int, int], earlier: tuple[int, int]) -> float:
@@ -70,5 +70,5 @@ def _instants(stamps: Any) -> Any:
 
 
 def _unit(channel: Any) -> str | None:
-    found = next((channel.properties[key] for key in _UNITS if channel.properties.get(key)), None)
-    return None if found is None else str(found)
+    unit = next((channel.properties[key] for key in _UNITS if channel.properties.get(key)), None)
+    return None if unit is None else str(unit)

@@ -23,14 +23,14 @@ def opened(path: str) -> Source:
     file = UFF(path)
     sets = [k for k, kind in enumerate(file.get_set_types()) if int(kind) == 58]
     headers = {k: file.read_sets(k, header_only=True) for k in sets}
-    kept = {
+    vectors = {
         k: header
         for k, header in headers.items()
         if int(header["func_type"]) == _TIME_RESPONSE and int(header["ord_data_type"]) not in _COMPLEX
     }
-    if not kept:
+    if not vectors:
         raise RefusedError(f"none of its {len(sets)} data sets 58 is a time response; export the time histories")
-    return opened_channels(_sampled(file, kept))
+    return opened_channels(_sampled(file, vectors))
 
 
 def _require_end(path: str) -> None:
