@@ -87,7 +87,7 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
     'adequate'
     """
     solution = solve_dwells(fit.model, dwells, fit.origins)
-    model, by_runs = solution.model, solution.seen
+    model, result = solution.model, solution.seen
     given = dwell_rows(dwells, model.free, solution.values, fit.origins, solution.known)
     squares, freedom = remainder(given)
     names = {term.name for term in model.terms}
@@ -100,7 +100,7 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
     extra = dwell_rows(dwells, terms, solution.values, fit.origins, solution.known).columns
     basis = scipy.linalg.orth(given.columns / np.maximum(np.linalg.norm(given.columns, axis=0), 1e-300))
     left = given.y - basis @ (basis.T @ given.y)
-    exact = by_runs.scatter == 0.0
+    exact = result.scatter == 0.0
     detected: list[tuple[float, float, float, int]] = []
     for k in range(len(terms)):
         column = extra[:, k]
@@ -124,7 +124,7 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
         )
         for p, estimate, std, k in sorted(detected)
     )
-    return judged(candidates, by_runs, dwells, alpha)
+    return judged(candidates, result, dwells, alpha)
 
 
 def tests(effect: Effect) -> bool:
@@ -137,7 +137,7 @@ def tests(effect: Effect) -> bool:
     )
 
 
-def judged(candidates: tuple[DwellCandidate, ...], by_runs: DwellFit, dwells: Dwells, alpha: float) -> DwellDiagnosis:
+def judged(candidates: tuple[DwellCandidate, ...], result: DwellFit, dwells: Dwells, alpha: float) -> DwellDiagnosis:
     """The verdict on what candidates explain and what is left."""
     best = candidates[0] if candidates and candidates[0].p_value < alpha else None
     members: tuple[str, ...] = ()
@@ -153,14 +153,14 @@ def judged(candidates: tuple[DwellCandidate, ...], by_runs: DwellFit, dwells: Dw
             sentence += (
                 f" It is confounded with {', '.join(members[1:])} on these dwells; more elevations separate them."
             )
-    elif declared and by_runs.p_value < alpha:
+    elif declared and result.p_value < alpha:
         verdict = "unexplained"
         sentence = (
-            f"The dwells scatter by {by_runs.scatter:.2g} m/s² more than noise, instability and angles explain, and none "
+            f"The dwells scatter by {result.scatter:.2g} m/s² more than noise, instability and angles explain, and none "
             f"of {len(candidates)} candidates explains it."
         )
     else:
         verdict = "adequate"
         largest = f", the largest at {candidates[0].sigma:.1f} sigma" if candidates else ""
         sentence = f"Nothing is missing ({len(candidates)} candidates examined{largest})."
-    return DwellDiagnosis(verdict, sentence, candidates, members, by_runs, by_runs.remarks)
+    return DwellDiagnosis(verdict, sentence, candidates, members, result, result.remarks)

@@ -111,7 +111,9 @@ def _allowed() -> dict[str, set[str | None]]:
     names: dict[str, set[str | None]] = {suffix: {None} for suffix in TEXTS}
     for file_format in FORMATS:
         for suffix in file_format.suffixes:
-            names.setdefault(suffix, set()).update({file_format.name, None} if file_format.unmarked else {file_format.name})
+            names.setdefault(suffix, set()).update(
+                {file_format.name, None} if file_format.unmarked else {file_format.name}
+            )
     return names
 
 
@@ -120,7 +122,9 @@ TEXTS = (".csv", ".txt", ".tsv")
 READABLE = (*TEXTS, *SUFFIXES)
 """Endings of all recordings."""
 _ALLOWED = _allowed()
-_UNMARKED = {suffix: file_format.name for file_format in FORMATS if file_format.unmarked for suffix in file_format.suffixes}
+_UNMARKED = {
+    suffix: file_format.name for file_format in FORMATS if file_format.unmarked for suffix in file_format.suffixes
+}
 _HEAD = 1024
 
 

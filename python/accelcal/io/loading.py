@@ -69,7 +69,9 @@ def joined(output: Recording, reference: Recording) -> Recording:
     assumptions = tuple(assumption for assumption in rig.assumptions if assumption != ASSUMED_OFFSET_TOLERANCE)
     drifted = 4.0 * recording.std + abs(recording.skew) * recording.overlap
     free = max(rig.offset_tolerance, drifted, *(spacing(c) for c in (output.accel, reference.position)))
-    note = Finding("alignment", "accel", 1, recording.middle, recording.sentence, "warning" if recording.is_ambiguous else "note")
+    note = Finding(
+        "alignment", "accel", 1, recording.middle, recording.sentence, "warning" if recording.is_ambiguous else "note"
+    )
     side = {key: shifted(channel, recording.shift) for key, channel in output.side.items()}
     return replace(
         output,

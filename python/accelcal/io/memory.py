@@ -151,7 +151,11 @@ def require_scale(table: Table, where: str, rig: Rig | None) -> None:
     scale = None if rig is None else rig.sensor.scale
     for column, (channel, _) in discover(table).items():
         unit = unit_of(table, column)
-        if channel == "accel" and scale is None and any(same_unit(unit, electrical) for electrical in ("V", "mV", "count")):
+        if (
+            channel == "accel"
+            and scale is None
+            and any(same_unit(unit, electrical) for electrical in ("V", "mV", "count"))
+        ):
             counted = "count" if same_unit(unit, "count") else "V"
             raise RecordingError(
                 f"{where}: {column} is in {unit}, and no scale is declared. Give "

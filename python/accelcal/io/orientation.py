@@ -116,16 +116,17 @@ def _of_attitude(
     t, r = together(place)
     near = np.abs(t - stamps[np.clip(np.searchsorted(stamps, t), 1, len(stamps) - 1)])
     near = np.minimum(near, np.abs(t - stamps[np.clip(np.searchsorted(stamps, t) - 1, 0, len(stamps) - 1)]))
-    near_stamp = near <= HOLE * float(np.median(np.diff(stamps)))
-    if int(np.sum(near_stamp)) < 2:
+    near = near <= HOLE * float(np.median(np.diff(stamps)))
+    if int(np.sum(near)) < 2:
         raise RecordingError(
-            f"{file}: {', '.join(PLACE)} and the attitude share {int(np.sum(near_stamp))} instants; at least 2 are needed. "
+            f"{file}: {', '.join(PLACE)} and the attitude share {int(np.sum(near))} instants; at least 2 are needed. "
             "Check the time columns of both"
         )
     axis = np.array(declared.input_axis)
-    directions = turning(t[near_stamp], r[near_stamp], (stamps, q), axis, declared.attitude.maps)
+    directions = turning(t[near], r[near], (stamps, q), axis, declared.attitude.maps)
     position, findings = quality.clean(
-        quality.Samples(file, "position", directions.path.t, directions.path.y, "m", lambda i: f"reading {i}"), declared.rig
+        quality.Samples(file, "position", directions.path.t, directions.path.y, "m", lambda i: f"reading {i}"),
+        declared.rig,
     )
     level = directions.gravity.y
     rig = replace(declared.rig, gravity_along_axis=float(np.mean(level)))

@@ -185,11 +185,11 @@ def _one_of(*words: str) -> _Check:
 
 
 def _amount(kind: str, sign: _Sign = "any") -> _Check:
-    def check(found: object) -> float:
-        value = units.quantity(found, kind)
+    def check(declared: object) -> float:
+        value = units.quantity(declared, kind)
         allowed = {"any": True, "not negative": value >= 0, "positive": value > 0, "not zero": value != 0}
         if not allowed[sign]:
-            raise AccelcalError(f"found {units.shown(found)}, expected {units.KINDS[kind].name} that is {sign}")
+            raise AccelcalError(f"found {units.shown(declared)}, expected {units.KINDS[kind].name} that is {sign}")
         return value
 
     return check
@@ -254,12 +254,12 @@ UNIT_LENGTH = 1e-3
 _ANY_OTHER = "*"
 
 
-def _table(found: object, where: str, checks: Mapping[str, _Check]) -> dict[str, Any]:
+def _table(declared: object, where: str, checks: Mapping[str, _Check]) -> dict[str, Any]:
     """Check one table against its keys; the values come back in SI."""
-    if not isinstance(found, Mapping):
-        raise _KeyError(where, f"found {units.shown(found)}, expected a table")
+    if not isinstance(declared, Mapping):
+        raise _KeyError(where, f"found {units.shown(declared)}, expected a table")
     values = {}
-    for key, value in found.items():
+    for key, value in declared.items():
         check = checks.get(key) or checks.get(_ANY_OTHER)
         if check is None:
             raise _KeyError(_join(where, key), f"unknown key; {_nearest(key, checks)}")
@@ -833,7 +833,9 @@ def _rig(tables: Mapping[str, dict[str, Any]], *, turning: bool) -> Rig:
         sensor=sensor,
         lowpass=lowpass,
         output_filters=output_filters,
-        position_filters=tuple(channel_filter for channel_filter, _ in _declared(channels, reference_among(channels) or "position")),
+        position_filters=tuple(
+            channel_filter for channel_filter, _ in _declared(channels, reference_among(channels) or "position")
+        ),
         resolution=resolution,
         uncertainty=Uncertainty(**tables["uncertainty"]),
         assumptions=tuple(sentence for sentence, declared in assumptions.items() if not declared),
@@ -863,7 +865,9 @@ def _of_output(channels: Mapping[str, Any]) -> tuple[LowPass | None, tuple[Chann
     filters = _declared(channels, "accel")
     low = [(channel_filter, tolerance) for channel_filter, tolerance in filters if channel_filter.passes == "lowpass"]
     if len(low) == 1 and low[0][0].kind == "RC" and low[0][0].cutoff is not None:
-        return LowPass(low[0][0].cutoff, low[0][1]), tuple(channel_filter for channel_filter, _ in filters if channel_filter.passes == "highpass")
+        return LowPass(low[0][0].cutoff, low[0][1]), tuple(
+            channel_filter for channel_filter, _ in filters if channel_filter.passes == "highpass"
+        )
     return None, tuple(channel_filter for channel_filter, _ in filters)
 
 

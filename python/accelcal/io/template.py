@@ -74,7 +74,8 @@ def _examples(asked: re.Match[str]) -> str:
     """Examples of the keys of a table, a line each, commented out."""
     keys = {key: entry for key, entry in KEYS[asked[1]].items() if entry.example}
     return "\n".join(
-        f"{f'# {key} = {entry.example}':32}{'# ' * bool(entry.note)}{entry.note}".rstrip() for key, entry in keys.items()
+        f"{f'# {key} = {entry.example}':32}{'# ' * bool(entry.note)}{entry.note}".rstrip()
+        for key, entry in keys.items()
     )
 
 

@@ -230,7 +230,9 @@ def _channel(rig: Rig, name: str, source: Clock | Source, reference: str) -> str
 def _filters(rig: Rig, name: str, reference: str) -> dict[str, str | None]:
     """Return the keys lowpass and highpass of one channel."""
     filters = {"accel": rig.output_filters, reference: rig.position_filters}.get(name, ())
-    low, high = ([_filter(channel_filter) for channel_filter in kind] for kind in (low_passes(filters), high_passes(filters)))
+    low, high = (
+        [_filter(channel_filter) for channel_filter in kind] for kind in (low_passes(filters), high_passes(filters))
+    )
     if name == "accel" and rig.lowpass is not None:
         filter_keys = {
             "kind": '"RC"',
@@ -240,7 +242,8 @@ def _filters(rig: Rig, name: str, reference: str) -> dict[str, str | None]:
         low = [_inline(filter_keys)]
     listed = {"lowpass": low, "highpass": high}
     return {
-        key: texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]" if texts else None for key, texts in listed.items()
+        key: texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]" if texts else None
+        for key, texts in listed.items()
     }
 
 

@@ -92,7 +92,11 @@ def _table(answer: FrequencyResponse, sensor: Sensor) -> tuple[Column, ...]:
 
 def _quantity(name: str, parameter: Parameter | Term) -> Quantity:
     return Quantity(
-        name, parameter.value, parameter.unit, parameter.expanded, parameter.expanded / parameter.std if parameter.std > 0.0 else None
+        name,
+        parameter.value,
+        parameter.unit,
+        parameter.expanded,
+        parameter.expanded / parameter.std if parameter.std > 0.0 else None,
     )
 
 

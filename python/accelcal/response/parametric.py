@@ -207,14 +207,16 @@ def fit_response(points: Sequence[Point]) -> ResponseModel | None:
     """Fit every structure that has fewer parameters than the points have numbers; None with fewer than two points."""
     if len(points) < 2:
         return None
-    fitted = [candidate for s in STRUCTURES if s.size < 2 * len(points) - 1 and (candidate := _fit(s, points)) is not None]
+    fitted = [
+        candidate for s in STRUCTURES if s.size < 2 * len(points) - 1 and (candidate := _fit(s, points)) is not None
+    ]
     if not fitted:
         return None
-    best = min(fitted, key=lambda each: each.criterion)
+    best = min(fitted, key=lambda rival: rival.criterion)
     rivals = [f for f in fitted if f is not best and f.criterion < best.criterion + SAME and _own(f, best, fitted)]
     limit = math.sqrt(float(scipy.special.chdtri(2, FAILS / len(points))))
     failing = tuple(p.frequency for p, d in zip(points, best.deviations, strict=True) if d > limit)
-    return ResponseModel(best, tuple(sorted(rivals, key=lambda each: each.criterion)), failing)
+    return ResponseModel(best, tuple(sorted(rivals, key=lambda rival: rival.criterion)), failing)
 
 
 def _own(rival: Fitted, best: Fitted, fitted: Sequence[Fitted]) -> bool:

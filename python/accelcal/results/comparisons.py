@@ -68,10 +68,10 @@ def comparison_notes(evaluation: Evaluation) -> list[str]:
 
 def regions(*several: tuple[str, str, Evaluation]) -> Table:
     """Where models fail: the worst region of every variable, worst first, of each model on each recording."""
-    (_, recording, seen), *others = several
+    (_, recording, first), *others = several
     return Table(
         title="Where it fails",
-        sentence=as_sentence(seen.worst),
+        sentence=as_sentence(first.worst),
         columns=(
             Column("variable", "variable"),
             *((Column("model", "model"), Column("recording", "recording")) if others else ()),
@@ -91,7 +91,7 @@ def regions(*several: tuple[str, str, Evaluation]) -> Table:
             "The worst region of each variable: mean residual, its share of the mean square residual, and p adjusted "
             "for the number of all regions.",
         ),
-        about={"name": recording, "worst": seen.worst},
+        about={"name": recording, "worst": first.worst},
     )
 
 
@@ -291,7 +291,10 @@ def error_reduction(
 ) -> Table:
     """Errors of several models, one row each, and a row for noise alone: over all recordings, then on each of them."""
     steps = parts[0][1]
-    h, horizons = headline_horizon(*(evaluation for _, every, _ in parts for evaluation in every)), list(steps[0].coast_rms)
+    h, horizons = (
+        headline_horizon(*(evaluation for _, every, _ in parts for evaluation in every)),
+        list(steps[0].coast_rms),
+    )
     rows: list[Row] = []
     errors: list[float] = []
     changed = next((change.measure for _, _, changes in parts for change in changes if change is not None), "")

@@ -193,10 +193,14 @@ def _(evaluation: Evaluation) -> Any:
         {
             "measured": variable("t", measured, "m", "measured position"),
             "simulated": variable("t", simulated, "m", "position simulated without readings"),
-            "simulated_std": variable("t", evaluation.simulated_std, "m", "standard deviation from noise and start state"),
+            "simulated_std": variable(
+                "t", evaluation.simulated_std, "m", "standard deviation from noise and start state"
+            ),
             "one_step": variable("t_reading", evaluation.residual[1], "m", "one-step prediction error"),
             "one_step_std": variable("t_reading", evaluation.residual_std, "m", "its predicted standard deviation"),
-            "accel_residual": variable("t_accel", evaluation.accel_residual[1], "m/s²", "residual at the accelerometer"),
+            "accel_residual": variable(
+                "t_accel", evaluation.accel_residual[1], "m/s²", "residual at the accelerometer"
+            ),
         },
         {
             "t": variable("t", t, "s"),

@@ -292,7 +292,9 @@ def plain_schema(part: Any) -> Any:
         return [plain_schema(value) for value in part]
     if not isinstance(part, dict) or part == NUMBER:
         return {"$ref": "#/$defs/Number"} if part == NUMBER else part
-    plain_part = {key: plain_schema(value) for key, value in part.items() if key != "title" or not isinstance(value, str)}
+    plain_part = {
+        key: plain_schema(value) for key, value in part.items() if key != "title" or not isinstance(value, str)
+    }
     if isinstance(plain_part.get("description"), str):
         plain_part["description"] = " ".join(plain_part["description"].partition("\n\n")[0].split())
     return plain_part
@@ -392,7 +394,9 @@ def schema_of_result(kind: Any, source: Any, handler: Any) -> CoreSchema:
     ]
 
     def without_derived(value: Any) -> Any:
-        return {key: item for key, item in value.items() if key not in kind.derived} if isinstance(value, dict) else value
+        return (
+            {key: item for key, item in value.items() if key not in kind.derived} if isinstance(value, dict) else value
+        )
 
     present = core_schema.no_info_after_validator_function(without_absent, dataclass["schema"])
     dataclass["schema"] = core_schema.no_info_before_validator_function(without_derived, present)

@@ -77,7 +77,9 @@ def from_2_to_3(content: dict[str, Any]) -> dict[str, Any]:
     """
     try:
         model, dwells = content["model"], content["dwells"]
-        own_effects = [{"name": effect["name"], "digest": effect["sha256"], "source": effect["source"]} for effect in model["own"]]
+        own_effects = [
+            {"name": effect["name"], "digest": effect["sha256"], "source": effect["source"]} for effect in model["own"]
+        ]
         return {
             **{key: content[key] for key in ("method", "validity", "remarks", "rig", "shapes")},
             **{"schema": f"{NAME}3", "version": content["version"], "model": {**model, "own": own_effects}},
@@ -393,12 +395,18 @@ def _noise(fit: Fit) -> Found:
                     f"runs[{i}].noise.noise.growth[{k}].effect",
                     f"found {grown.effect.name!r}, which acts on no noise here",
                 )
-    for i, one in enumerate(fit.noise_effects):
-        if one.name not in noise_effects:
-            yield f"noise_effects[{i}].name", f"found {one.name!r}, expected an effect of the model that acts on noise"
-        elif one.unit != noise_effects[one.name].unit:
-            yield f"noise_effects[{i}].unit", f"found {one.unit!r}, expected {noise_effects[one.name].unit!r}"
-        for key, spectrum in (("spectrum", one.spectrum), ("without", one.without)):
+    for i, noise_effect in enumerate(fit.noise_effects):
+        if noise_effect.name not in noise_effects:
+            yield (
+                f"noise_effects[{i}].name",
+                f"found {noise_effect.name!r}, expected an effect of the model that acts on noise",
+            )
+        elif noise_effect.unit != noise_effects[noise_effect.name].unit:
+            yield (
+                f"noise_effects[{i}].unit",
+                f"found {noise_effect.unit!r}, expected {noise_effects[noise_effect.name].unit!r}",
+            )
+        for key, spectrum in (("spectrum", noise_effect.spectrum), ("without", noise_effect.without)):
             where = f"noise_effects[{i}].{key}"
             if spectrum is None:
                 continue
@@ -565,16 +573,16 @@ def enter_effects(model: Any) -> None:
             side_channel(stored.channel, stored.unit.removeprefix("m/s²/").strip("()"))
         else:
             side_channel_scale(stored.channel, stored.unit.removesuffix("⁻¹").strip("()"))
-    for definition in needs.own:
-        if definition.name not in CATALOGUE:
+    for item in needs.own:
+        if item.name not in CATALOGUE:
             raise ModelFileError(
-                f"the model uses {definition.name!r} from a file of your own (SHA-256 {definition.digest[:12]}…); name that "
+                f"the model uses {item.name!r} from a file of your own (SHA-256 {item.digest[:12]}…); name that "
                 "file with --effects-file. Its source is stored in the model file under model.own"
             )
-        if CATALOGUE[definition.name].digest != definition.digest:
+        if CATALOGUE[item.name].digest != item.digest:
             raise ModelFileError(
-                f"{definition.name!r} in the effects file is not the one that the model was fitted with: its source has "
-                f"changed (SHA-256 {CATALOGUE[definition.name].digest[:12]}… instead of {definition.digest[:12]}…). Fit again, "
+                f"{item.name!r} in the effects file is not the one that the model was fitted with: its source has "
+                f"changed (SHA-256 {CATALOGUE[item.name].digest[:12]}… instead of {item.digest[:12]}…). Fit again, "
                 "or name the old file"
             )
 

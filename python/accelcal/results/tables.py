@@ -37,7 +37,11 @@ def _(recording: Recording, which: str = "") -> Table:
     require(which)
     description = describe(recording)
     warnings = [f.text for f in recording.findings if f.severity == "warning"]
-    used = "" if description["range_used"] is None else f"; {100.0 * description['range_used']:.0f} % of the sensor's range used"
+    used = (
+        ""
+        if description["range_used"] is None
+        else f"; {100.0 * description['range_used']:.0f} % of the sensor's range used"
+    )
     counted = f"{len(warnings)} warning{'s' if len(warnings) != 1 else ''}" if warnings else "no warnings"
     rest = sum(end - start for start, end in description["rest_s"])
     clocks = [channel.t for channel in (recording.accel, recording.position) if len(channel)]

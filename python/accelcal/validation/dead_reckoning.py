@@ -393,19 +393,19 @@ class Simulation:
             columns = self._local(window, bare, motion)
             # What lies behind a node where a path ends changes nothing before it.
             ended = np.logical_or.accumulate(~(np.abs(displacement[1]) < self.limit), axis=1)
-            found = np.where(ended, 0.0, self._effects(window, motion, columns))
-            change = np.where(ended, 0.0, np.abs(found - effects))
-            largest = np.maximum(self.largest, largest_of(found))
+            after = np.where(ended, 0.0, self._effects(window, motion, columns))
+            change = np.where(ended, 0.0, np.abs(after - effects))
+            largest = np.maximum(self.largest, largest_of(after))
             if self.hurried and count + 1 >= HURRIED_ROUNDS:
-                self._keep(window, bare, np.where(ended, np.nan, found))
+                self._keep(window, bare, np.where(ended, np.nan, after))
                 return count + 1
             final = count == ROUNDS - 1 or stalled == STALLS
             settled = self.ahead.lagging and last is not None and has_settled(displacement, last, final)
             last = displacement
             if settled or np.all(change <= TOLERANCE * largest + rounding):
-                self._keep(window, bare, np.where(ended, np.nan, found))
+                self._keep(window, bare, np.where(ended, np.nan, after))
                 return count + 1
-            if not np.all(np.isfinite(found)) or (stalled >= STALLS and not self.hurried and n_nodes > 1):
+            if not np.all(np.isfinite(after)) or (stalled >= STALLS and not self.hurried and n_nodes > 1):
                 break
             left = float(np.max(change / (largest + TINY)))
             stalled = stalled + 1 if self.ahead.lagging and left > 0.5 * before else 0
@@ -416,12 +416,12 @@ class Simulation:
                 slopes[2] = slopes[2] + remembered
                 rounding = self._rounding(bare, slopes)
             before = left
-            effects = self._corrected(window, displacement, effects, found, slopes)
+            effects = self._corrected(window, displacement, effects, after, slopes)
         if n_nodes > 1:
             return None
-        found = self._at_node(window, bare, guess)
-        unsolved = np.abs(self._missing(window, bare, found)) > UNSOLVED * np.maximum(self.largest, np.abs(found))
-        self._keep(window, bare, np.where(unsolved, np.nan, found))
+        after = self._at_node(window, bare, guess)
+        unsolved = np.abs(self._missing(window, bare, after)) > UNSOLVED * np.maximum(self.largest, np.abs(after))
+        self._keep(window, bare, np.where(unsolved, np.nan, after))
         return ROUNDS
 
     def _nodes(self, window: slice) -> NDArray[np.intp] | None:

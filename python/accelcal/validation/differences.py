@@ -66,7 +66,11 @@ def headline_horizon(*evaluations: Evaluation) -> float | None:
     -------
     s; the shortest horizon that all of them allow where none has enough stretches, None where they allow none.
     """
-    allowed = [h for h in evaluations[0].coast_rms if all(evaluation.coast_rms.get(h) is not None for evaluation in evaluations)]
+    allowed = [
+        h
+        for h in evaluations[0].coast_rms
+        if all(evaluation.coast_rms.get(h) is not None for evaluation in evaluations)
+    ]
     sure = [h for h in allowed if all(stretch_count(evaluation, h) >= LEAST_STRETCHES for evaluation in evaluations)]
     return max(sure, default=min(allowed, default=None))
 
@@ -147,7 +151,10 @@ def pooled_floor(several: Sequence[Evaluation], readings: Sequence[int]) -> Nois
         return None
     drift = {}
     for horizon in present[0].drift:
-        drifts = [(floor.drift[horizon], evaluation.coast_starts[horizon]) for floor, evaluation in zip(present, several, strict=True)]
+        drifts = [
+            (floor.drift[horizon], evaluation.coast_starts[horizon])
+            for floor, evaluation in zip(present, several, strict=True)
+        ]
         drift[horizon] = together([(estimate, count) for estimate, count in drifts if estimate is not None and count])
     simulated = together([(floor.simulated, count) for floor, count in zip(present, readings, strict=True)])
     limits = [floor for floor in present if floor.sensor.is_limit]
@@ -237,7 +244,9 @@ class PairedStretches:
     @classmethod
     def joined(cls, several: Sequence[PairedStretches]) -> PairedStretches:
         """Stretches of several recordings; each counts by its number of errors."""
-        columns = (np.concatenate([getattr(stretches, key) for stretches in several]) for key in ("number", "before", "after"))
+        columns = (
+            np.concatenate([getattr(stretches, key) for stretches in several]) for key in ("number", "before", "after")
+        )
         return cls(several[0].measure, several[0].unit, *columns)
 
     def change(self) -> HeldOutChange | None:

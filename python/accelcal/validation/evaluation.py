@@ -166,8 +166,8 @@ def compare(
     t_res, residual, motion = accel_residual(ahead, seen_band)
     bins: tuple[Bins, ...] = ()
     if len(residual) * run.reading_step * seen_band >= LEAST_PERIODS:
-        found = bin_residual(ahead, t_res, residual, motion, seen_band)
-        bins = (*found, spectrum(ahead, residual, seen_band))
+        binned = bin_residual(ahead, t_res, residual, motion, seen_band)
+        bins = (*binned, spectrum(ahead, residual, seen_band))
     accel_rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else math.nan
     regions = worst_regions(bins, accel_rms)
     delta, delta_std = (float(y[0]) for y in ahead.constants(np.array([len(run.t) - 1])))

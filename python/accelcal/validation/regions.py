@@ -198,7 +198,8 @@ def outside(
         low, high = fit.validity[key]
         flags[key] = counted & ((y < low) | (y > high))[at]
     texts = [
-        scored(ahead, counted, flags[key], coasting, key, unit, fit.validity[key]) for key, (_, unit) in variables.items()
+        scored(ahead, counted, flags[key], coasting, key, unit, fit.validity[key])
+        for key, (_, unit) in variables.items()
     ]
     return (*texts, scored(ahead, counted, np.any(list(flags.values()), axis=0), coasting, "any", "", None))
 

@@ -28,8 +28,8 @@ def _sampled(file: Any) -> Iterator[Sampled]:
     def read() -> tuple[Any, Any]:
         """Points (frames, points, 3) and analog values (channels, samples)."""
         points, analog = [], []
-        for _, seen, sampled in file.read_frames():
-            points.append(np.where(seen[:, 3:4] < 0.0, np.nan, seen[:, :3]))
+        for _, frame_points, sampled in file.read_frames():
+            points.append(np.where(frame_points[:, 3:4] < 0.0, np.nan, frame_points[:, :3]))
             analog.append(sampled)
         return np.array(points), np.concatenate(analog, axis=1) if analog else np.empty((0, 0))
 

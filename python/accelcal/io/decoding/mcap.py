@@ -31,17 +31,24 @@ def opened(path: str) -> Source:
 
 def _topics(reader: SeekingReader, summary: Any, channels: list[Any], counts: Mapping[int, int]) -> Iterator[Topic]:
     """Those that can be read; if there are others alone, they are refused."""
-    schemas = {each.id: summary.schemas.get(each.schema_id) for each in channels}
+    schemas = {topic_channel.id: summary.schemas.get(topic_channel.schema_id) for topic_channel in channels}
     by_ros = [c for c in channels if (getattr(schemas[c.id], "encoding", ""), c.message_encoding) in _ROS]
-    by_json = [each for each in channels if each.message_encoding == "json"]
+    by_json = [topic_channel for topic_channel in channels if topic_channel.message_encoding == "json"]
     if not by_ros and not by_json:
-        encodings = ", ".join(sorted({each.message_encoding for each in channels})) or "nothing"
-        raise RefusedError(f"its messages are encoded as {encodings}; expected ROS 1, ROS 2 or JSON; convert the recording")
+        encodings = ", ".join(sorted({topic_channel.message_encoding for topic_channel in channels})) or "nothing"
+        raise RefusedError(
+            f"its messages are encoded as {encodings}; expected ROS 1, ROS 2 or JSON; convert the recording"
+        )
     if by_ros:
         from accelcal.io.decoding.ros import Messages
 
         messages = Messages(
-            (schemas[each.id].name, schemas[each.id].data.decode(), schemas[each.id].encoding) for each in by_ros
+            (
+                schemas[topic_channel.id].name,
+                schemas[topic_channel.id].data.decode(),
+                schemas[topic_channel.id].encoding,
+            )
+            for topic_channel in by_ros
         )
         for channel in by_ros:
             schema = schemas[channel.id]
@@ -51,7 +58,9 @@ def _topics(reader: SeekingReader, summary: Any, channels: list[Any], counts: Ma
     for channel in by_json:
         read = _messages(reader, channel, json.loads)
         first: Any = next(read(), (0, {}))[1]
-        yield Topic(channel.topic, counts[channel.id], tuple(_leaves(first, _units(schemas[channel.id], channel), (), 0)), read)
+        yield Topic(
+            channel.topic, counts[channel.id], tuple(_leaves(first, _units(schemas[channel.id], channel), (), 0)), read
+        )
 
 
 def _messages(

@@ -54,8 +54,8 @@ class Messages:
             _require_name(name)
             types.update(_parsed(name, text, kind))
         for name, (_, fields) in types.items():
-            for each in (name, *(field for field, _ in fields)):
-                _require_name(each)
+            for identifier in (name, *(field for field, _ in fields)):
+                _require_name(identifier)
         self._store = get_typestore(Stores.EMPTY)
         self._store.register({name: ([], fields) for name, (_, fields) in types.items()})
 

@@ -41,15 +41,15 @@ class Source:
 
 def limited(entries: Iterable[Entry]) -> tuple[Entry, ...]:
     """The entries of a file, unless there are too many of them."""
-    found = []
+    listed = []
     for entry in entries:
-        found.append(entry)
-        if len(found) > MOST_COLUMNS:
+        listed.append(entry)
+        if len(listed) > MOST_COLUMNS:
             raise RefusedError(
                 f"it holds more than {MOST_COLUMNS} columns; expected a few, one per channel; export those that are "
                 "needed to a file of their own"
             )
-    return tuple(found)
+    return tuple(listed)
 
 
 def is_vector(shape: tuple[int, ...], kind: str) -> bool:
@@ -126,7 +126,7 @@ def uniform(start: float, step: float, length: int) -> Clock:
 def opened_channels(channels: Iterable[Sampled]) -> Source:
     """A container of channels; each clock is a column in seconds in front of the first channel that it serves."""
     listed = list(channels)
-    alone = len({each.clock.key for each in listed if each.clock is not None}) == 1
+    alone = len({part.clock.key for part in listed if part.clock is not None}) == 1
     entries: list[Entry] = []
     readers: dict[str, Callable[[], Any]] = {}
     clocks: dict[Hashable, str] = {}
@@ -143,7 +143,13 @@ def opened_channels(channels: Iterable[Sampled]) -> Source:
         if channel.clock is not None and channel.clock.key not in clocks:
             name = COMMON if alone else channel.clock.name or f"{channel.name}_t"
             clocks[channel.clock.key] = enter(name, channel.length, "s", channel.clock.read, None)
-        enter(channel.name, channel.length, channel.unit, channel.read, clocks[channel.clock.key] if channel.clock else None)
+        enter(
+            channel.name,
+            channel.length,
+            channel.unit,
+            channel.read,
+            clocks[channel.clock.key] if channel.clock else None,
+        )
         limited(entries)
 
     return Source(limited(entries), lambda name: numbers(np.asarray(readers[name]())))

@@ -55,6 +55,6 @@ def _sampled(file: Any, headers: dict[int, dict[str, Any]]) -> Iterator[Sampled]
         yield Sampled(name, count, unit or None, lambda k=k: np.asarray(file.read_sets(k)["data"]), clock)  # type: ignore[misc]
 
 
-def _text(found: Any) -> str:
-    text = str(found or "").strip()
+def _text(header: Any) -> str:
+    text = str(header or "").strip()
     return "" if text.upper() == "NONE" else text
