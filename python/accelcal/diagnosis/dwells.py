@@ -156,8 +156,8 @@ def judged(candidates: tuple[DwellCandidate, ...], result: DwellFit, dwells: Dwe
     elif declared and result.p_value < alpha:
         verdict = "unexplained"
         sentence = (
-            f"The dwells scatter by {result.scatter:.2g} m/s² more than noise, instability and angles explain, and none "
-            f"of {len(candidates)} candidates explains it."
+            f"The dwells scatter by {result.scatter:.2g} m/s² more than noise, instability and angles explain, and "
+            f"none of {len(candidates)} candidates explains it."
         )
     else:
         verdict = "adequate"
