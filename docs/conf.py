@@ -20,8 +20,8 @@ from accelcal.effects.cards import symptoms
 from accelcal.plots import matplotlib
 from accelcal.plots.figure import THEMES
 from accelcal.plots.signature import caption, signature
-from accelcal.results import json
 from accelcal.results import json as results_json
+from accelcal.results import json_text
 
 project = "accelcal"
 version = release = accelcal.__version__
@@ -163,7 +163,7 @@ def publish(app: Any, error: Exception | None) -> None:
     folder = Path(app.outdir) / "schemas"
     folder.mkdir(parents=True, exist_ok=True)
     for name in results_json.SCHEMAS:
-        (folder / f"{name}.json").write_text(json.dumps(results_json.schema(name)), encoding="utf-8")
+        (folder / f"{name}.json").write_text(json_text.dumps(results_json.schema(name)), encoding="utf-8")
 
 
 def commands() -> str:

@@ -282,7 +282,7 @@ def print_alignment(recording: Any) -> None:
 
 def print_json(content: dict[str, Any], indent: int | None = 2) -> None:
     """Print JSON on stdout, in ASCII where its encoding lacks a character; without an indent in one line."""
-    from accelcal.results.json import dumps
+    from accelcal.results.json_text import dumps
 
     text = dumps(content, indent)
     try:

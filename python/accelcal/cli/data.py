@@ -259,7 +259,7 @@ def dwells(
         values = content(fitted)
         if output is not None:
             from accelcal.io import atomic_write
-            from accelcal.results.json import dumps
+            from accelcal.results.json_text import dumps
 
             atomic_write(output, dumps(values))
             print_status(f"wrote {output}")

@@ -112,7 +112,8 @@ def report_on_dwells(found: DwellDiagnosis, output: Path | None, json: bool) -> 
     """Print and write a diagnosis of dwells."""
     from accelcal.cli.printing import show
     from accelcal.io import atomic_write
-    from accelcal.results.json import content, dumps
+    from accelcal.results.json import content
+    from accelcal.results.json_text import dumps
 
     if output is not None:
         atomic_write(output, dumps(content(found)))

@@ -140,7 +140,7 @@ def _of_file(path: Path, command: str, read: Sequence[Path], models: Sequence[Pa
     if not path.is_file() or path.suffix in FIGURES or not path.stat().st_size:
         return ""
     from accelcal.io.loading import digest_of
-    from accelcal.results.json import read_json
+    from accelcal.results.json_text import read_json
 
     if path.suffix == ".json":
         try:

@@ -16,7 +16,7 @@ from accelcal.io import atomic_write
 from accelcal.plots import matplotlib, plotly
 from accelcal.report.content import Content, Entry, entries
 from accelcal.report.view import view
-from accelcal.results.json import dumps, finite
+from accelcal.results.json_text import dumps, finite
 
 if TYPE_CHECKING:
     from jinja2 import Environment

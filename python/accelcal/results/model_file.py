@@ -22,7 +22,7 @@ from accelcal.effects.processes import side_channel_scale
 from accelcal.estimation.estimate import Fit
 from accelcal.io import atomic_write
 from accelcal.model import OwnEffect, SideChannel, Term
-from accelcal.results.json import AGAIN, LONGEST_TEXT, ModelFileError, dumps, plain, read_json
+from accelcal.results.json_text import AGAIN, LONGEST_TEXT, ModelFileError, dumps, plain, read_json
 
 NAME = "accelcal/model/"
 MODEL_SCHEMA = f"{NAME}4"
