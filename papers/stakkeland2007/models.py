@@ -14,7 +14,7 @@ from accelcal.estimation.estimate import Fit, estimate
 from accelcal.filters.choice import FilterChoice
 from accelcal.filters.record import FilterRun
 from accelcal.model import Model
-from accelcal.signals.transfer import applied, memory, response
+from accelcal.signals.processing import applied, memory, response
 from accelcal.simulation.motion import Motion, Tones
 from accelcal.simulation.sensor import CXL02_RIG, Simulated, simulate
 from papers.stakkeland2007.rows import (

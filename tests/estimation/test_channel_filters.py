@@ -18,7 +18,7 @@ from accelcal.filters.choice import FilterChoice
 from accelcal.filters.live_model import LiveModel
 from accelcal.io import load
 from accelcal.model import Model
-from accelcal.signals.transfer import applied, group_delay, memory, noise_bandwidth, response
+from accelcal.signals.processing import applied, group_delay, memory, noise_bandwidth, response
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
 from tests.docs.pages import DOCS
 from tests.regimes import filters as own

@@ -9,8 +9,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.diagnosis.evidence import Examined
-from accelcal.diagnosis.faults import position_steps
-from accelcal.diagnosis.relation import RelationColumns
+from accelcal.diagnosis.faults import RelationColumns, position_steps
 from accelcal.estimation.run import prepare
 from accelcal.io import load
 from accelcal.validation import evaluation

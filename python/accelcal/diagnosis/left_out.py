@@ -40,8 +40,8 @@ from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of
 from accelcal.estimation.run_state import RunState
+from accelcal.signals.processing import FORGOTTEN, memory
 from accelcal.signals.series import interpolation_spread
-from accelcal.signals.transfer import FORGOTTEN, memory
 
 FEWEST = 16
 """Samples of the output in a stretch, least, from which its noise is known."""

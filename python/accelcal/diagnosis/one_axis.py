@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import fft, special
 
 from accelcal.data import Array, Flags, Recording, RecordingError, require_few_holes, usual_step
+from accelcal.diagnosis.faults import BANDS_PER_DECADE, MOST_BLOCKS, RelationColumns, unexplained
 from accelcal.diagnosis.policy import (
     COHERENCE_ALPHA,
     EXPECTED_COHERENCE,
@@ -25,7 +26,6 @@ from accelcal.diagnosis.policy import (
     REST_NOISE_RATIO,
     UNDECLARED_BIAS_INSTABILITY,
 )
-from accelcal.diagnosis.relation import BANDS_PER_DECADE, MOST_BLOCKS, RelationColumns, unexplained
 from accelcal.estimation.estimate import require_motion
 from accelcal.estimation.gauss_newton import NotIdentifiable
 from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of

@@ -24,7 +24,7 @@ from accelcal.diagnosis.findings import (
 )
 from accelcal.diagnosis.left_out import RejectedReadings
 from accelcal.diagnosis.noise.noise_test import WHITENESS, NoiseTest
-from accelcal.diagnosis.noise.tones import harmonic_effects
+from accelcal.diagnosis.noise.spectra import harmonic_effects
 from accelcal.diagnosis.policy import (
     CLEAR_LOG_EVIDENCE,
     DATA_SHEET_NOISE_RATIO,

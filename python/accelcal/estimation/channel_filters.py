@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from accelcal.data import Array, Channel, ChannelFilter, Flags, Rig, high_passes, low_passes
-from accelcal.signals.transfer import Response, Spectrum, applied, memory, modes, response
+from accelcal.signals.processing import Response, Spectrum, applied, memory, modes, response
 
 HOLE = 8.0
 """A spacing of accelerometer samples beyond this many periods is a hole; the replay restarts behind it."""

@@ -17,7 +17,7 @@ import scipy
 from accelcal._support.errors import AccelcalError
 from accelcal.data import Array, Channel, usual_step
 from accelcal.response.sine import Point, Reference
-from accelcal.signals.transfer import Spectrum
+from accelcal.signals.processing import Spectrum
 
 SEGMENTS = 16
 """Segments that fit end to end into a recording."""

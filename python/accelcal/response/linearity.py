@@ -15,9 +15,8 @@ import numpy as np
 import scipy
 
 from accelcal.data import Array, Channel, usual_step
-from accelcal.response.sine import COVERAGE, Point, Reference, SineFit, fit_sines, within
-from accelcal.response.steps import SineStep
-from accelcal.signals.transfer import Spectrum
+from accelcal.response.sine import COVERAGE, Point, Reference, SineFit, SineStep, fit_sines, within
+from accelcal.signals.processing import Spectrum
 
 HARMONICS = (1, 2, 3)
 """Fitted in every step of one sine, as far as they are below the Nyquist frequency."""

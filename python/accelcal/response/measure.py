@@ -18,10 +18,9 @@ from accelcal.model import Model
 from accelcal.response.broadband import HIGHEST, measure_broadband
 from accelcal.response.linearity import Harmonics, Term, linearity, measure_step
 from accelcal.response.parametric import ResponseModel, fit_response
-from accelcal.response.sine import Point, Reference
-from accelcal.response.steps import SineStep, explained, find_steps, may_be_stepped
-from accelcal.signals.transfer import response
-from accelcal.signals.transfer import response as gain_of
+from accelcal.response.sine import Point, Reference, SineStep, explained, find_steps, may_be_stepped
+from accelcal.signals.processing import response
+from accelcal.signals.processing import response as gain_of
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ import scipy
 from accelcal._support.result import Storable
 from accelcal.data import Array
 from accelcal.response.sine import COVERAGE, Point
-from accelcal.signals.transfer import Spectrum
+from accelcal.signals.processing import Spectrum
 
 SAME = 6.0
 """Difference of the information criterion below which two structures are not separated: odds of 20 to 1."""

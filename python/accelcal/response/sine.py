@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -13,7 +13,8 @@ import scipy
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Storable
 from accelcal.data import Array, Channel
-from accelcal.signals.transfer import Response, Spectrum
+from accelcal.data.arrays import stretch_about
+from accelcal.signals.processing import Response, Spectrum
 
 DRIFT = 3
 """Terms of the drift: constant, slope, curvature."""
@@ -170,3 +171,158 @@ class Point(Storable):
     def expanded_phase(self) -> float:
         """Expanded uncertainty of the phase, rad (k = 2); at most pi."""
         return min(self.expanded / self.magnitude, math.pi) if self.magnitude > 0.0 else math.pi
+
+
+LEAST_CYCLES = 6.0
+"""Periods that the steady part of a step must last."""
+SMOOTHED_CYCLES = 4.0
+"""Periods over which the envelope is averaged."""
+LEVEL = 0.8
+"""Share of the envelope's top that belongs to a step: amplitudes that differ by a quarter are two steps."""
+FADED = 0.1
+"""Share of a step's amplitude below which its fading no longer counts as part of it."""
+SIGNIFICANT = 60.0
+"""Power of a line over the median of the spectrum; whether it is steady is decided on its envelope."""
+ALONE = 0.8
+"""Share of the variance that one sine explains where no other shares its stretch."""
+FIRST_LOOK = 3
+"""Strongest lines that are looked at before a whole search,"""
+CLEAR = 0.9
+"""and the share of the power within their steps that their sines explain where steps are many: a sweep leaves more."""
+MOST_STEPS = 300
+MOST_FAILURES = 20
+"""Lines in succession that are no step, after which the search ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class SineStep:
+    """One or several steady sines over one stretch."""
+
+    frequencies: tuple[float, ...]
+    """Hz"""
+    start: float
+    """s"""
+    end: float
+    """s"""
+
+    @property
+    def centre(self) -> float:
+        """Middle of the stretch, s."""
+        return 0.5 * (self.start + self.end)
+
+
+def find_steps(channel: Channel, highest: float, *, lines: int | None = None) -> list[SineStep]:
+    """Steady sines of a channel below a frequency in Hz, in the order of time; empty where there is none.
+
+    With `lines` only so many of the strongest lines are looked at.
+    """
+    t, x = _uniform(channel)
+    step = float(t[1] - t[0])
+    steps: list[SineStep] = []
+    failures = looked_at = 0
+    while len(steps) < MOST_STEPS and failures < MOST_FAILURES and looked_at != lines:
+        looked_at += 1
+        frequency = _strongest(x, step, highest)
+        if frequency is None:
+            break
+        first, last, begin, stop = _stretch(x, step, frequency)
+        part = within(channel, t[first], t[last])
+        if (t[last] - t[first]) * frequency < LEAST_CYCLES or len(part) < 4 * LEAST_CYCLES:
+            failures += 1
+            x[begin:stop] = 0.0
+            continue
+        failures = 0
+        sine = SineStep((float(refined_frequency(part, frequency)),), float(t[first]), float(t[last]))
+        fitted = fit_sines(part, sine.frequencies, sine.centre)
+        remains = float(np.var(fitted.residual))
+        power = 0.5 * abs(fitted.amplitudes[0]) ** 2
+        if power > ALONE * (power + remains):
+            x[begin:stop] = 0.0
+        else:
+            turns = np.exp(2j * math.pi * sine.frequencies[0] * (t[begin:stop] - sine.centre))
+            x[begin:stop] -= np.real(fitted.amplitudes[0] * turns)
+        steps.append(sine)
+    return _joined(steps)
+
+
+def may_be_stepped(channel: Channel, highest: float) -> bool:
+    """Whether most of the strongest lines are steady sines; where they are not, a whole search would be in vain."""
+    steps = find_steps(channel, highest, lines=FIRST_LOOK)
+    return 2 * sum(len(s.frequencies) for s in steps) > FIRST_LOOK and explained(channel, steps)[1] >= CLEAR
+
+
+def explained(channel: Channel, steps: Sequence[SineStep]) -> tuple[float, float]:
+    """Share of the channel's power that lies within the steps, and share of that which their sines explain."""
+    about = float(np.median(channel.y))
+    whole = float(np.sum((channel.y - about) ** 2))
+    inside = sines = 0.0
+    for step in steps:
+        part = within(channel, step.start, step.end)
+        amplitudes = fit_sines(part, step.frequencies, step.centre).amplitudes
+        inside += float(np.sum((part.y - about) ** 2))
+        sines += 0.5 * len(part) * float(np.sum(np.abs(amplitudes) ** 2))
+    return (inside / whole, sines / inside) if inside > 0.0 else (0.0, 0.0)
+
+
+def _uniform(channel: Channel) -> tuple[Array, Array]:
+    """The channel on even stamps, without its mean: for the search alone."""
+    n = len(channel)
+    t = np.linspace(channel.t[0], channel.t[-1], n)
+    x = np.interp(t, channel.t, channel.y)
+    return t, x - np.mean(x)
+
+
+def _strongest(x: Array, step: float, highest: float) -> float | None:
+    """Frequency of the strongest line, Hz, refined between its bins; None where none stands out."""
+    length = scipy.fft.next_fast_len(len(x), real=True)
+    power = np.abs(scipy.fft.rfft(x, length)) ** 2
+    spacing = 1.0 / (length * step)
+    last = min(len(power) - 1, math.ceil(highest / spacing))
+    if last < 8:
+        return None
+    at = 3 + int(np.argmax(power[3:last]))
+    if not power[at] > SIGNIFICANT * float(np.median(power[3:last])):
+        return None
+    left, mid, right = np.sqrt(power[at - 1 : at + 2])
+    curvature = left - 2.0 * mid + right
+    return float(spacing * (at + (0.5 * (left - right) / curvature if curvature < 0.0 else 0.0)))
+
+
+def _stretch(x: Array, step: float, frequency: float) -> tuple[int, int, int, int]:
+    """First and last sample of the steady part around the top of the envelope, then those of all that belongs to it."""
+    window = max(1, round(0.5 * SMOOTHED_CYCLES / (frequency * step)))
+    turns = np.exp(-2j * math.pi * frequency * step * np.arange(len(x)))
+    demodulated = 2.0 * x * turns
+    for _ in range(2):  # a triangle, whose response to other lines falls with the square of their distance
+        demodulated = scipy.ndimage.uniform_filter1d(demodulated, window, mode="constant")
+    envelope = np.abs(demodulated)
+    peak = int(np.argmax(envelope))
+    first, last = stretch_about(envelope >= LEVEL * envelope[peak], peak)
+    inner = envelope[first : last + 1]
+    plateau = float(np.median(inner))
+    middle = inner[len(inner) // 4 : max(len(inner) // 4 + 1, 3 * len(inner) // 4)]
+    slack = max(0.01, 4.0 * float(np.std(middle)) / plateau if plateau > 0.0 else 0.0)
+    steady = np.flatnonzero(inner >= (1.0 - slack) * plateau)
+    rise, fall = int(steady[0]), len(inner) - 1 - int(steady[-1])
+    outer_first, outer_last = stretch_about(envelope >= FADED * plateau, peak)
+    begin = max(outer_first, first - 2 * (rise + window))
+    stop = min(outer_last, last + 2 * (fall + window)) + 1
+    begin += int(np.argmin(envelope[begin : first + 1]))  # where it rises again stands another step
+    stop = last + int(np.argmin(envelope[last:stop])) + 1
+    start, end = first + rise + window, last - fall - window
+    return (start, end, begin, stop) if end > start else (first, first, begin, stop)
+
+
+def _joined(steps: list[SineStep]) -> list[SineStep]:
+    """Steps that share most of their stretch as one step of several sines over the stretch that they share."""
+    joined: list[SineStep] = []
+    for step in sorted(steps, key=lambda item: (item.start, item.end)):
+        for i, other in enumerate(joined):
+            start, end = max(step.start, other.start), min(step.end, other.end)
+            if end - start > 0.5 * max(step.end - step.start, other.end - other.start):
+                together = tuple(sorted({*other.frequencies, *step.frequencies}))
+                joined[i] = replace(other, frequencies=together, start=start, end=end)
+                break
+        else:
+            joined.append(step)
+    return sorted(joined, key=lambda item: item.start)

@@ -9,8 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from accelcal._support.errors import AccelcalError
-from accelcal._support.errors import visible
+from accelcal._support.errors import AccelcalError, visible
 from accelcal.data import RecordingError
 from accelcal.io.files import content_of
 from accelcal.io.table import MODEL_BYTES

@@ -34,7 +34,7 @@ from accelcal.data import (
     integrated,
 )
 from accelcal.data.recording import ORDERS
-from accelcal.signals.transfer import applied, memory, response
+from accelcal.signals.processing import applied, memory, response
 from accelcal.simulation.motion import Motion
 from accelcal.simulation.motion import motion as planned
 

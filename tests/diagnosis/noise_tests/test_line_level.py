@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from accelcal.diagnosis.noise import tones
-from accelcal.diagnosis.noise.tones import spectral_peaks
+from accelcal.diagnosis.noise import spectra
+from accelcal.diagnosis.noise.spectra import spectral_peaks
 from accelcal.signals import processing
 from accelcal.signals.processing import quintic
 
@@ -30,7 +30,7 @@ def test_flicker_noise_has_no_lines(monkeypatch):
     """60 series at 1e-3 each; against a level that is constant at low frequencies, most have a line."""
     series = [noise(seed, 5.0) for seed in range(60)]
     assert min(map(least_p, series)) > 1e-3 / len(series)
-    monkeypatch.setattr(tones, "falling_level", lambda part, f: np.zeros(len(part)))
+    monkeypatch.setattr(spectra, "falling_level", lambda part, f: np.zeros(len(part)))
     assert sum(least_p(y) < 1e-3 for y in series[:20]) > 10
 
 
@@ -38,7 +38,7 @@ def test_a_line_in_white_noise_is_as_significant_as_before(monkeypatch):
     t = np.arange(SAMPLES) / RATE
     series = [noise(seed, 0.0) + 0.1 * np.sin(2.0 * np.pi * f * t) for seed, f in enumerate((0.9, 3.0, 7.0, 15.0))]
     now = [least_p(y) for y in series]
-    monkeypatch.setattr(tones, "falling_level", lambda part, f: np.zeros(len(part)))
+    monkeypatch.setattr(spectra, "falling_level", lambda part, f: np.zeros(len(part)))
     before = [least_p(y) for y in series]
     assert max(now) < 1e-4
     assert np.all(np.log(now) < 0.8 * np.log(before))

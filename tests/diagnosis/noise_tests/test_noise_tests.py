@@ -23,7 +23,7 @@ from accelcal.diagnosis.noise.residuals import (
     spread_of,
 )
 from accelcal.diagnosis.noise.run_all import run_noise_tests
-from accelcal.diagnosis.noise.tones import is_single_line, motion_makes_lines, spectral_peaks
+from accelcal.diagnosis.noise.spectra import is_single_line, motion_makes_lines, spectral_peaks
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA
 from accelcal.signals.series import local_spread
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Vibration, simulate

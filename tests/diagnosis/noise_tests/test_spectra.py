@@ -8,7 +8,7 @@ import scipy
 from hypothesis import given
 from hypothesis import strategies as st
 
-from accelcal.diagnosis.noise.tones import medians_between
+from accelcal.diagnosis.noise.spectra import medians_between
 from accelcal.signals.processing import spectral_density
 
 

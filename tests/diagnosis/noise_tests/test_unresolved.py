@@ -11,7 +11,7 @@ import pytest
 
 from accelcal.data.recording import Channel, Recording
 from accelcal.diagnosis.checks import unresolved_motion
-from accelcal.diagnosis.noise import outliers, position, residuals, tones
+from accelcal.diagnosis.noise import outliers, position, residuals, spectra
 from accelcal.diagnosis.noise.noise_test import JITTER, LINE, OUTPUT_OUTLIERS
 from accelcal.diagnosis.noise.run_all import run_noise_tests
 from accelcal.estimation.estimate import solve_runs
@@ -92,7 +92,7 @@ def test_a_line_that_only_the_position_holds_is_no_tone(tmp_path: Path, monkeypa
     record = TABLE["h-coarse-trap"].build(Trial("h-coarse-trap", 5, 910).record_seed)
     recording = load(record.write(tmp_path))
     assert LINE not in found(recording)
-    monkeypatch.setattr(tones, "output_lacks", lambda *_: False)
+    monkeypatch.setattr(spectra, "output_lacks", lambda *_: False)
     assert LINE in found(recording)
 
 

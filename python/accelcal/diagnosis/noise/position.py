@@ -10,7 +10,7 @@ import scipy
 from accelcal.data import Array
 from accelcal.diagnosis.noise.noise_test import POSITION_WAVE, WHITENESS, NoiseTest
 from accelcal.diagnosis.noise.residuals import Residuals
-from accelcal.diagnosis.noise.tones import local_level, pair_fit
+from accelcal.diagnosis.noise.spectra import local_level, pair_fit
 from accelcal.diagnosis.policy import (
     MOST_HARMONICS,
     NOISE_TEST_ALPHA,

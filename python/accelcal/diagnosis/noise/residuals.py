@@ -22,10 +22,9 @@ from accelcal.diagnosis.policy import (
 from accelcal.estimation.channel_filters import HOLE, LEAST_GAIN
 from accelcal.estimation.rows import sums_of
 from accelcal.estimation.run_state import RunState
-from accelcal.signals.processing import low_pass, quintic
+from accelcal.signals.processing import Spectrum, low_pass, noise_bandwidth, quintic
 from accelcal.signals.series import LOCAL, bridged, grid_step, local_spread, widened
 from accelcal.signals.signals import Signals
-from accelcal.signals.transfer import Spectrum, noise_bandwidth
 from accelcal.signals.unresolved import output_of
 
 LONG_BLOCKS: Array = scipy.signal.windows.blackmanharris(128, sym=False)

@@ -10,13 +10,12 @@ from __future__ import annotations
 import math
 
 from accelcal.diagnosis.noise.counts import held_samples, quantisation, rounded_stamps
-from accelcal.diagnosis.noise.falling_spectrum import vibration
 from accelcal.diagnosis.noise.motion_noise import motion_noise
 from accelcal.diagnosis.noise.noise_test import POSITION_JUMPS, NoiseTest
 from accelcal.diagnosis.noise.outliers import accelerometer_outliers, encoder_outliers
 from accelcal.diagnosis.noise.position import encoder_cyclic, whiteness
 from accelcal.diagnosis.noise.residuals import Residuals
-from accelcal.diagnosis.noise.tones import tones
+from accelcal.diagnosis.noise.spectra import tones, vibration
 from accelcal.estimation.run_state import RunState
 
 
