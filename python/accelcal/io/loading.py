@@ -1,4 +1,4 @@
-"""From a file to a recording: read, convert, check; two loggers joined, and tables of dwells."""
+"""From a file to a recording: read, convert, check; two loggers joined; place and attitude of a body that turns."""
 
 from __future__ import annotations
 

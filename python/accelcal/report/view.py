@@ -28,8 +28,8 @@ from accelcal.plots.response import (
 )
 from accelcal.report.content import Content
 from accelcal.results.diagnoses import VERDICTS, contribution
-from accelcal.results.parameters import parameter_rows
 from accelcal.results.table import Column, Row, Table, as_view
+from accelcal.results.tables import parameter_rows
 from accelcal.results.words import (
     about,
     amount,

@@ -1,4 +1,8 @@
-"""Sine approximation (ISO 16063-11, -41): least squares of sines with a drift, on the stamps as they are."""
+"""Sine approximation (ISO 16063-11, -41) on the stamps as they are, and the steps of a record with steady sines.
+
+The strongest line of the spectrum is demodulated; the stretch over which its envelope is level is a step. That is
+then silenced (or, where other sines share it, the sine subtracted), and the search goes on.
+"""
 
 from __future__ import annotations
 

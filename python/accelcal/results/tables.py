@@ -1,30 +1,230 @@
-"""Tables by kind of result: importing this module makes all of them known to `table`."""
+"""Tables by kind of result, parameters among them: importing this module makes all of them known to `table`."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from accelcal._support.values import listing
-from accelcal.data import Dwells, Recording, describe, instant
-from accelcal.effects import Effect, spelled
+from accelcal.data import ACCELERATION, MICRO_G, UNITS, Dwells, Recording, describe, instant
+from accelcal.effects import CATALOGUE, Effect, find, spelled
 from accelcal.effects.registry import CARD
+from accelcal.estimation.estimate import Fit, tied_sum
+from accelcal.estimation.noise import NoiseEffect, NoiseReport
 from accelcal.estimation.tracks import Track
 from accelcal.filters.choice import STATE_UNITS
 from accelcal.filters.record import FilterRun
-from accelcal.model import Model
-from accelcal.results import (
-    comparisons,  # noqa: F401  they register their tables
-    diagnoses,  # noqa: F401  they register their tables
-    parameters,  # noqa: F401  they register their tables
-)
+from accelcal.model import Estimate, Model
 from accelcal.results.comparisons import length_column
-from accelcal.results.table import Column, Table, as_sentence, require, table
-from accelcal.results.words import amount, grouped, label, number, plain, with_unit
+from accelcal.results.table import Column, Row, Table, as_sentence, require, table
+from accelcal.results.words import amount, at_full_scale, decimal, grouped, interval, label, number, plain, with_unit
 from accelcal.simulation.sensor import Simulated
 from accelcal.validation.comparison import Coast
+
+MOST_COLUMNS = 4
+"""Coefficients of one effect that a table shows one by one; more are one row."""
+NORMAL_95 = 1.96
+"""Half of a 95 % interval in standard deviations."""
+
+
+@table.register
+def _(fit: Fit, which: str = "") -> Table:
+    require(which, "coefficients")
+    readings = grouped(sum(run.readings for run in fit.runs))
+    made_from = [f"{readings} readings of position"] * bool(fit.runs)
+    made_from += [f"{len(fit.dwells.angle)} dwells"] if fit.dwells else []
+    agreement = "".join(
+        f", normalised innovation squared {run.nis:.3f} (1 when consistent)" for run in fit.runs if run.nis is not None
+    )
+    names = ", ".join(name for name, _ in fit.sources)
+    return Table(
+        title=f"Fit of {names}, {fit.method}",
+        sentence=f"{len(fit.free)} parameters from {' and '.join(made_from)}{agreement}.",
+        columns=PARAMETER_COLUMNS,
+        rows=parameter_rows(fit, in_full=which == "coefficients"),
+        alarms=tuple(f"{note.sentence}." for note in fit.remarks if note.code == "slow_residual"),
+        notes=(
+            *(f"{effect.name}: {effect.sentence}." for effect in fit.noise_effects),
+            *(f"{spread.name} by run: {by_run(fit, spread.runs)}." for spread in fit.spreads),
+            *(as_sentence(note) for run in fit.runs for note in noise_notes(run.noise)),
+            *(f"{note.sentence}." for note in fit.remarks if note.code != "slow_residual"),
+        ),
+        about={"name": names},
+    )
+
+
+PARAMETER_COLUMNS = (
+    Column("parameter", "parameter"),
+    Column("symbol", "symbol"),
+    Column("", "value", lambda r: r["worded"]),
+    Column("", "at full scale", lambda r: r["at_full_scale"]),
+    Column("", "SI value (u)", lambda r: r["si"], exact=lambda r: r.get("value")),
+    Column("", "95 % interval", lambda r: r["span"]),
+    Column("", "includes on this rig", lambda r: r["includes"] if r["includes"] != r["symbol"] else ""),
+    *(Column(key) for key in ("value", "std", "low", "high", "unit", "owner", "kind", "held", "run")),
+)
+"""Columns of parameters: what people read, then values in SI units."""
+
+
+def parameter_rows(fit: Fit, *, in_full: bool = False) -> tuple[Row, ...]:
+    """Parameters of a fit: coefficients, shapes and effects on noise, in this order.
+
+    An effect with more than MOST_COLUMNS coefficients is one row, unless `in_full`. Columns of a curve that are held at
+    zero, because a simpler curve suffices, are no parameters.
+    """
+    unused = [e for e in fit.estimates if e.std <= 0.0 and e.value == 0.0 and find(owner_of(e)).family]
+    named = {e.name: e for e in fit.estimates if e not in unused}  # a time offset of each run is no curve
+    counts = Counter(map(owner_of, named.values()))
+    summed = {name for name, count in counts.items() if count > MOST_COLUMNS and name in CATALOGUE and not in_full}
+    rows: list[Row] = []
+    for e in fit.estimates:
+        name = owner_of(e)
+        if name in summed:
+            summed.discard(name)
+            counts[name] *= -1  # its row stands
+            rows.append(curve_row(fit, name, -counts[name]))
+        elif counts[name] > 0 and (in_full or e not in unused):
+            rows.append(estimate_row(fit, e))
+    rows += [estimate_row(fit, e, "shape") for e in fit.shapes]
+    rows += [noise_row(effect) for effect in fit.noise_effects]
+    return tuple(rows)
+
+
+def owner_of(e: Estimate) -> str:
+    """Effect that a coefficient belongs to."""
+    return e.name.partition(".")[0]
+
+
+def estimate_row(fit: Fit, e: Estimate, kind: str = "coefficient") -> Row:
+    """Row of one coefficient or shape parameter."""
+    held, half = e.std <= 0.0, fit.expanded(e, NORMAL_95)
+    determined = not held and math.isfinite(half)
+    return {
+        "parameter": e.name if e.run is None else f"{e.name} [{fit.runs[e.run].name}]",
+        "name": e.name,
+        "symbol": e.symbol,
+        "value": e.value,
+        "std": e.std,
+        "low": e.value - half if determined else None,
+        "high": e.value + half if determined else None,
+        "unit": e.unit,
+        "owner": e.owner,
+        "kind": kind,
+        "held": held,
+        "run": e.run,
+        "worded": plain(e.unit, e.value, e.std),
+        "at_full_scale": at_full_scale(e.name, e.unit, e.value, e.std, fit.rig.sensor.range),
+        "si": amount(e.value, e.std, e.unit),
+        "span": interval(e.value, e.std, half / e.std) if determined else "",
+        "includes": tied_sum(fit, e.name),
+        "estimate": e,
+    }
+
+
+def curve_row(fit: Fit, name: str, count: int) -> Row:
+    """Row of an effect with many coefficients."""
+    effect = find(name)
+    every = [e for e in fit.estimates if owner_of(e) == name]
+    largest = max(every, key=lambda e: abs(e.value))
+    size = process_size(fit.model, effect)
+    return {
+        "parameter": name,
+        "name": name,
+        "symbol": effect.symbol,
+        "unit": effect.unit,
+        "owner": effect.owner,
+        "kind": "process" if size else "curve",
+        "held": False,
+        "worded": size or f"{count} coefficients",
+        "at_full_scale": "",
+        "si": "" if size else f"at most {amount(largest.value, largest.std, largest.unit)}",
+        "span": "",
+        "includes": "",
+    }
+
+
+def noise_row(effect: NoiseEffect) -> Row:
+    """Row of an effect on noise."""
+    absent, exact = effect.value <= 0.0, effect.std <= 0.0
+    read_off = with_unit(f"{number(effect.value, 6)}", effect.unit)
+    return {
+        "parameter": effect.name,
+        "name": effect.name,
+        "symbol": effect.symbol,
+        "value": effect.value,
+        "std": effect.std,
+        "low": None if exact else effect.value - NORMAL_95 * effect.std,
+        "high": None if exact else effect.value + NORMAL_95 * effect.std,
+        "unit": effect.unit,
+        "owner": effect.owner,
+        "kind": "noise",
+        "held": False,
+        "worded": "none" if absent else plain(effect.unit, effect.value, effect.std),
+        "at_full_scale": "",
+        "si": "" if absent else f"{read_off} (read off)" if exact else amount(effect.value, effect.std, effect.unit),
+        "span": "" if absent or exact else interval(effect.value, effect.std),
+        "includes": "",
+    }
+
+
+def process_size(model: Model, effect: Effect) -> str:
+    """Size of a random process of a model, and its correlation time; empty for all other effects."""
+    prior = next((model.priors[t.name] for t in model.terms if t.effect is effect and t.name in model.priors), None)
+    if effect.port != "process" or prior is None:
+        return ""
+    size = with_unit(f"{prior.std:.3g}", effect.unit)
+    if "tau" not in effect.shapes:
+        return f"random walk of {size}"
+    return f"standard deviation {size}, correlation time {model.shapes[effect.name]['tau']:.3g} s"
+
+
+def by_run(fit: Fit, values: Sequence[float]) -> str:
+    """Values of one parameter with the names of their runs."""
+    return ", ".join(f"{run.name or 'recording'} {number(y, 6)}" for run, y in zip(fit.runs, values, strict=True))
+
+
+@table.register
+def _(e: Estimate, which: str = "") -> Table:
+    require(which)
+    return Table(
+        title=f"Estimate of {spelled(e.name)}",
+        sentence=f"{e.symbol} = {plain(e.unit, e.value, e.std)}.",
+        columns=(
+            Column("name"),
+            Column("", "SI value (u)", lambda r: amount(r["value"], r["std"], r["unit"])),
+            Column("owner", "owner"),
+            *(Column(key) for key in ("value", "std", "unit", "symbol")),
+        ),
+        rows=({key: getattr(e, key) for key in ("name", "value", "std", "unit", "symbol", "owner")},),
+    )
+
+
+def noise_notes(progress: NoiseReport) -> list[str]:
+    """Noise of one run: overall, at rest, in motion, and as declared."""
+    by_position = progress.reference == "position"
+    counted = "readings" if by_position else "rows"
+    reader, unit = ("encoder", "µm") if by_position else (progress.reference, f"µ{UNITS[progress.reference]}")
+    whole = "noise beside the effects above" if progress.noise.growth else "noise"
+    notes = []
+    for name, level in ((whole, progress.all), ("noise at rest", progress.rest), ("noise in motion", progress.motion)):
+        if level is not None:
+            density = decimal(level.density / MICRO_G, level.density_std / MICRO_G)
+            notes.append(
+                f"{name}: {density} µg/√Hz, {reader} {decimal(1e6 * level.reading, 1e6 * level.reading_std)} {unit}, "
+                f"{level.count} {counted}"
+            )
+    if progress.declared is not None:
+        density = number(progress.declared / MICRO_G)
+        notes.append(f"declared noise: {density} µg/√Hz; the estimate is {number(progress.ratio or 0.0, 3)} times that")
+    if progress.reference != ACCELERATION:
+        edge = f"band {progress.band:.4g} Hz" if progress.band is not None else f"crossover {progress.crossover:.4g} Hz"
+        below = "encoder" if by_position else "reference"
+        notes.append(f"{edge}: below it the {below}, above it the accelerometer measures acceleration more precisely")
+    return notes
+
 
 TERMS = 12
 """Coefficients of a model that are shown."""

@@ -1,4 +1,4 @@
-"""Spectral lines at fixed frequencies, in the output and in the innovations."""
+"""Spectra of the noise: lines at fixed frequencies, and bands above a spectrum that falls with frequency."""
 
 from __future__ import annotations
 
