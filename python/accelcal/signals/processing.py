@@ -1,8 +1,8 @@
 """Signal processing on uniform samples: declared filters, zero-phase low-pass, derivative, integral, spectra.
 
 A declared filter is applied by multiplication in the frequency domain with its complex response (Oppenheim and Schafer
-2010, section 8.7), so that magnitude and phase are those of the filter itself, analog or digital, at any rate. What came
-before the first sample is taken as that sample held; the samples are continued until the response has died away.
+2010, section 8.7), so that magnitude and phase are those of the filter itself, analog or digital, at any rate. What
+came before the first sample is taken as that sample held; the samples are continued until the response has died away.
 """
 
 from __future__ import annotations
