@@ -14,7 +14,7 @@ import pytest
 import accelcal.effects as effects
 from accelcal.data.orientation import ANGULAR_ACCELERATION, LEVERS, RATES, TURNED
 from accelcal.data.rig import Rig
-from accelcal.effects import BUILT_IN, Effect, cards
+from accelcal.effects import BUILT_IN, Effect, cards, find
 from accelcal.effects.registry import CARD
 from accelcal.signals.signals import Signals
 
@@ -104,6 +104,12 @@ def test_a_curve_covers_every_effect_that_depends_on_its_variable_alone(family):
     assert alone == set(family.covers), (
         "an effect of one variable alone stands in `covers` of its curve, effects/curves.py"
     )
+
+
+def test_a_function_of_the_acceleration_without_shape_is_a_term_of_the_static_characteristic():
+    plain = [e for e in map(find, find("shape_of_acceleration").covers) if not e.shapes]
+    assert len(plain) >= 4
+    assert not [e.name for e in plain if e.traits.static is None], "declare Traits(static=Static(...)): export needs it"
 
 
 @every
