@@ -8,7 +8,7 @@ export CARGO_INCREMENTAL ?= 0
 RUN_TESTS := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal -q
 BESIDE := slow or outside or statistics
 
-.PHONY: help demo docs paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response
+.PHONY: help demo docs pages paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -19,6 +19,9 @@ demo: $(STAMP) ## Set up, then run the main steps: simulate, fit, compare, draw.
 docs: $(STAMP) ## Build the site into build/docs: pages, cards with pictures, the tutorial run anew. No network.
 	$(BIN)/python -m sphinx -W -E -q -b html -d build/doctrees docs build/docs
 	@echo "open build/docs/index.html"
+
+pages: $(STAMP) ## Write what the package prints on its pages: cards of effects, thresholds.
+	$(BIN)/python -m tests.docs.printed
 
 paper: $(STAMP) ## Reproduce the paper: measured next to expected values, figures in build/paper. ARGS=--full for all runs.
 	$(BIN)/python -m papers.stakkeland2007 -o build/paper $(ARGS)

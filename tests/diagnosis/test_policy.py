@@ -10,17 +10,13 @@ import pytest
 
 import accelcal
 from accelcal.diagnosis import policy
-from accelcal.diagnosis.policy import markdown, thresholds
+from accelcal.diagnosis.policy import thresholds
+
+from ..docs.printed import with_thresholds
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = Path(accelcal.__file__).parent
-BEGIN, END = "<!-- thresholds: begin -->\n", "<!-- thresholds: end -->"
 PAGE = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
-
-
-def printed_on(page: str) -> str:
-    """What stands between the markers of a page."""
-    return page.split(BEGIN)[1].split(END)[0]
 
 
 def names_read(paths: list[Path]) -> set[str]:
@@ -35,13 +31,13 @@ def unused(names: set[str]) -> set[str]:
 
 
 def test_the_page_is_what_the_module_prints():
-    assert printed_on(PAGE) == markdown()
+    assert with_thresholds(PAGE) == PAGE, "run make pages"
 
 
 def test_a_page_with_another_value_is_noticed():
     changed = PAGE.replace("| 4.5 nat |", "| 4.6 nat |")
     assert changed != PAGE
-    assert printed_on(changed) != markdown()
+    assert with_thresholds(changed) == PAGE
 
 
 def test_every_threshold_decides_something():

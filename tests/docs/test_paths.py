@@ -117,6 +117,14 @@ def test_programs_and_folders_of_a_readme_exist(folder):
     assert not absent(text)
 
 
+def test_every_folder_of_tests_is_a_folder_of_the_package_or_explained():
+    explained = set(re.findall(r"`([\w/]+)`", (ROOT / "tests" / "README.md").read_text(encoding="utf-8")))
+    for top in ("", "diagnosis/"):
+        for folder in (ROOT / "tests" / top).glob("*/__init__.py"):
+            name = top + folder.parent.name
+            assert name in explained or (ROOT / "python" / "accelcal" / name).is_dir(), name
+
+
 def test_a_path_or_a_test_that_is_not_there_is_found():
     assert absent("see `estimation/no_such.py` and [this](docs/absent.md)") == [
         "docs/absent.md",

@@ -14,10 +14,11 @@ import pytest
 import accelcal.effects as effects
 from accelcal.data.orientation import ANGULAR_ACCELERATION, LEVERS, RATES, TURNED
 from accelcal.data.rig import Rig
-from accelcal.effects import BUILT_IN, Effect, cards
+from accelcal.effects import BUILT_IN, Effect, cards, find
 from accelcal.effects.registry import CARD
 from accelcal.signals.signals import Signals
 
+from ..worlds import CATALOGUE as WORLDS
 from .motions import sines
 
 IDENTIFIERS = re.findall(
@@ -40,6 +41,19 @@ IDENTIFIERS = re.findall(
     """,
 )
 
+NO_WORLD = re.findall(
+    r"\w+",
+    """
+    bias scale_factor ac_coupling angular_acceleration cross_axis_product cross_axis_quadratic_z cross_axis_z
+    cross_coupling_z encoder_lag gyroscope_tilt held_samples lever_arm lowpass_error rail_second_wave rounded_stamps
+    spin
+    """,
+)
+"""Effects that `tests/worlds` does not hide: the base, a nuisance of every world, and what tests of its own hide."""
+UNCOVERED = {"scale_factor", "time_offset", "tone", "vibration_rectification"}
+"""Effects of one variable that no curve covers: straight lines of the base, a line of the spectrum, and a shift of the
+bias by vibration, which has the speed for its measure only."""
+
 every = pytest.mark.parametrize("effect", BUILT_IN, ids=lambda e: e.name)
 
 
@@ -60,6 +74,42 @@ def test_the_catalogue_holds_exactly_the_promised_names():
     unseen |= {"gyroscope_tilt", "lever_arm"}
     assert {e.name for e in BUILT_IN if not e.traits.visible} == unseen
     assert {e.name for e in BUILT_IN if e.family} == {name for name in IDENTIFIERS if "shape_" in name}
+
+
+def test_every_effect_is_hidden_by_a_world_or_stands_among_those_that_none_hides():
+    assert set(WORLDS) == {e.name for e in BUILT_IN if not e.family} - set(NO_WORLD)
+
+
+def other_motion(s: Signals, letter: str) -> Signals:
+    """Signals that are equal in one variable only."""
+    motion = {name: 1.3 * getattr(s, name)[::-1] + 0.01 for name in ("p", "v", "a", "jerk") if name != letter}
+    side = {name: y if name == letter else 1.3 * y[::-1] + 0.01 for name, y in s.side.items()}
+    t = s.t if letter == "t" else s.t + 3.0
+    return dataclasses.replace(s, t=t, **motion, side=side, a_corner=s.a_width, v_corner=s.v_width)
+
+
+@pytest.mark.parametrize(
+    "family", [e for e in BUILT_IN if e.family and not e.family.variable.per], ids=lambda e: e.name
+)
+def test_a_curve_covers_every_effect_that_depends_on_its_variable_alone(family):
+    s = sines(n=4096)
+    changed = other_motion(s, family.family.variable.letter)
+
+    def follows(effect: Effect) -> bool:
+        y = effect.column(s, **middle(effect, s))
+        return bool(np.ptp(y) > 0.0) and np.array_equal(y, effect.column(changed, **middle(effect, s)))
+
+    alike = [e for e in BUILT_IN if e.port == family.port and e.traits.visible and not (e.family or e.traits.memory)]
+    alone = {effect.name for effect in alike if follows(effect)} - UNCOVERED
+    assert alone == set(family.covers), (
+        "an effect of one variable alone stands in `covers` of its curve, effects/curves.py"
+    )
+
+
+def test_a_function_of_the_acceleration_without_shape_is_a_term_of_the_static_characteristic():
+    plain = [e for e in map(find, find("shape_of_acceleration").covers) if not e.shapes]
+    assert len(plain) >= 4
+    assert not [e.name for e in plain if e.traits.static is None], "declare Traits(static=Static(...)): export needs it"
 
 
 @every
@@ -110,7 +160,7 @@ def test_the_card_is_complete(effect):
 
 def test_the_page_of_cards_is_the_catalogue():
     page = Path(__file__).parents[2] / "docs" / "effects.md"
-    assert page.read_text() == cards(BUILT_IN), "run python -m accelcal.effects > docs/effects.md"
+    assert page.read_text() == cards(BUILT_IN), "run make pages"
 
 
 @every

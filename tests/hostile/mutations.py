@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from accelcal.io import naming
-from tests.io.recorders import RECORDERS
+from tests.io.recorders import IN_MESSAGES, NO_UNITS, RECORDERS, named
 
 from .case import case_rng
 
@@ -451,19 +451,14 @@ def _recorded(write: Callable[..., None]) -> Callable[[Path, Vectors, Rng], None
                 float(_choice(rng, (0.01, 0.01, 1e-9, 1e3))),
             )
         if rng.uniform() < 0.7:
-            lines = [
-                f'{name} = {{ column = "{column}" }}' for name, column in _IN_MESSAGES.get(path.suffix, {}).items()
-            ]
+            suffix = path.suffix.removeprefix(".")
+            declared = ("accel", "position") if suffix in IN_MESSAGES or suffix in NO_UNITS else ()
+            lines = [f'{name} = {{ column = "{named(suffix, name)}" }}' for name in declared]
             path.with_suffix(".toml").write_text("\n".join(["[channels]", *lines]))
 
     return made
 
 
-_IN_MESSAGES = {
-    ".mcap": {"accel": "/accel.value", "position": "/position.value"},
-    ".bag": {"accel": "/accel.accel.linear.x", "position": "/position.accel.linear.x"},
-    ".mseed": {"accel": "accel", "position": "position"},
-}
 CONTAINERS: dict[str, Callable[[Path, Vectors, Rng], None]] = {
     "npz": _npz,
     "parquet": _parquet,

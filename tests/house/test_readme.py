@@ -52,6 +52,8 @@ def test_the_map_names_every_folder():
     assert folders <= listed
     assert {f"crates/{path.parent.name}" for path in README.parent.glob("crates/*/Cargo.toml")} <= listed
     assert {"firmware", "tests", "benches", "tools", "docs"} <= listed
+    homes = (README.parent, package, package / "diagnosis")
+    assert not [name for name in listed if not any((home / name).exists() for home in homes)]
 
 
 def test_shell_examples_run_in_order(tmp_path):

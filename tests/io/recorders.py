@@ -196,3 +196,12 @@ RECORDERS: dict[str, Callable[[Path, Columns, Mapping[str, str], float], None]] 
     "db3": db3,
 }
 """Writers by the ending of their files."""
+IN_MESSAGES = {"mcap": "/{}.value", "bag": "/{}.accel.linear.x", "db3": "/{}.accel.linear.x"}
+"""How a column is called where it is one number of a message."""
+NO_UNITS = {"mseed"}
+"""Formats that hold none."""
+
+
+def named(suffix: str, channel: str) -> str:
+    """How a reader calls a column of a format."""
+    return IN_MESSAGES.get(suffix, "{}").format(channel)

@@ -1,17 +1,21 @@
 """TDMS, UFF, MF4, miniSEED, C3D, MCAP and ROS bags: each written by its own library, read to the bit, or refused."""
 
 import importlib.util
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from accelcal import io
 from accelcal.data.recording import RecordingError
+from accelcal.io import decoding
 from accelcal.io.decoding.known_formats import FORMATS
 from accelcal.io.files import open_table
 from tests.io.installed import leave_numpy_alone
-from tests.io.recorders import RECORDERS
+from tests.io.recorders import IN_MESSAGES, NO_UNITS, RECORDERS, named
 
+PAGE = Path(__file__).parents[2] / "docs" / "your-data.md"
 STEP = 1.0 / 128.0
 N = 60
 RNG = np.random.default_rng(5)
@@ -19,17 +23,9 @@ ACCEL = RNG.normal(size=N).astype(np.float32).astype(np.float64)  # C3D holds fl
 POSITION = RNG.normal(size=N).astype(np.float32).astype(np.float64)
 COLUMNS = {"accel": ACCEL, "position": POSITION}
 UNITS = {"accel": "m/s^2", "position": "m"}
-IN_MESSAGES = {"mcap": "/{}.value", "bag": "/{}.accel.linear.x", "db3": "/{}.accel.linear.x"}
-"""How a column is called where it is one number of a message."""
-NO_UNITS = {"mseed"}
-"""Formats that hold none."""
 DEFINED = {"bag", "db3"}
 """Formats whose message definitions state the units."""
 OF_SUFFIX = {suffix.removeprefix("."): each for each in FORMATS for suffix in each.suffixes}
-
-
-def named(suffix, channel):
-    return IN_MESSAGES.get(suffix, "{}").format(channel)
 
 
 def declare(path, suffix, units):
@@ -120,7 +116,7 @@ def test_init_offers_every_channel_with_what_the_file_knows_of_it(tmp_path, suff
         np.testing.assert_array_equal(io.load(path).accel.y, ACCEL)  # nothing is left to be filled in
 
 
-@pytest.mark.parametrize("suffix", RECORDERS)
+@pytest.mark.parametrize("suffix", [suffix for suffix in RECORDERS if OF_SUFFIX[suffix].extra])
 def test_a_missing_library_is_named_with_the_command(tmp_path, suffix, monkeypatch):
     path = written(tmp_path, suffix)
     chosen = OF_SUFFIX[suffix]
@@ -128,6 +124,15 @@ def test_a_missing_library_is_named_with_the_command(tmp_path, suffix, monkeypat
     leave_numpy_alone(tmp_path / "alone", monkeypatch)
     with pytest.raises(RecordingError, match=rf"install it with: pip install 'accelcal\[{chosen.extra}\]'"):
         io.load(path)
+
+
+@pytest.mark.parametrize("file_format", FORMATS, ids=lambda file_format: file_format.name)
+def test_every_format_has_its_reader_and_its_row_on_the_page(file_format):
+    source = (Path(decoding.__file__).parent / f"{file_format.reader}.py").read_text(encoding="utf-8")
+    assert re.search(r"^def opened\(path: str\) -> Source:$", source, flags=re.MULTILINE)
+    listed = re.findall(r"^\| [^|]+ \| (`\.[^|]+) \|", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    absent = {f"`{suffix}`" for suffix in file_format.suffixes} - {each for row in listed for each in row.split(", ")}
+    assert not absent, f"no row of docs/your-data.md has {absent}"
 
 
 def test_code_in_the_definition_of_a_message_is_never_run(tmp_path):

@@ -20,60 +20,6 @@ from .numerics import STEP, Array, double_integral, interpolate, lag, play, reso
 from .strength import contamination, encoder_variance, whiten
 from .world import ACCEL_RATE, ENCODER_RATE, RESOLUTION, encoder_error, pass_through, time_constant
 
-NAMES = [
-    "quadratic",
-    "cubic",
-    "odd_quadratic",
-    "scale_asymmetry",
-    "dead_zone",
-    "saturation",
-    "hysteresis",
-    "temperature_bias",
-    "temperature_scale",
-    "temperature_rate",
-    "warm_up",
-    "self_heating",
-    "bias_drift",
-    "bias_step",
-    "bias_random_walk",
-    "bias_gauss_markov",
-    "scale_drift",
-    "scale_step",
-    "scale_random_walk",
-    "scale_gauss_markov",
-    "velocity",
-    "velocity_squared",
-    "velocity_odd",
-    "coulomb",
-    "acceleration_velocity",
-    "rail_slope",
-    "rail_curve",
-    "rail_wave",
-    "time_offset",
-    "time_offset_step",
-    "clock_skew",
-    "timing_jitter",
-    "sensor_lag",
-    "sensor_resonance",
-    "creep",
-    "cross_axis",
-    "cross_axis_quadratic",
-    "cross_coupling",
-    "tone",
-    "vibration",
-    "vibration_rectification",
-    "accelerometer_outliers",
-    "encoder_outliers",
-    "quantisation",
-    "encoder_cyclic",
-    "encoder_backlash",
-    "encoder_nonlinearity",
-    "encoder_step",
-    "tilt",
-    "misalignment",
-    "encoder_scale",
-    "cross_axis_gravity",
-]
 SHORT = World(motion="tones", sensor="CXL02", seconds=12.0, seed=3)
 
 
@@ -103,13 +49,9 @@ def test_no_world_imports_the_product() -> None:
             assert not any("accelcal" in module for module in modules), f"{path.name}: {modules}"
 
 
-def test_every_name_of_the_catalogue_has_its_physics() -> None:
-    assert sorted(CATALOGUE) == sorted(NAMES)
-
-
 def test_at_least_eight_effects_are_outside_the_catalogue() -> None:
     assert len(OUTSIDE) >= 8
-    assert not set(OUTSIDE) & set(CATALOGUE)
+    assert not set(OUTSIDE) & set(CATALOGUE), "what is outside the catalogue has another name than what is in it"
 
 
 @pytest.mark.parametrize("name", EFFECTS)

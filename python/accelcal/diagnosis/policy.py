@@ -1,7 +1,7 @@
 """Every threshold that decides a verdict: its value, unit and reason, and the test or bench that guards it.
 
 One name has one value, so that the whole policy of diagnosis, selection and experiment design can be read on one page;
-`python -m accelcal.diagnosis.policy` prints it as Markdown, and docs/method.md holds that text. Numerical constants
+`make pages` writes it into docs/method.md. Numerical constants
 (ridges, grids, numbers of iterations) stay with the code that they serve.
 """
 
@@ -468,7 +468,3 @@ def markdown() -> str:
             f"| `{entry.name}` | {entry.value:g} {entry.unit} | {entry.decides} | {entry.reason} | `{entry.guard}` |"
         )
     return "\n".join(parts).strip() + "\n"
-
-
-if __name__ == "__main__":
-    print(markdown(), end="")

@@ -1,4 +1,4 @@
-"""The catalogue as a page: `python -m accelcal.effects > docs/effects.md`."""
+"""The catalogue as a page: docs/effects.md, which `make pages` writes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def cards(effects: Iterable[Effect]) -> str:
     lines = [
         "# Catalogue of effects",
         "",
-        "Written by `python -m accelcal.effects`; the text lives in `python/accelcal/effects/`.",
+        "Written by `make pages`; the text lives in `python/accelcal/effects/`.",
         "",
         "| effect | symbol | unit of the coefficient | acts by | owner | refined |",
         "|---|---|---|---|---|---|",

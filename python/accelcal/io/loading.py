@@ -394,7 +394,7 @@ def load(
 
     Parameters
     ----------
-    path : CSV (also .txt, .tsv), Parquet, MAT (v4 to v7.3), npz, HDF5, TDMS, UFF, MF4, MCAP, ROS bag, miniSEED or C3D.
+    path : CSV (also .txt, .tsv), or a container of `accelcal.io.decoding.known_formats`: Parquet, MAT, npz, a logger's.
     rig : sidecar file, or a `Rig` when the columns are found by their names; None = ``NAME.toml`` beside the file.
     position : file of another logger that recorded the position, with a sidecar of its own; the output is shifted onto
         its clock (`accelcal.data.clocks`), and a finding says by how much and how ambiguous that is.

@@ -9,6 +9,7 @@ from accelcal.app.page import Page
 from accelcal.app.screens import uploads
 from accelcal.app.session_file import KeptSession
 from accelcal.app.tasks import EXAMPLES, Example
+from accelcal.io.decoding import known_formats
 
 STEPS = (
     (
@@ -151,8 +152,8 @@ PURPOSE = "Calibrate an accelerometer against position, and find the physical ef
 FORMATS = (
     (
         "Recordings",
-        "CSV and text in any dialect (comma, semicolon or tab; decimal point or comma; a preamble), Parquet, MATLAB "
-        "(.mat), NumPy (.npz), HDF5, TDMS, UFF, MF4, ROS bags, MCAP, miniSEED and C3D, with the output of one sensor "
+        "CSV and text in any dialect (comma, semicolon or tab; decimal point or comma; a preamble), "
+        f"{', '.join(file_format.name for file_format in known_formats.FORMATS)}, with the output of one sensor "
         "and one position; each may have its own clock. "
         "Several of one sensor may be dropped together, tables of dwells among them.",
     ),
