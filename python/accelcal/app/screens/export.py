@@ -7,9 +7,8 @@ from pathlib import Path
 
 from nicegui import ui
 
-from accelcal.app import mapping, widgets
+from accelcal.app import mapping, session_file, widgets, workers
 from accelcal.app.page import Page
-from accelcal.app.screens import start
 from accelcal.app.script import COPIES
 from accelcal.app.tasks import Export
 
@@ -42,12 +41,34 @@ def show(page: Page) -> None:
                     f"{state.first_fitted.name} and {state.unseen_runs[0].name}."
                 ).classes("note")
     with widgets.card("Session"):
-        start.save(page)
+        save(page)
     for name, make in COPIES.items():
         title, language = STEPS[name]
         with widgets.card(title):
             widgets.code(make(state), language, title)
     widgets.copies(page)
+
+
+def save(page: Page) -> None:
+    """A button that downloads the session, and where it is kept."""
+    bench, keeper = page.bench, page.workbenches.keeper
+    assert bench.state.file is not None
+    name = f"{bench.state.file.stem}{session_file.SUFFIX}"
+
+    async def download() -> None:
+        content = await workers.act(bench.session)
+        with page.body:
+            ui.download.content(content, name)
+
+    with ui.row().classes("line"):
+        widgets.button("Save session (.accelcal)", "save", download)
+    ui.label(
+        "The session holds the models and how they were made, and names the recording; it holds no recorded data. Drop "
+        "it on the Data tab to go on."
+    ).classes("note")
+    ui.label(keeper.problem or f"It is also kept, after every change, in {keeper.folder}.").classes(
+        "warning" if keeper.problem else "note"
+    )
 
 
 def results(page: Page) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nicegui import background_tasks, ui
 
-from accelcal.app import session_file, widgets, workers
+from accelcal.app import widgets, workers
 from accelcal.app.page import Page
 from accelcal.app.screens import uploads
 from accelcal.app.session_file import KeptSession
@@ -123,28 +123,6 @@ def line(page: Page, kept: KeptSession, place: ui.element) -> None:
         with ui.row().classes("tight"):
             widgets.button("Open", "folder_open", go_on, label=f"Open {kept.title}, {kept.saved}")
             widgets.button("Delete", "delete", delete, flat=True, label=f"Delete {kept.title}, {kept.saved}")
-
-
-def save(page: Page) -> None:
-    """A button that downloads the session, and where it is kept."""
-    bench, keeper = page.bench, page.workbenches.keeper
-    assert bench.state.file is not None
-    name = f"{bench.state.file.stem}{session_file.SUFFIX}"
-
-    async def download() -> None:
-        content = await workers.act(bench.session)
-        with page.body:
-            ui.download.content(content, name)
-
-    with ui.row().classes("line"):
-        widgets.button("Save session (.accelcal)", "save", download)
-    ui.label(
-        "The session holds the models and how they were made, and names the recording; it holds no recorded data. Drop "
-        "it on the Data tab to go on."
-    ).classes("note")
-    ui.label(keeper.problem or f"It is also kept, after every change, in {keeper.folder}.").classes(
-        "warning" if keeper.problem else "note"
-    )
 
 
 PURPOSE = "Calibrate an accelerometer against position, and find the physical effect that its model lacks."
