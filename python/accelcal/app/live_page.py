@@ -14,7 +14,7 @@ from accelcal import io
 from accelcal._support import errors
 from accelcal.app import figures, mapping, widgets, workers
 from accelcal.app.follower import KINDS, Asked, Follower, Followers, Kind, recording_path
-from accelcal.app.screens import uploads
+from accelcal.app.screens import files
 from accelcal.app.workbench import Workbench
 from accelcal.effects import spelled
 from accelcal.live.session import LiveEvent
@@ -86,9 +86,7 @@ class Form:
 
     def declared(self) -> None:
         """Sidecar and model."""
-        uploads.area(
-            self.bench, "Drop the sidecar (.toml) and, if there is one, a model (.json)", self._take, "declared"
-        )
+        files.area(self.bench, "Drop the sidecar (.toml) and, if there is one, a model (.json)", self._take, "declared")
         ui.textarea("Sidecar (TOML)").props("outlined autogrow").classes("code full").bind_value(self, "sidecar")
         ui.label(
             "Without a model, bias and scale factor are estimated from nothing, and the sidecar must declare the noise "

@@ -17,7 +17,7 @@ from accelcal.app import session_file, widgets
 from accelcal.app.follower import Followers
 from accelcal.app.live_page import LivePage
 from accelcal.app.page import Page, Screen
-from accelcal.app.screens import data, export, improvement, model, residuals
+from accelcal.app.screens import data, files, improvement, model, residuals
 from accelcal.app.sessions import Full, Workbenches
 from accelcal.app.workbench import Workbench
 
@@ -26,7 +26,7 @@ SCREENS: dict[str, Screen] = {
     "improve": ("Improve", "trending_down", improvement.show),
     "where": ("Residuals", "troubleshoot", residuals.show),
     "model": ("Model", "tune", model.show),
-    "take": ("Export", "download", export.show),
+    "take": ("Export", "download", files.show),
 }
 """Title, icon and builder of each screen, in the order of the tabs."""
 

@@ -13,8 +13,7 @@ import numpy as np
 from accelcal import io
 from accelcal._support.progress import within
 from accelcal.app import mapping
-from accelcal.app.session_content import Formula
-from accelcal.app.state import Run, units_of
+from accelcal.app.state import Formula, Run, units_of
 from accelcal.app.workers import Report
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module
 from accelcal.data import Dwells, Recording, RecordingError, Rig, quality

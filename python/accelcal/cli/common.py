@@ -24,6 +24,7 @@ from accelcal._support.errors import AccelcalError, visible
 from accelcal._support.process import continue_in_child
 from accelcal._support.progress import time_left
 from accelcal._support.stopping import asked_to_end
+from accelcal.cli.lazy import catalogue, data, io, loading, model_file, results_json
 from accelcal.cli.overwriting import WRITTEN, OverwriteError, Writing, refuse_overwriting, writing
 
 if TYPE_CHECKING:
@@ -56,9 +57,6 @@ def bar(title: str, console: Console) -> Iterator[Callable[[float], None]]:
 
 def say(text: str, style: str = "") -> None:
     """Print a sentence on stdout, wrapped at the width of the terminal."""
-    from rich.console import Console
-    from rich.text import Text
-
     Console().print(Text(visible(text), style=style))
 
 
@@ -69,9 +67,7 @@ def say_line(text: str, end: str = "\n", *, flush: bool = False) -> None:
 
 def say_card(markdown: str) -> None:
     """Print the card of an effect: its heading in bold, its lines indented and wrapped, no marks of Markdown."""
-    from rich.console import Console
     from rich.padding import Padding
-    from rich.text import Text
 
     console = Console()
     for line in visible(markdown).splitlines():
@@ -86,7 +82,6 @@ def say_card(markdown: str) -> None:
 
 def show_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table in full: wider than the terminal rather than with truncated numbers."""
-    from rich.console import Console
     from rich.measure import Measurement
     from rich.table import Column, Table
 
@@ -100,7 +95,6 @@ def show_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 def show_wrapped_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table whose last column is text that may wrap."""
-    from rich.console import Console
     from rich.table import Table
 
     table = Table(*head, box=None)
@@ -110,7 +104,6 @@ def show_wrapped_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> No
 
 
 def _cell(text: str) -> Text:
-    from rich.text import Text
 
     return Text(visible(text, one_line=True))
 
@@ -229,13 +222,14 @@ def with_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
 
 def template_hint(error: BaseException, given: Mapping[str, Any]) -> str:
     """How to have a sidecar written, where a recording has none and the error asks for lines of one."""
-    from accelcal.data.recording import RecordingError
-    from accelcal.io import sidecar_of
-
-    if not isinstance(error, RecordingError) or given.get("rig") is not None:
+    if not isinstance(error, data.RecordingError) or given.get("rig") is not None:
         return ""
     for path in (given.get("run"), *(given.get("runs") or ()), *(given.get("files") or ())):
-        if isinstance(path, Path) and f"write in {sidecar_of(path)}" in str(error) and not sidecar_of(path).exists():
+        if (
+            isinstance(path, Path)
+            and f"write in {io.sidecar_of(path)}" in str(error)
+            and not io.sidecar_of(path).exists()
+        ):
             return f"\nor have the whole sidecar written, to fill in: accelcal init {shlex.quote(str(path))}"
     return ""
 
@@ -273,6 +267,13 @@ def print_status(text: str) -> None:
     print(visible(text), file=sys.stderr)
 
 
+def print_written(*paths: Path | None) -> None:
+    """Print which files were written."""
+    for path in paths:
+        if path is not None:
+            print_status(f"wrote {path}")
+
+
 def print_alignment(recording: Any) -> None:
     """Print how the clocks of two loggers were aligned, where they were."""
     for finding in recording.findings:
@@ -282,14 +283,28 @@ def print_alignment(recording: Any) -> None:
 
 def print_json(content: dict[str, Any], indent: int | None = 2) -> None:
     """Print JSON on stdout, in ASCII where its encoding lacks a character; without an indent in one line."""
-    from accelcal.results.json import dumps
-
-    text = dumps(content, indent)
+    text = results_json.dumps(content, indent)
     try:
         text.encode(sys.stdout.encoding or "utf-8")
     except UnicodeEncodeError:
         text = f"{json.dumps(json.loads(text), indent=indent)}\n"
     print(text, end="", flush=True)
+
+
+def deliver(
+    found: Any, show: Callable[[Any], object], output: Path | None, json: bool, model: Fit | None = None
+) -> None:
+    """Write a result into a file, and print it: as JSON, or by `show`; with a `model`, that is what the file holds."""
+    if output is not None:
+        if model is None:
+            io.atomic_write(output, results_json.dumps(results_json.content(found)))
+        else:
+            model_file.save(model, output)
+        print_status(f"wrote {output}")
+    if json:
+        print_json(results_json.content(found) if found is not model else model_file.to_dict(found))
+    else:
+        show(found)
 
 
 def parse_quantity(text: str | None, kind: str, option: str) -> float | None:
@@ -313,8 +328,6 @@ def parse_quantity(text: str | None, kind: str, option: str) -> float | None:
 @contextmanager
 def progress(title: str) -> Iterator[Callable[[float], None]]:
     """A progress bar with the time that is left on stderr; nothing when stderr is not a terminal."""
-    from rich.console import Console
-
     console = Console(stderr=True)
     if not console.is_terminal:
         yield lambda share: None
@@ -338,10 +351,9 @@ def load_own_effects(paths: Sequence[Path] | None) -> None:
     if not paths:
         return
     continue_in_child()
-    from accelcal.effects import load_effects
 
     for path in paths:
-        load_effects(path)
+        catalogue.load_effects(path)
 
 
 UNSEEN = "OTHER.csv"
@@ -389,10 +401,9 @@ def held_out(holdout: Path | None) -> tuple[str | Path, ...]:
 
 def fitted_files(fit: Fit, *given: Path) -> list[Path | None]:
     """Recordings of a model, looked for beside the files that a command was given; None for one that is elsewhere."""
-    from accelcal.io.loading import digest_of
 
     def place(run: RunFit) -> Path | None:
         beside = (folder / run.name for folder in dict.fromkeys(path.parent for path in given))
-        return next((at for at in beside if at.is_file() and digest_of(at) in (run.digest, run.session)), None)
+        return next((at for at in beside if at.is_file() and loading.digest_of(at) in (run.digest, run.session)), None)
 
     return [place(run) for run in fit.runs]

@@ -11,7 +11,7 @@ from nicegui import ui
 
 from accelcal.app import figures, mapping, widgets
 from accelcal.app.page import Page
-from accelcal.app.screens import start, uploads
+from accelcal.app.screens import files, start
 from accelcal.app.state import ROLES, Run, State, time_span
 from accelcal.data import Dwells, RecordingError
 from accelcal.io.sidecar import KEYS
@@ -149,9 +149,9 @@ def card(page: Page) -> None:
             ui.label(
                 "Models are fitted to all files with the use fit together, and compared with what is held out."
             ).classes("note")
-        uploads.drop(page, "Add recordings or dwells", more=True)
+        files.drop(page, "Add recordings or dwells", more=True)
         with ui.expansion("Begin anew with others", icon="restart_alt").classes("full"):
-            uploads.drop(page, "Drop the recordings here")
+            files.drop(page, "Drop the recordings here")
 
 
 def row(page: Page, at: int, run: Run) -> list[widgets.Cell]:
@@ -226,7 +226,7 @@ def show(page: Page) -> None:
     if state.opened is not None:
         with widgets.card("One file is missing", "welcome"):
             start.ask(page)
-            uploads.drop(page, "Drop the recording here, or click to choose it")
+            files.drop(page, "Drop the recording here, or click to choose it")
         return
     if run is None:
         start.show(page)
@@ -234,7 +234,7 @@ def show(page: Page) -> None:
     if run.problem:
         ask(page)
         with widgets.card("Another recording"):
-            uploads.drop(page, "Drop another recording here")
+            files.drop(page, "Drop another recording here")
             if len(state.runs) > 1:
                 ui.label("Or go on without this file:").classes("note")
                 remove(page, state.shown, run)()

@@ -11,7 +11,7 @@ from nicegui import ui
 
 from accelcal.app import figures, widgets
 from accelcal.app.page import Page
-from accelcal.app.screens import uploads
+from accelcal.app.screens import files
 from accelcal.app.state import State, Step
 from accelcal.data import RecordingError, require_same_sensor
 from accelcal.diagnosis.policy import HOMOGENEITY_ALPHA
@@ -188,7 +188,7 @@ def card(page: Page) -> None:
             errors(page, pair)
         else:
             ui.label("A second model of the tree, or one of another sensor, can stand beside this one.").classes("note")
-        uploads.drop(page, "Drop a model (.json) or another session (.accelcal)", guest=True)
+        files.drop(page, "Drop a model (.json) or another session (.accelcal)", guest=True)
 
 
 def chosen_pair(page: Page, names: list[str]) -> tuple[str, str]:

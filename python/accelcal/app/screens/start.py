@@ -6,7 +6,7 @@ from nicegui import background_tasks, ui
 
 from accelcal.app import widgets, workers
 from accelcal.app.page import Page
-from accelcal.app.screens import uploads
+from accelcal.app.screens import files
 from accelcal.app.session_file import KeptSession
 from accelcal.app.tasks import EXAMPLES, Example
 
@@ -150,7 +150,7 @@ def show(page: Page) -> None:
                 "page says which effect is missing, and shows the error falling when you add it. No data leave this "
                 "machine."
             ).classes("lead")
-            uploads.drop(page, "Drop a recording here, or click to choose a file")
+            files.drop(page, "Drop a recording here, or click to choose a file")
             with ui.row().classes("line"):
                 widgets.button("One-minute tour", "explore", open_tour, flat=True)
                 widgets.button(
