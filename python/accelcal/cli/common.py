@@ -302,7 +302,7 @@ def deliver(
             model_file.save(model, output)
         print_status(f"wrote {output}")
     if json:
-        print_json(results_json.content(found) if found is not model else model_file.to_dict(found))
+        print_json(model_file.to_dict(model) if model is not None and found is model else results_json.content(found))
     else:
         show(found)
 

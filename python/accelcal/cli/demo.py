@@ -179,4 +179,5 @@ def doctor(json: Json = False) -> None:
     for name, version in content["packages"].items():
         say_line(f"  {name} {version}")
     for extra, version in content["extras"].items():
-        say_line(f"  [{extra}] {extras[extra]} {version or f'missing; pip install "accelcal[{extra}]"'}")
+        text = version or f'missing; pip install "accelcal[{extra}]"'
+        say_line(f"  [{extra}] {extras[extra]} {text}")
