@@ -13,10 +13,13 @@ from pathlib import Path
 from typing import ClassVar
 
 from accelcal.io import together
-from papers.stakkeland2007.convergence import convergence_item, linear_filters_item, robustness_item
-from papers.stakkeland2007.encoder_speed import encoder_speed_item, gaps_item
 from papers.stakkeland2007.figures import STATEMENTS, Statement, coverage_text, render
-from papers.stakkeland2007.filter_consistency import consistency_item
+from papers.stakkeland2007.filter_consistency import (
+    consistency_item,
+    convergence_item,
+    linear_filters_item,
+    robustness_item,
+)
 from papers.stakkeland2007.models import (
     alignment_item,
     cross_axis_item,
@@ -24,10 +27,16 @@ from papers.stakkeland2007.models import (
     scale_update_item,
     three_axes_item,
 )
-from papers.stakkeland2007.question import question_item, standard_tests_item
+from papers.stakkeland2007.question import (
+    consider_item,
+    mapping_item,
+    question_item,
+    standard_tests_item,
+    tracks_item,
+    varying_item,
+)
+from papers.stakkeland2007.rig import encoder_speed_item, gaps_item, vibration_item
 from papers.stakkeland2007.rows import Item, Plan, Row
-from papers.stakkeland2007.tracks import consider_item, mapping_item, tracks_item, varying_item
-from papers.stakkeland2007.vibration import vibration_item
 
 __all__ = ["Item", "Reproduction", "Row", "render", "reproduce"]
 
@@ -127,7 +136,7 @@ def reproduce(
         from papers.stakkeland2007.figures import draw_mapping, draw_tracks
 
         with together():
-            figures = (draw_mapping(fit, out), *draw_tracks(tracks, out))
+            figures = (draw_mapping(fit, out), *draw_tracks(*tracks, out))
     if progress is not None:
         progress(item.name, 1.0)
     return Reproduction(quick, seed, (*items, item), figures)

@@ -18,7 +18,7 @@ from papers.stakkeland2007.rows import Item
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from papers.stakkeland2007.tracks import ParameterTrack, Tracks
+    from papers.stakkeland2007.question import ParameterTrack
 
 
 UNITS = {"k": "1", "K0": "m/s²", "K2": "(m/s²)⁻¹", "K3": "(m/s²)⁻²"}
@@ -43,12 +43,12 @@ def draw_mapping(fit: Fit, out: Path) -> Path:
     return path
 
 
-def draw_tracks(tracks: Tracks, out: Path) -> tuple[Path, ...]:
+def draw_tracks(linear: Sequence[ParameterTrack], cubic: Sequence[ParameterTrack], out: Path) -> tuple[Path, ...]:
     """Writes both figures as PNG.
 
     Parameters
     ----------
-    tracks : Tracks
+    linear, cubic : of every filter.
     out : Path
         Directory; created if absent.
 
@@ -59,8 +59,8 @@ def draw_tracks(tracks: Tracks, out: Path) -> tuple[Path, ...]:
     """
     out.mkdir(parents=True, exist_ok=True)
     drawn = {
-        "figure4.png": _figure(tracks.linear, "Linear model: scale factor and bias"),
-        "figure5.png": _figure(tracks.cubic, "Cubic model: scale factor, bias and nonlinear coefficients"),
+        "figure4.png": _figure(linear, "Linear model: scale factor and bias"),
+        "figure5.png": _figure(cubic, "Cubic model: scale factor, bias and nonlinear coefficients"),
     }
     for name, figure in drawn.items():
         matplotlib.save(matplotlib.draw(figure), out / name)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from accelcal._core import __version__
-from accelcal._support.errors import MissingExtra
+from accelcal._support.errors import optional
 from accelcal._support.locks import scratch_folder
 from accelcal.calibration.agreement import BEYOND_BY_CHANCE, LIMIT, Agreement, ComparedParameter
 from accelcal.calibration.characteristic import budget
@@ -54,11 +54,7 @@ def html(content: Content) -> str:
         {"name": e.name, "section": e.section, "caption": e.caption, "json": script_json(both_themes(e))}
         for e in entries(content)
     ]
-    try:
-        from plotly.offline import get_plotlyjs
-    except ImportError as error:
-        raise MissingExtra('the report needs plotly; install it with: pip install "accelcal[report]"') from error
-    return render(content, shown, get_plotlyjs())
+    return render(content, shown, optional("plotly.offline", "the report needs", "report").get_plotlyjs())
 
 
 def light(content: Content) -> str:
@@ -104,11 +100,11 @@ def environment() -> Environment:
     MissingExtra
         If jinja2 is not installed.
     """
-    try:
-        import jinja2
-    except ImportError as error:
-        raise MissingExtra('the report needs jinja2; install it with: pip install "accelcal[report]"') from error
-    return jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    jinja2 = optional("jinja2", "the report needs", "report")
+    made: Environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return made
 
 
 def both_themes(entry: Entry) -> dict[str, Any]:
@@ -151,10 +147,7 @@ def typeset(template: str, texts: Mapping[str, Any], figures: Mapping[str, bytes
     MissingExtra
         If typst or matplotlib, whose typeface is used, is not installed.
     """
-    try:
-        import typst
-    except ImportError as error:
-        raise MissingExtra('a PDF needs typst; install it with: pip install "accelcal[pdf]"') from error
+    typst = optional("typst", "a PDF needs", "pdf")
     with sources(template, texts, figures) as settings:
         made = typst.compile(**settings, format=form)
     return [made] if form == "png" and isinstance(made, bytes) else made

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from accelcal._support.errors import AccelcalError, MissingExtra
+from accelcal._support.errors import AccelcalError, optional
 from accelcal._support.result import Storable
 from accelcal._support.values import face
 from accelcal.calibration.characteristic import Characteristic, LeftOut, characteristic
@@ -118,10 +118,7 @@ def require_valid(text: str, schema: Path) -> None:
     SchemaError
         If the schema is not usable, or the certificate does not follow it.
     """
-    try:
-        import xmlschema
-    except ImportError as error:
-        raise MissingExtra('--schema needs xmlschema; install it with: pip install "accelcal[dcc]"') from error
+    xmlschema = optional("xmlschema", "--schema needs", "dcc")
     if not schema.is_file():
         raise SchemaError(f"{schema}: there is no such file; get dcc.xsd from https://ptb.de/dcc, version 3.2.1")
 
