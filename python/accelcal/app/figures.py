@@ -12,14 +12,11 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from accelcal.app.state import Run, State, Stretch
-from accelcal.data import Recording, instant
+from accelcal.data import instant
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
-from accelcal.live.session import LiveHistory
-from accelcal.plots import comparison, diagnosis, plotly, residuals, timeline
+from accelcal.plots import diagnosis, plotly, residuals, timeline
 from accelcal.plots.figure import Bars, Figure, Level, Line, ThemeName, share_text
-from accelcal.plots.response import sensitivity
-from accelcal.response import FrequencyResponse
 from accelcal.results import words as formatting
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.differences import Comparison, quoted_error
@@ -37,8 +34,10 @@ class Picture:
     figure: dict[str, Any]
 
 
-def picture(figure: Figure, theme: ThemeName, **config: Any) -> Picture:
-    """Separate the headline from a figure."""
+def picture(figure: Figure | Picture, theme: ThemeName, **config: Any) -> Picture:
+    """Separate the headline from a figure, unless that is done."""
+    if isinstance(figure, Picture):
+        return figure
     content = plotly.as_dict(figure, theme, headline=False)
     content["config"] = {"displaylogo": False, "responsive": True, **config}
     return Picture(figure.headline, figure.small_print, content)
@@ -51,15 +50,10 @@ def marked(run: Run) -> list[tuple[float, float, str]]:
     )
 
 
-def arriving(recording: Recording, theme: ThemeName) -> Picture:
-    """A recording before its check."""
-    return picture(timeline.linked(recording), theme)
-
-
-def data(run: Run, theme: ThemeName, window: tuple[float, float] | None = None) -> Picture:
+def data(run: Run, theme: ThemeName) -> Picture:
     """The recording with its marks, ready for brushing."""
     assert run.recording is not None
-    figure = timeline.linked(run.recording, window=window, marked=marked(run))
+    figure = timeline.linked(run.recording, marked=marked(run))
     first, *rest = figure.panels
     breaks = [Level(at, role="other", upright=True, text=f"break at {instant(at)} s") for at in run.breaks]
     figure = replace(figure, panels=(replace(first, marks=(*first.marks, *breaks)), *rest), key="")
@@ -73,16 +67,12 @@ def data(run: Run, theme: ThemeName, window: tuple[float, float] | None = None) 
 
 
 def linked(
-    state: State,
-    seen: Evaluation | None,
-    theme: ThemeName,
-    window: Stretch | None = None,
-    chosen: Stretch | None = None,
-) -> Picture:
+    state: State, seen: Evaluation | None, window: Stretch | None = None, chosen: Stretch | None = None
+) -> Figure:
     """Position, output, residual and side channels with one time axis, and a stretch that was chosen."""
     marks = marked(state.run) if state.run is not None else []
     marks += [(*chosen, timeline.CHOSEN)] if chosen is not None else []
-    return picture(timeline.linked(state.data, seen, window=window, marked=marks), theme)
+    return timeline.linked(state.data, seen, window=window, marked=marks)
 
 
 def path_of(state: State, number: int | None = None) -> Comparison:
@@ -127,50 +117,21 @@ def falling(state: State, theme: ThemeName) -> Picture:
     return picture(replace(figure, panels=(panel,), note=note), theme, displayModeBar=False)
 
 
-def overlay(state: State, theme: ThemeName, window: Stretch | None = None, chosen: Stretch | None = None) -> Picture:
+def overlay(state: State, window: Stretch | None = None, chosen: Stretch | None = None) -> Figure:
     """Measured and simulated on held-out data, for every model on the path, and a stretch that was chosen."""
     seen = [(spelled(step.label), step.heldouts[state.looked_at]) for step in state.path]
-    return picture(timeline.overlay(seen, window=window, chosen=chosen), theme)
+    return timeline.overlay(seen, window=window, chosen=chosen)
 
 
-def residual(state: State, before: Evaluation | None, theme: ThemeName) -> Picture:
-    """Accelerometer residual on held-out data; pale that of the previous model, in the same frequency band."""
-    assert state.step is not None
-    return picture(comparison.accel_residual(state.step.heldouts[state.looked_at], previous=before), theme)
-
-
-def one_step(state: State, theme: ThemeName) -> Picture:
-    """One-step residuals on held-out data; pale those of the previous model."""
-    assert state.step is not None
-    before = state.previous.heldouts[state.looked_at] if state.previous is not None else None
-    return picture(comparison.one_step(state.step.heldouts[state.looked_at], previous=before), theme)
-
-
-def coasting(state: State, theme: ThemeName) -> Picture:
-    """Unaided drift on held-out data."""
-    assert state.step is not None
-    return picture(comparison.coasting(state.step.heldouts[state.looked_at]), theme)
-
-
-def live(history: LiveHistory, theme: ThemeName) -> Picture:
-    """A running measurement so far."""
-    return picture(timeline.live_tracks(history), theme)
-
-
-def response(found: FrequencyResponse, theme: ThemeName) -> Picture:
-    """Sensitivity by frequency, and where the parametric fit deviates."""
-    return picture(sensitivity(found), theme)
-
-
-def where(found: Diagnosis, theme: ThemeName) -> list[Picture]:
+def where(found: Diagnosis, theme: ThemeName) -> list[Figure | Picture]:
     """Residuals of the model on the fitted data, by variable, frequency and lag."""
     seen = found.where
     return [
         picture(residuals.tiles(seen), theme, displayModeBar=False),
-        picture(residuals.regions(seen), theme),
-        picture(residuals.spectrum(found.fit, seen, found.channels), theme),
-        picture(residuals.whiteness_plot(seen), theme),
-        picture(residuals.quantile_plot(seen), theme),
+        residuals.regions(seen),
+        residuals.spectrum(found.fit, seen, found.channels),
+        residuals.whiteness_plot(seen),
+        residuals.quantile_plot(seen),
     ]
 
 

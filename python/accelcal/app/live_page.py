@@ -20,6 +20,7 @@ from accelcal.effects import spelled
 from accelcal.live.session import LiveEvent
 from accelcal.live.tracker import Innovation, Interval
 from accelcal.model import Estimate
+from accelcal.plots.timeline import live_tracks
 from accelcal.results.words import number
 
 PLACES = {
@@ -408,7 +409,7 @@ class LivePage(widgets.Frame):
         history = follower.history
         if not history.parameters:
             return
-        picture = self.sized(figures.live(history, self.themes.theme))
+        picture = self.sized(figures.picture(live_tracks(history), self.themes.theme))
         if self._plot is not None:
             self._plot.update_figure(picture.figure)
             return

@@ -25,13 +25,13 @@ from accelcal.plots.figure import (
     Panel,
     Role,
     ThemeName,
-    drift_headline,
     imposed_band_note,
     sentence,
 )
 from accelcal.plots.model import nonlinearity, parameters
 from accelcal.plots.residuals import autocorrelation, histogram, regions
 from accelcal.plots.timeline import TIME, overlay
+from accelcal.results.comparisons import drift_sentence
 from accelcal.results.words import grouped, length, prefixed
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.differences import Comparison
@@ -109,7 +109,7 @@ def coasting(comparison: Evaluation) -> Figure:
         (ticks, [f"{h:g}\n{_starts(comparison, h)}" for h in ticks]),
     )
     drift = Axis("rms unaided drift", unit, "log", (middle / reach, middle * reach))
-    return Figure((Panel(drawn, time, drift),), drift_headline(comparison))
+    return Figure((Panel(drawn, time, drift),), drift_sentence(comparison).rstrip("."))
 
 
 def _starts(comparison: Evaluation, horizon: float) -> str:
@@ -244,10 +244,9 @@ def write(comparison: Comparison, directory: str | Path, *, theme: ThemeName = "
 
 def summary_sentence(fit: Fit, comparison: Evaluation) -> str:
     """The key figures: one-step rms, unaided drift with its noise floor, largest residual."""
-    drifted = drift_headline(comparison)
-    drifted = f"{drifted[:1].lower()}{drifted[1:]}"
+    drifted = drift_sentence(comparison).rstrip(".")
     added = ", ".join(e.symbol for e in fit.estimates)
     return (
         f"{comparison.recording or 'recording'}, model with {added}: one-step rms "
-        f"{length(comparison.one_step_rms)}; {drifted}; {comparison.worst}"
+        f"{length(comparison.one_step_rms)}; {drifted[:1].lower()}{drifted[1:]}; {comparison.worst}"
     )

@@ -15,6 +15,7 @@ from accelcal.app.screens import files, start
 from accelcal.app.state import ROLES, Run, State, time_span
 from accelcal.data import Dwells, RecordingError
 from accelcal.io.sidecar import KEYS
+from accelcal.plots import timeline
 from accelcal.results.words import amount, number
 
 NAMED = (*mapping.ESSENTIAL, *mapping.ORIENTATION, mapping.NOT_USED)
@@ -219,7 +220,7 @@ def show(page: Page) -> None:
             ui.label("Checking for breaks and faults …").classes("note")
             page.pictures(
                 ("arriving", id(arriving), arriving.digest),
-                lambda theme: [figures.arriving(arriving, theme)],
+                lambda theme: [timeline.linked(arriving)],
                 height=420,
             )
         return

@@ -9,7 +9,7 @@ from functools import partial
 from nicegui import ui
 
 from accelcal.app import figures, widgets
-from accelcal.app.page import Page, Zoom, stretches_of
+from accelcal.app.page import Page, Zoom
 from accelcal.app.screens import model, start
 from accelcal.app.state import State, Step
 from accelcal.app.tasks import example_of
@@ -18,12 +18,14 @@ from accelcal.diagnosis.noise.noise_test import WHITENESS
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find, spelled
+from accelcal.plots import comparison
 from accelcal.plots.figure import candidate_groups
 from accelcal.results import words as formatting
 from accelcal.results.diagnoses import VERDICTS, contribution
 from accelcal.results.words import probability, readable, with_plain
 from accelcal.validation.comparison import ONLY_WHITE, Evaluation
 from accelcal.validation.differences import quoted_error
+from accelcal.validation.regions import worst_stretches
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +149,7 @@ def show(page: Page) -> None:
         widgets.empty("Fit a model first, on the Data tab." if state.recording else "Load a recording first.")
         return
     # Adding a model may compare the others anew: a figure belongs to the comparisons that it shows.
+    seen = state.step.heldouts[state.looked_at]
     shown = (state.looked_at, *(id(step.heldouts) for step in state.path))
     with ui.element("div").classes("two"):
         with ui.element("div").classes("stack"):
@@ -162,7 +165,7 @@ def show(page: Page) -> None:
         with ui.element("div").classes("stack"):
             with widgets.card("Model and measurement on held-out data"):
                 error(page)
-                overlay(page, state.step.heldouts[state.looked_at], shown)
+                overlay(page, seen, shown)
             with widgets.card("Error on held-out data"):
                 page.pictures(
                     ("falling", shown),
@@ -175,15 +178,15 @@ def show(page: Page) -> None:
                     page.pictures(
                         ("left", shown),
                         lambda theme: [
-                            figures.residual(state, page.bench.before(), theme),
-                            figures.one_step(state, theme),
+                            comparison.accel_residual(seen, previous=page.bench.before()),
+                            comparison.one_step(seen, previous=page.bench.before()),
                         ],
                         behind=("falling", shown),
                         height=620,
                     )
                 with widgets.card("Unaided drift"):
                     page.pictures(
-                        ("coast", shown), lambda theme: [figures.coasting(state, theme)], behind=("falling", shown)
+                        ("coast", shown), lambda theme: [comparison.coasting(seen)], behind=("falling", shown)
                     )
     widgets.copies(page)
 
@@ -198,7 +201,7 @@ def show(page: Page) -> None:
 
 def overlay(page: Page, seen: Evaluation, shown: tuple[int, ...]) -> None:
     """What was measured and what every model says over each other, and where the current one fails."""
-    zoom = Zoom(page, partial(figures.overlay, page.bench.state), stretches_of(seen))
+    zoom = Zoom(page, partial(figures.overlay, page.bench.state), worst_stretches(*seen.accel_residual))
     ui.label("Click a model in the legend to hide it; drag to zoom; click a shaded stretch to see it closer.").classes(
         "note"
     )

@@ -17,6 +17,7 @@ from accelcal.plots.response import (
     linearity_rows,
     response_rows,
     response_sentences,
+    sensitivity,
 )
 from accelcal.response import FrequencyResponse
 from accelcal.response.export import draft_response, to_csv
@@ -39,7 +40,7 @@ def card(page: Page) -> None:
                 bench.job is None
             )
             return
-        page.pictures(("response", id(found)), lambda theme: [figures.response(found, theme)], height=700)
+        page.pictures(("response", id(found)), lambda theme: [sensitivity(found)], height=700)
         widgets.lines(response_sentences(found), "")
         if found.model is not None:
             widgets.table(FIT_HEAD, fit_rows(found), "Parametric fit")
@@ -75,7 +76,7 @@ def show(page: Page) -> None:
         card(page)
         return
 
-    zoom = Zoom(page, lambda theme, window, chosen: figures.linked(state, bench.whole(), theme, window, chosen))
+    zoom = Zoom(page, lambda window, chosen: figures.linked(state, bench.whole(), window, chosen))
     with widgets.card("Position, acceleration, residual, temperature"):
         ui.label("Drag to zoom; all panels follow, at full resolution. Double-click to reset.").classes("note")
         page.pictures(
