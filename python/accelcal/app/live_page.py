@@ -13,8 +13,8 @@ from nicegui import background_tasks, ui
 from accelcal import io
 from accelcal._support import errors
 from accelcal.app import figures, mapping, widgets, workers
-from accelcal.app.follower import KINDS, Asked, Follower, Followers, Kind, recording_path
 from accelcal.app.screens import files
+from accelcal.app.sessions import KINDS, Asked, Follower, Followers, Kind, recording_path
 from accelcal.app.workbench import Workbench
 from accelcal.effects import spelled
 from accelcal.live.session import LiveEvent

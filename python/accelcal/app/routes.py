@@ -14,11 +14,10 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from accelcal.app import session_file, widgets
-from accelcal.app.follower import Followers
 from accelcal.app.live_page import LivePage
 from accelcal.app.page import Page, Screen
 from accelcal.app.screens import data, files, improvement, model, residuals
-from accelcal.app.sessions import Full, Workbenches
+from accelcal.app.sessions import Followers, Full, Workbenches
 from accelcal.app.workbench import Workbench
 
 SCREENS: dict[str, Screen] = {

@@ -111,6 +111,8 @@ def _cell(text: str) -> Text:
 USAGE, BAD_DATA, NOT_IDENTIFIABLE, INTERNAL, INTERRUPTED = 2, 3, 4, 70, 130
 USAGE_ERROR: type[Exception] = typer.BadParameter.__mro__[1]
 """What typer itself prints as a mistake in the use of a command."""
+SPEAK_FOR_THEMSELVES = (SystemExit, GeneratorExit, BrokenPipeError, typer.Exit, typer.Abort, USAGE_ERROR)
+"""Exceptions that end a command in their own way: an exit, a signal, a pipe that nobody reads, a question declined."""
 app = typer.Typer(
     name="accelcal",
     no_args_is_help=True,
@@ -204,7 +206,7 @@ def with_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
         except KeyboardInterrupt:  # of a caller that catches no signals
             exit_with("interrupted; no file was left half-written", INTERRUPTED)
         except BaseException as error:
-            if speaks_for_itself(error) or asked_to_end():
+            if isinstance(error, SPEAK_FOR_THEMSELVES) or asked_to_end():
                 raise
             exit_with(errors.sentence(error) + template_hint(error, kwargs), code_of(error))
         finally:
@@ -232,13 +234,6 @@ def template_hint(error: BaseException, given: Mapping[str, Any]) -> str:
         ):
             return f"\nor have the whole sidecar written, to fill in: accelcal init {shlex.quote(str(path))}"
     return ""
-
-
-def speaks_for_itself(error: BaseException) -> bool:
-    """Whether an exception ends the command in its own way: an exit, a signal, a pipe that nobody reads, a question
-    that was declined.
-    """
-    return isinstance(error, SystemExit | GeneratorExit | BrokenPipeError | typer.Exit | typer.Abort | USAGE_ERROR)
 
 
 def code_of(error: BaseException) -> int:

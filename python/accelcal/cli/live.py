@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
     from accelcal.estimation.estimate import Fit
     from accelcal.io.stream import ByteSource
-    from accelcal.model import Estimate
 
 
 MOST_WORKERS = 256
@@ -270,7 +269,9 @@ def picture(state: sessions.LiveState, source: str, alarms: list[measuring.Alarm
 
 def line_of(state: sessions.LiveState) -> str:
     """What is known, in one line."""
-    parameters = ", ".join(map(with_band, state.estimates))
+    bands = [f"{words.number(e.value, 6)} ± {words.number(2.0 * e.std, 2)}" for e in state.estimates]
+    pairs = zip(state.estimates, bands, strict=True)
+    parameters = ", ".join(f"{e.name} {words.with_unit(band, e.unit)}" for e, band in pairs)
     when = "no row yet" if state.t is None else f"t = {state.t:.3f} s"
     return f"{when}: {parameters}; {innovation_of(state)}; {counts_of(state)}"
 
@@ -279,11 +280,6 @@ def bias_of(state: sessions.LiveState) -> list[str]:
     """The sentence on a scale factor that noise of the output biases by more than it is uncertain; empty else."""
     bias = state.regressor_bias
     return [] if bias is None or not bias.sentence else [bias.sentence]
-
-
-def with_band(e: Estimate) -> str:
-    """A parameter with two standard deviations."""
-    return f"{e.name} {words.with_unit(f'{words.number(e.value, 6)} ± {words.number(2.0 * e.std, 2)}', e.unit)}"
 
 
 def innovation_of(state: sessions.LiveState) -> str:

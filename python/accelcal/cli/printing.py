@@ -182,32 +182,21 @@ def show_dwells(found: Fit) -> None:
 
 def show_fleet(found: summary.Fleet) -> None:
     """Print the population of every parameter, then one line a sensor, then what is remarkable."""
-    rows = []
-    for name in found.populations:
-        one = found.parameter_to_dict(name)
-        spread = [
-            f"{one[k]['value']:.3g} ({one[k]['low']:.2g} .. {one[k]['high']:.2g})"
-            for k in ("between_sensors", "run_to_run")
-        ]
-        rows.append(
-            (
-                name,
-                words.plain(one["unit"], one["mean"], one["mean_std"]),
-                words.concise(one["mean"], one["mean_std"]),
-                one["unit"],
-                *spread,
-                f"{2.0 * one['next_run_std']:.2g}",
-            )
+    rows = [
+        (
+            name,
+            words.plain(found.parameters[name], one.mean, one.mean_std),
+            words.concise(one.mean, one.mean_std),
+            found.parameters[name],
+            *(f"{std.value:.3g} ({std.low:.2g} .. {std.high:.2g})" for std in (one.between_sensors, one.run_to_run)),
+            f"{2.0 * one.next_run_std:.2g}",
         )
+        for name, one in found.populations.items()
+    ]
     if rows:
         head = ("parameter", "mean", "SI mean (u)", "SI unit", "between sensors", "run to run", "next run +-")
         show_table(head, rows)
-    lines = []
-    for i in range(len(found.sensors)):
-        content = found.sensor_to_dict(i)
-        each = [words.concise(one["value"], one["std"]) for one in content["parameters"].values()]
-        lines.append((content["sensor"], str(content["runs"]), *each))
-    show_table(("sensor", "runs", *found.populations), lines)
+    show_table(("sensor", "runs", *found.populations), [found.cells(i) for i in range(len(found.sensors))])
     for text in found.sentences:
         say_line(f"note: {text}")
     for file, error in found.errors.items():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any, ClassVar
@@ -345,40 +345,25 @@ class Fleet(Storable):
             for chart in self.charts
             if chart.outside and not chart.ages
         ]
-        for name, found in self.populations.items():
-            std = float(np.median(self.values[name + STD]))
-            share = found.shorter(std)
-            if share < NO_SHORTER:
-                said.append(
-                    f"{name}: with the population as prior the next sensor needs {100.0 * share:.0f} % of the "
-                    "length of a calibration"
-                )
+        said += [
+            f"{name}: with the population as prior the next sensor needs {100.0 * share:.0f} % of the length of a "
+            "calibration"
+            for name in self.populations
+            if (share := self.share(name)) < NO_SHORTER
+        ]
         failed = len(self.errors)
         if failed:
             said.append(f"{failed} of {failed + len(self.files)} recordings could not be fitted")
         return said
 
-    def parameter_to_dict(self, name: str) -> dict[str, Any]:
-        """Population of a parameter."""
-        found = self.populations[name]
-        return {
-            "unit": self.parameters[name],
-            "mean": found.mean,
-            "mean_std": found.mean_std,
-            "between_sensors": asdict(found.between_sensors),
-            "run_to_run": asdict(found.run_to_run),
-            "next_sensor_std": found.next_sensor_std,
-            "next_run_std": found.next_run_std,
-            "calibration_share": found.shorter(float(np.median(self.values[name + STD]))),
-        }
+    def share(self, name: str) -> float:
+        """Share of the length of a calibration that suffices for a parameter of the next sensor."""
+        return self.populations[name].shorter(float(np.median(self.values[name + STD])))
 
-    def sensor_to_dict(self, i: int) -> dict[str, Any]:
-        """Estimates of one sensor, given the population."""
-        each = {
-            name: {"value": float(found.sensors[i]), "std": float(found.sensors_std[i]), "p": float(found.outlying[i])}
-            for name, found in self.populations.items()
-        }
-        return {"sensor": self.sensors[i], "runs": int(np.count_nonzero(self.sensor_of == i)), "parameters": each}
+    def cells(self, i: int) -> tuple[str, ...]:
+        """A sensor, its number of runs, and its estimates given the population."""
+        several = (concise(float(p.sensors[i]), float(p.sensors_std[i])) for p in self.populations.values())
+        return (self.sensors[i], str(np.count_nonzero(self.sensor_of == i)), *several)
 
 
 def sensor_name(file: str) -> str:
@@ -551,36 +536,31 @@ def html(fleet: Fleet, folder: Path) -> str:
 
 def population_row(fleet: Fleet, name: str) -> tuple[str, ...]:
     """Cells of one parameter."""
-    found = fleet.parameter_to_dict(name)
-    each = [
-        f"{number(found[key]['value'], 3)} ({number(found[key]['low'], 2)} to {number(found[key]['high'], 2)})"
-        for key in ("between_sensors", "run_to_run")
+    found, unit = fleet.populations[name], fleet.parameters[name]
+    spreads = [
+        f"{number(std.value, 3)} ({number(std.low, 2)} to {number(std.high, 2)})"
+        for std in (found.between_sensors, found.run_to_run)
     ]
-    share = f"{100.0 * found['calibration_share']:.0f} %"
-    mean = f"{plain(found['unit'], found['mean'], found['mean_std'])} = {concise(found['mean'], found['mean_std'])}"
-    return (name, found["unit"], mean, *each, number(2.0 * found["next_run_std"], 2), share)
+    mean = f"{plain(unit, found.mean, found.mean_std)} = {concise(found.mean, found.mean_std)}"
+    return (name, unit, mean, *spreads, number(2.0 * found.next_run_std, 2), f"{100.0 * fleet.share(name):.0f} %")
 
 
 def sensor_row(fleet: Fleet, i: int) -> tuple[str, ...]:
     """Cells of one sensor."""
-    content = fleet.sensor_to_dict(i)
-    each = [concise(one["value"], one["std"]) for one in content["parameters"].values()]
-    odd = [name for name, one in content["parameters"].items() if one["p"] < OUTLYING]
-    return (content["sensor"], str(content["runs"]), *each, f"outlying: {', '.join(odd)}" if odd else "")
+    odd = [name for name, found in fleet.populations.items() if found.outlying[i] < OUTLYING]
+    return (*fleet.cells(i), f"outlying: {', '.join(odd)}" if odd else "")
 
 
 def run_row(fleet: Fleet, k: int, folder: Path) -> dict[str, Any]:
     """Cells of one run; the report beside a recording is linked."""
     file = Path(fleet.files[k])
     report = file.with_suffix(".html")
-    link = ""
-    if report.is_file():
-        link = quote(Path(os.path.relpath(report.resolve(), folder.resolve())).as_posix())
+    link = Path(os.path.relpath(report.resolve(), folder.resolve())).as_posix() if report.is_file() else ""
     each = [concise(float(fleet.values[name][k]), float(fleet.values[name + STD][k])) for name in fleet.parameters]
     ratio = float(fleet.values["noise_ratio"][k])
     return {
         "sensor": fleet.sensors[fleet.sensor_of[k]],
         "file": file.name,
-        "link": link,
+        "link": quote(link),
         "cells": [*each, "" if ratio != ratio else number(ratio, 3), str(int(fleet.values["remarks"][k]))],
     }

@@ -106,15 +106,10 @@ def coasting(comparison: Evaluation) -> Figure:
         "s",
         "log",
         (ticks[0] / 1.4, ticks[-1] * 1.4),
-        (ticks, [f"{h:g}\n{_starts(comparison, h)}" for h in ticks]),
+        (ticks, [f"{h:g}\n{(n := comparison.coast_starts[h])} start{'s'[: n != 1]}" for h in ticks]),
     )
     drift = Axis("rms unaided drift", unit, "log", (middle / reach, middle * reach))
     return Figure((Panel(drawn, time, drift),), drift_sentence(comparison).rstrip("."))
-
-
-def _starts(comparison: Evaluation, horizon: float) -> str:
-    count = comparison.coast_starts[horizon]
-    return f"{count} start" + ("" if count == 1 else "s")
 
 
 def one_step(comparison: Evaluation, *, previous: Evaluation | None = None) -> Figure:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from accelcal._core import __version__
@@ -175,17 +175,12 @@ def of_ranges(content: Content) -> list[tuple[str, str]]:
     """Ranges of motion and temperature that the fit has used: the calibration is valid in them."""
     valid = content.fit.validity
     parts = [f"{called} {span(unit, *valid[key])}" for key, called, unit in RANGES if key in valid]
-    found = valid.get("temperature") or recorded_temperature(content.described["channels"])
+    recorded = content.described["channels"].get("temperature")
+    found = valid.get("temperature") or (None if recorded is None else (recorded["min"], recorded["max"]))
     warmth = f"{number(found[0])} °C to {number(found[1])} °C" if found else "not recorded"
     share = content.described["range_used"]
     used = "" if share is None else f" ({100.0 * share:.0f} % of full scale)"
     return [("range of motion", f"{', '.join(parts)}{used}"), ("temperature", warmth)]
-
-
-def recorded_temperature(channels: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Range of the temperature channel, degC."""
-    found = channels.get("temperature")
-    return None if found is None else (found["min"], found["max"])
 
 
 def span(unit: str, low: float, high: float) -> str:

@@ -180,7 +180,9 @@ def card(page: Page) -> None:
     with widgets.card("Two models side by side"):
         names = list(state.models)
         if len(names) > 1:
-            pair = chosen_pair(page, names)
+            if page.pair is None or not set(page.pair) <= set(names):
+                page.pair = (names[0], names[-1])
+            pair = page.pair
             with ui.row().classes("line"):
                 select(page, names, 0)
                 select(page, names, 1)
@@ -189,13 +191,6 @@ def card(page: Page) -> None:
         else:
             ui.label("A second model of the tree, or one of another sensor, can stand beside this one.").classes("note")
         files.drop(page, "Drop a model (.json) or another session (.accelcal)", guest=True)
-
-
-def chosen_pair(page: Page, names: list[str]) -> tuple[str, str]:
-    """The two models that were chosen; the first and the last where they are no longer there."""
-    if page.pair is None or not set(page.pair) <= set(names):
-        page.pair = (names[0], names[-1])
-    return page.pair
 
 
 def select(page: Page, names: list[str], side: int) -> None:
