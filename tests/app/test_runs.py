@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import accelcal as ac
-from accelcal.app import figures, mapping, script, tasks
+from accelcal.app import mapping, script, tasks, widgets
 from accelcal.app.screens import files, improvement, model
 from accelcal.app.screens.model import own_error
 from accelcal.app.workbench import Workbench
@@ -180,7 +180,7 @@ def test_the_pool_is_the_error_over_all_start_points(grown):
         floor = step.heldout.noise_floor.simulated
         assert min(one.value for one in floors) <= floor.value <= max(one.value for one in floors)
         assert floor.high - floor.low < max(one.high - one.low for one in floors)  # more data, surer
-    nested = figures.path_of(grown.state)
+    nested = widgets.path_of(grown.state)
     assert nested.errors[1] < 0.1 * nested.errors[0]
     assert pooled([grown.state.step.heldouts[0]]) is grown.state.step.heldouts[0]
 

@@ -12,7 +12,7 @@ from nicegui import background_tasks, ui
 
 from accelcal import io
 from accelcal._support import errors
-from accelcal.app import figures, mapping, widgets, workers
+from accelcal.app import mapping, widgets, workers
 from accelcal.app.screens import files
 from accelcal.app.sessions import KINDS, Asked, Follower, Followers, Kind, recording_path
 from accelcal.app.workbench import Workbench
@@ -409,7 +409,7 @@ class LivePage(widgets.Frame):
         history = follower.history
         if not history.parameters:
             return
-        picture = self.sized(figures.picture(live_tracks(history), self.themes.theme))
+        picture = self.sized(widgets.picture(live_tracks(history), self.themes.theme))
         if self._plot is not None:
             self._plot.update_figure(picture.figure)
             return

@@ -12,9 +12,9 @@ from nicegui import background_tasks, ui
 
 from accelcal._support import errors
 from accelcal.app import widgets, workers
-from accelcal.app.figures import Picture, picture
 from accelcal.app.sessions import Workbenches
 from accelcal.app.state import State, Stretch
+from accelcal.app.widgets import Picture, picture
 from accelcal.app.workbench import Busy, Workbench
 from accelcal.data import instant
 from accelcal.plots.figure import Figure, ThemeName

@@ -9,7 +9,7 @@ from typing import Any
 
 from nicegui import ui
 
-from accelcal.app import figures, mapping, widgets
+from accelcal.app import mapping, widgets
 from accelcal.app.page import Page
 from accelcal.app.screens import files, start
 from accelcal.app.state import ROLES, Run, State, time_span
@@ -269,7 +269,7 @@ def time_line(page: Page, run: Run) -> None:
         key = ("data", id(run.recording), run.held_out, run.excluded)
         page.pictures(
             key,
-            lambda theme: [figures.data(run, theme)],
+            lambda theme: [widgets.data(run, theme)],
             prepare=lambda plot, redraw: brushing(page, plot),
             height=420,
         )

@@ -8,7 +8,7 @@ from functools import partial
 
 from nicegui import ui
 
-from accelcal.app import figures, widgets
+from accelcal.app import widgets
 from accelcal.app.page import Page, Zoom
 from accelcal.app.screens import model, start
 from accelcal.app.state import State, Step
@@ -169,7 +169,7 @@ def show(page: Page) -> None:
             with widgets.card("Error on held-out data"):
                 page.pictures(
                     ("falling", shown),
-                    lambda theme: [figures.falling(state, theme)],
+                    lambda theme: [widgets.falling(state, theme)],
                 )
             with ui.element("div").classes("wall"):
                 with widgets.card("Residuals on held-out data"):
@@ -201,7 +201,7 @@ def show(page: Page) -> None:
 
 def overlay(page: Page, seen: Evaluation, shown: tuple[int, ...]) -> None:
     """What was measured and what every model says over each other, and where the current one fails."""
-    zoom = Zoom(page, partial(figures.overlay, page.bench.state), worst_stretches(*seen.accel_residual))
+    zoom = Zoom(page, partial(widgets.overlay, page.bench.state), worst_stretches(*seen.accel_residual))
     ui.label("Click a model in the legend to hide it; drag to zoom; click a shaded stretch to see it closer.").classes(
         "note"
     )
@@ -215,7 +215,7 @@ def overlay(page: Page, seen: Evaluation, shown: tuple[int, ...]) -> None:
 def error(page: Page) -> None:
     """The held-out error in numbers."""
     state = page.bench.state
-    compared = figures.path_of(state)
+    compared = widgets.path_of(state)
     with ui.row().classes("numbers"):
         figure("current error", compared.errors[-1], "error")
         if len(compared.errors) > 1:
@@ -343,7 +343,7 @@ def tree(page: Page) -> None:
     for step in state.steps:
         depth[step.key] = depth[step.parent] + 1
         children.setdefault(step.parent, []).append(step)
-    horizon = figures.path_of(state).horizon
+    horizon = widgets.path_of(state).horizon
 
     def line(step: Step) -> None:
         value = quoted_error(step.heldout, horizon)

@@ -9,7 +9,7 @@ from functools import partial
 
 from nicegui import ui
 
-from accelcal.app import figures, widgets
+from accelcal.app import widgets
 from accelcal.app.page import Page
 from accelcal.app.screens import files
 from accelcal.app.state import State, Step
@@ -49,8 +49,8 @@ def errors_by_run(page: Page) -> None:
 
 def error_row(state: State, number: int | None, name: str) -> list[widgets.Cell]:
     """Errors of the models on the path on one recording, and what noise alone would give."""
-    compared = figures.path_of(state, number)
-    horizon = figures.path_of(state).horizon
+    compared = widgets.path_of(state, number)
+    horizon = widgets.path_of(state).horizon
     seen = [step.heldout if number is None else step.heldouts[number] for step in state.path]
     floor = compared.noise_floor.at(horizon) or compared.floor
     bias = "" if number is None else amount(*seen[-1].setup_bias, "m/s²")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from accelcal.app import figures, widgets
+from accelcal.app import widgets
 from accelcal.app.page import Page, Zoom
 from accelcal.app.state import State
 from accelcal.calibration.export import Laboratory
@@ -76,7 +76,7 @@ def show(page: Page) -> None:
         card(page)
         return
 
-    zoom = Zoom(page, lambda window, chosen: figures.linked(state, bench.whole(), window, chosen))
+    zoom = Zoom(page, lambda window, chosen: widgets.linked(state, bench.whole(), window, chosen))
     with widgets.card("Position, acceleration, residual, temperature"):
         ui.label("Drag to zoom; all panels follow, at full resolution. Double-click to reset.").classes("note")
         page.pictures(
@@ -102,7 +102,7 @@ def show(page: Page) -> None:
     card(page)
     if found is not None:
         with widgets.card("Residual against each variable", "many"):
-            page.pictures(("where", id(found)), lambda theme: figures.where(found, theme), height=1500)
+            page.pictures(("where", id(found)), lambda theme: widgets.where(found, theme), height=1500)
     widgets.copies(page)
 
 
