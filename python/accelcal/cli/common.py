@@ -80,27 +80,17 @@ def say_card(markdown: str) -> None:
             console.print(Text(line))
 
 
-def show_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table in full: wider than the terminal rather than with truncated numbers."""
+def show_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, wrapped: bool = False) -> None:
+    """Print a table in full: wider than the terminal rather than with truncated numbers, unless its text is wrapped."""
     from rich.measure import Measurement
     from rich.table import Column, Table
 
-    table = Table(*(Column(name, no_wrap=True) for name in map(_cell, head)), box=None, pad_edge=False)
+    table = Table(*(Column(name, no_wrap=not wrapped) for name in map(_cell, head)), box=None, pad_edge=wrapped)
     for row in rows:
         table.add_row(*map(_cell, row))
     console = Console()
     needed = Measurement.get(console, console.options.update(max_width=1000), table).maximum
-    Console(width=max(console.width, needed)).print(table)
-
-
-def show_wrapped_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table whose last column is text that may wrap."""
-    from rich.table import Table
-
-    table = Table(*head, box=None)
-    for row in rows:
-        table.add_row(*map(_cell, row))
-    Console().print(table)
+    Console(width=console.width if wrapped else max(console.width, needed)).print(table)
 
 
 def _cell(text: str) -> Text:

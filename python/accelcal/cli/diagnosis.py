@@ -36,7 +36,7 @@ from accelcal.cli.common import (
     print_written,
     progress,
     say_card,
-    show_wrapped_table,
+    show_table,
     suggest,
     with_exit_codes,
     writable_folder,
@@ -219,7 +219,7 @@ def effects(
         suggest("add", "MODEL.json", "RUN.csv", "--effect", name)
         return
     rows = [(e.name, e.unit, e.port, e.owner, e.card.split("\n", maxsplit=1)[0]) for e in catalogue.CATALOGUE.values()]
-    show_wrapped_table(("effect", "unit", "port", "owner", "description"), rows)
+    show_table(("effect", "unit", "port", "owner", "description"), rows, wrapped=True)
 
 
 @app.command()

@@ -366,8 +366,13 @@ def live(
                 on_alarm=lambda alarm: face.alarm(alarm, session.state),
                 show=lambda: face.show(session.state) if face.due else None,
             )
-            if not stopped():
-                require_rows(session.state, source.name)
+            counts = session.lines.counts
+            if not stopped() and not counts.used:
+                raise data.RecordingError(
+                    f"{source.name}: no line could be used ({counts.broken} broken, {counts.out_of_order} out of order); "
+                    "expected lines t,accel,position with a comma between the fields, a point in the numbers and an empty "
+                    "field where nothing was sampled"
+                )
             face.end(session.state, session.ended)
         if output is not None and session.state.recorded:
             print_status(f"wrote {output}")
@@ -425,22 +430,6 @@ def face_of(source: str, every: float, *, json: bool) -> Lines:
     if json:
         return JsonLines(source, every)
     return Screen(source) if Console().is_terminal else Lines(source, every)
-
-
-def require_rows(state: sessions.LiveState, source: str) -> None:
-    """Refuse a source without a single row.
-
-    Raises
-    ------
-    RecordingError
-        Saying what came in its place.
-    """
-    if not state.used:
-        raise data.RecordingError(
-            f"{source}: no line could be used ({state.broken} broken, {state.out_of_order} out of order); expected "
-            "lines t,accel,position with a comma between the fields, a point in the numbers and an empty field where "
-            "nothing was sampled"
-        )
 
 
 def require_small_bias(state: sessions.LiveState, save: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from accelcal.cli.common import UsageError, parse_quantity, say, say_line, show_table, show_wrapped_table
+from accelcal.cli.common import UsageError, parse_quantity, say, say_line, show_table
 from accelcal.cli.lazy import catalogue, data, experiment, exports, pages, summary, words
 
 DRIFT_ROWS = 8
@@ -95,7 +95,7 @@ def show_agreement(found: pages.Agreement) -> None:
     rows = [[row[key] for key in keys] for row in shown["parameters"]]
     show_table(["parameter", *shown["names"], "difference", "En"], rows)
     if shown["changes"]:
-        show_wrapped_table(["changed", *shown["names"]], shown["changes"])
+        show_table(["changed", *shown["names"]], shown["changes"], wrapped=True)
 
 
 def limit(text: str, kind: str, option: str) -> float:

@@ -6,7 +6,6 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any, ClassVar
 from urllib.parse import quote
@@ -24,7 +23,7 @@ from accelcal.io import load
 from accelcal.model import Model
 from accelcal.plots import matplotlib
 from accelcal.plots.figure import Axis, Figure, Level, Line, Mark, Panel, Points
-from accelcal.report.page import environment, svg_url
+from accelcal.report.page import filled, svg_url
 from accelcal.results.words import concise, number, plain
 from accelcal.verbs import fit
 
@@ -518,13 +517,12 @@ def html(fleet: Fleet, folder: Path) -> str:
     MissingExtra
         If matplotlib or jinja2 is not installed.
     """
-    template = environment().from_string(resources.files("accelcal.fleet").joinpath("page.html").read_text("utf-8"))
-    style = resources.files("accelcal.report").joinpath("page.css").read_text(encoding="utf-8")
     charts = sorted(fleet.charts, key=lambda one: (not one.ages, -len(one.outside), one.p_value))[:MOST_CHARTS]
     shown = [("Sensors", sensors(fleet))] if fleet.populations else []
     shown += [("Control charts", drawn_charts(fleet, charts))] if charts else []
-    return template.render(
-        style=style,
+    return filled(
+        "page.html",
+        "accelcal.fleet",
         fleet=fleet,
         figures=[(title, svg_url(matplotlib.draw(figure))) for title, figure in shown],
         population=[population_row(fleet, name) for name in fleet.populations],

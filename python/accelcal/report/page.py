@@ -28,7 +28,6 @@ from accelcal.results.json import dumps, finite
 from accelcal.results.words import about, number, plain
 
 if TYPE_CHECKING:
-    from jinja2 import Environment
     from matplotlib.figure import Figure as StaticFigure
 
 
@@ -65,11 +64,11 @@ def light(content: Content) -> str:
     MissingExtra
         If matplotlib or jinja2 is not installed.
     """
-    shown = []
-    for e in entries(content):
-        if e.still is not None:
-            image = svg_url(matplotlib.draw(e.still))
-            shown.append({"name": e.name, "section": e.section, "caption": e.caption, "image": image})
+    shown = [
+        {"name": e.name, "section": e.section, "caption": e.caption, "image": svg_url(matplotlib.draw(e.still))}
+        for e in entries(content)
+        if e.still is not None
+    ]
     return render(content, shown, "")
 
 
@@ -80,20 +79,13 @@ def write(text: str, path: str | Path) -> None:
 
 def render(content: Content, figures: list[dict[str, Any]], library: str) -> str:
     """Fill the template; everything but plotly.js and figure data is escaped."""
-    folder = resources.files("accelcal.report")
-    template = environment().from_string(folder.joinpath("page.html").read_text(encoding="utf-8"))
     by_section = {name: [f for f in figures if f["section"] == name] for name in SECTIONS}
-    return template.render(
-        v=view(content),
-        figures=by_section,
-        plotly=library,
-        style=folder.joinpath("page.css").read_text(encoding="utf-8"),
-        script=folder.joinpath("page.js").read_text(encoding="utf-8") if library else "",
-    )
+    script = text_of("page.js") if library else ""
+    return filled("page.html", v=view(content), figures=by_section, plotly=library, script=script)
 
 
-def environment() -> Environment:
-    """What fills templates: everything is escaped, and nothing may be missing.
+def filled(template: str, package: str = "accelcal.report", **texts: Any) -> str:
+    """A template of a package with texts, each of which is escaped, in the style of all pages; nothing may be missing.
 
     Raises
     ------
@@ -101,10 +93,13 @@ def environment() -> Environment:
         If jinja2 is not installed.
     """
     jinja2 = optional("jinja2", "the report needs", "report")
-    made: Environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    return made
+    pages = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    return str(pages.from_string(text_of(template, package)).render(style=text_of("page.css"), **texts))
+
+
+def text_of(name: str, package: str = "accelcal.report") -> str:
+    """The text of a file of a package."""
+    return resources.files(package).joinpath(name).read_text(encoding="utf-8")
 
 
 def both_themes(entry: Entry) -> dict[str, Any]:
@@ -162,8 +157,7 @@ def sources(template: str, texts: Mapping[str, Any], figures: Mapping[str, bytes
         for name, content in figures.items():
             (root / name).write_bytes(content)
         (root / "report.json").write_text(dumps(dict(texts)), encoding="utf-8")
-        source = resources.files("accelcal.report").joinpath(template).read_text(encoding="utf-8")
-        (root / template).write_text(source, encoding="utf-8")
+        (root / template).write_text(text_of(template), encoding="utf-8")
         fonts = Path(matplotlib.get_data_path(), "fonts", "ttf")
         yield {"input": str(root / template), "root": str(root), "font_paths": [str(fonts)]}
 
@@ -186,12 +180,11 @@ def pdf(content: Content, path: str | Path) -> None:
 
 def paper(content: Content) -> tuple[dict[str, Any], dict[str, bytes]]:
     """What is typeset: texts with the list of figures, and the figures by file name."""
-    drawn, listed = {}, []
-    for e in entries(content):
-        if e.still is not None:
-            drawn[f"{e.name}.svg"] = matplotlib.svg(matplotlib.draw(e.still))
-            listed.append({"file": f"{e.name}.svg", "section": e.section, "caption": e.caption})
-    return {**view(content), "figures": listed}, drawn
+    still = [(f"{e.name}.svg", e, e.still) for e in entries(content) if e.still is not None]
+    listed = [{"file": file, "section": e.section, "caption": e.caption} for file, e, _ in still]
+    return {**view(content), "figures": listed}, {
+        file: matplotlib.svg(matplotlib.draw(figure)) for file, _, figure in still
+    }
 
 
 BADGES = {
@@ -343,12 +336,9 @@ def agreement_html(found: Agreement) -> str:
     MissingExtra
         If matplotlib or jinja2 is not installed.
     """
-    folder = resources.files("accelcal.report")
-    template = environment().from_string(folder.joinpath("agreement.html").read_text(encoding="utf-8"))
-    style = folder.joinpath("page.css").read_text(encoding="utf-8")
     figure = agreement(found)
     images: dict[str, str] = {theme: svg_url(matplotlib.draw(figure, theme)) for theme in THEMES}
-    return template.render(v=agreement_view(found), style=style, **images)
+    return filled("agreement.html", v=agreement_view(found), **images)
 
 
 def agreement_pdf(found: Agreement, path: str | Path) -> None:

@@ -20,9 +20,10 @@ from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find, spelled
 from accelcal.plots import comparison
 from accelcal.plots.figure import candidate_groups
+from accelcal.report.view import size_text
 from accelcal.results import words as formatting
 from accelcal.results.diagnoses import VERDICTS, contribution
-from accelcal.results.words import probability, readable, with_plain
+from accelcal.results.words import probability, readable
 from accelcal.validation.comparison import ONLY_WHITE, Evaluation
 from accelcal.validation.differences import quoted_error
 from accelcal.validation.regions import worst_stretches
@@ -57,7 +58,6 @@ def cards(found: Diagnosis, most: int = 8) -> list[Card]:
 def card(found: Diagnosis, c: Candidate, named: list[str]) -> Card:
     """One candidate."""
     effect = find(c.effect)
-    size = with_plain(c.estimate[0], c.std[0], c.unit) if len(c.estimate) == 1 else f"{len(c.estimate)} coefficients"
     significant = c.p_value < found.alpha and found.verdict not in ("adequate", "too_short")
     rivals = tuple(spelled(m) for m in c.members if m != c.effect) if significant else ()
     return Card(
@@ -65,7 +65,7 @@ def card(found: Diagnosis, c: Candidate, named: list[str]) -> Card:
         title=spelled(c.effect),
         about=" ".join(effect.card.split("\n\n")[0].split("\nEquation:")[0].split()),
         facts=(
-            size,
+            size_text(c),
             f"at most {contribution(Size(c.largest, effect.port == 'position'), found.fit.rig.sensor.range)}",
             f"{c.snr:.1f} σ, p {probability(c.p_value)}",
         ),
