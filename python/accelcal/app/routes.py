@@ -16,14 +16,14 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from accelcal.app import session_file, widgets
 from accelcal.app.live_page import LivePage
 from accelcal.app.page import Page, Screen
-from accelcal.app.screens import data, files, improvement, model, residuals
+from accelcal.app.screens import data, files, improvement, model
 from accelcal.app.sessions import Followers, Full, Workbenches
 from accelcal.app.workbench import Workbench
 
 SCREENS: dict[str, Screen] = {
     "data": ("Data", "insert_chart", data.show),
     "improve": ("Improve", "trending_down", improvement.show),
-    "where": ("Residuals", "troubleshoot", residuals.show),
+    "where": ("Residuals", "troubleshoot", improvement.show_residuals),
     "model": ("Model", "tune", model.show),
     "take": ("Export", "download", files.show),
 }

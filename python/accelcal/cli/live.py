@@ -369,9 +369,9 @@ def live(
             counts = session.lines.counts
             if not stopped() and not counts.used:
                 raise data.RecordingError(
-                    f"{source.name}: no line could be used ({counts.broken} broken, {counts.out_of_order} out of order); "
-                    "expected lines t,accel,position with a comma between the fields, a point in the numbers and an empty "
-                    "field where nothing was sampled"
+                    f"{source.name}: no line could be used ({counts.broken} broken, {counts.out_of_order} out of "
+                    "order); expected lines t,accel,position with a comma between the fields, a point in the numbers "
+                    "and an empty field where nothing was sampled"
                 )
             face.end(session.state, session.ended)
         if output is not None and session.state.recorded:

@@ -1,4 +1,4 @@
-"""The report as one self-contained HTML page: with plotly.js inside, or with static figures."""
+"""Reports as pages that open offline, with plotly.js or static figures inside, and as PDF; also on two calibrations."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from nicegui import ui
 
 from accelcal.app import mapping, widgets
 from accelcal.app.page import Page
-from accelcal.app.screens import files, start
+from accelcal.app.screens import files
 from accelcal.app.state import ROLES, Run, State, time_span
 from accelcal.data import Dwells, RecordingError
 from accelcal.io.sidecar import KEYS
@@ -226,11 +226,11 @@ def show(page: Page) -> None:
         return
     if state.opened is not None:
         with widgets.card("One file is missing", "welcome"):
-            start.ask(page)
+            files.ask(page)
             files.drop(page, "Drop the recording here, or click to choose it")
         return
     if run is None:
-        start.show(page)
+        files.welcome(page)
         return
     if run.problem:
         ask(page)
@@ -366,9 +366,9 @@ def division(page: Page, run: Run) -> None:
                 flat=True,
                 label=f"Include {a:.6g} s to {b:.6g} s again",
             )
-    start, end = page.brushed or (None, None)
+    files, end = page.brushed or (None, None)
     with ui.row().classes("line"):
-        first = ui.number("From, s", value=start, format="%.6g").props("dense outlined").classes("time")
+        first = ui.number("From, s", value=files, format="%.6g").props("dense outlined").classes("time")
         last = ui.number("To, s", value=end, format="%.6g").props("dense outlined").classes("time")
     page.fields = (first, last)
 

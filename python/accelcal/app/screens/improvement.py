@@ -1,4 +1,4 @@
-"""The loop: what is missing, in words, Add, and the error on held-out data after each step."""
+"""The loop: what is missing, in words, Add, the error on held-out data after each step, and the residuals."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from nicegui import ui
 
 from accelcal.app import widgets
 from accelcal.app.page import Page, Zoom
-from accelcal.app.screens import model, start
+from accelcal.app.screens import files, model
 from accelcal.app.state import State, Step
 from accelcal.app.tasks import example_of
+from accelcal.calibration.export import Laboratory
 from accelcal.diagnosis.findings import Size
 from accelcal.diagnosis.noise.noise_test import WHITENESS
 from accelcal.diagnosis.search.scan import Candidate
@@ -20,7 +21,20 @@ from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find, spelled
 from accelcal.plots import comparison
 from accelcal.plots.figure import candidate_groups
+from accelcal.plots.response import (
+    FIT_HEAD,
+    LINEARITY_HEAD,
+    RESPONSE_HEAD,
+    RESPONSE_NOTE,
+    fit_rows,
+    linearity_rows,
+    response_rows,
+    response_sentences,
+    sensitivity,
+)
 from accelcal.report.view import size_text
+from accelcal.response import FrequencyResponse
+from accelcal.response.export import draft_response, to_csv
 from accelcal.results import words as formatting
 from accelcal.results.diagnoses import VERDICTS, contribution
 from accelcal.results.words import probability, readable
@@ -161,7 +175,7 @@ def show(page: Page) -> None:
             example = example_of(state.file)
             if example is not None:
                 with widgets.card("An example"):
-                    start.answer(example)
+                    files.answer(example)
         with ui.element("div").classes("stack"):
             with widgets.card("Model and measurement on held-out data"):
                 error(page)
@@ -359,3 +373,101 @@ def tree(page: Page) -> None:
     for base in children.get(None, []):
         line(base)
     ui.label("Click a model to make it current; adding an effect to it starts a new branch.").classes("note")
+
+
+def response(page: Page) -> None:
+    """A button that computes it, or what was found."""
+    bench, run = page.bench, page.bench.state.run
+    if run is None or run.recording is None:
+        return
+    found = bench.response
+    with widgets.card("Frequency response", "response"):
+        if found is None:
+            ui.label(
+                f"Magnitude and phase of the sensitivity of {run.name} by frequency, with uncertainties: by sine "
+                "approximation where the motion is steps of sines, else by spectral estimation."
+            ).classes("note")
+            widgets.button("Compute the frequency response", "graphic_eq", lambda: page.act(bench.respond)).set_enabled(
+                bench.job is None
+            )
+            return
+        page.pictures(("response", id(found)), lambda theme: [sensitivity(found)], height=700)
+        widgets.lines(response_sentences(found), "")
+        if found.model is not None:
+            widgets.table(FIT_HEAD, fit_rows(found), "Parametric fit")
+        with ui.expansion("Table by frequency", icon="table_rows").classes("full"):
+            widgets.table(RESPONSE_HEAD, response_rows(found), "Frequency response")
+            ui.label(RESPONSE_NOTE).classes("note")
+        if found.terms:
+            with ui.expansion("Amplitude linearity", icon="show_chart").classes("full"):
+                widgets.table(LINEARITY_HEAD, linearity_rows(found), "Amplitude linearity")
+        downloads(page, found)
+
+
+def downloads(page: Page, found: FrequencyResponse) -> None:
+    """The table as CSV, and all of it as a draft certificate."""
+    data = page.bench.state.drawn
+    stem, sensor = data.file.stem, data.data.rig.sensor
+    with ui.row().classes("line"):
+        widgets.button(
+            "Response (.csv)", "table_rows", lambda: ui.download.content(to_csv(found), f"{stem}_response.csv")
+        )
+        widgets.button(
+            "Draft certificate of the response (.xml)",
+            "workspace_premium",
+            lambda: ui.download.content(draft_response(found, sensor, Laboratory()).text, f"{stem}_response.xml"),
+        )
+
+
+def show_residuals(page: Page) -> None:
+    """Build the screen."""
+    bench, state = page.bench, page.bench.state
+    if state.step is None:
+        widgets.empty("Fit a model first, on the Data tab." if state.recording else "Load a recording first.")
+        response(page)
+        return
+
+    zoom = Zoom(page, lambda window, chosen: widgets.linked(state, bench.whole(), window, chosen))
+    with widgets.card("Position, acceleration, residual, temperature"):
+        ui.label("Drag to zoom; all panels follow, at full resolution. Double-click to reset.").classes("note")
+        page.pictures(
+            ("linked", state.current, state.shown, state.data.digest),
+            zoom.whole,
+            first=bench.whole,
+            prepare=zoom.follow,
+            height=600,
+        )
+        zoom.places()
+    found = bench.diagnosis
+    with widgets.card("Where it fails"):
+        if found is None:
+            if bench.job is None and not page.asking:
+                ui.label("Not diagnosed yet.")
+                widgets.button("Diagnose", "search", page.ask, primary=True)
+            else:
+                ui.label("Diagnosis is running …")
+        else:
+            worst = found.where.worst
+            ui.label(f"{worst[:1].upper()}{worst[1:]}.".replace(" sigma", " σ")).classes("verdict-text")
+            regions(state, zoom, found.where)
+    response(page)
+    if found is not None:
+        with widgets.card("Residual against each variable", "many"):
+            page.pictures(("where", id(found)), lambda theme: widgets.where(found, theme), height=1500)
+    widgets.copies(page)
+
+
+def regions(state: State, zoom: Zoom, seen: Evaluation) -> None:
+    """Where the model fails on the first fitted recording; its ranges lead into the figure only if that is drawn."""
+    first = state.first_fitted
+    if state.drawn is first:
+        zoom.table(seen)
+        return
+    ui.label(f"On {first.name}, the first fitted recording; bring it to the time line to see these ranges.").classes(
+        "note"
+    )
+    if seen.worst_regions:
+        shown = seen.table("regions")
+        head, rows = shown.cells
+        widgets.table(head, rows, "Where it fails")
+        ui.label(" ".join(shown.notes)).classes("note")
