@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import shutil
 from collections.abc import Awaitable, Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,13 @@ from accelcal.app.tasks import EXAMPLES, MOST_BYTES, Example, Export
 from accelcal.app.workbench import Workbench
 from accelcal.io.sidecar import has_sidecar, sidecar_of
 
+EXPORTED: dict[Export, tuple[str, str]] = {
+    "C": ("For firmware, C (.h)", "memory"),
+    "Rust": ("For firmware, Rust (.rs)", "memory"),
+    "JSON": ("Calibration (.json)", "data_object"),
+    "DCC": ("Draft certificate (.xml)", "workspace_premium"),
+}
+"""Title and icon of the button of each export."""
 MODEL = ".json"
 """Ending of a model file."""
 HEADER = """<button type="button" class="choose" @click="props.pickFiles">
@@ -246,10 +254,8 @@ def results(page: Page) -> None:
         "Model (.json)", "save", lambda: ui.download.content(bench.model_text(), f"{stem}.json"), primary=True
     )
     widgets.button("Report (.html)", "article", lambda: download(bench.report))
-    widgets.button("For firmware, C (.h)", "memory", lambda: download(bench.export, "C"))
-    widgets.button("For firmware, Rust (.rs)", "memory", lambda: download(bench.export, "Rust"))
-    widgets.button("Calibration (.json)", "data_object", lambda: download(bench.export, "JSON"))
-    widgets.button("Draft certificate (.xml)", "workspace_premium", lambda: download(bench.export, "DCC"))
+    for kind, (title, icon) in EXPORTED.items():
+        widgets.button(title, icon, partial(download, bench.export, kind))
 
 
 def sources(page: Page) -> None:
