@@ -10,10 +10,10 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from accelcal.io import together
-from papers.stakkeland2007.figures import STATEMENTS, Statement, coverage_text, render
+from papers.stakkeland2007.figures import STATEMENTS, Statement, coverage_text, draw, render
 from papers.stakkeland2007.filter_consistency import (
     consistency_item,
     convergence_item,
@@ -40,7 +40,7 @@ from papers.stakkeland2007.rows import Item, Plan, Row
 
 __all__ = ["Item", "Reproduction", "Row", "render", "reproduce"]
 
-_ITEMS: tuple[Callable[[Plan], Item], ...] = (
+_ITEMS: tuple[Callable[[Plan], Item | tuple[Item, Any]], ...] = (
     three_axes_item,
     encoder_speed_item,
     alignment_item,
@@ -57,7 +57,10 @@ _ITEMS: tuple[Callable[[Plan], Item], ...] = (
     consider_item,
     linear_filters_item,
     standard_tests_item,
+    mapping_item,
+    tracks_item,
 )
+"""Each makes an item, the last two also what the figures show."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,22 +124,18 @@ def reproduce(
 
         require()  # before the work, not after it
     plan = Plan(quick, seed, workers=max(1, os.cpu_count() or 1))
-    items = []
-    for made in _ITEMS:
-        items.append(made(plan))
+    items: list[Item] = []
+    drawn: list[Any] = []
+    for make in _ITEMS:
+        made = make(plan)
+        item, *more = made if isinstance(made, tuple) else (made,)
+        items.append(item)
+        drawn += more
         if progress is not None:
-            progress(items[-1].name, len(items) / (len(_ITEMS) + 2))
-    item, fit = mapping_item(plan)
-    items.append(item)
-    if progress is not None:
-        progress(item.name, len(items) / (len(_ITEMS) + 2))
-    item, tracks = tracks_item(plan)
+            progress(item.name, len(items) / len(_ITEMS))
     figures: tuple[Path, ...] = ()
     if out is not None:
-        from papers.stakkeland2007.figures import draw_mapping, draw_tracks
-
+        fit, (linear, cubic) = drawn
         with together():
-            figures = (draw_mapping(fit, out), *draw_tracks(*tracks, out))
-    if progress is not None:
-        progress(item.name, 1.0)
-    return Reproduction(quick, seed, (*items, item), figures)
+            figures = draw(fit, linear, cubic, out)
+    return Reproduction(quick, seed, tuple(items), figures)
