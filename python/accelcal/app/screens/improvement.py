@@ -54,7 +54,6 @@ class Card:
     facts: tuple[str, ...]
     """Size, evidence."""
     rivals: tuple[str, ...]
-    experiment: str
     lines: tuple[tuple[str, str], ...]
     """Label and text of the rest of its card."""
     significant: bool
@@ -84,7 +83,6 @@ def card(found: Diagnosis, c: Candidate, named: list[str]) -> Card:
             f"{c.snr:.1f} σ, p {probability(c.p_value)}",
         ),
         rivals=rivals,
-        experiment=effect.experiment,
         lines=tuple(
             (label, text)
             for label in ("Looks like", "Easily confused with", "Separate by", "Equation")
