@@ -12,7 +12,6 @@ import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any
@@ -49,7 +48,7 @@ def optional(module: str, purpose: str, extra: str) -> Any:
         Saying what needs it (`purpose`, with its verb) and which extra of accelcal brings it.
     """
     try:
-        return import_module(module)
+        return __import__(module, fromlist=("",))  # the module itself, not the package that it is in
     except ImportError as error:
         package = module.partition(".")[0]
         raise MissingExtra(f'{purpose} {package}; install it with: pip install "accelcal[{extra}]"') from error

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from accelcal._support.values import face
 
 if TYPE_CHECKING:
     from accelcal import data, io, plots, verbs
@@ -77,7 +78,7 @@ class Later:
         self.name = name
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(import_module(f"accelcal.{self.name}"), name)
+        return getattr(face(self.name), name)
 
 
 def __getattr__(name: str) -> Later:

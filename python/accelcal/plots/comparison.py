@@ -31,10 +31,9 @@ from accelcal.plots.figure import (
 from accelcal.plots.model import nonlinearity, parameters
 from accelcal.plots.residuals import autocorrelation, histogram, regions
 from accelcal.plots.timeline import TIME, overlay
-from accelcal.results.comparisons import drift_sentence
 from accelcal.results.words import grouped, length, prefixed
 from accelcal.validation.comparison import Evaluation
-from accelcal.validation.differences import Comparison
+from accelcal.validation.differences import Comparison, headline_horizon, quoted_error
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawn
@@ -109,7 +108,17 @@ def coasting(comparison: Evaluation) -> Figure:
         (ticks, [f"{h:g}\n{(n := comparison.coast_starts[h])} start{'s'[: n != 1]}" for h in ticks]),
     )
     drift = Axis("rms unaided drift", unit, "log", (middle / reach, middle * reach))
-    return Figure((Panel(drawn, time, drift),), drift_sentence(comparison).rstrip("."))
+    return Figure((Panel(drawn, time, drift),), drift_headline(comparison))
+
+
+def drift_headline(comparison: Evaluation) -> str:
+    """The drift that is quoted first, with its noise floor."""
+    horizon = headline_horizon(comparison)
+    if horizon is None:
+        return "Unaided drift: the record is too short"
+    floor = comparison.drift_floors.get(horizon)
+    beside = "" if floor is None else f", noise floor {length(floor)}"
+    return f"Unaided drift after {horizon:g} s: {length(quoted_error(comparison, horizon))} rms{beside}"
 
 
 def one_step(comparison: Evaluation, *, previous: Evaluation | None = None) -> Figure:
@@ -239,7 +248,7 @@ def write(comparison: Comparison, directory: str | Path, *, theme: ThemeName = "
 
 def summary_sentence(fit: Fit, comparison: Evaluation) -> str:
     """The key figures: one-step rms, unaided drift with its noise floor, largest residual."""
-    drifted = drift_sentence(comparison).rstrip(".")
+    drifted = drift_headline(comparison)
     added = ", ".join(e.symbol for e in fit.estimates)
     return (
         f"{comparison.recording or 'recording'}, model with {added}: one-step rms "
