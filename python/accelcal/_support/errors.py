@@ -48,7 +48,7 @@ def optional(module: str, purpose: str, extra: str) -> Any:
         Saying what needs it (`purpose`, with its verb) and which extra of accelcal brings it.
     """
     try:
-        return __import__(module, fromlist=("",))  # the module itself, not the package that it is in
+        return __import__(module, None, None, ("",))  # the module itself, not the package that it is in
     except ImportError as error:
         package = module.partition(".")[0]
         raise MissingExtra(f'{purpose} {package}; install it with: pip install "accelcal[{extra}]"') from error
