@@ -122,7 +122,10 @@ def report(
             )
             page, paper = pages.light if light else pages.html, pages.pdf
         for path in written:
-            paper(content, path) if path.suffix == ".pdf" else io.atomic_write(path, page(content))
+            if path.suffix == ".pdf":
+                paper(content, path)
+            else:
+                io.atomic_write(path, page(content))
     if compare:
         printing.show_agreement(content)
     print_written(*written)

@@ -271,8 +271,17 @@ def calibrate(fit: Fit, *, without: Sequence[str] = (), source: str = "") -> Cal
     require_finite({"the declared rig": fit.rig, "the range of the fit": fit.validity, "an origin": fit.origins})
     require_covariance(fit.covariance)
     own = characteristic(fit)
-    left_out = tuple(_left(effect, without) for effect in own.left_out)
-    _require_left_out(without, own)
+    possible = [effect.effect for effect in own.left_out if effect.needed]
+    for name in without:
+        if name not in possible:
+            raise NotExportable(
+                f"{name!r} is not among what cannot be exported ({', '.join(possible) or 'nothing here'}); to take an "
+                "effect out of the model, use accelcal drop"
+            )
+    left_out = tuple(
+        replace(effect, why=f"{effect.why}; left out by request", needed=False) if effect.effect in without else effect
+        for effect in own.left_out
+    )
     refused = [effect for effect in left_out if effect.needed]
     if refused:
         reasons = "; ".join(f"{effect.effect} {effect.why}" for effect in refused)
@@ -290,22 +299,6 @@ def calibrate(fit: Fit, *, without: Sequence[str] = (), source: str = "") -> Cal
     made = Calibration(fit, own, domain, codes[0], codes[1], left_out, source)
     require_finite({"the exported code": made.codes, "the standard uncertainty over the range": made.std})
     return made
-
-
-def _left(effect: LeftOut, without: Sequence[str]) -> LeftOut:
-    if effect.effect not in without:
-        return effect
-    return replace(effect, why=f"{effect.why}; left out by request", needed=False)
-
-
-def _require_left_out(without: Sequence[str], own: Characteristic) -> None:
-    possible = [effect.effect for effect in own.left_out if effect.needed]
-    for name in without:
-        if name not in possible:
-            raise NotExportable(
-                f"{name!r} is not among what cannot be exported ({', '.join(possible) or 'nothing here'}); to take an "
-                "effect out of the model, use accelcal drop"
-            )
 
 
 def _domain(fit: Fit, own: Characteristic) -> Domain:
