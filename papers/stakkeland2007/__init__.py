@@ -40,7 +40,7 @@ from papers.stakkeland2007.rows import Item, Plan, Row
 
 __all__ = ["Item", "Reproduction", "Row", "render", "reproduce"]
 
-_ITEMS: tuple[Callable[[Plan], Item | tuple[Item, Any]], ...] = (
+_ITEMS: tuple[Callable[[Plan], Item], ...] = (
     three_axes_item,
     encoder_speed_item,
     alignment_item,
@@ -57,10 +57,7 @@ _ITEMS: tuple[Callable[[Plan], Item | tuple[Item, Any]], ...] = (
     consider_item,
     linear_filters_item,
     standard_tests_item,
-    mapping_item,
-    tracks_item,
 )
-"""Each makes an item, the last two also what the figures show."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,15 +121,16 @@ def reproduce(
 
         require()  # before the work, not after it
     plan = Plan(quick, seed, workers=max(1, os.cpu_count() or 1))
+    makers: tuple[Callable[[Plan], Any], ...] = (*_ITEMS, mapping_item, tracks_item)  # the last two with their figures
     items: list[Item] = []
     drawn: list[Any] = []
-    for make in _ITEMS:
+    for make in makers:
         made = make(plan)
         item, *more = made if isinstance(made, tuple) else (made,)
         items.append(item)
         drawn += more
         if progress is not None:
-            progress(item.name, len(items) / len(_ITEMS))
+            progress(item.name, len(items) / len(makers))
     figures: tuple[Path, ...] = ()
     if out is not None:
         fit, (linear, cubic) = drawn
