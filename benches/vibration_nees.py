@@ -10,8 +10,8 @@ import argparse
 import numpy as np
 from scipy import stats
 
+from papers.stakkeland2007.rig import CURVED, NEES_REGION, replayed
 from papers.stakkeland2007.rows import Plan
-from papers.stakkeland2007.vibration import CURVED, NEES_REGION, replayed
 
 
 def main() -> None:

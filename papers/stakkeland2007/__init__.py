@@ -10,13 +10,16 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from accelcal.io import together
-from papers.stakkeland2007.convergence import convergence_item, linear_filters_item, robustness_item
-from papers.stakkeland2007.encoder_speed import encoder_speed_item, gaps_item
-from papers.stakkeland2007.figures import STATEMENTS, Statement, coverage_text, render
-from papers.stakkeland2007.filter_consistency import consistency_item
+from papers.stakkeland2007.figures import STATEMENTS, Statement, coverage_text, draw, render
+from papers.stakkeland2007.filter_consistency import (
+    consistency_item,
+    convergence_item,
+    linear_filters_item,
+    robustness_item,
+)
 from papers.stakkeland2007.models import (
     alignment_item,
     cross_axis_item,
@@ -24,10 +27,16 @@ from papers.stakkeland2007.models import (
     scale_update_item,
     three_axes_item,
 )
-from papers.stakkeland2007.question import question_item, standard_tests_item
+from papers.stakkeland2007.question import (
+    consider_item,
+    mapping_item,
+    question_item,
+    standard_tests_item,
+    tracks_item,
+    varying_item,
+)
+from papers.stakkeland2007.rig import encoder_speed_item, gaps_item, vibration_item
 from papers.stakkeland2007.rows import Item, Plan, Row
-from papers.stakkeland2007.tracks import consider_item, mapping_item, tracks_item, varying_item
-from papers.stakkeland2007.vibration import vibration_item
 
 __all__ = ["Item", "Reproduction", "Row", "render", "reproduce"]
 
@@ -112,22 +121,19 @@ def reproduce(
 
         require()  # before the work, not after it
     plan = Plan(quick, seed, workers=max(1, os.cpu_count() or 1))
-    items = []
-    for made in _ITEMS:
-        items.append(made(plan))
+    makers: tuple[Callable[[Plan], Any], ...] = (*_ITEMS, mapping_item, tracks_item)  # the last two with their figures
+    items: list[Item] = []
+    drawn: list[Any] = []
+    for make in makers:
+        made = make(plan)
+        item, *more = made if isinstance(made, tuple) else (made,)
+        items.append(item)
+        drawn += more
         if progress is not None:
-            progress(items[-1].name, len(items) / (len(_ITEMS) + 2))
-    item, fit = mapping_item(plan)
-    items.append(item)
-    if progress is not None:
-        progress(item.name, len(items) / (len(_ITEMS) + 2))
-    item, tracks = tracks_item(plan)
+            progress(item.name, len(items) / len(makers))
     figures: tuple[Path, ...] = ()
     if out is not None:
-        from papers.stakkeland2007.figures import draw_mapping, draw_tracks
-
+        fit, (linear, cubic) = drawn
         with together():
-            figures = (draw_mapping(fit, out), *draw_tracks(tracks, out))
-    if progress is not None:
-        progress(item.name, 1.0)
-    return Reproduction(quick, seed, (*items, item), figures)
+            figures = draw(fit, linear, cubic, out)
+    return Reproduction(quick, seed, tuple(items), figures)

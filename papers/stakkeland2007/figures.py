@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
 
 from accelcal._support.result import Storable
 from accelcal.estimation.estimate import Fit
@@ -16,9 +21,7 @@ from accelcal.plots.model import nonlinearity
 from papers.stakkeland2007.rows import Item
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
-    from papers.stakkeland2007.tracks import ParameterTrack, Tracks
+    from papers.stakkeland2007.question import ParameterTrack
 
 
 UNITS = {"k": "1", "K0": "m/s²", "K2": "(m/s²)⁻¹", "K3": "(m/s²)⁻²"}
@@ -28,39 +31,21 @@ _SPAN = 8.0
 """Half height of a panel, in standard deviations at a fifth of the record."""
 
 
-def draw_mapping(fit: Fit, out: Path) -> Path:
-    """Writes Fig. 3 as PNG.
+def draw(fit: Fit, linear: Sequence[ParameterTrack], cubic: Sequence[ParameterTrack], out: Path) -> tuple[Path, ...]:
+    """Write Figs. 3 to 5 as PNG, and return the files.
 
     Parameters
     ----------
     fit : of a curved sensor.
+    linear, cubic : tracks of every filter.
     out : Path
         Directory; created if absent.
-    """
-    out.mkdir(parents=True, exist_ok=True)
-    path = out / "figure3.png"
-    matplotlib.save(matplotlib.draw(nonlinearity(fit)), path)
-    return path
-
-
-def draw_tracks(tracks: Tracks, out: Path) -> tuple[Path, ...]:
-    """Writes both figures as PNG.
-
-    Parameters
-    ----------
-    tracks : Tracks
-    out : Path
-        Directory; created if absent.
-
-    Returns
-    -------
-    tuple of Path
-        The files.
     """
     out.mkdir(parents=True, exist_ok=True)
     drawn = {
-        "figure4.png": _figure(tracks.linear, "Linear model: scale factor and bias"),
-        "figure5.png": _figure(tracks.cubic, "Cubic model: scale factor, bias and nonlinear coefficients"),
+        "figure3.png": nonlinearity(fit),
+        "figure4.png": _figure(linear, "Linear model: scale factor and bias"),
+        "figure5.png": _figure(cubic, "Cubic model: scale factor, bias and nonlinear coefficients"),
     }
     for name, figure in drawn.items():
         matplotlib.save(matplotlib.draw(figure), out / name)
@@ -96,10 +81,8 @@ def render(items: Iterable[Item], *, width: int = 160) -> str:
     width : int
         Characters per line.
     """
-    from rich.console import Console
-
-    items = tuple(items)
-    console = Console(file=StringIO(), width=width, highlight=False)
+    items, file = tuple(items), StringIO()
+    console = Console(file=file, width=width, highlight=False)
     for item in items:
         console.print(_table(item))
         console.print()
@@ -112,26 +95,26 @@ def render(items: Iterable[Item], *, width: int = 160) -> str:
             remark = f" ({row.remark})" if row.remark else ""
             text = f"  does not hold: {row.claim}: expected {row.expected}, measured {row.measured}{remark}"
             console.print(text, markup=False)
-    file = console.file
-    assert isinstance(file, StringIO)
     return file.getvalue()
 
 
 def _table(item: Item) -> Table:
-    from rich.markup import escape
-    from rich.table import Table
-
     table = Table(title=escape(f"{item.title} [{item.source}]"), title_justify="left")
     for column in ("claim", "by", "expected", "measured", "n", "threshold", "holds", "remark"):
         table.add_column(column, justify="right" if column == "n" else "left")
     for row in item.rows:
-        cells = (row.claim, row.by, row.expected, row.measured, str(row.n), row.threshold, _mark(row.holds), row.remark)
+        cells = (
+            row.claim,
+            row.by,
+            row.expected,
+            row.measured,
+            str(row.n),
+            row.threshold,
+            "yes" if row.holds else "NO",
+            row.remark,
+        )
         table.add_row(*(escape(cell) for cell in cells))
     return table
-
-
-def _mark(holds: bool) -> str:
-    return "yes" if holds else "NO"
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,12 +219,6 @@ STATEMENTS: tuple[Statement, ...] = (
 
 def coverage_text(width: int = 160) -> str:
     """A table for the terminal, and how many statements are in each state."""
-    from collections import Counter
-    from io import StringIO
-
-    from rich.console import Console
-    from rich.table import Table
-
     file = StringIO()
     console = Console(file=file, width=width, highlight=False)
     table = Table(title="The paper, statement by statement", title_justify="left")

@@ -103,6 +103,11 @@ def paired(first: Array, second: Array) -> Paired:
     return Paired(ratio, float(np.mean(log_ratio) / max(spread, 1e-300)))
 
 
+def rms(errors: Array) -> float:
+    """Root mean square of errors (n,)."""
+    return float(np.sqrt(np.mean(errors**2)))
+
+
 def sign_test(wins: int, losses: int) -> float:
     """Probability of at least `wins` of wins + losses fair coins."""
     return float(special.bdtrc(wins - 1, wins + losses, 0.5)) if wins else 1.0

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from accelcal import io
-from accelcal.app.follower import Asked, Follower, Followers, recording_path
+from accelcal.app.sessions import Asked, Follower, Followers, recording_path
 from accelcal.live.session import LiveEvent, LiveHistory, LiveState
 from tests.live.streams import RATE, RIG, stream
 

@@ -7,7 +7,7 @@ import json
 import pytest
 from plotly.subplots import make_subplots
 
-from accelcal.app.figures import PANEL, ROW, Picture, axes_of, legend_rows, narrowed, roomy
+from accelcal.app.widgets import PANEL, ROW, Picture, axes_of, legend_rows, narrowed, roomy
 
 
 def grid(columns: int, names: tuple[str, ...] = ("a", "b")) -> Picture:

@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 import accelcal as ac
-from accelcal.app import figures, mapping, script, tasks
-from accelcal.app.screens import improvement, model, uploads
+from accelcal.app import mapping, script, tasks, widgets
+from accelcal.app.screens import files, improvement, model
 from accelcal.app.screens.model import own_error
 from accelcal.app.workbench import Workbench
 from accelcal.cli import app as command_line
@@ -180,7 +180,7 @@ def test_the_pool_is_the_error_over_all_start_points(grown):
         floor = step.heldout.noise_floor.simulated
         assert min(one.value for one in floors) <= floor.value <= max(one.value for one in floors)
         assert floor.high - floor.low < max(one.high - one.low for one in floors)  # more data, surer
-    nested = figures.path_of(grown.state)
+    nested = widgets.path_of(grown.state)
     assert nested.errors[1] < 0.1 * nested.errors[0]
     assert pooled([grown.state.step.heldouts[0]]) is grown.state.step.heldouts[0]
 
@@ -297,7 +297,7 @@ def test_sidecars_find_their_files(tmp_path):
         for path in paths:
             path.write_text(path.name)
         sidecars = [path for path in paths if path.suffix == ".toml"]
-        return [p.name for p in uploads.beside([p for p in paths if p not in sidecars], sidecars)]
+        return [p.name for p in files.beside([p for p in paths if p not in sidecars], sidecars)]
 
     assert dropped("a.csv", "b.csv", "rig.toml", "a.toml") == []
     assert [(tmp_path / name).read_text() for name in ("a.toml", "b.toml")] == ["a.toml", "rig.toml"]
@@ -324,7 +324,6 @@ def test_recordings_that_disagree_are_seen_and_those_that_agree_are_not():
 
 
 def test_the_schema_names_every_role():
-    from accelcal.app.session_content import StoredRun
-    from accelcal.app.state import ROLES
+    from accelcal.app.state import ROLES, StoredRun
 
     assert json.loads(json.dumps(StoredRun.model_json_schema()))["properties"]["role"]["enum"] == list(ROLES)

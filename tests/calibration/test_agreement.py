@@ -13,7 +13,7 @@ from accelcal.data.rig import Uncertainty
 from accelcal.estimation.estimate import estimate
 from accelcal.estimation.run_to_run import Spread
 from accelcal.report import agreement_html
-from accelcal.report.calibrations import agreement_view
+from accelcal.report.page import agreement_view
 from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
 from tests.report.reading import Page

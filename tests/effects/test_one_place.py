@@ -18,7 +18,7 @@ MAKERS = ("effects", "simulation", "paper", "demo.py", "app/tasks.py")
 HOMONYMS = {
     ("app/screens/data.py", "cubic"): "model of `fit`: linear or cubic",
     ("app/workbench.py", "cubic"): "model of `fit`: linear or cubic",
-    ("app/session_content.py", "cubic"): "model of `fit`: linear or cubic",
+    ("app/state.py", "cubic"): "model of `fit`: linear or cubic",
     ("fleet/summary.py", "cubic"): "model of `fit`, and the simulated example",
     ("calibration/agreement.py", "velocity"): "variable of the motion",
     ("calibration/characteristic.py", "encoder_scale"): "key of a sidecar",

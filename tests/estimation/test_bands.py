@@ -13,8 +13,8 @@ from accelcal.estimation import gauss_newton
 from accelcal.estimation.bands import BandTrial, best_band, change_with_band
 from accelcal.estimation.estimate import estimate
 from accelcal.model import Model
+from papers.stakkeland2007.rig import shaken
 from papers.stakkeland2007.rows import PAPER_SENSOR
-from papers.stakkeland2007.vibration import shaken
 
 
 def trial(band: float, signal: float = 100.0, scale: float = 1.0, half: float = 0.01, delay: float = 0.0) -> BandTrial:

@@ -13,8 +13,7 @@ from typer.testing import CliRunner
 import accelcal as ac
 from accelcal.cli import app, write_recording
 from accelcal.fleet import campaign, summary
-from accelcal.fleet.population import population
-from accelcal.fleet.summary import AGEING_ALPHA, OUTLYING, fit_of, moving_range, summarise
+from accelcal.fleet.summary import AGEING_ALPHA, OUTLYING, fit_of, moving_range, population, summarise
 from accelcal.simulation import CXL02_RIG
 from tests.schemas import require_published
 

@@ -11,7 +11,7 @@ import pytest
 import accelcal as ac
 from accelcal._support.errors import OBEYED, visible
 from accelcal.cli import common
-from accelcal.cli.common import say, say_line, show_table, show_wrapped_table
+from accelcal.cli.common import say, say_line, show_table
 from accelcal.cli.printing import show_comparison, show_fit
 from accelcal.data.rig import Sensor
 from accelcal.results import json as results_json
@@ -39,7 +39,7 @@ def test_text_is_shown_and_not_obeyed(capsys, text):
     say(f"say {text}", style="bold")
     say_line(f"line {text}")
     show_table((f"head {text}", "b"), [(f"cell {text}", "1")])
-    show_wrapped_table(("a", "b"), [(f"cell {text}", "1")])
+    show_table(("a", "b"), [(f"cell {text}", "1")], wrapped=True)
     common.print_status(f"status {text}")
     with pytest.raises(SystemExit):
         common.exit_with(f"error {text}", 3)

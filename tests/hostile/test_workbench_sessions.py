@@ -15,9 +15,8 @@ from typing import Any
 import pytest
 
 from accelcal.app import session_file
-from accelcal.app.session_content import MOST_GUESTS, MOST_MODELS
 from accelcal.app.session_file import CONTENT, MOST, MOST_FILE, MOST_MEMBER, Keeper, SessionError, peek, read
-from accelcal.app.state import Change
+from accelcal.app.state import MOST_GUESTS, MOST_MODELS, Change
 from accelcal.app.workbench import Workbench
 from accelcal.results import model_file
 

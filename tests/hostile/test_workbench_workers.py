@@ -14,8 +14,7 @@ from pathlib import Path
 import pytest
 
 from accelcal._support import errors
-from accelcal.app.session_content import Formula
-from accelcal.app.state import Cancelled, Known, State
+from accelcal.app.state import Cancelled, Formula, Known, State
 from accelcal.app.workbench import Workbench
 from accelcal.app.workers import WorkerLost, Workers
 

@@ -22,7 +22,7 @@ from accelcal.simulation import ADXL105_RIG
 from tests import commands
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
-HASHED = "from pathlib import Path; from accelcal.app.session_content import digest_at; print(digest_at(Path({!r})))"
+HASHED = "from pathlib import Path; from accelcal.app.state import digest_at; print(digest_at(Path({!r})))"
 WARNED = """import numpy as np
 from accelcal import cli
 cli.__getattr__ = lambda _: lambda: np.ones(1) / np.zeros(1)

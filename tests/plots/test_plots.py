@@ -167,7 +167,7 @@ def test_the_overlay_of_a_short_record_says_so():
 def test_band_of_the_simulation_is_two_standard_deviations():
     c = a_comparison()
     _, bottom = plots.simulated(c).axes
-    edges = [line for line in bottom.get_lines() if line.get_color() == style.LIGHT.band]
+    edges = [line for line in bottom.get_lines() if line.get_color() == style.LIGHT.style("band").colour]
     reach = [drawn(line)[1] for line in edges]
     np.testing.assert_allclose(reach, [-2e3 * c.simulated_std, 2e3 * c.simulated_std], rtol=1e-14)  # three products
 
@@ -208,7 +208,7 @@ def test_one_step_residuals_and_band_are_those_of_the_comparison():
     figure = plots.one_step(c)
     (axes,) = figure.axes
     np.testing.assert_allclose(drawn(lines(axes)["residual"])[1], c.residual[1] * 1e6, rtol=1e-15)
-    edges = [drawn(line)[1] for line in axes.get_lines() if line.get_color() == style.LIGHT.band]
+    edges = [drawn(line)[1] for line in axes.get_lines() if line.get_color() == style.LIGHT.style("band").colour]
     np.testing.assert_allclose(edges, [np.full(N, -1.96), np.full(N, 1.96)], rtol=1e-14)
     inside = 100.0 * np.mean(np.abs(c.residual[1]) <= 1.96e-6)
     assert f"{inside:.1f} % of 600 inside the 95 % band" in texts(figure)
@@ -447,9 +447,10 @@ def contrast(a, b):
 
 @pytest.mark.parametrize("theme", style.THEMES.values(), ids=style.THEMES)
 def test_curves_differ_in_two_cues_and_stand_out_from_the_page(theme):
+    curves = [theme.style(role) for role in ("measured", "model", "other", "floor")]
     for part in ("colour", "line", "marker"):
-        assert len({getattr(look, part) for look in theme.line_styles}) == len(theme.line_styles)
-    for look in theme.line_styles:
+        assert len({getattr(look, part) for look in curves}) == len(curves)
+    for look in curves:
         assert contrast(look.colour, theme.page) >= 3.0  # WCAG 1.4.11, graphical objects
         assert look.colour in {*style.OKABE_ITO.values(), "#FFFFFF"}
     assert contrast(theme.ink, theme.page) >= 7.0  # WCAG 1.4.6, text

@@ -77,8 +77,8 @@ def test_the_still_figure_has_plain_frequencies_and_marks_what_fails(found, them
     palette = style.theme_of(theme)
     for axes in figure.axes:
         several = {c.lines[0].get_color(): c.lines[0] for c in axes.containers}
-        assert several[palette.other.colour].get_xdata().tolist() == [FREQUENCIES[ODD]]
-        assert len(several[palette.model.colour].get_xdata()) == 11
+        assert several[palette.style("other").colour].get_xdata().tolist() == [FREQUENCIES[ODD]]
+        assert len(several[palette.style("model").colour].get_xdata()) == 11
     assert {MEASURED, FAILS} <= {text.get_text() for text in figure.axes[0].get_legend().get_texts()}
 
 

@@ -21,7 +21,7 @@ def variable(name):
     s = card_motion()
     shape = typical_shape(find(name), s)
     found = dependence(find(name), s, shape, contributions(find(name), s, shape))
-    return None if found is None else found.variable
+    return None if found is None else found[0]
 
 
 @pytest.mark.parametrize(

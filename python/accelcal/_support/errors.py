@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import FrameType, TracebackType
+from typing import Any
 
 
 class AccelcalError(ValueError):
@@ -36,6 +37,21 @@ class AccessError(AccelcalError, OSError):
 
 class MissingExtra(AccelcalError, ImportError):
     """An optional package is not installed. The text states how to install it."""
+
+
+def optional(module: str, purpose: str, extra: str) -> Any:
+    """Return a module of a package that need not be installed.
+
+    Raises
+    ------
+    MissingExtra
+        Saying what needs it (`purpose`, with its verb) and which extra of accelcal brings it.
+    """
+    try:
+        return __import__(module, None, None, ("",))  # the module itself, not the package that it is in
+    except ImportError as error:
+        package = module.partition(".")[0]
+        raise MissingExtra(f'{purpose} {package}; install it with: pip install "accelcal[{extra}]"') from error
 
 
 PACKAGE = Path(__file__).parents[1]

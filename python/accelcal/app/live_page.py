@@ -12,14 +12,15 @@ from nicegui import background_tasks, ui
 
 from accelcal import io
 from accelcal._support import errors
-from accelcal.app import figures, mapping, widgets, workers
-from accelcal.app.follower import KINDS, Asked, Follower, Followers, Kind, recording_path
-from accelcal.app.screens import uploads
+from accelcal.app import mapping, widgets, workers
+from accelcal.app.screens import files
+from accelcal.app.sessions import KINDS, Asked, Follower, Followers, Kind, recording_path
 from accelcal.app.workbench import Workbench
 from accelcal.effects import spelled
 from accelcal.live.session import LiveEvent
 from accelcal.live.tracker import Innovation, Interval
 from accelcal.model import Estimate
+from accelcal.plots.timeline import live_tracks
 from accelcal.results.words import number
 
 PLACES = {
@@ -86,9 +87,7 @@ class Form:
 
     def declared(self) -> None:
         """Sidecar and model."""
-        uploads.area(
-            self.bench, "Drop the sidecar (.toml) and, if there is one, a model (.json)", self._take, "declared"
-        )
+        files.area(self.bench, "Drop the sidecar (.toml) and, if there is one, a model (.json)", self._take, "declared")
         ui.textarea("Sidecar (TOML)").props("outlined autogrow").classes("code full").bind_value(self, "sidecar")
         ui.label(
             "Without a model, bias and scale factor are estimated from nothing, and the sidecar must declare the noise "
@@ -410,7 +409,7 @@ class LivePage(widgets.Frame):
         history = follower.history
         if not history.parameters:
             return
-        picture = self.sized(figures.live(history, self.themes.theme))
+        picture = self.sized(widgets.picture(live_tracks(history), self.themes.theme))
         if self._plot is not None:
             self._plot.update_figure(picture.figure)
             return

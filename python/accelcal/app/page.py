@@ -12,14 +12,13 @@ from nicegui import background_tasks, ui
 
 from accelcal._support import errors
 from accelcal.app import widgets, workers
-from accelcal.app.figures import Picture
 from accelcal.app.sessions import Workbenches
 from accelcal.app.state import State, Stretch
+from accelcal.app.widgets import Picture, picture
 from accelcal.app.workbench import Busy, Workbench
 from accelcal.data import instant
-from accelcal.plots.figure import ThemeName
+from accelcal.plots.figure import Figure, ThemeName
 from accelcal.validation.comparison import Evaluation
-from accelcal.validation.regions import worst_stretches
 
 TICK = 0.25
 """Interval at which the page polls the workbench, s."""
@@ -216,7 +215,7 @@ class Page(widgets.Frame):
     def pictures(
         self,
         key: tuple[Any, ...],
-        make: Callable[[ThemeName], Sequence[Picture]],
+        make: Callable[[ThemeName], Sequence[Figure | Picture]],
         *,
         first: Callable[[], Any] = lambda: None,
         behind: tuple[Any, ...] | None = None,
@@ -234,13 +233,13 @@ class Page(widgets.Frame):
 
         def fill(several: Sequence[Picture]) -> None:
             box.style("min-height: 0")
-            for picture in several:
+            for shown in several:
                 with ui.element("figure"):
                     with ui.element("figcaption"):
-                        headline = ui.label(picture.headline).classes("headline")
-                        note = ui.label(picture.note).classes("note")
-                    note.set_visibility(bool(picture.note))
-                    plot = ui.plotly(self.sized(picture).figure).classes("plot")
+                        headline = ui.label(shown.headline).classes("headline")
+                        note = ui.label(shown.note).classes("note")
+                    note.set_visibility(bool(shown.note))
+                    plot = ui.plotly(self.sized(shown).figure).classes("plot")
 
                     def redraw(
                         new: Picture, plot: ui.plotly = plot, headline: ui.label = headline, note: ui.label = note
@@ -262,7 +261,7 @@ class Page(widgets.Frame):
                 if before is not None:
                     await asyncio.wait([before])
                 await workers.act(first)
-                several = list(await self.drawn(lambda: make(theme)))
+                several = await self.drawn(lambda: [picture(one, theme) for one in make(theme)])
             finally:
                 del self._drawing[key]
             while len(self._kept) >= 12:
@@ -291,8 +290,8 @@ class Page(widgets.Frame):
 
 AROUND = 0.5
 """Of the length of a stretch that is shown at either side of it."""
-Draw = Callable[[ThemeName, "Stretch | None", "Stretch | None"], Picture]
-"""From the theme, the visible part of the time axis (None: all of it) and the stretch that is marked."""
+Draw = Callable[["Stretch | None", "Stretch | None"], Figure]
+"""From the visible part of the time axis (None: all of it) and the stretch that is marked."""
 
 
 class Zoom:
@@ -307,9 +306,9 @@ class Zoom:
         self._plot: ui.plotly | None = None
         self._redraw: Callable[[Picture], None] = lambda picture: None
 
-    def whole(self, theme: ThemeName) -> list[Picture]:
+    def whole(self, theme: ThemeName) -> list[Figure]:
         """The figure of all of the record."""
-        return [self.draw(theme, None, None)]
+        return [self.draw(None, None)]
 
     def follow(self, plot: ui.plotly, redraw: Callable[[Picture], None]) -> None:
         """Follow the time axis and the clicks of a plot."""
@@ -344,7 +343,7 @@ class Zoom:
     async def _show(self, window: Stretch | None, chosen: Stretch | None) -> None:
         self.window, self.chosen = window, chosen
         state, theme = self.page.bench.state, self.page.themes.theme
-        fresh = await self.page.drawn(lambda: self.draw(theme, window, chosen))
+        fresh = await self.page.drawn(lambda: picture(self.draw(window, chosen), theme))
         latest = (window, chosen) == (self.window, self.chosen)
         if latest and state is self.page.bench.state and self._plot is not None and not self._plot.is_deleted:
             self._redraw(fresh)
@@ -377,11 +376,6 @@ class Zoom:
 
         label = f"Show where {variable} is {text}"
         return lambda: widgets.button(text, "zoom_in", go, flat=True, label=label).props("dense align=left")
-
-
-def stretches_of(seen: Evaluation) -> list[Stretch]:
-    """The largest residuals of a comparison."""
-    return worst_stretches(*seen.accel_residual)
 
 
 def window_of(args: dict[str, Any]) -> tuple[bool, Stretch | None]:

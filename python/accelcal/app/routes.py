@@ -14,19 +14,18 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from accelcal.app import session_file, widgets
-from accelcal.app.follower import Followers
 from accelcal.app.live_page import LivePage
 from accelcal.app.page import Page, Screen
-from accelcal.app.screens import data, export, improvement, model, residuals
-from accelcal.app.sessions import Full, Workbenches
+from accelcal.app.screens import data, files, improvement, model
+from accelcal.app.sessions import Followers, Full, Workbenches
 from accelcal.app.workbench import Workbench
 
 SCREENS: dict[str, Screen] = {
     "data": ("Data", "insert_chart", data.show),
     "improve": ("Improve", "trending_down", improvement.show),
-    "where": ("Residuals", "troubleshoot", residuals.show),
+    "where": ("Residuals", "troubleshoot", improvement.show_residuals),
     "model": ("Model", "tune", model.show),
-    "take": ("Export", "download", export.show),
+    "take": ("Export", "download", files.show),
 }
 """Title, icon and builder of each screen, in the order of the tabs."""
 

@@ -17,9 +17,8 @@ from typing import Any
 from accelcal._support import locks
 from accelcal._support.errors import AccessError
 from accelcal._support.stopping import Stopped
-from accelcal.app.follower import Followers
 from accelcal.app.session_file import Keeper, state_folder
-from accelcal.app.sessions import Workbenches
+from accelcal.app.sessions import Followers, Workbenches
 from accelcal.app.tasks import MOST_BYTES
 from accelcal.app.workers import Workers
 

@@ -25,17 +25,18 @@ from pydantic import ValidationError
 from accelcal import _core, io
 from accelcal._support.errors import AccelcalError
 from accelcal.app import mapping
-from accelcal.app.session_content import (
+from accelcal.app.state import (
     MOST_GUESTS,
     MOST_MODELS,
     SCHEMA,
     Content,
     Formula,
+    Known,
     Source,
+    State,
     StoredRun,
     StoredStep,
 )
-from accelcal.app.state import Known, State
 from accelcal.results import model_file
 
 SUFFIX = ".accelcal"

@@ -13,8 +13,7 @@ import numpy as np
 from accelcal import io
 from accelcal._support.progress import within
 from accelcal.app import mapping
-from accelcal.app.session_content import Formula
-from accelcal.app.state import Run, units_of
+from accelcal.app.state import Formula, Run, units_of
 from accelcal.app.workers import Report
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module
 from accelcal.data import Dwells, Recording, RecordingError, Rig, quality
@@ -116,15 +115,6 @@ Data: TypeAlias = Sequence[Recording | Dwells]
 Export = Literal["C", "Rust", "JSON", "DCC"]
 
 
-@dataclass(frozen=True, slots=True)
-class Checked:
-    """What was found in a recording."""
-
-    marks: Marks
-    summary: Mapping[str, Any]
-    """As `accelcal check --json` prints it."""
-
-
 def columns(path: Path, *, progress: Report) -> tuple[tuple[str, ...], str]:
     """Names of the columns of a file, and the template of a sidecar for it."""
     return mapping.columns_of(path), io.template(path)
@@ -136,11 +126,11 @@ def load(path: Path, rig: Path | Rig | None, *, progress: Report) -> Recording |
     return io.load_dwells(path, beside) if io.declares_dwells(path, beside) else io.load(path, rig)
 
 
-def check(recording: Recording, *, progress: Report) -> Checked:
-    """Look for breaks, faults and rest."""
+def check(recording: Recording, *, progress: Report) -> tuple[Marks, Mapping[str, Any]]:
+    """Look for breaks, faults and rest; then the summary that `accelcal check --json` prints."""
     found = marks(recording)
     progress(0.9)
-    return Checked(found, quality.describe(recording))
+    return found, quality.describe(recording)
 
 
 def fitted(model: Model, train: Data, origins: Origins | None, *, progress: Report) -> Fit:
@@ -168,9 +158,9 @@ def judged(
 ) -> tuple[tuple[Evaluation, ...], ...]:
     """Compare models with recordings, all with the filter of `ruler`, above the noise floor of the model they grew
     from: for each model its comparisons."""
-    found, part = [], 1.0 / len(data)
-    for number, one in enumerate(data):
-        found.append(compare_models(fits, one, ruler, within(progress, number * part, (number + 1) * part), base=base))
+    part = 1.0 / len(data)
+    reports = [within(progress, number * part, (number + 1) * part) for number in range(len(data))]
+    found = [compare_models(fits, one, ruler, report, base=base) for one, report in zip(data, reports, strict=True)]
     return tuple(zip(*found, strict=True))
 
 
@@ -315,7 +305,7 @@ class Reader:
         if isinstance(known, Dwells):
             return Run(path, sidecar, columns=names, template=template, dwells=known)
         self.arrived(known)
-        checked: Checked = self.done(check, known, progress=within(progress, 0.4, 0.98))
+        found, summary = self.done(check, known, progress=within(progress, 0.4, 0.98))
         return Run(
             file=path,
             sidecar=sidecar,
@@ -323,10 +313,10 @@ class Reader:
             columns=names,
             template=template,
             recording=known,
-            summary=checked.summary,
-            used=(checked.marks.start, checked.marks.end),
-            breaks=checked.marks.breaks,
-            marks=checked.marks,
+            summary=summary,
+            used=(found.start, found.end),
+            breaks=found.breaks,
+            marks=found,
         )
 
     def declared(self, path: Path, sidecar: str | None) -> Path | None:

@@ -2,17 +2,285 @@
 
 from __future__ import annotations
 
+import copy
 import html
+import itertools
+import math
+import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from importlib import resources
-from typing import Any
+from typing import Any, TypeAlias
 
+import numpy as np
 from nicegui import ui
 
-from accelcal.app.figures import Picture, narrowed, roomy
+from accelcal.app.state import Run, State, Stretch
 from accelcal.app.workbench import Workbench
-from accelcal.plots.figure import ThemeName
+from accelcal.data import instant
+from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.effects import spelled
+from accelcal.plots import diagnosis, plotly, residuals, timeline
+from accelcal.plots.figure import Bars, Figure, Level, Line, ThemeName, share_text
+from accelcal.results import words as formatting
+from accelcal.validation.comparison import Evaluation
+from accelcal.validation.differences import Comparison, quoted_error
+
+MARKERS = ("o", "s", "D", "^", "P", "X")
+"""Of the held-out recordings."""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A figure, the sentence above it and the small print."""
+
+    headline: str
+    note: str
+    figure: dict[str, Any]
+
+
+def picture(figure: Figure | Picture, theme: ThemeName, **config: Any) -> Picture:
+    """Separate the headline from a figure, unless that is done."""
+    if isinstance(figure, Picture):
+        return figure
+    content = plotly.as_dict(figure, theme, headline=False)
+    content["config"] = {"displaylogo": False, "responsive": True, **config}
+    return Picture(figure.headline, figure.small_print, content)
+
+
+def marked(run: Run) -> list[tuple[float, float, str]]:
+    """Stretches that are held out or excluded."""
+    return [(a, b, "excluded") for a, b in run.excluded] + (
+        [(*run.held_out, "held out")] if run.held_out is not None else []
+    )
+
+
+def data(run: Run, theme: ThemeName) -> Picture:
+    """The recording with its marks, ready for brushing."""
+    assert run.recording is not None
+    figure = timeline.linked(run.recording, marked=marked(run))
+    first, *rest = figure.panels
+    breaks = [Level(at, role="other", upright=True, text=f"break at {instant(at)} s") for at in run.breaks]
+    figure = replace(figure, panels=(replace(first, marks=(*first.marks, *breaks)), *rest), key="")
+    made = picture(figure, theme, modeBarButtonsToRemove=["lasso2d", "autoScale2d"], scrollZoom=False)
+    made.figure["layout"] |= {"dragmode": "select", "selectdirection": "h"}
+    # Plotly selects markers only: two invisible ones make the axes react to brushing.
+    low, high = (float(run.recording.position.t[i]) for i in (0, -1))
+    unseen = {"type": "scatter", "mode": "markers", "showlegend": False, "hoverinfo": "skip"}
+    made.figure["data"].append({**unseen, "x": [low, high], "y": [None, None], "xaxis": "x", "yaxis": "y"})
+    return made
+
+
+def linked(
+    state: State, seen: Evaluation | None, window: Stretch | None = None, chosen: Stretch | None = None
+) -> Figure:
+    """Position, output, residual and side channels with one time axis, and a stretch that was chosen."""
+    marks = marked(state.run) if state.run is not None else []
+    marks += [(*chosen, timeline.CHOSEN)] if chosen is not None else []
+    return timeline.linked(state.data, seen, window=window, marked=marks)
+
+
+def path_of(state: State, number: int | None = None) -> Comparison:
+    """Models on the path to the current one: on one held-out recording, by default on all of them."""
+    seen = tuple(zip(*(step.heldouts for step in state.path), strict=True))
+    seen = seen if number is None else seen[number : number + 1]
+    return Comparison(
+        tuple(step.fit for step in state.path),
+        tuple(step.label for step in state.path),
+        tuple(each[0].recording for each in seen),
+        seen,
+        state.holds_out_parts,
+    )
+
+
+def falling(state: State, theme: ThemeName) -> Picture:
+    """One bar for each model on the path, and beside the error on all held-out data that on each of the recordings."""
+    compared = path_of(state)
+    figure = diagnosis.error_reduction(compared)
+    (panel,) = figure.panels
+    sizes = [formatting.length(error) for error in compared.errors]
+    names = [
+        f"{spelled(step.label)}: {size}\n{share_text(compared, i)}"
+        for i, (step, size) in enumerate(zip(state.path, sizes, strict=True))
+    ]
+    marks = [replace(m, text=()) if isinstance(m, Bars) else m for m in panel.marks]  # text would sit on the noise line
+    several, top = len(state.unseen_runs), panel.y.range[1] if panel.y.range else 0.0
+    if several > 1:
+        factor, _ = formatting.prefixed("m", np.array(compared.errors), compared.floor.value)
+        for run, seen, marker in zip(state.unseen_runs, compared.seen, itertools.cycle(MARKERS)):
+            errors = np.array([quoted_error(evaluation, compared.horizon) for evaluation in seen])
+            marks.append(Line(np.arange(float(len(errors))), errors * factor, run.name, "ink", marker=marker))
+            top = max(top, 1.1 * float(np.max(errors)) * factor)
+    panel = replace(
+        panel,
+        marks=tuple(marks),
+        x=replace(panel.x, title="", ticks=(range(len(names)), names)),
+        y=replace(panel.y, range=(0.0, top)),
+        height=panel.height - 60.0,
+    )
+    note = f"unseen data: {several} recordings; bars are their error together" if several > 1 else figure.note
+    return picture(replace(figure, panels=(panel,), note=note), theme, displayModeBar=False)
+
+
+def overlay(state: State, window: Stretch | None = None, chosen: Stretch | None = None) -> Figure:
+    """Measured and simulated on held-out data, for every model on the path, and a stretch that was chosen."""
+    seen = [(spelled(step.label), step.heldouts[state.looked_at]) for step in state.path]
+    return timeline.overlay(seen, window=window, chosen=chosen)
+
+
+def where(found: Diagnosis, theme: ThemeName) -> list[Figure | Picture]:
+    """Residuals of the model on the fitted data, by variable, frequency and lag."""
+    seen = found.where
+    return [
+        picture(residuals.tiles(seen), theme, displayModeBar=False),
+        residuals.regions(seen),
+        residuals.spectrum(found.fit, seen, found.channels),
+        residuals.whiteness_plot(seen),
+        residuals.quantile_plot(seen),
+    ]
+
+
+WIDTH = 272
+"""Width of the axes on a phone, px."""
+PANEL = 170
+"""Height of a panel, px."""
+TALLEST = 230
+"""Most that the axes of a figure with one panel take, px."""
+GAP = 88
+"""Height between two panels, for the labels of the upper axis and the title of the lower panel, px."""
+LEFT = 62
+"""Most that the labels of an ordinate take, px."""
+LETTER, KEY, ROW = 6.5, 44, 19
+"""Width of a letter and of a key of the legend, and height of a row of it, px."""
+BESIDE = 0.02
+"""Distance between a title and the middle of its panel that is still its own, as a share of the figure."""
+ABSCISSA, ORDINATE = 36, 24
+"""Letters in a line of a title along the abscissa, and along the ordinate."""
+LINE = 16
+"""Height of a line of a title, px."""
+HALF = 500
+"""Width of the axes of a figure that has half of a wide window, px."""
+
+Axes: TypeAlias = "tuple[dict[str, Any], dict[str, Any]]"
+"""Abscissa and ordinate of a panel."""
+
+
+def narrowed(picture: Picture) -> Picture:
+    """The same figure with its panels in one column, and with short lines at its sides."""
+    figure = copy.copy(picture.figure)
+    layout = figure["layout"] = copy.deepcopy(figure["layout"])
+    panels = axes_of(layout)
+    margin, left = layout["margin"], LEFT
+    if len({x["domain"][0] for x, _ in panels}) > 1:
+        stack(layout, panels)
+    elif any(isinstance(y, str) for trace in figure["data"] for y in _listed(trace)):
+        figure["data"] = [
+            {**trace, "y": [y.replace(", ", ",<br>", 1) if isinstance(y, str) else y for y in _listed(trace)]}
+            for trace in figure["data"]
+        ]
+        left = 2 * LEFT
+    elif len(panels) == 1:
+        layout["height"] = min(layout["height"], margin["t"] + margin["b"] + TALLEST)
+    if any([wrap_titles(axes) for axes in panels]):
+        left += LINE
+    if layout.get("showlegend", False):
+        figure["data"] = [wrap_name(trace) for trace in figure["data"]]
+        layout["shapes"] = [wrap_name(shape) for shape in layout.get("shapes", [])]
+    margin["l"], margin["r"] = min(margin["l"], left), min(margin["r"], 12)
+    make_room(figure, WIDTH)
+    return replace(picture, figure=figure)
+
+
+def roomy(picture: Picture) -> Picture:
+    """The same figure with room for the legend where the window is wide and the figure half as wide."""
+    figure = {**picture.figure, "layout": copy.deepcopy(picture.figure["layout"])}
+    make_room(figure, HALF)
+    return replace(picture, figure=figure)
+
+
+def make_room(figure: dict[str, Any], width: float) -> None:
+    """Make room above the axes for every row of the legend; `width` of the axes in px."""
+    layout = figure["layout"]
+    more = ROW * (legend_rows(figure, width) - 1)
+    layout["margin"]["t"], layout["height"] = layout["margin"]["t"] + more, layout["height"] + more
+
+
+def wrap_name(trace: dict[str, Any]) -> dict[str, Any]:
+    """A trace whose name in the legend, where a line does not hold it, has several; plotly would cut it."""
+    name = str(trace.get("name") or "")
+    letters = int((WIDTH - KEY) / LETTER)
+    return {**trace, "name": _wrapped(name, letters)} if len(name) > letters else trace
+
+
+def wrap_titles(axes: Axes) -> bool:
+    """Wrap the titles of a panel's axes and the names along its abscissa; whether its ordinate has two lines now."""
+    x, y = axes
+    for axis, letters in ((x, ABSCISSA), (y, ORDINATE)):
+        title = axis.get("title") or {}
+        if title.get("text"):
+            title.update(text=_wrapped(title["text"], letters), font={**title.get("font", {}), "size": 12})
+    names = x.get("ticktext")
+    if isinstance(names, list) and names:
+        x["ticktext"] = [
+            "<br>".join(_wrapped(part, max(8, 44 // len(names))) for part in n.split("<br>")) for n in names
+        ]
+    return "<br>" in str((y.get("title") or {}).get("text", ""))
+
+
+def axes_of(layout: dict[str, Any]) -> list[Axes]:
+    """Axes of each panel, from the upper left to the lower right."""
+    found = []
+    for key, y in layout.items():
+        if key.startswith("yaxis") and "overlaying" not in y:
+            x = layout.get(f"xaxis{str(y.get('anchor', 'x')).removeprefix('x')}")
+            if isinstance(x, dict) and "domain" in x and "domain" in y:
+                found.append((x, y))
+    return sorted(found, key=lambda pair: (-pair[1]["domain"][1], pair[0]["domain"][0]))
+
+
+def stack(layout: dict[str, Any], panels: list[Axes]) -> None:
+    """Give every panel the whole width and a height of its own; its title goes with it."""
+    inside = len(panels) * PANEL + (len(panels) - 1) * GAP
+    margin, notes = layout["margin"], layout.get("annotations", [])
+    before = layout["height"] - margin["t"] - margin["b"]
+    layout["height"] = inside + margin["t"] + margin["b"]
+    layout["annotations"] = copy.deepcopy(notes)
+    for i, (x, y) in enumerate(panels):
+        middle, top = sum(x["domain"]) / 2.0, y["domain"][1]
+        new_top = 1.0 - i * (PANEL + GAP) / inside
+        for old, new in zip(notes, layout["annotations"], strict=True):
+            if abs(old.get("x", -1.0) - middle) < BESIDE and abs(old.get("y", -1.0) - top) < BESIDE:
+                new.update(x=0.5, y=new_top, text=_wrapped(old["text"], ABSCISSA))
+        x["domain"], y["domain"] = [0.0, 1.0], [max(0.0, new_top - PANEL / inside), new_top]
+        x["showticklabels"] = y["showticklabels"] = True
+    legend = layout.get("legend", {})
+    if legend.get("y", 0.0) > 1.0:
+        legend["y"] = 1.0 + (legend["y"] - 1.0) * before / inside
+
+
+def legend_rows(figure: dict[str, Any], width: float) -> int:
+    """Lines that a horizontal legend takes: one where all fits, else its widest entry sets the columns."""
+    if not figure["layout"].get("showlegend", False):
+        return 1
+    named = [trace for trace in figure["data"] if trace.get("showlegend", True) and trace.get("name")]
+    named += [shape for shape in figure["layout"].get("shapes", []) if shape.get("showlegend")]
+    groups = {trace.get("legendgroup") or trace["name"]: str(trace["name"]) for trace in named}
+    names = [name.split("<br>") for name in groups.values()]
+    widths = [KEY + LETTER * max(map(len, lines)) for lines in names]
+    more = sum(len(lines) - 1 for lines in names)
+    if sum(widths) <= width:
+        return 1 + more
+    return math.ceil(len(widths) / max(1, math.floor(width / max(widths)))) + more
+
+
+def _listed(trace: dict[str, Any]) -> list[Any]:
+    y = trace.get("y")
+    return y if isinstance(y, list) else []
+
+
+def _wrapped(text: str, letters: int) -> str:
+    return "<br>".join(textwrap.wrap(text, letters)) if "<" not in text else text
 
 
 class Uploader(ui.upload):

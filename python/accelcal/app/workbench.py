@@ -22,13 +22,15 @@ from accelcal import io
 from accelcal._support import errors
 from accelcal._support.progress import within
 from accelcal.app import mapping, session_file, tasks
-from accelcal.app.session_content import MOST_GUESTS, Formula, OpenedSession
 from accelcal.app.state import (
+    MOST_GUESTS,
     Cancelled,
     Change,
+    Formula,
     Guest,
     Job,
     Known,
+    OpenedSession,
     Refused,
     Role,
     Run,

@@ -43,7 +43,7 @@ def __getattr__(name: str) -> Any:
     """Import the commands on first use; importing a file registers its commands, in this order."""
     if name not in __all__:
         raise AttributeError(f"module 'accelcal.cli' has no attribute {name!r}")
-    from accelcal.cli import data, models, diagnosis, calibration, fleet, live, demo  # noqa: F401, I001
+    from accelcal.cli import data, models, diagnosis, calibration, live, demo  # noqa: F401, I001
     from accelcal.cli.common import app
     from accelcal.cli.data import write_recording
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 
 import typer
 
 from accelcal._support.progress import within
+from accelcal.cli import printing
 from accelcal.cli.common import (
     EffectsFile,
     Holdout,
@@ -21,18 +21,19 @@ from accelcal.cli.common import (
     RunFile,
     UsageError,
     app,
+    deliver,
     load_own_effects,
-    print_json,
     print_status,
+    print_written,
     progress,
     suggest,
     with_exit_codes,
     writable_file,
 )
+from accelcal.cli.lazy import drawing, exports, io, model_file, pages, plots, response_files
 from accelcal.cli.models import load_like
 
 if TYPE_CHECKING:
-    from accelcal.calibration.export import Laboratory
     from accelcal.calibration.export.certificate import Draft
 
 
@@ -57,19 +58,15 @@ def require_usable(dcc: Path | None, lab: Path | None, schema: Path | None) -> N
         raise UsageError(f"--dcc {dcc}: expected a name that ends in .xml")
 
 
-def laboratory_of(lab: Path | None) -> Laboratory:
+def laboratory_of(lab: Path | None) -> exports.Laboratory:
     """The administrative data as far as they are declared."""
-    from accelcal.calibration.export import Laboratory, read_laboratory
-
-    return Laboratory() if lab is None else read_laboratory(lab)
+    return exports.Laboratory() if lab is None else exports.read_laboratory(lab)
 
 
 def checked(certificate: Draft, schema: Path | None) -> Draft:
     """The certificate, validated where there is a schema."""
-    from accelcal.calibration.export import require_valid
-
     if schema is not None:
-        require_valid(certificate.text, schema)
+        exports.require_valid(certificate.text, schema)
     return certificate
 
 
@@ -104,60 +101,36 @@ def report(
 
     Example: [bold]accelcal report m.json run12.csv --holdout run13.csv -o run12.html[/bold]
     """
-    from accelcal import report as page
-    from accelcal.io import together
-    from accelcal.results import model_file
-
-    if compare:
-        if holdout or rig or light:
-            raise UsageError("--compare takes two models and no recording; leave out --holdout, --rig and --light")
-        report_agreement(model, run, pdf, effects_file, output)
-        return
-
+    if compare and (holdout or rig or light):
+        raise UsageError("--compare takes two models and no recording; leave out --holdout, --rig and --light")
     written = pages_to_write(output if output is not None else run.with_suffix(".html"), pdf)
     load_own_effects(effects_file)
     fitted = model_file.load(model)
-    with progress("report") as share, together():
-        content = page.gather(
-            fitted,
-            load_like(fitted, run, rig),
-            holdout=None if holdout is None else load_like(fitted, holdout, rig),
-            command=shlex.join(["accelcal", *sys.argv[1:]]),
-            progress=within(share, 0.0, 0.8),
-        )
+    content: Any
+    with progress("report") as share, io.together():
+        if compare:
+            names = (model.name, run.name) if model.name != run.name else (str(model), str(run))
+            content = pages.agreement(fitted, model_file.load(run), names=names)
+            page, paper = cast("Any", pages.agreement_html), cast("Any", pages.agreement_pdf)
+        else:
+            content = pages.gather(
+                fitted,
+                load_like(fitted, run, rig),
+                holdout=None if holdout is None else load_like(fitted, holdout, rig),
+                command=shlex.join(["accelcal", *sys.argv[1:]]),
+                progress=within(share, 0.0, 0.8),
+            )
+            page, paper = pages.light if light else pages.html, pages.pdf
         for path in written:
             if path.suffix == ".pdf":
-                page.pdf(content, path)
+                paper(content, path)
             else:
-                page.write(page.light(content) if light else page.html(content), path)
-    for path in written:
-        print_status(f"wrote {path}")
-    suggest("export", model, "--c", "sensor.h")
-
-
-def report_agreement(
-    first: Path, second: Path, pdf: bool, effects_file: Sequence[Path] | None, output: Path | None
-) -> None:
-    """Write a report on two calibrations, and print its verdict."""
-    from accelcal import report as page
-    from accelcal.cli.printing import show_agreement
-    from accelcal.io import together
-    from accelcal.report.calibrations import agreement_view
-    from accelcal.results import model_file
-
-    written = pages_to_write(output if output is not None else second.with_suffix(".html"), pdf)
-    load_own_effects(effects_file)
-    names = (first.name, second.name) if first.name != second.name else (str(first), str(second))
-    found = page.agreement(model_file.load(first), model_file.load(second), names=names)
-    with together():
-        for path in written:
-            if path.suffix == ".pdf":
-                page.agreement_pdf(found, path)
-            else:
-                page.write(page.agreement_html(found), path)
-    show_agreement(agreement_view(found))
-    for path in written:
-        print_status(f"wrote {path}")
+                io.atomic_write(path, page(content))
+    if compare:
+        printing.show_agreement(content)
+    print_written(*written)
+    if not compare:
+        suggest("export", model, "--c", "sensor.h")
 
 
 def pages_to_write(target: Path, pdf: bool) -> list[Path]:
@@ -194,12 +167,6 @@ def export(
 
     Example: [bold]accelcal export m.json --c sensor.h --rust sensor.rs --dcc draft.xml[/bold]
     """
-    from accelcal.calibration import export as exports
-    from accelcal.cli.printing import show_export
-    from accelcal.io import atomic_write, together
-    from accelcal.results import model_file
-    from accelcal.results.json import content
-
     if not (c or rust or dcc or json):
         raise UsageError("nothing to write: give --c sensor.h, --rust sensor.rs, --dcc draft.xml or --json")
     require_usable(dcc, lab, schema)
@@ -216,15 +183,11 @@ def export(
     if dcc is not None:
         certificate = checked(exports.draft(made, laboratory_of(lab)), schema)
         files[dcc] = certificate.text
-    with together():
+    with io.together():
         for path, text in files.items():
-            atomic_write(path, text)
-    if json:
-        print_json(content(made))
-    else:
-        show_export(made)
-    for path in files:
-        print_status(f"wrote {path}")
+            io.atomic_write(path, text)
+    deliver(made, printing.show_export, None, json)
+    print_written(*files)
     if dcc is not None:
         tell(dcc, certificate, schema)
 
@@ -275,11 +238,7 @@ def response(
 
     Example: [bold]accelcal response shaker.csv --frequencies 10,20,40,80 --csv table.csv[/bold]
     """
-    from accelcal import io
-    from accelcal.io import atomic_write, together
-    from accelcal.response.export import draft_response, lines, to_csv
     from accelcal.response.measure import Method, frequency_response
-    from accelcal.results.json import content
 
     require_usable(dcc, lab, schema)
     if method not in get_args(Method):
@@ -290,26 +249,18 @@ def response(
         recording = io.load(run, rig=rig)
         share(0.2)
         found = frequency_response(recording, frequencies=asked, method=cast("Method", method))
-    certificate = draft_response(found, recording.rig.sensor, laboratory)
+    certificate = response_files.draft_response(found, recording.rig.sensor, laboratory)
     if dcc is not None:
         checked(certificate, schema)
-    with together():
+    with io.together():
         if csv is not None:
-            atomic_write(csv, to_csv(found))
+            io.atomic_write(csv, response_files.to_csv(found))
         if dcc is not None:
-            atomic_write(dcc, certificate.text)
+            io.atomic_write(dcc, certificate.text)
         if figure is not None:
-            from accelcal.plots import sensitivity
-            from accelcal.plots.matplotlib import save
-
-            save(sensitivity(found), figure)
-    if json:
-        print_json(content(found))
-    else:
-        print("\n".join(lines(found)))
-    for path in (csv, dcc, figure):
-        if path is not None:
-            print_status(f"wrote {path}")
+            drawing.save(plots.sensitivity(found), figure)
+    deliver(found, lambda response: print("\n".join(response_files.lines(response))), None, json)
+    print_written(csv, dcc, figure)
     if dcc is not None:
         tell(dcc, certificate, schema)
 

@@ -24,6 +24,7 @@ from accelcal._support.errors import AccelcalError, visible
 from accelcal._support.process import continue_in_child
 from accelcal._support.progress import time_left
 from accelcal._support.stopping import asked_to_end
+from accelcal.cli.lazy import catalogue, data, io, json_text, loading, model_file, results_json
 from accelcal.cli.overwriting import WRITTEN, OverwriteError, Writing, refuse_overwriting, writing
 
 if TYPE_CHECKING:
@@ -56,9 +57,6 @@ def bar(title: str, console: Console) -> Iterator[Callable[[float], None]]:
 
 def say(text: str, style: str = "") -> None:
     """Print a sentence on stdout, wrapped at the width of the terminal."""
-    from rich.console import Console
-    from rich.text import Text
-
     Console().print(Text(visible(text), style=style))
 
 
@@ -69,9 +67,7 @@ def say_line(text: str, end: str = "\n", *, flush: bool = False) -> None:
 
 def say_card(markdown: str) -> None:
     """Print the card of an effect: its heading in bold, its lines indented and wrapped, no marks of Markdown."""
-    from rich.console import Console
     from rich.padding import Padding
-    from rich.text import Text
 
     console = Console()
     for line in visible(markdown).splitlines():
@@ -84,33 +80,20 @@ def say_card(markdown: str) -> None:
             console.print(Text(line))
 
 
-def show_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table in full: wider than the terminal rather than with truncated numbers."""
-    from rich.console import Console
+def show_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, wrapped: bool = False) -> None:
+    """Print a table in full: wider than the terminal rather than with truncated numbers, unless its text is wrapped."""
     from rich.measure import Measurement
     from rich.table import Column, Table
 
-    table = Table(*(Column(name, no_wrap=True) for name in map(_cell, head)), box=None, pad_edge=False)
+    table = Table(*(Column(name, no_wrap=not wrapped) for name in map(_cell, head)), box=None, pad_edge=wrapped)
     for row in rows:
         table.add_row(*map(_cell, row))
     console = Console()
     needed = Measurement.get(console, console.options.update(max_width=1000), table).maximum
-    Console(width=max(console.width, needed)).print(table)
-
-
-def show_wrapped_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table whose last column is text that may wrap."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(*head, box=None)
-    for row in rows:
-        table.add_row(*map(_cell, row))
-    Console().print(table)
+    Console(width=console.width if wrapped else max(console.width, needed)).print(table)
 
 
 def _cell(text: str) -> Text:
-    from rich.text import Text
 
     return Text(visible(text, one_line=True))
 
@@ -118,6 +101,8 @@ def _cell(text: str) -> Text:
 USAGE, BAD_DATA, NOT_IDENTIFIABLE, INTERNAL, INTERRUPTED = 2, 3, 4, 70, 130
 USAGE_ERROR: type[Exception] = typer.BadParameter.__mro__[1]
 """What typer itself prints as a mistake in the use of a command."""
+SPEAK_FOR_THEMSELVES = (SystemExit, GeneratorExit, BrokenPipeError, typer.Exit, typer.Abort, USAGE_ERROR)
+"""Exceptions that end a command in their own way: an exit, a signal, a pipe that nobody reads, a question declined."""
 app = typer.Typer(
     name="accelcal",
     no_args_is_help=True,
@@ -211,7 +196,7 @@ def with_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
         except KeyboardInterrupt:  # of a caller that catches no signals
             exit_with("interrupted; no file was left half-written", INTERRUPTED)
         except BaseException as error:
-            if speaks_for_itself(error) or asked_to_end():
+            if isinstance(error, SPEAK_FOR_THEMSELVES) or asked_to_end():
                 raise
             exit_with(errors.sentence(error) + template_hint(error, kwargs), code_of(error))
         finally:
@@ -229,22 +214,16 @@ def with_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
 
 def template_hint(error: BaseException, given: Mapping[str, Any]) -> str:
     """How to have a sidecar written, where a recording has none and the error asks for lines of one."""
-    from accelcal.data.recording import RecordingError
-    from accelcal.io import sidecar_of
-
-    if not isinstance(error, RecordingError) or given.get("rig") is not None:
+    if not isinstance(error, data.RecordingError) or given.get("rig") is not None:
         return ""
     for path in (given.get("run"), *(given.get("runs") or ()), *(given.get("files") or ())):
-        if isinstance(path, Path) and f"write in {sidecar_of(path)}" in str(error) and not sidecar_of(path).exists():
+        if (
+            isinstance(path, Path)
+            and f"write in {io.sidecar_of(path)}" in str(error)
+            and not io.sidecar_of(path).exists()
+        ):
             return f"\nor have the whole sidecar written, to fill in: accelcal init {shlex.quote(str(path))}"
     return ""
-
-
-def speaks_for_itself(error: BaseException) -> bool:
-    """Whether an exception ends the command in its own way: an exit, a signal, a pipe that nobody reads, a question
-    that was declined.
-    """
-    return isinstance(error, SystemExit | GeneratorExit | BrokenPipeError | typer.Exit | typer.Abort | USAGE_ERROR)
 
 
 def code_of(error: BaseException) -> int:
@@ -273,6 +252,13 @@ def print_status(text: str) -> None:
     print(visible(text), file=sys.stderr)
 
 
+def print_written(*paths: Path | None) -> None:
+    """Print which files were written."""
+    for path in paths:
+        if path is not None:
+            print_status(f"wrote {path}")
+
+
 def print_alignment(recording: Any) -> None:
     """Print how the clocks of two loggers were aligned, where they were."""
     for finding in recording.findings:
@@ -282,14 +268,28 @@ def print_alignment(recording: Any) -> None:
 
 def print_json(content: dict[str, Any], indent: int | None = 2) -> None:
     """Print JSON on stdout, in ASCII where its encoding lacks a character; without an indent in one line."""
-    from accelcal.results.json_text import dumps
-
-    text = dumps(content, indent)
+    text = json_text.dumps(content, indent)
     try:
         text.encode(sys.stdout.encoding or "utf-8")
     except UnicodeEncodeError:
         text = f"{json.dumps(json.loads(text), indent=indent)}\n"
     print(text, end="", flush=True)
+
+
+def deliver(
+    found: Any, show: Callable[[Any], object], output: Path | None, json: bool, model: Fit | None = None
+) -> None:
+    """Write a result into a file, and print it: as JSON, or by `show`; with a `model`, that is what the file holds."""
+    if output is not None:
+        if model is None:
+            io.atomic_write(output, json_text.dumps(results_json.content(found)))
+        else:
+            model_file.save(model, output)
+        print_status(f"wrote {output}")
+    if json:
+        print_json(model_file.to_dict(model) if model is not None and found is model else results_json.content(found))
+    else:
+        show(found)
 
 
 def parse_quantity(text: str | None, kind: str, option: str) -> float | None:
@@ -313,8 +313,6 @@ def parse_quantity(text: str | None, kind: str, option: str) -> float | None:
 @contextmanager
 def progress(title: str) -> Iterator[Callable[[float], None]]:
     """A progress bar with the time that is left on stderr; nothing when stderr is not a terminal."""
-    from rich.console import Console
-
     console = Console(stderr=True)
     if not console.is_terminal:
         yield lambda share: None
@@ -338,10 +336,9 @@ def load_own_effects(paths: Sequence[Path] | None) -> None:
     if not paths:
         return
     continue_in_child()
-    from accelcal.effects import load_effects
 
     for path in paths:
-        load_effects(path)
+        catalogue.load_effects(path)
 
 
 UNSEEN = "OTHER.csv"
@@ -389,10 +386,9 @@ def held_out(holdout: Path | None) -> tuple[str | Path, ...]:
 
 def fitted_files(fit: Fit, *given: Path) -> list[Path | None]:
     """Recordings of a model, looked for beside the files that a command was given; None for one that is elsewhere."""
-    from accelcal.io.loading import digest_of
 
     def place(run: RunFit) -> Path | None:
         beside = (folder / run.name for folder in dict.fromkeys(path.parent for path in given))
-        return next((at for at in beside if at.is_file() and digest_of(at) in (run.digest, run.session)), None)
+        return next((at for at in beside if at.is_file() and loading.digest_of(at) in (run.digest, run.session)), None)
 
     return [place(run) for run in fit.runs]

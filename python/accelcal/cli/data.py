@@ -6,7 +6,7 @@ import math
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import Annotated, cast
 
 import typer
 
@@ -18,23 +18,21 @@ from accelcal.cli.common import (
     RunFile,
     UsageError,
     app,
+    deliver,
     parse_quantity,
     print_alignment,
     print_json,
     print_status,
     progress,
     say_line,
+    show_table,
     suggest,
     time_range,
     with_exit_codes,
     writable_file,
 )
+from accelcal.cli.lazy import catalogue, data, drawing, io, resting, sensors, triads, words
 from accelcal.cli.overwriting import mark_of
-
-if TYPE_CHECKING:
-    from accelcal.data import Recording, Reference
-    from accelcal.estimation.triad import Positions, TriadFit
-    from accelcal.io.dwells import Rest, Rests
 
 
 @app.command()
@@ -44,8 +42,6 @@ def init(run: RunFile) -> None:
 
     Example: [bold]accelcal init run12.csv[/bold] writes run12.toml.
     """
-    from accelcal import io
-
     io.init(run)
     print_status(f"wrote {io.sidecar_of(run)}: fill in the marked lines, then run: accelcal check {run}")
 
@@ -57,26 +53,23 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
 
     Example: [bold]accelcal check run12.csv[/bold]
     """
-    from accelcal import io
-    from accelcal.data import quality
-    from accelcal.data.recording import RecordingError
     from accelcal.diagnosis.faults import usable
     from accelcal.diagnosis.left_out import left_out_sentences, without_wrong_readings
     from accelcal.results.comparisons import broken
 
     with progress("check") as report:
         recording = io.load(run, rig)
-        quality.require_varying(recording)
+        data.quality.require_varying(recording)
         report(0.6)
         whole = without_wrong_readings(recording)
         try:
             breaks = list(usable(whole).breaks)
-        except RecordingError:  # too short to look for one: the summary says how long it is
+        except data.RecordingError:  # too short to look for one: the summary says how long it is
             breaks = []
         report(0.9)
         gone = list(left_out_sentences(whole))
-        content = {**quality.describe(recording), "breaks_s": breaks, "left_out": gone} if json else {}
-        text = "" if json else quality.summarise(recording)
+        content = {**data.quality.describe(recording), "breaks_s": breaks, "left_out": gone} if json else {}
+        text = "" if json else data.quality.summarise(recording)
     if json:
         print_json(content)
         return
@@ -100,8 +93,6 @@ def cut(
 
     Example: [bold]accelcal cut run12.csv --without 42:60 -o train.csv[/bold]
     """
-    from accelcal import io
-
     with progress("cut") as report:
         recording = io.load(run, rig, position=position)
         print_alignment(recording)
@@ -145,15 +136,11 @@ def simulate(
     """
     import numpy as np
 
-    from accelcal.data.recording import UNITS
-    from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG
-    from accelcal.simulation.sensor import simulate as simulate_rig
-
-    rigs = {"ADXL105": ADXL105_RIG, "CXL02": CXL02_RIG}
+    rigs = {"ADXL105": sensors.ADXL105_RIG, "CXL02": sensors.CXL02_RIG}
     if sensor not in rigs:
         raise UsageError(f"--sensor {sensor!r}: expected {' or '.join(rigs)}")
-    if reference not in UNITS:
-        raise UsageError(f"--reference {reference!r}: expected {', '.join(UNITS)}")
+    if reference not in data.UNITS:
+        raise UsageError(f"--reference {reference!r}: expected {', '.join(data.UNITS)}")
     truth = {
         "bias": bias,
         "scale_factor": scale_factor,
@@ -162,7 +149,7 @@ def simulate(
         "cubic": cubic,
     }
     with progress("simulate") as report:
-        made = simulate_rig(
+        made = sensors.simulate(
             motion,
             seconds=seconds,
             rig=rigs[sensor],
@@ -170,7 +157,7 @@ def simulate(
             rng=np.random.default_rng(seed),
             a_rms=a_rms,
             missing=missing,
-            reference=cast("Reference", reference),
+            reference=cast("data.Reference", reference),
         )
         report(0.3)
         sidecar = write_recording(made.recording, output)
@@ -183,16 +170,13 @@ def simulate(
 
 def truth_text(truth: Mapping[str, float]) -> str:
     """True parameters that are not zero, each with its unit."""
-    from accelcal.effects import find
-
+    find = catalogue.find
     values = [f"{name} {value:g} {find(name).unit}".removesuffix(" 1") for name, value in truth.items() if value]
     return ", ".join(values) or "a perfect sensor"
 
 
-def write_recording(recording: Recording, path: Path) -> Path:
+def write_recording(recording: data.Recording, path: Path) -> Path:
     """Write a recording and the sidecar beside it; return the sidecar's path."""
-    from accelcal import io
-
     write = {".csv": io.write_csv, ".parquet": io.write_parquet}.get(path.suffix)
     if write is None:
         raise UsageError(f"--output {path}: expected a name that ends in .csv or .parquet")
@@ -231,19 +215,14 @@ def dwells(
 
     Example: [bold]accelcal dwells tumble.csv --attitudes 0:15 -o dwells.csv[/bold]
     """
-    from accelcal.cli.common import show_table
-    from accelcal.estimation.triad import fit_triad
-    from accelcal.io.dwells import load_rests, table_of, write_table
-
     shortest = parse_quantity(least, "time", "--least") or 0.0
     with progress("dwells"):
-        found = load_rests(run, rig, shortest)
+        found = resting.load_rests(run, rig, shortest)
     degrees = angles(attitudes, len(found.rests))
     if figure is not None:
-        from accelcal.plots.matplotlib import draw, save
         from accelcal.plots.model import rests
 
-        save(draw(rests(found)), figure)
+        drawing.save(drawing.draw(rests(found)), figure)
         print_status(f"wrote {figure}")
     triad = found.triad
     if not json:
@@ -253,33 +232,21 @@ def dwells(
         print_status("nothing was used or written")
         return
     if triad:
-        from accelcal.results.json import content
-
-        fitted = fit_triad(positions(found))
-        values = content(fitted)
-        if output is not None:
-            from accelcal.io import atomic_write
-            from accelcal.results.json_text import dumps
-
-            atomic_write(output, dumps(values))
-            print_status(f"wrote {output}")
-        print_json(values) if json else show_triad(fitted)
+        deliver(triads.fit_triad(positions(found)), show_triad, output, json)
         return
     if output is not None:
-        sidecar = write_table(found, degrees, output, mark_of(output))
+        sidecar = resting.write_table(found, degrees, output, mark_of(output))
         missing = "" if degrees else "; fill in attitude_deg"
         print_status(f"wrote {output} and {sidecar}{missing}, then run: accelcal fit {output} --model cubic")
     if json:
-        print_json({"rests": table_of(found, degrees)})
+        print_json({"rests": resting.table_of(found, degrees)})
 
 
-def positions(found: Rests) -> Positions:
+def positions(found: resting.Rests) -> triads.Positions:
     """Rests of a triad as positions."""
     import numpy as np
 
-    from accelcal.estimation.triad import Positions
-
-    return Positions(
+    return triads.Positions(
         mean=np.array([rest.mean for rest in found.rests]),
         std=np.array([rest.std for rest in found.rests]),
         samples=np.array([float(rest.samples) for rest in found.rests]),
@@ -323,22 +290,19 @@ def angles(text: str | None, count: int) -> list[float]:
     return found
 
 
-def line(k: int, rest: Rest, degrees: list[float]) -> tuple[str, ...]:
+def line(k: int, rest: resting.Rest, degrees: list[float]) -> tuple[str, ...]:
     """One rest as a line of the table."""
     means = (f"{y:.7g}" for y in rest.mean)
     shown = f"{degrees[k]:g} deg" if degrees else ""
     return (str(k + 1), f"{rest.start:.6g}", f"{rest.end:.6g}", *means, f"{max(rest.std):.3g}", shown)
 
 
-def show_triad(fit: TriadFit) -> None:
+def show_triad(fit: triads.TriadFit) -> None:
     """Print nine parameters and what they leave."""
-    from accelcal.cli.common import say_line, show_table
-    from accelcal.results.words import concise, plain
-
     units = {"K": f"(m/s²)/{fit.unit}", "T": "rad", "b": fit.unit}
     std = dict(fit.std)
     rows = [
-        (name, plain(units[name[0]], y, std[name]), concise(y, std[name]), units[name[0]])
+        (name, words.plain(units[name[0]], y, std[name]), words.concise(y, std[name]), units[name[0]])
         for name, y in fit.values.items()
     ]
     say_line(f"{fit.name}: a = T K (y - b), {len(fit.residual)} positions, |a| = {fit.gravity:g} m/s²")

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from accelcal.cli import printing
 from accelcal.cli.common import (
     Json,
     UsageError,
@@ -20,6 +21,7 @@ from accelcal.cli.common import (
     writable_folder,
 )
 from accelcal.cli.data import truth_text, write_recording
+from accelcal.cli.lazy import catalogue, io, model_file, plots, results_json, sensors, verbs, words
 from accelcal.cli.overwriting import require_replaceable
 
 if TYPE_CHECKING:
@@ -43,8 +45,6 @@ def demo(
 
     Example: [bold]accelcal demo --effect random --seed 3 -o demo[/bold]
     """
-    from accelcal.cli.printing import show_comparison, show_fit
-
     paths = [output / "run1.csv", output / "run2.csv"]
     for path in (*paths, output / ("m.json" if effect is None else "best.json")):
         require_replaceable(path, f"--output {output}: ", paths)
@@ -53,34 +53,26 @@ def demo(
         return
     import numpy as np
 
-    from accelcal import io
-    from accelcal.plots import write
-    from accelcal.results import model_file
-    from accelcal.simulation.sensor import ADXL105_RIG
-    from accelcal.simulation.sensor import simulate as simulate_rig
-    from accelcal.verbs import compare as compare_with
-    from accelcal.verbs import fit as fit_replay
-
     truth = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
     began = time.perf_counter()
     seeds = np.random.SeedSequence(seed).spawn(2)
     for path, each in zip(paths, seeds, strict=True):
         rng = np.random.default_rng(each)
-        made = simulate_rig("interleaved", seconds=60.0, rig=ADXL105_RIG, parameters=truth, rng=rng)
+        made = sensors.simulate("interleaved", seconds=60.0, rig=sensors.ADXL105_RIG, parameters=truth, rng=rng)
         write_recording(made.recording, path)
         count = len(made.recording.accel)
         say_line(f"simulated {path}: 60 s, {count} output samples; true values: {truth_text(truth)}")
     say_line(f"\n$ accelcal fit {paths[0]} -o {output / 'm.json'}")
     first = io.load(paths[0])
     with progress("fit") as report:
-        found = fit_replay(first, progress=report)
+        found = verbs.fit(first, progress=report)
     model_file.save(found, output / "m.json")
-    show_fit(found, first)
+    printing.show_fit(found, first)
     say_line(f"\n$ accelcal compare {output / 'm.json'} {paths[1]} --plots {output}")
     with progress("compare") as report:
-        seen = compare_with(found, io.load(paths[1]), progress=report)
-    show_comparison(seen)
-    for path in write(seen, output):
+        seen = verbs.compare(found, io.load(paths[1]), progress=report)
+    printing.show_comparison(seen)
+    for path in plots.write(seen, output):
         say_line(f"wrote {path}")
     say_line(f"\nThis took {time.perf_counter() - began:.1f} s.")
     suggest("demo", "--effect", "random", "-o", output)
@@ -88,10 +80,7 @@ def demo(
 
 def demo_hidden(effect: str, output: Path, seed: int) -> None:
     """Hide an effect in two recordings and find it with `improve`."""
-    from accelcal.cli.printing import show_improvement
     from accelcal.demo import hide, seal
-    from accelcal.results import model_file
-    from accelcal.verbs import improve as improve_with
 
     hidden = hide(effect, seed)
     paths = [output / "run1.csv", output / "run2.csv"]
@@ -101,24 +90,21 @@ def demo_hidden(effect: str, output: Path, seed: int) -> None:
     say_line(f"{paths[0]} and {paths[1]} may contain a hidden effect; the answer is in {output / 'answer.json'}.")
     say_line(f"\n$ accelcal improve {paths[0]} --holdout {paths[1]} -o {output / 'best.json'}")
     with progress("improve") as report:
-        found = improve_with(hidden.train, holdout=hidden.holdout, progress=report)
+        found = verbs.improve(hidden.train, holdout=hidden.holdout, progress=report)
     model_file.save(found.diagnosis.fit, output / "best.json")
-    show_improvement(found)
+    printing.show_improvement(found)
     say_line(f"\nFound: {', '.join(found.effects) or 'nothing'}. Hidden: {hidden_text(hidden)}.")
     suggest("report", output / "best.json", paths[0], "--holdout", paths[1], "-o", output / "report.html")
 
 
 def hidden_text(hidden: Hidden) -> str:
     """The hidden effect with its coefficient and its shape parameters, each with its unit."""
-    from accelcal.effects import find
-    from accelcal.results.words import plain, with_unit
-
     if hidden.effect is None:
         return "nothing"
-    effect = find(hidden.effect)
-    size = f"{plain(effect.unit, hidden.size, 0.0)} = {with_unit(f'{hidden.size:.4g}', effect.unit)}"
+    effect = catalogue.find(hidden.effect)
+    size = f"{words.plain(effect.unit, hidden.size, 0.0)} = {words.with_unit(f'{hidden.size:.4g}', effect.unit)}"
     shapes = [
-        f"{name} {with_unit(f'{value:.4g}', effect.shapes[name].unit)}"
+        f"{name} {words.with_unit(f'{value:.4g}', effect.shapes[name].unit)}"
         for name, value in hidden.shape.items()
         if name in effect.shapes
     ]
@@ -134,8 +120,6 @@ def schema(
 
     Example: [bold]accelcal schema diagnosis[/bold]
     """
-    from accelcal.results import json as results_json
-
     if name is None:
         for known in results_json.SCHEMAS:
             say_line(known)
@@ -175,13 +159,12 @@ def doctor(json: Json = False) -> None:
         "peers": "filterpy",
     }
     named = {"serial": "pyserial", "nptdms": "npTDMS"}
-    needed = ("numpy", "scipy", "pyarrow", "pint", "typer", "rich")
-    content = {
+    content: dict[str, Any] = {
         "accelcal": accelcal.__version__,
         "python": platform.python_version(),
         "platform": platform.platform(),
         "processors": os.cpu_count(),
-        "packages": {name: metadata.version(name) for name in needed},
+        "packages": {name: metadata.version(name) for name in ("numpy", "scipy", "pyarrow", "pint", "typer", "rich")},
         "extras": {
             extra: metadata.version(named.get(package, package)) if importlib.util.find_spec(package) else None
             for extra, package in extras.items()
@@ -193,9 +176,8 @@ def doctor(json: Json = False) -> None:
         return
     say_line(f"accelcal {content['accelcal']}, Python {content['python']}, {content['platform']}")
     say_line(f"processors: {content['processors']}")
-    for name in needed:
-        say_line(f"  {name} {metadata.version(name)}")
-    for extra, package in extras.items():
-        have = importlib.util.find_spec(package) is not None
-        text = metadata.version(named.get(package, package)) if have else f'missing; pip install "accelcal[{extra}]"'
-        say_line(f"  [{extra}] {package} {text}")
+    for name, version in content["packages"].items():
+        say_line(f"  {name} {version}")
+    for extra, version in content["extras"].items():
+        text = version or f'missing; pip install "accelcal[{extra}]"'
+        say_line(f"  [{extra}] {extras[extra]} {text}")

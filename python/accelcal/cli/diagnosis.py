@@ -12,6 +12,7 @@ import typer
 
 from accelcal._support.progress import within
 from accelcal._support.stopping import Stopped
+from accelcal.cli import lazy, printing
 from accelcal.cli.common import (
     Band,
     EffectsFile,
@@ -26,25 +27,25 @@ from accelcal.cli.common import (
     after_comparison,
     after_diagnosis,
     app,
+    deliver,
     held_out,
     load_own_effects,
     parse_quantity,
     print_json,
     print_status,
+    print_written,
     progress,
     say_card,
-    show_wrapped_table,
+    show_table,
     suggest,
     with_exit_codes,
     writable_folder,
 )
+from accelcal.cli.lazy import catalogue, data, experiment, io, model_file, results_json, sensors, verbs
 from accelcal.cli.models import LOADED, load_any, load_like, load_run
 from accelcal.cli.overwriting import mark_of
 
 if TYPE_CHECKING:
-    from accelcal.data import Rig as RigOf
-    from accelcal.diagnosis.dwells import DwellDiagnosis
-    from accelcal.diagnosis.experiment import Plan
     from accelcal.estimation.estimate import Fit
     from accelcal.validation.differences import Comparison
 
@@ -67,27 +68,20 @@ def diagnose(
 
     Example: [bold]accelcal diagnose m.json run12.csv --holdout run13.csv[/bold]
     """
-    from accelcal.cli.printing import show
-    from accelcal.data.dwells import Dwells
     from accelcal.data.recording import with_dwells
     from accelcal.diagnosis.dwells import diagnose_dwells
-    from accelcal.io import atomic_write
-    from accelcal.results import model_file
-    from accelcal.results.json import content
-    from accelcal.verbs import compare as compare_with
-    from accelcal.verbs import diagnose as diagnose_with
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
     with progress("diagnose") as report:
         recordings = with_dwells([load_any(fitted, run, rig) for run in runs])
-        if not isinstance(recordings, Dwells):
-            found = diagnose_with(fitted, recordings, progress=within(report, LOADED, 0.8 if holdout else 1.0))
-            seen = None if holdout is None else compare_with(found.fit, load_like(fitted, holdout, rig))
-    if isinstance(recordings, Dwells):
+        if not isinstance(recordings, data.Dwells):
+            found = verbs.diagnose(fitted, recordings, progress=within(report, LOADED, 0.8 if holdout else 1.0))
+            seen = None if holdout is None else verbs.compare(found.fit, load_like(fitted, holdout, rig))
+    if isinstance(recordings, data.Dwells):
         if holdout is not None:
             raise UsageError("--holdout needs a recording of a motion; these are dwells alone")
-        report_on_dwells(diagnose_dwells(fitted, recordings), output, json)
+        deliver(diagnose_dwells(fitted, recordings), printing.show, output, json)
         return
     if seen is not None:
         found = replace(found, heldout=seen[0])
@@ -96,32 +90,12 @@ def diagnose(
         print_status(
             f"{', '.join(others)} is not what {model} was fitted to: all coefficients were estimated again on it"
         )
-    if output is not None:
-        atomic_write(output, model_file.dumps(content(found)))
-        print_status(f"wrote {output}")
+    deliver(found, printing.show, output, json)
     if json:
-        print_json(content(found))
         return
-    show(found)
     if seen is not None:
-        show(seen)
+        printing.show(seen)
     after_diagnosis(fitted, found, model, runs, holdout)
-
-
-def report_on_dwells(found: DwellDiagnosis, output: Path | None, json: bool) -> None:
-    """Print and write a diagnosis of dwells."""
-    from accelcal.cli.printing import show
-    from accelcal.io import atomic_write
-    from accelcal.results.json import content
-    from accelcal.results.json_text import dumps
-
-    if output is not None:
-        atomic_write(output, dumps(content(found)))
-        print_status(f"wrote {output}")
-    if json:
-        print_json(content(found))
-    else:
-        show(found)
 
 
 @app.command()
@@ -144,22 +118,16 @@ def improve(
 
     Example: [bold]accelcal improve run12.csv --holdout run13.csv -o best.json[/bold]
     """
-    from accelcal import io
-    from accelcal.cli.printing import show_improvement
-    from accelcal.data.recording import Recording
     from accelcal.estimation.estimate import require_distinct
-    from accelcal.results import model_file
-    from accelcal.results.json import content
-    from accelcal.verbs import improve as improve_with
 
     load_own_effects(effects_file)
     recordings = [load_run(path, rig) for path in runs]
     unseen = None if holdout is None else io.load(holdout, rig)
     if unseen is not None:
-        require_distinct([*(one for one in recordings if isinstance(one, Recording)), unseen])
+        require_distinct([*(one for one in recordings if isinstance(one, data.Recording)), unseen])
     steps: list[Fit] = []
     with kept_on_the_way(steps, output), progress("improve") as report:
-        found = improve_with(
+        found = verbs.improve(
             recordings,
             holdout=unseen,
             most=most,
@@ -168,21 +136,14 @@ def improve(
             progress=report,
             on_step=steps.append,
         )
-    if output is not None:
-        model_file.save(found.diagnosis.fit, output)
-        print_status(f"wrote {output}")
-    if json:
-        print_json(content(found))
-    else:
-        show_improvement(found)
+    deliver(found, printing.show_improvement, output, json, found.diagnosis.fit)
+    if not json:
         suggest("report", output, runs[0], *held_out(holdout), "-o", f"{runs[0].stem}.html")
 
 
 @contextmanager
 def kept_on_the_way(steps: Sequence[Fit], output: Path | None) -> Iterator[None]:
     """Where a signal ends the search, write the newest of its models to the file that was asked for."""
-    from accelcal.results import model_file
-
     try:
         yield
     except (Stopped, KeyboardInterrupt):
@@ -212,17 +173,9 @@ def formula(
 
     Example: [bold]accelcal formula m.json run12.csv --curve shape_of_velocity -o drag.py[/bold]
     """
-    from accelcal.cli.printing import show_formulas
-    from accelcal.data.recording import RecordingError
-    from accelcal.effects import ExpressionError, find
-    from accelcal.io import atomic_write
-    from accelcal.results import model_file
-    from accelcal.results.json import content
-    from accelcal.verbs import formulas
-
     load_own_effects(effects_file)
     try:
-        shape = find(curve)
+        shape = catalogue.find(curve)
     except ValueError as error:
         raise UsageError(f"--curve: {error}") from None
     fitted = model_file.load(model)
@@ -230,15 +183,12 @@ def formula(
         with progress("formula") as report:
             recording = load_like(fitted, run, rig)
             unseen = None if holdout is None else load_like(fitted, holdout, rig)
-            found = formulas(fitted, recording, curve, holdout=unseen, progress=within(report, LOADED, 1.0))
-    except RecordingError:
+            found = verbs.formulas(fitted, recording, curve, holdout=unseen, progress=within(report, LOADED, 1.0))
+    except data.RecordingError:
         raise
     except ValueError as error:
         raise UsageError(f"--curve {curve}: {error}") from None
-    if json:
-        print_json(content(found))
-    else:
-        show_formulas(found)
+    deliver(found, printing.show_formulas, None, json)
     if output is None:
         return
     if not found.formulas:
@@ -247,9 +197,9 @@ def formula(
     try:
         owner = shape.owner if shape.owner != "timing" else "sensor"
         own = found.formulas[0].effect(name, owner=owner, port=shape.port, channels=shape.needs)
-    except ExpressionError as error:
+    except catalogue.ExpressionError as error:
         raise UsageError(f"--name {name}: {error}") from None
-    atomic_write(output, own.file)
+    io.atomic_write(output, own.file)
     print_status(f"wrote {output}; next: accelcal add {model} {run} --effects-file {output} --effect {name}")
 
 
@@ -263,15 +213,13 @@ def effects(
 
     Example: [bold]accelcal effects cubic[/bold]
     """
-    from accelcal.effects import CATALOGUE, card, find
-
     load_own_effects(effects_file)
     if name is not None:
-        say_card(card(find(name)))
+        say_card(catalogue.card(catalogue.find(name)))
         suggest("add", "MODEL.json", "RUN.csv", "--effect", name)
         return
-    rows = [(e.name, e.unit, e.port, e.owner, e.card.split("\n", maxsplit=1)[0]) for e in CATALOGUE.values()]
-    show_wrapped_table(("effect", "unit", "port", "owner", "description"), rows)
+    rows = [(e.name, e.unit, e.port, e.owner, e.card.split("\n", maxsplit=1)[0]) for e in catalogue.CATALOGUE.values()]
+    show_table(("effect", "unit", "port", "owner", "description"), rows, wrapped=True)
 
 
 @app.command()
@@ -291,27 +239,22 @@ def power(
 
     Example: [bold]accelcal power run12.csv[/bold]
     """
-    from accelcal import io
-    from accelcal.cli.printing import show_power
-    from accelcal.diagnosis.experiment import power as power_of
-    from accelcal.diagnosis.experiment import power_of_set_points
     from accelcal.model import Model
-    from accelcal.results.json import content
 
     load_own_effects(effects_file)
     with progress("power") as report:
         recording = io.load(run, rig, need_accel=False)
         if len(recording.accel):
             begin, stop = parse_quantity(start, "time", "--from"), parse_quantity(end, "time", "--to")
-            seen = power_of(Model.linear(), recording, start=begin, end=stop, progress=within(report, LOADED, 1.0))
+            seen = experiment.power(
+                Model.linear(), recording, start=begin, end=stop, progress=within(report, LOADED, 1.0)
+            )
         elif start is not None or end is not None:
             raise UsageError("--from and --to are for recordings; a planned motion is always used as a whole")
         else:
-            seen = power_of_set_points(recording)
-    if json:
-        print_json(content(seen))
-    else:
-        show_power(seen)
+            seen = experiment.power_of_set_points(recording)
+    deliver(seen, printing.show_power, None, json)
+    if not json:
         suggest("fit", run if len(recording.accel) else None, "-o", f"{run.stem}.json")
 
 
@@ -332,38 +275,27 @@ def plan(
 
     Example: [bold]accelcal plan --effects quadratic,cubic --stroke "0.2 m" --vmax "0.1 m/s" --amax "20 m/s^2"[/bold]
     """
-    from accelcal import io
-    from accelcal.cli.printing import limit, show_plan
-    from accelcal.diagnosis.experiment import plan as plan_for
-    from accelcal.results.json import content
-    from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG
-
-    rigs = {"ADXL105": ADXL105_RIG, "CXL02": CXL02_RIG}
+    rigs = {"ADXL105": sensors.ADXL105_RIG, "CXL02": sensors.CXL02_RIG}
     if rig is None and sensor not in rigs:
         raise UsageError(f"--sensor {sensor!r}: expected {' or '.join(rigs)}")
     used = rigs[sensor] if rig is None else io.read_sidecar(rig).rig
     with progress("plan") as report:
-        found = plan_for(
+        found = experiment.plan(
             [name.strip() for name in effects.split(",") if name.strip()],
-            stroke=limit(stroke, "length", "--stroke"),
-            v_max=limit(vmax, "speed", "--vmax"),
-            a_max=limit(amax, "acceleration", "--amax"),
+            stroke=printing.limit(stroke, "length", "--stroke"),
+            v_max=printing.limit(vmax, "speed", "--vmax"),
+            a_max=printing.limit(amax, "acceleration", "--amax"),
             seconds=seconds,
             rig=used,
             progress=report,
         )
     if output is not None:
-        for path in write_set_points(found, used, output):
-            print_status(f"wrote {path}")
-    if json:
-        print_json(content(found))
-    else:
-        show_plan(found)
+        print_written(*write_set_points(found, used, output))
+    deliver(found, printing.show_plan, None, json)
 
 
-def write_set_points(found: Plan, rig: RigOf, path: Path) -> tuple[Path, Path]:
+def write_set_points(found: experiment.Plan, rig: data.Rig, path: Path) -> tuple[Path, Path]:
     """Write time and position of a planned motion, and a sidecar with the rig that it was planned for."""
-    from accelcal import io
     from accelcal.io.sidecar import Clock, Source
 
     t, p = found.set_points()
@@ -412,17 +344,11 @@ def compare(
     Example: [bold]accelcal compare m.json run13.csv[/bold], or
     [bold]accelcal compare m.json m2.json run13.csv run14.csv[/bold]
     """
-    from accelcal.cli.printing import show_comparison
-    from accelcal.io import atomic_write, together
-    from accelcal.results import json as results_json
-    from accelcal.results import model_file
-    from accelcal.verbs import compare as compare_with
-
     load_own_effects(effects_file)
     models, runs = models_and_runs(files)
     fits = [model_file.load(path) for path in models]
     with progress("compare") as report:
-        comparison = compare_with(
+        comparison = verbs.compare(
             fits,
             [load_like(fits[0], path, rig) for path in runs],
             names=[str(path) for path in models],
@@ -434,20 +360,17 @@ def compare(
     content = results_json.content(comparison)
 
     written: list[Path] = []
-    with together():
+    with io.together():
         if output is not None:
-            atomic_write(output, model_file.dumps(content))
+            io.atomic_write(output, model_file.dumps(content))
             written.append(output)
         if plots is not None:
-            from accelcal.plots import write
-
-            written += write(comparison, plots)
-    for path in written:
-        print_status(f"wrote {path}")
+            written += lazy.plots.write(comparison, plots)
+    print_written(*written)
     if json:
         print_json(content)
     else:
-        show_comparison(comparison)
+        printing.show_comparison(comparison)
         best = best_of(comparison)
         after_comparison(fits[best], models[best], runs[0])
 

@@ -1,33 +1,322 @@
-"""The command on a running measurement: `live`."""
+"""Commands on many sensors, each recording fitted once, and on a running measurement: `fleet`, `live`."""
 
 from __future__ import annotations
 
 import functools
+import math
+import time
+from collections import deque
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from types import TracebackType
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import typer
 
+from accelcal._support.errors import visible
 from accelcal._support.stopping import deferred
+from accelcal.cli import lazy, printing
 from accelcal.cli.common import (
     Json,
     Output,
     UsageError,
     app,
+    deliver,
     parse_quantity,
+    print_json,
     print_status,
+    progress,
+    say_line,
     with_exit_codes,
     writable_file,
 )
+from accelcal.cli.lazy import campaign, data, io, measuring, model_file, results_json, sessions, summary, words
 
 if TYPE_CHECKING:
-    from accelcal.cli.live_faces import Lines
+    from concurrent.futures import Executor
+
+    from rich.console import Group
+
     from accelcal.estimation.estimate import Fit
     from accelcal.io.stream import ByteSource
-    from accelcal.live import LiveSession, LiveSettings
-    from accelcal.live.session import LiveState
+
+
+MOST_WORKERS = 256
+
+
+@app.command()
+@with_exit_codes
+def fleet(
+    folders: Annotated[
+        list[Path], typer.Argument(help="One folder of recordings for each sensor.", metavar="FOLDER...")
+    ],
+    model: Annotated[str, typer.Option("--model", help="linear or cubic.")] = "linear",
+    store: Annotated[
+        Path, typer.Option("--store", help="File that keeps what is done; a call goes on from it.")
+    ] = Path("fleet.sqlite"),
+    workers: Annotated[int, typer.Option("--workers", help="Processes on this machine.", min=1, max=MOST_WORKERS)] = 1,
+    dask: Annotated[
+        str | None, typer.Option("--dask", help="Address of a dask scheduler, in place of --workers.")
+    ] = None,
+    retry: Annotated[bool, typer.Option("--retry", help="Fit recordings again that could not be fitted.")] = False,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Fit every recording of many sensors once and compare the sensors: population, outliers, repeatability, ageing.
+
+    A killed call loses nothing: the next one goes on. The page is written with -o fleet.html.
+
+    Example: [bold]accelcal fleet sensors/*/ -o fleet.html[/bold]
+    """
+    if model not in summary.MODELS:
+        raise UsageError(f"--model {model!r}: expected {' or '.join(summary.MODELS)}")
+    files = in_stored_order([str(file) for file in recordings_in(folders)], store, retry=retry)
+    with executor(workers, dask) as pool, progress("fleet") as report:
+        done = campaign.run(
+            summary.fit_of,
+            files,
+            store=store,
+            parameters={"model": model},
+            executor=pool,
+            batch=1,
+            progress=lambda count, total: report(count / total),
+        )
+    print_status(f"{done.computed} recordings fitted, {done.kept} found in {store}, {done.failed} refused")
+    found = summary.summarise(campaign.load(store))
+    if output is not None:
+        io.atomic_write(output, summary.html(found, output.parent))
+        print_status(f"wrote {output}")
+    deliver(found, printing.show_fleet, None, json)
+
+
+def in_stored_order(files: list[str], store: Path, *, retry: bool) -> list[str]:
+    """Recordings in the order in which a store knows them, new ones behind; with `retry` it forgets its failures."""
+    if not store.exists():
+        return files
+    places = {item: run for run, item in campaign.items(store).items()}
+    if retry:
+        campaign.forget_failures(store)
+    if not set(places) <= set(files):
+        return files  # of other folders: the campaign says so
+    new = (file for file in files if file not in places)
+    known = {run: item for item, run in places.items()}
+    return [known[run] if run in known else next(new) for run in range(len(files))]
+
+
+def recordings_in(folders: list[Path]) -> list[Path]:
+    """Recordings of every folder, in order.
+
+    Raises
+    ------
+    UsageError
+        If a folder is none or holds no recording, or two have one name.
+    """
+    files: list[Path] = []
+    names: dict[str, Path] = {}
+    for folder in folders:
+        if not folder.is_dir():
+            raise UsageError(f"{folder}: expected a folder with the recordings of one sensor")
+        same = names.setdefault(folder.resolve().name, folder)
+        if same is not folder:
+            raise UsageError(f"{folder} and {same} have one name, which is that of the sensor; rename one of them")
+        found = sorted(
+            path for path in folder.iterdir() if path.suffix.lower() in lazy.files.READABLE and path.is_file()
+        )
+        if not found:
+            raise UsageError(f"{folder}: no recording in it ({', '.join(lazy.files.READABLE)})")
+        files += found
+    return files
+
+
+def executor(workers: int, dask: str | None) -> AbstractContextManager[Executor | None]:
+    """Processes of this machine, or a cluster; None computes in threads of this process."""
+    if dask is not None:
+        try:
+            from distributed import Client  # type: ignore[import-untyped,unused-ignore]
+        except ImportError as error:
+            raise UsageError('--dask needs dask; install it with: pip install "accelcal[dask]"') from error
+        client: Any = Client
+        return nullcontext(client(dask).get_executor())
+    from accelcal._support.process import processes
+
+    return processes(workers)
+
+
+REFRESH = 0.25
+"""Time between two pictures of the screen, s."""
+MOST_ALARMS = 3
+"""Alarms on the screen."""
+
+
+class Lines:
+    """A line from time to time; alarms on stderr."""
+
+    def __init__(self, source: str, every: float) -> None:
+        self.source, self.every = source, every
+        self._next = time.monotonic() + every
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Nothing is left to do."""
+
+    @property
+    def due(self) -> bool:
+        """Whether it is time to show something; asked often."""
+        now = time.monotonic()
+        if now < self._next:
+            return False
+        self._next = max(self._next + self.every, now)
+        return True
+
+    def show(self, state: sessions.LiveState) -> None:
+        """One line of what is known."""
+        say_line(line_of(state), flush=True)
+
+    def alarm(self, alarm: measuring.Alarm, state: sessions.LiveState) -> None:
+        """Say that the model no longer holds, once for blocks in a row."""
+        if alarm.t == alarm.since:
+            print_status(f"alarm: {alarm.sentence}")
+
+    def end(self, state: sessions.LiveState, ended: str) -> None:
+        """Say what came of it all."""
+        for text in summary_of(state, self.source, ended):
+            say_line(text, flush=True)
+
+
+class JsonLines(Lines):
+    """JSON, one object a line."""
+
+    def _print(self, event: sessions.LiveEvent) -> None:
+        print_json(results_json.content(event), indent=None)
+
+    def show(self, state: sessions.LiveState) -> None:
+        """One object of what is known."""
+        self._print(sessions.LiveEvent("state", self.source, state))
+
+    def alarm(self, alarm: measuring.Alarm, state: sessions.LiveState) -> None:
+        """One object of the alarm."""
+        self._print(sessions.LiveEvent("alarm", self.source, state, alarm))
+
+    def end(self, state: sessions.LiveState, ended: str) -> None:
+        """The last object."""
+        self._print(sessions.LiveEvent("end", self.source, state, ended=ended))
+
+
+class Screen(Lines):
+    """A table that is drawn anew several times a second."""
+
+    def __init__(self, source: str) -> None:
+        from rich.live import Live
+
+        super().__init__(source, REFRESH)
+        self._live = Live(auto_refresh=False)
+        self._alarms: deque[measuring.Alarm] = deque(maxlen=MOST_ALARMS)
+
+    def __enter__(self) -> Self:
+        self._live.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._live.__exit__(kind, error, trace)
+
+    def show(self, state: sessions.LiveState) -> None:
+        """Draw what is known."""
+        self._live.update(picture(state, self.source, list(self._alarms)), refresh=True)
+
+    def alarm(self, alarm: measuring.Alarm, state: sessions.LiveState) -> None:
+        """Keep it for the next picture."""
+        self._alarms.append(alarm)
+
+    def end(self, state: sessions.LiveState, ended: str) -> None:
+        """Leave the last picture, and say why it is the last."""
+        self.show(state)
+        self._live.stop()
+        say_line(f"{self.source}: {ended}")
+
+
+def picture(state: sessions.LiveState, source: str, alarms: list[measuring.Alarm]) -> Group:
+    """Parameters, innovations and counts, for a terminal."""
+    from rich.console import Group
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False)
+    for head in ("parameter", "estimate", "± 2 sigma", "unit"):
+        table.add_column(head, justify="left" if head in ("parameter", "unit") else "right")
+    for e in state.estimates:
+        table.add_row(e.name, words.number(e.value, 6), words.number(2.0 * e.std, 2), e.unit)
+    held = {None: ("waiting for innovations", ""), True: ("the model holds", "green"), False: ("ALARM", "bold red")}
+    word, style = held[state.holds]
+    title = f"{source}, t = {'-' if state.t is None else f'{state.t:.3f} s'}"
+    return Group(
+        Text(visible(title, one_line=True), style="bold"),
+        table,
+        *(Text(text, style="yellow") for text in bias_of(state)),
+        Text(innovation_of(state)),
+        Text.assemble((word, style), f" ({state.alarms} of {state.blocks} blocks alarmed)"),
+        Text(counts_of(state)),
+        *(Text(alarm.sentence, style="red") for alarm in alarms),
+    )
+
+
+def line_of(state: sessions.LiveState) -> str:
+    """What is known, in one line."""
+    bands = [f"{words.number(e.value, 6)} ± {words.number(2.0 * e.std, 2)}" for e in state.estimates]
+    pairs = zip(state.estimates, bands, strict=True)
+    parameters = ", ".join(f"{e.name} {words.with_unit(band, e.unit)}" for e, band in pairs)
+    when = "no row yet" if state.t is None else f"t = {state.t:.3f} s"
+    return f"{when}: {parameters}; {innovation_of(state)}; {counts_of(state)}"
+
+
+def bias_of(state: sessions.LiveState) -> list[str]:
+    """The sentence on a scale factor that noise of the output biases by more than it is uncertain; empty else."""
+    bias = state.regressor_bias
+    return [] if bias is None or not bias.sentence else [bias.sentence]
+
+
+def innovation_of(state: sessions.LiveState) -> str:
+    """The newest innovation and the running NIS."""
+    if state.innovation is None or state.nis is None:
+        return "no innovation yet"
+    e, nis = state.innovation, state.nis
+    seen, expected = words.number(1e6 * e.e, 3), words.number(2e6 * math.sqrt(e.variance), 3)
+    return (
+        f"innovation {seen} µm, expected ± {expected}; NIS {nis.value:.3f}, 99 % in {nis.low:.3f} .. {nis.high:.3f} "
+        f"({nis.readings} readings)"
+    )
+
+
+def counts_of(state: sessions.LiveState) -> str:
+    """What became of the lines."""
+    counts = {
+        "broken": state.broken,
+        "out of order": state.out_of_order,
+        "missing": state.missing,
+        "bytes dropped": state.dropped_bytes,
+    }
+    more = {"not tested": state.untested, "refused by the filter": state.refused, "recorded": state.recorded}
+    listed = [f"{count} {name}" for name, count in counts.items()]
+    return ", ".join([f"{state.used} lines", *listed, *(f"{count} {name}" for name, count in more.items() if count)])
+
+
+def summary_of(state: sessions.LiveState, source: str, ended: str) -> list[str]:
+    """What came of a live view."""
+    judged = (
+        "too few readings to say whether the model holds"
+        if state.holds is None
+        else f"{state.alarms} of {state.blocks} blocks of innovations raised an alarm"
+    )
+    lines = [f"{source}: {ended}", line_of(state), *bias_of(state), judged]
+    return [*lines, f"the filter refused {state.refused} events: {state.refusal}"] if state.refused else lines
+
 
 MOST_BAUD = 100_000_000
 
@@ -56,10 +345,6 @@ def live(
 
     Example: [bold]accelcal live --serial /dev/ttyUSB0 --baud 921600 --rig rig.toml -o run.parquet[/bold]
     """
-    from accelcal.io import read_sidecar
-    from accelcal.live import LiveSession, settings_of
-    from accelcal.results import model_file
-
     interval = parse_quantity(every, "time", "--every")
     if interval is None or not interval > 0.0:
         raise UsageError(f"--every {every!r}: expected a time above 0")
@@ -70,19 +355,24 @@ def live(
     if save is not None and model is None:
         raise UsageError("--save: needs --model, whose noise, rig and range the new file keeps; or fit the recording")
     opener = source_of(serial, baud, tcp, file, follow=follow)
-    declared = read_sidecar(rig)
+    declared = io.read_sidecar(rig)
     fit = None if model is None else model_file.load(model)
-    settings = settings_of(declared.rig, fit)
+    settings = measuring.settings_of(declared.rig, fit)
     source = opener()
-    with deferred() as stopped, LiveSession(source, declared, settings, output) as session:
+    with deferred() as stopped, measuring.LiveSession(source, declared, settings, output) as session:
         with face_of(source.name, interval, json=json) as face:
             session.run(
                 ends=stopped,
                 on_alarm=lambda alarm: face.alarm(alarm, session.state),
                 show=lambda: face.show(session.state) if face.due else None,
             )
-            if not stopped():
-                require_rows(session.state, source.name)
+            counts = session.lines.counts
+            if not stopped() and not counts.used:
+                raise data.RecordingError(
+                    f"{source.name}: no line could be used ({counts.broken} broken, {counts.out_of_order} out of "
+                    "order); expected lines t,accel,position with a comma between the fields, a point in the numbers "
+                    "and an empty field where nothing was sampled"
+                )
             face.end(session.state, session.ended)
         if output is not None and session.state.recorded:
             print_status(f"wrote {output}")
@@ -128,9 +418,7 @@ def refuse_replacing(output: Path) -> None:
     UsageError
         Naming the file that is there.
     """
-    from accelcal.io import sidecar_of
-
-    for path, what in ((output, "recording"), (sidecar_of(output), "sidecar")):
+    for path, what in ((output, "recording"), (io.sidecar_of(output), "sidecar")):
         if path.is_file():
             raise UsageError(f"--output {output}: {path}: there is a {what} already; give another name")
 
@@ -139,32 +427,12 @@ def face_of(source: str, every: float, *, json: bool) -> Lines:
     """JSON where it is asked for, a screen in a terminal, lines elsewhere."""
     from rich.console import Console
 
-    from accelcal.cli.live_faces import JsonLines, Lines, Screen
-
     if json:
         return JsonLines(source, every)
     return Screen(source) if Console().is_terminal else Lines(source, every)
 
 
-def require_rows(state: LiveState, source: str) -> None:
-    """Refuse a source without a single row.
-
-    Raises
-    ------
-    RecordingError
-        Saying what came in its place.
-    """
-    from accelcal.data.recording import RecordingError
-
-    if not state.used:
-        raise RecordingError(
-            f"{source}: no line could be used ({state.broken} broken, {state.out_of_order} out of order); expected "
-            "lines t,accel,position with a comma between the fields, a point in the numbers and an empty field where "
-            "nothing was sampled"
-        )
-
-
-def require_small_bias(state: LiveState, save: Path) -> None:
+def require_small_bias(state: sessions.LiveState, save: Path) -> None:
     """Refuse to save a scale factor that noise of the output has biased.
 
     Raises
@@ -172,15 +440,14 @@ def require_small_bias(state: LiveState, save: Path) -> None:
     RecordingError
         Saying by how much, and what to do.
     """
-    from accelcal.data.recording import RecordingError
     from accelcal.live.tracker import MOST_SAVED
 
     bias = state.regressor_bias
     if bias is not None and bias.sigma > MOST_SAVED:
-        raise RecordingError(f"--save {save}: nothing is written, since {bias.sentence}")
+        raise data.RecordingError(f"--save {save}: nothing is written, since {bias.sentence}")
 
 
-def followed(fit: Fit, settings: LiveSettings, session: LiveSession) -> Fit:
+def followed(fit: Fit, settings: measuring.LiveSettings, session: measuring.LiveSession) -> Fit:
     """The fit with the parameters that the live filter holds now."""
     from accelcal.estimation.recursive import as_fit
     from accelcal.estimation.remarks import remark

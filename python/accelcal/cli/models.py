@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 
 import typer
 
 from accelcal._support.progress import within
+from accelcal.cli import printing
 from accelcal.cli.common import (
     UNSEEN,
     Band,
@@ -23,18 +24,19 @@ from accelcal.cli.common import (
     UsageError,
     after_fit,
     app,
+    deliver,
     load_own_effects,
     parse_quantity,
     print_alignment,
-    print_json,
     print_status,
     progress,
     suggest,
     with_exit_codes,
 )
+from accelcal.cli.lazy import data, io, model_file, verbs
+from accelcal.cli.overwriting import writing
 
 if TYPE_CHECKING:
-    from accelcal.data import Dwells, Recording
     from accelcal.estimation.estimate import Fit
     from accelcal.model import Model
 
@@ -93,13 +95,8 @@ def fit(
 
     Example: [bold]accelcal fit run12.csv --model cubic -o m.json[/bold]
     """
-    from accelcal.cli.printing import show_fit
-    from accelcal.data.dwells import Dwells
-    from accelcal.data.recording import Recording
     from accelcal.estimation.run import Method
     from accelcal.model import Model
-    from accelcal.results import model_file
-    from accelcal.verbs import fit as fit_runs
 
     chosen = {"linear": Model.linear, "cubic": Model.cubic}.get(model)
     if chosen is None:
@@ -118,26 +115,19 @@ def fit(
             base = chosen() if position is None else chosen().add("clock_skew")
             wanted, part = varying(base, vary or []), within(report, LOADED, 1.0)
             engine = cast("Method", method)
-            found = fit_runs(recordings, wanted, start=begin, end=stop, band=width, method=engine, progress=part)
+            found = verbs.fit(recordings, wanted, start=begin, end=stop, band=width, method=engine, progress=part)
     else:
         if vary:
             raise UsageError(f"--vary needs --method auto, replay or weak; {method} accepts one recording")
         choice = filter_choice(method, model, form, interpolation, integrator, order, carrier)
         recordings = read_runs(runs, position, rig)
-        if len(recordings) != 1 or band is not None or isinstance(recordings[0], Dwells):
+        if len(recordings) != 1 or band is not None or isinstance(recordings[0], data.Dwells):
             raise UsageError(
                 f"--method {method} accepts one recording and no --band; auto, replay and weak accept several"
             )
         with progress("fit"):
-            found = fit_runs(recordings[0], start=begin, end=stop, method=choice)
-    if output is not None:
-        model_file.save(found, output)
-    if json:
-        print_json(model_file.to_dict(found))
-    else:
-        show_fit(found, *(one for one in recordings if isinstance(one, Recording)))
-    if output is not None:
-        print_status(f"wrote {output}")
+            found = verbs.fit(recordings[0], start=begin, end=stop, method=choice)
+    finish_fit(found, recordings, output, json)
     if not json and position is None:
         after_fit(output, runs)
     elif not json:
@@ -198,17 +188,11 @@ def add(
 
     Example: [bold]accelcal add m.json run12.csv --effect cubic -o m2.json[/bold]
     """
-    from accelcal.results import model_file
-    from accelcal.verbs import add as add_to
-
-    load_own_effects(effects_file)
-    fitted = model_file.load(model)
-    with progress("add") as report:
-        recordings = [load_any(fitted, run, rig) for run in runs]
-        found = add_to(fitted, recordings, *effects, progress=within(report, LOADED, 1.0))
-    finish_fit(found, recordings, output, json)
-    if not json and output is not None:
-        suggest("compare", model, output, UNSEEN)
+    refit(
+        lambda fitted, recordings, report: verbs.add(fitted, recordings, *effects, progress=report),
+        *(model, runs, rig, effects_file, output, json),
+        then=("compare", model, output, UNSEEN),
+    )
 
 
 @app.command()
@@ -226,17 +210,11 @@ def drop(
 
     Example: [bold]accelcal drop m2.json run12.csv --effect cubic -o m3.json[/bold]
     """
-    from accelcal.results import model_file
-    from accelcal.verbs import drop as drop_from
-
-    load_own_effects(effects_file)
-    fitted = model_file.load(model)
-    with progress("drop") as report:
-        recordings = [load_any(fitted, run, rig) for run in runs]
-        found = drop_from(fitted, recordings, *effects, progress=within(report, LOADED, 1.0))
-    finish_fit(found, recordings, output, json)
-    if not json and output is not None:
-        suggest("compare", output, model, UNSEEN)
+    refit(
+        lambda fitted, recordings, report: verbs.drop(fitted, recordings, *effects, progress=report),
+        *(model, runs, rig, effects_file, output, json),
+        then=("compare", output, model, UNSEEN),
+    )
 
 
 @app.command()
@@ -255,11 +233,6 @@ def freeze(
 
     Example: [bold]accelcal freeze m.json run12.csv --at bias=0.05 -o m2.json[/bold]
     """
-    from accelcal.results import model_file
-    from accelcal.verbs import fit as fit_again
-
-    load_own_effects(effects_file)
-    fitted = model_file.load(model)
     if not at and not release:
         raise UsageError("name the parameters to hold or to estimate again: --at bias=0.05 or --release bias")
     held: dict[str, float] = {}
@@ -273,45 +246,48 @@ def freeze(
             raise UsageError(
                 f"--at {text!r}: expected NAME=VALUE with a number in SI of at most {MOST_HELD:g}, such as bias=0.05"
             ) from None
-    chosen = fitted.model.release(*(release or ())).freeze(**held)
-    with progress("freeze") as report:
+
+    def again(fitted: Fit, recordings: list[data.Recording | data.Dwells], report: Callable[[float], None]) -> Fit:
+        chosen = fitted.model.release(*(release or ())).freeze(**held)
+        return verbs.fit(recordings, chosen, method=fitted.engine, origins=fitted.origins, progress=report)
+
+    refit(again, model, runs, rig, effects_file, output, json, then=("diagnose", output, *runs))
+
+
+def refit(
+    work: Callable[[Fit, list[data.Recording | data.Dwells], Callable[[float], None]], Fit],
+    model: Path,
+    runs: Sequence[Path],
+    rig: Path | None,
+    effects_file: Sequence[Path] | None,
+    output: Path | None,
+    json: bool,
+    then: Sequence[str | Path | None],
+) -> None:
+    """Make a model of another one on its recordings by `work`, deliver it, and say what comes `then`."""
+    load_own_effects(effects_file)
+    fitted = model_file.load(model)
+    with progress(writing.get().command) as report:
         recordings = [load_any(fitted, run, rig) for run in runs]
-        found = fit_again(
-            recordings,
-            chosen,
-            method=fitted.engine,
-            origins=fitted.origins,
-            progress=within(report, LOADED, 1.0),
-        )
+        found = work(fitted, recordings, within(report, LOADED, 1.0))
     finish_fit(found, recordings, output, json)
-    if not json and output is not None:
-        suggest("diagnose", output, *runs)
+    if not json:
+        suggest(*then)
 
 
-def finish_fit(found: Fit, recordings: Sequence[Recording | Dwells], output: Path | None, json: bool) -> None:
+def finish_fit(found: Fit, recordings: Sequence[data.Recording | data.Dwells], output: Path | None, json: bool) -> None:
     """Write and print a fit."""
-    from accelcal.cli.printing import show_fit
-    from accelcal.data.recording import Recording
-    from accelcal.results import model_file
-
-    if output is not None:
-        model_file.save(found, output)
-        print_status(f"wrote {output}")
-    if json:
-        print_json(model_file.to_dict(found))
-    else:
-        show_fit(found, *(one for one in recordings if isinstance(one, Recording)))
+    read = [one for one in recordings if isinstance(one, data.Recording)]
+    deliver(found, lambda fit: printing.show_fit(fit, *read), output, json, found)
 
 
-def read_runs(runs: Sequence[Path], position: Path | None, rig: Path | None) -> list[Recording | Dwells]:
+def read_runs(runs: Sequence[Path], position: Path | None, rig: Path | None) -> list[data.Recording | data.Dwells]:
     """Read recordings or dwells, or the one recording of two loggers."""
     return [load_run(path, rig) for path in runs] if position is None else [of_two(runs, position, rig)]
 
 
-def of_two(runs: Sequence[Path], position: Path, rig: Path | None) -> Recording:
+def of_two(runs: Sequence[Path], position: Path, rig: Path | None) -> data.Recording:
     """Read the output of one file and the position of another, aligned."""
-    from accelcal import io
-
     if len(runs) != 1:
         raise UsageError(f"--position {position}: expected one file with the output, found {len(runs)}; give one")
     recording = io.load(runs[0], rig, position=position)
@@ -319,28 +295,21 @@ def of_two(runs: Sequence[Path], position: Path, rig: Path | None) -> Recording:
     return recording
 
 
-def load_run(path: Path, rig: Path | None) -> Recording | Dwells:
+def load_run(path: Path, rig: Path | None) -> data.Recording | data.Dwells:
     """Read a recording, or dwells where the file or its sidecar says that it is some."""
-    from accelcal import io
-
     return io.load_dwells(path, rig) if io.declares_dwells(path, rig) else io.load(path, rig)
 
 
-def load_any(fitted: Fit, run: Path, rig: Path | None) -> Recording | Dwells:
+def load_any(fitted: Fit, run: Path, rig: Path | None) -> data.Recording | data.Dwells:
     """Read a recording of the model's sensor, or dwells of it."""
-    from accelcal import io
-
     return io.load_dwells(run, rig) if io.declares_dwells(run, rig) else load_like(fitted, run, rig)
 
 
-def load_like(fitted: Fit, run: Path, rig: Path | None) -> Recording:
+def load_like(fitted: Fit, run: Path, rig: Path | None) -> data.Recording:
     """Read a recording of the model's sensor; without a sidecar of its own, under the rig of the model."""
-    from accelcal import io
-    from accelcal.data.recording import require_same_sensor
-
     declared = rig is not None or io.sidecar_of(run).exists()
     recording = io.load(run, rig if declared else fitted.rig)
-    require_same_sensor(recording, fitted.rig, "the model")
+    data.require_same_sensor(recording, fitted.rig, "the model")
     if not declared:
         print_status(f"{run}: no sidecar; the rig stored in the model is used")
     return recording

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from accelcal._support.errors import AccelcalError
+from accelcal.cli.lazy import files, io, json_text, loading, model_file, response_files
 
 WRITTEN = ("output", "c", "rust", "dcc", "csv", "figure", "save")
 """Parameters that name an output file."""
@@ -58,13 +59,12 @@ def refuse_overwriting(given: Mapping[str, Any]) -> None:
     written = {name: given[name] for name in WRITTEN if isinstance(given.get(name), Path)}
     if not written:
         return
-    from accelcal.io import sidecar_of
 
     read = paths_in(value for name, value in given.items() if name not in (*WRITTEN, "model", "models"))
     models = paths_in(given.get(name) for name in ("model", "models"))
-    kept = {path.resolve() for source in read for path in (source, sidecar_of(source))}
+    kept = {path.resolve() for source in read for path in (source, io.sidecar_of(source))}
     for name, path in written.items():
-        for made in (path, sidecar_of(path)) if path.suffix in RECORDINGS else (path,):
+        for made in (path, io.sidecar_of(path)) if path.suffix in RECORDINGS else (path,):
             if made.resolve() in kept:
                 raise OverwriteError(
                     f"--{name} {path}: {made} is an input of this command and would be overwritten; give another name"
@@ -77,11 +77,10 @@ def refuse_overwriting(given: Mapping[str, Any]) -> None:
 def mark_of(recording: Path) -> Callable[[str], str]:
     """How the sidecar of a recording, which is written before it, is marked by the command under way."""
     from accelcal.io.atomic import waiting
-    from accelcal.io.loading import digest_of
     from accelcal.io.write import marked
 
     command = writing.get().command
-    return (lambda text: marked(text, command, digest_of(waiting(recording)))) if command else str
+    return (lambda text: marked(text, command, loading.digest_of(waiting(recording)))) if command else str
 
 
 def paths_in(values: Iterator[Any]) -> list[Path]:
@@ -121,12 +120,10 @@ def require_replaceable(
 
 def _of_recording(path: Path, command: str) -> str:
     """Why a recording is not written with its sidecar; "" where it may be."""
-    from accelcal.io import sidecar_of
-    from accelcal.io.files import READABLE
     from accelcal.io.write import writer_of
 
-    sidecar = sidecar_of(path)
-    others = [each for each in map(path.with_suffix, READABLE) if each != path and each.is_file()]
+    sidecar = io.sidecar_of(path)
+    others = [each for each in map(path.with_suffix, files.READABLE) if each != path and each.is_file()]
     if others and not (path.exists() and writer_of(path) == command):
         return f"{sidecar.name} would be the sidecar of {others[0].name} as well"
     for there in (path, sidecar):
@@ -139,12 +136,10 @@ def _of_file(path: Path, command: str, read: Sequence[Path], models: Sequence[Pa
     """Why a model, a table or a page is not written; "" where it may be."""
     if not path.is_file() or path.suffix in FIGURES or not path.stat().st_size:
         return ""
-    from accelcal.io.loading import digest_of
-    from accelcal.results.json_text import read_json
 
     if path.suffix == ".json":
         try:
-            content = read_json(path)
+            content = json_text.read_json(path)
             schema = str(content["schema"])
         except (ValueError, KeyError, TypeError, IndexError):
             schema = ""
@@ -155,11 +150,11 @@ def _of_file(path: Path, command: str, read: Sequence[Path], models: Sequence[Pa
             if joined or (not runs and len(read) > 1):  # made of several files, with a digest of its own
                 same = any(file.name in str(source.get("name")) for source in used for file in read)
             elif command == "live":  # which goes on with a model
-                same = any(_digests(used) & _digests(_sources(read_json(model))[1]) for model in models)
+                same = any(_digests(used) & _digests(_sources(json_text.read_json(model))[1]) for model in models)
             elif not _digests(used):  # of arrays of a program
                 same = any(path.samefile(model) for model in models)
             else:
-                same = any(file.is_file() and digest_of(file) in _digests(used) for file in read)
+                same = any(file.is_file() and loading.digest_of(file) in _digests(used) for file in read)
             return "" if same else f"{path} is a model of another recording"
         if schema.startswith("accelcal/") and command not in MODELLING:
             return ""
@@ -170,10 +165,8 @@ def _of_file(path: Path, command: str, read: Sequence[Path], models: Sequence[Pa
 
 def _sources(model: Any) -> tuple[list[Any], list[Any]]:
     """Recordings that a model was fitted to; the same and its dwells."""
-    from accelcal.results.model_file import migrated
-
     try:
-        present = migrated(model)
+        present = model_file.migrated(model)
     except ValueError:
         return [], []
     runs = [run for run in present.get("runs") or () if isinstance(run, Mapping)]
@@ -187,11 +180,8 @@ def _digests(sources: Sequence[Mapping[str, Any]]) -> set[Any]:
 
 def _is_text_of_accelcal(path: Path) -> bool:
     """Whether a file that is no recording says that accelcal made it, or is a table of `response`."""
-    from accelcal.io.files import READABLE
-    from accelcal.response.export import COLUMNS
-
     with path.open("rb") as file:
         head = file.read(100_000)
-    if path.suffix in READABLE:
-        return head.startswith(",".join(COLUMNS).encode())
+    if path.suffix in files.READABLE:
+        return head.startswith(",".join(response_files.COLUMNS).encode())
     return path.suffix != ".toml" and b"accelcal" in head

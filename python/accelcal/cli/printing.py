@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from accelcal.cli.common import UsageError, parse_quantity, say, say_line, show_table, show_wrapped_table
-from accelcal.results.words import concise, plain, with_unit
+from accelcal.cli.common import UsageError, parse_quantity, say, say_line, show_table
+from accelcal.cli.lazy import catalogue, data, experiment, exports, pages, summary, words
 
 DRIFT_ROWS = 8
 """Frequencies of the drift bandwidth that are printed."""
 
 if TYPE_CHECKING:
     from accelcal._support.result import Result
-    from accelcal.calibration.export import Calibration
-    from accelcal.data import Recording
-    from accelcal.diagnosis.experiment.design import Plan
-    from accelcal.diagnosis.experiment.detectability import Power
     from accelcal.diagnosis.experiment.drift_bandwidth import DriftBandwidth
     from accelcal.diagnosis.select.curve_formulas import FormulaSet
     from accelcal.diagnosis.select.improvement import Improvement
     from accelcal.estimation.estimate import Fit
-    from accelcal.fleet.summary import Fleet
     from accelcal.validation.differences import Comparison
 
 
@@ -53,10 +48,8 @@ def show_improvement(result: Improvement) -> None:
     show(result.best)
 
 
-def show_fit(fit: Fit, *recordings: Recording) -> None:
+def show_fit(fit: Fit, *recordings: data.Recording) -> None:
     """Print a fit, with warnings on its recordings, electrical parameters, dwells and assumptions."""
-    from accelcal.effects import spelled
-
     for recording in recordings:
         for finding in recording.findings:
             if finding.severity == "warning":
@@ -64,13 +57,13 @@ def show_fit(fit: Fit, *recordings: Recording) -> None:
     show(fit)
     for key, quantity in fit.electrical.items():
         value, std, unit = quantity.value, quantity.std, quantity.unit
-        say(f"{spelled(key)}: {plain(unit, value, std)} ({concise(value, std)} {unit})")
+        say(f"{catalogue.spelled(key)}: {words.plain(unit, value, std)} ({words.concise(value, std)} {unit})")
     show_dwells(fit)
     for text in recordings[0].rig.assumptions if recordings else ():
         say(f"assumed: {text}")
 
 
-def show_export(made: Calibration) -> None:
+def show_export(made: exports.Calibration) -> None:
     """Print what was exported: its range, its error bounds, omitted effects."""
     from accelcal.calibration.export.words import upwards
 
@@ -90,8 +83,11 @@ def show_export(made: Calibration) -> None:
         say_line(f"note: {text}")
 
 
-def show_agreement(shown: dict[str, Any]) -> None:
+def show_agreement(found: pages.Agreement) -> None:
     """Print the verdict on two calibrations, their parameters and what changed between them."""
+    from accelcal.report.page import agreement_view
+
+    shown = agreement_view(found)
     say(shown["sentence"], "bold")
     for text in shown["notes"]:
         say(text)
@@ -99,7 +95,7 @@ def show_agreement(shown: dict[str, Any]) -> None:
     rows = [[row[key] for key in keys] for row in shown["parameters"]]
     show_table(["parameter", *shown["names"], "difference", "En"], rows)
     if shown["changes"]:
-        show_wrapped_table(["changed", *shown["names"]], shown["changes"])
+        show_table(["changed", *shown["names"]], shown["changes"], wrapped=True)
 
 
 def limit(text: str, kind: str, option: str) -> float:
@@ -110,7 +106,7 @@ def limit(text: str, kind: str, option: str) -> float:
     return parse_quantity(text, kind, option) or 0.0
 
 
-def show_power(result: Power) -> None:
+def show_power(result: experiment.Power) -> None:
     """Print the smallest detectable size of every effect, then what is confounded, then the drift bandwidth."""
     show(result)
     if result.drift is not None:
@@ -140,18 +136,18 @@ def show_formulas(found: FormulaSet) -> None:
     rows = []
     for each in found.formulas:
         for c, std, unit, text in zip(each.coefficients, each.std, each.units, each.texts(4), strict=True):
-            rows.append((text, plain(unit, c, std), concise(c, std), unit))
+            rows.append((text, words.plain(unit, c, std), words.concise(c, std), unit))
         if each.inner is not None and each.inner_interval is not None:
             low, high = each.inner_interval
             span = f"{each.inner:.3g} ({low:.3g} .. {high:.3g})"
-            rows.append(("  its length, 68 % interval", with_unit(span, each.inner_unit), "", ""))
+            rows.append(("  its length, 68 % interval", words.with_unit(span, each.inner_unit), "", ""))
         held = "" if each.held_out is None else f", held out {each.held_out:.1f}"
         rows.append((f"  gain {each.gain:.1f}{held}", f"lack of fit p = {each.lack_of_fit:.2g}", "", ""))
     if rows:
         show_table(("summand", "value", "SI value (u)", "SI unit"), rows)
 
 
-def show_plan(result: Plan) -> None:
+def show_plan(result: experiment.Plan) -> None:
     """Print what a planned motion would detect, and whether it separates the requested effects."""
     names, limits = ", ".join(result.effects), result.limits
     verdict = "can be separated" if result.separated else "cannot all be separated within these limits"
@@ -184,34 +180,23 @@ def show_dwells(found: Fit) -> None:
         )
 
 
-def show_fleet(found: Fleet) -> None:
+def show_fleet(found: summary.Fleet) -> None:
     """Print the population of every parameter, then one line a sensor, then what is remarkable."""
-    rows = []
-    for name in found.populations:
-        one = found.parameter_to_dict(name)
-        spread = [
-            f"{one[k]['value']:.3g} ({one[k]['low']:.2g} .. {one[k]['high']:.2g})"
-            for k in ("between_sensors", "run_to_run")
-        ]
-        rows.append(
-            (
-                name,
-                plain(one["unit"], one["mean"], one["mean_std"]),
-                concise(one["mean"], one["mean_std"]),
-                one["unit"],
-                *spread,
-                f"{2.0 * one['next_run_std']:.2g}",
-            )
+    rows = [
+        (
+            name,
+            words.plain(found.parameters[name], one.mean, one.mean_std),
+            words.concise(one.mean, one.mean_std),
+            found.parameters[name],
+            *(f"{std.value:.3g} ({std.low:.2g} .. {std.high:.2g})" for std in (one.between_sensors, one.run_to_run)),
+            f"{2.0 * one.next_run_std:.2g}",
         )
+        for name, one in found.populations.items()
+    ]
     if rows:
         head = ("parameter", "mean", "SI mean (u)", "SI unit", "between sensors", "run to run", "next run +-")
         show_table(head, rows)
-    lines = []
-    for i in range(len(found.sensors)):
-        content = found.sensor_to_dict(i)
-        each = [concise(one["value"], one["std"]) for one in content["parameters"].values()]
-        lines.append((content["sensor"], str(content["runs"]), *each))
-    show_table(("sensor", "runs", *found.populations), lines)
+    show_table(("sensor", "runs", *found.populations), [found.cells(i) for i in range(len(found.sensors))])
     for text in found.sentences:
         say_line(f"note: {text}")
     for file, error in found.errors.items():

@@ -2,7 +2,7 @@
 
 Examples
 --------
->>> from accelcal.fleet.population import population
+>>> from accelcal.fleet.summary import population
 >>> import numpy as np
 >>> rng = np.random.default_rng(1)
 >>> sensor = np.repeat(np.arange(30), 4)

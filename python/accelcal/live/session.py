@@ -261,25 +261,6 @@ MOST_ALARMS = 20
 """Alarms that are kept; blocks in a row are one."""
 
 
-@dataclass(frozen=True, slots=True)
-class Moment:
-    """One state."""
-
-    t: float
-    """s"""
-    values: tuple[float, ...]
-    """Parameters, SI."""
-    stds: tuple[float, ...]
-    e: float
-    """The newest innovation, m; NaN where there is none."""
-    std: float
-    """That the model expects, m."""
-    nis: float
-    low: float
-    high: float
-    """Interval of the running NIS."""
-
-
 class LiveHistory:
     """Moments of a live view from its events, the newest among them.
 
@@ -304,8 +285,8 @@ class LiveHistory:
         self.parameters: tuple[Estimate, ...] = ()
         self.alarms: deque[Alarm] = deque(maxlen=MOST_ALARMS)
         """The newest alarms; of blocks in a row the last, whose `since` tells the first."""
-        self._kept: list[Moment] = []
-        self._last: Moment | None = None
+        self._kept: list[LiveState] = []
+        self._last: LiveState | None = None
         self._stride, self._count = 1, 0
 
     def add(self, event: LiveEvent) -> None:
@@ -315,10 +296,10 @@ class LiveHistory:
             return
         self.newest = event
         t = event.state.t
-        if t is None or (self._last is not None and t <= self._last.t):
+        if t is None or (self._last is not None and t <= (self._last.t or 0.0)):
             return
         self.parameters = event.state.estimates
-        self._last = _moment(t, event.state)
+        self._last = event.state
         if self._count % self._stride == 0:
             self._kept.append(self._last)
         self._count += 1
@@ -327,7 +308,7 @@ class LiveHistory:
             self._stride *= 2
 
     @property
-    def moments(self) -> list[Moment]:
+    def moments(self) -> list[LiveState]:
         """The moments that are kept, in order of time, and the newest."""
         kept = list(self._kept)
         return kept if self._last is None or (kept and kept[-1] is self._last) else [*kept, self._last]
@@ -340,32 +321,28 @@ class LiveHistory:
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Moments as arrays, (n,) each, or (n, m) for m parameters."""
+    """States over time, (n,) each, or (n, m) for m parameters; NaN where there is no innovation."""
 
     t: Array
+    """s"""
     values: Array
+    """Parameters, SI."""
     stds: Array
     e: Array
+    """The newest innovation, m."""
     std: Array
+    """That the model expects, m."""
     nis: Array
     low: Array
     high: Array
+    """Interval of the running NIS."""
 
     @classmethod
-    def of(cls, moments: list[Moment], parameters: int) -> Columns:
-        """From moments of so many parameters."""
-        shape = (len(moments), parameters)
-        return cls(
-            np.array([m.t for m in moments]),
-            np.array([m.values for m in moments], dtype=float).reshape(shape),
-            np.array([m.stds for m in moments], dtype=float).reshape(shape),
-            *(np.array([getattr(m, name) for m in moments]) for name in ("e", "std", "nis", "low", "high")),
-        )
-
-
-def _moment(t: float, state: LiveState) -> Moment:
-    innovation, nis = state.innovation, state.nis
-    e, std = (math.nan, math.nan) if innovation is None else (innovation.e, math.sqrt(innovation.variance))
-    value, low, high = (math.nan,) * 3 if nis is None else (nis.value, nis.low, nis.high)
-    values, stds = tuple(e.value for e in state.estimates), tuple(e.std for e in state.estimates)
-    return Moment(t, values, stds, e, std, value, low, high)
+    def of(cls, states: list[LiveState], parameters: int) -> Columns:
+        """From states of so many parameters."""
+        n, none = len(states), math.nan
+        both = np.array([[(e.value, e.std) for e in s.estimates] for s in states], float).reshape(n, parameters, 2)
+        read = [(none, none) if (e := s.innovation) is None else (e.e, math.sqrt(e.variance)) for s in states]
+        nis = [(none,) * 3 if (seen := s.nis) is None else (seen.value, seen.low, seen.high) for s in states]
+        errors, runs = np.array(read, float).reshape(n, 2), np.array(nis, float).reshape(n, 3)
+        return cls(np.array([s.t for s in states]), both[..., 0], both[..., 1], *errors.T, *runs.T)

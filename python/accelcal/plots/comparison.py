@@ -25,7 +25,6 @@ from accelcal.plots.figure import (
     Panel,
     Role,
     ThemeName,
-    drift_headline,
     imposed_band_note,
     sentence,
 )
@@ -34,7 +33,7 @@ from accelcal.plots.residuals import autocorrelation, histogram, regions
 from accelcal.plots.timeline import TIME, overlay
 from accelcal.results.words import grouped, length, prefixed
 from accelcal.validation.comparison import Evaluation
-from accelcal.validation.differences import Comparison
+from accelcal.validation.differences import Comparison, headline_horizon, quoted_error
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawn
@@ -106,15 +105,20 @@ def coasting(comparison: Evaluation) -> Figure:
         "s",
         "log",
         (ticks[0] / 1.4, ticks[-1] * 1.4),
-        (ticks, [f"{h:g}\n{_starts(comparison, h)}" for h in ticks]),
+        (ticks, [f"{h:g}\n{(n := comparison.coast_starts[h])} start{'s'[: n != 1]}" for h in ticks]),
     )
     drift = Axis("rms unaided drift", unit, "log", (middle / reach, middle * reach))
     return Figure((Panel(drawn, time, drift),), drift_headline(comparison))
 
 
-def _starts(comparison: Evaluation, horizon: float) -> str:
-    count = comparison.coast_starts[horizon]
-    return f"{count} start" + ("" if count == 1 else "s")
+def drift_headline(comparison: Evaluation) -> str:
+    """The drift that is quoted first, with its noise floor."""
+    horizon = headline_horizon(comparison)
+    if horizon is None:
+        return "Unaided drift: the record is too short"
+    floor = comparison.drift_floors.get(horizon)
+    beside = "" if floor is None else f", noise floor {length(floor)}"
+    return f"Unaided drift after {horizon:g} s: {length(quoted_error(comparison, horizon))} rms{beside}"
 
 
 def one_step(comparison: Evaluation, *, previous: Evaluation | None = None) -> Figure:
@@ -245,9 +249,8 @@ def write(comparison: Comparison, directory: str | Path, *, theme: ThemeName = "
 def summary_sentence(fit: Fit, comparison: Evaluation) -> str:
     """The key figures: one-step rms, unaided drift with its noise floor, largest residual."""
     drifted = drift_headline(comparison)
-    drifted = f"{drifted[:1].lower()}{drifted[1:]}"
     added = ", ".join(e.symbol for e in fit.estimates)
     return (
         f"{comparison.recording or 'recording'}, model with {added}: one-step rms "
-        f"{length(comparison.one_step_rms)}; {drifted}; {comparison.worst}"
+        f"{length(comparison.one_step_rms)}; {drifted[:1].lower()}{drifted[1:]}; {comparison.worst}"
     )

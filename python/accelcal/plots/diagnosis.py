@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.data import Array
-from accelcal.diagnosis.experiment import Detectability, DriftBandwidth, Power
+from accelcal.diagnosis.experiment import DriftBandwidth, Power
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find, spelled
@@ -150,14 +150,6 @@ PERIODS = 10.0
 """Half periods over which the limit of a tumble test is drawn, its slowest change over the fastest."""
 
 
-def detectable_at(power: Power, port: str) -> list[Detectability]:
-    """Effects that are detectable at the sensor ("output") or at the encoder ("position"), smallest first."""
-    return sorted(
-        (s for s in power.detectabilities if s.seen and (find(s.effect).port == "position") == (port == "position")),
-        key=lambda s: s.largest,
-    )
-
-
 def detectable_sizes(power: Power) -> Figure:
     """Draw the size of each effect that is found with 95 % probability, as its largest contribution.
 
@@ -166,8 +158,9 @@ def detectable_sizes(power: Power) -> Figure:
     power : from `accelcal.power`.
     """
     panels = []
-    for port, unit, title in (("output", "m/s²", "at the sensor"), ("position", "m", "at the encoder")):
-        several = detectable_at(power, port)[:MOST_SIZES]
+    for unit, title in (("m/s²", "at the sensor"), ("m", "at the encoder")):
+        there = [s for s in power.detectabilities if s.seen and (find(s.effect).port == "position") == (unit == "m")]
+        several = sorted(there, key=lambda s: s.largest)[:MOST_SIZES]
         if several:
             largest, rows = np.array([s.largest for s in several]), np.arange(float(len(several)))
             names = [spelled(s.effect) for s in several]

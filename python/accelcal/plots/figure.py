@@ -24,7 +24,7 @@ from accelcal.results import words as formatting
 from accelcal.results.comparisons import source_of_noise
 from accelcal.results.words import grouped, label
 from accelcal.validation.comparison import Evaluation
-from accelcal.validation.differences import Comparison, headline_horizon, quoted_error
+from accelcal.validation.differences import Comparison
 
 ThemeName = Literal["light", "dark"]
 Role = Literal["measured", "model", "other", "floor", "residual", "band", "before", "fault", "ink", "grid"]
@@ -61,56 +61,35 @@ class Theme:
     page: str
     ink: str
     grid: str
-    measured: LineStyle
-    model: LineStyle
-    other: LineStyle
-    """A second curve of the model."""
-    floor: LineStyle
-    """Noise floor."""
-    residual: LineStyle
-    """A residual drawn without other curves."""
-    band: str
-    """Fill of the regions expected from noise."""
-
-    @property
-    def line_styles(self) -> tuple[LineStyle, ...]:
-        """All line styles, for figures with curves of equal rank."""
-        return self.measured, self.model, self.other, self.floor
+    styles: Mapping[Role, LineStyle]
+    """How marks are drawn by their role; all others in ink."""
 
     def style(self, role: Role) -> LineStyle:
         """How a mark of this role is drawn."""
-        if role in ("measured", "model", "other", "floor", "residual"):
-            line: LineStyle = getattr(self, role)
-            return line
-        if role == "fault":
-            return LineStyle(self.other.colour, "-", "X")
-        return LineStyle({"band": self.band, "grid": self.grid}.get(role, self.ink), "-", "o")
+        return self.styles.get(role) or LineStyle(self.ink, "-", "o")
 
 
-LIGHT = Theme(
-    name="light",
-    page="#FFFFFF",
-    ink="#1A1A1A",
-    grid="#DDDDDD",
-    measured=LineStyle(OKABE_ITO["black"], "-", "o"),
-    model=LineStyle(OKABE_ITO["blue"], "--", "s"),
-    other=LineStyle(OKABE_ITO["vermillion"], "-.", "^"),
-    floor=LineStyle(OKABE_ITO["bluish green"], ":", "D"),
-    residual=LineStyle(OKABE_ITO["blue"], "-", "s"),
-    band=OKABE_ITO["orange"],
+def theme_with(name: ThemeName, page: str, ink: str, grid: str, curves: tuple[str, str, str]) -> Theme:
+    """A theme whose measurement, model and second curve of a model have given colours."""
+    measured, model, other = curves
+    styles: dict[Role, LineStyle] = {
+        "measured": LineStyle(measured, "-", "o"),
+        "model": LineStyle(model, "--", "s"),
+        "other": LineStyle(other, "-.", "^"),
+        "floor": LineStyle(OKABE_ITO["bluish green"], ":", "D"),
+        "residual": LineStyle(model, "-", "s"),
+        "band": LineStyle(OKABE_ITO["orange"], "-", "o"),
+        "grid": LineStyle(grid, "-", "o"),
+        "fault": LineStyle(other, "-", "X"),
+    }
+    return Theme(name, page, ink, grid, MappingProxyType(styles))
+
+
+LIGHT = theme_with(
+    "light", "#FFFFFF", "#1A1A1A", "#DDDDDD", (OKABE_ITO["black"], OKABE_ITO["blue"], OKABE_ITO["vermillion"])
 )
-
-DARK = Theme(
-    name="dark",
-    page="#15171C",
-    ink="#E8E8E8",
-    grid="#3A3E47",
-    measured=LineStyle("#FFFFFF", "-", "o"),  # the palette's black, for a dark page
-    model=LineStyle(OKABE_ITO["sky blue"], "--", "s"),
-    other=LineStyle(OKABE_ITO["yellow"], "-.", "^"),
-    floor=LineStyle(OKABE_ITO["bluish green"], ":", "D"),
-    residual=LineStyle(OKABE_ITO["sky blue"], "-", "s"),
-    band=OKABE_ITO["orange"],
+DARK = theme_with(  # the palette's black is white on a dark page
+    "dark", "#15171C", "#E8E8E8", "#3A3E47", ("#FFFFFF", OKABE_ITO["sky blue"], OKABE_ITO["yellow"])
 )
 
 THEMES: Mapping[ThemeName, Theme] = MappingProxyType({"light": LIGHT, "dark": DARK})
@@ -454,23 +433,10 @@ CANDIDATES = 12
 """Candidates that are drawn."""
 
 
-def drift_headline(comparison: Evaluation) -> str:
-    """The drift that is quoted first, with its noise floor."""
-    horizon = headline_horizon(comparison)
-    if horizon is None:
-        return "Unaided drift: the record is too short"
-    floor = comparison.drift_floors.get(horizon)
-    beside = "" if floor is None else f", noise floor {formatting.length(floor)}"
-    return f"Unaided drift after {horizon:g} s: {formatting.length(quoted_error(comparison, horizon))} rms{beside}"
-
-
 def imposed_band_note(comparison: Evaluation) -> str:
     """A remark where predicted deviations are not valid."""
-    return (
-        ""
-        if comparison.nis is not None
-        else "; the fit used a prescribed band, so its predicted deviations are not valid"
-    )
+    text = "; the fit used a prescribed band, so its predicted deviations are not valid"
+    return "" if comparison.nis is not None else text
 
 
 def error_reduction_sentence(comparison: Comparison) -> str:

@@ -2,7 +2,6 @@
 
 from accelcal.plots import comparison, diagnosis, model, residuals, response
 from accelcal.plots import timeline as over_time
-from accelcal.plots import timeline as record
 from accelcal.plots.plotly import moving
 
 __all__ = [
@@ -39,7 +38,7 @@ fitted_curve, live_tracks, tracks = (
     moving(over_time.live_tracks),
     moving(over_time.tracks),
 )
-linked, overlay, timeline = moving(record.linked), moving(record.overlay), moving(record.timeline)
+linked, overlay, timeline = moving(over_time.linked), moving(over_time.overlay), moving(over_time.timeline)
 nonlinearity, parameters = moving(model.nonlinearity), moving(model.parameters)
 one_step, simulated = moving(comparison.one_step), moving(comparison.simulated)
 quantile_plot, spectrum = moving(residuals.quantile_plot), moving(residuals.spectrum)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from accelcal._support.errors import MissingExtra
+from accelcal._support.errors import optional
 from accelcal.io import atomic, together
 from accelcal.plots import figure as data
 from accelcal.plots.figure import (
@@ -65,10 +65,7 @@ def require() -> None:
     MissingExtra
         If it is not installed.
     """
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError as error:
-        raise MissingExtra('figures need matplotlib; install it with: pip install "accelcal[plot]"') from error
+    optional("matplotlib", "figures need", "plot")
 
 
 def new_figure(width: float, height: float, look: Theme) -> Figure:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal._support.errors import MissingExtra
+from accelcal._support.errors import optional
 from accelcal.plots import figure as data
 from accelcal.plots.figure import (
     DENSE,
@@ -87,13 +87,8 @@ def drawn(figure: Figure, theme: ThemeName = "light") -> Drawn:
     MissingExtra
         If plotly is not installed.
     """
-    try:
-        from plotly.graph_objects import Figure as Drawn
-    except ImportError as error:
-        raise MissingExtra(
-            'interactive figures need plotly; install it with: pip install "accelcal[report]"'
-        ) from error
-    return Drawn(as_dict(figure, theme))
+    made: Drawn = optional("plotly.graph_objects", "interactive figures need", "report").Figure(as_dict(figure, theme))
+    return made
 
 
 class Page:

@@ -9,7 +9,6 @@ import numpy as np
 from accelcal.data import Array
 from accelcal.plots.figure import Axis, Figure, Line, Panel, Points, Role
 from accelcal.response import FrequencyResponse, Point
-from accelcal.response.parametric import Fitted
 from accelcal.results.words import number, probability, typeset, with_unit
 
 RESPONSE_HEAD = ("f, Hz", "|H|", "U (k = 2)", "phase, °", "U (k = 2), °", "a, m/s²", "lack of fit, σ")
@@ -85,20 +84,17 @@ def fit_rows(found: FrequencyResponse) -> list[tuple[str, ...]]:
     model = found.model
     if model is None:
         return []
-    rivals = [(fitted, "not separated") for fitted in model.rivals]
-    return [_fit_cells(fitted, role) for fitted, role in ((model.best, "chosen"), *rivals)]
-
-
-def _fit_cells(fitted: Fitted, role: str) -> tuple[str, ...]:
-    numbers = ", ".join(f"{p.name} = {with_expanded(p.value, p.expanded, p.unit)}" for p in fitted.parameters)
-    return (
-        fitted.structure.name,
-        numbers,
-        number(fitted.chi_square, 4),
-        str(fitted.degrees),
-        probability(fitted.p_value),
-        role,
-    )
+    return [
+        (
+            fitted.structure.name,
+            ", ".join(f"{p.name} = {with_expanded(p.value, p.expanded, p.unit)}" for p in fitted.parameters),
+            number(fitted.chi_square, 4),
+            str(fitted.degrees),
+            probability(fitted.p_value),
+            "not separated" if rank else "chosen",
+        )
+        for rank, fitted in enumerate((model.best, *model.rivals))
+    ]
 
 
 def linearity_rows(found: FrequencyResponse) -> list[tuple[str, ...]]:

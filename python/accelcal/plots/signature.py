@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -72,13 +72,12 @@ def signature(effect: Effect) -> Figure:
     motion_line = Line(s.t, scaled, "acceleration, scaled", "grid")
     panels = [Panel((motion_line, *over_time), time, size, height=HEIGHT)]
     if right is not None:
-        scale, x_unit = formatting.prefixed(VARIABLES[right.variable], right.x)
+        variable, x, functions = right
+        scale, x_unit = formatting.prefixed(VARIABLES[variable], x)
         lines = [
-            Line(right.x * scale, y * factor, name, role)
-            for (role, name), y in zip(drawn, right.curves.values(), strict=True)
+            Line(x * scale, y * factor, name, role) for (role, name), y in zip(drawn, functions.values(), strict=True)
         ]
-        variable = Axis(AXIS_WORDS.get(right.variable, right.variable), x_unit)
-        panels.append(Panel(tuple(lines), variable, size, height=HEIGHT))
+        panels.append(Panel(tuple(lines), Axis(AXIS_WORDS.get(variable, variable), x_unit), size, height=HEIGHT))
     return Figure(tuple(panels), columns=2)
 
 
@@ -132,14 +131,8 @@ def contributions(effect: Effect, s: Signals, shape: Mapping[str, float]) -> dic
     }
 
 
-@dataclass(frozen=True, slots=True)
-class Dependence:
-    """An effect as a function of its variable."""
-
-    variable: str
-    x: Array
-    """(m,) SI"""
-    curves: Mapping[str, Array]
+Dependence = tuple[str, Array, Mapping[str, Array]]
+"""A variable, its values (m,) SI, and the curves of an effect as a function of it."""
 
 
 def dependence(
@@ -151,7 +144,7 @@ def dependence(
     """
     if "period" in shape:
         slow = traverse(PERIODS * shape["period"])
-        return Dependence("position", slow.p, contributions(effect, slow, shape))
+        return "position", slow.p, contributions(effect, slow, shape)
     known = values(s)
     found = next((n for n in VARIABLES if all(explained_share(known[n], y) > FOLLOWS for y in curves.values())), None)
     if found is None:
@@ -159,7 +152,7 @@ def dependence(
     x = known[found]
     loops = any(explained_share(x, y) < LOOPS for y in curves.values())
     order = np.arange(len(x)) if loops else np.argsort(x, kind="stable")
-    return Dependence(found, x[order], {name: y[order] for name, y in curves.items()})
+    return found, x[order], {name: y[order] for name, y in curves.items()}
 
 
 def traverse(length: float) -> Signals:

@@ -198,7 +198,7 @@ def overlay(models: Models, *, window: Window | None = None, chosen: Window | No
         If there is no model.
     """
     several = named_models(models)
-    current = several[-1][1]
+    _, current = several[-1]
     t, moved, _ = current.simulated
     scale, unit = prefixed("m", moved)
     ruler, residual_unit = prefixed("m/s²", *(seen.accel_residual[1] for _, seen in several))
@@ -228,7 +228,7 @@ def overlay(models: Models, *, window: Window | None = None, chosen: Window | No
             Panel((Level(0.0), *residual), time, Axis("residual", residual_unit), height=130.0),
             Panel(tuple(position), time, Axis("position", unit), height=174.0),
         ),
-        overlay_headline(several),
+        f"Measured and simulated output{f' ({name})' if name else ''}: {fit_text(current)} below {current.band:.3g} Hz",
         "position: simulated from the output alone",
         shared_x=True,
         stretches=(*shades, *([mark(*chosen, CHOSEN)] if chosen is not None else [])),
@@ -255,13 +255,6 @@ def fit_text(seen: Evaluation) -> str:
     if seen.fit_percent is None:
         return "too short for a fit in percent"
     return f"fit {percent(seen.fit_percent)}"
-
-
-def overlay_headline(models: Sequence[tuple[str, Evaluation]]) -> str:
-    """How well the current model gives the output, in one sentence."""
-    name, current = models[-1]
-    of = f" ({name})" if name else ""
-    return f"Measured and simulated output{of}: {fit_text(current)} below {current.band:.3g} Hz"
 
 
 def closely(models: Sequence[tuple[str, Evaluation]]) -> Figure:

@@ -2,9 +2,8 @@
 
 from accelcal._support.values import listing
 from accelcal.calibration.agreement import Agreement, agreement
-from accelcal.report.calibrations import agreement_html, agreement_pdf
 from accelcal.report.content import Content, gather
-from accelcal.report.page import html, light, pdf, write
+from accelcal.report.page import agreement_html, agreement_pdf, html, light, pdf, write
 
 __all__ = [
     "Agreement",

@@ -180,19 +180,6 @@ class Entry:
     """What pages without script and the PDF show; None where only the interactive page has the figure."""
 
 
-def entries(content: Content) -> list[Entry]:
-    """Every figure that the content allows, in the order of the page."""
-    return [
-        _overlay(content),
-        *_findings(content),
-        *_error_reduction(content),
-        *_residuals(content),
-        *_response(content),
-        *_parameters(content),
-        *_data(content),
-    ]
-
-
 def use_of(c: Content) -> str:
     """What the fit has used of the data that the model is judged on."""
     if not c.unseen:
@@ -205,15 +192,11 @@ def _both(name: str, section: str, caption: str, figure: Figure) -> Entry:
     return Entry(name, section, caption, figure, figure)
 
 
-def _overlay(c: Content) -> Entry:
-    """The first figure: what was measured and what this calibration says."""
+def entries(c: Content) -> Iterator[Entry]:
+    """Every figure that the content allows, in the order of the page."""
     model = [("this calibration", c.judged)]
     caption = f"{c.judged.recording or 'Recording'}, {use_of(c)}. Residual: measured − simulated."
-    return Entry("overlay", "first", caption, timeline.overlay(model), timeline.closely(model))
-
-
-def _findings(c: Content) -> Iterator[Entry]:
-    """Findings: the candidates, and a fitted curve where the model contains one."""
+    yield Entry("overlay", "first", caption, timeline.overlay(model), timeline.closely(model))
     said = (
         "Ordered by evidence, free coefficients penalised. Filled: significant; bracketed: confounded on this record."
     )
@@ -221,10 +204,6 @@ def _findings(c: Content) -> Iterator[Entry]:
     if c.shapes:
         said = "Nonparametric curve of the model, with its pointwise uncertainty."
         yield Entry("shape", "found", said, timeline.fitted_curve(c.shapes))
-
-
-def _error_reduction(c: Content) -> Iterator[Entry]:
-    """Error reduction by each effect, on unseen data where there are any."""
     nested, compared = c.nested, [("model", c.judged)]
     caption = f"{c.judged.recording or 'Recording'}: {use_of(c)}."
     if nested is not None:
@@ -235,10 +214,6 @@ def _error_reduction(c: Content) -> Iterator[Entry]:
     yield Entry("overlays", "falling", said, timeline.overlay(compared))
     yield _both("coasting", "falling", caption, comparison.coasting(c.judged))
     yield _both("simulated", "falling", caption, comparison.simulated(c.judged))
-
-
-def _residuals(c: Content) -> Iterator[Entry]:
-    """Residuals of the model, all coefficients estimated again on the recording."""
     d, where = c.diagnosis, c.diagnosis.where
     caption = f"All coefficients estimated again on {c.recording.name or 'the recording'}."
     band = f"{caption} Below {where.band:.3g} Hz, the highest frequency at which the reference serves as one."
@@ -249,24 +224,12 @@ def _residuals(c: Content) -> Iterator[Entry]:
     yield Entry("spectrum", "where", caption, residuals.spectrum(d.fit, where, d.channels))
     yield Entry("whiteness", "where", caption, residuals.whiteness_plot(where), residuals.autocorrelation(where))
     yield Entry("quantiles", "where", caption, residuals.quantile_plot(where))
-
-
-def _response(c: Content) -> Iterator[Entry]:
-    """Sensitivity by frequency, where the motion is one of sine steps."""
     if c.response is not None:
         said = f"{c.response.recording or 'Recording'}, with U (k = 2). Deviation: measured − parametric fit."
         yield _both("sensitivity", "response", said, sensitivity(c.response))
-
-
-def _parameters(c: Content) -> Iterator[Entry]:
-    """Estimates over time, where they could be tracked."""
     if c.track is not None:
         said = "Estimates from the readings up to each instant; noise and smoothed motion from the whole record."
         yield Entry("tracks", "parameters", said, timeline.tracks(c.track))
-
-
-def _data(c: Content) -> Iterator[Entry]:
-    """The recording, and the effects that it can detect."""
     yield Entry("timeline", "data", "The whole recording.", timeline.timeline(c.recording, c.marks))
     if c.power is None:
         return

@@ -1,4 +1,4 @@
-"""The report as one self-contained HTML page: with plotly.js inside, or with static figures."""
+"""Reports as pages that open offline, with plotly.js or static figures inside, and as PDF; also on two calibrations."""
 
 from __future__ import annotations
 
@@ -10,16 +10,24 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from accelcal._support.errors import MissingExtra
+from accelcal._core import __version__
+from accelcal._support.errors import optional
 from accelcal._support.locks import scratch_folder
+from accelcal.calibration.agreement import BEYOND_BY_CHANCE, LIMIT, Agreement, ComparedParameter
+from accelcal.calibration.characteristic import budget
+from accelcal.effects import spelled
+from accelcal.estimation.estimate import Fit
 from accelcal.io import atomic_write
+from accelcal.model import Estimate
 from accelcal.plots import matplotlib, plotly
+from accelcal.plots.figure import THEMES
+from accelcal.plots.model import agreement
 from accelcal.report.content import Content, Entry, entries
 from accelcal.report.view import view
 from accelcal.results.json_text import dumps, finite
+from accelcal.results.words import about, number, plain
 
 if TYPE_CHECKING:
-    from jinja2 import Environment
     from matplotlib.figure import Figure as StaticFigure
 
 
@@ -45,11 +53,7 @@ def html(content: Content) -> str:
         {"name": e.name, "section": e.section, "caption": e.caption, "json": script_json(both_themes(e))}
         for e in entries(content)
     ]
-    try:
-        from plotly.offline import get_plotlyjs
-    except ImportError as error:
-        raise MissingExtra('the report needs plotly; install it with: pip install "accelcal[report]"') from error
-    return render(content, shown, get_plotlyjs())
+    return render(content, shown, optional("plotly.offline", "the report needs", "report").get_plotlyjs())
 
 
 def light(content: Content) -> str:
@@ -60,11 +64,11 @@ def light(content: Content) -> str:
     MissingExtra
         If matplotlib or jinja2 is not installed.
     """
-    shown = []
-    for e in entries(content):
-        if e.still is not None:
-            image = svg_url(matplotlib.draw(e.still))
-            shown.append({"name": e.name, "section": e.section, "caption": e.caption, "image": image})
+    shown = [
+        {"name": e.name, "section": e.section, "caption": e.caption, "image": svg_url(matplotlib.draw(e.still))}
+        for e in entries(content)
+        if e.still is not None
+    ]
     return render(content, shown, "")
 
 
@@ -75,31 +79,27 @@ def write(text: str, path: str | Path) -> None:
 
 def render(content: Content, figures: list[dict[str, Any]], library: str) -> str:
     """Fill the template; everything but plotly.js and figure data is escaped."""
-    folder = resources.files("accelcal.report")
-    template = environment().from_string(folder.joinpath("page.html").read_text(encoding="utf-8"))
     by_section = {name: [f for f in figures if f["section"] == name] for name in SECTIONS}
-    return template.render(
-        v=view(content),
-        figures=by_section,
-        plotly=library,
-        style=folder.joinpath("page.css").read_text(encoding="utf-8"),
-        script=folder.joinpath("page.js").read_text(encoding="utf-8") if library else "",
-    )
+    script = text_of("page.js") if library else ""
+    return filled("page.html", v=view(content), figures=by_section, plotly=library, script=script)
 
 
-def environment() -> Environment:
-    """What fills templates: everything is escaped, and nothing may be missing.
+def filled(template: str, package: str = "accelcal.report", **texts: Any) -> str:
+    """A template of a package with texts, each of which is escaped, in the style of all pages; nothing may be missing.
 
     Raises
     ------
     MissingExtra
         If jinja2 is not installed.
     """
-    try:
-        import jinja2
-    except ImportError as error:
-        raise MissingExtra('the report needs jinja2; install it with: pip install "accelcal[report]"') from error
-    return jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    jinja2 = optional("jinja2", "the report needs", "report")
+    pages = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    return str(pages.from_string(text_of(template, package)).render(style=text_of("page.css"), **texts))
+
+
+def text_of(name: str, package: str = "accelcal.report") -> str:
+    """The text of a file of a package."""
+    return resources.files(package).joinpath(name).read_text(encoding="utf-8")
 
 
 def both_themes(entry: Entry) -> dict[str, Any]:
@@ -142,10 +142,7 @@ def typeset(template: str, texts: Mapping[str, Any], figures: Mapping[str, bytes
     MissingExtra
         If typst or matplotlib, whose typeface is used, is not installed.
     """
-    try:
-        import typst
-    except ImportError as error:
-        raise MissingExtra('a PDF needs typst; install it with: pip install "accelcal[pdf]"') from error
+    typst = optional("typst", "a PDF needs", "pdf")
     with sources(template, texts, figures) as settings:
         made = typst.compile(**settings, format=form)
     return [made] if form == "png" and isinstance(made, bytes) else made
@@ -160,8 +157,7 @@ def sources(template: str, texts: Mapping[str, Any], figures: Mapping[str, bytes
         for name, content in figures.items():
             (root / name).write_bytes(content)
         (root / "report.json").write_text(dumps(dict(texts)), encoding="utf-8")
-        source = resources.files("accelcal.report").joinpath(template).read_text(encoding="utf-8")
-        (root / template).write_text(source, encoding="utf-8")
+        (root / template).write_text(text_of(template), encoding="utf-8")
         fonts = Path(matplotlib.get_data_path(), "fonts", "ttf")
         yield {"input": str(root / template), "root": str(root), "font_paths": [str(fonts)]}
 
@@ -184,9 +180,179 @@ def pdf(content: Content, path: str | Path) -> None:
 
 def paper(content: Content) -> tuple[dict[str, Any], dict[str, bytes]]:
     """What is typeset: texts with the list of figures, and the figures by file name."""
-    drawn, listed = {}, []
-    for e in entries(content):
-        if e.still is not None:
-            drawn[f"{e.name}.svg"] = matplotlib.svg(matplotlib.draw(e.still))
-            listed.append({"file": f"{e.name}.svg", "section": e.section, "caption": e.caption})
-    return {**view(content), "figures": listed}, drawn
+    still = [(f"{e.name}.svg", e, e.still) for e in entries(content) if e.still is not None]
+    listed = [{"file": file, "section": e.section, "caption": e.caption} for file, e, _ in still]
+    return {**view(content), "figures": listed}, {
+        file: matplotlib.svg(matplotlib.draw(figure)) for file, _, figure in still
+    }
+
+
+BADGES = {
+    "agree": "the calibrations agree",
+    "differ": "the calibrations differ",
+    "not comparable": "not comparable",
+}
+
+
+def agreement_view(found: Agreement) -> dict[str, Any]:
+    """Everything that is printed, by section."""
+    first, second = found.names
+    return {
+        "title": f"Comparison of two calibrations: {first} and {second}",
+        "verdict": {"agree": "adequate"}.get(found.verdict, found.verdict),
+        "badge": BADGES[found.verdict],
+        "sentence": sentence(found),
+        "notes": list(notes(found)),
+        "names": list(found.names),
+        "parameters": [row(found, one) for one in found.parameters],
+        "changes": [list(change) for change in found.changes],
+        "method": METHOD,
+        "files": [
+            {"of": name, "name": file, "digest": digest}
+            for name, fit in zip(found.names, found.fits, strict=True)
+            for file, digest in fit.sources
+        ],
+        "version": f"accelcal {__version__}",
+    }
+
+
+METHOD = (
+    "Difference: second less first. Uncertainties are expanded, coverage factor 2 (about 95 %); that of the difference "
+    "is the root of the sum of squares. En is the difference over its expanded uncertainty; |En| ≤ 1 means agreement "
+    "(ISO 13528, ISO/IEC 17043)."
+)
+
+
+def sentence(found: Agreement) -> str:
+    """The verdict with its numbers."""
+    several = len(found.compared)
+    curve = found.characteristic
+    if found.verdict == "not comparable":
+        return "The two calibrations have no parameter and no range of acceleration in common."
+    if found.verdict == "agree":
+        parts = []
+        if several:
+            largest = max(found.compared, key=lambda one: abs(one.en or 0.0))
+            parts.append(
+                f"in {counted(several)} of the sensor (largest |En| {ratio(abs(largest.en or 0.0))}, "
+                f"{spelled(largest.name)})"
+            )
+        if curve is not None:
+            parts.append(f"in the characteristic (largest |En| {ratio(abs(float(curve.en[curve.worst])))})")
+        return f"The two calibrations agree {' and '.join(parts)}."
+    parts = [f"{spelled(one.name)} (En {ratio(one.en or 0.0)})" for one in found.differing]
+    if curve is not None and abs(float(curve.en[curve.worst])) > LIMIT:
+        i = curve.worst
+        size, where = about("m/s²", float(curve.difference[i])), number(float(curve.a[i]), 3)
+        parts.append(f"the characteristic (by {size} at {where} m/s², En {ratio(float(curve.en[i]))})")
+    return f"The two calibrations differ in {' and '.join(parts)}."
+
+
+def ratio(en: float) -> str:
+    """En with two decimals, one from 10 on.
+
+    Examples
+    --------
+    >>> ratio(-0.741), ratio(20.13), ratio(-0.0003)
+    ('−0.74', '20.1', '0.00')
+    """
+    return f"{round(en, 2) + 0.0:.{1 if abs(en) >= 10.0 else 2}f}".replace("-", "−")
+
+
+def counted(several: int) -> str:
+    """A number of parameters."""
+    return "the one common parameter" if several == 1 else f"all {several} common parameters"
+
+
+def notes(found: Agreement) -> Iterator[str]:
+    """What must be read with the verdict."""
+    first, second = found.fits
+    serials = [fit.rig.sensor.serial for fit in found.fits]
+    if all(serials) and serials[0] != serials[1]:
+        yield f"The serial numbers differ ({serials[0]} and {serials[1]}): these are two sensors."
+    if found.shared:
+        yield (
+            f"Both fits have used {', '.join(found.shared)}: the results are not independent, and En is no test of "
+            "agreement."
+        )
+    lacking = [
+        f"{spelled(one.name)} (only in {found.names[0] if one.first is not None else found.names[1]})"
+        for one in found.only_in_one
+    ]
+    if lacking:
+        yield (
+            f"The models differ: {', '.join(lacking)}. Coefficients of different models are not directly comparable; "
+            "the characteristics are."
+        )
+    if found.characteristic is None:
+        yield "The ranges of acceleration do not overlap: the characteristics are not compared."
+    if len(found.compared) > 1:
+        some = 100.0 * (1.0 - (1.0 - BEYOND_BY_CHANCE) ** len(found.compared))
+        yield (
+            f"Where nothing has changed, at least one of {len(found.compared)} parameters exceeds |En| = 1 in "
+            f"{some:.0f} % of comparisons."
+        )
+    for name, fit in zip(found.names, (first, second), strict=True):
+        yield from undeclared(name, fit)
+
+
+def undeclared(name: str, fit: Fit) -> Iterator[str]:
+    """Contributions that the uncertainties of a calibration lack."""
+    missing = [spelled(key.removeprefix("uncertainty.")) for key in budget(fit).missing]
+    if missing:
+        yield f"The uncertainties of {name} are those of the data alone; not declared: {', '.join(missing)}."
+
+
+def row(found: Agreement, one: ComparedParameter) -> dict[str, Any]:
+    """One line of the table of parameters."""
+    return {
+        "name": spelled(one.name),
+        "symbol": one.symbol,
+        "owner": one.owner,
+        "first": value(one.first, one.expanded[0]),
+        "second": value(one.second, one.expanded[1]),
+        "difference": "" if one.difference is None else plain(one.unit, one.difference, one.joint or 0.0),
+        "en": "" if one.en is None else ratio(one.en),
+        "apart": one in found.differing,
+    }
+
+
+def value(e: Estimate | None, expanded: float) -> str:
+    """One value with its expanded uncertainty."""
+    if e is None:
+        return "not in the model"
+    return plain(e.unit, e.value, expanded) if expanded > 0.0 else f"{plain(e.unit, e.value, 0.0)} (held)"
+
+
+def agreement_html(found: Agreement) -> str:
+    """Return the page.
+
+    Parameters
+    ----------
+    found : from `accelcal.calibration.agreement.agreement`.
+
+    Raises
+    ------
+    MissingExtra
+        If matplotlib or jinja2 is not installed.
+    """
+    figure = agreement(found)
+    images: dict[str, str] = {theme: svg_url(matplotlib.draw(figure, theme)) for theme in THEMES}
+    return filled("agreement.html", v=agreement_view(found), **images)
+
+
+def agreement_pdf(found: Agreement, path: str | Path) -> None:
+    """Write it as PDF, whole or not at all.
+
+    Parameters
+    ----------
+    found : from `accelcal.calibration.agreement.agreement`.
+    path : file to write.
+
+    Raises
+    ------
+    MissingExtra
+        If typst or matplotlib is not installed.
+    """
+    figures = {"agreement.svg": matplotlib.svg(matplotlib.draw(agreement(found)))}
+    atomic_write(path, typeset("agreement.typ", agreement_view(found), figures))

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from accelcal._core import __version__
-from accelcal.calibration.characteristic import COVERAGE_FACTOR, Component, expanded_uncertainty, standard_uncertainty
+from accelcal.calibration.characteristic import COVERAGE_FACTOR, expanded_uncertainty, standard_uncertainty
 from accelcal.data import STANDARD_GRAVITY, UNITS, Recording, Rig, instant
 from accelcal.diagnosis.findings import Size
+from accelcal.diagnosis.search.scan import Candidate
 from accelcal.effects import BUILT_IN, find, spelled
 from accelcal.estimation.estimate import tied_sum
-from accelcal.estimation.noise import NoiseReport
+from accelcal.estimation.noise import NoiseEffect, NoiseReport
 from accelcal.estimation.run_fit import RunFit
 from accelcal.model import Estimate
 from accelcal.plots.figure import error_reduction_sentence, floor_sentence, share_text
@@ -175,17 +176,12 @@ def of_ranges(content: Content) -> list[tuple[str, str]]:
     """Ranges of motion and temperature that the fit has used: the calibration is valid in them."""
     valid = content.fit.validity
     parts = [f"{called} {span(unit, *valid[key])}" for key, called, unit in RANGES if key in valid]
-    found = valid.get("temperature") or recorded_temperature(content.described["channels"])
+    recorded = content.described["channels"].get("temperature")
+    found = valid.get("temperature") or (None if recorded is None else (recorded["min"], recorded["max"]))
     warmth = f"{number(found[0])} °C to {number(found[1])} °C" if found else "not recorded"
     share = content.described["range_used"]
     used = "" if share is None else f" ({100.0 * share:.0f} % of full scale)"
     return [("range of motion", f"{', '.join(parts)}{used}"), ("temperature", warmth)]
-
-
-def recorded_temperature(channels: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Range of the temperature channel, degC."""
-    found = channels.get("temperature")
-    return None if found is None else (found["min"], found["max"])
 
 
 def span(unit: str, low: float, high: float) -> str:
@@ -331,44 +327,45 @@ def found(content: Content) -> list[dict[str, Any]]:
     """Effects of the model beyond its base, and missing ones."""
     d, rows = content.diagnosis, list[dict[str, Any]]()
     for name in (n for n in content.fit.model.added if find(n).traits.visible):
+        noise = [e for e in content.fit.noise_effects if e.name == name and e.std > 0.0]
         mine = [e for e in content.fit.estimates if e.name.split(".")[0] == name]
-        seen = [e for e in content.fit.noise_effects if e.name == name and e.std > 0.0]
-        of_noise = [with_plain(e.value, e.std, e.unit) for e in seen]
-        size = contributed(content, name)
         rows.append(
             {
                 "effect": name,
                 "state": "in the model",
-                "estimate": of_noise[0] if of_noise else several(mine),
-                "contribution": size,
+                "estimate": several(noise[:1] or mine),
+                "contribution": contributed(content, name),
             }
         )
-    for one in d.scan.found:
-        c = next((c for c in d.scan.candidates if c.effect == one.effect), None)
-        if c is not None:
-            single = len(c.estimate) == 1
-            text = with_plain(c.estimate[0], c.std[0], c.unit) if single else f"{len(c.estimate)} coefficients"
-            rows.append(
-                {
-                    "effect": c.effect,
-                    "state": "missing",
-                    "estimate": text,
-                    "snr": c.snr,
-                    "p_value": probability(c.p_value),
-                    "contribution": contributed(content, c.effect),
-                }
-            )
-    for test in d.channels:
-        rows.append(
-            {
-                "effect": test.effect,
-                "state": "in the noise",
-                "estimate": test.sentence,
-                "p_value": probability(test.p_value),
-                "contribution": contributed(content, test.effect),
-            }
-        )
+    scanned = {c.effect: c for c in reversed(d.scan.candidates)}
+    rows += [
+        {
+            "effect": c.effect,
+            "state": "missing",
+            "estimate": size_text(c),
+            "snr": c.snr,
+            "p_value": probability(c.p_value),
+            "contribution": contributed(content, c.effect),
+        }
+        for one in d.scan.found
+        if (c := scanned.get(one.effect)) is not None
+    ]
+    rows += [
+        {
+            "effect": test.effect,
+            "state": "in the noise",
+            "estimate": test.sentence,
+            "p_value": probability(test.p_value),
+            "contribution": contributed(content, test.effect),
+        }
+        for test in d.channels
+    ]
     return rows
+
+
+def size_text(c: Candidate) -> str:
+    """Estimate of a candidate, or how many coefficients it has."""
+    return with_plain(c.estimate[0], c.std[0], c.unit) if len(c.estimate) == 1 else f"{len(c.estimate)} coefficients"
 
 
 def contributed(content: Content, name: str) -> str:
@@ -377,7 +374,7 @@ def contributed(content: Content, name: str) -> str:
     return "" if size is None else contribution(size, content.fit.rig.sensor.range)
 
 
-def several(estimates: list[Estimate]) -> str:
+def several(estimates: Sequence[Estimate | NoiseEffect]) -> str:
     """Estimates of one effect in a cell."""
     if len(estimates) > 2:
         return f"{sum(e.std > 0.0 for e in estimates)} coefficients"
@@ -503,15 +500,6 @@ def budget(content: Content) -> dict[str, Any]:
     """The uncertainty budget, or the keys that are not declared."""
     found = content.budget
 
-    def component(c: Component, unit: str) -> dict[str, str]:
-        given = with_unit(number(c.input_std, 2), c.input_unit)
-        return {
-            "source": c.source,
-            "kind": c.kind,
-            "input": given,
-            "share": with_unit(number(c.contribution, 2), unit),
-        }
-
     return {
         "missing": list(found.missing),
         "lines": [
@@ -526,7 +514,15 @@ def budget(content: Content) -> dict[str, Any]:
                 "shown_combined": with_unit(number(line.combined, 2), line.estimate.unit),
                 "shown_expanded": with_unit(number(line.expanded, 2), line.estimate.unit),
                 "plain": plain(line.estimate.unit, line.estimate.value, line.combined),
-                "components": [component(c, line.estimate.unit) for c in line.components],
+                "components": [
+                    {
+                        "source": c.source,
+                        "kind": c.kind,
+                        "input": with_unit(number(c.input_std, 2), c.input_unit),
+                        "share": with_unit(number(c.contribution, 2), line.estimate.unit),
+                    }
+                    for c in line.components
+                ],
             }
             for line in found.lines
         ],
@@ -614,11 +610,12 @@ def example(content: Content) -> dict[str, Any] | None:
 def provenance(content: Content) -> list[tuple[str, str]]:
     """Origin of the model and the data."""
     fit = content.fit
-    rows = [("program", f"accelcal {__version__}"), ("command", content.command), ("method", fit.method)]
-    rows += [(f"fitted: {name}", digest) for name, digest in fit.sources]
-    rows += [(f"evaluated on: {r.name}", r.session) for r in (content.recording, content.holdout) if r is not None]
-    rows += [("effects", ", ".join(fit.model.effects))]
-    sensor = fit.rig.sensor
-    rows += [("sensor", " ".join(filter(None, (sensor.model, sensor.serial))))]
-    rows += [("valid for", "; ".join(f"{k}: {number(a)} to {number(b)}" for k, (a, b) in fit.validity.items()))]
+    rows = [
+        *(("program", f"accelcal {__version__}"), ("command", content.command), ("method", fit.method)),
+        *((f"fitted: {name}", digest) for name, digest in fit.sources),
+        *((f"evaluated on: {r.name}", r.session) for r in (content.recording, content.holdout) if r is not None),
+        ("effects", ", ".join(fit.model.effects)),
+        ("sensor", " ".join(filter(None, (fit.rig.sensor.model, fit.rig.sensor.serial)))),
+        ("valid for", "; ".join(f"{k}: {number(a)} to {number(b)}" for k, (a, b) in fit.validity.items())),
+    ]
     return [(name, value) for name, value in rows if value]

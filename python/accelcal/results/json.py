@@ -36,7 +36,7 @@ SCHEMAS: Mapping[str, str] = {
     "export": "calibration.export.calibration:Calibration",
     "fleet": "fleet.summary:Fleet",
     "live": "live.session:LiveEvent",
-    "session": "app.session_content:Content",
+    "session": "app.state:Content",
 }
 """Result of each schema name: module and class."""
 VERSION = 4

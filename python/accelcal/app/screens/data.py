@@ -9,12 +9,13 @@ from typing import Any
 
 from nicegui import ui
 
-from accelcal.app import figures, mapping, widgets
+from accelcal.app import mapping, widgets
 from accelcal.app.page import Page
-from accelcal.app.screens import start, uploads
+from accelcal.app.screens import files
 from accelcal.app.state import ROLES, Run, State, time_span
 from accelcal.data import Dwells, RecordingError
 from accelcal.io.sidecar import KEYS
+from accelcal.plots import timeline
 from accelcal.results.words import amount, number
 
 NAMED = (*mapping.ESSENTIAL, *mapping.ORIENTATION, mapping.NOT_USED)
@@ -149,9 +150,9 @@ def card(page: Page) -> None:
             ui.label(
                 "Models are fitted to all files with the use fit together, and compared with what is held out."
             ).classes("note")
-        uploads.drop(page, "Add recordings or dwells", more=True)
+        files.drop(page, "Add recordings or dwells", more=True)
         with ui.expansion("Begin anew with others", icon="restart_alt").classes("full"):
-            uploads.drop(page, "Drop the recordings here")
+            files.drop(page, "Drop the recordings here")
 
 
 def row(page: Page, at: int, run: Run) -> list[widgets.Cell]:
@@ -219,22 +220,22 @@ def show(page: Page) -> None:
             ui.label("Checking for breaks and faults …").classes("note")
             page.pictures(
                 ("arriving", id(arriving), arriving.digest),
-                lambda theme: [figures.arriving(arriving, theme)],
+                lambda theme: [timeline.linked(arriving)],
                 height=420,
             )
         return
     if state.opened is not None:
         with widgets.card("One file is missing", "welcome"):
-            start.ask(page)
-            uploads.drop(page, "Drop the recording here, or click to choose it")
+            files.ask(page)
+            files.drop(page, "Drop the recording here, or click to choose it")
         return
     if run is None:
-        start.show(page)
+        files.welcome(page)
         return
     if run.problem:
         ask(page)
         with widgets.card("Another recording"):
-            uploads.drop(page, "Drop another recording here")
+            files.drop(page, "Drop another recording here")
             if len(state.runs) > 1:
                 ui.label("Or go on without this file:").classes("note")
                 remove(page, state.shown, run)()
@@ -268,7 +269,7 @@ def time_line(page: Page, run: Run) -> None:
         key = ("data", id(run.recording), run.held_out, run.excluded)
         page.pictures(
             key,
-            lambda theme: [figures.data(run, theme)],
+            lambda theme: [widgets.data(run, theme)],
             prepare=lambda plot, redraw: brushing(page, plot),
             height=420,
         )
@@ -365,9 +366,9 @@ def division(page: Page, run: Run) -> None:
                 flat=True,
                 label=f"Include {a:.6g} s to {b:.6g} s again",
             )
-    start, end = page.brushed or (None, None)
+    files, end = page.brushed or (None, None)
     with ui.row().classes("line"):
-        first = ui.number("From, s", value=start, format="%.6g").props("dense outlined").classes("time")
+        first = ui.number("From, s", value=files, format="%.6g").props("dense outlined").classes("time")
         last = ui.number("To, s", value=end, format="%.6g").props("dense outlined").classes("time")
     page.fields = (first, last)
 

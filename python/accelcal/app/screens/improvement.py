@@ -1,4 +1,4 @@
-"""The loop: what is missing, in words, Add, and the error on held-out data after each step."""
+"""The loop: what is missing, in words, Add, the error on held-out data after each step, and the residuals."""
 
 from __future__ import annotations
 
@@ -8,22 +8,39 @@ from functools import partial
 
 from nicegui import ui
 
-from accelcal.app import figures, widgets
-from accelcal.app.page import Page, Zoom, stretches_of
-from accelcal.app.screens import model, start
+from accelcal.app import widgets
+from accelcal.app.page import Page, Zoom
+from accelcal.app.screens import files, model
 from accelcal.app.state import State, Step
 from accelcal.app.tasks import example_of
+from accelcal.calibration.export import Laboratory
 from accelcal.diagnosis.findings import Size
 from accelcal.diagnosis.noise.noise_test import WHITENESS
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find, spelled
+from accelcal.plots import comparison
 from accelcal.plots.figure import candidate_groups
+from accelcal.plots.response import (
+    FIT_HEAD,
+    LINEARITY_HEAD,
+    RESPONSE_HEAD,
+    RESPONSE_NOTE,
+    fit_rows,
+    linearity_rows,
+    response_rows,
+    response_sentences,
+    sensitivity,
+)
+from accelcal.report.view import size_text
+from accelcal.response import FrequencyResponse
+from accelcal.response.export import draft_response, to_csv
 from accelcal.results import words as formatting
 from accelcal.results.diagnoses import VERDICTS, contribution
-from accelcal.results.words import probability, readable, with_plain
+from accelcal.results.words import probability, readable
 from accelcal.validation.comparison import ONLY_WHITE, Evaluation
 from accelcal.validation.differences import quoted_error
+from accelcal.validation.regions import worst_stretches
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +54,6 @@ class Card:
     facts: tuple[str, ...]
     """Size, evidence."""
     rivals: tuple[str, ...]
-    experiment: str
     lines: tuple[tuple[str, str], ...]
     """Label and text of the rest of its card."""
     significant: bool
@@ -55,7 +71,6 @@ def cards(found: Diagnosis, most: int = 8) -> list[Card]:
 def card(found: Diagnosis, c: Candidate, named: list[str]) -> Card:
     """One candidate."""
     effect = find(c.effect)
-    size = with_plain(c.estimate[0], c.std[0], c.unit) if len(c.estimate) == 1 else f"{len(c.estimate)} coefficients"
     significant = c.p_value < found.alpha and found.verdict not in ("adequate", "too_short")
     rivals = tuple(spelled(m) for m in c.members if m != c.effect) if significant else ()
     return Card(
@@ -63,12 +78,11 @@ def card(found: Diagnosis, c: Candidate, named: list[str]) -> Card:
         title=spelled(c.effect),
         about=" ".join(effect.card.split("\n\n")[0].split("\nEquation:")[0].split()),
         facts=(
-            size,
+            size_text(c),
             f"at most {contribution(Size(c.largest, effect.port == 'position'), found.fit.rig.sensor.range)}",
             f"{c.snr:.1f} σ, p {probability(c.p_value)}",
         ),
         rivals=rivals,
-        experiment=effect.experiment,
         lines=tuple(
             (label, text)
             for label in ("Looks like", "Easily confused with", "Separate by", "Equation")
@@ -147,6 +161,7 @@ def show(page: Page) -> None:
         widgets.empty("Fit a model first, on the Data tab." if state.recording else "Load a recording first.")
         return
     # Adding a model may compare the others anew: a figure belongs to the comparisons that it shows.
+    seen = state.step.heldouts[state.looked_at]
     shown = (state.looked_at, *(id(step.heldouts) for step in state.path))
     with ui.element("div").classes("two"):
         with ui.element("div").classes("stack"):
@@ -158,15 +173,15 @@ def show(page: Page) -> None:
             example = example_of(state.file)
             if example is not None:
                 with widgets.card("An example"):
-                    start.answer(example)
+                    files.answer(example)
         with ui.element("div").classes("stack"):
             with widgets.card("Model and measurement on held-out data"):
                 error(page)
-                overlay(page, state.step.heldouts[state.looked_at], shown)
+                overlay(page, seen, shown)
             with widgets.card("Error on held-out data"):
                 page.pictures(
                     ("falling", shown),
-                    lambda theme: [figures.falling(state, theme)],
+                    lambda theme: [widgets.falling(state, theme)],
                 )
             with ui.element("div").classes("wall"):
                 with widgets.card("Residuals on held-out data"):
@@ -175,15 +190,15 @@ def show(page: Page) -> None:
                     page.pictures(
                         ("left", shown),
                         lambda theme: [
-                            figures.residual(state, page.bench.before(), theme),
-                            figures.one_step(state, theme),
+                            comparison.accel_residual(seen, previous=page.bench.before()),
+                            comparison.one_step(seen, previous=page.bench.before()),
                         ],
                         behind=("falling", shown),
                         height=620,
                     )
                 with widgets.card("Unaided drift"):
                     page.pictures(
-                        ("coast", shown), lambda theme: [figures.coasting(state, theme)], behind=("falling", shown)
+                        ("coast", shown), lambda theme: [comparison.coasting(seen)], behind=("falling", shown)
                     )
     widgets.copies(page)
 
@@ -198,7 +213,7 @@ def show(page: Page) -> None:
 
 def overlay(page: Page, seen: Evaluation, shown: tuple[int, ...]) -> None:
     """What was measured and what every model says over each other, and where the current one fails."""
-    zoom = Zoom(page, partial(figures.overlay, page.bench.state), stretches_of(seen))
+    zoom = Zoom(page, partial(widgets.overlay, page.bench.state), worst_stretches(*seen.accel_residual))
     ui.label("Click a model in the legend to hide it; drag to zoom; click a shaded stretch to see it closer.").classes(
         "note"
     )
@@ -212,7 +227,7 @@ def overlay(page: Page, seen: Evaluation, shown: tuple[int, ...]) -> None:
 def error(page: Page) -> None:
     """The held-out error in numbers."""
     state = page.bench.state
-    compared = figures.path_of(state)
+    compared = widgets.path_of(state)
     with ui.row().classes("numbers"):
         figure("current error", compared.errors[-1], "error")
         if len(compared.errors) > 1:
@@ -340,7 +355,7 @@ def tree(page: Page) -> None:
     for step in state.steps:
         depth[step.key] = depth[step.parent] + 1
         children.setdefault(step.parent, []).append(step)
-    horizon = figures.path_of(state).horizon
+    horizon = widgets.path_of(state).horizon
 
     def line(step: Step) -> None:
         value = quoted_error(step.heldout, horizon)
@@ -356,3 +371,101 @@ def tree(page: Page) -> None:
     for base in children.get(None, []):
         line(base)
     ui.label("Click a model to make it current; adding an effect to it starts a new branch.").classes("note")
+
+
+def response(page: Page) -> None:
+    """A button that computes it, or what was found."""
+    bench, run = page.bench, page.bench.state.run
+    if run is None or run.recording is None:
+        return
+    found = bench.response
+    with widgets.card("Frequency response", "response"):
+        if found is None:
+            ui.label(
+                f"Magnitude and phase of the sensitivity of {run.name} by frequency, with uncertainties: by sine "
+                "approximation where the motion is steps of sines, else by spectral estimation."
+            ).classes("note")
+            widgets.button("Compute the frequency response", "graphic_eq", lambda: page.act(bench.respond)).set_enabled(
+                bench.job is None
+            )
+            return
+        page.pictures(("response", id(found)), lambda theme: [sensitivity(found)], height=700)
+        widgets.lines(response_sentences(found), "")
+        if found.model is not None:
+            widgets.table(FIT_HEAD, fit_rows(found), "Parametric fit")
+        with ui.expansion("Table by frequency", icon="table_rows").classes("full"):
+            widgets.table(RESPONSE_HEAD, response_rows(found), "Frequency response")
+            ui.label(RESPONSE_NOTE).classes("note")
+        if found.terms:
+            with ui.expansion("Amplitude linearity", icon="show_chart").classes("full"):
+                widgets.table(LINEARITY_HEAD, linearity_rows(found), "Amplitude linearity")
+        downloads(page, found)
+
+
+def downloads(page: Page, found: FrequencyResponse) -> None:
+    """The table as CSV, and all of it as a draft certificate."""
+    data = page.bench.state.drawn
+    stem, sensor = data.file.stem, data.data.rig.sensor
+    with ui.row().classes("line"):
+        widgets.button(
+            "Response (.csv)", "table_rows", lambda: ui.download.content(to_csv(found), f"{stem}_response.csv")
+        )
+        widgets.button(
+            "Draft certificate of the response (.xml)",
+            "workspace_premium",
+            lambda: ui.download.content(draft_response(found, sensor, Laboratory()).text, f"{stem}_response.xml"),
+        )
+
+
+def show_residuals(page: Page) -> None:
+    """Build the screen."""
+    bench, state = page.bench, page.bench.state
+    if state.step is None:
+        widgets.empty("Fit a model first, on the Data tab." if state.recording else "Load a recording first.")
+        response(page)
+        return
+
+    zoom = Zoom(page, lambda window, chosen: widgets.linked(state, bench.whole(), window, chosen))
+    with widgets.card("Position, acceleration, residual, temperature"):
+        ui.label("Drag to zoom; all panels follow, at full resolution. Double-click to reset.").classes("note")
+        page.pictures(
+            ("linked", state.current, state.shown, state.data.digest),
+            zoom.whole,
+            first=bench.whole,
+            prepare=zoom.follow,
+            height=600,
+        )
+        zoom.places()
+    found = bench.diagnosis
+    with widgets.card("Where it fails"):
+        if found is None:
+            if bench.job is None and not page.asking:
+                ui.label("Not diagnosed yet.")
+                widgets.button("Diagnose", "search", page.ask, primary=True)
+            else:
+                ui.label("Diagnosis is running …")
+        else:
+            worst = found.where.worst
+            ui.label(f"{worst[:1].upper()}{worst[1:]}.".replace(" sigma", " σ")).classes("verdict-text")
+            regions(state, zoom, found.where)
+    response(page)
+    if found is not None:
+        with widgets.card("Residual against each variable", "many"):
+            page.pictures(("where", id(found)), lambda theme: widgets.where(found, theme), height=1500)
+    widgets.copies(page)
+
+
+def regions(state: State, zoom: Zoom, seen: Evaluation) -> None:
+    """Where the model fails on the first fitted recording; its ranges lead into the figure only if that is drawn."""
+    first = state.first_fitted
+    if state.drawn is first:
+        zoom.table(seen)
+        return
+    ui.label(f"On {first.name}, the first fitted recording; bring it to the time line to see these ranges.").classes(
+        "note"
+    )
+    if seen.worst_regions:
+        shown = seen.table("regions")
+        head, rows = shown.cells
+        widgets.table(head, rows, "Where it fails")
+        ui.label(" ".join(shown.notes)).classes("note")

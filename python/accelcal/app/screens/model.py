@@ -9,9 +9,9 @@ from functools import partial
 
 from nicegui import ui
 
-from accelcal.app import figures, widgets
+from accelcal.app import widgets
 from accelcal.app.page import Page
-from accelcal.app.screens import uploads
+from accelcal.app.screens import files
 from accelcal.app.state import State, Step
 from accelcal.data import RecordingError, require_same_sensor
 from accelcal.diagnosis.policy import HOMOGENEITY_ALPHA
@@ -49,8 +49,8 @@ def errors_by_run(page: Page) -> None:
 
 def error_row(state: State, number: int | None, name: str) -> list[widgets.Cell]:
     """Errors of the models on the path on one recording, and what noise alone would give."""
-    compared = figures.path_of(state, number)
-    horizon = figures.path_of(state).horizon
+    compared = widgets.path_of(state, number)
+    horizon = widgets.path_of(state).horizon
     seen = [step.heldout if number is None else step.heldouts[number] for step in state.path]
     floor = compared.noise_floor.at(horizon) or compared.floor
     bias = "" if number is None else amount(*seen[-1].setup_bias, "m/s²")
@@ -180,7 +180,9 @@ def card(page: Page) -> None:
     with widgets.card("Two models side by side"):
         names = list(state.models)
         if len(names) > 1:
-            pair = chosen_pair(page, names)
+            if page.pair is None or not set(page.pair) <= set(names):
+                page.pair = (names[0], names[-1])
+            pair = page.pair
             with ui.row().classes("line"):
                 select(page, names, 0)
                 select(page, names, 1)
@@ -188,14 +190,7 @@ def card(page: Page) -> None:
             errors(page, pair)
         else:
             ui.label("A second model of the tree, or one of another sensor, can stand beside this one.").classes("note")
-        uploads.drop(page, "Drop a model (.json) or another session (.accelcal)", guest=True)
-
-
-def chosen_pair(page: Page, names: list[str]) -> tuple[str, str]:
-    """The two models that were chosen; the first and the last where they are no longer there."""
-    if page.pair is None or not set(page.pair) <= set(names):
-        page.pair = (names[0], names[-1])
-    return page.pair
+        files.drop(page, "Drop a model (.json) or another session (.accelcal)", guest=True)
 
 
 def select(page: Page, names: list[str], side: int) -> None:

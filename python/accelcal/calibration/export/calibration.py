@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
-from accelcal._support.errors import AccelcalError, MissingExtra
+from accelcal._support.errors import AccelcalError, optional
 from accelcal._support.result import Storable
 from accelcal._support.values import face
 from accelcal.calibration.characteristic import Characteristic, LeftOut, characteristic
@@ -118,10 +118,7 @@ def require_valid(text: str, schema: Path) -> None:
     SchemaError
         If the schema is not usable, or the certificate does not follow it.
     """
-    try:
-        import xmlschema
-    except ImportError as error:
-        raise MissingExtra('--schema needs xmlschema; install it with: pip install "accelcal[dcc]"') from error
+    xmlschema = optional("xmlschema", "--schema needs", "dcc")
     if not schema.is_file():
         raise SchemaError(f"{schema}: there is no such file; get dcc.xsd from https://ptb.de/dcc, version 3.2.1")
 
@@ -274,8 +271,17 @@ def calibrate(fit: Fit, *, without: Sequence[str] = (), source: str = "") -> Cal
     require_finite({"the declared rig": fit.rig, "the range of the fit": fit.validity, "an origin": fit.origins})
     require_covariance(fit.covariance)
     own = characteristic(fit)
-    left_out = tuple(_left(effect, without) for effect in own.left_out)
-    _require_left_out(without, own)
+    possible = [effect.effect for effect in own.left_out if effect.needed]
+    for name in without:
+        if name not in possible:
+            raise NotExportable(
+                f"{name!r} is not among what cannot be exported ({', '.join(possible) or 'nothing here'}); to take an "
+                "effect out of the model, use accelcal drop"
+            )
+    left_out = tuple(
+        replace(effect, why=f"{effect.why}; left out by request", needed=False) if effect.effect in without else effect
+        for effect in own.left_out
+    )
     refused = [effect for effect in left_out if effect.needed]
     if refused:
         reasons = "; ".join(f"{effect.effect} {effect.why}" for effect in refused)
@@ -293,22 +299,6 @@ def calibrate(fit: Fit, *, without: Sequence[str] = (), source: str = "") -> Cal
     made = Calibration(fit, own, domain, codes[0], codes[1], left_out, source)
     require_finite({"the exported code": made.codes, "the standard uncertainty over the range": made.std})
     return made
-
-
-def _left(effect: LeftOut, without: Sequence[str]) -> LeftOut:
-    if effect.effect not in without:
-        return effect
-    return replace(effect, why=f"{effect.why}; left out by request", needed=False)
-
-
-def _require_left_out(without: Sequence[str], own: Characteristic) -> None:
-    possible = [effect.effect for effect in own.left_out if effect.needed]
-    for name in without:
-        if name not in possible:
-            raise NotExportable(
-                f"{name!r} is not among what cannot be exported ({', '.join(possible) or 'nothing here'}); to take an "
-                "effect out of the model, use accelcal drop"
-            )
 
 
 def _domain(fit: Fit, own: Characteristic) -> Domain:

@@ -275,10 +275,13 @@ def _administrative(parent: ET.Element, sensor: Sensor, laboratory: Laboratory) 
     _declared(core, "countryCodeISO3166_1", laboratory, "certificate.country")
     _add(core, "usedLangCodeISO639_1", "en")
     _add(core, "mandatoryLangCodeISO639_1", "en")
-    _declared(core, "uniqueIdentifier", laboratory, "certificate.identifier")
-    _declared(core, "beginPerformanceDate", laboratory, "certificate.begin")
-    _declared(core, "endPerformanceDate", laboratory, "certificate.end")
-    _declared(core, "performanceLocation", laboratory, "certificate.place")
+    for tag, key in (
+        ("uniqueIdentifier", "identifier"),
+        ("beginPerformanceDate", "begin"),
+        ("endPerformanceDate", "end"),
+        ("performanceLocation", "place"),
+    ):
+        _declared(core, tag, laboratory, f"certificate.{key}")
     item = _add(_add(parent, "items"), "item")
     _named(item, "name", "accelerometer")
     if sensor.model:
@@ -330,31 +333,41 @@ def _measurement(parent: ET.Element, measurement: Measurement) -> None:
                 _column(listed, column)
 
 
+def _si(parent: ET.Element, tag: str, **texts: str) -> ET.Element:
+    """An element of D-SI with elements of text in it."""
+    node = ET.SubElement(parent, f"{{{SI}}}{tag}")
+    for name, text in texts.items():
+        ET.SubElement(node, f"{{{SI}}}{name}").text = text
+    return node
+
+
 def _quantity(parent: ET.Element, found: Quantity) -> None:
     quantity = _add(parent, "quantity")
     _named(quantity, "name", found.name)
-    real = ET.SubElement(quantity, f"{{{SI}}}real")
-    ET.SubElement(real, f"{{{SI}}}value").text = repr(found.value)
-    ET.SubElement(real, f"{{{SI}}}unit").text = UNITS[found.unit]
+    real = _si(quantity, "real", value=repr(found.value), unit=UNITS[found.unit])
     if found.expanded is not None:
-        spread = ET.SubElement(real, f"{{{SI}}}expandedUnc")
-        ET.SubElement(spread, f"{{{SI}}}uncertainty").text = repr(found.expanded)
-        ET.SubElement(spread, f"{{{SI}}}coverageFactor").text = f"{found.factor or COVERAGE_FACTOR:.4g}"
-        probability = PROBABILITY if found.factor is None else PROBABILITY_OF_TWO
-        ET.SubElement(spread, f"{{{SI}}}coverageProbability").text = probability
+        _si(
+            real,
+            "expandedUnc",
+            uncertainty=repr(found.expanded),
+            coverageFactor=f"{found.factor or COVERAGE_FACTOR:.4g}",
+            coverageProbability=PROBABILITY if found.factor is None else PROBABILITY_OF_TWO,
+        )
 
 
 def _column(parent: ET.Element, found: Column) -> None:
     quantity = _add(parent, "quantity")
     _named(quantity, "name", found.name)
-    numbers = ET.SubElement(quantity, f"{{{SI}}}realListXMLList")
-    ET.SubElement(numbers, f"{{{SI}}}valueXMLList").text = " ".join(map(repr, found.values))
-    ET.SubElement(numbers, f"{{{SI}}}unitXMLList").text = UNITS[found.unit]
+    values = " ".join(map(repr, found.values))
+    numbers = _si(quantity, "realListXMLList", valueXMLList=values, unitXMLList=UNITS[found.unit])
     if found.expanded is not None:
-        spread = ET.SubElement(numbers, f"{{{SI}}}expandedUncXMLList")
-        ET.SubElement(spread, f"{{{SI}}}uncertaintyXMLList").text = " ".join(map(repr, found.expanded))
-        ET.SubElement(spread, f"{{{SI}}}coverageFactorXMLList").text = " ".join(f"{k:.4g}" for k in found.factors)
-        ET.SubElement(spread, f"{{{SI}}}coverageProbabilityXMLList").text = PROBABILITY_OF_TWO
+        _si(
+            numbers,
+            "expandedUncXMLList",
+            uncertaintyXMLList=" ".join(map(repr, found.expanded)),
+            coverageFactorXMLList=" ".join(f"{k:.4g}" for k in found.factors),
+            coverageProbabilityXMLList=PROBABILITY_OF_TWO,
+        )
 
 
 METHOD = (
