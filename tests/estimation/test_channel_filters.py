@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from accelcal.estimation.recursive import fit_recursive
 from scipy.signal import lfilter
 
 from accelcal.data.recording import RecordingError
 from accelcal.data.rig import STANDARD_GRAVITY, ChannelFilter, Rig
 from accelcal.estimation.channel_filters import LEAST_GAIN, ChannelFilters
 from accelcal.estimation.estimate import Fit, estimate
-from accelcal.estimation.recursive import fit_recursive
 from accelcal.filters.choice import FilterChoice
 from accelcal.filters.live_model import LiveModel
 from accelcal.io import load

@@ -11,9 +11,9 @@ import scipy
 import accelcal as ac
 from accelcal.data.arrays import Array
 from accelcal.estimation import rows
+from accelcal.estimation.engines import spectrum_of
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.noise import measured_spectrum, whitener
-from accelcal.estimation.rows import spectrum_of
 from accelcal.model import Model
 from accelcal.simulation import CXL02_RIG
 

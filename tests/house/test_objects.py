@@ -15,7 +15,8 @@ import accelcal as ac
 from accelcal._support.result import Result
 from accelcal.data.rig import Uncertainty
 from accelcal.effects import CATALOGUE, find, names
-from accelcal.estimation.recursive import fit_recursive
+from accelcal.estimation.engines import ForwardFilter
+from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.tracks import track
 from accelcal.simulation import CXL02_RIG
 
@@ -40,7 +41,8 @@ def objects() -> dict[str, Any]:
     run = made.recording
     fit = ac.fit(run)
     on_dwells = ac.fit(dwells)
-    _, filtered = fit_recursive(ac.FilterChoice(), run)
+    state = solve_runs(ac.Model.linear(), [run]).states[0]
+    filtered = ForwardFilter(ac.FilterChoice()).over(fit, state)
     improvement = ac.improve(run, holdout=other, most=1)
     return {
         "Channel": run.accel,
@@ -99,7 +101,7 @@ def same(a: object, b: object) -> bool:
 
 def test_every_public_class_that_holds_data_is_tried(objects: dict[str, Any]) -> None:
     assert set(KINDS) == set(objects)
-    running = {"LiveFilter", "LiveModel"}
+    running = {"ForwardFilter", "LiveModel"}
     classes = {name for name in ac.__all__ if isinstance(getattr(ac, name), type)}
     errors = {name for name in classes if issubclass(getattr(ac, name), Exception)}
     assert classes - errors - running <= set(KINDS)
@@ -149,7 +151,7 @@ def test_an_effect_of_nobodys_catalogue_is_not_pickled(objects: dict[str, Any]) 
 
 
 def test_a_running_filter_says_that_it_cannot_be_pickled() -> None:
-    live = ac.filters.LiveFilter(ac.FilterChoice(), q=1e-6, r_position=1e-12, x0=np.zeros(4), P0=np.eye(4))
+    live = ac.filters.ForwardFilter(ac.FilterChoice(), q=1e-6, r_position=1e-12, x0=np.zeros(4), P0=np.eye(4))
     with pytest.raises(TypeError, match="running"):
         pickle.dumps(live)
     with pytest.raises(TypeError, match="running"):

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from accelcal.estimation.recursive import fit_recursive
 
 import accelcal as ac
 from accelcal import io
-from accelcal.estimation.recursive import fit_recursive
 from accelcal.simulation import CXL02_RIG
 
 

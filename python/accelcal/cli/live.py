@@ -182,7 +182,7 @@ def require_small_bias(state: LiveState, save: Path) -> None:
 
 def followed(fit: Fit, settings: LiveSettings, session: LiveSession) -> Fit:
     """The fit with the parameters that the live filter holds now."""
-    from accelcal.estimation.recursive import as_fit
+    from accelcal.estimation.engines import as_fit
     from accelcal.estimation.remarks import remark
     from accelcal.filters.record import ForwardParameters
 

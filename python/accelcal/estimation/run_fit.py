@@ -11,9 +11,10 @@ import scipy
 
 from accelcal.data import NO_LABELS, POSITION_ORDER, VELOCITY, Array, Flags, Recording, RunLabels
 from accelcal.effects import BUILT_IN, find
+from accelcal.estimation.engines import ENGINES, sums_of
 from accelcal.estimation.gauss_newton import Layout, Solution
 from accelcal.estimation.noise import Level, NoiseReport, level, level_of
-from accelcal.estimation.rows import NormalEquations, block_length, normal_equations, sums_of
+from accelcal.estimation.rows import NormalEquations, block_length, normal_equations
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns, SeenByRuns
@@ -54,7 +55,7 @@ def run_fit(state: RunState, model: Model) -> RunFit:
         digest=run.recording.digest,
         start=float(run.t[0]),
         end=float(run.t[-1]),
-        readings=run.used,
+        readings=ENGINES[run.engine].readings(run),
         samples=len(run.accel.t),
         noise=noise_of_run(state, model),
         log_likelihood=state.log_likelihood,

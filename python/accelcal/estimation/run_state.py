@@ -131,7 +131,7 @@ class RunState:
     spectrum: MeasuredSpectrum | None = None
     """Measured spectrum of what the model leaves; None where it is white, or before a fit has measured it."""
     weak: object | None = None
-    """Rows of the weak form, where the run is fitted by it; `estimation.rows.sums_of` makes them."""
+    """Rows of the weak form, where the run is fitted by it; `estimation.engines.sums_of` makes them."""
     of_dwells: Nuisances | None = None
     """What was estimated of the dwells of the recording beside the coefficients; None before a fit has."""
     counts: Flags = field(init=False)
@@ -155,8 +155,11 @@ class RunState:
         signals = smoothed_signals(run, integrals, track, noise, values, None, band)
         return cls(run, values, noise, integrals, track, signals, band, search)
 
-    def refresh(self, values: Values, *, search_noise: bool) -> None:
-        """Move to other coefficients: drive and signals are made from the signals of the state before."""
+    def refresh(self, values: Values, *, search_noise: bool, only_growing: bool = False) -> None:
+        """Move to other coefficients: drive and signals are made from the signals of the state before.
+
+        With `only_growing` noise is searched for where an effect of the model makes it grow, and nowhere else.
+        """
         require_output(self.run, values)
         run, ratio = self.run, self.values.scale / values.scale
         del self.track, self.whitened  # free the old track before the next is made; each holds nine arrays
@@ -165,7 +168,7 @@ class RunState:
         self.drive = without_transients(run, drive(run, values, self.signals), self.noise)
         functions = variance_functions(run, self.noise, self.signals)
         self.weak = None
-        if search_noise and (run.engine == "replay" or functions):
+        if search_noise and (functions or not only_growing):
             self.search = self.search.again(run, self.drive, functions)
         self.noise = self.search.within(self.band, run)
         self.drive = with_growth(self.drive, self.noise, functions)

@@ -20,7 +20,7 @@ from accelcal.diagnosis.policy import (
     STEADY_SCATTER_RATIO,
 )
 from accelcal.estimation.channel_filters import HOLE, LEAST_GAIN
-from accelcal.estimation.rows import sums_of
+from accelcal.estimation.engines import sums_of
 from accelcal.estimation.run_state import RunState
 from accelcal.signals.processing import low_pass, quintic
 from accelcal.signals.series import LOCAL, bridged, grid_step, local_spread, widened
