@@ -69,14 +69,20 @@ def public_names() -> int:
 
 
 def constants(source: str) -> list[tuple[int, str, str, str]]:
-    """Constants of a module whose value is a number: line, name, value as it is written, first line of docstring."""
+    """Constants of a module whose value is a number: line, name, value as it is written, first line of docstring.
+
+    Several that are assigned at once have a row each.
+    """
     body, listed = ast.parse(source).body, []
     for node, after in zip(body, [*body[1:], None], strict=True):
-        if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None or not is_number(node.value):
+        if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
             continue
         target = node.targets[0] if isinstance(node, ast.Assign) else node.target
         text = after.value.value if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) else ""
-        listed.append((node.lineno, ast.unparse(target), ast.unparse(node.value), str(text).split("\n")[0]))
+        both = isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple)
+        for name, value in zip(target.elts, node.value.elts, strict=True) if both else [(target, node.value)]:
+            if is_number(value):
+                listed.append((node.lineno, ast.unparse(name), ast.unparse(value), str(text).split("\n")[0]))
     return listed
 
 

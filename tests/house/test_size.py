@@ -139,6 +139,7 @@ def test_constants_are_numbers_with_names() -> None:
     size = runpy.run_path(str(SIZE))
     source = 'A = 1\n"""First.\nSecond."""\nB: float = -2.0 * 3\nC = A + 1\nD = "x"\nE = True\nF = (1, 2)\n'
     assert size["constants"](source) == [(1, "A", "1", "First."), (4, "B", "-2.0 * 3", "")]
+    assert [name for _, name, _, _ in size["constants"]("A, B = 1, 2.0\n")] == ["A", "B"]
 
 
 def test_size_prints_each_count() -> None:

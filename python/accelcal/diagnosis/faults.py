@@ -12,6 +12,7 @@ import scipy
 
 from accelcal._support.values import listing
 from accelcal.data import Array, Channel, PositionStep, Recording, instant
+from accelcal.data.orientation import HOLE
 from accelcal.diagnosis.left_out import runs_of_true
 from accelcal.diagnosis.policy import (
     BREAK_BAND_RATIO,
@@ -40,7 +41,6 @@ from accelcal.diagnosis.relation import (
     _solve,
     unexplained,
 )
-from accelcal.estimation.channel_filters import HOLE
 from accelcal.estimation.readings import spikes
 from accelcal.estimation.remarks import Remark, Value, remark
 from accelcal.estimation.run import PreparedRun, Source, prepared

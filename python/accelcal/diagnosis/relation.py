@@ -14,7 +14,7 @@ from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise, Values
 
 BANDS_PER_DECADE = 4
-"""Bands between the slowest that the record resolves and a tenth of the encoder's rate."""
+"""Bands in a decade of frequency in which output and position are compared."""
 MOST_BLOCKS = 512
 """Blocks of a scan; longer records have longer blocks."""
 

@@ -48,7 +48,7 @@ from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of, side_means
 from accelcal.estimation.run_fit import RunFit, differing, run_fit
 from accelcal.estimation.run_state import RunState
-from accelcal.estimation.run_to_run import SPREAD_ALPHA, GoesWith, SeenByRuns, Spread, covariates_of, goes_with
+from accelcal.estimation.run_to_run import REMARK_ALPHA, GoesWith, SeenByRuns, Spread, covariates_of, goes_with
 from accelcal.estimation.shape_parameters import held_shapes, on_bounds, refine_shapes
 from accelcal.estimation.values import Noise, Values
 from accelcal.estimation.weak_form.covariance import NoWeakForm
@@ -618,7 +618,7 @@ def covariates_found(solution: Solution) -> tuple[GoesWith, ...]:
     found = (
         goes_with(name, between, covariates_of(recordings, units[name]))
         for name, between in solution.between.items()
-        if between.p_value < SPREAD_ALPHA
+        if between.p_value < REMARK_ALPHA
     )
     return tuple(one for one in found if one is not None)
 

@@ -31,9 +31,9 @@ from accelcal.data import (
     require_usable,
     usual_step,
 )
-from accelcal.data.orientation import holes
+from accelcal.data.orientation import HOLE, holes
 from accelcal.data.quality import require_pace
-from accelcal.estimation.channel_filters import HOLE, ChannelFilters, uniform
+from accelcal.estimation.channel_filters import ChannelFilters, uniform
 from accelcal.estimation.readings import MIN_READINGS, distinct_readings, readings_apart, spikes
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.processing import cubic, low_pass, motion_bandwidth, resample, spectral_density

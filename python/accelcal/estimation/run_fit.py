@@ -17,7 +17,7 @@ from accelcal.estimation.noise import Level, NoiseReport, level, level_of
 from accelcal.estimation.rows import NormalEquations, block_length, normal_equations
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
-from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns, SeenByRuns
+from accelcal.estimation.run_to_run import REMARK_ALPHA, BetweenRuns, SeenByRuns
 from accelcal.estimation.values import Noise
 from accelcal.estimation.weak_form.rows import WeakRows
 from accelcal.model import Model, Term, terms_of
@@ -183,7 +183,7 @@ def differing(solution: Solution) -> tuple[tuple[str, ...], tuple[SeenByRuns, ..
     coupled = len(states) > 1 and all(state.run.rig.coupled for state in states)
     names = [term.name for term in model.free if term.name in LET_DIFFER and term.name not in model.priors]
     for name in names if coupled else ():
-        if between_runs(states, model, name)[0].p_value >= SPREAD_ALPHA:
+        if between_runs(states, model, name)[0].p_value >= REMARK_ALPHA:
             continue
         tried = (seen_by_runs(states, model, name, e) for e in SEEN_BY_RUNS if e not in model.effects)
         explaining = tuple(one for one in tried if one is not None)
@@ -229,7 +229,7 @@ def seen_by_runs(states: Sequence[RunState], model: Model, name: str, effect: st
     information, score = joined @ information @ joined.T, joined @ score
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     weights, vectors = scipy.linalg.eigh(information / np.outer(size, size))
-    if weights[0] < SEEN_APART or rest.p_value < SPREAD_ALPHA:
+    if weights[0] < SEEN_APART or rest.p_value < REMARK_ALPHA:
         return None
     covariance = (vectors / weights) @ vectors.T / np.outer(size, size)
     value, std = float((covariance @ score)[-1]), math.sqrt(float(covariance[-1, -1]))

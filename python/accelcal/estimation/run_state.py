@@ -12,12 +12,20 @@ from accelcal import _core
 from accelcal.data import Array, Flags, RecordingError
 from accelcal.estimation.drive import DriveIntegrals, drive, require_output, run_filter, without_transients
 from accelcal.estimation.dwell_rows import Nuisances
-from accelcal.estimation.noise import GROWN, LEAST_COUNT, MeasuredSpectrum, NoiseSearch, variance_functions, with_growth
+from accelcal.estimation.noise import (
+    GROWN,
+    LEAST_COUNT,
+    LEAST_LINES,
+    MeasuredSpectrum,
+    NoiseSearch,
+    variance_functions,
+    with_growth,
+)
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.smoothing import smoothed_signals
 from accelcal.estimation.values import Noise, Values
 from accelcal.model import Model
-from accelcal.signals.processing import spectral_density
+from accelcal.signals.processing import NEARLY_NYQUIST, spectral_density
 from accelcal.signals.signals import Signals
 
 LEAST_SETTLED = 0.1
@@ -107,10 +115,6 @@ MOTION_BELOW = 0.5
 """Share of the output's power below the crossover from which on the readings determine the motion."""
 OCTAVE_BELOW = 0.5
 """That power is taken from this share of the crossover on."""
-NEARLY_NYQUIST = 0.45
-"""And up to this share of the output's rate at most."""
-FEWEST_LINES = 16
-"""Frequencies in that range, on average over segments, below which it is not known."""
 
 
 @dataclass(slots=True, eq=False, weakref_slot=True)
@@ -215,7 +219,7 @@ class RunState:
         rate = 1.0 / run.accel_step
         f, density = resolved(run.undone.y, rate, crossover)
         near = (f > OCTAVE_BELOW * crossover) & (f <= min(crossover, NEARLY_NYQUIST * rate))
-        if np.count_nonzero(near) < FEWEST_LINES // 2:
+        if np.count_nonzero(near) < LEAST_LINES // 2:
             return False
         moving = f > f[1]  # without the mean
         if np.sum(density[moving & (f <= crossover)]) < MOTION_BELOW * np.sum(density[moving]):
@@ -245,5 +249,5 @@ class RunState:
 
 def resolved(y: Array, rate: float, crossover: float) -> tuple[Array, Array]:
     """Frequencies, Hz, and one-sided density of samples, from segments as long as lines near the crossover need."""
-    segment = min(len(y), 2 ** max(6, math.ceil(math.log2(2.0 * FEWEST_LINES * rate / crossover))))
+    segment = min(len(y), 2 ** max(6, math.ceil(math.log2(2.0 * LEAST_LINES * rate / crossover))))
     return spectral_density(y, rate, segment)

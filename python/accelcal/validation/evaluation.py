@@ -89,8 +89,8 @@ def one_step_spectrum(comparison: Evaluation) -> Spectrum | None:
 
 FEWEST_LINES = 4
 """Frequencies without which a spectrum shows nothing."""
-SEGMENTS = 24
-"""Half-overlapping segments of a spectrum that is looked at."""
+AVERAGED_SEGMENTS = 24
+"""Half-overlapping segments of an averaged spectrum."""
 OVERLAP_LOSS = 1.0 + 2.0 / 36.0
 """Half-overlapping Hann segments are worth this many times fewer independent ones (Welch 1967)."""
 
@@ -99,7 +99,7 @@ def welch(y: Array, rate: float) -> tuple[Array, Array, float, float] | None:
     """Frequencies, one-sided density, and the 95 % region of its ratio to the true one; None below 64 samples."""
     if len(y) < 64:
         return None
-    segment = int(min(len(y), max(64, 2 * len(y) // (SEGMENTS + 1))))
+    segment = int(min(len(y), max(64, 2 * len(y) // (AVERAGED_SEGMENTS + 1))))
     f, density = scipy.signal.welch(y, fs=rate, nperseg=segment)
     worth = max(1.0, (2.0 * len(y) / segment - 1.0) / OVERLAP_LOSS)
     low, high = (float(scipy.special.gammaincinv(worth, p)) / worth for p in (0.025, 0.975))
