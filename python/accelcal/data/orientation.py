@@ -32,7 +32,7 @@ QUATERNION = ("q_w", "q_x", "q_y", "q_z")
 DERIVED = (GRAVITY, *LEVERS, *TURNED)
 """Side channels that are part of the model of a turning body, and no effects by themselves."""
 HOLE = 8.0
-"""Spacing beyond this many usual ones that is a hole: across it the path of a turning body is unknown, and behind it the
+"""Spacing beyond this many usual ones that is a hole: across it the path of a turning body is unknown; behind it the
 replay restarts."""
 KNOT_READINGS = 8
 """Readings from one knot to the next of the spline that divides motion between path and gravity; the sum of both does
