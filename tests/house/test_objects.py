@@ -151,7 +151,7 @@ def test_an_effect_of_nobodys_catalogue_is_not_pickled(objects: dict[str, Any]) 
 
 
 def test_a_running_filter_says_that_it_cannot_be_pickled() -> None:
-    live = ac.filters.ForwardFilter(ac.FilterChoice(), q=1e-6, r_position=1e-12, x0=np.zeros(4), P0=np.eye(4))
+    live = ac.filters.LiveFilter(ac.FilterChoice(), q=1e-6, r_position=1e-12, x0=np.zeros(4), P0=np.eye(4))
     with pytest.raises(TypeError, match="running"):
         pickle.dumps(live)
     with pytest.raises(TypeError, match="running"):
