@@ -23,7 +23,7 @@ from accelcal.estimation.noise import (
     whitener,
 )
 from accelcal.estimation.remarks import Remark, remark
-from accelcal.estimation.run import NEAR_RATE, PreparedRun
+from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.smoothing import output_at, uniform_times
 from accelcal.estimation.values import Noise, Values
@@ -33,6 +33,10 @@ from accelcal.filters.choice import FilterChoice, spread_start, to_stage
 from accelcal.filters.record import FilterRun, ForwardParameters, forward_parameters, run
 from accelcal.model import NOMINAL, Estimate, Model, Term
 
+NEAR_RATE = 0.1
+"""Crossover in sampling rates of the output above which the weak form suits a recording better. The replay beside it,
+whose innovations are tested, takes thinned readings from there on: what the output does between its samples, which it
+assumes, begins to matter."""
 Rows = tuple[Array, Array, Array]
 """Times (n,) s, columns (n, m), innovations (n,)."""
 

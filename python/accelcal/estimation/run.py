@@ -146,9 +146,6 @@ SETTLE = 5.0
 TOO_GOOD = 0.2
 """Crossover in sampling rates of the output above which readings are thinned: closer to it the noise of two readings is
 that of the same samples, interpolated, and no longer white from reading to reading."""
-NEAR_RATE = 0.1
-"""The same above which the weak form suits a recording better, beside which the replay, whose innovations are tested,
-takes thinned readings from there on: what the output does between its samples, which it assumes, begins to matter."""
 SAMPLES_BETWEEN = 8, 16
 """Samples of the output between two readings that are kept then: least and most. Fewer would let errors of
 interpolation between samples into every other reading."""
