@@ -28,6 +28,7 @@ from accelcal.diagnosis.checks import unresolved_motion
 from accelcal.diagnosis.independent_estimate import differences
 from accelcal.diagnosis.policy import ENGINES_APART, ENGINES_LEAST_STD
 from accelcal.estimation import drive
+from accelcal.estimation.engines import ENGINES
 from accelcal.estimation.estimate import solve_runs
 from accelcal.io import load
 from benches.outcomes import run_all
@@ -56,7 +57,7 @@ def run_faulty(trial: Trial) -> dict[str, Any]:
     recording, found = built(trial), {"key": trial.key}
     with_fault: list[dict[str, Any]] = []
     try:
-        healthy = solve_runs(Model.linear(), [recording], engine="replay")
+        healthy = solve_runs(Model.linear(), [recording], engine=ENGINES["replay"])
         std = float(np.sqrt(healthy.covariance[1, 1]))
         for fault in FAULTS:
             drive.INTERPOLATION = fault
@@ -82,7 +83,7 @@ def compared(key: str, recording: Recording) -> dict[str, Any]:
     outcome: dict[str, Any] = {"key": key}
     try:
         begin = time.process_time()
-        solution = solve_runs(Model.linear(), [recording], engine="replay")
+        solution = solve_runs(Model.linear(), [recording], engine=ENGINES["replay"])
         fitted = time.process_time()
         outcome["values"] = dict(solution.states[0].values.by_name)
         found = differences(solution)

@@ -1,6 +1,7 @@
 """Size of the package: statements, tokens, public names, tracked lines of generated JSON schema.
 
-    python tools/size.py
+    python tools/size.py                 the counts
+    python tools/size.py --constants     every numeric constant of the package with the first line of its docstring
 
 Statements are `ast.stmt` without string expressions, tokens leave out comments, strings and layout; both are counted
 over every Python file below `python` and `papers`.
@@ -67,8 +68,48 @@ def public_names() -> int:
     return int(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout)
 
 
+def constants(source: str) -> list[tuple[int, str, str, str]]:
+    """Constants of a module whose value is a number: line, name, value as it is written, first line of docstring.
+
+    Several that are assigned at once have a row each.
+    """
+    body, listed = ast.parse(source).body, []
+    for node, after in zip(body, [*body[1:], None], strict=True):
+        if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
+            continue
+        target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+        text = after.value.value if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) else ""
+        both = isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple)
+        for name, value in zip(target.elts, node.value.elts, strict=True) if both else [(target, node.value)]:
+            if is_number(value):
+                listed.append((node.lineno, ast.unparse(name), ast.unparse(value), str(text).split("\n")[0]))
+    return listed
+
+
+def is_number(node: ast.expr) -> bool:
+    """Whether an expression is a number, or arithmetic of numbers."""
+    if isinstance(node, ast.UnaryOp):
+        return is_number(node.operand)
+    if isinstance(node, ast.BinOp):
+        return is_number(node.left) and is_number(node.right)
+    return isinstance(node, ast.Constant) and type(node.value) in (int, float)
+
+
+def list_constants() -> None:
+    """Print every numeric constant, and their number."""
+    count = 0
+    for path in sorted((ROOT / FOLDERS[0]).rglob("*.py")):
+        for line, name, value, text in constants(path.read_text(encoding="utf-8")):
+            count += 1
+            print(f"{path.relative_to(ROOT / FOLDERS[0] / 'accelcal')}:{line} {name} = {value}  {text}")
+    print(f"{count:6d} numeric constants")
+
+
 def main() -> None:
-    """Print the size."""
+    """Print the size, or the constants."""
+    if sys.argv[1:] == ["--constants"]:
+        list_constants()
+        return
     sources = [path.read_text(encoding="utf-8") for name in FOLDERS for path in sorted((ROOT / name).rglob("*.py"))]
     print(f"{len(sources):6d} files")
     print(f"{sum(map(statements, sources)):6d} statements")

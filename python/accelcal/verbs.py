@@ -37,11 +37,19 @@ from accelcal.diagnosis.select.improvement import Improvement, Step, nested_fits
 from accelcal.diagnosis.select.stepwise import SearchBudget, StepwiseSelection
 from accelcal.diagnosis.verdict import Diagnosis, verdict_on
 from accelcal.effects import Effect, find, side_channels
-from accelcal.estimation.estimate import DWELLS_ALONE, Fit, estimate_dwells, restored_states, result, solve_runs
+from accelcal.estimation.engines import Method, engine_of
+from accelcal.estimation.estimate import (
+    DWELLS_ALONE,
+    Fit,
+    estimate,
+    estimate_dwells,
+    restored_states,
+    result,
+    solve_runs,
+)
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
-from accelcal.estimation.recursive import fit_recursive
 from accelcal.estimation.remarks import Remark, remark
-from accelcal.estimation.run import Method, PreparedRun
+from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_fit import SEEN_BY_RUNS, run_to_hold_out
 from accelcal.estimation.run_state import RunState
 from accelcal.filters.choice import FilterChoice
@@ -290,13 +298,14 @@ def fit(
     >>> abs(found["bias"].value - 0.05) < 4 * found["bias"].std
     True
     """
-    if isinstance(method, FilterChoice):
+    engine = engine_of(method)
+    if engine.alone:
         if not isinstance(recordings, Recording) or model is not None or band is not None or origins is not None:
             raise AccelcalError(
                 "a live filter fits one recording with the model of its FilterChoice: leave out model, band and origins"
             )
-        return fit_recursive(method, recordings, start=start, end=end)[0]
-    model = Model.linear() if model is None else model
+        return estimate(engine.model, recordings, start=start, end=end, method=method)
+    model = engine.model if model is None else model
     several = with_dwells(recordings)
     if isinstance(several, Dwells):
         return remembered(estimate_dwells(model, several, origins), recordings)
@@ -304,7 +313,7 @@ def fit(
     if "scale_factor" not in model.fixed:
         require_relation(examined)
     runs, broken = used_runs(examined)
-    settings = {"start": start, "end": end, "band": band, "origins": origins, "engine": method}
+    settings = {"start": start, "end": end, "band": band, "origins": origins, "engine": engine}
 
     def in_agreement(these: Sequence[PreparedRun]) -> tuple[Fit, PreparedRun]:
         found, solution = fitted(model, these, progress, reject=reject_outliers, **settings)
@@ -314,16 +323,22 @@ def fit(
         solution.states.clear()  # the prediction filters anew: one set of filters at a time
         return found, run
 
-    found, run = in_agreement(runs)
-    slow = next(slow_residual(found, run), None) if reject_outliers else None
-    disturbed = slow if slow is not None and slow.code == "disturbed" else None
-    if disturbed is not None:
-        found, run = in_agreement(without_stretches(runs, disturbed))
-        slow = next(slow_residual(found, run, stretches=False), None)
-    said = tuple(one for one in (slow, disturbed) if one is not None)
-    tilt = 0.0 if slow is None else float(slow.values["tilt_deg"])
-    found = replace(found, tilt=tilt, remarks=(*said, *found.remarks)) if said else found
-    return remembered(found, recordings)
+    return remembered(undisturbed_fit(runs, in_agreement) if reject_outliers else in_agreement(runs)[0], recordings)
+
+
+def undisturbed_fit(
+    runs: Sequence[PreparedRun], solve: Callable[[Sequence[PreparedRun]], tuple[Fit, PreparedRun]]
+) -> Fit:
+    """Fit without the stretches that its slow residual names as disturbed; its first remarks are on that residual."""
+    fit, run = solve(runs)
+    slow, disturbed = next(slow_residual(fit, run), None), None
+    if slow is not None and slow.code == "disturbed":
+        disturbed = slow
+        fit, run = solve(without_stretches(runs, disturbed))
+        slow = next(slow_residual(fit, run, stretches=False), None)
+    remarks = tuple(remark for remark in (slow, disturbed) if remark is not None)
+    tilt = fit.tilt if slow is None else float(slow.values["tilt_deg"])
+    return replace(fit, tilt=tilt, remarks=(*remarks, *fit.remarks))
 
 
 def remembered(fit: Fit, recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> Fit:

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accelcal.calibration.characteristic import POINTS, straight_line
+from accelcal.calibration.characteristic import straight_line
 from accelcal.estimation.estimate import Fit, estimate
+from accelcal.estimation.tracks import POINTS
 from accelcal.model import Model
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
 

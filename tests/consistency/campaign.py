@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+import accelcal as ac
 from accelcal._core import FilterError
 from accelcal.data.rig import Rig
 from accelcal.estimation.estimate import estimate
-from accelcal.estimation.recursive import fit_recursive
 from accelcal.filters.choice import FilterChoice
 from accelcal.model import Model
 from accelcal.simulation.motion import Motion, Tones
@@ -153,7 +153,7 @@ def one_aci(setting: Setting, run: int) -> tuple[Array, Array]:
     The output is continued by cubics, so that no error of interpolation is mistaken for that of the regressor.
     """
     sim = setting.simulate(run)
-    found, _ = fit_recursive(FilterChoice("aci", "linear", interpolation="cubic"), sim.recording)
+    found = ac.fit(sim.recording, method=FilterChoice("aci", "linear", interpolation="cubic"))
     names = [e.name for e in found.free]
     return np.array([found[name].value - sim.truth.parameters[name] for name in names]), found.covariance
 

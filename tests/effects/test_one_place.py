@@ -31,7 +31,7 @@ HOMONYMS = {
     ("results/model_file.py", "tilt"): "the field of a fit, an angle",
     ("estimation/run.py", "cubic"): "interpolation",
     ("estimation/drive.py", "cubic"): "interpolation",
-    ("estimation/recursive.py", "cubic"): "model of a live filter: linear or cubic",
+    ("estimation/engines.py", "cubic"): "model of a live filter: linear or cubic",
     ("estimation/run_fit.py", "velocity"): "a reference",
     ("filters/choice.py", "cubic"): "interpolation",
     ("filters/stream.py", "cubic"): "interpolation",

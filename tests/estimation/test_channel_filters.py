@@ -13,13 +13,13 @@ from accelcal.data.recording import RecordingError
 from accelcal.data.rig import STANDARD_GRAVITY, ChannelFilter, Rig
 from accelcal.estimation.channel_filters import LEAST_GAIN, ChannelFilters
 from accelcal.estimation.estimate import Fit, estimate
-from accelcal.estimation.recursive import fit_recursive
 from accelcal.filters.choice import FilterChoice
 from accelcal.filters.live_model import LiveModel
 from accelcal.io import load
 from accelcal.model import Model
 from accelcal.signals.processing import applied, group_delay, memory, noise_bandwidth, response
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
+from accelcal.verbs import fit
 from tests.docs.pages import DOCS
 from tests.regimes import filters as own
 from tests.regimes.regimes import TABLE
@@ -185,7 +185,7 @@ def test_live_filters_do_what_the_table_says(row: list[str]) -> None:
         live()
     made = simulate("tones", seconds=2.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(1))
     with pytest.raises(RecordingError, match=rf"a fit by a live filter takes one RC.*{name}"):
-        fit_recursive(FilterChoice("aci", "linear"), replace(made.recording, rig=rig))
+        fit(replace(made.recording, rig=rig), method=FilterChoice("aci", "linear"))
 
 
 def test_gravity_does_not_pass_a_high_pass() -> None:

@@ -12,8 +12,9 @@ from accelcal.data.dwells import Dwells
 from accelcal.data.rig import Rig, Sensor, Uncertainty
 from accelcal.effects import CATALOGUE, is_local
 from accelcal.estimation.dwell_rows import acts_at_rest, determines
+from accelcal.estimation.engines import rows_of_dwells
 from accelcal.estimation.estimate import restored_states
-from accelcal.estimation.rows import normal_equations, rows_of_dwells
+from accelcal.estimation.rows import normal_equations
 from accelcal.results import model_file
 from accelcal.simulation import ADXL105_RIG
 from accelcal.validation.consistency import chi_square_region

@@ -10,10 +10,10 @@ import scipy
 
 import accelcal as ac
 from accelcal.data.arrays import Array
-from accelcal.estimation import rows
+from accelcal.estimation import engines
+from accelcal.estimation.engines import spectrum_of
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.noise import measured_spectrum, whitener
-from accelcal.estimation.rows import spectrum_of
 from accelcal.model import Model
 from accelcal.simulation import CXL02_RIG
 
@@ -114,7 +114,7 @@ def deviations(records: list[ac.Recording]) -> tuple[float, float]:
 def test_a_hum_costs_less_and_its_uncertainty_is_true(monkeypatch: pytest.MonkeyPatch) -> None:
     records = [humming(seed) for seed in range(RECORDS)]
     error, z = deviations(records)
-    monkeypatch.setattr(rows, "spectrum_of", lambda state, terms: None)
+    monkeypatch.setattr(engines, "spectrum_of", lambda state, terms: None)
     blind_error, blind_z = deviations(records)
     print(
         f"{RECORDS} records with a hum: scale wrong by {error:.2e}, z-rms {z:.2f}; "

@@ -10,8 +10,7 @@ from scipy import stats
 import accelcal as ac
 from accelcal.data.recording import RunLabels, days_of
 from accelcal.estimation.run_to_run import (
-    COVARIATE_ALPHA,
-    SPREAD_ALPHA,
+    REMARK_ALPHA,
     BetweenRuns,
     Covariate,
     best_likelihood,
@@ -57,9 +56,9 @@ def test_campaigns_that_differ_by_chance_go_with_nothing(draws):
     for seed in range(draws):
         rng = np.random.default_rng(seed)
         seen, every = campaign(rng, int(rng.integers(4, 13)))
-        found += seen.p_value < SPREAD_ALPHA and goes_with("bias", seen, every) is not None
-    allowed = stats.binom.ppf(0.975, draws, COVARIATE_ALPHA)
-    print(f"{found} of {draws} campaigns without a cause go with one ({COVARIATE_ALPHA:g} stated, {allowed:g} allowed)")
+        found += seen.p_value < REMARK_ALPHA and goes_with("bias", seen, every) is not None
+    allowed = stats.binom.ppf(0.975, draws, REMARK_ALPHA)
+    print(f"{found} of {draws} campaigns without a cause go with one ({REMARK_ALPHA:g} stated, {allowed:g} allowed)")
     assert found <= allowed
 
 

@@ -9,7 +9,7 @@ from scipy import optimize, stats
 import accelcal as ac
 from accelcal.calibration.characteristic import budget
 from accelcal.data.rig import Uncertainty
-from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns
+from accelcal.estimation.run_to_run import REMARK_ALPHA, BetweenRuns
 from accelcal.model import Prior
 from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
@@ -101,9 +101,9 @@ def test_intervals_cover_and_equal_runs_are_called_so_at_the_stated_rate():
             covered += [abs(1.0 - centre) < halves[0], abs(new - centre) < halves[1], ends[0] <= D <= ends[1]]
         print(f"{runs} runs, D = {D:g}: mean, next run, spread covered in {covered / count} (0.93 to 0.97)")
         assert np.all((covered > 0.93 * count) & (covered < 0.97 * count))
-    null = [drawn(rng, 6, 0.0, np.exp(rng.uniform(-1.0, 1.0, 6)))[1].p_value < SPREAD_ALPHA for _ in range(3000)]
-    print(f"equal runs told apart: {sum(null)} of 3000 at {SPREAD_ALPHA}")
-    assert stats.binom.ppf(1e-3, 3000, SPREAD_ALPHA) <= sum(null) <= stats.binom.ppf(1 - 1e-3, 3000, SPREAD_ALPHA)
+    null = [drawn(rng, 6, 0.0, np.exp(rng.uniform(-1.0, 1.0, 6)))[1].p_value < REMARK_ALPHA for _ in range(3000)]
+    print(f"equal runs told apart: {sum(null)} of 3000 at {REMARK_ALPHA}")
+    assert stats.binom.ppf(1e-3, 3000, REMARK_ALPHA) <= sum(null) <= stats.binom.ppf(1 - 1e-3, 3000, REMARK_ALPHA)
 
 
 def campaign(biases, seed):

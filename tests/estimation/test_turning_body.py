@@ -15,7 +15,6 @@ from accelcal.data.orientation import GRAVITY, LEVERS, TURNED, path_along
 from accelcal.data.quality import summarise
 from accelcal.diagnosis.checks import slow_residual
 from accelcal.estimation.estimate import estimate, tied_sum
-from accelcal.estimation.recursive import fit_recursive
 from accelcal.estimation.run import prepare
 from accelcal.filters.choice import FilterChoice
 from accelcal.model import Model
@@ -198,7 +197,7 @@ def test_gravity_along_the_axis_is_honoured(tmp_path: Path) -> None:
     blind = ac.improve(read(tmp_path, table, text, "blind"), most=0)
     assert blind.diagnosis.remarks[0].code == "turning_sensor"
     with pytest.raises(ac.RecordingError, match="gravity_along_axis: a fit by a live filter takes gravity"):
-        fit_recursive(FilterChoice(), recording)
+        ac.fit(recording, method=FilterChoice())
 
 
 def test_a_gyroscope_gives_the_tilt_with_its_drift(tmp_path: Path) -> None:

@@ -9,10 +9,10 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
+import accelcal as ac
 from accelcal import _core, filters
 from accelcal._core import FilterError, FilterSetup
 from accelcal.data.recording import Channel
-from accelcal.estimation.recursive import fit_recursive
 from accelcal.filters.choice import FilterChoice, GaussMarkov, core_setup
 from accelcal.simulation.sensor import Simulated, simulate
 from accelcal.validation.consistency import consistency, nees
@@ -166,7 +166,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
         ),
         "fixed_rate_with_effects estimates every parameter",
     ),
-    "a fit": (lambda: fit_recursive(CONSIDER, record(1, 0.0).recording), "a fit by a live filter estimates every"),
+    "a fit": (lambda: ac.fit(record(1, 0.0).recording, method=CONSIDER), "a fit by a live filter estimates every"),
 }
 
 

@@ -9,7 +9,6 @@ import pytest
 
 import accelcal as ac
 from accelcal.estimation.estimate import estimate
-from accelcal.estimation.recursive import fit_recursive
 from accelcal.filters.choice import FilterChoice, to_stage
 from accelcal.model import Model
 from accelcal.simulation import ADXL105_RIG
@@ -33,7 +32,7 @@ def test_a_cubic_filter_agrees_with_the_replay_however_the_sensor_is_mounted(pla
     rng = np.random.default_rng(1)
     recording = ac.simulate("tones", seconds=20.0, rig=rig, parameters=truth, rng=rng).recording
     replayed = estimate(Model.cubic(), recording)
-    filtered, _ = fit_recursive(FilterChoice("aci", "cubic", interpolation="cubic"), recording)
+    filtered = ac.fit(recording, method=FilterChoice("aci", "cubic", interpolation="cubic"))
     for name in truth:
         apart = (filtered[name].value - replayed[name].value) / replayed[name].std
         print(f"{placed} {name}: {filtered[name].value:.5g}, replay {replayed[name].value:.5g}, {apart:.2f} std")

@@ -11,7 +11,8 @@ import pytest
 
 import accelcal as ac
 from accelcal._support.errors import MissingExtra
-from accelcal.estimation.recursive import fit_recursive
+from accelcal.estimation.engines import ForwardFilter
+from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.tracks import track
 from accelcal.simulation import CXL02_RIG
 from accelcal.validation.comparison import Evaluation
@@ -174,7 +175,8 @@ def test_a_diagnosis_as_a_frame(fit: ac.Fit, run: ac.Recording) -> None:
 
 
 def test_filters_tracks_and_motions_have_axes(fit: ac.Fit, run: ac.Recording, made: Any) -> None:
-    _, filtered = fit_recursive(ac.FilterChoice(), run)
+    state = solve_runs(ac.Model.linear(), [run]).states[0]
+    filtered = ForwardFilter(ac.FilterChoice()).over(fit, state)
     data = filtered.to_xarray()
     np.testing.assert_array_equal(data["state"].sel(state_name="k").values, filtered.states[:, 2])
     np.testing.assert_array_equal(filtered.to_dataframe()["K0"], filtered.states[:, 3])

@@ -11,7 +11,7 @@ import pytest
 from accelcal import io
 from accelcal.data.recording import RecordingError
 from accelcal.effects import side_channels
-from accelcal.results.model_file import LONGEST_NAME
+from accelcal.effects.guard import LONGEST
 
 from .case import case_rng, cases
 from .workbench import write
@@ -59,7 +59,7 @@ def test_a_name_of_a_container_is_refused_or_fits_into_a_model(tmp_path: Path) -
             refused += f"{path}: column" in str(error) and "cannot be a channel" in str(error)
             continue
         for effect in side_channels((c.name, c.unit) for c in recording.side.values()):
-            assert len(effect.name) <= LONGEST_NAME
+            assert len(effect.name) <= LONGEST
             assert effect.name.isprintable()
     print(f"channel names: {len(numbers)}, {refused} refused by name")
     assert refused > 0

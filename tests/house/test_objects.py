@@ -15,7 +15,8 @@ import accelcal as ac
 from accelcal._support.result import Result
 from accelcal.data.rig import Uncertainty
 from accelcal.effects import CATALOGUE, find, names
-from accelcal.estimation.recursive import fit_recursive
+from accelcal.estimation.engines import ForwardFilter
+from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.tracks import track
 from accelcal.simulation import CXL02_RIG
 
@@ -40,7 +41,8 @@ def objects() -> dict[str, Any]:
     run = made.recording
     fit = ac.fit(run)
     on_dwells = ac.fit(dwells)
-    _, filtered = fit_recursive(ac.FilterChoice(), run)
+    state = solve_runs(ac.Model.linear(), [run]).states[0]
+    filtered = ForwardFilter(ac.FilterChoice()).over(fit, state)
     improvement = ac.improve(run, holdout=other, most=1)
     return {
         "Channel": run.accel,

@@ -5,7 +5,6 @@ import pytest
 
 import accelcal as ac
 from accelcal import io
-from accelcal.estimation.recursive import fit_recursive
 from accelcal.simulation import CXL02_RIG
 
 
@@ -81,7 +80,7 @@ def test_a_live_filter_refuses_what_it_would_take_for_a_position():
     settings = {"seconds": 4.0, "rig": CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(3)}
     made = ac.simulate("tones", reference="velocity", **settings).recording
     with pytest.raises(ac.RecordingError, match="reads positions, and here is velocity"):
-        fit_recursive(ac.FilterChoice("aci", "linear"), made)
+        ac.fit(made, method=ac.FilterChoice("aci", "linear"))
 
 
 def test_two_loggers_keep_the_reference(tmp_path):

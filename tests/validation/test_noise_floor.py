@@ -15,10 +15,11 @@ import scipy
 from accelcal.data.recording import Recording
 from accelcal.data.rig import Rig
 from accelcal.estimation.estimate import Fit, estimate
+from accelcal.estimation.noise import REMARKED_BEYOND
 from accelcal.estimation.values import Noise
 from accelcal.model import Model
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
-from accelcal.validation.comparison import DIFFER, ONLY_WHITE, NoiseFloor, SensorNoise, density_at_rest
+from accelcal.validation.comparison import ONLY_WHITE, NoiseFloor, SensorNoise, density_at_rest
 from accelcal.validation.differences import drift_spread
 from accelcal.validation.evaluation import compare
 from accelcal.validation.noise_floor import Ruler, noise_floor
@@ -214,7 +215,7 @@ def test_a_declaration_that_differs_stands_beside_the_rest() -> None:
     fitted = Noise(1.0, 1e-12)
     declared = CXL02_RIG.sensor.noise or 0.0
     made = recorded("rests", CXL02_RIG, 6)
-    for factor, told in ((1.0, None), (2.0 * DIFFER, 2.0 * DIFFER * declared)):
+    for factor, told in ((1.0, None), (2.0 * REMARKED_BEYOND, 2.0 * REMARKED_BEYOND * declared)):
         rig = replace(CXL02_RIG, sensor=replace(CXL02_RIG.sensor, noise=factor * declared))
         assert SensorNoise.of(replace(made, rig=rig), fitted).declared == told
     assert SensorNoise.of(recorded("tones", CXL02_RIG, 6), fitted).source == "declared"

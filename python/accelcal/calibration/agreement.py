@@ -22,16 +22,14 @@ from accelcal.calibration.characteristic import (
 from accelcal.data import MICRO_G, Array, RunLabels
 from accelcal.effects import spelled
 from accelcal.estimation.estimate import Fit
+from accelcal.estimation.noise import REMARKED_BEYOND
+from accelcal.estimation.tracks import POINTS
 from accelcal.model import Estimate
 
 LIMIT = 1.0
 """Of |En|: within it two results agree (ISO 13528, ISO/IEC 17043)."""
 BEYOND_BY_CHANCE = math.erfc(COVERAGE_FACTOR / math.sqrt(2.0))
 """Probability that |En| of two results that agree exceeds 1, for coverage factor 2 and normal distributions."""
-POINTS = 201
-"""Accelerations at which the two characteristics are compared."""
-DIFFERENT_NOISE = 1.5
-"""Ratio of two noise densities from which it is a change."""
 
 DIFFERENT_RANGE = 0.1
 """Share of its length by which a range is another one."""
@@ -217,7 +215,7 @@ def _changes(first: Fit, second: Fit) -> Iterator[tuple[str, str, str]]:
     densities = [[run.noise.all.density / MICRO_G for run in fit.runs] for fit in (first, second)]
     if all(densities):
         means = [float(np.mean(each)) for each in densities]
-        if max(means) > DIFFERENT_NOISE * min(means):
+        if max(means) > REMARKED_BEYOND * min(means):
             yield "noise density", f"{means[0]:.3g} µg/√Hz", f"{means[1]:.3g} µg/√Hz"
 
 

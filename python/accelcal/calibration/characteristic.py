@@ -14,6 +14,7 @@ from accelcal.data import STANDARD_GRAVITY, Array
 from accelcal.effects import BUILT_IN, Effect, find, static_terms
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.run_to_run import Spread
+from accelcal.estimation.tracks import POINTS
 from accelcal.model import Estimate
 
 STATIC = static_terms()
@@ -158,10 +159,6 @@ def _left_out(effect: Effect) -> LeftOut:
         f"is no polynomial of acceleration and temperature at the same instant{stated}",
         True,
     )
-
-
-POINTS = 201
-"""Accelerations at which the characteristic is evaluated, over which the line is fitted."""
 
 
 @dataclass(frozen=True, slots=True)

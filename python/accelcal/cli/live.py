@@ -449,7 +449,7 @@ def require_small_bias(state: sessions.LiveState, save: Path) -> None:
 
 def followed(fit: Fit, settings: measuring.LiveSettings, session: measuring.LiveSession) -> Fit:
     """The fit with the parameters that the live filter holds now."""
-    from accelcal.estimation.recursive import as_fit
+    from accelcal.estimation.engines import as_fit
     from accelcal.estimation.remarks import remark
     from accelcal.filters.record import ForwardParameters
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
+from typing import TYPE_CHECKING, Annotated, cast, get_args, get_type_hints
 
 import typer
 
@@ -37,7 +37,9 @@ from accelcal.cli.lazy import data, io, model_file, verbs
 from accelcal.cli.overwriting import writing
 
 if TYPE_CHECKING:
+    from accelcal.estimation.engines import Method
     from accelcal.estimation.estimate import Fit
+    from accelcal.filters.choice import FilterChoice
     from accelcal.model import Model
 
 
@@ -95,38 +97,25 @@ def fit(
 
     Example: [bold]accelcal fit run12.csv --model cubic -o m.json[/bold]
     """
-    from accelcal.estimation.run import Method
     from accelcal.model import Model
 
     chosen = {"linear": Model.linear, "cubic": Model.cubic}.get(model)
     if chosen is None:
         raise UsageError(f"--model {model!r}: expected linear or cubic")
     begin, stop = parse_quantity(start, "time", "--from"), parse_quantity(end, "time", "--to")
-    width = parse_quantity(band, "frequency", "--band")
-    if method in get_args(Method):
-        for name in FILTER_OPTIONS:
-            source = context.get_parameter_source(name)
-            if source is not None and source.name == "COMMANDLINE":
-                raise UsageError(
-                    f"--{name} is an option of the recursive filters; add --method aci or --method cwpa, or omit it"
-                )
-        with progress("fit") as report:
-            recordings = read_runs(runs, position, rig)
+    width, engine = parse_quantity(band, "frequency", "--band"), method_of(context)
+    with progress("fit") as report:
+        recordings = read_runs(runs, position, rig)
+        if isinstance(engine, str):
             base = chosen() if position is None else chosen().add("clock_skew")
             wanted, part = varying(base, vary or []), within(report, LOADED, 1.0)
-            engine = cast("Method", method)
             found = verbs.fit(recordings, wanted, start=begin, end=stop, band=width, method=engine, progress=part)
-    else:
-        if vary:
-            raise UsageError(f"--vary needs --method auto, replay or weak; {method} accepts one recording")
-        choice = filter_choice(method, model, form, interpolation, integrator, order, carrier)
-        recordings = read_runs(runs, position, rig)
-        if len(recordings) != 1 or band is not None or isinstance(recordings[0], data.Dwells):
+        elif len(recordings) != 1 or band is not None or isinstance(recordings[0], data.Dwells):
             raise UsageError(
                 f"--method {method} accepts one recording and no --band; auto, replay and weak accept several"
             )
-        with progress("fit"):
-            found = verbs.fit(recordings[0], start=begin, end=stop, method=choice)
+        else:
+            found = verbs.fit(recordings[0], start=begin, end=stop, method=engine)
     finish_fit(found, recordings, output, json)
     if not json and position is None:
         after_fit(output, runs)
@@ -142,35 +131,28 @@ def varying(model: Model, names: Sequence[str]) -> Model:
     return model.vary(*names)
 
 
-def filter_choice(
-    method: str, model: str, form: str, interpolation: str, integrator: str, order: int, carrier: str
-) -> Any:
-    """Check the options of a recursive filter."""
+def method_of(context: typer.Context) -> Method | FilterChoice:
+    """Engine that the options of `fit` name: a word, or the choices of a live filter."""
+    from accelcal.estimation.engines import Method
     from accelcal.filters.choice import FilterChoice
 
-    allowed: tuple[tuple[str, Any, tuple[Any, ...]], ...] = (
-        ("--method", method, ("aci", "cwpa")),
-        ("--form", form, ("forward", "inverse")),
-        ("--interpolation", interpolation, ("hold", "linear", "cubic")),
-        ("--integrator", integrator, ("rk2", "rk4", "exact")),
-        ("--order", order, (1, 2)),
-        ("--carrier", carrier, ("dense", "factored")),
-    )
-    from accelcal.estimation.run import Method
-
-    for option, value, known in allowed:
-        if value not in known:
-            expected = ", ".join(str(k) for k in (*(get_args(Method) if option == "--method" else ()), *known))
-            raise UsageError(f"{option} {value!r}: expected one of {expected}")
-    return FilterChoice(
-        system=method,  # type: ignore[arg-type]
-        model=model,  # type: ignore[arg-type]
-        form=form,  # type: ignore[arg-type]
-        interpolation=interpolation,  # type: ignore[arg-type]
-        integrator=integrator,  # type: ignore[arg-type]
-        order=order,  # type: ignore[arg-type]
-        carrier=carrier,  # type: ignore[arg-type]
-    )
+    method, options = context.params["method"], {name: context.params[name] for name in FILTER_OPTIONS}
+    if method in get_args(Method):
+        for name in options:
+            source = context.get_parameter_source(name)
+            if source is not None and source.name == "COMMANDLINE":
+                raise UsageError(
+                    f"--{name} is an option of the recursive filters; add --method aci or --method cwpa, or omit it"
+                )
+        return cast("Method", method)
+    if context.params["vary"]:
+        raise UsageError(f"--vary needs --method auto, replay or weak; {method} accepts one recording")
+    for name, value in {"method": method, **options}.items():
+        field = get_type_hints(FilterChoice)["system" if name == "method" else name]
+        if value not in get_args(field):
+            expected = (*(get_args(Method) if name == "method" else ()), *get_args(field))
+            raise UsageError(f"--{name} {value!r}: expected one of {', '.join(map(str, expected))}")
+    return FilterChoice(system=method, model=context.params["model"], **options)
 
 
 @app.command()
@@ -249,7 +231,9 @@ def freeze(
 
     def again(fitted: Fit, recordings: list[data.Recording | data.Dwells], report: Callable[[float], None]) -> Fit:
         chosen = fitted.model.release(*(release or ())).freeze(**held)
-        return verbs.fit(recordings, chosen, method=fitted.engine, origins=fitted.origins, progress=report)
+        return verbs.fit(
+            recordings, chosen, method=cast("Method", fitted.engine.name), origins=fitted.origins, progress=report
+        )
 
     refit(again, model, runs, rig, effects_file, output, json, then=("diagnose", output, *runs))
 

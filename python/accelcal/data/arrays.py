@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from accelcal._support.values import face
 
+VANISHING = 1e-9
+"""Share of the largest below which rounding alone leaves something: of an eigenvalue, a power, a gain."""
+
 
 @dataclass(frozen=True)
 class Stored:

@@ -32,7 +32,8 @@ QUATERNION = ("q_w", "q_x", "q_y", "q_z")
 DERIVED = (GRAVITY, *LEVERS, *TURNED)
 """Side channels that are part of the model of a turning body, and no effects by themselves."""
 HOLE = 8.0
-"""Spacing of readings beyond this many usual ones across which the path of a turning body is unknown."""
+"""Spacing beyond this many usual ones that is a hole: across it the path of a turning body is unknown; behind it the
+replay restarts."""
 KNOT_READINGS = 8
 """Readings from one knot to the next of the spline that divides motion between path and gravity; the sum of both does
 not depend on it."""

@@ -12,6 +12,7 @@ import numpy as np
 from accelcal._support.arguments import check_fields
 from accelcal._support.errors import AccelcalError
 from accelcal._support.values import immutable, listing, short_repr
+from accelcal.data.arrays import VANISHING
 
 Kind = Literal["RC", "butterworth", "bessel", "biquad", "sinc", "fir"]
 Pass = Literal["lowpass", "highpass"]
@@ -22,8 +23,6 @@ ANALOG: tuple[Kind, ...] = ("RC", "butterworth", "bessel")
 """Kinds with a corner frequency: analog unless a rate is given."""
 MOST_ORDER = 10
 """Largest order of a declared filter: beyond it the coefficients of its polynomials lose their digits."""
-DEAD = 1e-9
-"""A gain below this share of the largest is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +115,7 @@ class ChannelFilter:
             if size >= 1.0:
                 raise AccelcalError(f"a: unstable, a pole has the magnitude {size:.6g}; expected all below 1")
         gain = abs(sum(self.b)) / (abs(sum(self.a)) if self.a else 1.0)
-        if (gain > DEAD * sum(map(abs, self.b))) != (self.passes == "lowpass"):
+        if (gain > VANISHING * sum(map(abs, self.b))) != (self.passes == "lowpass"):
             other = "highpass" if self.passes == "lowpass" else "lowpass"
             raise AccelcalError(
                 f"{key}: the gain at rest is {gain:.6g}, which is no {self.passes}; check the numbers, or declare it "

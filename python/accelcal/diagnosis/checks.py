@@ -42,7 +42,7 @@ from accelcal.model import Model
 from accelcal.signals.processing import ORDER, low_pass
 from accelcal.signals.series import widened
 from accelcal.validation.comparison import Evaluation
-from accelcal.validation.evaluation import accel_residual, compare
+from accelcal.validation.evaluation import AVERAGED_SEGMENTS, accel_residual, compare
 from accelcal.validation.prediction import Prediction
 
 PROCESSES = frozenset(effect.name for effect in BUILT_IN if effect.port == "process")
@@ -270,8 +270,6 @@ def tilt(rms: float, rig: Rig) -> float:
     return math.degrees(math.acos(1.0 - share) if vertical else math.asin(share))
 
 
-COHERENCE_SEGMENTS = 24
-"""Segments of the averaged spectra, half overlapping."""
 OVERLAP, WINDOW = 1.22, 1.5
 """Segments and bins, over independent ones, of half overlapping Hann windows."""
 BANDS_PER_OCTAVE = 2
@@ -349,7 +347,7 @@ def coherent_bands(
     name: str, side: Array, t: Array, residual: Array, a: Array, highest: float
 ) -> Iterator[CoherentBand]:
     """Partial coherence of a residual with one channel given the acceleration, in bands up to a frequency, Hz."""
-    segment = 2 * len(t) // (COHERENCE_SEGMENTS + 1)
+    segment = 2 * len(t) // (AVERAGED_SEGMENTS + 1)
     if segment < 64 or np.ptp(side) == 0.0:
         return
     rate = 1.0 / float(np.median(np.diff(t)))

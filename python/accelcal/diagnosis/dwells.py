@@ -19,10 +19,8 @@ from accelcal.estimation.dwell_rows import acts_at_rest, dwell_rows, remainder, 
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.remarks import Remark
 from accelcal.estimation.run_to_run import over_all
+from accelcal.estimation.triad import LEFT
 from accelcal.model import terms_of
-
-BEYOND = 1e-6
-"""Share of a column's power beyond the model and the angle zeros below which dwells do not show it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +104,7 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
         column = extra[:, k]
         beyond = column - basis @ (basis.T @ column)
         power = float(beyond @ beyond)
-        if freedom < 2 or power <= BEYOND * float(column @ column):
+        if freedom < 2 or power <= LEFT * float(column @ column):
             continue
         gain = float(beyond @ left) ** 2 / power
         left_each = 1.0 if exact else max(squares - gain, 1e-300) / (freedom - 1)

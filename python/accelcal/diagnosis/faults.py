@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from accelcal import _core
 from accelcal._support.values import listing
 from accelcal.data import Array, Channel, PositionStep, Recording, instant
+from accelcal.data.orientation import HOLE
 from accelcal.diagnosis.left_out import runs_of_true
 from accelcal.diagnosis.policy import (
     BREAK_BAND_RATIO,
@@ -34,7 +35,6 @@ from accelcal.diagnosis.policy import (
     STEP_PULSE_SHARE,
     WHOLE_SAMPLE_TOLERANCE,
 )
-from accelcal.estimation.channel_filters import HOLE
 from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
 from accelcal.estimation.readings import spikes
 from accelcal.estimation.remarks import Remark, Value, remark

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -12,22 +13,19 @@ from numpy.typing import NDArray
 
 from accelcal.data import POSITION_ORDER, Array
 from accelcal.diagnosis.policy import ENGINES_LEAST_STD
+from accelcal.estimation.engines import ENGINES, Rows
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.rows import (
     LEAST_BLOCKS,
-    Rows,
     block_length,
     block_of,
     effective_number,
     inverse,
-    rows_of_replay,
     rows_of_run,
-    rows_of_weak_form,
 )
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.run_to_run import penalty
 from accelcal.estimation.weak_form.covariance import NoWeakForm
-from accelcal.estimation.weak_form.rows import WeakRows
 from accelcal.model import Term
 
 LARGEST = 38.0
@@ -102,19 +100,18 @@ def differences(solution: Solution) -> tuple[Difference, ...]:
     stated = np.diag(solution.covariance)
     lost = np.abs(np.diag(covariance) - np.diag(before))
     least = np.sqrt(np.maximum(lost, ENGINES_LEAST_STD**2 * stated))
+    first = ENGINES[solution.states[0].run.engine]
+
+    def by_engine(value: float, move: float) -> dict[str, float]:
+        return {first.name: float(value), first.second: float(value + move)}
+
     sigma = as_normal(moved, scatter, blocks, least)
     std = np.maximum(scatter, least)
     return tuple(
-        Difference(term.name, run, *both(x[i], x[i] + moved[i], solution), float(std[i]), float(sigma[i]))
+        Difference(term.name, run, **by_engine(x[i], moved[i]), std=float(std[i]), sigma=float(sigma[i]))
         for i, (term, run) in enumerate(layout.slots)
         if math.isfinite(moved[i]) and blocks[i] >= LEAST_BLOCKS
     )
-
-
-def both(fitted: float, other: float, solution: Solution) -> tuple[float, float]:
-    """The estimate of the replay and that of the weak form, whichever of them was fitted."""
-    first = solution.states[0].run.engine == "replay"
-    return (float(fitted), float(other)) if first else (float(other), float(fitted))
 
 
 def as_normal(difference: Array, scatter: Array, blocks: Array, least: Array) -> Array:
@@ -150,15 +147,11 @@ class ByBoth:
         NoWeakForm
             If the run has none.
         """
-        fitted = rows_of_run(state, terms)
-        other = (
-            rows_of_replay(state, terms)
-            if state.run.engine == "weak"
-            else rows_of_weak_form(state, WeakRows(state), terms)
-        )
+        fitted, again = rows_of_run(state, terms), copy.copy(state)
+        again.run, again.weak = state.run.but(engine=ENGINES[state.run.engine].second), None
         length = block_length(state)
         last = int(block_of(state, state.run.t[-1:], length)[0])
-        t, X, y = joined(other)
+        t, X, y = joined(rows_of_run(again, terms))
         block, m = np.minimum(block_of(state, t, length), last), X.shape[1]
         scores, of_fit, gram = np.zeros((last + 1, m)), np.zeros((last + 1, m)), np.zeros((m, m))
         np.add.at(scores, block, X * y[:, None])

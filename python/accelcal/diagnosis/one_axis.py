@@ -31,6 +31,7 @@ from accelcal.estimation.gauss_newton import NotIdentifiable
 from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of
 from accelcal.signals.processing import low_pass, quintic
 from accelcal.signals.series import grid_step, interpolation_spread
+from accelcal.validation.evaluation import AVERAGED_SEGMENTS
 
 
 def require_motion_above_noise(runs: Sequence[PreparedRun]) -> None:
@@ -90,14 +91,10 @@ def explained(run: PreparedRun) -> bool:
     return False
 
 
-SEGMENTS = 24
-"""Lengths of a segment in the record."""
 SHORTEST = 32
 """Least samples of a segment."""
 TOP = 0.25
 """Highest frequency that is judged, in rates of the slower channel."""
-PER_DECADE = 4
-"""Bands in a decade of frequency."""
 LOWEST_BIN = 2
 """First frequency bin that a Hann window keeps apart from the mean."""
 BIN_WIDTH = 1.5
@@ -271,7 +268,7 @@ class Pair:
         step = max(periods)
         require_few_holes(recording, last - first, min(periods))
         count = int((last - first) / step) - 1
-        segment = max(count // SEGMENTS, SHORTEST)
+        segment = max(count // AVERAGED_SEGMENTS, SHORTEST)
         if count < 4 * segment:
             return None
         at = first + step * np.arange(count)
@@ -349,7 +346,7 @@ def band_edges(f: Array, top: float) -> list[int]:
     last = int(np.searchsorted(f, top))
     if last <= LOWEST_BIN + 1:
         return [LOWEST_BIN]
-    count = max(1, round(PER_DECADE * math.log10(last / LOWEST_BIN)))
+    count = max(1, round(BANDS_PER_DECADE * math.log10(last / LOWEST_BIN)))
     return sorted({round(edge) for edge in np.geomspace(LOWEST_BIN, last, count + 1)})
 
 

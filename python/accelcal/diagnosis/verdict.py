@@ -36,7 +36,7 @@ from accelcal.diagnosis.search.scan import Scan, Verdict
 from accelcal.effects import BUILT_IN, find
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.remarks import KINDS, Remark
-from accelcal.estimation.run_to_run import SPREAD_ALPHA
+from accelcal.estimation.run_to_run import REMARK_ALPHA
 from accelcal.validation.comparison import Evaluation
 
 if TYPE_CHECKING:
@@ -340,7 +340,7 @@ def unlike_runs(case: Case) -> Judgement | None:
     if fit.seen_by_runs:
         text = fit.seen_by_runs[0].sentence
         return "tied", f"{text[0].upper()}{text[1:]} ({case.examined})."
-    unlike = [spread.sentence(fit[spread.name].value) for spread in fit.spreads if spread.p_value < SPREAD_ALPHA]
+    unlike = [spread.sentence(fit[spread.name].value) for spread in fit.spreads if spread.p_value < REMARK_ALPHA]
     within_runs = f"Within each run the model lacks no effect ({case.examined})."
     return ("adequate", f"{'; '.join(unlike)}. {within_runs}") if unlike else None
 

@@ -40,7 +40,7 @@ Function = Callable[..., Array]
 Bounds = tuple[float, float] | Callable[[Signals], tuple[float, float]]
 PACKAGE = str(Path(__file__).parents[1]) + os.sep
 LONGEST = 200
-"""Characters of a unit, a symbol or a source."""
+"""Characters of a name, a unit, a symbol or a source."""
 _NAME = re.compile(r"[A-Za-z_]\w{0,63}", re.ASCII)
 
 

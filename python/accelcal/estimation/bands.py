@@ -14,11 +14,10 @@ from accelcal.estimation.gauss_newton import BandTrial, NotIdentifiable, Solutio
 from accelcal.estimation.rows import LEAST_BLOCKS, normal_equations
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model
+from accelcal.signals.processing import NEARLY_NYQUIST
 
 TRIAL_BANDS = 9
 """Bands that are tried where the noise is not white."""
-THINNED_TOP = 0.45
-"""Highest of them in rates of the readings, where those were thinned."""
 JUDGED_PERIODS = 44.0
 """Periods of a band in a record below which no verdict is possible: twenty blocks of two, and those in
 which the filter settles."""
@@ -56,7 +55,7 @@ def trial_bands(model: Model, state: RunState) -> tuple[BandTrial, ...]:
     least = LEAST_BLOCKS / span
     top = min(run.crossover(state.noise), 0.2 / run.reading_step)
     if run.every > 1:  # the readings that are left are better than the output at any of their frequencies
-        top = THINNED_TOP / run.reading_step
+        top = NEARLY_NYQUIST / run.reading_step
     if least >= top:
         return ()
     found: list[BandTrial] = []

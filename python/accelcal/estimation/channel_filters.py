@@ -17,10 +17,9 @@ import numpy as np
 import scipy
 
 from accelcal.data import Array, Channel, ChannelFilter, Flags, Rig, high_passes, low_passes
+from accelcal.data.orientation import HOLE
 from accelcal.signals.processing import Response, Spectrum, applied, memory, modes, response
 
-HOLE = 8.0
-"""A spacing of accelerometer samples beyond this many periods is a hole; the replay restarts behind it."""
 LEAST_GAIN = 0.02
 """A low-pass is inverted up to the frequency at which its gain falls below this share of that at rest: what enters
 behind it, such as rounding, grows fifty times at most."""

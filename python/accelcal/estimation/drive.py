@@ -9,7 +9,7 @@ import numpy as np
 
 from accelcal import _core
 from accelcal.data import Array, Flags, RecordingError
-from accelcal.estimation.channel_filters import HOLE
+from accelcal.data.orientation import HOLE
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.signals import Signals
@@ -139,7 +139,7 @@ def without_transients(run: PreparedRun, integrals: DriveIntegrals, noise: Noise
 
 
 LEAST_SCALE = 1e-6
-"""Output over the acceleration of the position below which there is no output: a thousandth of mm read as m."""
+"""1 + k below which there is no output that could be inverted: a thousandth of mm read as m."""
 
 
 def require_output(run: PreparedRun, values: Values) -> None:

@@ -10,18 +10,11 @@ import scipy
 
 from accelcal.data import Array, Dwells
 from accelcal.effects import find
-from accelcal.estimation.dwell_rows import (
-    SCATTER_ALPHA,
-    Nuisances,
-    acts_at_rest,
-    dwell_rows,
-    remainder,
-    shown,
-    stepped,
-    with_scatter,
-)
+from accelcal.estimation.dwell_rows import Nuisances, acts_at_rest, dwell_rows, remainder, shown, stepped, with_scatter
 from accelcal.estimation.gauss_newton import Layout, NotIdentifiable, solve
+from accelcal.estimation.noise import REMARKED_BEYOND
 from accelcal.estimation.remarks import Remark, remark
+from accelcal.estimation.run_to_run import REMARK_ALPHA
 from accelcal.estimation.values import Values
 from accelcal.model import Model
 from accelcal.signals.signals import Origins
@@ -30,8 +23,6 @@ ROUNDS, WEIGHING = 50, 6
 """Linearisations at most, and those after which the weights of the dwells stay."""
 SETTLED = 1e-11
 """Steps are over once each is below this share of a standard deviation."""
-SCATTER_REMARK = 1.5
-"""Scatter between dwells over that of noise within them from which on it is remarked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,11 +157,11 @@ def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, know
     ratio = math.sqrt(white / freedom) if freedom > 0 else math.nan
     p_value = float(scipy.special.chdtrc(freedom, squares)) if freedom > 0 else 1.0
     remarks = [remark("assumed", text=text) for text in dwells.assumptions]
-    if ratio > SCATTER_REMARK:
+    if ratio > REMARKED_BEYOND:
         left = f"{rms_of(rows.left, freedom):.2g} m/s²"
         said = (
             "what is declared of the bias and the angles explains it"
-            if p_value >= SCATTER_ALPHA
+            if p_value >= REMARK_ALPHA
             else f"{math.sqrt(known.scatter):.2g} m/s² more than is declared, taken into the uncertainty: "
             "instability of the bias, angles, or temperature"
         )

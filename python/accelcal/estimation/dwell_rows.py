@@ -14,7 +14,9 @@ import numpy as np
 import scipy
 
 from accelcal.data import Array, Dwells
+from accelcal.data.arrays import VANISHING
 from accelcal.effects import BUILT_IN, Effect, is_local, of_one_record
+from accelcal.estimation.run_to_run import REMARK_ALPHA
 from accelcal.estimation.values import Values
 from accelcal.model import Model, Term, evaluate
 from accelcal.signals.signals import Origins, Signals
@@ -25,12 +27,8 @@ TURN = 1e-6
 """Half the difference of angles that a slope is taken over, rad."""
 ZERO_STD = 0.1
 """Standard deviation of an angle zero where no level is declared, rad: some degrees."""
-SCATTER_ALPHA = 0.01
-"""Probability of the scatter between dwells under all that is declared below which more is taken into account."""
 ORDINARY = {effect.name: 10.0 * effect.scale for effect in BUILT_IN}
 """Coefficient that is ordinary for each effect."""
-UNSEEN = 1e-9
-"""Share of the largest singular value below which no dwell shows an angle zero."""
 
 
 def acts_at_rest(effect: Effect) -> bool:
@@ -173,7 +171,7 @@ def dwell_rows(
     at = Linearised.at(dwells, values, origins, known or Nuisances())
     X = at.weight[:, None] * columns_at(dwells, terms, at.signals)
     X = np.vstack([X, np.zeros((len(at.groups), len(terms)))])
-    basis = scipy.linalg.orth(at.Z, rcond=UNSEEN)
+    basis = scipy.linalg.orth(at.Z, rcond=VANISHING)
     y = at.y - basis @ (basis.T @ at.y)
     return DwellRows(
         X - basis @ (basis.T @ X),
@@ -192,7 +190,7 @@ def stepped(dwells: Dwells, values: Values, origins: Origins, known: Nuisances) 
     explain what those miss, by turning dwells at ±1 g, where any angle is about as good.
     """
     at = Linearised.at(dwells, values, origins, known)
-    step = np.linalg.lstsq(at.Z, at.y, rcond=UNSEEN)[0][: len(at.zeros)]
+    step = np.linalg.lstsq(at.Z, at.y, rcond=VANISHING)[0][: len(at.zeros)]
     return replace(known, zeros=tuple((at.zeros + step).tolist()))
 
 
@@ -204,7 +202,7 @@ def with_scatter(dwells: Dwells, model: Model, values: Values, origins: Origins,
         return remainder(dwell_rows(dwells, model.free, values, origins, replace(known, scatter=variance)))
 
     squares, freedom = left_over(0.0)
-    if freedom < 1 or scipy.special.chdtrc(freedom, squares) >= SCATTER_ALPHA:
+    if freedom < 1 or scipy.special.chdtrc(freedom, squares) >= REMARK_ALPHA:
         return replace(known, scatter=0.0)
     largest = squares * float(np.max(dwells.variance))
     while left_over(largest)[0] > freedom:
@@ -219,7 +217,7 @@ def remainder(rows: DwellRows) -> tuple[float, int]:
     scaled = rows.columns[:, size > 0.0] / size[size > 0.0]
     if not scaled.size:
         return float(rows.y @ rows.y), rows.freedom
-    basis = scipy.linalg.orth(scaled, rcond=UNSEEN)
+    basis = scipy.linalg.orth(scaled, rcond=VANISHING)
     left = rows.y - basis @ (basis.T @ rows.y)
     return float(left @ left), rows.freedom - basis.shape[1]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -33,6 +34,7 @@ from accelcal.estimation.bands import best_band, change_with_band, needs_band, t
 from accelcal.estimation.channel_filters import names
 from accelcal.estimation.dwell_fit import DwellFit, origins_of, seen_in, solve_dwells
 from accelcal.estimation.dwell_rows import Nuisances, acts_at_rest, determines, shown
+from accelcal.estimation.engines import ENGINES, Engine, Method, engine_of, measure_noise, settle_dwells
 from accelcal.estimation.gauss_newton import (
     DWELL_STEPS,
     MAX_ROUNDS,
@@ -43,14 +45,14 @@ from accelcal.estimation.gauss_newton import (
 )
 from accelcal.estimation.noise import NoiseEffect
 from accelcal.estimation.remarks import Remark, remark
-from accelcal.estimation.rows import measure_noise, settle_dwells
-from accelcal.estimation.run import Engine, Method, PreparedRun, Source, prepared, recording_of, side_means
+from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of, side_means
 from accelcal.estimation.run_fit import RunFit, differing, run_fit
 from accelcal.estimation.run_state import RunState
-from accelcal.estimation.run_to_run import SPREAD_ALPHA, GoesWith, SeenByRuns, Spread, covariates_of, goes_with
+from accelcal.estimation.run_to_run import REMARK_ALPHA, GoesWith, SeenByRuns, Spread, covariates_of, goes_with
 from accelcal.estimation.shape_parameters import held_shapes, on_bounds, refine_shapes
 from accelcal.estimation.values import Noise, Values
 from accelcal.estimation.weak_form.covariance import NoWeakForm
+from accelcal.filters.choice import FilterChoice
 from accelcal.model import Estimate, Model, Prior, terms_of
 from accelcal.signals.signals import Origins
 
@@ -185,8 +187,8 @@ class Fit(Result):
 
     @property
     def engine(self) -> Engine:
-        """Engine that made the rows of the fit; the replay for fits of other kinds."""
-        return "weak" if self.method == "weak" else "replay"
+        """Engine that fits the model again: the one that made the fit, or the replay for fits of other kinds."""
+        return ENGINES.get(self.method, ENGINES["replay"])
 
     @property
     def sources(self) -> tuple[tuple[str, str], ...]:
@@ -260,7 +262,7 @@ def estimate(
     end: float | None = None,
     band: float | None = None,
     origins: Origins | None = None,
-    method: Method = "auto",
+    method: Method | FilterChoice = "auto",
     progress: Callable[[float], None] = lambda share: None,
 ) -> Fit:
     """Estimate the free parameters of a model by the replay, or the weak form, with smoothed regressors.
@@ -300,7 +302,7 @@ def estimate(
     if not several:
         raise AccelcalError("a fit needs at least one recording")
     solution = solve_runs(
-        model, several, start=start, end=end, band=band, origins=origins, engine=method, progress=progress
+        model, several, start=start, end=end, band=band, origins=origins, engine=engine_of(method), progress=progress
     )
     return result(solution)
 
@@ -314,7 +316,7 @@ def solve_runs(
     band: float | None = None,
     origins: Origins | None = None,
     others_whole: bool = False,
-    engine: Method = "auto",
+    engine: Engine = ENGINES["auto"],
     progress: Callable[[float], None] = lambda share: None,
 ) -> Solution:
     """The solution of a completed model; where the noise is not white, in the band that determines the scale best.
@@ -342,16 +344,14 @@ def solve_runs(
     for run in runs:
         require_motion(run)
         require_band(run, band)
-    if engine == "auto" and band is None and any(run.suits_weak_form for run in runs):
-        try:
-            solution = _solved(asked, model, recordings, [run.by("weak") for run in runs], band, progress)
+    *before, last = engine.tried(runs, band)
+    for trial in before:
+        with suppress(NoWeakForm):
+            solution = _solved(asked, model, recordings, [trial.prepare(run) for run in runs], band, progress)
             if solution.converged:
                 return solution
-        except RecordingError as error:
-            if not isinstance(error.__cause__, NoWeakForm):
-                raise
-    runs = [run.by("weak" if engine == "weak" else "replay") for run in runs]
-    return _solved(asked, model, recordings, runs, band, progress)
+    solution = _solved(asked, model, recordings, [last.prepare(run) for run in runs], band, progress)
+    return replace(solution, engine=last)
 
 
 def _solved(
@@ -408,8 +408,8 @@ def restored_states(fit: Fit, sources: Sequence[Source]) -> list[RunState] | Non
         return None
     states = []
     for index, (source, recording, fitted) in enumerate(zip(sources, recordings, fit.runs, strict=True)):
-        run = prepared(source, fit.origins).but(recording=recording).by(fit.engine)
-        span = (float(run.t[0]), float(run.t[-1]), run.used, len(run.accel.t))
+        run = fit.engine.prepare(prepared(source, fit.origins).but(recording=recording))
+        span = (float(run.t[0]), float(run.t[-1]), ENGINES[run.engine].readings(run), len(run.accel.t))
         if not fitted.digest or fitted.digest != recording.digest:
             return None
         if span != (fitted.start, fitted.end, fitted.readings, fitted.samples):
@@ -466,7 +466,7 @@ def settled_state(run: PreparedRun, values: Values, noise: Noise, band: float | 
 def state_at(fit: Fit, index: int, run: PreparedRun) -> RunState:
     """State of a run at the values and the noise that a fit has for its run `index`."""
     state = settled_state(run, fit.values(index), fit.noise(index), fit.runs[index].noise.band)
-    measure_noise(state, fit.model, search=False)
+    measure_noise(state, fit.model)
     settle_dwells(state, fit.model, DWELL_STEPS)
     return state
 
@@ -524,7 +524,7 @@ def result(solution: Solution) -> Fit:
         for f in fits
         if f.noise.remark
     ]
-    return Fit(
+    fit = Fit(
         model=model,
         estimates=estimates,
         covariance=covariance_of_means,
@@ -540,6 +540,7 @@ def result(solution: Solution) -> Fit:
         goes_with=found,
         dwells=still[0] if still else None,
     )
+    return solution.engine.result(fit, states[0])
 
 
 def over_runs(solution: Solution) -> tuple[tuple[Estimate, ...], Array, tuple[Spread, ...]]:
@@ -617,7 +618,7 @@ def covariates_found(solution: Solution) -> tuple[GoesWith, ...]:
     found = (
         goes_with(name, between, covariates_of(recordings, units[name]))
         for name, between in solution.between.items()
-        if between.p_value < SPREAD_ALPHA
+        if between.p_value < REMARK_ALPHA
     )
     return tuple(one for one in found if one is not None)
 

@@ -11,7 +11,8 @@ import scipy
 
 from accelcal._support.errors import AccelcalError
 from accelcal.data import Array
-from accelcal.estimation.rows import NormalEquations, measure_noise, normal_equations, settle_dwells
+from accelcal.estimation.engines import ENGINES, Engine, settle_dwells
+from accelcal.estimation.rows import NormalEquations, normal_equations
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState, initial_estimate
 from accelcal.estimation.run_to_run import BetweenRuns, SeenByRuns, penalty
@@ -103,6 +104,8 @@ class Solution:
     """Coefficients that differ from run to run."""
     seen_by_runs: tuple[SeenByRuns, ...] = ()
     """Effects that no single run shows and that explain how the runs differ."""
+    engine: Engine = ENGINES["auto"]
+    """Engine that was asked for."""
 
     @property
     def log_likelihood(self) -> float:
@@ -182,9 +185,8 @@ def _estimated(
         information, score = np.diag(belief), belief * (mean - x)
         normals = []
         for index, state in enumerate(states):
-            if round_number > 0:
-                state.refresh(layout.scatter(x, model, index), search_noise=round_number < NOISE_ROUNDS)
-            measure_noise(state, model)
+            values = layout.scatter(x, model, index) if round_number > 0 else None
+            ENGINES[state.run.engine].settle(state, model, values, search=round_number < NOISE_ROUNDS)
             normals.append(normal_equations(state, model.free))
             rows = layout.rows(index)
             information[np.ix_(rows, rows)] += normals[index].gram

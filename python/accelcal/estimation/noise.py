@@ -247,7 +247,7 @@ NEAR, GROWN = 0.05, 0.3
 LEAST_COUNT = 256
 """Fewer settled readings than this do not determine the noise."""
 REMARKED_BEYOND = 1.5
-"""A fitted density that differs from the declared one by more than this factor is remarked on."""
+"""Ratio of two measures of one noise, such as the fitted and the declared density, beyond which it is remarked on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -416,9 +416,9 @@ def level(
 
 
 BANDS_PER_OCTAVE = 3
-"""Bands in which the level of a residual is measured."""
+"""Bands in which the level or the power of a residual is measured."""
 LEAST_LINES = 16
-"""Lines in a band at least."""
+"""Lines in a band, on average over segments, below which its level is not known."""
 FREE_SHARE = 0.5
 """Share of a line that fitted columns may take and leave it one of noise."""
 MEDIAN_OF_SQUARE = float(scipy.special.chdtri(1, 0.5))

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -31,9 +31,9 @@ from accelcal.data import (
     require_usable,
     usual_step,
 )
-from accelcal.data.orientation import holes
+from accelcal.data.orientation import HOLE, holes
 from accelcal.data.quality import require_pace
-from accelcal.estimation.channel_filters import HOLE, ChannelFilters, uniform
+from accelcal.estimation.channel_filters import ChannelFilters, uniform
 from accelcal.estimation.readings import MIN_READINGS, distinct_readings, readings_apart, spikes
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.processing import cubic, low_pass, motion_bandwidth, resample, spectral_density
@@ -141,18 +141,11 @@ def hole_variances(accel: Channel, step: float, filled: FilledSeries) -> tuple[A
 
 
 Answer = TypeVar("Answer")
-Engine = Literal["replay", "weak"]
-"""What makes the rows of the regression: the filter on position and velocity, or the weak form."""
-Method = Literal["auto", "replay", "weak"]
-"""One of both, or the one that suits the recordings."""
 SETTLE = 5.0
 """Time constants of the filter after a start whose innovations are not used."""
 TOO_GOOD = 0.2
 """Crossover in sampling rates of the output above which readings are thinned: closer to it the noise of two readings is
 that of the same samples, interpolated, and no longer white from reading to reading."""
-NEAR_RATE = 0.1
-"""The same above which the weak form suits a recording better, beside which the replay, whose innovations are tested,
-takes thinned readings from there on: what the output does between its samples, which it assumes, begins to matter."""
 SAMPLES_BETWEEN = 8, 16
 """Samples of the output between two readings that are kept then: least and most. Fewer would let errors of
 interpolation between samples into every other reading."""
@@ -221,7 +214,8 @@ class RunSamples:
     """One reading in so many is used."""
     read: tuple[Array, Array] | None = None
     """Times (s) and positions (m) of all readings, where only some are used."""
-    engine: Engine = "replay"
+    engine: str = "replay"
+    """Name of the engine that fits it."""
     unpredicted: Unpredicted = Unpredicted(0.0, 0.0, 0.0)
     """Noise of both channels before anything is fitted."""
     inside: tuple[int, int] = (0, 0)
@@ -247,11 +241,6 @@ class RunSamples:
         return POSITION_ORDER if reference is None else require_reference(reference)[0]
 
     @property
-    def suits_weak_form(self) -> bool:
-        """Whether its reference is so good that the weak form should fit it, if it has one."""
-        return self.unpredicted.crossover >= NEAR_RATE
-
-    @property
     def accounted_steps(self) -> tuple[PositionStep, ...]:
         """Jumps of the position behind which the replay starts anew, so that no effect has to account for them."""
         return tuple(step for step in self.recording.position_steps if step.time in self.restarts)
@@ -266,11 +255,6 @@ class RunSamples:
     def all_readings(self) -> tuple[Array, Array]:
         """Times (s) and positions (m) of all readings, those among them that are not used."""
         return (self.t, self.z) if self.read is None else self.read
-
-    @property
-    def used(self) -> int:
-        """Number of readings that its engine uses: the weak form takes those that the replay leaves out."""
-        return len(self.all_readings[0]) if self.engine == "weak" else len(self.t)
 
     @property
     def rig(self) -> Rig:
@@ -459,13 +443,6 @@ class PreparedRun(RunSamples):
     def anew(self, recording: Recording) -> PreparedRun:
         """The same part of a recording with other readings, prepared."""
         return prepare(recording, start=self.asked[0], end=self.asked[1])
-
-    def by(self, engine: Engine) -> PreparedRun:
-        """The run for an engine; where the reference is no position only the weak form can fit it."""
-        if self.order != POSITION_ORDER:
-            return self.but(engine="weak")
-        one = self.but(engine=engine)
-        return one.thinned(NEAR_RATE) if engine == "weak" and self.read is None and self.rounding == 0.0 else one
 
     def thinned(self, too_good: float) -> PreparedRun:
         """The run with a part of its readings, where they are so good that the crossover, in sampling rates of the

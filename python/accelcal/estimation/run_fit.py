@@ -11,12 +11,13 @@ import scipy
 
 from accelcal.data import NO_LABELS, POSITION_ORDER, VELOCITY, Array, Flags, Recording, RunLabels
 from accelcal.effects import BUILT_IN, find
+from accelcal.estimation.engines import ENGINES, sums_of
 from accelcal.estimation.gauss_newton import Layout, Solution
 from accelcal.estimation.noise import Level, NoiseReport, level, level_of
-from accelcal.estimation.rows import NormalEquations, block_length, normal_equations, sums_of
+from accelcal.estimation.rows import NormalEquations, block_length, normal_equations
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
-from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns, SeenByRuns
+from accelcal.estimation.run_to_run import REMARK_ALPHA, BetweenRuns, SeenByRuns
 from accelcal.estimation.values import Noise
 from accelcal.estimation.weak_form.rows import WeakRows
 from accelcal.model import Model, Term, terms_of
@@ -54,7 +55,7 @@ def run_fit(state: RunState, model: Model) -> RunFit:
         digest=run.recording.digest,
         start=float(run.t[0]),
         end=float(run.t[-1]),
-        readings=run.used,
+        readings=ENGINES[run.engine].readings(run),
         samples=len(run.accel.t),
         noise=noise_of_run(state, model),
         log_likelihood=state.log_likelihood,
@@ -182,7 +183,7 @@ def differing(solution: Solution) -> tuple[tuple[str, ...], tuple[SeenByRuns, ..
     coupled = len(states) > 1 and all(state.run.rig.coupled for state in states)
     names = [term.name for term in model.free if term.name in LET_DIFFER and term.name not in model.priors]
     for name in names if coupled else ():
-        if between_runs(states, model, name)[0].p_value >= SPREAD_ALPHA:
+        if between_runs(states, model, name)[0].p_value >= REMARK_ALPHA:
             continue
         tried = (seen_by_runs(states, model, name, e) for e in SEEN_BY_RUNS if e not in model.effects)
         explaining = tuple(one for one in tried if one is not None)
@@ -228,7 +229,7 @@ def seen_by_runs(states: Sequence[RunState], model: Model, name: str, effect: st
     information, score = joined @ information @ joined.T, joined @ score
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     weights, vectors = scipy.linalg.eigh(information / np.outer(size, size))
-    if weights[0] < SEEN_APART or rest.p_value < SPREAD_ALPHA:
+    if weights[0] < SEEN_APART or rest.p_value < REMARK_ALPHA:
         return None
     covariance = (vectors / weights) @ vectors.T / np.outer(size, size)
     value, std = float((covariance @ score)[-1]), math.sqrt(float(covariance[-1, -1]))

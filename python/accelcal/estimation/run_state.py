@@ -12,12 +12,20 @@ from accelcal import _core
 from accelcal.data import Array, Flags, RecordingError
 from accelcal.estimation.drive import DriveIntegrals, drive, require_output, run_filter, without_transients
 from accelcal.estimation.dwell_rows import Nuisances
-from accelcal.estimation.noise import GROWN, LEAST_COUNT, MeasuredSpectrum, NoiseSearch, variance_functions, with_growth
+from accelcal.estimation.noise import (
+    GROWN,
+    LEAST_COUNT,
+    LEAST_LINES,
+    MeasuredSpectrum,
+    NoiseSearch,
+    variance_functions,
+    with_growth,
+)
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.smoothing import smoothed_signals
 from accelcal.estimation.values import Noise, Values
 from accelcal.model import Model
-from accelcal.signals.processing import spectral_density
+from accelcal.signals.processing import NEARLY_NYQUIST, spectral_density
 from accelcal.signals.signals import Signals
 
 LEAST_SETTLED = 0.1
@@ -107,10 +115,6 @@ MOTION_BELOW = 0.5
 """Share of the output's power below the crossover from which on the readings determine the motion."""
 OCTAVE_BELOW = 0.5
 """That power is taken from this share of the crossover on."""
-NEARLY_NYQUIST = 0.45
-"""And up to this share of the output's rate at most."""
-FEWEST_LINES = 16
-"""Frequencies in that range, on average over segments, below which it is not known."""
 
 
 @dataclass(slots=True, eq=False, weakref_slot=True)
@@ -131,7 +135,7 @@ class RunState:
     spectrum: MeasuredSpectrum | None = None
     """Measured spectrum of what the model leaves; None where it is white, or before a fit has measured it."""
     weak: object | None = None
-    """Rows of the weak form, where the run is fitted by it; `estimation.rows.sums_of` makes them."""
+    """Rows of the weak form, where the run is fitted by it; `estimation.engines.sums_of` makes them."""
     of_dwells: Nuisances | None = None
     """What was estimated of the dwells of the recording beside the coefficients; None before a fit has."""
     counts: Flags = field(init=False)
@@ -155,8 +159,11 @@ class RunState:
         signals = smoothed_signals(run, integrals, track, noise, values, None, band)
         return cls(run, values, noise, integrals, track, signals, band, search)
 
-    def refresh(self, values: Values, *, search_noise: bool) -> None:
-        """Move to other coefficients: drive and signals are made from the signals of the state before."""
+    def refresh(self, values: Values, *, search_noise: bool, only_growing: bool = False) -> None:
+        """Move to other coefficients: drive and signals are made from the signals of the state before.
+
+        With `only_growing` noise is searched for where an effect of the model makes it grow, and nowhere else.
+        """
         require_output(self.run, values)
         run, ratio = self.run, self.values.scale / values.scale
         del self.track, self.whitened  # free the old track before the next is made; each holds nine arrays
@@ -165,7 +172,7 @@ class RunState:
         self.drive = without_transients(run, drive(run, values, self.signals), self.noise)
         functions = variance_functions(run, self.noise, self.signals)
         self.weak = None
-        if search_noise and (run.engine == "replay" or functions):
+        if search_noise and (functions or not only_growing):
             self.search = self.search.again(run, self.drive, functions)
         self.noise = self.search.within(self.band, run)
         self.drive = with_growth(self.drive, self.noise, functions)
@@ -212,7 +219,7 @@ class RunState:
         rate = 1.0 / run.accel_step
         f, density = resolved(run.undone.y, rate, crossover)
         near = (f > OCTAVE_BELOW * crossover) & (f <= min(crossover, NEARLY_NYQUIST * rate))
-        if np.count_nonzero(near) < FEWEST_LINES // 2:
+        if np.count_nonzero(near) < LEAST_LINES // 2:
             return False
         moving = f > f[1]  # without the mean
         if np.sum(density[moving & (f <= crossover)]) < MOTION_BELOW * np.sum(density[moving]):
@@ -242,5 +249,5 @@ class RunState:
 
 def resolved(y: Array, rate: float, crossover: float) -> tuple[Array, Array]:
     """Frequencies, Hz, and one-sided density of samples, from segments as long as lines near the crossover need."""
-    segment = min(len(y), 2 ** max(6, math.ceil(math.log2(2.0 * FEWEST_LINES * rate / crossover))))
+    segment = min(len(y), 2 ** max(6, math.ceil(math.log2(2.0 * LEAST_LINES * rate / crossover))))
     return spectral_density(y, rate, segment)

@@ -15,13 +15,13 @@ import numpy as np
 import scipy
 
 from accelcal.data import Array, Recording
+from accelcal.data.arrays import VANISHING
 
-SPREAD_ALPHA = 0.01
-"""Probability of the differences between runs under one value for all below which a coefficient is let differ."""
+REMARK_ALPHA = 0.01
+"""Probability under the null below which a fit remarks on something, over all that is tried: values that differ from
+run to run, a covariate that they go with, scatter between dwells, a term that a triad lacks."""
 COVERAGE = 0.95
 """Of the intervals."""
-UNSEEN = 1e-9
-"""Share of the largest eigenvalue below which no run says anything."""
 GRID, DRAWS = 600, 200
 """Variances at which `q` is taken, and draws of chi-square, where an interval is averaged over the variance."""
 LEAST_SPREAD = 1e-6
@@ -56,7 +56,7 @@ class Spread:
         p = f"p = {self.p_value:.1g}" if self.p_value > 0.0 else "p < 1e-300"
         if not math.isfinite(self.next_half):
             return f"{self.name} was let differ from run to run, but these runs do not say how much it does"
-        if self.p_value >= SPREAD_ALPHA:
+        if self.p_value >= REMARK_ALPHA:
             most = f"{self.high:.2g} {unit}".rstrip()
             return (
                 f"{self.name} was let differ from run to run, but no difference is seen over {len(self.runs)} runs "
@@ -94,7 +94,7 @@ class BetweenRuns:
         g = b[own] - eliminated @ b[rest]
         S, g = S * np.outer(size[own], size[own]), g * size[own]
         weight, U = scipy.linalg.eigh(0.5 * (S + S.T))
-        seen = weight > UNSEEN * weight[-1]
+        seen = weight > VANISHING * weight[-1]
         return cls((U.T @ g)[seen] / weight[seen], 1.0 / weight[seen], np.sum(U, axis=0)[seen], U.T[seen])
 
     def at(self, D: Array) -> tuple[Array, Array, Array]:
@@ -219,8 +219,6 @@ def penalty(count: int, D: float) -> Array:
     return np.asarray((np.eye(count) - 1.0 / count) / D)
 
 
-COVARIATE_ALPHA = 0.01
-"""Probability, over all covariates that are tried, below which a coefficient is said to go with one."""
 COVARIATE_DRAWS, COVARIATE_GRID = 4000, 40
 """Simulated campaigns, and variances between runs at which each likelihood is taken."""
 SEED = 1293
@@ -332,7 +330,7 @@ def goes_with(parameter: str, seen: BetweenRuns, covariates: Sequence[Covariate]
     least = np.min((ranks + 1.0) / COVARIATE_DRAWS, axis=0)
     k = int(np.argmin(own - 1e-9 * gains[:, 0]))
     p_value = max((np.count_nonzero(least <= own[k]) + 1.0) / (COVARIATE_DRAWS + 1.0), 1.0 / (COVARIATE_DRAWS + 1.0))
-    if p_value >= COVARIATE_ALPHA:
+    if p_value >= REMARK_ALPHA:
         return None
     k = max(
         (j for j in range(len(able)) if own[j] <= max(2.0 * own[k], 2.0 / COVARIATE_DRAWS)), key=lambda j: gains[j, 0]

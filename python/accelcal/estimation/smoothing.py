@@ -11,7 +11,7 @@ import scipy
 
 from accelcal import _core
 from accelcal.data import GRAVITY, Array, Flags
-from accelcal.estimation.channel_filters import HOLE
+from accelcal.data.orientation import HOLE
 from accelcal.estimation.drive import DriveIntegrals
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise, Values

@@ -16,8 +16,6 @@ from accelcal.estimation.estimate import Fit, solve_runs
 from accelcal.estimation.rows import rows_of_run
 from accelcal.signals.signals import Signals
 
-TRACK_POINTS = 240
-"""Instants of a track."""
 SINGULAR = 1e-10
 """Least eigenvalue of the scaled information at which a model is determined."""
 
@@ -41,7 +39,7 @@ class Track(Result):
 
 
 def track(
-    fit: Fit, recording: Recording, *, start: float | None = None, end: float | None = None, points: int = TRACK_POINTS
+    fit: Fit, recording: Recording, *, start: float | None = None, end: float | None = None, points: int = 240
 ) -> Track:
     """Estimate the parameters of a model from the readings up to each instant of a recording.
 
@@ -108,6 +106,7 @@ def estimate_from(gram: Array, score: Array, x: Array) -> tuple[Array, Array]:
 
 
 POINTS = 201
+"""Points at which a curve is evaluated."""
 STROKE = 0.1
 """Stroke of the motion on which a response to reversals is evaluated, m; the response does not depend on it."""
 

@@ -17,18 +17,17 @@ import scipy
 
 from accelcal._support.result import Storable
 from accelcal.data import Array, RecordingError
-from accelcal.estimation.dwell_fit import SCATTER_REMARK
 from accelcal.estimation.gauss_newton import NotIdentifiable
-from accelcal.estimation.run_to_run import over_all
+from accelcal.estimation.noise import REMARKED_BEYOND
+from accelcal.estimation.run_to_run import REMARK_ALPHA, over_all
 
 AXES = "xyz"
 PARAMETERS = 9
 UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Free elements of T K."""
-ALPHA = 0.01
-"""Probability of a term under none, over all that are tested, below which it is said to be missing."""
 LEFT = 1e-6
-"""Share of a column's power beyond the nine parameters below which the norm does not show it."""
+"""Share of a column's power beyond the model, and the angle zeros of dwells, below which a record at rest does not show
+it."""
 LEAST_KNOWN = 0.1
 """Relative standard deviation of a scale beyond which it is not determined."""
 WORST_CONDITION = 1e8
@@ -102,7 +101,7 @@ class TriadFit(Storable):
     def missing(self) -> NormTerm | None:
         """The most significant term beyond the nine parameters; None where none is."""
         found = min(self.terms, key=lambda term: term.p_value, default=None)
-        return found if found is not None and found.p_value < ALPHA else None
+        return found if found is not None and found.p_value < REMARK_ALPHA else None
 
     @property
     def verdict(self) -> str:
@@ -129,7 +128,7 @@ class TriadFit(Storable):
     def remarks(self) -> tuple[str, ...]:
         """Sentences to be read with the numbers."""
         found = []
-        if self.ratio > SCATTER_REMARK:
+        if self.ratio > REMARKED_BEYOND:
             found.append(
                 f"the positions scatter by {self.rms:.2g} m/s², {self.ratio:.2g} times what noise within them "
                 "explains (instability of the bias, temperature, a hand that shakes); the uncertainties are those of "

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,9 +18,6 @@ from accelcal.data import Array, Channel, Counts, Flags
 from accelcal.data.arrays import copied
 from accelcal.filters.choice import PARAMETERS, FilterChoice, GaussMarkov, core_prior, core_samples, core_setup
 
-if TYPE_CHECKING:
-    pass
-
 
 @immutable
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,11 +28,12 @@ class FilterRun(Result):
     --------
     >>> import numpy as np
     >>> import accelcal as ac
-    >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
-    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
-    >>> from accelcal.estimation.recursive import fit_recursive
-    >>> _, run = fit_recursive(ac.FilterChoice(), made.recording)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters={}, rng=rng)
+    >>> accel, position = made.recording.accel, made.recording.position
+    >>> run = ac.filters.run(
+    ...     ac.FilterChoice(), accel, position, q=1e-6, r_position=1e-12, x0=np.zeros(4), P0=np.eye(4)
+    ... )
     >>> run.states.shape == (len(run.times), 4)
     True
     """
@@ -115,32 +112,22 @@ def run(
 
     Parameters
     ----------
-    choice : FilterChoice
-    accel : Channel
-        Output, (n_u,) m/s²; two samples or more.
-    position : Channel
-        Encoder, (n_z,) m; one sample or more.
-    q : float
-        Two-sided density of the process noise. ACI: of the output, (m/s²)² s, N²/2 for a one-sided density N.
-        CWPA: of the jerk, m²/s⁵.
-    r_position : float
-        Variance of a position reading, m².
-    r_accel : float
-        Variance of an accelerometer reading, (m/s²)². CWPA only, and required there.
-    q_accel : float
-        Two-sided density of the noise in front of the low-pass, (m/s²)² s. CWPA with `tau` only, and required there.
-    x0, P0 : array_like
-        (N,) and (N, N): the prior at the first event, in the order of `choice.states`.
-    tau : float
-        Time constant of a single-pole low-pass in front of the output, s. CWPA carries the filtered output as a state;
-        ACI reads p + tau v.
-    parameters : mapping of str to GaussMarkov
-        Parameters that are not constant.
-    gate : float
-        Reject readings with e²/S above this (6.63: 99 %, 10.83: 99.9 %). None by default; never gate while parameters
-        converge.
-    smooth : bool
-        Also estimate every state from the whole record; not with consider parameters, whose gains the backward
+    choice : system, sensor model and the five choices.
+    accel : output, (n_u,) m/s²; two samples or more.
+    position : encoder, (n_z,) m; one sample or more.
+    q : two-sided density of the process noise. ACI: of the output, (m/s²)² s, N²/2 for a one-sided density N. CWPA: of
+        the jerk, m²/s⁵.
+    r_position : variance of a position reading, m².
+    r_accel : variance of an accelerometer reading, (m/s²)². CWPA only, and required there.
+    q_accel : two-sided density of the noise in front of the low-pass, (m/s²)² s. CWPA with `tau` only, and required
+        there.
+    x0, P0 : (N,) and (N, N): the prior at the first event, in the order of `choice.states`.
+    tau : time constant of a single-pole low-pass in front of the output, s. CWPA carries the filtered output as a
+        state; ACI reads p + tau v.
+    parameters : those that are not constant.
+    gate : reject readings with e²/S above this (6.63: 99 %, 10.83: 99.9 %). None by default; never gate while
+        parameters converge.
+    smooth : also estimate every state from the whole record; not with consider parameters, whose gains the backward
         recursion does not know.
 
     Raises

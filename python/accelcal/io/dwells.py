@@ -24,13 +24,11 @@ WINDOW = 1.0
 """Length of the moving window over which a channel is judged, s."""
 LEAST_NOISY = 0.05
 """Share of the windows of a record that are taken to be at rest, whatever it is."""
-WITHIN = 3.0
-"""Standard deviation in a window, over that of the quietest, up to which the sensor rests."""
 FEWEST = 8
 """Samples of a window at least."""
 
 
-def rests(t: Array, outputs: Array, least: float = 2.0, *, factor: float = WITHIN) -> list[tuple[int, int]]:
+def rests(t: Array, outputs: Array, least: float = 2.0, *, factor: float = 3.0) -> list[tuple[int, int]]:
     """First and last sample of each rest.
 
     Parameters

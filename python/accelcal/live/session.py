@@ -255,8 +255,6 @@ class _Recorder:
             )
 
 
-MOST = 300
-"""Moments that are kept; then every second one goes."""
 MOST_ALARMS = 20
 """Alarms that are kept; blocks in a row are one."""
 
@@ -278,7 +276,7 @@ class LiveHistory:
     (True, 0.0, 99.0)
     """
 
-    def __init__(self, most: int = MOST) -> None:
+    def __init__(self, most: int = 300) -> None:
         self.most = most
         self.newest: LiveEvent | None = None
         """The newest state, or the end."""

@@ -14,8 +14,8 @@ from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Storable
 from accelcal.data import Array, RecordingError, Rig, unsupported
 from accelcal.effects import find
+from accelcal.estimation.engines import PARAMETER_OF, PRIOR_STD
 from accelcal.estimation.estimate import Fit
-from accelcal.estimation.recursive import PARAMETER_OF, PRIOR_STD
 from accelcal.filters.choice import PARAMETERS, FilterChoice, GaussMarkov, spread_start, to_stage
 from accelcal.filters.stream import LiveFilter
 from accelcal.io.stream import Rows

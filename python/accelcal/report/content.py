@@ -97,66 +97,46 @@ def gather(
     """
     remarks: list[str] = []
 
-    def attempt(what: str, work: Callable[[], T]) -> T | None:
-        try:
-            return work()
-        except ValueError as error:
-            remarks.append(f"{what} could not be computed: {error}")
-            return None
+    def attempt(what: str, work: Callable[[Report], T]) -> Callable[[Report], T | None]:
+        def tried(progress: Report) -> T | None:
+            try:
+                return work(progress)
+            except ValueError as error:
+                remarks.append(f"{what} could not be computed: {error}")
+                return None
 
-    def judge(progress: Report) -> Evaluation:
-        if holdout is None:
-            return compare(fit, recording, start=start, end=end, progress=progress)[0]
-        return compare(fit, holdout, progress=progress)[0]
-
-    def see(progress: Report) -> Power | None:
-        return attempt(
-            "the detection limits",
-            lambda: power(fit, recording, extra=extra, start=start, end=end, progress=progress),
-        )
-
-    def nest() -> tuple[NestedFits, Comparison]:
-        split = end if holdout is not None else end - HELD_OUT * (end - start)
-        missing, refit = found.scan.found, holdout is None
-        grown = nested_fits(fit, [recording], missing, start=start, end=split, refit=refit)
-        if holdout is not None:
-            return grown, compare(grown.fits, holdout, names=grown.names)
-        seen = compare(grown.fits, recording, names=grown.names, start=split, end=end)
-        return grown, replace(seen, same_run=True)
-
-    def reduce(progress: Report) -> tuple[NestedFits, Comparison] | None:
-        return attempt("the error reduction", nest)
-
-    def follow(progress: Report) -> Track | None:
-        return attempt("the parameter tracks", lambda: track(fit, recording, start=start, end=end))
-
-    def respond(progress: Report) -> FrequencyResponse | None:
-        whole = recording.part(start, end) if found.breaks else recording
-        return attempt("the frequency response", lambda: stepped_response(whole))
+        return tried
 
     found = diagnosis or diagnose(fit, recording, extra=extra, progress=within(progress, 0.0, 0.35))
     progress(0.35)
-    start, end = found.used[0]
+    span: dict[str, Any] = dict(zip(("start", "end"), found.used[0], strict=True))
+    whole = recording.part(*found.used[0]) if found.breaks else recording
+    unseen, judged_in = (recording, span) if holdout is None else (holdout, {})
     reduced, seen, followed, response, judged = on_two_threads(
-        (reduce, see, follow, respond, judge),
+        (
+            attempt("the error reduction", lambda _: error_reduction(fit, recording, holdout, found)),
+            attempt("the detection limits", lambda part: power(fit, recording, extra=extra, progress=part, **span)),
+            attempt("the parameter tracks", lambda _: track(fit, recording, **span)),
+            attempt("the frequency response", lambda _: stepped_response(whole)),
+            lambda part: compare(fit, unseen, progress=part, **judged_in)[0],
+        ),
         within(progress, 0.35, 1.0),
         at_once=len(recording.accel) + len(recording.position) <= MOST_AT_ONCE,
     )
     grown, nested = reduced or (None, None)
     named = shapes(fit) or (shapes(nested.fits[-1]) if nested is not None else ())
     remarks += [] if grown is None else [one.sentence for one in grown.remarks]
-    digest = (recording if holdout is None else holdout).digest
     return Content(
         fit=fit,
         recording=recording,
         holdout=holdout,
         diagnosis=found,
         judged=judged,
-        unseen=digest not in {run.digest for run in fit.runs},
+        unseen=unseen.digest not in {run.digest for run in fit.runs},
         marks=marks(recording),
         described=describe(recording),
         budget=budget(fit),
-        applied=attempt("the worked example", lambda: example(fit)),
+        applied=attempt("the worked example", lambda _: example(fit))(progress),
         nested=nested,
         lacking=0 if grown is None else grown.lacking,
         power=seen,
@@ -166,6 +146,19 @@ def gather(
         remarks=tuple(sorted(remarks)),
         command=command,
     )
+
+
+def error_reduction(
+    fit: Fit, recording: Recording, holdout: Recording | None, found: Diagnosis
+) -> tuple[NestedFits, Comparison]:
+    """Base of a model, then one more effect at a time, then those that it lacks, compared on unseen data: the held-out
+    recording, or the end of its own, to which none of them is fitted then."""
+    start, end = found.used[0]
+    split = end if holdout is not None else end - HELD_OUT * (end - start)
+    grown = nested_fits(fit, [recording], found.scan.found, start=start, end=split, refit=holdout is None)
+    if holdout is not None:
+        return grown, compare(grown.fits, holdout, names=grown.names)
+    return grown, replace(compare(grown.fits, recording, names=grown.names, start=split, end=end), same_run=True)
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,14 +16,12 @@ import scipy
 
 from accelcal.data import Array, Channel, usual_step
 from accelcal.response.sine import COVERAGE, Point, Reference, SineFit, SineStep, fit_sines, within
-from accelcal.signals.processing import Spectrum
+from accelcal.signals.processing import NEARLY_NYQUIST, Spectrum
 
 HARMONICS = (1, 2, 3)
 """Fitted in every step of one sine, as far as they are below the Nyquist frequency."""
 NEIGHBOURS = 8
 """Lines on either side whose noise is that of the line."""
-NYQUIST_SHARE = 0.45
-"""Share of a channel's rate up to which lines are fitted."""
 VISIBLE = 10.0
 """Amplitude of the reference over that of the noise beside it, below which a line is none."""
 
@@ -59,7 +57,7 @@ def measure_step(output: Channel, reference: Reference, step: SineStep) -> list[
     rate = 1.0 / max(usual_step(output.t), usual_step(reference.channel.t))
     alone = len(step.frequencies) == 1
     multiples = HARMONICS if alone else HARMONICS[:1]
-    lines = [h * f for f in step.frequencies for h in multiples if h * f < NYQUIST_SHARE * rate]
+    lines = [h * f for f in step.frequencies for h in multiples if h * f < NEARLY_NYQUIST * rate]
     if not lines:
         return []
     parts = within(output, step.start, step.end), within(reference.channel, step.start, step.end)

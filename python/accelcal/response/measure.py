@@ -18,7 +18,7 @@ from accelcal.model import Model
 from accelcal.response.broadband import HIGHEST, measure_broadband
 from accelcal.response.linearity import Harmonics, Term, linearity, measure_step
 from accelcal.response.parametric import ResponseModel, fit_response
-from accelcal.response.sine import Point, Reference, SineStep, explained, find_steps, may_be_stepped
+from accelcal.response.sine import ALONE, Point, Reference, SineStep, explained, find_steps, may_be_stepped
 from accelcal.signals.processing import response
 from accelcal.signals.processing import response as gain_of
 
@@ -88,9 +88,8 @@ Method = Literal["auto", "sine", "broadband"]
 NEAR = 0.03
 """Relative distance from a frequency that was asked for at which a sine still is it."""
 STEPPED = 0.25
-"""Share of the output's power within steps from which on a recording is one of sine steps,"""
-STEADY = 0.8
-"""where their sines explain this share of it."""
+"""Share of the output's power within steps from which on a recording is one of sine steps, where their sines explain
+`ALONE` of it."""
 FREQUENCIES = 3
 """Fewest different frequencies of steps that are a response by frequency."""
 CHANNELS = 16
@@ -249,7 +248,7 @@ def _sine(recording: Recording, reference: Reference, method: str, asked: Sequen
     """Sines that are asked for, or all; none where the motion is not one of steady sines."""
     steps = _shared(find_steps(recording.accel, _highest(recording, reference)), recording, reference)
     inside, steady = explained(recording.accel, steps)
-    if method == "auto" and (inside < STEPPED or steady < STEADY):
+    if method == "auto" and (inside < STEPPED or steady < ALONE):
         return []
     points = [h for step in steps for h in measure_step(recording.accel, reference, step)]
     if asked is None:

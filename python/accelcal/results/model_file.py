@@ -17,8 +17,10 @@ from accelcal._support.arguments import checked
 from accelcal._support.errors import OBEYED_IN_NAMES, visible
 from accelcal._support.values import face, listing
 from accelcal.effects import CATALOGUE, Effect, side_channel
+from accelcal.effects.guard import LONGEST
 from accelcal.effects.own import probe
 from accelcal.effects.processes import side_channel_scale
+from accelcal.estimation.drive import LEAST_SCALE
 from accelcal.estimation.estimate import Fit
 from accelcal.io import atomic_write
 from accelcal.model import OwnEffect, SideChannel, Term
@@ -181,16 +183,12 @@ STEPS: Mapping[int, Callable[[dict[str, Any]], dict[str, Any]]] = {2: from_2_to_
 
 ROUNDING = 1e-6
 """Relative difference that rounding may leave between a covariance and what follows from it."""
-LEAST_SCALE = 1e-6
-"""Least magnitude of 1 + scale_factor: an output that hardly follows the acceleration cannot be inverted."""
 MOST_TYPICAL = 1e12
 """Largest coefficient, in typical sizes of its effect."""
 
 
 LARGEST = 1e15
 """Largest magnitude of any number: products of a few of them stay finite."""
-LONGEST_NAME = 200
-"""Characters of the name of an effect, a channel or a unit."""
 NAMES = ("effect", "channel", "symbol", "unit", "name")
 """Fields that hold one."""
 MOST_RUNS = 10_000
@@ -274,7 +272,7 @@ def _leaves(part: Any, where: str = "", rule: str = "") -> Found:
     elif isinstance(part, np.ndarray):
         yield from _leaves(part.tolist(), where, rule)
     elif isinstance(part, str):
-        most = LONGEST_NAME if rule.rpartition(".")[2] in NAMES else LONGEST_TEXT
+        most = LONGEST if rule.rpartition(".")[2] in NAMES else LONGEST_TEXT
         if len(part) > most or OBEYED_IN_NAMES.search(part):
             yield where, f"expected a text of at most {most} characters, without control characters"
     elif isinstance(part, float | int) and not isinstance(part, bool):

@@ -22,6 +22,8 @@ from accelcal.signals.series import lagrange_weights
 
 ORDER = 8
 """Order of the zero-phase low-pass of motion: flat to 0.5 % at 0.7 of the corner."""
+NEARLY_NYQUIST = 0.45
+"""Share of a rate up to which frequencies are used: above it, a channel no longer resolves them."""
 GRID_PER_CUTOFF = 32.0
 """Grid samples per period of the bandwidth; four-point interpolation then errs by less than 1e-4 there, and by less
 than 1e-2 at the third harmonic, which a cubic makes."""

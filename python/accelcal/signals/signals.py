@@ -186,7 +186,7 @@ class Signals:
 
 
 RESAMPLED = 1 << 16
-"""Times at which the motion is worked out at once."""
+"""Times at which a function of the motion is worked out at once."""
 CORNER_NOISE = 4.0
 """Corners are rounded over at least this many standard deviations, or noise would determine their shape."""
 CORNER_SHARE = 0.002

@@ -472,7 +472,7 @@ def _point_to_point(start: float, stop: float, rng: np.random.Generator) -> list
         duration = rng.uniform(0.15, 0.6)
         if t + 2.0 * duration + 1.0 > stop:
             return parts
-        distance = rng.uniform(0.04, STAGE_SPEED) * duration / _STEP_TOP_SPEED
+        distance = rng.uniform(0.04, STAGE_SPEED) * duration / STEP_TOP_SPEED
         for sign in (side, -side):  # in pairs, so that the carriage stays on its rail
             parts.append(Move(t, duration, sign * distance))
             t += duration + rng.uniform(0.1, 0.5)
@@ -487,7 +487,7 @@ def _equal_acceleration(frequency: Array, rng: np.random.Generator) -> Tones:
 
 _STEP = np.array([0.0, 0.0, 0.0, 0.0, 35.0, -84.0, 70.0, -20.0])
 """Coefficients of s(x) = 35 x⁴ - 84 x⁵ + 70 x⁶ - 20 x⁷: s(0) = 0, s(1) = 1, three derivatives vanish at both ends."""
-_STEP_TOP_SPEED = 35.0 / 16.0
+STEP_TOP_SPEED = 35.0 / 16.0
 """s'(1/2), the largest slope of s."""
 
 

@@ -203,51 +203,30 @@ def simulate(
     lsb: float | None = None,
     full_scale: float | None = None,
 ) -> Simulated:
-    """A record of the rig with its truth.
-
-    output(t) = RC[ f(s(t)) + noise ],  s(t) = polarity (a(t - time_offset) + gravity) + vibration(t),
-    f(s) = K0 + (1 + k + Kin g_n) s + K2 s² + K3 s³ + misalignment g_n, where g_n is gravity across the input axis; it
-    changes sign when the sensor is rolled by 180 degrees. One RC low-pass is solved exactly: Gauss-Legendre over each
-    sample interval for the smooth part, the Ornstein-Uhlenbeck law for the noise. Other declared filters, of the output
-    and of the position, act as `filtered_samples` says.
+    """A record of the rig with its truth, by the model that `_sensed` and `_output` say.
 
     Parameters
     ----------
-    motion : Motion or str
-        A motion, or the name of a profile for `accelcal.simulation.motion.motion`, which takes `a_rms`
-        (m/s²) and `v_max` (m/s).
-    seconds : float
-        Length of the record, s.
-    rig : Rig
-        Noise density, filters, mount, gravity and encoder resolution; no filter or resolution means there is none.
-    parameters : Mapping[str, float]
-        Any of `PARAMETERS`; the others are zero.
-    rng : numpy.random.Generator
-        Same generator state, same record. Motion, sensor noise, encoder noise and losses have streams of their own.
-    accel_rate, position_rate : float
-        Hz.
-    accel_phase, position_phase : float
-        Time of the first sample of either clock, s.
-    position_noise : float, optional
-        Standard deviation of white noise on the readings of the reference, before those of a position are rounded to
-        the resolution, in its unit; by default `READING_NOISE`.
-    reference : str
-        What tells the motion in place of an encoder: "velocity", or "reference_acceleration". Its filters are those of
-        the position.
-    missing : float
-        Probability that a sample is absent, on either channel.
-    vibration : Vibration, optional
-        None = the rails are smooth.
-    lsb, full_scale : float, optional
-        Step and limit of the converter in output units, m/s².
+    motion : a motion, or the name of a profile of `accelcal.simulation.motion.planned`, which takes `a_rms` (m/s²) and
+        `v_max` (m/s).
+    seconds : length of the record, s.
+    rig : noise density, filters, mount, gravity and encoder resolution; no filter or resolution means there is none.
+    parameters : any of `PARAMETERS`; the others are zero.
+    rng : same state, same record. Motion, sensor noise, encoder noise and losses have streams of their own.
+    accel_rate, position_rate : Hz.
+    accel_phase, position_phase : time of the first sample of either clock, s.
+    position_noise : standard deviation of white noise on the readings of the reference, before those of a position are
+        rounded to the resolution, in its unit; by default `READING_NOISE`.
+    reference : "velocity" or "reference_acceleration" in place of an encoder, behind the filters of the position.
+    missing : probability that a sample is absent, on either channel.
+    vibration : by default the rails are smooth.
+    lsb, full_scale : step and limit of the converter in output units, m/s².
 
     Raises
     ------
     ValueError
-        Unknown parameter or one that is not finite, a channel that overflows,
-        undeclared noise density, probability outside [0, 1), more than
-        `MOST_SAMPLES` samples, or what
-        `accelcal.simulation.motion.motion` says.
+        Unknown parameter or one that is not finite, a channel that overflows, undeclared noise density, probability
+        outside [0, 1), more than `MOST_SAMPLES` samples, or what `planned` says.
 
     Examples
     --------
@@ -255,46 +234,24 @@ def simulate(
     >>> len(run.recording.accel), len(run.recording.position)
     (3334, 1667)
     """
-    theta, density = _complete(parameters), rig.sensor.noise
-    if density is None:
-        raise AccelcalError(
-            "rig.sensor.noise is not declared: a simulated sensor needs its noise density (0 for none)."
-        )
+    theta, density = _complete(parameters), _declared_density(rig)
     if not 0.0 <= missing < 1.0:
         raise AccelcalError(f"missing is the probability that a sample is absent: {missing} is outside [0, 1).")
-    _require_clock("accel", seconds, accel_rate, accel_phase)
-    _require_clock("position", seconds, position_rate, position_phase)
+    t_accel = _clock("accel", seconds, accel_rate, accel_phase)
+    t_position = _clock("position", seconds, position_rate, position_phase)
     motion_rng, sensor_rng, encoder_rng, missing_rng = rng.spawn(4)
     if isinstance(motion, str):
         motion = planned(motion, seconds, motion_rng, a_rms=a_rms, v_max=v_max)
     elif a_rms is not None or v_max is not None:
         raise AccelcalError("a_rms and v_max size a profile given by name; scale a Motion with its `scaled`.")
-
-    t_accel = _clock(seconds, accel_rate, accel_phase)
     # streams of a band are drawn only for one: other records keep theirs
     tones = None if vibration is None else vibration.drawn(rng.spawn(1)[0] if vibration.width else rng)
-    sensed = _sensed(motion, rig, theta, vibration, tones)
-    if rig.output_filters:
-        chain = (*_as_filters(rig.lowpass), *rig.output_filters)
-        output = filtered_samples(sensed, t_accel, accel_rate, chain, density, sensor_rng)
-    else:
-        lowpass, dt = rig.lowpass, 1.0 / accel_rate
-        output = sensed(t_accel) if lowpass is None else _low_passed(sensed, t_accel, dt, lowpass.tau)
-        output += _sensor_noise(len(t_accel), dt, density, lowpass, sensor_rng)
-    output = _converted(output, lsb, full_scale)
-
-    t_position = _clock(seconds, position_rate, position_phase)
-    true, noise = _read(motion, reference), READING_NOISE[reference] if position_noise is None else position_noise
+    output = _output(_sensed(motion, rig, theta, vibration, tones), t_accel, accel_rate, rig, density, sensor_rng)
     if reference != "position":
         rig = replace(rig, resolution=None)  # that of an encoder
-    reading = true(t_position)
-    if rig.position_filters:
-        reading = filtered_samples(true, t_position, position_rate, rig.position_filters)
-    reading = reading + noise * encoder_rng.standard_normal(len(t_position))
-    if rig.resolution is not None:
-        reading = _rounded(reading, rig.resolution)
-
-    accel = _channel("accel", t_accel, output, "m/s²", missing, missing_rng)
+    noise = READING_NOISE[reference] if position_noise is None else position_noise
+    reading = _readings(_read(motion, reference), t_position, position_rate, rig, noise, encoder_rng)
+    accel = _channel("accel", t_accel, _converted(output, lsb, full_scale), "m/s²", missing, missing_rng)
     read = _channel(reference, t_position, reading, UNITS[reference], missing, missing_rng)
     recording = Recording(
         accel=accel,
@@ -304,6 +261,40 @@ def simulate(
         reference=None if reference == "position" else read,
     )
     return Simulated(recording, Truth(motion, theta, density, noise))
+
+
+def _declared_density(rig: Rig) -> float:
+    """Noise density of the sensor, (m/s²)/sqrt(Hz)."""
+    if rig.sensor.noise is None:
+        raise AccelcalError(
+            "rig.sensor.noise is not declared: a simulated sensor needs its noise density (0 for none)."
+        )
+    return rig.sensor.noise
+
+
+def _output(
+    sensed: Callable[[Array], Array], t: Array, rate: float, rig: Rig, density: float, rng: np.random.Generator
+) -> Array:
+    """Output before the converter, (n,) m/s²: RC[ f(s(t)) + noise ].
+
+    One RC low-pass is solved exactly: Gauss-Legendre over each sample interval for the smooth part, the
+    Ornstein-Uhlenbeck law for the noise. Other declared filters act as `filtered_samples` says.
+    """
+    if rig.output_filters:
+        chain = (*_as_filters(rig.lowpass), *rig.output_filters)
+        return filtered_samples(sensed, t, rate, chain, density, rng)
+    lowpass, dt = rig.lowpass, 1.0 / rate
+    output = sensed(t) if lowpass is None else _low_passed(sensed, t, dt, lowpass.tau)
+    return output + _sensor_noise(len(t), dt, density, lowpass, rng)
+
+
+def _readings(
+    true: Callable[[Array], Array], t: Array, rate: float, rig: Rig, noise: float, rng: np.random.Generator
+) -> Array:
+    """Readings of a reference behind the filters of the position, with noise, rounded to the resolution, (n,)."""
+    reading = filtered_samples(true, t, rate, rig.position_filters) if rig.position_filters else true(t)
+    reading = reading + noise * rng.standard_normal(len(t))
+    return reading if rig.resolution is None else _rounded(reading, rig.resolution)
 
 
 def _read(motion: Motion, reference: Reference) -> Callable[[Array], Array]:
@@ -325,8 +316,14 @@ def _complete(parameters: Mapping[str, float]) -> dict[str, float]:
     return {name: float(parameters.get(name, 0.0)) for name in PARAMETERS}
 
 
-def _require_clock(name: str, seconds: float, rate: float, phase: float) -> None:
-    """Refuse a clock that is none, or that would give more samples than are simulated."""
+def _clock(name: str, seconds: float, rate: float, phase: float) -> Array:
+    """Sample instants phase, phase + 1/rate, ... before phase + seconds; (n,) s.
+
+    Raises
+    ------
+    ValueError
+        For a clock that is none, and for more samples than are simulated.
+    """
     if not (0.0 < seconds < math.inf and 0.0 < rate < math.inf and math.isfinite(phase)):
         raise AccelcalError(
             f"{name}: {seconds:g} s at {rate:g} Hz from {phase:g} s; expected a finite length and rate above 0."
@@ -336,10 +333,6 @@ def _require_clock(name: str, seconds: float, rate: float, phase: float) -> None
             f"{name}: {seconds:g} s at {rate:g} Hz are {seconds * rate:.3g} samples; at most {MOST_SAMPLES} are "
             "simulated. Take a shorter length or a lower rate."
         )
-
-
-def _clock(seconds: float, rate: float, phase: float) -> Array:
-    """Sample instants phase, phase + 1/rate, ... before phase + seconds; (n,) s."""
     return phase + np.arange(max(1, math.floor(seconds * rate + 1e-9))) / rate
 
 
@@ -350,7 +343,12 @@ def _sensed(
     vibration: Vibration | None,
     tones: tuple[Array, Array] | None,
 ) -> Callable[[Array], Array]:
-    """Noise-free output in front of the filters of the channel, at instants (n,) s."""
+    """Noise-free output in front of the filters of the channel, at instants (n,) s: f(s(t)).
+
+    s(t) = polarity (a(t - time_offset) + gravity) + vibration(t),
+    f(s) = K0 + (1 + k + Kin g_n) s + K2 s² + K3 s³ + misalignment g_n, where g_n is gravity across the input axis; it
+    changes sign when the sensor is rolled by 180 degrees.
+    """
     top_speed = motion.top_speed if vibration is not None else 0.0
 
     def shaking(t: Array) -> Array:

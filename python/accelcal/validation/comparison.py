@@ -14,7 +14,7 @@ from accelcal._support.errors import AccelcalError
 from accelcal._support.result import NotStored, Result
 from accelcal._support.values import face, immutable
 from accelcal.data import Array, Recording, Rig, instant, quality
-from accelcal.estimation.noise import NoiseScore
+from accelcal.estimation.noise import REMARKED_BEYOND, NoiseScore
 from accelcal.estimation.values import Noise
 
 if TYPE_CHECKING:
@@ -33,8 +33,6 @@ LEAST_ORDINATES, MOST_ORDINATES = 30, 100
 """Frequencies that determine a density: not fewer, and the slowest ones alone, since they make the drift."""
 LEAST_CODES = 8
 """Fewer different values of the output at rest than this are the rounding of a converter, not noise."""
-DIFFER = 1.5
-"""Density at rest and declared density that differ by more than this factor are both told."""
 Source = Literal["rest", "declared", "fit"]
 SOURCES: Mapping[Source, str] = {
     "rest": "noise density at rest",
@@ -57,7 +55,7 @@ class SensorNoise:
     """Its standard deviation; 0 where it is declared."""
     source: Source
     declared: float | None = None
-    """The declared density where it differs from the one taken by more than a factor `DIFFER`, (m/s²)/sqrt(Hz)."""
+    """The declared density, (m/s²)/sqrt(Hz), where it differs from the one taken by more than `REMARKED_BEYOND`."""
 
     @property
     def is_limit(self) -> bool:
@@ -69,8 +67,8 @@ class SensorNoise:
         """Density of the output at rest, else the declared one, else the fitted one.
 
         What a fit takes for noise is never below the noise of the sensor. So a rest that is noisier than the fit by
-        more than a factor `DIFFER` is none (the stage creeps or its servo works), and such a declared density is that
-        of another sensor.
+        more than a factor `REMARKED_BEYOND` is none (the stage creeps or its servo works), and such a declared density
+        is that of another sensor.
 
         Parameters
         ----------
@@ -81,16 +79,16 @@ class SensorNoise:
         limit = abs(scale) * math.sqrt(2.0 * fitted.usual.q)
         declared = recording.rig.sensor.noise or None
         density = density_at_rest(recording, end)
-        if density is not None and density[0] <= DIFFER * limit:
+        if density is not None and density[0] <= REMARKED_BEYOND * limit:
             return cls(*density, "rest", _beside(declared, density[0]))
-        if declared is not None and declared <= DIFFER * limit:
+        if declared is not None and declared <= REMARKED_BEYOND * limit:
             return cls(declared, 0.0, "declared")
         return cls(limit, 0.0, "fit", _beside(declared, limit))
 
 
 def _beside(declared: float | None, density: float) -> float | None:
     """The declared density where it differs from the one that is taken."""
-    return None if declared is None or 1.0 / DIFFER <= density / declared <= DIFFER else declared
+    return None if declared is None or 1.0 / REMARKED_BEYOND <= density / declared <= REMARKED_BEYOND else declared
 
 
 def density_at_rest(recording: Recording, until: float | None = None) -> tuple[float, float] | None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import scipy
@@ -11,8 +12,8 @@ import scipy
 from accelcal._support.errors import AccelcalError
 from accelcal.data import GRAVITY, POSITION_ORDER, Array
 from accelcal.estimation.drive import DriveIntegrals, drive
+from accelcal.estimation.engines import ENGINES, sums_of
 from accelcal.estimation.estimate import Fit, require_band, settled_state
-from accelcal.estimation.rows import sums_of
 from accelcal.estimation.run import PreparedRun, Source, recording_of
 from accelcal.estimation.smoothing import output_at, side_channels_at
 from accelcal.estimation.values import Noise
@@ -20,7 +21,7 @@ from accelcal.signals.processing import ORDER, derivative, low_pass
 from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import BINS, HORIZONS, Bins, Coast, Evaluation, ReferenceNoise, Spectrum
 from accelcal.validation.noise_floor import Ruler
-from accelcal.validation.prediction import Prediction, accumulated, left_out, rms
+from accelcal.validation.prediction import Coasting, Prediction, accumulated, left_out, rms
 from accelcal.validation.regions import beyond, bin_residual, outside, worst_regions, worst_sentence
 
 
@@ -88,8 +89,8 @@ def one_step_spectrum(comparison: Evaluation) -> Spectrum | None:
 
 FEWEST_LINES = 4
 """Frequencies without which a spectrum shows nothing."""
-SEGMENTS = 24
-"""Half-overlapping segments of a spectrum that is looked at."""
+AVERAGED_SEGMENTS = 24
+"""Half-overlapping segments of an averaged spectrum."""
 OVERLAP_LOSS = 1.0 + 2.0 / 36.0
 """Half-overlapping Hann segments are worth this many times fewer independent ones (Welch 1967)."""
 
@@ -98,7 +99,7 @@ def welch(y: Array, rate: float) -> tuple[Array, Array, float, float] | None:
     """Frequencies, one-sided density, and the 95 % region of its ratio to the true one; None below 64 samples."""
     if len(y) < 64:
         return None
-    segment = int(min(len(y), max(64, 2 * len(y) // (SEGMENTS + 1))))
+    segment = int(min(len(y), max(64, 2 * len(y) // (AVERAGED_SEGMENTS + 1))))
     f, density = scipy.signal.welch(y, fs=rate, nperseg=segment)
     worth = max(1.0, (2.0 * len(y) / segment - 1.0) / OVERLAP_LOSS)
     low, high = (float(scipy.special.gammaincinv(worth, p)) / worth for p in (0.025, 0.975))
@@ -161,15 +162,7 @@ def compare(
     progress(0.3)
     coasting = {horizon: ahead.at_horizon(horizon) for horizon in horizons}
     progress(0.5)
-    require_band(run, band)
-    seen_band = band if band is not None else min(ahead.crossover, 0.2 / run.reading_step)
-    t_res, residual, motion = accel_residual(ahead, seen_band)
-    bins: tuple[Bins, ...] = ()
-    if len(residual) * run.reading_step * seen_band >= LEAST_PERIODS:
-        binned = bin_residual(ahead, t_res, residual, motion, seen_band)
-        bins = (*binned, spectrum(ahead, residual, seen_band))
-    accel_rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else math.nan
-    regions = worst_regions(bins, accel_rms)
+    accelerations, t_res, motion = accel_side(ahead, fit, band)
     delta, delta_std = (float(y[0]) for y in ahead.constants(np.array([len(run.t) - 1])))
     gain = abs(fit.values().scale)
     progress(0.8)
@@ -182,30 +175,54 @@ def compare(
         one_step_rms=float(np.sqrt(np.mean(e[counts] ** 2))),
         nis=None if fit.runs[0].noise.band is not None else float(np.mean(squares)),
         k_step_rms={k: ahead.k_step(k) for k in STEPS},
-        coast_rms={h: rms(c.rezeroed) for h, c in coasting.items()},
-        coast_frozen_rms={h: rms(c.frozen) for h, c in coasting.items()},
-        coast_floor={h: rms(c.floor) for h, c in coasting.items()},
-        coast_starts={h: len(c.starts) for h, c in coasting.items()},
-        accel_rms=accel_rms,
-        band=seen_band,
+        **coasted(coasting),
+        **accelerations,
         simulated=simulated[:3],
         simulated_std=simulated[3],
         simulated_rms=float(np.sqrt(np.mean((simulated[1] - simulated[2]) ** 2))),
         residual=(run.t[asked], e[asked]),
         residual_std=np.sqrt(S[asked]),
-        accel_residual=(t_res, residual),
-        measured=output_at(run, ahead.values.stamps(t_res, run.origins.t), seen_band, run.tau(ahead.values)),
-        bins=bins,
-        worst=worst_sentence(regions, sum(len(b.mean) for b in bins)),
-        worst_regions=regions,
         setup_bias=(-delta * gain * run.rig.polarity, delta_std * gain),
-        remarks=beyond(fit, motion),
         outside=outside(fit, ahead, t_res, motion, coasting),
         not_carried=left_out(fit, recording_of(source)),
         drifts={h: (run.t[c.starts], c.rezeroed) for h, c in coasting.items()},
         reference_noise=ahead.reference_noise,
         innovations=innovations,
     )
+
+
+def coasted(coasting: Mapping[float, Coasting]) -> dict[str, Any]:
+    """Fields of an evaluation from the errors of coasting, by horizon, s."""
+    return {
+        "coast_rms": {h: rms(c.rezeroed) for h, c in coasting.items()},
+        "coast_frozen_rms": {h: rms(c.frozen) for h, c in coasting.items()},
+        "coast_floor": {h: rms(c.floor) for h, c in coasting.items()},
+        "coast_starts": {h: len(c.starts) for h, c in coasting.items()},
+    }
+
+
+def accel_side(ahead: Prediction, fit: Fit, band: float | None) -> tuple[dict[str, Any], Array, Signals]:
+    """Fields of an evaluation from the accelerations, in a band, Hz, with their times, s, and the motion at them."""
+    run = ahead.run
+    require_band(run, band)
+    band = band if band is not None else min(ahead.crossover, 0.2 / run.reading_step)
+    t, residual, motion = accel_residual(ahead, band)
+    bins: tuple[Bins, ...] = ()
+    if len(residual) * run.reading_step * band >= LEAST_PERIODS:
+        bins = (*bin_residual(ahead, t, residual, motion, band), spectrum(ahead, residual, band))
+    size = float(np.sqrt(np.mean(residual**2))) if len(residual) else math.nan
+    regions = worst_regions(bins, size)
+    fields = {
+        "accel_rms": size,
+        "band": band,
+        "accel_residual": (t, residual),
+        "measured": output_at(run, ahead.values.stamps(t, run.origins.t), band, run.tau(ahead.values)),
+        "bins": bins,
+        "worst": worst_sentence(regions, sum(len(b.mean) for b in bins)),
+        "worst_regions": regions,
+        "remarks": beyond(fit, motion),
+    }
+    return fields, t, motion
 
 
 def nodes_apart(ruler: Ruler, source: Source, start: float | None, end: float | None) -> float:
@@ -313,7 +330,7 @@ def output_share(ahead: Prediction, residual: Array, step: float) -> Array:
 
 def of_weak_form(ahead: Prediction) -> tuple[Array, Array]:
     """Times, s, and innovations of the weak form over their standard deviations, at the model as it is."""
-    state = settled_state(ahead.run.by("weak"), ahead.values, ahead.noise)
+    state = settled_state(ENGINES["weak"].prepare(ahead.run), ahead.values, ahead.noise)
     sums = sums_of(state)
     asked = sums.times >= ahead.since
     return sums.times[asked], sums.whitened[asked]

@@ -19,7 +19,7 @@ from accelcal.estimation.run import PreparedRun, Source, prepare, prepared, reco
 from accelcal.estimation.smoothing import corner_of, output_at, output_signals, uniform_times
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.processing import integral
-from accelcal.signals.signals import Signals
+from accelcal.signals.signals import RESAMPLED, Signals
 from accelcal.validation.comparison import ReferenceNoise
 from accelcal.validation.dead_reckoning import MEMORY, DeadReckoning, Starts
 
@@ -71,8 +71,6 @@ def at_rest(effect: Effect, shape: Mapping[str, float]) -> dict[str, float]:
     return {**shape, **states}
 
 
-TOGETHER = 1 << 16
-"""Starts that are predicted from at a time."""
 MOST_STARTS = 200
 """Start points of coasting, spread over the record."""
 MOST_NODES, FEWEST_STARTS = 1 << 18, 10
@@ -348,8 +346,8 @@ class Prediction:
         if len(at) == 0:
             return None
         squares = 0.0
-        for begin in range(0, len(at), TOGETHER):
-            starts = at[begin : begin + TOGETHER]
+        for begin in range(0, len(at), RESAMPLED):
+            starts = at[begin : begin + RESAMPLED]
             ends = starts + k
             error = self.run.readings[ends] - self._predict(starts, ends[:, None], rezero=False)[0][:, 0]
             squares += float(error @ error)

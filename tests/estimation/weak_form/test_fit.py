@@ -11,6 +11,7 @@ import accelcal as ac
 from accelcal.data.recording import RecordingError
 from accelcal.data.rig import ChannelFilter
 from accelcal.diagnosis.independent_estimate import differences
+from accelcal.estimation.engines import ENGINES
 from accelcal.estimation.estimate import solve_runs
 from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
@@ -47,7 +48,7 @@ def test_the_loop_by_the_weak_form(tmp_path) -> None:
 
 
 def test_a_fit_by_the_weak_form_is_checked_by_the_replay() -> None:
-    solution = solve_runs(ac.Model.linear().add("cubic"), [recording(2)], engine="weak")
+    solution = solve_runs(ac.Model.linear().add("cubic"), [recording(2)], engine=ENGINES["weak"])
     found = differences(solution)
     values = dict(zip([term.name for term, _ in solution.layout.slots], solution.x, strict=True))
     assert {"scale_factor", "time_offset"} <= {one.name for one in found} <= set(values)
@@ -67,7 +68,7 @@ def test_a_clock_from_1970_changes_nothing() -> None:
 
 def test_repeated_counts_of_a_coarse_encoder_count_a_few_times() -> None:
     rig = replace(CXL02_RIG, resolution=2e-5)
-    state = solve_runs(ac.Model.linear(), [recording(4, "moves", rig)], engine="weak").states[0]
+    state = solve_runs(ac.Model.linear(), [recording(4, "moves", rig)], engine=ENGINES["weak"]).states[0]
     assert state.run.rounding > 0.0
     assert state.run.read is None
     fits = [ac.fit(recording(4, "moves", rig), method=method) for method in ("replay", "weak")]

@@ -13,9 +13,9 @@ import scipy
 import accelcal as ac
 from accelcal.data.rig import ChannelFilter
 from accelcal.effects.registry import find
+from accelcal.estimation.engines import ENGINES, sums_of, with_noise
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.gauss_newton import Solution
-from accelcal.estimation.rows import sums_of, with_noise
 from accelcal.estimation.weak_form import rows as weak
 from accelcal.estimation.weak_form.covariance import NoWeakForm, factor, solved
 from accelcal.estimation.weak_form.rows import WeakRows, refined
@@ -153,7 +153,7 @@ def test_even_clocks_have_the_same_covariance_all_along(monkeypatch: pytest.Monk
 
 def test_a_run_and_the_rows_that_it_holds_are_freed_together() -> None:
     """Without waiting for a collection of cycles, which for an hour of record comes too late."""
-    state = solve_runs(MODEL, [recording("moves", 0)], engine="weak").states[0]
+    state = solve_runs(MODEL, [recording("moves", 0)], engine=ENGINES["weak"]).states[0]
     held = weakref.ref(sums_of(state))
     assert isinstance(held(), WeakRows)
     del state

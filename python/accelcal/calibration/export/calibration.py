@@ -27,11 +27,9 @@ from accelcal.calibration.export.approximate import (
     invert,
 )
 from accelcal.data import Array
+from accelcal.data.arrays import VANISHING
 from accelcal.estimation.estimate import Fit, tied_sum
 from accelcal.model import Estimate
-
-NEGATIVE = 1e-9
-"""Share of the largest variance by which rounding may make an eigenvalue of a covariance negative."""
 
 
 class NotExportable(AccelcalError):
@@ -71,7 +69,7 @@ def require_covariance(P: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> 
         return
     size = np.sqrt(np.maximum(np.diag(P), 0.0))
     C = P / np.outer(size, size).clip(min=1e-300)
-    if np.any(np.diag(P) < 0.0) or float(np.linalg.eigvalsh(0.5 * (C + C.T))[0]) < -NEGATIVE * len(P):
+    if np.any(np.diag(P) < 0.0) or float(np.linalg.eigvalsh(0.5 * (C + C.T))[0]) < -VANISHING * len(P):
         raise NotExportable(
             "the covariance of the parameters is not positive semi-definite, so no uncertainty follows from it and "
             "nothing is exported; fit the model again: accelcal fit RUN.csv -o MODEL.json"

@@ -30,14 +30,12 @@ from accelcal.effects import find
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.values import Noise
 from accelcal.model import Model
-from accelcal.simulation.motion import Motion, Move, Part, Tones, Windowed
+from accelcal.simulation.motion import STEP_TOP_SPEED, Motion, Move, Part, Tones, Windowed
 
 MARGIN = 0.999
 """Share of every limit that is used: a margin for peaks between two samples of the search for them."""
 PEAK_SAMPLES = 100.0
 """Samples per period of the highest tone in the search for peaks; they miss at most (pi/100)²/2 = 5e-4 of one."""
-STEP_SPEED = 35.0 / 16.0
-"""Top speed of a move over distance/duration."""
 STEP_ACCELERATION = 84.0 * math.sqrt(5.0) / 25.0
 """Top acceleration of a move over distance/duration²."""
 FADE = 0.3
@@ -106,7 +104,8 @@ class Limits:
     def duration(self, distance: float) -> float:
         """Least duration of a move, s."""
         return max(
-            STEP_SPEED * abs(distance) / self.speed, math.sqrt(STEP_ACCELERATION * abs(distance) / self.acceleration)
+            STEP_TOP_SPEED * abs(distance) / self.speed,
+            math.sqrt(STEP_ACCELERATION * abs(distance) / self.acceleration),
         )
 
 

@@ -29,8 +29,6 @@ from accelcal.effects import Effect
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model
 
-DRAWS = 4000
-"""Draws from which a probability is estimated; its standard error is at most 0.8 percentage points."""
 SHAPES_BETWEEN = 6
 """Shapes between two neighbouring trial shapes; the search finds the best one there by likelihood."""
 INTENSITIES = np.linspace(-2.0, 9.0, 45)
@@ -69,7 +67,7 @@ class DetectionModel:
         theta = coefficients(truth, sizes)[0]
         return math.sqrt(float(theta @ A @ theta))
 
-    def detection(self, truth: Hypothesis, sizes: Array, draws: int = DRAWS) -> float:
+    def detection(self, truth: Hypothesis, sizes: Array, draws: int = 4000) -> float:
         """Probability that any effect enters when one is present.
 
         Parameters

@@ -31,8 +31,6 @@ NEIGHBOURS = 3
 """Frequencies on either side that share the growth which weights are taken from."""
 IN_BAND = 2.0
 """Standard deviations by which a frequency belongs to the band of a coloured noise, next to its strongest."""
-FLAT_BINS = 10
-"""Bins of a variable over which normalised noise must be flat."""
 LEAST_SHOWN = 5.0
 """Smallest coefficient that a record surely shows, in standard deviations."""
 PARTS = 32
@@ -282,7 +280,7 @@ def score_of_growth(blocks: BlockPowers, effect: NoiseEffect) -> NoiseScore | No
     return NoiseScore(effect.name, "accel", total, std, blocks.power.size, with_it, without)
 
 
-def flatness(power: Array, variable: Array, edges: int = FLAT_BINS) -> float:
+def flatness(power: Array, variable: Array, edges: int = 10) -> float:
     """Probability that normalised powers (n,) of mean 1 differ as much between bins of a variable (n,), by chance.
 
     Chi-square over bins of equal numbers; the spread is that of the powers themselves.

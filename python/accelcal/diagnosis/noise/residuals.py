@@ -12,6 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal.data import POSITION_ORDER, Array, Flags
+from accelcal.data.orientation import HOLE
 from accelcal.diagnosis.policy import (
     FAST_SCATTER_RATIO,
     NOISE_TEST_ALPHA,
@@ -19,12 +20,12 @@ from accelcal.diagnosis.policy import (
     OUTLIER_SIGMA,
     STEADY_SCATTER_RATIO,
 )
-from accelcal.estimation.channel_filters import HOLE, LEAST_GAIN
-from accelcal.estimation.rows import sums_of
+from accelcal.estimation.channel_filters import LEAST_GAIN
+from accelcal.estimation.engines import sums_of
 from accelcal.estimation.run_state import RunState
 from accelcal.signals.processing import Spectrum, low_pass, noise_bandwidth, quintic
 from accelcal.signals.series import LOCAL, bridged, grid_step, local_spread, widened
-from accelcal.signals.signals import Signals
+from accelcal.signals.signals import RESAMPLED, Signals
 from accelcal.signals.unresolved import output_of
 
 LONG_BLOCKS: Array = scipy.signal.windows.blackmanharris(128, sym=False)
@@ -33,8 +34,6 @@ SHORT_BLOCKS: Array = scipy.signal.windows.hann(32, sym=False)
 """Window of blocks that resolve the peaks of a move's speed; for series without strong lines below them."""
 MIDDLE_BLOCKS: Array = scipy.signal.windows.hann(64, sym=False)
 """Window of blocks between the two, which tells a band from one three bins below it."""
-BATCH_OF_BLOCKS = 4096
-"""Blocks transformed at a time."""
 MOST_LAGS = 200
 """Blocks over which the scatter may be correlated."""
 
@@ -69,8 +68,8 @@ class BlockSpectra:
         weight = window / math.sqrt(float(window @ window))
         power = np.empty((int(np.sum(complete)), len(f[rows])))
         filled = 0
-        for begin in range(0, len(blocks), BATCH_OF_BLOCKS):
-            part = blocks[begin : begin + BATCH_OF_BLOCKS][complete[begin : begin + BATCH_OF_BLOCKS]]
+        for begin in range(0, len(blocks), BATCH):
+            part = blocks[begin : begin + BATCH][complete[begin : begin + BATCH]]
             transform = scipy.fft.rfft(part * weight, axis=1)[:, rows]
             power[filled : filled + len(part)] = transform.real**2 + transform.imag**2
             filled += len(part)
@@ -148,8 +147,6 @@ def power_fit(power: Array, X: Array) -> tuple[Array, Array]:
 LONG_SPANS = ((16384, 3200.0, 2), (1024, 200.0, 8), (256, 100.0, 8))
 """Longer spans over which a scale may be taken where the scatter is steady, the degrees of freedom it then has, and how
 many such spans show that it is steady."""
-CHUNK = 1 << 16
-"""Samples at which the scale is interpolated between spans at a time."""
 LOG_MEDIAN_VARIANCE = 0.0213
 """Variance of the logarithm of the median of 64 absolute normal deviates."""
 WIDTHS = (2.5, 5.0, 10.0, 30.0, 100.0, 1000.0)
@@ -208,9 +205,9 @@ def steady_spread(y: Array) -> tuple[Array, float] | None:
             spreads = np.where(spreads > 0.0, spreads, usual / 0.6745)
             centres = (np.arange(len(spreads)) + 0.5) * span
             spread = np.empty(len(y))
-            for begin in range(0, len(y), CHUNK):
-                rows = np.arange(begin, min(begin + CHUNK, len(y)), dtype=np.float64)
-                spread[begin : begin + CHUNK] = np.interp(rows, centres, spreads)
+            for begin in range(0, len(y), RESAMPLED):
+                rows = np.arange(begin, min(begin + RESAMPLED, len(y)), dtype=np.float64)
+                spread[begin : begin + RESAMPLED] = np.interp(rows, centres, spreads)
             return spread, dof
     return None
 
@@ -303,7 +300,7 @@ REACH = 16
 LEAST_INFORMATION = 0.5
 """Share of the information on a sample that lost neighbours may take away."""
 BATCH = 4096
-"""Samples whose lost neighbours are solved for at a time."""
+"""Blocks that are transformed, and samples whose lost neighbours are solved for, at a time."""
 REGULAR = 1e-9
 """Added to the diagonal, in responses at distance 0: several lost samples in a row may form what the filter stops."""
 MOST_ITERATIONS = 12

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.data import Array
+from accelcal.data.arrays import VANISHING
 from accelcal.diagnosis.policy import (
     BEAM_WIDTH,
     BLOCK_SECONDS,
@@ -28,9 +29,6 @@ from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scores import CandidateScores, log_survival, scale_of
 from accelcal.diagnosis.search.thresholds import entry_gains
 from accelcal.estimation.run_state import RunState
-
-CONTAINED_SHARE = 1e-9
-"""Share of a hypothesis's power below which the effects that entered before it contain it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,7 +228,7 @@ class BlockScatter:
         column = e.columns[i]
         direction = direction_of(e, i, given)
         power = float(direction @ e.G @ direction)
-        if power <= CONTAINED_SHARE * float(estimate @ e.G[column, column] @ estimate):
+        if power <= VANISHING * float(estimate @ e.G[column, column] @ estimate):
             return 1.0
         scores = direction @ self.scores
         return float(shrunk_inflation(float(scores @ scores) / power, direction**2 @ self.powers))

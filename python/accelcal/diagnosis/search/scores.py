@@ -16,8 +16,8 @@ from accelcal.diagnosis.search.hypotheses import Hypothesis, nuisances
 from accelcal.diagnosis.search.slow_noise import SlowNoise, slow_noise
 from accelcal.effects import Effect
 from accelcal.estimation.columns import ColumnFilter
+from accelcal.estimation.engines import rows_of_dwells, spectrum_of, sums_of
 from accelcal.estimation.noise import MeasuredSpectrum, whitener
-from accelcal.estimation.rows import rows_of_dwells, spectrum_of, sums_of
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.weak_form.rows import WeakRows
 from accelcal.model import Model, Term, evaluate

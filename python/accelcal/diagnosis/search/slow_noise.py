@@ -10,9 +10,8 @@ import scipy
 
 from accelcal.data import Array
 from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE, SLOW_NOISE_SIGMA
+from accelcal.estimation.noise import BANDS_PER_OCTAVE
 
-BANDS_PER_OCTAVE = 3
-"""Bands in which the power of a residual is summed."""
 POWERS = (0, 1, 2)
 """Noise of either channel that is white, 1/f and 1/f²; sums of them come close to any power law between."""
 LEAST_DOF = 0.5

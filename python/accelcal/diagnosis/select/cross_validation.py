@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data import Array, Flags
+from accelcal.data.arrays import VANISHING
 from accelcal.diagnosis.policy import (
     VALIDATION_BLOCKS,
     VALIDATION_HORIZON,
@@ -35,8 +36,6 @@ from accelcal.model import Term
 from accelcal.signals.processing import integral
 from accelcal.validation.prediction import accumulated
 
-SINGULAR = 1e-9
-"""Eigenvalues of the scaled information below this share are directions that the remaining blocks do not determine."""
 CENTRES = 4
 """Drifts taken per horizon."""
 PIECES = 8
@@ -168,7 +167,7 @@ def profiled(grams: Array, prior_rows: Flags, belief: Array) -> Array:
     reduced = np.empty_like(grams)
     for number, gram in enumerate(grams):
         inside = gram[np.ix_(rows, rows)] + np.diag(belief[rows])
-        fitted = np.linalg.lstsq(inside, gram[rows], rcond=SINGULAR)[0]
+        fitted = np.linalg.lstsq(inside, gram[rows], rcond=VANISHING)[0]
         reduced[number] = gram - gram[:, rows] @ fitted
     return reduced
 
@@ -193,7 +192,7 @@ def left_out(
         size = np.sqrt(np.diag(information))
         size[size == 0.0] = 1.0
         values, vectors = np.linalg.eigh(information / np.outer(size, size))
-        certain = values > SINGULAR * values[-1]
+        certain = values > VANISHING * values[-1]
         inverse = np.divide(1.0, values, out=np.zeros_like(values), where=certain)
         x = np.append(-(vectors * inverse) @ (vectors.T @ (score / size)) / size, 1.0)
         for kind, grams in enumerate(scored):
@@ -209,7 +208,7 @@ def powers(whitened: Array, belief: Array, new: Flags, reference: Array) -> Arra
     contribution[entering] = reference[entering]
     information = total[np.ix_(others, others)] + np.diag(belief[others])
     cross = total[np.ix_(others, entering)] @ reference[entering]
-    contribution[others] = -np.linalg.lstsq(information, cross, rcond=SINGULAR)[0]
+    contribution[others] = -np.linalg.lstsq(information, cross, rcond=VANISHING)[0]
     return np.asarray(np.maximum(np.einsum("i,bij,j->b", contribution, whitened, contribution), 0.0))
 
 

@@ -9,14 +9,14 @@ import scipy
 from scipy.sparse import csr_array as Sparse
 
 from accelcal._support.errors import AccelcalError
-from accelcal.data import Array
+from accelcal.data import Array, RecordingError
 from accelcal.estimation.weak_form.channel import DEGREE
 
 SAME = 1e-9
 """Difference of variances, over the variance, that is rounding and the tails of the test functions."""
 
 
-class NoWeakForm(AccelcalError):
+class NoWeakForm(RecordingError):
     """A run has no weak form; the text says why."""
 
 

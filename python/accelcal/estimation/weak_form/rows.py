@@ -16,8 +16,8 @@ from scipy.sparse import csr_array as Sparse
 
 from accelcal.data import POSITION_ORDER, Array, Flags
 from accelcal.data.clocks import decimal_step
+from accelcal.data.orientation import HOLE
 from accelcal.effects import is_local
-from accelcal.estimation.channel_filters import HOLE
 from accelcal.estimation.columns import MOST_READINGS, MOST_SUMS, OVERSAMPLING, column_parts, multiples
 from accelcal.estimation.run import MOST_CROSSOVER
 from accelcal.estimation.run_state import RunState
