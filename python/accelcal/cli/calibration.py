@@ -25,6 +25,7 @@ from accelcal.cli.common import (
     print_json,
     print_status,
     progress,
+    require_folder,
     suggest,
     with_exit_codes,
     writable_file,
@@ -242,6 +243,7 @@ def workbench(
 
     Example: [bold]accelcal app run12.csv[/bold]
     """
+    require_folder("app")
     from accelcal.app import serve
 
     if run is not None and not run.is_file():

@@ -18,6 +18,7 @@ from accelcal.cli.common import (
     app,
     parse_quantity,
     print_status,
+    require_folder,
     with_exit_codes,
     writable_file,
 )
@@ -56,6 +57,7 @@ def live(
 
     Example: [bold]accelcal live --serial /dev/ttyUSB0 --baud 921600 --rig rig.toml -o run.parquet[/bold]
     """
+    require_folder("live")
     from accelcal.io import read_sidecar
     from accelcal.live import LiveSession, settings_of
     from accelcal.results import model_file

@@ -332,6 +332,18 @@ class LiveHistory:
         kept = list(self._kept)
         return kept if self._last is None or (kept and kept[-1] is self._last) else [*kept, self._last]
 
+    @property
+    def columns(self) -> Columns:
+        """The moments as arrays."""
+        moments = self.moments
+        shape = (len(moments), len(self.parameters))
+        return Columns(
+            np.array([m.t for m in moments]),
+            np.array([m.values for m in moments], dtype=float).reshape(shape),
+            np.array([m.stds for m in moments], dtype=float).reshape(shape),
+            *(np.array([getattr(m, name) for m in moments]) for name in ("e", "std", "nis", "low", "high")),
+        )
+
     def _alarm(self, alarm: Alarm) -> None:
         if self.alarms and self.alarms[-1].since == alarm.since:
             self.alarms.pop()
@@ -350,17 +362,6 @@ class Columns:
     nis: Array
     low: Array
     high: Array
-
-    @classmethod
-    def of(cls, moments: list[Moment], parameters: int) -> Columns:
-        """From moments of so many parameters."""
-        shape = (len(moments), parameters)
-        return cls(
-            np.array([m.t for m in moments]),
-            np.array([m.values for m in moments], dtype=float).reshape(shape),
-            np.array([m.stds for m in moments], dtype=float).reshape(shape),
-            *(np.array([getattr(m, name) for m in moments]) for name in ("e", "std", "nis", "low", "high")),
-        )
 
 
 def _moment(t: float, state: LiveState) -> Moment:
