@@ -5,8 +5,8 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml) $(shell find crates -path '*/src/*.rs')
 export CARGO_INCREMENTAL ?= 0
-# Freed memory stays with the process: tests ask for the same arrays again and again.
-RUN_TESTS := OPENBLAS_NUM_THREADS=1 MALLOC_TRIM_THRESHOLD_=268435456 MALLOC_MMAP_THRESHOLD_=268435456 $(BIN)/python -m pytest -n auto --dist worksteal -q
+# Freed memory stays with a process, which asks for the same arrays again and again; compiled modules stay for the next.
+RUN_TESTS := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= MALLOC_TRIM_THRESHOLD_=268435456 MALLOC_MMAP_THRESHOLD_=268435456 $(BIN)/python -m pytest -n auto --dist worksteal -q
 BESIDE := slow or outside or statistics
 
 .PHONY: help demo docs paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response
