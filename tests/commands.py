@@ -21,6 +21,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -169,7 +170,8 @@ if __name__ == "__main__":
         importlib.import_module(name)
     for module in pkgutil.walk_packages(package.__path__, "accelcal."):
         if not module.name.startswith(("accelcal.app", "accelcal.live", "accelcal.__main__")):
-            importlib.import_module(module.name)
+            with suppress(ModuleNotFoundError):  # of a part that is not installed, which its command says
+                importlib.import_module(module.name)
     gc.collect()
     gc.freeze()
     serve(socket.socket(fileno=int(sys.argv[1])))
