@@ -5,7 +5,8 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml) $(shell find crates -path '*/src/*.rs')
 export CARGO_INCREMENTAL ?= 0
-RUN_TESTS := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal -q
+# Freed memory stays with a process, which asks for the same arrays again and again; compiled modules stay for the next.
+RUN_TESTS := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= MALLOC_TRIM_THRESHOLD_=268435456 MALLOC_MMAP_THRESHOLD_=268435456 $(BIN)/python -m pytest -n auto --dist worksteal -q
 BESIDE := slow or outside or statistics
 
 .PHONY: help demo docs pages paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response
@@ -28,7 +29,6 @@ paper: $(STAMP) ## Reproduce the paper: measured next to expected values, figure
 
 test: $(STAMP) ## Run the fast tests: Rust, then Python.
 	cargo test --workspace --exclude accelcal-py --quiet
-	cargo check -p ekf-core --no-default-features --quiet
 	$(RUN_TESTS) -m "not ($(BESIDE))" $(PYTEST)
 
 test-rest: $(STAMP) ## Run the tests that make test leaves out: slow ones, browsers, compilers, emulators, statistics.
@@ -65,6 +65,7 @@ embedded: $(STAMP) ## Run the filter on a Cortex-M in QEMU: bits, instructions, 
 check: $(STAMP) ## Format, lints, types, stubs.
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --quiet -- -D warnings
+	cargo check -p ekf-core --no-default-features --quiet
 	cargo fmt --manifest-path firmware/Cargo.toml --check
 	cargo fmt --manifest-path benches/peers/rust/Cargo.toml --check
 	cargo clippy --manifest-path firmware/Cargo.toml --target-dir target/firmware --lib --quiet -- -D warnings

@@ -1,8 +1,9 @@
 """Commands in tests: `accelcal("fit", "run.csv", cwd=folder)` does what `python -m accelcal fit run.csv` does.
 
 The process of a command is a fork of a parent that has imported what commands import, half of the time of a short one.
-It has its own folder, environment, files, signals and end of the interpreter. What the parent cannot give it, an
-environment that the interpreter reads when it starts, gets an interpreter of its own.
+It has its own folder, environment, files, signals and exit functions; the modules are not taken down, which takes as
+long as the work of a short command. What the parent cannot give it, an environment that the interpreter reads when it
+starts, gets an interpreter of its own.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -90,6 +92,8 @@ class Parent:
 
 
 PARENT = Parent()
+CODE: list[int] = []
+"""Exit code of a forked process that has come to its end without an error."""
 
 
 def python(
@@ -150,22 +154,37 @@ def serve(link: socket.socket) -> None:
         link.send(json.dumps([os.waitstatus_to_exitcode(status), usage.ru_utime + usage.ru_stime]).encode())
 
 
+def leave() -> None:
+    """End a process whose exit code is stored, all other exit functions have run: modules are not taken down."""
+    if CODE:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(CODE[0])
+
+
 if __name__ == "__main__":
+    atexit.register(leave)  # first, so it runs last
     package = importlib.import_module("accelcal")
     _ = importlib.import_module("accelcal.cli").app
     for name in USED:
         importlib.import_module(name)
     for module in pkgutil.walk_packages(package.__path__, "accelcal."):
         if not module.name.startswith(("accelcal.app", "accelcal.live", "accelcal.__main__")):
-            importlib.import_module(module.name)
+            with suppress(ModuleNotFoundError):  # of a part that is not installed, which its command says
+                importlib.import_module(module.name)
     gc.collect()
     gc.freeze()
     serve(socket.socket(fileno=int(sys.argv[1])))
     option, what = sys.argv[:2]
-    if option == "-m":
-        del sys.argv[:1]
-        runpy.run_module(what, run_name="__main__", alter_sys=True)
-    else:
-        del sys.argv[1]
-        sys.modules["__main__"] = ModuleType("__main__")
-        exec(compile(what, "<string>", "exec"), vars(sys.modules["__main__"]))
+    try:
+        if option == "-m":
+            del sys.argv[:1]
+            runpy.run_module(what, run_name="__main__", alter_sys=True)
+        else:
+            del sys.argv[1]
+            sys.modules["__main__"] = ModuleType("__main__")
+            exec(compile(what, "<string>", "exec"), vars(sys.modules["__main__"]))
+    except SystemExit as end:
+        CODE += [end.code or 0] if isinstance(end.code, int | None) else []
+        raise
+    CODE += [0]

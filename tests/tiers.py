@@ -1,9 +1,10 @@
 """Tiers of the tests: what a case costs in processor seconds, by measurement, and which cases `make test` runs.
 
-`make test` runs what is neither `slow`, nor `outside`, nor `statistics`. `make test-durations` runs every test with
-`ACCELCAL_DURATIONS` naming a folder, into which each worker writes a line per case: its time, and from Python 3.12 on
-the lines of the package that it reaches. `python -m tests.tiers FOLDER` makes `tests/durations.json` of them, with a
-guard for each slow test, and prints how many tests and lines `make test` reaches. A case that is not listed is fast.
+`make test` runs what is neither `slow` (a case above 1.5 s, or what takes its function there), nor `outside`, nor
+`statistics`. `make test-durations` runs every test with `ACCELCAL_DURATIONS` naming a folder, into which each worker
+writes a line per case: its time, and from Python 3.12 on the lines of the package that it reaches. `python -m
+tests.tiers FOLDER` makes `tests/durations.json` of them, with a guard for each slow test, and prints how many tests and
+lines `make test` reaches. A case that is not listed is fast.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import math
 import os
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from pathlib import Path
 from statistics import mean
 from types import CodeType
@@ -28,9 +29,9 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = f"{ROOT / 'python' / 'accelcal'}{os.sep}"
 JUDGED = ("estimation/", "diagnosis/", "data/", "io/", "validation/")
 """Folders of the package whose lines `make test` should reach nearly as well as `make test-all`."""
-SLOW = 2.0
-"""Processor seconds above which a case is slow."""
-LISTED = 1.0
+SLOW = 1.5
+"""Processor seconds above which a case is slow; of a test function above it, every second or third case stays."""
+LISTED = 0.3
 """Processor seconds above which a case is listed in `durations.json`."""
 OUTSIDE = {"browser", "device_tools", "host_tools"}
 """Fixtures that start a browser, an emulator or a compiler; where a test starts one itself it is marked by hand."""
@@ -52,6 +53,19 @@ def function(case: str) -> str:
     return case.partition("[")[0]
 
 
+def slow_cases(seconds: Mapping[str, float]) -> set[str]:
+    """Return the cases above `SLOW`, and of each test function what takes it there, evenly spread."""
+    slow = {case for case, spent in seconds.items() if spent > SLOW}
+    functions: dict[str, list[str]] = defaultdict(list)
+    for case, spent in sorted(seconds.items()):
+        if LISTED < spent <= SLOW:
+            functions[function(case)].append(case)
+    for cases in functions.values():
+        step = math.ceil(sum(seconds[case] for case in cases) / SLOW)
+        slow |= set(cases) - set(cases[::step])
+    return slow
+
+
 def drawn(count: int) -> pytest.MarkDecorator:
     """Cases of a statistical test with an argument `draws`: a tenth of them, and all beside `make test`."""
     every = pytest.param(count, marks=pytest.mark.statistics)
@@ -66,9 +80,9 @@ def mark(items: Sequence[pytest.Item]) -> set[str]:
     The slow tests among them that have neither a fast case nor a guard.
     """
     seconds, guards = stored()
-    slow, fast = set(), set()
+    listed, slow, fast = slow_cases(seconds), set[str](), set[str]()
     for item in items:
-        if seconds.get(item.nodeid, 0.0) > SLOW and not item.get_closest_marker("always"):
+        if item.nodeid in listed and not item.get_closest_marker("always"):
             item.add_marker("slow")
         if OUTSIDE.intersection(getattr(item, "fixturenames", ())):
             item.add_marker("outside")
@@ -180,8 +194,7 @@ class Measured:
         self.seconds = {
             case: mean(spent) + sum(share.get(name, 0.0) for name in uses[case]) for case, spent in own.items()
         }
-        fast = {case for case, seconds in self.seconds.items() if seconds <= SLOW}
-        self.fast = (fast | self.always) - self.beside
+        self.fast = (self.seconds.keys() - slow_cases(self.seconds) | self.always) - self.beside
 
     def guards(self) -> dict[str, str]:
         """Return, for each test without a fast case, the fast test whose lines are most like its own, rare ones first.

@@ -178,6 +178,20 @@ def test_the_independent_simulators_import_nothing_of_the_package() -> None:
     assert not [path for path in (*worlds, *regimes) if any(imported(path))]
 
 
+def at_once(path: Path) -> Iterator[str]:
+    """Modules of the package that a file imports while it is itself imported."""
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("accelcal."):
+            yield (node.module or "").removeprefix("accelcal.")
+
+
+def test_app_and_live_are_imported_by_nobody_else_as_the_package_loads() -> None:
+    # `live_faces` is imported by the command `live` when it runs.
+    others = [m for m in MODULES if folder(m) not in ("app", "live") and m != "cli.live_faces"]
+    assert not [m for m in others if {"app", "live"}.intersection(map(folder, at_once(MODULES[m])))]
+    assert "live" in map(folder, at_once(MODULES["cli.live_faces"]))  # the twin
+
+
 def test_an_upward_import_is_caught(tmp_path: Path) -> None:
     # The sister: the same reading of a file that breaks the rules, also where the import hides in a function.
     path = tmp_path / "units.py"

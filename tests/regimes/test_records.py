@@ -28,7 +28,7 @@ def low_noise(rig: Rig, profile: str = "rest", seconds: float = 10.0) -> Regime:
 @pytest.mark.parametrize("name", TABLE)
 def test_the_file_of_a_regime_is_read_by_the_product(name: str, tmp_path: Path) -> None:
     regime = TABLE[name]
-    record = regime.build(11, seconds=6.0)
+    record = regime.build(11, seconds=4.0)
     read = load(record.write(tmp_path))
     clocks = regime.rig.clocks
     tick = 1 / regime.rig.sensor.rate if clocks.held else 0.0  # stamps are coarse, the instants of the product are not
@@ -38,7 +38,7 @@ def test_the_file_of_a_regime_is_read_by_the_product(name: str, tmp_path: Path) 
     np.testing.assert_allclose(read.accel.y, record.accel[at], rtol=1e-8, atol=1e-12)
     if regime.rig.clocks.held is None:  # of held values the product keeps one each
         assert len(at) == np.count_nonzero(~np.isnan(record.accel))
-    assert len(record.accel) == pytest.approx((6.0 - regime.rig.clocks.gap) * regime.rig.sensor.rate, abs=2)
+    assert len(record.accel) == pytest.approx((4.0 - regime.rig.clocks.gap) * regime.rig.sensor.rate, abs=2)
     assert len(read.position) == np.count_nonzero(~np.isnan(record.position))
     declared = regime.rig.sensor.declared or regime.rig.sensor.density
     if not regime.rig.bare:

@@ -26,6 +26,7 @@ from accelcal.cli.common import (
     print_status,
     print_written,
     progress,
+    require_folder,
     suggest,
     with_exit_codes,
     writable_file,
@@ -205,6 +206,7 @@ def workbench(
 
     Example: [bold]accelcal app run12.csv[/bold]
     """
+    require_folder("app")
     from accelcal.app import serve
 
     if run is not None and not run.is_file():

@@ -11,6 +11,7 @@ import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -239,6 +240,18 @@ def code_of(error: BaseException) -> int:
 
 class UsageError(AccelcalError):
     """An option with an invalid value."""
+
+
+def require_folder(name: str) -> None:
+    """Folder `app` or `live` of the package, which an installation may do without.
+
+    Raises
+    ------
+    UsageError
+        If it is not there.
+    """
+    if find_spec(f"accelcal.{name}") is None:
+        raise UsageError(f"accelcal was installed without python/accelcal/{name}; install it from the whole repository")
 
 
 def exit_with(text: str, code: int) -> NoReturn:

@@ -28,6 +28,7 @@ from accelcal.cli.common import (
     print_json,
     print_status,
     progress,
+    require_folder,
     say_line,
     with_exit_codes,
     writable_file,
@@ -345,6 +346,7 @@ def live(
 
     Example: [bold]accelcal live --serial /dev/ttyUSB0 --baud 921600 --rig rig.toml -o run.parquet[/bold]
     """
+    require_folder("live")
     interval = parse_quantity(every, "time", "--every")
     if interval is None or not interval > 0.0:
         raise UsageError(f"--every {every!r}: expected a time above 0")

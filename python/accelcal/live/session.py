@@ -311,6 +311,11 @@ class LiveHistory:
         kept = list(self._kept)
         return kept if self._last is None or (kept and kept[-1] is self._last) else [*kept, self._last]
 
+    @property
+    def columns(self) -> Columns:
+        """Moments as arrays."""
+        return Columns.of(self.moments, len(self.parameters))
+
     def _alarm(self, alarm: Alarm) -> None:
         if self.alarms and self.alarms[-1].since == alarm.since:
             self.alarms.pop()

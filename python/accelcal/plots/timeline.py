@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from accelcal.effects import spelled
 from accelcal.estimation.remarks import Remark
 from accelcal.estimation.run import prepare
 from accelcal.estimation.tracks import Shape, Track
-from accelcal.live.session import Columns, LiveHistory
 from accelcal.plots.figure import (
     COLUMNS,
     Axis,
@@ -36,6 +36,9 @@ from accelcal.results import words as formatting
 from accelcal.results.words import percent, prefixed
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.regions import worst_stretches
+
+if TYPE_CHECKING:
+    from accelcal.live.session import LiveHistory
 
 TIME = Axis("time", "s")
 MOST = 400
@@ -364,21 +367,21 @@ def live_tracks(history: LiveHistory) -> Figure:
     ----------
     history : of the view.
     """
-    seen = Columns.of(history.moments, len(history.parameters))
-    t = np.round(seen.t, 3)
+    columns = history.columns
+    t = np.round(columns.t, 3)
     panels = []
-    for parameter, y, std in zip(history.parameters, seen.values.T, seen.stds.T, strict=True):
+    for parameter, y, std in zip(history.parameters, columns.values.T, columns.stds.T, strict=True):
         marks: tuple[Mark, ...] = (Band(t, y - 2.0 * std, y + 2.0 * std, SIGMAS), Line(t, y, role="residual"))
         axis = Axis("estimate", parameter.unit, range=settled(y - 3.0 * std, y + 3.0 * std))
         panels.append(Panel(marks, TIME, axis, spelled(parameter.name), 150.0))
     factor = 1e6
-    wide = 2.0 * seen.std * factor
-    marks = (Band(t, -wide, wide, SIGMAS), Line(t, seen.e * factor, role="residual", marker="."))
+    wide = 2.0 * columns.std * factor
+    marks = (Band(t, -wide, wide, SIGMAS), Line(t, columns.e * factor, role="residual", marker="."))
     panels.append(Panel(marks, TIME, Axis("innovation", "µm"), "innovation", 150.0))
     at = np.array([alarm.since for alarm in history.alarms], dtype=float)
-    known = np.isfinite(seen.nis)
-    height = np.interp(at, t[known], seen.nis[known]) if known.any() and len(at) else np.zeros(0)
-    nis = (Band(t, seen.low, seen.high), Line(t, seen.nis, role="residual"))
+    known = np.isfinite(columns.nis)
+    height = np.interp(at, t[known], columns.nis[known]) if known.any() and len(at) else np.zeros(0)
+    nis = (Band(t, columns.low, columns.high), Line(t, columns.nis, role="residual"))
     alarms = Points(at[: len(height)], height, "alarm", "fault", hover=[f"alarm at {s:.4g} s" for s in at])
     panels.append(Panel((*nis, alarms), TIME, Axis("NIS", "1"), "NIS, 99 % inside the band", 150.0))
     return Figure(tuple(panels), "Parameters, innovations and NIS up to now", shared_x=True, key="live")

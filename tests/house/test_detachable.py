@@ -1,0 +1,140 @@
+"""Without the folders `app` and `live` the rest installs, runs the README and passes its tests; without others not."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import accelcal
+from tests.house.test_readme import blocks
+
+ROOT = Path(__file__).parents[2]
+ADD_ONS = ("app", "live")
+RESTING_ON_THEM = re.compile(r"\baccelcal(\.| import )(app|live)\b|\bworkbench import|^tests/(app|live)/")
+"""Tests of them, by name and text."""
+CORE = ["data", "signals", "filters", "calibration", "fleet"]
+"""Folders of tests that run in the copy; every other file is collected there."""
+LOADED = (
+    "import sys, accelcal; accelcal.fit; print(*sorted(name for name in sys.modules if name.startswith('accelcal')))"
+)
+
+
+class Copy:
+    """Copy of the repository without folders of the package, installed beside the packages of this environment.
+
+    The wheel is made here of the files and of the core that is compiled already: Rust is not what is tested.
+    """
+
+    def __init__(self, folder: Path, without: tuple[str, ...]) -> None:
+        self.sources, self.site = folder / "sources", folder / "site"
+        listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+        for name in filter(None, listed.split("\0")):
+            if not name.startswith(tuple(f"python/accelcal/{left_out}/" for left_out in without)):
+                (self.sources / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(ROOT / name, self.sources / name)
+        self.package = self.sources / "python" / "accelcal"
+        (core,) = Path(accelcal.__file__).parent.glob("_core*.so")
+        shutil.copy(core, self.package)
+        self.install()
+
+    def install(self) -> None:
+        """Put the package and its entry point into a folder as pip does from a wheel, without network."""
+        about = f"accelcal-{accelcal.__version__}"
+        metadata = {
+            "METADATA": f"Metadata-Version: 2.1\nName: accelcal\nVersion: {accelcal.__version__}\n",
+            "WHEEL": "Wheel-Version: 1.0\nGenerator: tests\nRoot-Is-Purelib: false\nTag: py3-none-any\n",
+            "entry_points.txt": "[console_scripts]\naccelcal = accelcal.cli:main\n",
+            "RECORD": "",
+        }
+        wheel = self.sources.parent / f"{about}-py3-none-any.whl"
+        with zipfile.ZipFile(wheel, "w") as archive:
+            for path in self.package.rglob("*"):
+                archive.write(path, path.relative_to(self.package.parent))
+            for name, text in metadata.items():
+                archive.writestr(f"{about}.dist-info/{name}", text)
+        words = ["-m", "pip", "install", "--quiet", "--no-deps", "--no-index", "--target", str(self.site), str(wheel)]
+        subprocess.run([sys.executable, *words], check=True, timeout=120)
+
+    def run(self, *words: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+        """Run Python with the installed copy in front of the package that is tested otherwise."""
+        environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")}
+        environment |= {"PYTHONPATH": str(self.site), "OPENBLAS_NUM_THREADS": "1"}
+        command = [sys.executable, *words]
+        place = self.sources if cwd is None else cwd
+        return subprocess.run(command, cwd=place, env=environment, capture_output=True, text=True, timeout=900)
+
+    def quick_start(self, folder: Path) -> str:
+        """Run the commands and the Python example of the README; return what fails first and says, else nothing."""
+        folder.mkdir()
+        lines = [shlex.split(line)[1:] for block in blocks("sh") for line in block.splitlines() if line]
+        runs = [["-m", "accelcal", *words] for words in lines] + [["-c", example] for example in blocks("python")]
+        for words in runs:
+            end = self.run(*words, cwd=folder)
+            if end.returncode:
+                return f"{words}: {end.stderr}"
+        return ""
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Copy:
+    return Copy(tmp_path_factory.mktemp("detached"), ADD_ONS)
+
+
+@pytest.mark.slow
+def test_the_rest_installs_and_runs_the_quick_start(copy: Copy, tmp_path: Path) -> None:
+    assert not [path for name in ADD_ONS for path in copy.site.glob(f"accelcal/{name}")]
+    place = copy.run("-c", "import accelcal; print(accelcal.__file__)", cwd=tmp_path).stdout.strip()
+    assert Path(place) == copy.site / "accelcal" / "__init__.py"
+    assert copy.quick_start(tmp_path / "start") == ""
+
+
+@pytest.mark.slow
+def test_the_rest_passes_its_own_tests(copy: Copy) -> None:
+    tests = {str(path.relative_to(copy.sources)): path for path in sorted(copy.sources.glob("tests/**/test_*.py"))}
+    ours = [name for name, path in tests.items() if not RESTING_ON_THEM.search(f"{name}\n{path.read_text()}")]
+    assert len(tests) - 50 < len(ours) < len(tests)
+    options = ["-q", "-p", "no:cacheprovider", "-m", "not (slow or outside or statistics)"]
+    collected = copy.run("-m", "pytest", *options, "--collect-only", *ours)
+    assert collected.returncode == 0, collected.stdout
+    core = [file for file in ours if Path(file).parts[1] in CORE]
+    done = copy.run("-m", "pytest", *options, *core)
+    print(collected.stdout.splitlines()[-1], done.stdout.splitlines()[-1], sep="\n")
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.slow
+def test_import_loads_what_it_loads_in_the_whole_package(copy: Copy, tmp_path: Path) -> None:
+    here = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True).stdout
+    assert copy.run("-c", LOADED, cwd=tmp_path).stdout == here
+    assert "accelcal.workflow" in here.split()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "words"), [("app", ["--no-browser"]), ("live", ["--file", "a.csv", "--rig", "a.toml"])]
+)
+def test_a_command_of_a_folder_that_is_not_there_says_so(copy: Copy, name: str, words: list[str]) -> None:
+    done = copy.run("-m", "accelcal", name, *words)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"accelcal: accelcal was installed without python/accelcal/{name}; install ")
+
+
+@pytest.mark.slow
+def test_without_a_folder_of_the_core_the_quick_start_fails(tmp_path: Path) -> None:
+    assert Copy(tmp_path, (*ADD_ONS, "data")).quick_start(tmp_path / "start")
+
+
+@pytest.mark.slow
+def test_a_core_that_imports_an_add_on_fails(tmp_path: Path) -> None:
+    copy = Copy(tmp_path / "copy", ADD_ONS)
+    with (copy.site / "accelcal" / "workflow.py").open("a") as file:
+        file.write("\nfrom accelcal.live import LiveSession\n")
+    assert "No module named 'accelcal.live'" in copy.quick_start(tmp_path / "start")
