@@ -24,6 +24,8 @@ OVERSAMPLING = 6.0
 """Rate of the sums over the larger of crossover and bandwidth of the motion."""
 MOST_SUMS = 1 << 24
 """Sums, all columns together, that are held at a time: 134 MB."""
+MOST_HELD = 1 << 25
+"""Sums of effects with memory, which are evaluated over the whole run, that are held at a time: 268 MB."""
 MOST_READINGS = 1 << 18
 """Readings whose geometry on the grid is held at a time, where sums are taken over groups."""
 PARALLEL = 8
@@ -152,8 +154,8 @@ class ColumnFilter:
     """Many columns of one run, their whitened samples summed in groups, in bounded memory.
 
     Sums are divided by the square root of their number: white stays white, and below a fraction of the rate nothing is
-    lost. The sums of a long run are yielded stretch by stretch; effects with a memory are evaluated over the whole run
-    for each stretch.
+    lost. The sums of a long run are yielded stretch by stretch; effects with memory are evaluated over the whole run, once
+    for as many stretches as `MOST_HELD` sums of them fill.
     """
 
     def __init__(self, state: RunState) -> None:
@@ -194,27 +196,58 @@ class ColumnFilter:
         The rows of the stretch, and the sums (terms, rows of the stretch) in the order of the terms; those of the next
         stretch overwrite them.
         """
-        response, copies = np.zeros((len(terms), 2)), multiples(terms, self.signals)
-        factor = -self.state.run.rig.polarity / self.signals.scale
-        begin, buffer = 0, np.empty(0)
-        for readings in self._stretches(len(terms)):
+        copies, parts, acts = multiples(terms, self.signals), self._stretches(len(terms)), self.state.run.filters.acts
+        distinct = [k for k in range(len(terms)) if k not in copies]
+        held = [k for k in distinct if acts or not is_local(terms[k].effect)] if len(parts) > 1 else []
+        together = max(1, MOST_HELD * len(parts) // max(1, len(held) * self.rows))
+        begin, buffer, elsewhere = 0, np.empty(0), {*copies, *held}
+        response, response_held = np.zeros((len(terms), 2)), np.zeros((len(held), 2))
+        for number, readings in enumerate(parts):
+            if held and number % together == 0:
+                first, remembered = begin, np.empty(0)  # frees the last ones first
+                remembered = self._held([terms[k] for k in held], parts[number : number + together], response_held)
             bank = self._bank(readings)
             if buffer.size < len(terms) * bank.rows:
                 buffer = np.empty(len(terms) * bank.rows)
             sums = buffer[: len(terms) * bank.rows].reshape(len(terms), bank.rows)
             grid = grid_rows(self.state, readings)
-            for first, columns, port in column_parts(
-                self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, copies
-            ):
-                here = slice(first, first + len(columns))
-                if port == "output":
-                    bank.carry_inputs(columns, factor, response[here], sums[here])
-                else:
-                    bank.carry_readings(columns, response[here], sums[here])
+            for here, port, columns in self._columns(terms, grid, readings, elsewhere):
+                self._carry(bank, port, columns, response[here], sums[here])
+            if held:
+                sums[held] = remembered[:, begin - first : begin - first + bank.rows]
             for k, (source, times) in copies.items():
                 np.multiply(sums[source], times, out=sums[k])
             yield slice(begin, begin + bank.rows), sums
             begin += bank.rows
+
+    def _held(self, terms: Sequence[Term], parts: Sequence[slice], response: Array) -> Array:
+        """Sums of effects with memory over successive stretches, (terms, rows), each evaluated over the run once."""
+        counted = [int(np.count_nonzero(self.state.counts[readings])) // self.group for readings in parts]
+        sums, whole = np.empty((len(terms), sum(counted))), slice(None)
+        for here, port, columns in self._columns(terms, whole, whole, ()):
+            begin = 0
+            for readings in parts:
+                bank, near = self._bank(readings), grid_rows(self.state, readings) if port == "output" else readings
+                part = np.empty((len(columns), bank.rows))
+                self._carry(bank, port, [np.ascontiguousarray(y[near]) for y in columns], response[here], part)
+                sums[here, begin : begin + bank.rows] = part
+                begin += bank.rows
+            del columns  # as long as the run is, while the next are evaluated
+        return sums
+
+    def _columns(
+        self, terms: Sequence[Term], grid: slice, readings: slice, elsewhere: Container[int]
+    ) -> Iterator[tuple[slice, str, list[Array]]]:
+        """Columns over a stretch, a few of one port at a time, with their places among the terms."""
+        parts = column_parts(self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, elsewhere)
+        return ((slice(first, first + len(columns)), port, columns) for first, columns, port in parts)
+
+    def _carry(self, bank: _core.Bank, port: str, columns: list[Array], response: Array, sums: Array) -> None:
+        """Filter columns of one port through the gains of a stretch."""
+        if port == "output":
+            bank.carry_inputs(columns, -self.state.run.rig.polarity / self.signals.scale, response, sums)
+        else:
+            bank.carry_readings(columns, response, sums)
 
     def whole(self, terms: Sequence[Term]) -> Array:
         """Sums of a few whitened columns over the whole run, (terms, rows)."""
