@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 
 from accelcal import _core
-from accelcal.data import Array
+from accelcal.data import Array, Places
 from accelcal.effects import Effect, is_local
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
@@ -154,8 +154,8 @@ class ColumnFilter:
     """Many columns of one run, their whitened samples summed in groups, in bounded memory.
 
     Sums are divided by the square root of their number: white stays white, and below a fraction of the rate nothing is
-    lost. The sums of a long run are yielded stretch by stretch; effects with memory are evaluated over the whole run, once
-    for as many stretches as `MOST_HELD` sums of them fill.
+    lost. The sums of a long run are yielded stretch by stretch; effects with memory are evaluated over the whole run,
+    once for as many stretches as `MOST_HELD` sums of them fill.
     """
 
     def __init__(self, state: RunState) -> None:
@@ -196,11 +196,10 @@ class ColumnFilter:
         The rows of the stretch, and the sums (terms, rows of the stretch) in the order of the terms; those of the next
         stretch overwrite them.
         """
-        copies, parts, acts = multiples(terms, self.signals), self._stretches(len(terms)), self.state.run.filters.acts
-        distinct = [k for k in range(len(terms)) if k not in copies]
-        held = [k for k in distinct if acts or not is_local(terms[k].effect)] if len(parts) > 1 else []
+        parts, acts = self._stretches(len(terms)), self.state.run.filters.acts
+        held = [k for k, term in enumerate(terms) if acts or not is_local(term.effect)] if len(parts) > 1 else []
         together = max(1, MOST_HELD * len(parts) // max(1, len(held) * self.rows))
-        begin, buffer, elsewhere = 0, np.empty(0), {*copies, *held}
+        begin, buffer = 0, np.empty(0)
         response, response_held = np.zeros((len(terms), 2)), np.zeros((len(held), 2))
         for number, readings in enumerate(parts):
             if held and number % together == 0:
@@ -211,12 +210,10 @@ class ColumnFilter:
                 buffer = np.empty(len(terms) * bank.rows)
             sums = buffer[: len(terms) * bank.rows].reshape(len(terms), bank.rows)
             grid = grid_rows(self.state, readings)
-            for here, port, columns in self._columns(terms, grid, readings, elsewhere):
+            for here, port, columns in self._columns(terms, grid, readings, held):
                 self._carry(bank, port, columns, response[here], sums[here])
             if held:
                 sums[held] = remembered[:, begin - first : begin - first + bank.rows]
-            for k, (source, times) in copies.items():
-                np.multiply(sums[source], times, out=sums[k])
             yield slice(begin, begin + bank.rows), sums
             begin += bank.rows
 
@@ -236,10 +233,10 @@ class ColumnFilter:
         return sums
 
     def _columns(
-        self, terms: Sequence[Term], grid: slice, readings: slice, elsewhere: Container[int]
+        self, terms: Sequence[Term], grid: slice, readings: slice, held: Container[int]
     ) -> Iterator[tuple[slice, str, list[Array]]]:
         """Columns over a stretch, a few of one port at a time, with their places among the terms."""
-        parts = column_parts(self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, elsewhere)
+        parts = column_parts(self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, held)
         return ((slice(first, first + len(columns)), port, columns) for first, columns, port in parts)
 
     def _carry(self, bank: _core.Bank, port: str, columns: list[Array], response: Array, sums: Array) -> None:
@@ -280,9 +277,9 @@ def column_parts(
     grid: slice,
     readings: slice,
     at_readings: Callable[[], Signals],
-    copies: Container[int],
+    held: Container[int],
 ) -> Iterator[tuple[int, list[Array], str]]:
-    """Columns over a stretch, of one port at a time, without `copies`, at most `PARALLEL` of them together.
+    """Columns over a stretch, of one port at a time, without those `held`, at most `PARALLEL` of them together.
 
     Parameters
     ----------
@@ -297,11 +294,11 @@ def column_parts(
 
     def kind(place: tuple[int, Term]) -> tuple[bool, str, bool]:
         k, term = place
-        return k in copies, term.port, is_local(term.effect) and not filters.acts
+        return k in held, term.port, is_local(term.effect) and not filters.acts
 
-    for (copied, port, local), places in groupby(enumerate(terms), key=kind):
+    for (elsewhere, port, local), places in groupby(enumerate(terms), key=kind):
         alike = [term for _, term in places]
-        if copied:
+        if elsewhere:
             first += len(alike)
             continue
         s, rows = (signals, grid) if port == "output" else (at_readings(), readings)
@@ -322,30 +319,34 @@ def column_parts(
             first += len(waiting)
 
 
-def multiples(terms: Sequence[Term], s: Signals) -> dict[int, tuple[int, float]]:
-    """Terms whose column equals an earlier one's or a multiple of it: index of the first, and the factor.
+def distinct(terms: Sequence[Term], s: Signals) -> tuple[list[Term], Places, Array]:
+    """Distinct columns of terms: some are multiples of another column, which is filtered once, whatever its sizes.
 
-    Such a column is filtered once, whatever its sizes.
+    Returns
+    -------
+    The terms with distinct columns; and for all terms the place of theirs among them and its factor, (terms,) each.
     """
     first: dict[tuple[object, ...], int] = {}
-    known: dict[tuple[object, ...], Array] = {}
+    by_shape: dict[tuple[object, ...], Array] = {}
 
-    def size(k: int) -> float:
-        effect, shape = terms[k].effect, terms[k].shape
-        key = (effect.name, *sorted(shape.items()))
-        if key not in known:
-            known[key] = sizes(effect, shape, s)
-        return float(known[key][terms[k].part])
+    def size(term: Term) -> float:
+        key = (term.effect.name, *sorted(term.shape.items()))
+        if key not in by_shape:
+            by_shape[key] = sizes(term.effect, term.shape, s)
+        return float(by_shape[key][term.part])
 
-    found = {}
+    picked: list[Term] = []
+    places, factors = np.empty(len(terms), dtype=np.intp), np.ones(len(terms))
     for k, term in enumerate(terms):
         effect = term.effect
         held = {n: value for n, value in term.shape.items() if not (effect.basis and effect.shapes[n].refined)}
         key = (effect.basis or effect.name, term.port, term.part, *sorted(held.items()))
-        source = first.setdefault(key, k)
-        if source != k:
-            found[k] = source, size(k) / size(source) if effect.basis else 1.0
-    return found
+        places[k] = first.setdefault(key, len(picked))
+        if places[k] == len(picked):
+            picked.append(term)
+        elif effect.basis:
+            factors[k] = size(term) / size(picked[places[k]])
+    return picked, places, factors
 
 
 def sizes(effect: Effect, shape: Mapping[str, float], s: Signals) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data import Array, Flags
+from accelcal.data import Array, Flags, Places
 from accelcal.signals.series import grid_step, interpolation_errors, local_spread
 
 
@@ -96,8 +96,6 @@ def lost_velocity(jumps: Jumps, step: float) -> Array:
     missed = np.where(jumps.of_jerk, of_ramp.std(axis=1) * step**2, of_step.std(axis=1) * step)
     return np.asarray(np.abs(jumps.size) * missed)
 
-
-Places = NDArray[np.intp]
 
 EVENT_SIGMA = 5.0
 """Standard deviations of its interpolation error beyond which a sample is looked at; noise exceeds them once in 2

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data import POSITION_ORDER, Array, Flags
+from accelcal.data import POSITION_ORDER, Array, Flags, Places
 from accelcal.diagnosis.policy import (
     FAST_SCATTER_RATIO,
     NOISE_TEST_ALPHA,
@@ -295,8 +295,6 @@ def isolated_peaks(score: Array, large: NDArray[np.intp]) -> NDArray[np.intp]:
             peaks.append(peak)
     return np.asarray(peaks, dtype=np.intp)
 
-
-Places = NDArray[np.intp]
 
 REACH = 16
 """Samples on either side that contribute to the interpolation of one."""
