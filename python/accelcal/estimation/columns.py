@@ -22,10 +22,11 @@ CHUNK = 4096
 """Readings whose columns are held in memory at a time, at the full rate."""
 OVERSAMPLING = 6.0
 """Rate of the sums over the larger of crossover and bandwidth of the motion."""
-MOST_SUMS = 1 << 24
-"""Sums, all columns together, that are held at a time: 134 MB."""
-MOST_HELD = 1 << 25
-"""Sums of effects with memory, which are evaluated over the whole run, that are held at a time: 268 MB."""
+MOST_SUMS = 10_000_000
+"""Sums, all columns together, that are held at a time: 80 MB."""
+HELD = 4
+"""Sums for each reading of a run, of effects with memory, that are held at a time: these effects are evaluated over the
+whole run, and so a few times, whatever its length."""
 MOST_READINGS = 1 << 18
 """Readings whose geometry on the grid is held at a time, where sums are taken over groups."""
 PARALLEL = 8
@@ -155,7 +156,7 @@ class ColumnFilter:
 
     Sums are divided by the square root of their number: white stays white, and below a fraction of the rate nothing is
     lost. The sums of a long run are yielded stretch by stretch; effects with memory are evaluated over the whole run,
-    once for as many stretches as `MOST_HELD` sums of them fill.
+    once for many stretches.
     """
 
     def __init__(self, state: RunState) -> None:
@@ -198,7 +199,8 @@ class ColumnFilter:
         """
         parts, acts = self._stretches(len(terms)), self.state.run.filters.acts
         held = [k for k, term in enumerate(terms) if acts or not is_local(term.effect)] if len(parts) > 1 else []
-        together = max(1, MOST_HELD * len(parts) // max(1, len(held) * self.rows))
+        held.sort(key=lambda k: terms[k].port)
+        together = max(1, HELD * len(parts) * len(self.state.run.t) // max(1, len(held) * self.rows))
         begin, buffer = 0, np.empty(0)
         response, response_held = np.zeros((len(terms), 2)), np.zeros((len(held), 2))
         for number, readings in enumerate(parts):
@@ -219,17 +221,19 @@ class ColumnFilter:
 
     def _held(self, terms: Sequence[Term], parts: Sequence[slice], response: Array) -> Array:
         """Sums of effects with memory over successive stretches, (terms, rows), each evaluated over the run once."""
-        counted = [int(np.count_nonzero(self.state.counts[readings])) // self.group for readings in parts]
-        sums, whole = np.empty((len(terms), sum(counted))), slice(None)
-        for here, port, columns in self._columns(terms, whole, whole, ()):
+        together = slice(parts[0].start, parts[-1].stop)
+        grid = grid_rows(self.state, together)
+        sums = np.empty((len(terms), int(np.count_nonzero(self.state.counts[together])) // self.group))
+        for here, port, columns in self._columns(terms, grid, together, ()):
             begin = 0
             for readings in parts:
-                bank, near = self._bank(readings), grid_rows(self.state, readings) if port == "output" else readings
+                bank, output = self._bank(readings), port == "output"
+                near, first = (grid_rows(self.state, readings), grid.start) if output else (readings, together.start)
+                cut = [np.ascontiguousarray(column[near.start - first : near.stop - first]) for column in columns]
                 part = np.empty((len(columns), bank.rows))
-                self._carry(bank, port, [np.ascontiguousarray(y[near]) for y in columns], response[here], part)
+                self._carry(bank, port, cut, response[here], part)
                 sums[here, begin : begin + bank.rows] = part
                 begin += bank.rows
-            del columns  # as long as the run is, while the next are evaluated
         return sums
 
     def _columns(

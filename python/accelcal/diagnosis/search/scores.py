@@ -15,7 +15,7 @@ from accelcal.data import Array, Places
 from accelcal.diagnosis.search.hypotheses import Hypothesis, nuisances
 from accelcal.diagnosis.search.slow_noise import SlowNoise, slow_noise
 from accelcal.effects import Effect
-from accelcal.estimation.columns import MOST_SUMS, ColumnFilter, distinct
+from accelcal.estimation.columns import ColumnFilter, distinct
 from accelcal.estimation.noise import MeasuredSpectrum, whitener
 from accelcal.estimation.rows import rows_of_dwells, spectrum_of, sums_of
 from accelcal.estimation.run_state import RunState
@@ -211,11 +211,8 @@ class BaseProjection:
     def stretches(self, terms: Sequence[Term]) -> Iterator[tuple[slice, Array]]:
         """Columns stretch by stretch, those of dwells last; those of a short run are cached for a second pass."""
         picked, places, factors = self.distinct(terms)
-        most = max(1, MOST_SUMS // len(terms))
         for rows, Z in self._of_motion(picked):
-            for begin in range(rows.start, rows.stop, most):
-                part = slice(begin, min(begin + most, rows.stop))
-                yield part, Z[places, begin - rows.start : part.stop - rows.start] * factors[:, None]
+            yield rows, Z[places] * factors[:, None]
         rest = rows_of_dwells(self.state, terms)
         if rest is not None:
             yield slice(self.column_filter.rows, len(self.y)), rest.columns.T
