@@ -8,7 +8,6 @@ from functools import cached_property, partial
 from itertools import groupby, pairwise
 
 import numpy as np
-import scipy
 
 from accelcal import _core
 from accelcal.data import Array, Places
@@ -16,6 +15,7 @@ from accelcal.effects import Effect, is_local
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Term, evaluate
+from accelcal.signals.processing import recursive_filter
 from accelcal.signals.signals import Signals
 
 CHUNK = 4096
@@ -390,8 +390,10 @@ def _transposed(state: RunState, y: Array, B: Array, C: Array, D: float) -> Arra
     place = np.rint((t - t[0]) / state.run.reading_step).astype(np.intp)
     e = np.zeros(int(place[-1]) + 1)
     e[place] = y
-    b, a = scipy.signal.ss2tf(F @ (np.eye(2) - K @ H), B, C, np.array([[D]]))
-    return np.asarray(scipy.signal.lfilter(b[0], a, e[::-1])[::-1][place])
+    A = F @ (np.eye(2) - K @ H)
+    a = np.poly(A)
+    b = np.poly(A - B @ C) + (D - 1.0) * a
+    return np.asarray(recursive_filter(b.tolist(), a.tolist(), e[::-1])[::-1][place])
 
 
 def _steady(state: RunState) -> tuple[Array, Array, Array]:
