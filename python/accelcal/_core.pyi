@@ -1,5 +1,6 @@
 """What the compiled core offers; kept by hand."""
 
+from collections.abc import Sequence
 from typing import final
 
 import numpy as np
@@ -30,6 +31,7 @@ __all__ = [
     "play",
     "run_filter",
     "run_filter_batch",
+    "section",
     "spline_weights",
     "swap_form",
 ]
@@ -156,6 +158,9 @@ def run_filter_batch(
 ) -> tuple[_Array, _Array, _Array, list[str | None]]: ...
 def play(x: _Array, width: float, start: float) -> _Array: ...
 def lagged_at(t: _Array, y: _Array, tau: float, start: float) -> _Array: ...
+def section(
+    b: Sequence[float], a: Sequence[float], x: _Array, state: tuple[float, float]
+) -> tuple[_Array, tuple[float, float]]: ...
 def spline_weights(
     t: _Array, weight: _Array, powers: _Array, *, start: float, step: float, count: int
 ) -> tuple[_Array, NDArray[np.int32], NDArray[np.int32]]: ...

@@ -31,7 +31,7 @@ mod _core {
     use super::replay::dead_reckoning::{corrected, dead_reckoning_variance, displaced};
 
     #[pymodule_export]
-    use super::memory::{lagged_at, play_operator};
+    use super::memory::{lagged_at, play_operator, section};
 
     #[pymodule_export]
     use super::splines::spline_weights;

@@ -38,3 +38,18 @@ pub fn lagged_at<'py>(
     py.detach(|| lag::lagged(t, y, tau, start, &mut x));
     Ok(PyArray1::from_vec(py, x))
 }
+
+/// A filter of second order over uniform samples, and its state behind them; see `ekf_core::lag::section`.
+#[pyfunction]
+#[pyo3(signature = (b, a, x, state))]
+pub fn section<'py>(
+    py: Python<'py>,
+    b: [f64; 3],
+    a: [f64; 2],
+    x: PyReadonlyArray1<'py, f64>,
+    mut state: [f64; 2],
+) -> PyResult<(Bound<'py, PyArray1<f64>>, [f64; 2])> {
+    let mut y: Vec<f64> = x.as_array().iter().copied().collect();
+    py.detach(|| lag::section(b, a, &mut state, &mut y));
+    Ok((PyArray1::from_vec(py, y), state))
+}

@@ -1,7 +1,7 @@
 """Data: a recording, the rig it was made on, units, and the quality of both."""
 
 from accelcal._support.values import listing
-from accelcal.data.arrays import Array, Counts, Flags
+from accelcal.data.arrays import Array, Counts, Flags, Places
 from accelcal.data.clocks import usual_step
 from accelcal.data.dwells import Dwells, DwellSetup
 from accelcal.data.orientation import (
@@ -74,6 +74,7 @@ __all__ = [
     "Flags",
     "LowPass",
     "Mount",
+    "Places",
     "PositionStep",
     "Recording",
     "RecordingError",

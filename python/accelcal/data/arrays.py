@@ -27,6 +27,7 @@ class Stored:
 Array = Annotated[NDArray[np.float64], Stored(np.float64)]
 Flags = Annotated[NDArray[np.bool_], Stored(np.bool_)]
 Counts = Annotated[NDArray[np.int64], Stored(np.int64)]
+Places = NDArray[np.intp]
 
 
 def copied(values: Any) -> NDArray[Any]:

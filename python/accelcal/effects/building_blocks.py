@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-import scipy
 
 from accelcal import _core
 from accelcal.data import Array
 from accelcal.effects.registry import HARMONICS, Shape
-from accelcal.signals.processing import derivative
+from accelcal.signals.processing import derivative, recursive_filter
 from accelcal.signals.signals import CORNER_NOISE, TINY, Signals
 
 EDGE = 0.03
@@ -35,8 +34,7 @@ def lagged(y: Array, tau: float, step: float, start: float) -> Array:
     start : x at the first sample.
     """
     decay, old, new = lag_weights(tau, step)
-    x, _ = scipy.signal.lfilter([new, old], [1.0, -decay], y, zi=[start - new * y[0]])
-    return np.asarray(x, dtype=np.float64)
+    return recursive_filter([new, old], [1.0, -decay], y, (start - new * y[0], 0.0))
 
 
 def lag_weights(tau: float, step: float) -> tuple[float, float, float]:

@@ -8,22 +8,25 @@ from functools import cached_property, partial
 from itertools import groupby, pairwise
 
 import numpy as np
-import scipy
 
 from accelcal import _core
-from accelcal.data import Array
+from accelcal.data import Array, Places
 from accelcal.effects import Effect, is_local
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Term, evaluate
+from accelcal.signals.processing import recursive_filter
 from accelcal.signals.signals import Signals
 
 CHUNK = 4096
 """Readings whose columns are held in memory at a time, at the full rate."""
 OVERSAMPLING = 6.0
 """Rate of the sums over the larger of crossover and bandwidth of the motion."""
-MOST_SUMS = 1 << 24
-"""Sums, all columns together, that are held at a time: 134 MB."""
+MOST_SUMS = 10_000_000
+"""Sums, all columns together, that are held at a time: 80 MB."""
+HELD = 4
+"""Sums for each reading of a run, of effects with memory, that are held at a time: these effects are evaluated over the
+whole run, and so a few times, whatever its length."""
 MOST_READINGS = 1 << 18
 """Readings whose geometry on the grid is held at a time, where sums are taken over groups."""
 PARALLEL = 8
@@ -152,8 +155,8 @@ class ColumnFilter:
     """Many columns of one run, their whitened samples summed in groups, in bounded memory.
 
     Sums are divided by the square root of their number: white stays white, and below a fraction of the rate nothing is
-    lost. The sums of a long run are yielded stretch by stretch; effects with a memory are evaluated over the whole run
-    for each stretch.
+    lost. The sums of a long run are yielded stretch by stretch; effects with memory are evaluated over the whole run,
+    once for many stretches.
     """
 
     def __init__(self, state: RunState) -> None:
@@ -194,27 +197,58 @@ class ColumnFilter:
         The rows of the stretch, and the sums (terms, rows of the stretch) in the order of the terms; those of the next
         stretch overwrite them.
         """
-        response, copies = np.zeros((len(terms), 2)), multiples(terms, self.signals)
-        factor = -self.state.run.rig.polarity / self.signals.scale
+        parts, acts = self._stretches(len(terms)), self.state.run.filters.acts
+        held = [k for k, term in enumerate(terms) if acts or not is_local(term.effect)] if len(parts) > 1 else []
+        held.sort(key=lambda k: terms[k].port)
+        together = max(1, HELD * len(parts) * len(self.state.run.t) // max(1, len(held) * self.rows))
         begin, buffer = 0, np.empty(0)
-        for readings in self._stretches(len(terms)):
+        response, response_held = np.zeros((len(terms), 2)), np.zeros((len(held), 2))
+        for number, readings in enumerate(parts):
+            if held and number % together == 0:
+                first, remembered = begin, np.empty(0)  # frees the last ones first
+                remembered = self._held([terms[k] for k in held], parts[number : number + together], response_held)
             bank = self._bank(readings)
             if buffer.size < len(terms) * bank.rows:
                 buffer = np.empty(len(terms) * bank.rows)
             sums = buffer[: len(terms) * bank.rows].reshape(len(terms), bank.rows)
             grid = grid_rows(self.state, readings)
-            for first, columns, port in column_parts(
-                self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, copies
-            ):
-                here = slice(first, first + len(columns))
-                if port == "output":
-                    bank.carry_inputs(columns, factor, response[here], sums[here])
-                else:
-                    bank.carry_readings(columns, response[here], sums[here])
-            for k, (source, times) in copies.items():
-                np.multiply(sums[source], times, out=sums[k])
+            for here, port, columns in self._columns(terms, grid, readings, held):
+                self._carry(bank, port, columns, response[here], sums[here])
+            if held:
+                sums[held] = remembered[:, begin - first : begin - first + bank.rows]
             yield slice(begin, begin + bank.rows), sums
             begin += bank.rows
+
+    def _held(self, terms: Sequence[Term], parts: Sequence[slice], response: Array) -> Array:
+        """Sums of effects with memory over successive stretches, (terms, rows), each evaluated over the run once."""
+        together = slice(parts[0].start, parts[-1].stop)
+        grid = grid_rows(self.state, together)
+        sums = np.empty((len(terms), int(np.count_nonzero(self.state.counts[together])) // self.group))
+        for here, port, columns in self._columns(terms, grid, together, ()):
+            begin = 0
+            for readings in parts:
+                bank, output = self._bank(readings), port == "output"
+                near, first = (grid_rows(self.state, readings), grid.start) if output else (readings, together.start)
+                cut = [np.ascontiguousarray(column[near.start - first : near.stop - first]) for column in columns]
+                part = np.empty((len(columns), bank.rows))
+                self._carry(bank, port, cut, response[here], part)
+                sums[here, begin : begin + bank.rows] = part
+                begin += bank.rows
+        return sums
+
+    def _columns(
+        self, terms: Sequence[Term], grid: slice, readings: slice, held: Container[int]
+    ) -> Iterator[tuple[slice, str, list[Array]]]:
+        """Columns over a stretch, a few of one port at a time, with their places among the terms."""
+        parts = column_parts(self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, held)
+        return ((slice(first, first + len(columns)), port, columns) for first, columns, port in parts)
+
+    def _carry(self, bank: _core.Bank, port: str, columns: list[Array], response: Array, sums: Array) -> None:
+        """Filter columns of one port through the gains of a stretch."""
+        if port == "output":
+            bank.carry_inputs(columns, -self.state.run.rig.polarity / self.signals.scale, response, sums)
+        else:
+            bank.carry_readings(columns, response, sums)
 
     def whole(self, terms: Sequence[Term]) -> Array:
         """Sums of a few whitened columns over the whole run, (terms, rows)."""
@@ -247,9 +281,9 @@ def column_parts(
     grid: slice,
     readings: slice,
     at_readings: Callable[[], Signals],
-    copies: Container[int],
+    held: Container[int],
 ) -> Iterator[tuple[int, list[Array], str]]:
-    """Columns over a stretch, of one port at a time, without `copies`, at most `PARALLEL` of them together.
+    """Columns over a stretch, of one port at a time, without those `held`, at most `PARALLEL` of them together.
 
     Parameters
     ----------
@@ -264,11 +298,11 @@ def column_parts(
 
     def kind(place: tuple[int, Term]) -> tuple[bool, str, bool]:
         k, term = place
-        return k in copies, term.port, is_local(term.effect) and not filters.acts
+        return k in held, term.port, is_local(term.effect) and not filters.acts
 
-    for (copied, port, local), places in groupby(enumerate(terms), key=kind):
+    for (elsewhere, port, local), places in groupby(enumerate(terms), key=kind):
         alike = [term for _, term in places]
-        if copied:
+        if elsewhere:
             first += len(alike)
             continue
         s, rows = (signals, grid) if port == "output" else (at_readings(), readings)
@@ -289,30 +323,34 @@ def column_parts(
             first += len(waiting)
 
 
-def multiples(terms: Sequence[Term], s: Signals) -> dict[int, tuple[int, float]]:
-    """Terms whose column equals an earlier one's or a multiple of it: index of the first, and the factor.
+def distinct(terms: Sequence[Term], s: Signals) -> tuple[list[Term], Places, Array]:
+    """Distinct columns of terms: some are multiples of another column, which is filtered once, whatever its sizes.
 
-    Such a column is filtered once, whatever its sizes.
+    Returns
+    -------
+    The terms with distinct columns; and for all terms the place of theirs among them and its factor, (terms,) each.
     """
     first: dict[tuple[object, ...], int] = {}
-    known: dict[tuple[object, ...], Array] = {}
+    by_shape: dict[tuple[object, ...], Array] = {}
 
-    def size(k: int) -> float:
-        effect, shape = terms[k].effect, terms[k].shape
-        key = (effect.name, *sorted(shape.items()))
-        if key not in known:
-            known[key] = sizes(effect, shape, s)
-        return float(known[key][terms[k].part])
+    def size(term: Term) -> float:
+        key = (term.effect.name, *sorted(term.shape.items()))
+        if key not in by_shape:
+            by_shape[key] = sizes(term.effect, term.shape, s)
+        return float(by_shape[key][term.part])
 
-    found = {}
+    picked: list[Term] = []
+    places, factors = np.empty(len(terms), dtype=np.intp), np.ones(len(terms))
     for k, term in enumerate(terms):
         effect = term.effect
         held = {n: value for n, value in term.shape.items() if not (effect.basis and effect.shapes[n].refined)}
         key = (effect.basis or effect.name, term.port, term.part, *sorted(held.items()))
-        source = first.setdefault(key, k)
-        if source != k:
-            found[k] = source, size(k) / size(source) if effect.basis else 1.0
-    return found
+        places[k] = first.setdefault(key, len(picked))
+        if places[k] == len(picked):
+            picked.append(term)
+        elif effect.basis:
+            factors[k] = size(term) / size(picked[places[k]])
+    return picked, places, factors
 
 
 def sizes(effect: Effect, shape: Mapping[str, float], s: Signals) -> Array:
@@ -352,8 +390,10 @@ def _transposed(state: RunState, y: Array, B: Array, C: Array, D: float) -> Arra
     place = np.rint((t - t[0]) / state.run.reading_step).astype(np.intp)
     e = np.zeros(int(place[-1]) + 1)
     e[place] = y
-    b, a = scipy.signal.ss2tf(F @ (np.eye(2) - K @ H), B, C, np.array([[D]]))
-    return np.asarray(scipy.signal.lfilter(b[0], a, e[::-1])[::-1][place])
+    A = F @ (np.eye(2) - K @ H)
+    a = np.poly(A)
+    b = np.poly(A - B @ C) + (D - 1.0) * a
+    return np.asarray(recursive_filter(b.tolist(), a.tolist(), e[::-1])[::-1][place])
 
 
 def _steady(state: RunState) -> tuple[Array, Array, Array]:

@@ -17,6 +17,7 @@ from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.processing import (
     GRID_PER_CUTOFF,
+    cosine_window,
     cubic,
     derivative,
     integral,
@@ -123,7 +124,7 @@ class Shrinkage:
 def periodograms(y: Array, rate: float, segment: int) -> tuple[Array, Array]:
     """One-sided densities of segments that overlap by half, behind a Hann window: their mean and, at each frequency,
     the largest, (segment // 2 + 1,) each."""
-    window = np.asarray(scipy.signal.windows.hann(segment, sym=False))
+    window = cosine_window(segment)
     segments = np.lib.stride_tricks.sliding_window_view(y, segment)[:: segment - segment // 2]
     total, largest = np.zeros(segment // 2 + 1), np.zeros(segment // 2 + 1)
     for begin in range(0, len(segments), BATCH):

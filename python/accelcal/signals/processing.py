@@ -17,8 +17,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from accelcal import _core
 from accelcal.data import Array, Channel, ChannelFilter
 from accelcal.signals.series import lagrange_weights
+
+Section = tuple[float, float, float]
 
 ORDER = 8
 """Order of the zero-phase low-pass of motion: flat to 0.5 % at 0.7 of the corner."""
@@ -39,21 +42,50 @@ def low_pass(y: Array, rate: float, cutoff: float) -> Array:
     """
     if cutoff >= 0.45 * rate or len(y) < 8:
         return y
-    sections, steady = low_pass_sections(rate, cutoff)
     padding = int(min(len(y) - 1, 3 * rate / cutoff))
-    # scipy.signal.sosfiltfilt, which would find the steady state anew in every call
     padded = np.concatenate([2.0 * y[0] - y[padding:0:-1], y, 2.0 * y[-1] - y[-2 : -padding - 2 : -1]])
-    forwards, _ = scipy.signal.sosfilt(sections, padded, zi=steady * padded[0])
-    del padded  # of an hour each takes 48 MB
-    backwards, _ = scipy.signal.sosfilt(sections, forwards[::-1], zi=steady * forwards[-1])
-    return np.ascontiguousarray(backwards[::-1][padding : padding + len(y)])
+    for _ in range(2):
+        for b, a in low_pass_sections(rate, cutoff):
+            settled = padded[0] * (1.0 - b[0]), padded[0] * (b[2] - a[2])
+            padded = recursive_filter(b, a, padded, settled)
+        padded = padded[::-1]
+    return np.ascontiguousarray(padded[padding : padding + len(y)])
 
 
 @lru_cache(maxsize=16)
-def low_pass_sections(rate: float, cutoff: float) -> tuple[Array, Array]:
-    """Second-order sections of that low-pass, and their state for a constant of 1; each round of a fit needs them."""
-    sections = np.asarray(scipy.signal.butter(ORDER, cutoff, fs=rate, output="sos"), dtype=np.float64)
-    return sections, np.asarray(scipy.signal.sosfilt_zi(sections), dtype=np.float64)
+def low_pass_sections(rate: float, cutoff: float) -> list[tuple[Section, Section]]:
+    """Sections (b, a) of second order of that low-pass, each of gain 1 at rest; every round of a fit needs them.
+
+    Poles of Butterworth by the bilinear transform, the cutoff prewarped (Oppenheim and Schafer 2010, section 7.2).
+    """
+    angles = math.pi * (2.0 * np.arange(ORDER // 2) + ORDER + 1.0) / (2.0 * ORDER)
+    poles = math.tan(math.pi * cutoff / rate) * np.exp(1j * angles)
+    a = [(1.0, -2.0 * q.real, abs(q) ** 2) for q in (1.0 + poles) / (1.0 - poles)]
+    return [((gain, 2.0 * gain, gain), section) for section in a for gain in [0.25 * sum(section)]]
+
+
+def recursive_filter(
+    b: Sequence[float], a: Sequence[float], x: Array, state: tuple[float, float] = (0.0, 0.0)
+) -> Array:
+    """Samples behind a recursive filter of at most second order, b(z)/a(z) with a[0] = 1, from a state on; (n,).
+
+    The state is that of SciPy's `lfilter`, whose import alone would take as long as a fit.
+    """
+    y, _ = _core.section((*b, 0.0, 0.0)[:3], (*a[1:], 0.0, 0.0)[:2], x, state)
+    return y
+
+
+def cosine_window(n: int, weights: Sequence[float] = (0.5, 0.5)) -> Array:
+    """Periodic window of `n` samples, a sum of cosines; that of Hann (Harris 1978)."""
+    at = np.linspace(-math.pi, math.pi, n + 1)[:-1]
+    return np.asarray(sum(weight * np.cos(k * at) for k, weight in enumerate(weights)), dtype=np.float64)
+
+
+def correlated(y: Array, response: Array) -> Array:
+    """Sums of y(n + k) response(n) at lags k = 0, 1, ... of samples (n,), by transforms; (n,)."""
+    size = scipy.fft.next_fast_len(len(y) + len(response), real=True)
+    product = scipy.fft.rfft(y, size) * np.conj(scipy.fft.rfft(response, size))
+    return np.asarray(scipy.fft.irfft(product, size)[: len(y)], dtype=np.float64)
 
 
 def derivative(y: Array, step: float) -> Array:
@@ -99,12 +131,17 @@ def spectral_density(y: Array, rate: float, segment: int) -> tuple[Array, Array]
     return np.asarray(np.fft.rfftfreq(segment, 1.0 / rate), dtype=np.float64), total
 
 
+def mean_spectrum(y: Array, rate: float, segment: int) -> tuple[Array, Array]:
+    """Frequencies, and the mean density of segments that overlap by half, (segment // 2 + 1,) each."""
+    return np.asarray(np.fft.rfftfreq(segment, 1.0 / rate), dtype=np.float64), mean_periodogram(y, rate, segment)
+
+
 def mean_periodogram(y: Array, rate: float, segment: int) -> Array:
     """Mean density of segments that overlap by half, behind a Hann window, their means taken off, (segment // 2 + 1,).
 
     All segments in one transform: SciPy's `welch` takes one after the other, at several times the cost.
     """
-    window = np.asarray(scipy.signal.windows.hann(segment, sym=False))
+    window = cosine_window(segment)
     segments = np.lib.stride_tricks.sliding_window_view(y, segment)[:: segment - segment // 2]
     spectra = scipy.fft.rfft((segments - segments.mean(axis=1, keepdims=True)) * window, axis=1)
     density = np.mean(spectra.real**2 + spectra.imag**2, axis=0) / (rate * float(window @ window))

@@ -11,10 +11,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
-from accelcal.data import Array, Flags
+from accelcal.data import Array, Flags, Places
+from accelcal.signals.processing import recursive_filter
 from accelcal.signals.series import grid_step, interpolation_errors, local_spread
 
 
@@ -67,7 +67,7 @@ def output_of(jumps: Jumps, begin: float, step: float, n: int) -> Array:
         held = np.zeros(n)
         if tau > 0.0:
             held = np.bincount(first, size * np.exp(-late / tau), n).astype(np.float64)
-            held = scipy.signal.lfilter([1.0], [1.0, -np.exp(-step / tau)], held)
+            held = recursive_filter([1.0], [1.0, -float(np.exp(-step / tau))], held)
         if of_jerk:
             risen = np.bincount(first, size * late, n) + step * np.append(0.0, level[:-1])
             output = output + np.cumsum(risen) - tau * (level - held)
@@ -96,8 +96,6 @@ def lost_velocity(jumps: Jumps, step: float) -> Array:
     missed = np.where(jumps.of_jerk, of_ramp.std(axis=1) * step**2, of_step.std(axis=1) * step)
     return np.asarray(np.abs(jumps.size) * missed)
 
-
-Places = NDArray[np.intp]
 
 EVENT_SIGMA = 5.0
 """Standard deviations of its interpolation error beyond which a sample is looked at; noise exceeds them once in 2

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
 
 import numpy as np
-import scipy
 
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import NotStored, Result
@@ -107,7 +106,10 @@ def density_at_rest(recording: Recording, until: float | None = None) -> tuple[f
         y = accel.y[slice(*np.searchsorted(accel.t, [begin + EDGE, end - EDGE]))]
         if end - begin >= LEAST_STRETCH and np.all(np.isfinite(y)) and len(np.unique(y)) >= LEAST_CODES:
             rested += end - begin
-            frequency, power = scipy.signal.periodogram(y, rate, detrend="linear")
+            place = np.arange(len(y)) - 0.5 * (len(y) - 1)
+            y = y - np.mean(y) - place * (place @ y) / (place @ place)
+            power = 2.0 * np.abs(np.fft.rfft(y)) ** 2 / (rate * len(y))
+            frequency = np.fft.rfftfreq(len(y), 1.0 / rate)
             inside = (frequency >= max(lowest, LOWEST * rate / len(y))) & (frequency <= highest)
             frequencies.append(frequency[inside])
             powers.append(power[inside])

@@ -218,7 +218,7 @@ class HeldOutChange:
         """
         if not (self.before > 0.0 and self.after > 0.0):
             return -100.0, math.inf
-        reach = 0.5 * float(scipy.stats.t.ppf(0.975, self.stretches - 1)) * self.ratio_std
+        reach = 0.5 * float(scipy.special.stdtrit(self.stretches - 1, 0.975)) * self.ratio_std
         ratio = self.after / self.before
         return 100.0 * (ratio * math.exp(-reach) - 1.0), 100.0 * (ratio * math.exp(reach) - 1.0)
 
@@ -329,7 +329,7 @@ def drift_spread(evaluation: Evaluation, horizon: float | None) -> RmsInterval |
     middle = float(np.mean(error**2)) if count else 0.0
     if count < LEAST_STRETCHES or not middle > 0.0:
         return None
-    reach = scipy.stats.t.ppf(0.975, count - 1) * float(np.std(means, ddof=1)) / math.sqrt(count) / middle
+    reach = scipy.special.stdtrit(count - 1, 0.975) * float(np.std(means, ddof=1)) / math.sqrt(count) / middle
     value = math.sqrt(middle)
     return RmsInterval(value, value * math.exp(-0.5 * reach), value * math.exp(0.5 * reach))
 

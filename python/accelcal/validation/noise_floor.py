@@ -132,7 +132,7 @@ def _spread(errors: Sequence[float]) -> RmsInterval:
     """Rms of root mean squares, and the interval of the next one; their logarithms are nearly normal."""
     logarithms = np.log(errors)
     n = len(errors)
-    reach = scipy.stats.t.ppf(0.975, n - 1) * math.sqrt(1.0 + 1.0 / n) * float(np.std(logarithms, ddof=1))
+    reach = scipy.special.stdtrit(n - 1, 0.975) * math.sqrt(1.0 + 1.0 / n) * float(np.std(logarithms, ddof=1))
     middle = float(np.mean(logarithms))
     value = float(np.sqrt(np.mean(np.square(errors))))
     return RmsInterval(value, math.exp(middle - reach), math.exp(middle + reach))

@@ -9,7 +9,7 @@ from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.refine import profile_loss
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import BUILT_IN, Effect, find
-from accelcal.estimation.columns import multiples, sizes
+from accelcal.estimation.columns import distinct, sizes
 from accelcal.estimation.estimate import solve_runs
 from accelcal.model import Model, terms_of
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
@@ -43,19 +43,23 @@ def test_effects_that_share_a_basis_are_multiples_of_the_first_and_no_others_are
         find(name) for name in ("bias_random_walk", "bias_gauss_markov", "shape_of_time", "bias_drift")
     )
     terms = [term for effect in (drift, random_walk, markov, time) for term in terms_of(effect, shape_of(effect, 0.5))]
-    found = multiples(terms, s)
+    picked, places, factors = distinct(terms, s)
     mean = 1 + random_walk.width + markov.width - 1  # of the Gauss-Markov process: no cosine
-    assert sorted(found) == [k for k in range(1 + random_walk.width, len(terms)) if k != mean]
-    for k, (source, factor) in found.items():
-        assert terms[source].effect is random_walk
-        np.testing.assert_allclose(factor * terms[source].column(s), terms[k].column(s), rtol=1e-9, atol=1e-15)
+    again = [k for k in range(1 + random_walk.width, len(terms)) if k != mean]
+    assert picked == [term for k, term in enumerate(terms) if k not in again]
+    for k, (place, factor) in enumerate(zip(places, factors, strict=True)):
+        assert picked[place].effect is (random_walk if k in again else terms[k].effect)
+        np.testing.assert_allclose(factor * picked[place].column(s), terms[k].column(s), rtol=1e-9, atol=1e-15)
 
 
 def test_cosines_of_another_stretch_of_time_are_no_multiples():
     random_walk = find("bias_random_walk")
     here = shape_of(random_walk, 0.5)
     terms = [*terms_of(random_walk, here), *terms_of(random_walk, {**here, "length": 0.9 * here["length"]})]
-    assert multiples(terms, MOTION) == {}
+    picked, places, factors = distinct(terms, MOTION)
+    assert picked == terms
+    assert list(places) == list(range(len(terms)))
+    assert np.all(factors == 1.0)
 
 
 def test_the_gain_along_a_size_is_that_of_columns_filtered_anew():

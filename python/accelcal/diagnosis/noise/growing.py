@@ -14,14 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from accelcal.data import Array
+from accelcal.data import Array, Places
 from accelcal.diagnosis.noise.residuals import BlockSpectra, Residuals
 from accelcal.diagnosis.policy import NOISE_TEST_LEAST_BLOCKS
 from accelcal.effects import Effect
 from accelcal.estimation.noise import NoiseEffect, NoiseScore, NoiseSpectrum
-from accelcal.signals.unresolved import Places
+from accelcal.signals.processing import cosine_window
 
-BLOCK: Array = scipy.signal.windows.hann(128, sym=False)
+BLOCK: Array = cosine_window(128)
 """Window of a block: lines leak little, and blocks that overlap by half are nearly independent."""
 ITERATIONS = 8
 """Of the weighted least squares."""

@@ -255,12 +255,18 @@ def strongest_frequency(residuals: Residuals, bins: Array) -> float:
     return float(fine.f[np.argmax(np.where(within, (x - x.mean()) @ fine.power, -math.inf))])
 
 
+def ranks(x: Array) -> Array:
+    """Ranks of samples (n,) from 1 on; equal ones share the mean of theirs."""
+    _, place, count = np.unique(x, return_inverse=True, return_counts=True)
+    return np.asarray((np.cumsum(count) - 0.5 * (count - 1.0))[place])
+
+
 def rank_correlation(x: Array, y: Array) -> tuple[float, float]:
     """Spearman's correlation, and the probability of one as large among independent series.
 
     The number of blocks is reduced by Bartlett's formula for two series that are both correlated in time.
     """
-    a, b = (scipy.stats.rankdata(s) for s in (x, y))
+    a, b = (ranks(s) for s in (x, y))
     a, b = a - a.mean(), b - b.mean()
     scale = math.sqrt(float(a @ a) * float(b @ b))
     if scale == 0.0:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from accelcal.data import Array, Flags, Recording
+from accelcal.data import Array, Flags, Places, Recording
 from accelcal.diagnosis.noise.growing import total_with_std
 from accelcal.diagnosis.noise.noise_test import OUTPUT_OUTLIERS, READING_OUTLIERS, NoiseTest
 from accelcal.diagnosis.noise.residuals import (
@@ -29,7 +29,7 @@ from accelcal.diagnosis.policy import EXAMINED_SIGMA, NOISE_TEST_ALPHA, NOISE_TE
 from accelcal.effects import Effect
 from accelcal.estimation.noise import NoiseEffect, NoiseScore
 from accelcal.signals.series import widened
-from accelcal.signals.unresolved import ISOLATED, Places, jumps_at, local_maxima
+from accelcal.signals.unresolved import ISOLATED, jumps_at, local_maxima
 
 BESIDE = np.arange(-2, 3)
 """Samples beside one that stands out about which a jump is looked for: wrong samples are tried as far."""

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data import POSITION_ORDER, Array, Flags
+from accelcal.data import POSITION_ORDER, Array, Flags, Places
 from accelcal.data.orientation import HOLE
 from accelcal.diagnosis.policy import (
     FAST_SCATTER_RATIO,
@@ -23,16 +23,16 @@ from accelcal.diagnosis.policy import (
 from accelcal.estimation.channel_filters import LEAST_GAIN
 from accelcal.estimation.engines import sums_of
 from accelcal.estimation.run_state import RunState
-from accelcal.signals.processing import Spectrum, low_pass, noise_bandwidth, quintic
+from accelcal.signals.processing import Spectrum, cosine_window, low_pass, noise_bandwidth, quintic, recursive_filter
 from accelcal.signals.series import LOCAL, bridged, grid_step, local_spread, widened
 from accelcal.signals.signals import RESAMPLED, Signals
 from accelcal.signals.unresolved import output_of
 
-LONG_BLOCKS: Array = scipy.signal.windows.blackmanharris(128, sym=False)
+LONG_BLOCKS: Array = cosine_window(128, (0.35875, 0.48829, 0.14128, 0.01168))
 """Window of blocks that resolve colour: it suppresses a line 90 dB stronger at 100 Hz distance, at a few kHz."""
-SHORT_BLOCKS: Array = scipy.signal.windows.hann(32, sym=False)
+SHORT_BLOCKS: Array = cosine_window(32)
 """Window of blocks that resolve the peaks of a move's speed; for series without strong lines below them."""
-MIDDLE_BLOCKS: Array = scipy.signal.windows.hann(64, sym=False)
+MIDDLE_BLOCKS: Array = cosine_window(64)
 """Window of blocks between the two, which tells a band from one three bins below it."""
 MOST_LAGS = 200
 """Blocks over which the scatter may be correlated."""
@@ -293,8 +293,6 @@ def isolated_peaks(score: Array, large: NDArray[np.intp]) -> NDArray[np.intp]:
     return np.asarray(peaks, dtype=np.intp)
 
 
-Places = NDArray[np.intp]
-
 REACH = 16
 """Samples on either side that contribute to the interpolation of one."""
 LEAST_INFORMATION = 0.5
@@ -538,7 +536,7 @@ class Residuals:
             x = self.step / self.tau
             d = math.exp(-x)
             b = [1.0 - (1.0 - d) / x, (1.0 - d) / x - d]
-            at, _ = scipy.signal.lfilter(b, [1.0, -d], at, zi=[at[0] * (1.0 - b[0])])
+            at = recursive_filter(b, [1.0, -d], at, (at[0] * (1.0 - b[0]), 0.0))
         return np.asarray(run.filters.behind_output(at, self.step), dtype=np.float64)
 
     @cached_property

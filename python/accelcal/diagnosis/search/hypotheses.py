@@ -20,6 +20,7 @@ from accelcal.estimation.dwell_rows import shown as dwells_show
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.shape_parameters import linearised
 from accelcal.model import Model, Term, terms_of
+from accelcal.signals.processing import correlated, recursive_filter
 
 MOST_JUMPS = 8
 """Instants at which a jump of the encoder is tried."""
@@ -76,7 +77,7 @@ def jumps(state: RunState) -> list[InitialShape]:
     crossover = 2.0 * np.pi * state.run.crossover(state.noise)
     y = np.where(state.counts, state.whitened, 0.0)
     response = jump_response(state)
-    match = np.abs(scipy.signal.correlate(y, response, mode="full")[len(response) - 1 :])
+    match = np.abs(correlated(y, response))
     span = max(1, int(1.0 / (crossover * state.run.reading_step)))
     comparisons = max(1, int(s.length * crossover))
     shapes: list[InitialShape] = []
@@ -94,9 +95,7 @@ def jump_response(state: RunState) -> Array:
     step = state.run.reading_step
     impulse = np.zeros(max(2, int(state.run.wait(state.noise) / step)))
     impulse[0] = 1.0
-    return np.asarray(
-        scipy.signal.lfilter([1.0, -1.0], [1.0, gain_p + step * gain_v - 2.0, 1.0 - gain_p], impulse), dtype=np.float64
-    )
+    return recursive_filter([1.0, -1.0], [1.0, gain_p + step * gain_v - 2.0, 1.0 - gain_p], impulse)
 
 
 def waves(state: RunState) -> list[InitialShape]:

@@ -11,11 +11,11 @@ import scipy
 from numpy.typing import NDArray
 from scipy import special
 
-from accelcal.data import Array
+from accelcal.data import Array, Places
 from accelcal.diagnosis.search.hypotheses import Hypothesis, nuisances
 from accelcal.diagnosis.search.slow_noise import SlowNoise, slow_noise
 from accelcal.effects import Effect
-from accelcal.estimation.columns import ColumnFilter
+from accelcal.estimation.columns import ColumnFilter, distinct
 from accelcal.estimation.engines import rows_of_dwells, spectrum_of, sums_of
 from accelcal.estimation.noise import MeasuredSpectrum, whitener
 from accelcal.estimation.run_state import RunState
@@ -129,6 +129,10 @@ class BaseProjection:
         self.state = state
         self.column_filter = sums_of(state)
         self._cached: tuple[Sequence[Term], slice, Array] | None = None
+        self._distinct: tuple[Sequence[Term], tuple[list[Term], Places, Array]] = (
+            (),
+            ([], np.empty(0, np.intp), np.ones(0)),
+        )
         uncertain = [*nuisances(state, model), *((term, np.inf) for term in separate)]
         base = [term for term in model.terms if term.name not in model.fixed]
         plain = [term for term in base if term.name not in {other.name for other, _ in uncertain}]
@@ -198,9 +202,17 @@ class BaseProjection:
         scaled = (products.T / self.size).T
         return np.asarray((scipy.linalg.cho_solve(self.factor, scaled).T / self.size).T)
 
+    def distinct(self, terms: Sequence[Term]) -> tuple[list[Term], Places, Array]:
+        """Terms with distinct columns, and the place and factor of each of all terms; of the last ones at hand."""
+        if self._distinct[0] is not terms:
+            self._distinct = terms, distinct(terms, self.column_filter.signals)
+        return self._distinct[1]
+
     def stretches(self, terms: Sequence[Term]) -> Iterator[tuple[slice, Array]]:
         """Columns stretch by stretch, those of dwells last; those of a short run are cached for a second pass."""
-        yield from self._of_motion(terms)
+        picked, places, factors = self.distinct(terms)
+        for rows, Z in self._of_motion(picked):
+            yield rows, Z[places] * factors[:, None]
         rest = rows_of_dwells(self.state, terms)
         if rest is not None:
             yield slice(self.column_filter.rows, len(self.y)), rest.columns.T
@@ -232,13 +244,22 @@ class BaseProjection:
         A power of the acceleration is nearly straight about the specific force of a vertical axis. The base has the
         same line to rounding, so that only what is beyond it counts as its power; of others all of it does.
         """
-        m = len(terms)
+        picked, places, factors = self.distinct(terms)
+        m = len(picked)
         G, products, score = np.zeros((m, m)), np.zeros((len(self.B), m)), np.zeros(m)
-        for rows, Z in self.stretches(terms):
+        for rows, Z in self._of_motion(picked):
             G += Z @ Z.T
             products += self.B[:, rows] @ Z.T
             score += Z @ self.y[rows]
             progress(rows.stop / len(self.y))
+        G, products, score = G[np.ix_(places, places)], products[:, places] * factors, score[places] * factors
+        G *= np.outer(factors, factors)
+        rest = rows_of_dwells(self.state, terms)
+        if rest is not None:
+            rows = slice(self.column_filter.rows, len(self.y))
+            G += rest.columns.T @ rest.columns
+            products += self.B[:, rows] @ rest.columns
+            score += self.y[rows] @ rest.columns
         weights, diagonal = self.weights(products), np.diag(G).copy()
         beyond_line = diagonal.copy()
         static = np.array([is_power(term.effect) for term in terms], dtype=np.bool_)

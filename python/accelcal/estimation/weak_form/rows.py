@@ -18,7 +18,7 @@ from accelcal.data import POSITION_ORDER, Array, Flags
 from accelcal.data.clocks import decimal_step
 from accelcal.data.orientation import HOLE
 from accelcal.effects import is_local
-from accelcal.estimation.columns import MOST_READINGS, MOST_SUMS, OVERSAMPLING, column_parts, multiples
+from accelcal.estimation.columns import MOST_READINGS, MOST_SUMS, OVERSAMPLING, column_parts
 from accelcal.estimation.run import MOST_CROSSOVER
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.smoothing import (
@@ -251,9 +251,8 @@ class WeakRows:
         ------
         The rows of the stretch, and the columns (terms, rows of the stretch) in the order of the terms.
         """
-        copies, acts = multiples(terms, self.signals), self.state.run.filters.acts
-        with_memory = [k for k, term in enumerate(terms) if k not in copies and (acts or not is_local(term.effect))]
-        elsewhere, ports = {*copies, *with_memory}, {term.port for term in terms}
+        acts, ports = self.state.run.filters.acts, {term.port for term in terms}
+        with_memory = [k for k, term in enumerate(terms) if acts or not is_local(term.effect)]
         whiten, begin = Whitening(self.factor, len(terms)), 0
         finest = min(self.reading_step, self.state.run.accel_step)
         most = min(int(MOST_READINGS * finest / self.splines.step), MOST_SUMS // COPIES // max(1, len(terms)))
@@ -268,13 +267,11 @@ class WeakRows:
             columns = np.empty((int(np.count_nonzero(self._kept[part])), len(terms)), order="F")
             grid, readings = (against[port][0] if port in against else slice(0) for port in ("output", "position"))
             for first, found, port in column_parts(
-                self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, elsewhere
+                self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, with_memory
             ):
                 columns[:, first : first + len(found)] = against[port][1] @ np.column_stack(found)
             rows = slice(begin, begin + len(columns))
             columns[:, with_memory] = remembered[rows.start - first_row : rows.stop - first_row]
-            for k, (source, times) in copies.items():
-                columns[:, k] = columns[:, source] * times
             yield rows, whiten(rows, columns).T
             begin = rows.stop
         if len(self._readings.t) > MOST_READINGS:
