@@ -186,10 +186,9 @@ def at_once(path: Path) -> Iterator[str]:
 
 
 def test_app_and_live_are_imported_by_nobody_else_as_the_package_loads() -> None:
-    # `live_faces` is imported by the command `live` when it runs.
-    others = [m for m in MODULES if folder(m) not in ("app", "live") and m != "cli.live_faces"]
+    others = [m for m in MODULES if folder(m) not in ("app", "live")]
     assert not [m for m in others if {"app", "live"}.intersection(map(folder, at_once(MODULES[m])))]
-    assert "live" in map(folder, at_once(MODULES["cli.live_faces"]))  # the twin
+    assert "live" in map(folder, at_once(MODULES["app.live_page"]))  # the twin
 
 
 def test_an_upward_import_is_caught(tmp_path: Path) -> None:
