@@ -59,11 +59,11 @@ def hide(name: str, seed: int) -> Hidden:
     """
     choice, *motions = np.random.SeedSequence(seed).spawn(3)
     rng = np.random.default_rng(choice)
-    made = [
+    simulated_runs = [
         simulate("interleaved", seconds=SECONDS, rig=CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng(s))
         for s in motions
     ]
-    train, holdout = (simulated.recording for simulated in made)
+    train, holdout = (simulated.recording for simulated in simulated_runs)
     if name == "none":
         return Hidden(train, holdout, None, 0.0, {})
     run = prepare(train)
@@ -84,8 +84,8 @@ def hide(name: str, seed: int) -> Hidden:
     size = float(rng.choice([1.0] if effect.traits.positive else [-1.0, 1.0])) * STRENGTH * limits[effect.name]
     origins = run.origins
     return Hidden(
-        with_effect(made[0], effect, size, shape, origins),
-        with_effect(made[1], effect, size, shape, origins),
+        with_effect(simulated_runs[0], effect, size, shape, origins),
+        with_effect(simulated_runs[1], effect, size, shape, origins),
         effect.name,
         size,
         shape,
@@ -93,12 +93,12 @@ def hide(name: str, seed: int) -> Hidden:
 
 
 def with_effect(
-    made: Simulated, effect: Effect, size: float, shape: Mapping[str, float], origins: Origins
+    simulated: Simulated, effect: Effect, size: float, shape: Mapping[str, float], origins: Origins
 ) -> Recording:
     """The recording with an effect of the sensor added in front of the low-pass."""
-    recording, rig = made.recording, made.recording.rig
+    recording, rig = simulated.recording, simulated.recording.rig
     accel = recording.accel
-    s = exact_signals(made.truth.motion, accel.t, rig, origins)
+    s = exact_signals(simulated.truth.motion, accel.t, rig, origins)
     added = size * effect.column(s, **shape)
     if rig.lowpass is not None:
         added = lagged(added, rig.lowpass.tau, s.step, float(added[0]))

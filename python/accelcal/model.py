@@ -169,15 +169,15 @@ class Model(Result):
             missing = set(usual) - set(given)
             if missing:
                 raise AccelcalError(f"{name} needs a value of {', '.join(sorted(missing))}")
-        known = {term.name for term in self.terms}
+        names = {term.name for term in self.terms}
         curved = {f"{name}.{shape}" for name in self.effects for shape in find(name).shapes}
         for name in (*self.fixed, *self.priors):
             if name in self.effects and find(name).port == "noise":
                 raise AccelcalError(f"{name!r} acts on noise: it has no value to hold and no prior")
-            if name not in known and not (name in curved and name in self.fixed):
+            if name not in names and not (name in curved and name in self.fixed):
                 raise AccelcalError(f"{name!r} is fixed or has a prior but is not in the model; add the effect first")
         for name in self.per_run:
-            if name not in known:
+            if name not in names:
                 raise AccelcalError(f"{name!r} cannot differ from run to run: it is no coefficient of the model")
             if name in self.priors:
                 raise AccelcalError(

@@ -151,7 +151,7 @@ def diagnose(
     """
     if isinstance(recordings, Dwells):
         return diagnose_dwells(fit, recordings, alpha=alpha)
-    examined = [Examined(one, start, end) for one in runs_of(recordings)]
+    examined = [Examined(recording, start, end) for recording in runs_of(recordings)]
     if "scale_factor" not in fit.model.fixed:
         require_relation(examined)
     runs, stretch, broken = judged_runs(examined)
@@ -225,8 +225,8 @@ def formulas(
     effect, model = find(curve), model_in_motion(fit)
     model = model.drop(curve) if curve in model.added else model
 
-    def fitted(one: Recording) -> RunState:
-        (clear,), part, _ = judged_runs([Examined(one)])
+    def fitted(whole: Recording) -> RunState:
+        (clear,), part, _ = judged_runs([Examined(whole)])
 
         def solve(these: Sequence[PreparedRun]) -> Solution:
             plain = solve_runs(model, these, start=part.start, end=part.end, origins=fit.origins, engine=fit.engine)
@@ -240,9 +240,9 @@ def formulas(
 
     other = None if holdout is None else (fitted(holdout), model)
     progress(0.0 if holdout is None else 0.3)
-    own = fitted(recording)
+    state = fitted(recording)
     progress(0.6)
-    return formulas_of(own, model, effect, holdout=other, alpha=alpha)
+    return formulas_of(state, model, effect, holdout=other, alpha=alpha)
 
 
 @checked
@@ -309,19 +309,21 @@ def fit(
     several = with_dwells(recordings)
     if isinstance(several, Dwells):
         return remembered(estimate_dwells(model, several, origins), recordings)
-    examined = [Examined(one, start, end) for one in several]
+    examined = [Examined(recording, start, end) for recording in several]
     if "scale_factor" not in model.fixed:
         require_relation(examined)
     runs, broken = used_runs(examined)
     settings = {"start": start, "end": end, "band": band, "origins": origins, "engine": engine}
 
     def in_agreement(these: Sequence[PreparedRun]) -> tuple[Fit, PreparedRun]:
-        found, solution = fitted(model, these, progress, reject=reject_outliers, **settings)
-        values = values_by_run(solution.states, found.model, [one.instead for one in found.seen_by_runs])
-        found = replace(found, remarks=(*broken, *found.remarks, *runs_disagree(values)))
+        fitted_model, solution = fitted(model, these, progress, reject=reject_outliers, **settings)
+        values = values_by_run(
+            solution.states, fitted_model.model, [choice.instead for choice in fitted_model.seen_by_runs]
+        )
+        fitted_model = replace(fitted_model, remarks=(*broken, *fitted_model.remarks, *runs_disagree(values)))
         run = solution.states[0].run
         solution.states.clear()  # the prediction filters anew: one set of filters at a time
-        return found, run
+        return fitted_model, run
 
     return remembered(undisturbed_fit(runs, in_agreement) if reject_outliers else in_agreement(runs)[0], recordings)
 
@@ -344,7 +346,7 @@ def undisturbed_fit(
 def remembered(fit: Fit, recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> Fit:
     """The fit, for which `nested` finds its recordings again while both live."""
     several = [recordings] if isinstance(recordings, Recording | Dwells) else recordings
-    _fitted_to[id(fit)] = [weakref.ref(one) for one in several]
+    _fitted_to[id(fit)] = [weakref.ref(recording) for recording in several]
     weakref.finalize(fit, _fitted_to.pop, id(fit), None).atexit = False
     return fit
 
@@ -361,7 +363,7 @@ def require_relation(examined: Sequence[Examined]) -> None:
     NotIdentifiable, RecordingError
         With what was expected of them.
     """
-    runs = [one.run for one in examined]
+    runs = [item.run for item in examined]
     require_motion_above_noise(runs)
     for run in runs:
         require_one_axis([run], start=run.asked[0], end=run.asked[1])
@@ -378,7 +380,7 @@ def undisturbed(
 ) -> tuple[list[PreparedRun], TimeSpan] | None:
     """Runs without the stretches that a verdict names as disturbed, and the usable part with the remark on them;
     None where it names none."""
-    disturbed = next((one for one in judged.remarks if one.code == "disturbed"), None)
+    disturbed = next((note for note in judged.remarks if note.code == "disturbed"), None)
     if disturbed is None:
         return None
     return without_stretches(runs, disturbed), replace(stretch, remarks=(disturbed, *stretch.remarks))
@@ -402,16 +404,16 @@ def fitted(
     settings : of `solve_runs`.
     """
     solution = solve_runs(model, runs, progress=within(progress, 0.0, 0.8 if reject else 1.0), **settings)
-    found = result(solution)
+    fit = result(solution)
     if reject:
-        again = {**settings, "origins": found.origins, "engine": found.engine}
-        solve = partial(solve_runs, found.model, **again)
+        again = {**settings, "origins": fit.origins, "engine": fit.engine}
+        solve = partial(solve_runs, fit.model, **again)
         clean = clean_fit(runs, solve, solved=solution, test=run_outlier_tests)
         solution, rejected = clean.solution, clean.rejected(runs)
         if rejected:
-            found = result(solution)
-            found = replace(found, remarks=(*(one.remark for one in rejected), *found.remarks))
-    return with_noise_effects(found, runs, solution.states), solution
+            fit = result(solution)
+            fit = replace(fit, remarks=(*(rejection.remark for rejection in rejected), *fit.remarks))
+    return with_noise_effects(fit, runs, solution.states), solution
 
 
 @checked
@@ -452,8 +454,8 @@ def add(
     """
     runs, broken = used_runs([Examined(one) for one in runs_of(recordings)])
     several = [run.recording for run in runs]
-    for one in several:  # their channels are effects by name
-        side_channels([(name, channel.unit) for name, channel in one.side.items() if name not in DERIVED])
+    for recording in several:  # their channels are effects by name
+        side_channels([(name, channel.unit) for name, channel in recording.side.items() if name not in DERIVED])
     model, states, waves = model_in_motion(fit), restored_states(fit, runs), dict[str, float]()
     for name in names:
         effect = find(name)
@@ -463,7 +465,7 @@ def add(
             model = model.add(name)
             continue
         if name in SEEN_BY_RUNS and len(several) > 1 and all(need in r.side for need in effect.needs for r in several):
-            instead = [one.instead for one in fit.seen_by_runs if one.effect == name]
+            instead = [choice.instead for choice in fit.seen_by_runs if choice.effect == name]
             model = model.alike(*instead).add(name)  # no single run shows it: the joint fit tells whether all do
             continue
         if states is None or model is not fit.model:
@@ -568,7 +570,7 @@ def drop(
     >>> ac.drop(cubic, made.recording, "cubic").model.added
     ()
     """
-    runs, broken = used_runs([Examined(one) for one in runs_of(recordings)])
+    runs, broken = used_runs([Examined(recording) for recording in runs_of(recordings)])
     model = model_in_motion(fit).drop(*names)
     origins, engine = fit.origins, fit.engine
     left, _ = fitted(model, runs, within(progress, 0.0, 0.9), origins=origins, engine=engine)
@@ -600,14 +602,14 @@ def run_values(fit: Fit, recordings: Sequence[Recording | Dwells]) -> RunValues:
     >>> bool(run_values(ac.fit([one, two]), [one, two]).p_values.min() > 1e-4)
     True
     """
-    runs, _ = used_runs([Examined(one) for one in runs_of(recordings)])
+    runs, _ = used_runs([Examined(recording) for recording in runs_of(recordings)])
     states = restored_states(fit, runs)
     if states is None:
         states = solve_runs(model_in_motion(fit), runs, origins=fit.origins, engine=fit.engine).states
-    found = values_by_run(states, fit.model, [one.instead for one in fit.seen_by_runs])
-    if found is None:
+    values = values_by_run(states, fit.model, [choice.instead for choice in fit.seen_by_runs])
+    if values is None:
         raise AccelcalError("run_values needs two recordings or more, and a model with parameters that they share")
-    return found
+    return values
 
 
 @checked
@@ -664,7 +666,7 @@ def improve(
     if apart is not None:
         holdout = several.pop(apart)
     budget = SearchBudget.of(several)
-    examined = [Examined(one, start, end) for one in several]
+    examined = [Examined(recording, start, end) for recording in several]
     require_relation(examined)
     original, stretch, broken = judged_runs(examined)
     begin, finish = stretch.start, stretch.end
@@ -776,13 +778,17 @@ def nested(
     ('base', 'base + cubic')
     """
     if recordings is None:
-        recordings = [one for one in (each() for each in _fitted_to.get(id(fit), ())) if one is not None]
+        recordings = [
+            recording
+            for recording in (reference() for reference in _fitted_to.get(id(fit), ()))
+            if recording is not None
+        ]
     if not recordings:
         raise RecordingError(
             f"{', '.join(name for name, _ in fit.sources)}: no longer in memory; give what the fit was made from: "
             "accelcal.nested(fit, recordings)"
         )
-    runs, _ = used_runs([Examined(one, start, end) for one in runs_of(recordings)])
+    runs, _ = used_runs([Examined(recording, start, end) for recording in runs_of(recordings)])
     grown = nested_fits(fit, runs, start=start, end=end)
     *smaller, last = grown.fits
     return (*smaller, replace(last, remarks=(*last.remarks, *grown.remarks)))
@@ -858,14 +864,14 @@ def compare(
         raise AccelcalError(
             f"compare: names {list(named)}; expected a name of its own for each of {len(models)} models"
         )
-    ruler, seen = Ruler.of(models), []
+    ruler, evaluations = Ruler.of(models), []
     for number, recording in enumerate(several):
         part = within(progress, number / len(several), (number + 1) / len(several))
         evaluated = compare_models(models, recording, ruler, part, band=band, horizons=horizons, start=start, end=end)
-        seen.append(evaluated)
+        evaluations.append(evaluated)
     fitted = {run.session for fit in models for run in fit.runs if run.session}
     same_run = any(recording.session in fitted for recording in several)
-    return Comparison(models, named, tuple(each[0].recording for each in seen), tuple(seen), same_run)
+    return Comparison(models, named, tuple(row[0].recording for row in evaluations), tuple(evaluations), same_run)
 
 
 @one_thread
@@ -907,12 +913,12 @@ def compare_models(
     def floor(progress: Callable[[float], None]) -> NoiseFloor:
         return noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
 
-    *found, least = on_two_threads(
+    *compared_models, least = on_two_threads(
         [*(partial(compared, fit) for fit in fits), floor],
         within(progress, 0.1, 1.0),
         at_once=len(recording.accel) + len(recording.position) <= MOST_AT_ONCE,
     )
-    return tuple(replace(seen, noise_floor=least) for seen in found)
+    return tuple(replace(evaluation, noise_floor=least) for evaluation in compared_models)
 
 
 @checked
@@ -953,7 +959,7 @@ def judged_runs(examined: Sequence[Examined]) -> tuple[list[PreparedRun], TimeSp
 
 def used_runs(examined: Sequence[Examined]) -> tuple[list[PreparedRun], list[Remark]]:
     """Runs up to their first breaks, and the remarks on breaks and on what was left out."""
-    return [one.part for one in examined], [note for one in examined for note in one.remarks()]
+    return [item.part for item in examined], [note for item in examined for note in item.remarks()]
 
 
 __dir__ = listing(globals())

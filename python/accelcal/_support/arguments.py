@@ -54,9 +54,9 @@ def checked(function: Callable[P, T]) -> Callable[P, T]:
             return function(*args, **kwargs)  # a wrong number of arguments: Python's own sentence names the function
         for name, value in given.arguments.items():
             hint = hints_of(function).get(name, Any)
-            for label, one in labelled(name, value, signature.parameters[name].kind):
-                if name not in ("self", "cls") and not accepts(hint, one):
-                    raise error_of(hint, one)(refusal(function.__qualname__, order(signature), label, hint, one))
+            for label, item in labelled(name, value, signature.parameters[name].kind):
+                if name not in ("self", "cls") and not accepts(hint, item):
+                    raise error_of(hint, item)(refusal(function.__qualname__, order(signature), label, hint, item))
         return function(*args, **kwargs)
 
     return call
@@ -65,7 +65,7 @@ def checked(function: Callable[P, T]) -> Callable[P, T]:
 def labelled(name: str, value: Any, kind: Any) -> list[tuple[str, object]]:
     """What was given for one parameter, each with the name that a message has for it."""
     if kind is inspect.Parameter.VAR_POSITIONAL:
-        return [(name, one) for one in value]
+        return [(name, item) for item in value]
     return list(value.items()) if kind is inspect.Parameter.VAR_KEYWORD else [(name, value)]
 
 
@@ -95,7 +95,7 @@ def accepts(hint: Any, value: object) -> bool:
     """Whether a value is of a declared type; elements of lists and tuples are looked at, those of mappings are not."""
     origin, inside = get_origin(hint), get_args(hint)
     if origin in (Union, UnionType):
-        return any(accepts(one, value) for one in inside)
+        return any(accepts(option, value) for option in inside)
     if origin is Literal:
         return isinstance(value, str | int | float | NoneType) and value in inside
     if hint is Any or isinstance(hint, TypeVar | str):
@@ -120,7 +120,7 @@ def accepts(hint: Any, value: object) -> bool:
         if origin is tuple or not issubclass(origin, Iterable) or issubclass(origin, Mapping):
             return True
         return not isinstance(value, str | bytes) and (
-            not isinstance(value, Sequence) or all(accepts(inside[0], one) for one in value)
+            not isinstance(value, Sequence) or all(accepts(inside[0], item) for item in value)
         )
     return isinstance(value, hint) if isinstance(hint, type) else True
 
@@ -169,10 +169,10 @@ def expected(hint: Any) -> str:
     """A declared type, in words."""
     origin, inside = get_origin(hint), get_args(hint)
     if origin in (Union, UnionType):
-        several = [expected(one) for one in inside if one is not NoneType]
+        several = [expected(option) for option in inside if option is not NoneType]
         return " or ".join(dict.fromkeys(several)) + (" or None" if NoneType in inside else "")
     if origin is Literal:
-        return " or ".join(repr(one) for one in inside)
+        return " or ".join(repr(literal) for literal in inside)
     if hint in (float, int, str):
         return {float: "a number", int: "a whole number", str: "text"}[hint]
     if isinstance(origin, type) and issubclass(origin, np.ndarray):
@@ -190,5 +190,5 @@ def expected(hint: Any) -> str:
 def classes(hint: Any) -> list[str]:
     """Names of all classes in a declared type."""
     if get_args(hint):
-        return [name for one in get_args(hint) for name in classes(one)]
+        return [name for option in get_args(hint) for name in classes(option)]
     return [getattr(hint, "__name__", "")]

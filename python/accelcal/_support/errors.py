@@ -152,15 +152,17 @@ def _report(error: BaseException, command: Sequence[str]) -> Iterator[str]:
             yield f"{name}: {metadata.version(name)}"
         except metadata.PackageNotFoundError:
             yield f"{name}: not installed"
-    seen: BaseException | None = error
-    while seen is not None:
+    visited: BaseException | None = error
+    while visited is not None:
         yield ""
-        yield f"{type(seen).__module__}.{type(seen).__qualname__}, raised through"
-        places = [_place(f.f_code.co_filename, line, f.f_code.co_qualname) for f, line in _frames(seen.__traceback__)]
-        sent = _FRAME.findall(str(getattr(seen, "tb", "")))  # by another process, as text
+        yield f"{type(visited).__module__}.{type(visited).__qualname__}, raised through"
+        places = [
+            _place(f.f_code.co_filename, line, f.f_code.co_qualname) for f, line in _frames(visited.__traceback__)
+        ]
+        sent = _FRAME.findall(str(getattr(visited, "tb", "")))  # by another process, as text
         places += [_place(name, int(line), function) for name, line, function in sent]
         yield from _shortened([f"  {place}" for place in places])
-        seen = seen.__cause__ or (None if seen.__suppress_context__ else seen.__context__)
+        visited = visited.__cause__ or (None if visited.__suppress_context__ else visited.__context__)
 
 
 def _shortened(lines: list[str]) -> list[str]:
@@ -236,5 +238,5 @@ def visible(text: str, *, one_line: bool = False) -> str:
     True
     """
     return (OBEYED_IN_NAMES if one_line else OBEYED).sub(
-        lambda found: f"\\x{code:02x}" if (code := ord(found[0])) < 0x100 else f"\\u{code:04x}", text
+        lambda match: f"\\x{code:02x}" if (code := ord(match[0])) < 0x100 else f"\\u{code:04x}", text
     )

@@ -122,10 +122,10 @@ def _ended(child: int, number: int) -> int:
         os.kill(child, number)
     while True:
         try:
-            found, status = os.waitpid(child, os.WNOHANG)
+            ended, status = os.waitpid(child, os.WNOHANG)
         except ChildProcessError:  # the signal came when its end had just been seen; what it was is lost
             return -number
-        if found:
+        if ended:
             return os.waitstatus_to_exitcode(status)
         if max(again, default=began) > began + stopping.AGAIN or time.monotonic() > began + GRACE:
             with suppress(ProcessLookupError):

@@ -61,8 +61,8 @@ class Storable:
         ValueError
             If the text does not follow the schema; the sentence names the path to the first wrong value.
         """
-        made: Self = face("results.json").from_json(cls, text)
-        return made
+        result: Self = face("results.json").from_json(cls, text)
+        return result
 
 
 class Result(Storable):

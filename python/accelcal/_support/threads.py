@@ -79,12 +79,12 @@ def on_two_threads(works: Sequence[Work], progress: Report, *, at_once: bool = T
                 progress(sum(shares) / len(works))
             return [each.result() for each in running]
         finally:
-            for each in running:
-                each.cancel()
+            for job in running:
+                job.cancel()
 
 
 def _alone(work: Work, number: int, count: int, progress: Report) -> Any:
     """One piece of several, in the calling thread."""
-    found = work(lambda share: progress((number + share) / count))
+    result = work(lambda share: progress((number + share) / count))
     progress((number + 1) / count)
-    return found
+    return result

@@ -61,10 +61,10 @@ def listing(module: Mapping[str, object]) -> Callable[[], list[str]]:
         return sorted(name for name, value in module.items() if not name.startswith("_") and is_own(value))
 
     def is_own(value: object) -> bool:
-        own = str(module["__name__"])
+        module_name = str(module["__name__"])
         if isinstance(value, ModuleType):
-            return value.__name__.startswith(f"{own}.")
-        return getattr(value, "__module__", "") == own
+            return value.__name__.startswith(f"{module_name}.")
+        return getattr(value, "__module__", "") == module_name
 
     return names
 

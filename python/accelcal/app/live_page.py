@@ -250,10 +250,10 @@ class Readout:
 
     def _show_alarms(self) -> None:
         newest = list(self.follower.history.alarms)[-SHOWN_ALARMS:]
-        seen = tuple(alarm.t for alarm in newest)
-        if seen == self._alarms_seen:
+        shown_alarms = tuple(alarm.t for alarm in newest)
+        if shown_alarms == self._alarms_seen:
             return
-        self._alarms_seen = seen
+        self._alarms_seen = shown_alarms
         self.alarms.clear()
         with self.alarms:
             for alarm in reversed(newest):

@@ -78,24 +78,24 @@ def first_lines(path: Path) -> list[str]:
 def choices(columns: Sequence[str], text: str, template: str) -> list[Choice]:
     """Assignment of each column by the sidecar; of a column that it does not mention, by the column's name and unit."""
     sources = _channels(text), _channels(template)
-    found = []
+    options = []
     for column in columns:
         channel, unit = next(
             ((name, unit) for source in sources for name, (of, unit) in source.items() if of == column),
             (NOT_USED, ""),
         )
-        found.append(Choice(column, channel, "" if unit == UNKNOWN else unit))
-    return _guessed(found) if text == template else found
+        options.append(Choice(column, channel, "" if unit == UNKNOWN else unit))
+    return _guessed(options) if text == template else options
 
 
-def _guessed(found: Sequence[Choice]) -> list[Choice]:
+def _guessed(options: Sequence[Choice]) -> list[Choice]:
     """Choices with a role for a column that is alone with its kind of unit: one in s, one in V, one in mm."""
-    free = set(ESSENTIAL) - {c.channel for c in found}
-    named = {c.column: naming.take_apart(c.column) for c in found if c.channel not in (*ESSENTIAL, *ORIENTATION)}
-    stated = {c.column: c.unit or n.brackets or n.suffix or "" for c in found if (n := named.get(c.column))}
+    free = set(ESSENTIAL) - {c.channel for c in options}
+    named = {c.column: naming.take_apart(c.column) for c in options if c.channel not in (*ESSENTIAL, *ORIENTATION)}
+    stated = {c.column: c.unit or n.brackets or n.suffix or "" for c in options if (n := named.get(c.column))}
     kinds = {column: KINDS.get(_dimension(unit), "") for column, unit in stated.items()}
     alone = {kind for kind in free if list(kinds.values()).count(kind) == 1}
-    return [Choice(c.column, kinds[c.column], stated[c.column]) if kinds.get(c.column) in alone else c for c in found]
+    return [Choice(c.column, kinds[c.column], stated[c.column]) if kinds.get(c.column) in alone else c for c in options]
 
 
 def _dimension(unit: str) -> str:
@@ -103,9 +103,9 @@ def _dimension(unit: str) -> str:
     return units.conversion(unit).si if unit and units.is_unit(unit) else ""
 
 
-def unknown(found: Sequence[Choice], text: str) -> list[str]:
+def unknown(options: Sequence[Choice], text: str) -> list[str]:
     """What must be said before the columns can be used, for people; empty where that is everything."""
-    by_channel = {c.channel: c for c in found}
+    by_channel = {c.channel: c for c in options}
     open_points = []
     for channel in ESSENTIAL:
         choice = by_channel.get(channel)
@@ -121,8 +121,8 @@ def unknown(found: Sequence[Choice], text: str) -> list[str]:
 
 def sensor_in(text: str) -> dict[str, str]:
     """What a sidecar declares of the sensor, by key; empty where the text is no TOML."""
-    known = _read_table(text, "sensor").items()
-    return {key: str(value) for key, value in known if isinstance(value, str | int | float) and value != UNKNOWN}
+    declared = _read_table(text, "sensor").items()
+    return {key: str(value) for key, value in declared if isinstance(value, str | int | float) and value != UNKNOWN}
 
 
 def sidecar_from(
@@ -172,12 +172,12 @@ def sidecar_from(
         del table["rate"]
     for choice in used:
         old = table.get(choice.channel)
-        kept = {k: v for k, v in old.items() if k not in ("column", "unit")} if isinstance(old, dict) else {}
+        entries = {k: v for k, v in old.items() if k not in ("column", "unit")} if isinstance(old, dict) else {}
         entry = tomlkit.inline_table()
         entry["column"] = choice.column
         if choice.unit:
             entry["unit"] = choice.unit
-        for key, value in kept.items():
+        for key, value in entries.items():
             entry[key] = value
         table[choice.channel] = entry
     if quaternion:
@@ -197,10 +197,10 @@ def sidecar_from(
 
 def _table(holder: Any, name: str) -> Any:
     """The table called `name`, made where there is none."""
-    found = holder.setdefault(name, tomlkit.table())
-    if not isinstance(found, dict):
+    table = holder.setdefault(name, tomlkit.table())
+    if not isinstance(table, dict):
         raise RecordingError(f"the sidecar: {name} is no table; write [{name}] on a line of its own")
-    return found
+    return table
 
 
 def _read_table(text: str, name: str) -> dict[str, Any]:

@@ -261,7 +261,7 @@ class Page(widgets.Frame):
                 if before is not None:
                     await asyncio.wait([before])
                 await workers.act(first)
-                several = await self.drawn(lambda: [picture(one, theme) for one in make(theme)])
+                several = await self.drawn(lambda: [picture(item, theme) for item in make(theme)])
             finally:
                 del self._drawing[key]
             while len(self._kept) >= 12:
@@ -321,9 +321,9 @@ class Zoom:
 
         async def clicked(event: Any) -> None:
             at = event.args
-            found = next((s for s in self.stretches if isinstance(at, int | float) and s[0] <= at <= s[1]), None)
-            if found is not None and found != self.chosen:
-                await self.go(found)
+            stretch = next((s for s in self.stretches if isinstance(at, int | float) and s[0] <= at <= s[1]), None)
+            if stretch is not None and stretch != self.chosen:
+                await self.go(stretch)
 
         keys = ["xaxis.autorange"] + [f"xaxis{i or ''}.range[{j}]" for i in ("", *range(2, 8)) for j in (0, 1)]
         plot.on("plotly_relayout", moved, [keys])
@@ -356,12 +356,12 @@ class Zoom:
                 widgets.button(text, "zoom_in", lambda stretch=stretch: self.go(stretch), flat=True)
             widgets.button("Whole record", "zoom_out_map", self.reset, flat=True)
 
-    def table(self, seen: Evaluation) -> None:
+    def table(self, evaluation: Evaluation) -> None:
         """Where the model fails: a row for each variable, whose range leads to where it is seen."""
-        shown = seen.table("regions")
+        shown = evaluation.table("regions")
         head, worded = shown.cells
         rows: list[list[widgets.Cell]] = [list(row) for row in worded]
-        for cells, region in zip(rows, seen.worst_regions, strict=True):
+        for cells, region in zip(rows, evaluation.worst_regions, strict=True):
             if region.stretch is not None:
                 cells[1] = self._link(str(cells[1]), region.variable, region.stretch)
         if rows:

@@ -52,22 +52,22 @@ def install(workbenches: Workbenches, followers: Followers) -> None:
 
     @ui.page("/bench/{name}")
     async def bench(name: str) -> None:
-        page = await show(name, lambda found: Page(found, SCREENS, workbenches, name))
+        page = await show(name, lambda session: Page(session, SCREENS, workbenches, name))
         path = workbenches.keeper.path(name) or workbenches.recording
         if page is not None and page.bench.version == 0 and page.bench.job is None and path is not None:
             await page.open(path, session=path.suffix.lower() == session_file.SUFFIX)
 
     @ui.page("/bench/{name}/live")
     async def live(name: str) -> None:
-        await show(name, lambda found: LivePage(found, name, followers))
+        await show(name, lambda session: LivePage(session, name, followers))
 
     async def show(name: str, make: Callable[[Workbench], AnyPage]) -> AnyPage | None:
         """A page on a session, followed as long as its browser is there; None where one of them is not."""
-        found = workbenches.find(name)
-        if found is None:
+        session = workbenches.find(name)
+        if session is None:
             await absent(workbenches, name)
             return None
-        client, page = ui.context.client, make(found)
+        client, page = ui.context.client, make(session)
         page.lay_out()
         if not await connected():
             return None

@@ -12,14 +12,14 @@ from accelcal.app.state import Run, State, Stretch, quoted
 
 def python(state: State) -> str:
     """A script that repeats the steps to the current model."""
-    own = [f'ac.load_effects("{own.effect.name}.py")' for own in state.own]
+    loads = [f'ac.load_effects("{entry.effect.name}.py")' for entry in state.own]
     if state.recording is None:
-        return "\n".join(["import accelcal as ac", "", *own, "# load a recording first"]) + "\n"
+        return "\n".join(["import accelcal as ac", "", *loads, "# load a recording first"]) + "\n"
     named = Named.of(state)
     summarised = [] if state.path else ["from accelcal.data.quality import summarise"]
     responding = responses(state, named)
     asked = ["from accelcal.response import frequency_response"] if responding else []
-    lines = ["import accelcal as ac", *summarised, *asked, "", *own]
+    lines = ["import accelcal as ac", *summarised, *asked, "", *loads]
     for run, name in named.pairs:
         lines += loading(run, name, named)
     lines += division(state, named)
@@ -29,8 +29,8 @@ def python(state: State) -> str:
     names = [f"m{i}" for i in range(len(state.path))]
     lines.append("")
     for i, step in enumerate(state.path):
-        made = step.change.python.replace("PARENT", names[i - 1] if i else "")
-        lines.append(f"{names[i]} = {made}")
+        code = step.change.python.replace("PARENT", names[i - 1] if i else "")
+        lines.append(f"{names[i]} = {code}")
     lines += ["", f"models = [{', '.join(names)}]", *comparing()]
     if sum(run.role == "fit" and run.recording is not None for run in in_use(state)) > 1:
         lines.insert(1 + len(summarised) + len(asked), "from accelcal.verbs import run_values")
@@ -142,8 +142,8 @@ def command_line(state: State) -> str:
         lines += response_command(run)
     train, moving, unseen = [], [], []
     for run in used:
-        made, fitted, held = cut(run, alone=len(used) == 1)
-        lines += made
+        cuts, fitted, held = cut(run, alone=len(used) == 1)
+        lines += cuts
         train += fitted
         moving += fitted if run.recording is not None else []
         unseen += held
@@ -168,11 +168,11 @@ def response_command(run: Run) -> list[str]:
     file, rig = run.name, rig_of(run)
     table, draft = (shlex.quote(f"{run.file.stem}_response{ending}") for ending in (".csv", ".xml"))
     parts = f"{option('--only', [run.used] if run.breaks else [])}{option('--without', run.excluded)}"
-    made = []
+    lines = []
     if parts:
         used = f"{run.file.stem}_used.csv"
-        made, file, rig = [f"accelcal cut {shlex.quote(file)}{rig}{parts} -o {shlex.quote(used)}"], used, ""
-    return [*made, f"accelcal response {shlex.quote(file)}{rig} --csv {table} --dcc {draft}"]
+        lines, file, rig = [f"accelcal cut {shlex.quote(file)}{rig}{parts} -o {shlex.quote(used)}"], used, ""
+    return [*lines, f"accelcal response {shlex.quote(file)}{rig} --csv {table} --dcc {draft}"]
 
 
 def rig_of(run: Run) -> str:
@@ -194,12 +194,12 @@ def cut(run: Run, *, alone: bool) -> tuple[list[str], list[str], list[str]]:
     if run.held_out is not None:
         rest = f"{only}{without}{option('--without', [run.held_out])}"
         part = f"{without}{option('--only', [run.held_out])}"
-        made = [f"accelcal cut {file}{rig}{rest} -o {train}", f"accelcal cut {file}{rig}{part} -o {unseen}"]
-        return made, [train], [unseen]
+        cuts = [f"accelcal cut {file}{rig}{rest} -o {train}", f"accelcal cut {file}{rig}{part} -o {unseen}"]
+        return cuts, [train], [unseen]
     whole = train if run.role == "fit" else unseen
-    made = [f"accelcal cut {file}{rig}{only}{without} -o {whole}"] if rig or only or without else []
-    name = whole if made else file
-    return made, [name] if run.role == "fit" else [], [name] if run.role == "hold out" else []
+    cuts = [f"accelcal cut {file}{rig}{only}{without} -o {whole}"] if rig or only or without else []
+    name = whole if cuts else file
+    return cuts, [name] if run.role == "fit" else [], [name] if run.role == "hold out" else []
 
 
 def option(name: str, stretches: Sequence[Stretch]) -> str:

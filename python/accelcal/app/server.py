@@ -130,10 +130,10 @@ def claimed(place: Path) -> tuple[Path, int]:
     ----------
     place : folder for temporary files.
     """
-    found = [
+    folders = [
         (owner.parent, locks.take(owner)) for owner in place.glob(f"{PREFIX}*/{OWNER}") if is_private(owner.parent)
     ]
-    left = sorted(((f, lock) for f, lock in found if lock is not None), key=lambda each: each[0].stat().st_mtime)
+    left = sorted(((f, lock) for f, lock in folders if lock is not None), key=lambda item: item[0].stat().st_mtime)
     for folder, lock in left[:-1]:
         shutil.rmtree(folder, ignore_errors=True)
         os.close(lock)
@@ -141,9 +141,9 @@ def claimed(place: Path) -> tuple[Path, int]:
         return left[-1]
     while True:
         folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=place))
-        made = locks.create(folder / OWNER, 0o600)
-        if made is not None:  # else another server took it for one that was left
-            return folder, made
+        lock_file = locks.create(folder / OWNER, 0o600)
+        if lock_file is not None:  # else another server took it for one that was left
+            return folder, lock_file
 
 
 def is_private(folder: Path) -> bool:

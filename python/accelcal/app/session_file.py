@@ -77,7 +77,7 @@ def dumps(state: State, *, when: datetime | None = None) -> bytes:
             for run in stored
         ],
         shown=next((at for at, run in enumerate(stored) if run is state.run), 0),
-        own=[Formula.of(own) for own in state.own],
+        own=[Formula.of(entry) for entry in state.own],
         steps=[
             StoredStep(
                 key=step.key,
@@ -155,7 +155,7 @@ def _texts(path: Path, wanted: Sequence[str] | None = None) -> dict[str, str]:
     """Parts of the archive as text; sizes are counted while it is unpacked, whatever the archive declares."""
     if path.stat().st_size > MOST_FILE:
         raise SessionError(f"{path.name}: larger than {MOST_FILE / 1e6:.0f} MB, more than a session file can be")
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     total = 0
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
@@ -169,8 +169,8 @@ def _texts(path: Path, wanted: Sequence[str] | None = None) -> dict[str, str]:
             total += len(raw)
             if len(raw) > MOST_MEMBER or total > MOST_FILE:
                 raise SessionError(f"{path.name}: unpacks to more than a session file can hold; it was not read on")
-            found[member.filename] = raw.decode("utf-8")
-    return found
+            texts[member.filename] = raw.decode("utf-8")
+    return texts
 
 
 def _plain(text: str) -> str:
@@ -233,12 +233,12 @@ class Keeper:
 
     def listed(self) -> list[KeptSession]:
         """Sessions that can be read, newest first."""
-        found = []
+        sessions = []
         for path in self._newest():
             with contextlib.suppress(SessionError):
                 content = peek(path)
-                found.append(KeptSession(path.stem, content.title, content.saved[:16].replace("T", " ")))
-        return found
+                sessions.append(KeptSession(path.stem, content.title, content.saved[:16].replace("T", " ")))
+        return sessions
 
     def remove(self, name: str) -> None:
         """Delete a kept session."""

@@ -88,7 +88,7 @@ class Workbenches:
 
     def earlier(self) -> list[KeptSession]:
         """Work that was kept and is not open in this server."""
-        return [kept for kept in self.keeper.listed() if kept.name not in self._kept]
+        return [session for session in self.keeper.listed() if session.name not in self._kept]
 
     def find(self, name: str) -> Workbench | None:
         """Return the workbench called `name`, or None if it has been deleted."""
@@ -270,8 +270,8 @@ class Followers:
     def start(self, session: str, asked: Asked) -> Follower:
         """Follow something in a session, in place of what it followed before."""
         self.clear(session)
-        made = self._by_session[session] = Follower(asked, self.folder)
-        return made
+        follower = self._by_session[session] = Follower(asked, self.folder)
+        return follower
 
     def clear(self, session: str) -> None:
         """Forget what a session followed; it ends."""

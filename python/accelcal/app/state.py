@@ -69,10 +69,12 @@ class Formula(_Strict):
     """Side channels that the formula uses."""
 
     @classmethod
-    def of(cls, own: Own) -> Formula:
+    def of(cls, definition: Own) -> Formula:
         """The formula of an effect that is in the catalogue."""
-        e = own.effect
-        return cls.model_construct(name=e.name, expression=own.expression, unit=e.unit, port=e.port, channels=e.needs)
+        e = definition.effect
+        return cls.model_construct(
+            name=e.name, expression=definition.expression, unit=e.unit, port=e.port, channels=e.needs
+        )
 
     def try_out(self) -> None:
         """Evaluate the effect on ordinary motions, and enter it.
@@ -136,14 +138,14 @@ class Content(_Strict):
 
     @model_validator(mode="after")
     def _is_a_tree(self) -> Self:
-        known: set[int] = set()
+        keys: set[int] = set()
         for step in self.steps:
-            if step.key in known or not (step.parent is None or step.parent in known):
+            if step.key in keys or not (step.parent is None or step.parent in keys):
                 raise AccelcalError(f"model {step.key} occurs twice or before its parent")
             if step.kind == "base" and step.name not in ("linear", "cubic"):
                 raise AccelcalError(f"there is no base model {step.name}")
-            known.add(step.key)
-        if self.current is not None and self.current not in known:
+            keys.add(step.key)
+        if self.current is not None and self.current not in keys:
             raise AccelcalError("the current model is not in the tree")
         return self
 
@@ -421,8 +423,8 @@ class State:
     @property
     def recording(self) -> Recording | None:
         """The recording on the time line; the first one where that is none."""
-        found = (run.recording for run in ([self.run] if self.run else []) + list(self.runs))
-        return next((recording for recording in found if recording is not None), None)
+        recordings = (run.recording for run in ([self.run] if self.run else []) + list(self.runs))
+        return next((recording for recording in recordings if recording is not None), None)
 
     @property
     def title(self) -> str:
@@ -438,13 +440,13 @@ class State:
     @property
     def path(self) -> tuple[Step, ...]:
         """Models from the base to the current one."""
-        found: list[Step] = []
+        steps: list[Step] = []
         by_key = {s.key: s for s in self.steps}
         key = self.current
         while key is not None:
-            found.append(by_key[key])
+            steps.append(by_key[key])
             key = by_key[key].parent
-        return tuple(reversed(found))
+        return tuple(reversed(steps))
 
     def named(self, step: Step) -> str:
         """A model with all that led to it, for people: base + cubic, bias fixed."""
@@ -455,8 +457,8 @@ class State:
     @property
     def models(self) -> dict[str, Fit]:
         """Every model of the session, and every guest, by the name that a list shows."""
-        own = {f"{number}: {self.named(step)}": step.fit for number, step in enumerate(self.steps, start=1)}
-        return {**own, **{guest.name: guest.fit for guest in self.guests}}
+        models = {f"{number}: {self.named(step)}": step.fit for number, step in enumerate(self.steps, start=1)}
+        return {**models, **{guest.name: guest.fit for guest in self.guests}}
 
     @property
     def previous(self) -> Step | None:
@@ -466,7 +468,7 @@ class State:
     @property
     def own_files(self) -> str:
         """Command-line options that load the user's own effects."""
-        return "".join(f" --effects-file {own.effect.name}.py" for own in self.own)
+        return "".join(f" --effects-file {entry.effect.name}.py" for entry in self.own)
 
     @property
     def data(self) -> Recording:
@@ -571,9 +573,9 @@ def with_role(runs: Sequence[Run], number: int, role: Role) -> tuple[Run, ...]:
     run = runs[number]
     if role == "hold out" and run.dwells is not None:
         raise Refused(f"{run.name}: dwells show no motion to compare a model with; fit them, or leave them out")
-    made = [replace(one, held_out=None) if role == "hold out" else one for one in runs]
-    made[number] = replace(run, role=role, held_out=run.held_out if role == "fit" else None)
-    return with_something_held_out(made)
+    changed = [replace(run, held_out=None) if role == "hold out" else run for run in runs]
+    changed[number] = replace(run, role=role, held_out=run.held_out if role == "fit" else None)
+    return with_something_held_out(changed)
 
 
 def with_something_held_out(runs: Sequence[Run]) -> tuple[Run, ...]:
@@ -607,7 +609,7 @@ class Known:
         """What a state holds."""
         recordings = [run.recording for run in state.runs if run.recording is not None]
         units = dict(pair for recording in recordings for pair in units_of(recording))
-        return cls(tuple(Formula.of(own) for own in state.own), tuple(units.items()))
+        return cls(tuple(Formula.of(entry) for entry in state.own), tuple(units.items()))
 
     @contextmanager
     def catalogue(self) -> Iterator[None]:

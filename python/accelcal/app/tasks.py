@@ -64,10 +64,10 @@ class Example:
 
     def record(self) -> Recording:
         """Simulate the recording."""
-        made = simulate(
+        simulated = simulate(
             self.motion, seconds=self.seconds, rig=CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng(self.seed)
         )
-        return with_effect(made, find(self.effect), self.size, {}, prepare(made.recording).origins)
+        return with_effect(simulated, find(self.effect), self.size, {}, prepare(simulated.recording).origins)
 
 
 EXAMPLES: Mapping[str, Example] = MappingProxyType(
@@ -128,9 +128,9 @@ def load(path: Path, rig: Path | Rig | None, *, progress: Report) -> Recording |
 
 def check(recording: Recording, *, progress: Report) -> tuple[Marks, Mapping[str, Any]]:
     """Look for breaks, faults and rest; then the summary that `accelcal check --json` prints."""
-    found = marks(recording)
+    result = marks(recording)
     progress(0.9)
-    return found, quality.describe(recording)
+    return result, quality.describe(recording)
 
 
 def fitted(model: Model, train: Data, origins: Origins | None, *, progress: Report) -> Fit:
@@ -160,8 +160,10 @@ def judged(
     from: for each model its comparisons."""
     part = 1.0 / len(data)
     reports = [within(progress, number * part, (number + 1) * part) for number in range(len(data))]
-    found = [compare_models(fits, one, ruler, report, base=base) for one, report in zip(data, reports, strict=True)]
-    return tuple(zip(*found, strict=True))
+    comparisons = [
+        compare_models(fits, data_set, ruler, report, base=base) for data_set, report in zip(data, reports, strict=True)
+    ]
+    return tuple(zip(*comparisons, strict=True))
 
 
 def responded(recording: Recording, *, progress: Report) -> FrequencyResponse:
@@ -169,41 +171,47 @@ def responded(recording: Recording, *, progress: Report) -> FrequencyResponse:
     return frequency_response(recording)
 
 
-def diagnosed(found: Fit, train: Data, own: Sequence[str], *, progress: Report) -> Diagnosis:
+def diagnosed(fitted: Fit, train: Data, own: Sequence[str], *, progress: Report) -> Diagnosis:
     """Search for missing effects."""
-    return diagnose(found, list(train), extra=effects(own), progress=progress)
+    return diagnose(fitted, list(train), extra=effects(own), progress=progress)
 
 
-def values_of_runs(found: Fit, train: Data, *, progress: Report) -> RunValues:
+def values_of_runs(fitted: Fit, train: Data, *, progress: Report) -> RunValues:
     """Parameters of each recording alone."""
-    return run_values(found, list(train))
+    return run_values(fitted, list(train))
 
 
 def reported(
-    found: Fit, train: Recording, holdout: Recording, own: Sequence[str], known: Diagnosis | None, *, progress: Report
+    fitted: Fit,
+    train: Recording,
+    holdout: Recording,
+    own: Sequence[str],
+    diagnosis: Diagnosis | None,
+    *,
+    progress: Report,
 ) -> str:
-    """The report of a model on one recording, and on one that is held out, as a page of HTML; `known` is the
+    """The report of a model on one recording, and on one that is held out, as a page of HTML; `diagnosis` is the
     diagnosis, where there is one."""
     content = gather(
-        found,
+        fitted,
         train,
         holdout=holdout,
         extra=effects(own),
         command="accelcal app",
-        diagnosis=known,
+        diagnosis=diagnosis,
         progress=within(progress, 0.0, 0.9),
     )
     return html(content)
 
 
-def exported(found: Fit, kind: Export, name: str, *, progress: Report) -> str:
+def exported(fitted: Fit, kind: Export, name: str, *, progress: Report) -> str:
     """The sensor's own calibration in one of the formats, as the content of a file called `name`."""
-    made = calibrate(found)
+    calibration = calibrate(fitted)
     texts: dict[Export, Callable[[], str]] = {
-        "C": lambda: header(made, name),
-        "Rust": lambda: module(made),
-        "JSON": lambda: model_file.dumps(content_of(made)),
-        "DCC": lambda: draft(made, Laboratory()).text,
+        "C": lambda: header(calibration, name),
+        "Rust": lambda: module(calibration),
+        "JSON": lambda: model_file.dumps(content_of(calibration)),
+        "DCC": lambda: draft(calibration, Laboratory()).text,
     }
     return texts[kind]()
 
@@ -217,8 +225,8 @@ def tried(formulas: Sequence[Formula], *, progress: Report) -> None:
 
 def simulated(path: Path, name: str, *, progress: Report) -> None:
     """Write an example recording, and its sidecar."""
-    made = EXAMPLES[name].record()
-    io.write_sidecar(made.rig, io.write_csv(made, path), io.sidecar_of(path))
+    record = EXAMPLES[name].record()
+    io.write_sidecar(record.rig, io.write_csv(record, path), io.sidecar_of(path))
 
 
 def effects(names: Sequence[str]) -> tuple[Effect, ...]:
@@ -296,27 +304,27 @@ class Reader:
             rig: Path | Rig | None = self.declared(path, sidecar)
             if borrowed is not None and borrowed.recording is not None:
                 rig = borrowed.recording.rig
-            known = self.read(path, rig, within(progress, 0.1, 0.4))
+            recording = self.read(path, rig, within(progress, 0.1, 0.4))
         except RecordingError as error:
             if not names:
                 raise
             return Run(path, sidecar, columns=names, template=template, problem=self.plain(str(error)))
         progress(0.4)
-        if isinstance(known, Dwells):
-            return Run(path, sidecar, columns=names, template=template, dwells=known)
-        self.arrived(known)
-        found, summary = self.done(check, known, progress=within(progress, 0.4, 0.98))
+        if isinstance(recording, Dwells):
+            return Run(path, sidecar, columns=names, template=template, dwells=recording)
+        self.arrived(recording)
+        result, summary = self.done(check, recording, progress=within(progress, 0.4, 0.98))
         return Run(
             file=path,
             sidecar=sidecar,
             lender=borrowed.name if borrowed is not None else "",
             columns=names,
             template=template,
-            recording=known,
+            recording=recording,
             summary=summary,
-            used=(found.start, found.end),
-            breaks=found.breaks,
-            marks=found,
+            used=(result.start, result.end),
+            breaks=result.breaks,
+            marks=result,
         )
 
     def declared(self, path: Path, sidecar: str | None) -> Path | None:
@@ -336,13 +344,13 @@ class Reader:
         RecordingError
             If it is not understood, or has more samples than the workbench takes.
         """
-        known: Recording | Dwells = self.done(load, path, rig, progress=progress)
-        if isinstance(known, Dwells):
-            return known
-        if len(known.accel) > MOST_SAMPLES:
+        recording: Recording | Dwells = self.done(load, path, rig, progress=progress)
+        if isinstance(recording, Dwells):
+            return recording
+        if len(recording.accel) > MOST_SAMPLES:
             raise RecordingError(
-                f"{path.name}: {len(known.accel)} samples; the limit of the workbench is {MOST_SAMPLES}. "
+                f"{path.name}: {len(recording.accel)} samples; the limit of the workbench is {MOST_SAMPLES}. "
                 "Cut the file, or use the command line"
             )
-        side_channels(units_of(known))  # their effects have names in every process
-        return known
+        side_channels(units_of(recording))  # their effects have names in every process
+        return recording

@@ -63,33 +63,33 @@ def data(run: Run, theme: ThemeName) -> Picture:
     first, *rest = figure.panels
     breaks = [Level(at, role="other", upright=True, text=f"break at {instant(at)} s") for at in run.breaks]
     figure = replace(figure, panels=(replace(first, marks=(*first.marks, *breaks)), *rest), key="")
-    made = picture(figure, theme, modeBarButtonsToRemove=["lasso2d", "autoScale2d"], scrollZoom=False)
-    made.figure["layout"] |= {"dragmode": "select", "selectdirection": "h"}
+    drawn = picture(figure, theme, modeBarButtonsToRemove=["lasso2d", "autoScale2d"], scrollZoom=False)
+    drawn.figure["layout"] |= {"dragmode": "select", "selectdirection": "h"}
     # Plotly selects markers only: two invisible ones make the axes react to brushing.
     low, high = (float(run.recording.position.t[i]) for i in (0, -1))
     unseen = {"type": "scatter", "mode": "markers", "showlegend": False, "hoverinfo": "skip"}
-    made.figure["data"].append({**unseen, "x": [low, high], "y": [None, None], "xaxis": "x", "yaxis": "y"})
-    return made
+    drawn.figure["data"].append({**unseen, "x": [low, high], "y": [None, None], "xaxis": "x", "yaxis": "y"})
+    return drawn
 
 
 def linked(
-    state: State, seen: Evaluation | None, window: Stretch | None = None, chosen: Stretch | None = None
+    state: State, evaluation: Evaluation | None, window: Stretch | None = None, chosen: Stretch | None = None
 ) -> Figure:
     """Position, output, residual and side channels with one time axis, and a stretch that was chosen."""
     marks = marked(state.run) if state.run is not None else []
     marks += [(*chosen, timeline.CHOSEN)] if chosen is not None else []
-    return timeline.linked(state.data, seen, window=window, marked=marks)
+    return timeline.linked(state.data, evaluation, window=window, marked=marks)
 
 
 def path_of(state: State, number: int | None = None) -> Comparison:
     """Models on the path to the current one: on one held-out recording, by default on all of them."""
-    seen = tuple(zip(*(step.heldouts for step in state.path), strict=True))
-    seen = seen if number is None else seen[number : number + 1]
+    evaluations = tuple(zip(*(step.heldouts for step in state.path), strict=True))
+    evaluations = evaluations if number is None else evaluations[number : number + 1]
     return Comparison(
         tuple(step.fit for step in state.path),
         tuple(step.label for step in state.path),
-        tuple(each[0].recording for each in seen),
-        seen,
+        tuple(group[0].recording for group in evaluations),
+        evaluations,
         state.holds_out_parts,
     )
 
@@ -108,8 +108,8 @@ def falling(state: State, theme: ThemeName) -> Picture:
     several, top = len(state.unseen_runs), panel.y.range[1] if panel.y.range else 0.0
     if several > 1:
         factor, _ = formatting.prefixed("m", np.array(compared.errors), compared.floor.value)
-        for run, seen, marker in zip(state.unseen_runs, compared.seen, itertools.cycle(MARKERS)):
-            errors = np.array([quoted_error(evaluation, compared.horizon) for evaluation in seen])
+        for run, evaluations, marker in zip(state.unseen_runs, compared.seen, itertools.cycle(MARKERS)):
+            errors = np.array([quoted_error(evaluation, compared.horizon) for evaluation in evaluations])
             marks.append(Line(np.arange(float(len(errors))), errors * factor, run.name, "ink", marker=marker))
             top = max(top, 1.1 * float(np.max(errors)) * factor)
     panel = replace(
@@ -125,19 +125,19 @@ def falling(state: State, theme: ThemeName) -> Picture:
 
 def overlay(state: State, window: Stretch | None = None, chosen: Stretch | None = None) -> Figure:
     """Measured and simulated on held-out data, for every model on the path, and a stretch that was chosen."""
-    seen = [(spelled(step.label), step.heldouts[state.looked_at]) for step in state.path]
-    return timeline.overlay(seen, window=window, chosen=chosen)
+    evaluations = [(spelled(step.label), step.heldouts[state.looked_at]) for step in state.path]
+    return timeline.overlay(evaluations, window=window, chosen=chosen)
 
 
-def where(found: Diagnosis, theme: ThemeName) -> list[Figure | Picture]:
+def where(diagnosis: Diagnosis, theme: ThemeName) -> list[Figure | Picture]:
     """Residuals of the model on the fitted data, by variable, frequency and lag."""
-    seen = found.where
+    places = diagnosis.where
     return [
-        picture(residuals.tiles(seen), theme, displayModeBar=False),
-        residuals.regions(seen),
-        residuals.spectrum(found.fit, seen, found.channels),
-        residuals.whiteness_plot(seen),
-        residuals.quantile_plot(seen),
+        picture(residuals.tiles(places), theme, displayModeBar=False),
+        residuals.regions(places),
+        residuals.spectrum(diagnosis.fit, places, diagnosis.channels),
+        residuals.whiteness_plot(places),
+        residuals.quantile_plot(places),
     ]
 
 
@@ -230,13 +230,13 @@ def wrap_titles(axes: Axes) -> bool:
 
 def axes_of(layout: dict[str, Any]) -> list[Axes]:
     """Axes of each panel, from the upper left to the lower right."""
-    found = []
+    axes = []
     for key, y in layout.items():
         if key.startswith("yaxis") and "overlaying" not in y:
             x = layout.get(f"xaxis{str(y.get('anchor', 'x')).removeprefix('x')}")
             if isinstance(x, dict) and "domain" in x and "domain" in y:
-                found.append((x, y))
-    return sorted(found, key=lambda pair: (-pair[1]["domain"][1], pair[0]["domain"][0]))
+                axes.append((x, y))
+    return sorted(axes, key=lambda pair: (-pair[1]["domain"][1], pair[0]["domain"][0]))
 
 
 def stack(layout: dict[str, Any], panels: list[Axes]) -> None:
@@ -296,7 +296,9 @@ class Uploader(ui.upload):
 def clear(place: ui.element) -> None:
     """Remove what stands in a place; what files are sent from is hidden until they have come."""
     for child in list(place):
-        if any(isinstance(one, Uploader) and one.is_sending for one in child.descendants(include_self=True)):
+        if any(
+            isinstance(element, Uploader) and element.is_sending for element in child.descendants(include_self=True)
+        ):
             child.set_visibility(False)
         else:
             child.delete()
@@ -316,13 +318,13 @@ def button(
     text: str, icon: str, action: Callable[..., Any], *, flat: bool = False, primary: bool = False, label: str = ""
 ) -> ui.button:
     """A button with a name; only the suggested next step is filled."""
-    made = ui.button(text, icon=icon, on_click=action, color="primary" if primary else None)
-    made.classes("" if primary else "secondary").props(
+    widget = ui.button(text, icon=icon, on_click=action, color="primary" if primary else None)
+    widget.classes("" if primary else "secondary").props(
         "no-caps " + ("unelevated" if primary else "flat" if flat else "outline")
     )
     if label:
-        made.props(f'aria-label="{attribute(label)}"')
-    return made
+        widget.props(f'aria-label="{attribute(label)}"')
+    return widget
 
 
 @contextmanager
@@ -365,9 +367,9 @@ def table(titles: Sequence[str], rows: Sequence[Sequence[Cell]], label: str) -> 
 
 def code(text: str, language: str, label: str) -> None:
     """Source text that can be scrolled by keyboard and copied."""
-    made = ui.code(text, language=language).classes("full")
-    made.markdown.props(f'tabindex=0 role=group aria-label="{attribute(label)}"')
-    made.copy_button.props(f'aria-label="Copy: {attribute(label)}"')
+    widget = ui.code(text, language=language).classes("full")
+    widget.markdown.props(f'tabindex=0 role=group aria-label="{attribute(label)}"')
+    widget.copy_button.props(f'aria-label="Copy: {attribute(label)}"')
 
 
 def empty(text: str) -> None:

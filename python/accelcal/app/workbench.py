@@ -187,8 +187,8 @@ class Workbench:
                 f"{shown!r}: drop a recording ({', '.join(READABLE)}), its sidecar (.toml) or a session "
                 f"({session_file.SUFFIX})"
             )
-        kept = stem.encode(errors="ignore")[: MOST_NAME - len(ending)].decode(errors="ignore").rstrip()
-        return upload_folder / f"{kept or 'recording'}{bare[len(stem) :]}"
+        stem_kept = stem.encode(errors="ignore")[: MOST_NAME - len(ending)].decode(errors="ignore").rstrip()
+        return upload_folder / f"{stem_kept or 'recording'}{bare[len(stem) :]}"
 
     @action("reading {0}")
     def load(self, state: State, progress: Report, path: Path, sidecar: str | None = None) -> State:
@@ -214,8 +214,8 @@ class Workbench:
         if role != "fit":
             for number in range(len(state.runs), len(runs)):
                 runs = with_role(runs, number, role)
-        made = with_one_to_map(replace(state, runs=runs))
-        return replace(self._divided(state, made.runs, within(progress, 0.5, 0.98)), shown=made.shown)
+        changed = with_one_to_map(replace(state, runs=runs))
+        return replace(self._divided(state, changed.runs, within(progress, 0.5, 0.98)), shown=changed.shown)
 
     @action("reading {state.title}")
     def declare(self, state: State, progress: Report, sidecar: str) -> State:
@@ -250,7 +250,9 @@ class Workbench:
             return bare
         fits = [step.fit for step in state.steps]
         judged = self._done(tasks.judged, fits, bare.unseen, Ruler.of(fits), fits[0], progress=progress)
-        steps = tuple(replace(step, heldouts=seen) for step, seen in zip(state.steps, judged, strict=True))
+        steps = tuple(
+            replace(step, heldouts=evaluations) for step, evaluations in zip(state.steps, judged, strict=True)
+        )
         return replace(bare, steps=steps, current=state.current)
 
     def _reader(self) -> Reader:
@@ -310,13 +312,13 @@ class Workbench:
         """The same, with every recording at hand."""
         content = opened.content
         self._done(tasks.tried, content.own, progress=within(progress, 0.0, 0.1), state=State())
-        own = tuple(formula.enter() for formula in content.own)
+        effects = tuple(formula.enter() for formula in content.own)
         runs = self._runs_of(opened, within(progress, 0.1, 0.7))
         guests = tuple(
             Guest(name, self._model(text, f"guest{number}"))
             for number, (name, text) in enumerate(zip(content.guests, opened.guests, strict=True), start=1)
         )
-        state = State(runs=runs, shown=content.shown, own=own, guests=guests)
+        state = State(runs=runs, shown=content.shown, own=effects, guests=guests)
         require_one_sensor(state)
         require_both_parts(state)
         return self._with_models(state, opened, within(progress, 0.7, 0.98))
@@ -324,17 +326,17 @@ class Workbench:
     def _runs_of(self, opened: OpenedSession, progress: Report) -> tuple[Run, ...]:
         """The files of a session, those with a sidecar first: others have the rig of the first of them."""
         stored = opened.content.runs
-        found: dict[int, Run] = {}
+        runs: dict[int, Run] = {}
         for count, number in enumerate(sorted(range(len(stored)), key=lambda number: stored[number].sidecar is None)):
             one, part = stored[number], within(progress, count / len(stored), (count + 1) / len(stored))
             path = opened.path(one.source)
             beside = one.sidecar == (mapping.text_of(path, None, "") or None)
-            lender = next((found[n] for n in sorted(found) if found[n].recording is not None), None)
+            lender = next((runs[n] for n in sorted(runs) if runs[n].recording is not None), None)
             run = self._reader().run(path, None if beside else one.sidecar, lender, part)
             if run.problem:
                 raise Refused(run.problem)
-            found[number] = replace(run, role=one.role, held_out=one.held_out, excluded=tuple(one.excluded))
-        return tuple(found[number] for number in range(len(stored)))
+            runs[number] = replace(run, role=one.role, held_out=one.held_out, excluded=tuple(one.excluded))
+        return tuple(runs[number] for number in range(len(stored)))
 
     def _with_models(self, state: State, opened: OpenedSession, progress: Report) -> State:
         """The state with the tree of models of a session file, under keys of this workbench."""
@@ -345,11 +347,11 @@ class Workbench:
         compared = self._done(tasks.judged, fits, state.unseen, Ruler.of(fits), fits[0], progress=progress, state=state)
         keys: dict[int | None, int | None] = {None: None}
         steps: list[Step] = []
-        for step, found, heldouts in zip(stored, fits, compared, strict=True):
+        for step, fitted_model, heldouts in zip(stored, fits, compared, strict=True):
             key = keys[step.key] = next(self._keys)
             change = Change(step.kind, step.name, step.value)
-            require_made(change, found, next((s.fit for s in steps if s.key == keys[step.parent]), None))
-            steps.append(Step(key, keys[step.parent], change, found, heldouts))
+            require_made(change, fitted_model, next((s.fit for s in steps if s.key == keys[step.parent]), None))
+            steps.append(Step(key, keys[step.parent], change, fitted_model, heldouts))
         return replace(state, steps=tuple(steps), current=keys[opened.content.current])
 
     def _model(self, text: str, key: int | str) -> Fit:
@@ -435,20 +437,20 @@ class Workbench:
 
     def _grown(self, state: State, change: Change, progress: Report, task: Callable[..., Fit], *args: Any) -> State:
         """The state with one more model, which a task fits, made the current one; all are compared with one filter."""
-        found: Fit = self._done(task, *args, progress=within(progress, 0.0, 0.8))
-        before, ruler = [step.fit for step in state.steps], Ruler.of([*(step.fit for step in state.steps), found])
+        grown: Fit = self._done(task, *args, progress=within(progress, 0.0, 0.8))
+        before, ruler = [step.fit for step in state.steps], Ruler.of([*(step.fit for step in state.steps), grown])
         again = state.steps if before and Ruler.of(before) != ruler else ()
-        fits = [*(step.fit for step in again), found]
+        fits = [*(step.fit for step in again), grown]
         *others, last = self._done(
             tasks.judged,
             fits,
             state.unseen,
             ruler,
-            before[0] if before else found,
+            before[0] if before else grown,
             progress=within(progress, 0.8, 1.0),
         )
         compared = tuple(replace(step, heldouts=heldouts) for step, heldouts in zip(again, others, strict=True))
-        step = Step(next(self._keys), state.current, change, found, last)
+        step = Step(next(self._keys), state.current, change, grown, last)
         return replace(state, steps=(*(compared or state.steps), step), current=step.key)
 
     def _done(
@@ -459,7 +461,7 @@ class Workbench:
         state: State | None = None,
     ) -> Any:
         """The result of long work on the data of a state, by default the present one."""
-        return self._compute(task, *args, progress=progress, known=Known.to(self.state if state is None else state))
+        return self._compute(task, *args, progress=progress, memory=Known.to(self.state if state is None else state))
 
     @action("entering {0}")
     def own_effect(
@@ -490,11 +492,11 @@ class Workbench:
             return
         with self._working("searching for missing effects") as job:
             step = fitted(state)
-            own, report = names_of(state), within(job.report, 0.0, 0.9)
-            found = self._done(tasks.diagnosed, step.fit, state.train, own, progress=report)
+            effects, report = names_of(state), within(job.report, 0.0, 0.9)
+            diagnosis = self._done(tasks.diagnosed, step.fit, state.train, effects, progress=report)
             with self._lock:
                 job.report(0.9)  # last chance to be cancelled
-                self.diagnoses[asked] = found
+                self.diagnoses[asked] = diagnosis
             if sum(isinstance(part, Recording) for part in state.train) > 1:
                 values = None
                 with suppress(ValueError):  # a recording alone does not determine them
@@ -576,10 +578,10 @@ class Workbench:
         state = self.state
         if state.step is None:
             return None
-        kept, asked = self._whole, (state.step.key, state.shown, state.data.digest)
-        if kept is None or kept[0] != asked:
-            kept = self._whole = (asked, self._done(tasks.compared, [state.step.fit], [state.data], ["model"])[0])
-        return kept[1]
+        held, asked = self._whole, (state.step.key, state.shown, state.data.digest)
+        if held is None or held[0] != asked:
+            held = self._whole = (asked, self._done(tasks.compared, [state.step.fit], [state.data], ["model"])[0])
+        return held[1]
 
     def before(self) -> Evaluation | None:
         """The previous model against held-out data, with the filter and in the band of the current comparison."""
@@ -593,13 +595,13 @@ class Workbench:
         """Put the models of a model file, or of another session, beside those of this one."""
         loaded(state)
         is_session = path.suffix.lower() == session_file.SUFFIX
-        found = self._guests(path, progress) if is_session else (Guest(path.name, model_file.load(path)),)
+        guests = self._guests(path, progress) if is_session else (Guest(path.name, model_file.load(path)),)
         taken = set(state.models)
-        if len(state.guests) + len(found) > MOST_GUESTS:
+        if len(state.guests) + len(guests) > MOST_GUESTS:
             raise Refused(f"{path.name}: more than {MOST_GUESTS} models beside those of this session; open it alone")
-        if any(guest.name in taken for guest in found):
+        if any(guest.name in taken for guest in guests):
             raise Refused(f"{path.name}: its models are there already")
-        return replace(state, guests=(*state.guests, *found))
+        return replace(state, guests=(*state.guests, *guests))
 
     def _guests(self, path: Path, progress: Report) -> tuple[Guest, ...]:
         """Models of a session file; with the errors on its own held-out data where its recordings are at hand."""
@@ -627,8 +629,8 @@ class Workbench:
 
     def pair(self, names: tuple[str, str]) -> Comparison | None:
         """The comparison of two models in the present state; None until it was asked for."""
-        kept = self._pair
-        return kept[2] if kept is not None and kept[0] is self.state and kept[1] == names else None
+        held = self._pair
+        return held[2] if held is not None and held[0] is self.state and held[1] == names else None
 
     def refuse(self, sentence: str) -> None:
         """Tell the user why an action was refused."""
@@ -659,10 +661,10 @@ class Workbench:
         """Write the report of the current model; None where that failed or was cancelled."""
         with self._working("writing the report") as job:
             state = self.state
-            found, own, report = fitted(state).fit, names_of(state), within(job.report, 0.0, 0.99)
+            fitted_model, effects, report = fitted(state).fit, names_of(state), within(job.report, 0.0, 0.99)
             first = state.first_fitted.train
-            known = self.diagnosis if len(state.train) == 1 else None  # that of several is not of the first
-            page = self._done(tasks.reported, found, first, state.unseen[0], own, known, progress=report)
+            diagnosis = self.diagnosis if len(state.train) == 1 else None  # that of several is not of the first
+            page = self._done(tasks.reported, fitted_model, first, state.unseen[0], effects, diagnosis, progress=report)
             job.report(1.0)
             target = self.upload_folder() / "report.html"
             io.atomic_write(target, page)
@@ -838,15 +840,15 @@ def require_both_parts(state: State) -> None:
 
 def names_of(state: State) -> tuple[str, ...]:
     """Names of user-defined effects."""
-    return tuple(own.effect.name for own in state.own)
+    return tuple(entry.effect.name for entry in state.own)
 
 
-def require_made(change: Change, found: Fit, parent: Fit | None) -> None:
+def require_made(change: Change, fitted: Fit, parent: Fit | None) -> None:
     """Refuse a model of a session file that did not come from its parent as the file says."""
-    held = {e.name for e in (*found.estimates, *found.shapes)}
+    held = {e.name for e in (*fitted.estimates, *fitted.shapes)}
     fits = {
         "base": parent is None,
-        "add": change.name in found.model.effects,
+        "add": change.name in fitted.model.effects,
         "drop": parent is not None and change.name in parent.model.effects,
         "hold": change.name in held,
         "release": change.name in held,

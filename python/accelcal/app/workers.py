@@ -166,13 +166,13 @@ class WorkerLost(AccelcalError, ChildProcessError):
 class Compute(Protocol):
     """How a workbench has long work done: in another process, or here."""
 
-    def __call__(self, task: Callable[..., Any], *args: Any, progress: Report, known: Known) -> Any:
+    def __call__(self, task: Callable[..., Any], *args: Any, progress: Report, memory: Known) -> Any:
         """Return ``task(*args, progress=progress)``."""
 
 
-def direct(task: Callable[..., Any], *args: Any, progress: Report, known: Known) -> Any:
+def direct(task: Callable[..., Any], *args: Any, progress: Report, memory: Known) -> Any:
     """Do the work here."""
-    with known.catalogue():
+    with memory.catalogue():
         return task(*args, progress=progress)
 
 
@@ -193,14 +193,14 @@ class Workers:
         self._changed = threading.Condition()
         self._closed = False
 
-    def __call__(self, task: Callable[..., Any], *args: Any, progress: Report, known: Known) -> Any:
+    def __call__(self, task: Callable[..., Any], *args: Any, progress: Report, memory: Known) -> Any:
         """Have a task done by a free worker.
 
         Parameters
         ----------
         task : a function of a module; its arguments and its result can be pickled.
         progress : called with the progress, and at least every tenth of a second; the work is ended when it raises.
-        known : what the task must find in the catalogue.
+        memory : what the task must find in the catalogue.
 
         Raises
         ------
@@ -209,7 +209,7 @@ class Workers:
         """
         worker = self._take(progress)
         try:
-            answer = worker.done(Request(task, args, known), progress)
+            answer = worker.done(Request(task, args, memory), progress)
         except BaseException:
             worker.kill()
             self._release(worker, self._all.remove)

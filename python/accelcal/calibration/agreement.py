@@ -121,10 +121,10 @@ class Agreement:
     @property
     def verdict(self) -> Verdict:
         """Whether they agree; a characteristic that differs is a difference, whatever the coefficients do."""
-        found = self.characteristic
-        if not self.compared and found is None:
+        shared = self.characteristic
+        if not self.compared and shared is None:
             return "not comparable"
-        apart = found is not None and abs(float(found.en[found.worst])) > LIMIT
+        apart = shared is not None and abs(float(shared.en[shared.worst])) > LIMIT
         return "differ" if self.differing or apart else "agree"
 
 
@@ -165,17 +165,17 @@ def agreement(first: Fit, second: Fit, *, names: tuple[str, str] = ("A", "B")) -
 
 def _parameters(fits: tuple[Fit, Fit], budgets: tuple[Budget, Budget]) -> Iterator[ComparedParameter]:
     """Coefficients of either model that apply to all its runs, those of the sensor first."""
-    each = [{e.name: e for e in fit.estimates if e.run is None or len(fit.runs) == 1} for fit in fits]
-    names = list(dict.fromkeys([*each[0], *each[1]]))
-    names.sort(key=lambda name: (each[0].get(name) or each[1][name]).owner != "sensor")
+    by_name = [{e.name: e for e in fit.estimates if e.run is None or len(fit.runs) == 1} for fit in fits]
+    names = list(dict.fromkeys([*by_name[0], *by_name[1]]))
+    names.sort(key=lambda name: (by_name[0].get(name) or by_name[1][name]).owner != "sensor")
     for name in names:
-        pair = each[0].get(name), each[1].get(name)
-        one = pair[0] or each[1][name]
+        pair = by_name[0].get(name), by_name[1].get(name)
+        estimate = pair[0] or by_name[1][name]
         expanded = [
-            math.nan if e is None else expanded_uncertainty(fit, found, e)
-            for fit, found, e in zip(fits, budgets, pair, strict=True)
+            math.nan if e is None else expanded_uncertainty(fit, uncertainty, e)
+            for fit, uncertainty, e in zip(fits, budgets, pair, strict=True)
         ]
-        yield ComparedParameter(name, one.symbol, one.unit, one.owner, *pair, (expanded[0], expanded[1]))
+        yield ComparedParameter(name, estimate.symbol, estimate.unit, estimate.owner, *pair, (expanded[0], expanded[1]))
 
 
 def _characteristic(fits: tuple[Fit, Fit], budgets: tuple[Budget, Budget]) -> ComparedCharacteristic | None:
@@ -188,13 +188,13 @@ def _characteristic(fits: tuple[Fit, Fit], budgets: tuple[Budget, Budget]) -> Co
         return None
     a = np.linspace(low, high, POINTS)
     output, variance = [], np.zeros(POINTS)
-    for fit, found in zip(fits, budgets, strict=True):
+    for fit, uncertainty in zip(fits, budgets, strict=True):
         static = characteristic(fit)
         warmth = fits[0].origins.temperature - fit.origins.temperature if static.needs_temperature else 0.0
         output.append(np.array([static.forward(float(x), warmth) for x in a]))
         columns = [[_per_unit(e.name, float(x), warmth) for e in fit.free] for x in a]
         J = np.array(columns).reshape(POINTS, len(fit.free))
-        declared = np.array([max(0.0, standard_uncertainty(found, e) ** 2 - e.std**2) for e in fit.free])
+        declared = np.array([max(0.0, standard_uncertainty(uncertainty, e) ** 2 - e.std**2) for e in fit.free])
         variance += np.einsum("ni,ij,nj->n", J, fit.covariance, J) + J**2 @ declared
     return ComparedCharacteristic(a, output[1] - output[0], COVERAGE_FACTOR * np.sqrt(np.maximum(variance, 1e-30)))
 
@@ -214,7 +214,7 @@ def _changes(first: Fit, second: Fit) -> Iterator[tuple[str, str, str]]:
             yield f"range of {called}", _shown(spans[0], unit), _shown(spans[1], unit)
     densities = [[run.noise.all.density / MICRO_G for run in fit.runs] for fit in (first, second)]
     if all(densities):
-        means = [float(np.mean(each)) for each in densities]
+        means = [float(np.mean(density)) for density in densities]
         if max(means) > REMARKED_BEYOND * min(means):
             yield "noise density", f"{means[0]:.3g} µg/√Hz", f"{means[1]:.3g} µg/√Hz"
 
@@ -233,7 +233,7 @@ def _conditions(fit: Fit) -> dict[str, str]:
         "method": fit.method,
         "declared scale and zero": scale,
         "declared low-pass": f"{rig.lowpass.cutoff:g} Hz" if rig.lowpass else "none",
-        "further filters": ", ".join(one.kind for one in rig.filters) or "none",
+        "further filters": ", ".join(channel_filter.kind for channel_filter in rig.filters) or "none",
         "encoder resolution": f"{rig.resolution:g} m" if rig.resolution else NOT_DECLARED,
     }
 
@@ -251,7 +251,7 @@ RANGES = (
 
 def _labels(fit: Fit, what: str) -> str:
     labels: list[RunLabels] = [run.labels for run in fit.runs]
-    return ", ".join(dict.fromkeys(filter(None, (getattr(one, what) for one in labels)))) or NOT_DECLARED
+    return ", ".join(dict.fromkeys(filter(None, (getattr(label, what) for label in labels)))) or NOT_DECLARED
 
 
 def _unlike(first: Span | None, second: Span | None) -> bool:
@@ -268,8 +268,8 @@ def _shown(span: Span | None, unit: str) -> str:
 
 def _shared(first: Fit, second: Fit) -> tuple[str, ...]:
     """Names of recordings, or of recordings of which parts, are in both fits."""
-    known = {key for run in first.runs for key in (run.digest, run.session) if key}
-    return tuple(run.name for run in second.runs if known & {run.digest, run.session})
+    keys = {key for run in first.runs for key in (run.digest, run.session) if key}
+    return tuple(run.name for run in second.runs if keys & {run.digest, run.session})
 
 
 __dir__ = listing(globals())

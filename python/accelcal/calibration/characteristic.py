@@ -65,12 +65,12 @@ class Characteristic:
 
     def _powers(self, *, mirrored: bool = False, thermal: bool = False) -> list[float]:
         """Coefficients by the power of the acceleration, 0 to 3, of one kind of term; 0 where the model has none."""
-        found = [0.0] * 4
+        powers = [0.0] * 4
         for name, value in self.coefficients.items():
             term = STATIC[name]
             if (term.mirrored, term.thermal) == (mirrored, thermal):
-                found[term.power] = value
-        return found
+                powers[term.power] = value
+        return powers
 
     @property
     def thermal(self) -> tuple[float, float]:
@@ -115,12 +115,12 @@ def characteristic(fit: Fit) -> Characteristic:
     ----------
     fit : estimates in forward sense.
     """
-    kept = {name: fit[name].value for name in STATIC if name in fit.model.effects}
+    coefficients = {name: fit[name].value for name in STATIC if name in fit.model.effects}
     clipping = next((effect for effect in BUILT_IN if clip_level(effect, fit) is not None), None)
-    inside = {*kept, *([clipping.name] if clipping else [])}
+    inside = {*coefficients, *([clipping.name] if clipping else [])}
     others = {term.effect.name: term for term in fit.model.terms if term.effect.name not in inside}
     return Characteristic(
-        coefficients=kept,
+        coefficients=coefficients,
         scale=fit.values().scale,
         reference=fit.origins.temperature,
         left_out=tuple(_left_out(e) for e in (*(term.effect for term in others.values()), *fit.model.noise_effects)),
@@ -212,16 +212,16 @@ def straight_line(fit: Fit, low: float | None = None, high: float | None = None)
         raise AccelcalError(f"straight_line: the range {low:g} to {high:g} m/s² is empty.")
     a = np.linspace(low, high, POINTS)
     terms = {name: np.array([term.per_unit(x, 0.0) for x in a]) for name, term in STATIC.items()}
-    kept = [name for name in terms if name in fit.model.effects]
-    values = np.array([fit[name].value for name in kept])
-    columns = np.column_stack([terms[name] for name in kept])
+    linear = [name for name in terms if name in fit.model.effects]
+    values = np.array([fit[name].value for name in linear])
+    columns = np.column_stack([terms[name] for name in linear])
     output = a + columns @ values
     lines = np.column_stack([np.ones(POINTS), a])
     offset, slope = np.linalg.lstsq(lines, output, rcond=None)[0].tolist()
     onto, _ = np.linalg.qr(lines)
     free = [e.name for e in fit.free]
-    C = fit.covariance[np.ix_(*[[free.index(name) for name in kept if name in free]] * 2)]
-    partials = columns[:, [name in free for name in kept]]
+    C = fit.covariance[np.ix_(*[[free.index(name) for name in linear if name in free]] * 2)]
+    partials = columns[:, [name in free for name in linear]]
     return StraightLine(
         a=a,
         output=output,
@@ -288,15 +288,15 @@ def apply(fit: Fit, output: float) -> Application:
     OutsideRange
         If the model is not invertible there.
     """
-    own = characteristic(fit)
-    if own.scale == 0.0:
+    sensor_curve = characteristic(fit)
+    if sensor_curve.scale == 0.0:
         raise OutsideRange("1 + scale_factor is 0: no acceleration follows from an output")
-    rounds = [(output - own.forward(0.0)) / own.scale]
+    rounds = [(output - sensor_curve.forward(0.0)) / sensor_curve.scale]
     for _ in range(ROUNDS):
-        slope = own.slope(rounds[-1])
-        if not slope / own.scale > 0.0:
+        slope = sensor_curve.slope(rounds[-1])
+        if not slope / sensor_curve.scale > 0.0:
             raise OutsideRange(f"an output of {output:.6g} m/s² lies beyond the range in which the model is monotone")
-        step = (output - own.forward(rounds[-1])) / slope
+        step = (output - sensor_curve.forward(rounds[-1])) / slope
         if abs(step) <= CONVERGED * max(1.0, abs(rounds[-1])):
             break
         rounds.append(rounds[-1] + step)
@@ -304,9 +304,14 @@ def apply(fit: Fit, output: float) -> Application:
     sensor = fit.rig.sensor
     if sensor.scale is not None:
         raw, unit = (sensor.zero or 0.0) + sensor.scale * output, sensor.scale_unit or "V"
-    unused = [name for name in own.coefficients if STATIC[name].thermal] + [own.clipped_by] * (own.clip is not None)
-    left_out = (*((name, "sensor") for name in unused), *((effect.effect, effect.owner) for effect in own.left_out))
-    std = own.std(fit, rounds[-1])
+    unused = [name for name in sensor_curve.coefficients if STATIC[name].thermal] + [sensor_curve.clipped_by] * (
+        sensor_curve.clip is not None
+    )
+    left_out = (
+        *((name, "sensor") for name in unused),
+        *((effect.effect, effect.owner) for effect in sensor_curve.left_out),
+    )
+    std = sensor_curve.std(fit, rounds[-1])
     if not (math.isfinite(rounds[-1]) and math.isfinite(std)):
         raise OutsideRange(f"an output of {output:.6g} m/s² gives no finite acceleration with a finite uncertainty")
     return Application(raw, unit, output, tuple(rounds), std, left_out)
@@ -409,37 +414,37 @@ def budget(fit: Fit) -> Budget:
     return Budget(tuple(Line(e, _components(fit, e)) for e in mine), ())
 
 
-def standard_uncertainty(found: Budget, e: Estimate) -> float:
+def standard_uncertainty(uncertainty: Budget, e: Estimate) -> float:
     """Combined standard uncertainty of an estimate where it has a budget, else that of the fit."""
-    return next((line.combined for line in found.lines if line.estimate == e), e.std)
+    return next((line.combined for line in uncertainty.lines if line.estimate == e), e.std)
 
 
-def expanded_uncertainty(fit: Fit, found: Budget, e: Estimate) -> float:
+def expanded_uncertainty(fit: Fit, uncertainty: Budget, e: Estimate) -> float:
     """Expanded uncertainty of an estimate, coverage factor 2, with its budget where it has one."""
-    return max(fit.expanded(e, COVERAGE_FACTOR), COVERAGE_FACTOR * standard_uncertainty(found, e))
+    return max(fit.expanded(e, COVERAGE_FACTOR), COVERAGE_FACTOR * standard_uncertainty(uncertainty, e))
 
 
 def _components(fit: Fit, e: Estimate) -> tuple[Component, ...]:
     declared, separated = fit.rig.uncertainty, _separated(fit)
     level, off, ruler = declared.level or 0.0, declared.misalignment or 0.0, declared.encoder_scale or 0.0
-    found = [Component("fit: noise of output and encoder", "A", e.std, e.unit, e.std)]
-    found += [
+    components = [Component("fit: noise of output and encoder", "A", e.std, e.unit, e.std)]
+    components += [
         Component("difference from run to run", "A", spread.value, e.unit, _of_next_run(spread, e))
         for spread in fit.spreads
         if spread.name == e.name and math.isfinite(spread.next_half)
     ]
     if e.name == "bias":
         if "level" not in separated:
-            found.append(Component("level of the stage axis", "B", level, "rad", _gravity_share(fit, level)))
+            components.append(Component("level of the stage axis", "B", level, "rad", _gravity_share(fit, level)))
         if "misalignment" not in separated:
-            found.append(Component("misalignment of the input axis", "B", off, "rad", _gravity_share(fit, off)))
-        return tuple(found)
+            components.append(Component("misalignment of the input axis", "B", off, "rad", _gravity_share(fit, off)))
+        return tuple(components)
     size = fit.values().scale if e.name == "scale_factor" else e.value
     n = POWERS[e.name]
     if "encoder_scale" not in separated:
-        found.append(Component("scale of the encoder", "B", ruler, "1", abs(n * size * ruler)))
-    found.append(Component("misalignment of the input axis", "B", off, "rad", abs(n * size) * _second_order(off)))
-    return tuple(found)
+        components.append(Component("scale of the encoder", "B", ruler, "1", abs(n * size * ruler)))
+    components.append(Component("misalignment of the input axis", "B", off, "rad", abs(n * size) * _second_order(off)))
+    return tuple(components)
 
 
 def _of_next_run(spread: Spread, e: Estimate) -> float:

@@ -175,19 +175,19 @@ def export(
         if path is not None and path.suffix not in endings:
             raise UsageError(f"{option} {path}: expected a name that ends in {' or '.join(endings)}")
     load_own_effects(effects_file)
-    made = exports.calibrate(model_file.load(model), without=without or (), source=model.name)
+    calibration = exports.calibrate(model_file.load(model), without=without or (), source=model.name)
     files: dict[Path, str] = {}
     if c is not None:
-        files[c] = exports.header(made, c.name)
+        files[c] = exports.header(calibration, c.name)
     if rust is not None:
-        files[rust] = exports.module(made)
+        files[rust] = exports.module(calibration)
     if dcc is not None:
-        certificate = checked(exports.draft(made, laboratory_of(lab)), schema)
+        certificate = checked(exports.draft(calibration, laboratory_of(lab)), schema)
         files[dcc] = certificate.text
     with io.together():
         for path, text in files.items():
             io.atomic_write(path, text)
-    deliver(made, printing.show_export, None, json)
+    deliver(calibration, printing.show_export, None, json)
     print_written(*files)
     if dcc is not None:
         tell(dcc, certificate, schema)
@@ -250,18 +250,18 @@ def response(
     with progress("response") as share:
         recording = io.load(run, rig=rig)
         share(0.2)
-        found = frequency_response(recording, frequencies=asked, method=cast("Method", method))
-    certificate = response_files.draft_response(found, recording.rig.sensor, laboratory)
+        result = frequency_response(recording, frequencies=asked, method=cast("Method", method))
+    certificate = response_files.draft_response(result, recording.rig.sensor, laboratory)
     if dcc is not None:
         checked(certificate, schema)
     with io.together():
         if csv is not None:
-            io.atomic_write(csv, response_files.to_csv(found))
+            io.atomic_write(csv, response_files.to_csv(result))
         if dcc is not None:
             io.atomic_write(dcc, certificate.text)
         if figure is not None:
-            drawing.save(plots.sensitivity(found), figure)
-    deliver(found, lambda response: print("\n".join(response_files.lines(response))), None, json)
+            drawing.save(plots.sensitivity(result), figure)
+    deliver(result, lambda response: print("\n".join(response_files.lines(response))), None, json)
     print_written(csv, dcc, figure)
     if dcc is not None:
         tell(dcc, certificate, schema)

@@ -290,19 +290,19 @@ def print_json(content: dict[str, Any], indent: int | None = 2) -> None:
 
 
 def deliver(
-    found: Any, show: Callable[[Any], object], output: Path | None, json: bool, model: Fit | None = None
+    result: Any, show: Callable[[Any], object], output: Path | None, json: bool, model: Fit | None = None
 ) -> None:
     """Write a result into a file, and print it: as JSON, or by `show`; with a `model`, that is what the file holds."""
     if output is not None:
         if model is None:
-            io.atomic_write(output, json_text.dumps(results_json.content(found)))
+            io.atomic_write(output, json_text.dumps(results_json.content(result)))
         else:
             model_file.save(model, output)
         print_status(f"wrote {output}")
     if json:
-        print_json(model_file.to_dict(model) if model is not None and found is model else results_json.content(found))
+        print_json(model_file.to_dict(model) if model is not None and result is model else results_json.content(result))
     else:
-        show(found)
+        show(result)
 
 
 def parse_quantity(text: str | None, kind: str, option: str) -> float | None:
@@ -312,15 +312,15 @@ def parse_quantity(text: str | None, kind: str, option: str) -> float | None:
     if text is None:
         return None
     try:
-        found = float(text)
+        value = float(text)
     except ValueError:
         try:
-            found = quantity(text, kind)
+            value = quantity(text, kind)
         except UnitError as error:
             raise UsageError(f"{option} {text!r}: {error}") from None
-    if not math.isfinite(found):
+    if not math.isfinite(value):
         raise UsageError(f"{option} {text!r}: expected a finite {kind}")
-    return found
+    return value
 
 
 @contextmanager
@@ -372,16 +372,16 @@ def after_fit(model: Path | None, runs: Sequence[Path]) -> None:
         suggest("diagnose", model, *runs)
 
 
-def after_diagnosis(fit: Fit, found: Diagnosis, model: Path, runs: Sequence[Path], holdout: Path | None) -> None:
+def after_diagnosis(fit: Fit, diagnosis: Diagnosis, model: Path, runs: Sequence[Path], holdout: Path | None) -> None:
     """What is missing is added, to the recordings that the model was fitted to; a model that lacks nothing goes into
     the report."""
     fitted = fitted_files(fit, model, *runs)
-    missing = next((effect for effect in found.effects if effect not in fit.model.effects), None)
-    if found.verdict in ("named", "tied", "shape"):
+    missing = next((effect for effect in diagnosis.effects if effect not in fit.model.effects), None)
+    if diagnosis.verdict in ("named", "tied", "shape"):
         suggest("add", model, *fitted, "--effect", missing, "-o", f"{model.stem}_{missing}.json")
-    elif found.verdict == "adequate":
+    elif diagnosis.verdict == "adequate":
         suggest("report", model, fitted[0], *held_out(holdout), "-o", f"{runs[0].stem}.html")
-    elif found.verdict == "too_short":
+    elif diagnosis.verdict == "too_short":
         suggest("power", runs[0])
 
 

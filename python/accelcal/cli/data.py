@@ -149,7 +149,7 @@ def simulate(
         "cubic": cubic,
     }
     with progress("simulate") as report:
-        made = sensors.simulate(
+        simulated = sensors.simulate(
             motion,
             seconds=seconds,
             rig=rigs[sensor],
@@ -160,7 +160,7 @@ def simulate(
             reference=cast("data.Reference", reference),
         )
         report(0.3)
-        sidecar = write_recording(made.recording, output)
+        sidecar = write_recording(simulated.recording, output)
     if json:
         print_json({"file": str(output), "sidecar": str(sidecar), "truth": truth, "seed": seed})
     else:
@@ -217,42 +217,42 @@ def dwells(
     """
     shortest = parse_quantity(least, "time", "--least") or 0.0
     with progress("dwells"):
-        found = resting.load_rests(run, rig, shortest)
-    degrees = angles(attitudes, len(found.rests))
+        result = resting.load_rests(run, rig, shortest)
+    degrees = angles(attitudes, len(result.rests))
     if figure is not None:
         from accelcal.plots.model import rests
 
-        drawing.save(drawing.draw(rests(found)), figure)
+        drawing.save(drawing.draw(rests(result)), figure)
         print_status(f"wrote {figure}")
-    triad = found.triad
+    triad = result.triad
     if not json:
-        head = ("", "from (s)", "to (s)", *(f"mean {axis} ({found.unit})" for axis in found.names), "std", "attitude")
-        show_table(head, [line(k, rest, degrees) for k, rest in enumerate(found.rests)])
-    if (output is not None or triad) and not yes and not confirmed(len(found.rests)):
+        head = ("", "from (s)", "to (s)", *(f"mean {axis} ({result.unit})" for axis in result.names), "std", "attitude")
+        show_table(head, [line(k, rest, degrees) for k, rest in enumerate(result.rests)])
+    if (output is not None or triad) and not yes and not confirmed(len(result.rests)):
         print_status("nothing was used or written")
         return
     if triad:
-        deliver(triads.fit_triad(positions(found)), show_triad, output, json)
+        deliver(triads.fit_triad(positions(result)), show_triad, output, json)
         return
     if output is not None:
-        sidecar = resting.write_table(found, degrees, output, mark_of(output))
+        sidecar = resting.write_table(result, degrees, output, mark_of(output))
         missing = "" if degrees else "; fill in attitude_deg"
         print_status(f"wrote {output} and {sidecar}{missing}, then run: accelcal fit {output} --model cubic")
     if json:
-        print_json({"rests": resting.table_of(found, degrees)})
+        print_json({"rests": resting.table_of(result, degrees)})
 
 
-def positions(found: resting.Rests) -> triads.Positions:
+def positions(result: resting.Rests) -> triads.Positions:
     """Rests of a triad as positions."""
     import numpy as np
 
     return triads.Positions(
-        mean=np.array([rest.mean for rest in found.rests]),
-        std=np.array([rest.std for rest in found.rests]),
-        samples=np.array([float(rest.samples) for rest in found.rests]),
-        gravity=found.gravity,
-        name=found.name,
-        unit=found.unit,
+        mean=np.array([rest.mean for rest in result.rests]),
+        std=np.array([rest.std for rest in result.rests]),
+        samples=np.array([float(rest.samples) for rest in result.rests]),
+        gravity=result.gravity,
+        name=result.name,
+        unit=result.unit,
     )
 
 
@@ -276,18 +276,18 @@ def angles(text: str | None, count: int) -> list[float]:
     try:
         if ":" in text:
             first, step = (float(part) for part in text.split(":"))
-            found = [first + k * step for k in range(count)]
+            values = [first + k * step for k in range(count)]
         else:
-            found = [float(part) for part in text.split(",")]
-        if not all(math.isfinite(angle) for angle in found):
+            values = [float(part) for part in text.split(",")]
+        if not all(math.isfinite(angle) for angle in values):
             raise ValueError
     except ValueError:
         raise UsageError(
             f"--attitudes {text!r}: expected degrees such as 0,90,180, or FIRST:STEP such as 0:15"
         ) from None
-    if len(found) != count:
-        raise UsageError(f"--attitudes: {len(found)} angles for {count} rests; give one for each, or change --least")
-    return found
+    if len(values) != count:
+        raise UsageError(f"--attitudes: {len(values)} angles for {count} rests; give one for each, or change --least")
+    return values
 
 
 def line(k: int, rest: resting.Rest, degrees: list[float]) -> tuple[str, ...]:

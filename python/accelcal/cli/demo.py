@@ -58,21 +58,21 @@ def demo(
     seeds = np.random.SeedSequence(seed).spawn(2)
     for path, each in zip(paths, seeds, strict=True):
         rng = np.random.default_rng(each)
-        made = sensors.simulate("interleaved", seconds=60.0, rig=sensors.ADXL105_RIG, parameters=truth, rng=rng)
-        write_recording(made.recording, path)
-        count = len(made.recording.accel)
+        simulated = sensors.simulate("interleaved", seconds=60.0, rig=sensors.ADXL105_RIG, parameters=truth, rng=rng)
+        write_recording(simulated.recording, path)
+        count = len(simulated.recording.accel)
         say_line(f"simulated {path}: 60 s, {count} output samples; true values: {truth_text(truth)}")
     say_line(f"\n$ accelcal fit {paths[0]} -o {output / 'm.json'}")
     first = io.load(paths[0])
     with progress("fit") as report:
-        found = verbs.fit(first, progress=report)
-    model_file.save(found, output / "m.json")
-    printing.show_fit(found, first)
+        fitted = verbs.fit(first, progress=report)
+    model_file.save(fitted, output / "m.json")
+    printing.show_fit(fitted, first)
     say_line(f"\n$ accelcal compare {output / 'm.json'} {paths[1]} --plots {output}")
     with progress("compare") as report:
-        seen = verbs.compare(found, io.load(paths[1]), progress=report)
-    printing.show_comparison(seen)
-    for path in plots.write(seen, output):
+        comparison = verbs.compare(fitted, io.load(paths[1]), progress=report)
+    printing.show_comparison(comparison)
+    for path in plots.write(comparison, output):
         say_line(f"wrote {path}")
     say_line(f"\nThis took {time.perf_counter() - began:.1f} s.")
     suggest("demo", "--effect", "random", "-o", output)
@@ -90,10 +90,10 @@ def demo_hidden(effect: str, output: Path, seed: int) -> None:
     say_line(f"{paths[0]} and {paths[1]} may contain a hidden effect; the answer is in {output / 'answer.json'}.")
     say_line(f"\n$ accelcal improve {paths[0]} --holdout {paths[1]} -o {output / 'best.json'}")
     with progress("improve") as report:
-        found = verbs.improve(hidden.train, holdout=hidden.holdout, progress=report)
-    model_file.save(found.diagnosis.fit, output / "best.json")
-    printing.show_improvement(found)
-    say_line(f"\nFound: {', '.join(found.effects) or 'nothing'}. Hidden: {hidden_text(hidden)}.")
+        improvement = verbs.improve(hidden.train, holdout=hidden.holdout, progress=report)
+    model_file.save(improvement.diagnosis.fit, output / "best.json")
+    printing.show_improvement(improvement)
+    say_line(f"\nFound: {', '.join(improvement.effects) or 'nothing'}. Hidden: {hidden_text(hidden)}.")
     suggest("report", output / "best.json", paths[0], "--holdout", paths[1], "-o", output / "report.html")
 
 
@@ -121,8 +121,8 @@ def schema(
     Example: [bold]accelcal schema diagnosis[/bold]
     """
     if name is None:
-        for known in results_json.SCHEMAS:
-            say_line(known)
+        for schema_name in results_json.SCHEMAS:
+            say_line(schema_name)
         return
     try:
         print_json(results_json.schema(name))
@@ -155,7 +155,7 @@ def doctor(json: Json = False) -> None:
         "dask": "distributed",
         "dcc": "xmlschema",
         "docs": "sphinx",
-        **{each.extra: each.library for each in FORMATS if each.extra},
+        **{file_format.extra: file_format.library for file_format in FORMATS if file_format.extra},
         "peers": "filterpy",
     }
     named = {"serial": "pyserial", "nptdms": "npTDMS"}

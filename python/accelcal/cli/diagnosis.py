@@ -76,26 +76,26 @@ def diagnose(
     with progress("diagnose") as report:
         recordings = with_dwells([load_any(fitted, run, rig) for run in runs])
         if not isinstance(recordings, data.Dwells):
-            found = verbs.diagnose(fitted, recordings, progress=within(report, LOADED, 0.8 if holdout else 1.0))
-            seen = None if holdout is None else verbs.compare(found.fit, load_like(fitted, holdout, rig))
+            diagnosis = verbs.diagnose(fitted, recordings, progress=within(report, LOADED, 0.8 if holdout else 1.0))
+            comparison = None if holdout is None else verbs.compare(diagnosis.fit, load_like(fitted, holdout, rig))
     if isinstance(recordings, data.Dwells):
         if holdout is not None:
             raise UsageError("--holdout needs a recording of a motion; these are dwells alone")
         deliver(diagnose_dwells(fitted, recordings), printing.show, output, json)
         return
-    if seen is not None:
-        found = replace(found, heldout=seen[0])
+    if comparison is not None:
+        diagnosis = replace(diagnosis, heldout=comparison[0])
     others = [r.name for r in recordings if r.digest not in {fitted_run.digest for fitted_run in fitted.runs}]
     if others:
         print_status(
             f"{', '.join(others)} is not what {model} was fitted to: all coefficients were estimated again on it"
         )
-    deliver(found, printing.show, output, json)
+    deliver(diagnosis, printing.show, output, json)
     if json:
         return
-    if seen is not None:
-        printing.show(seen)
-    after_diagnosis(fitted, found, model, runs, holdout)
+    if comparison is not None:
+        printing.show(comparison)
+    after_diagnosis(fitted, diagnosis, model, runs, holdout)
 
 
 @app.command()
@@ -124,10 +124,10 @@ def improve(
     recordings = [load_run(path, rig) for path in runs]
     unseen = None if holdout is None else io.load(holdout, rig)
     if unseen is not None:
-        require_distinct([*(one for one in recordings if isinstance(one, data.Recording)), unseen])
+        require_distinct([*(recording for recording in recordings if isinstance(recording, data.Recording)), unseen])
     steps: list[Fit] = []
     with kept_on_the_way(steps, output), progress("improve") as report:
-        found = verbs.improve(
+        improvement = verbs.improve(
             recordings,
             holdout=unseen,
             most=most,
@@ -136,7 +136,7 @@ def improve(
             progress=report,
             on_step=steps.append,
         )
-    deliver(found, printing.show_improvement, output, json, found.diagnosis.fit)
+    deliver(improvement, printing.show_improvement, output, json, improvement.diagnosis.fit)
     if not json:
         suggest("report", output, runs[0], *held_out(holdout), "-o", f"{runs[0].stem}.html")
 
@@ -183,23 +183,23 @@ def formula(
         with progress("formula") as report:
             recording = load_like(fitted, run, rig)
             unseen = None if holdout is None else load_like(fitted, holdout, rig)
-            found = verbs.formulas(fitted, recording, curve, holdout=unseen, progress=within(report, LOADED, 1.0))
+            result = verbs.formulas(fitted, recording, curve, holdout=unseen, progress=within(report, LOADED, 1.0))
     except data.RecordingError:
         raise
     except ValueError as error:
         raise UsageError(f"--curve {curve}: {error}") from None
-    deliver(found, printing.show_formulas, None, json)
+    deliver(result, printing.show_formulas, None, json)
     if output is None:
         return
-    if not found.formulas:
+    if not result.formulas:
         print_status(f"{output} is not written: there is no formula")
         return
     try:
         owner = shape.owner if shape.owner != "timing" else "sensor"
-        own = found.formulas[0].effect(name, owner=owner, port=shape.port, channels=shape.needs)
+        effect = result.formulas[0].effect(name, owner=owner, port=shape.port, channels=shape.needs)
     except catalogue.ExpressionError as error:
         raise UsageError(f"--name {name}: {error}") from None
-    io.atomic_write(output, own.file)
+    io.atomic_write(output, effect.file)
     print_status(f"wrote {output}; next: accelcal add {model} {run} --effects-file {output} --effect {name}")
 
 
@@ -246,14 +246,14 @@ def power(
         recording = io.load(run, rig, need_accel=False)
         if len(recording.accel):
             begin, stop = parse_quantity(start, "time", "--from"), parse_quantity(end, "time", "--to")
-            seen = experiment.power(
+            result = experiment.power(
                 Model.linear(), recording, start=begin, end=stop, progress=within(report, LOADED, 1.0)
             )
         elif start is not None or end is not None:
             raise UsageError("--from and --to are for recordings; a planned motion is always used as a whole")
         else:
-            seen = experiment.power_of_set_points(recording)
-    deliver(seen, printing.show_power, None, json)
+            result = experiment.power_of_set_points(recording)
+    deliver(result, printing.show_power, None, json)
     if not json:
         suggest("fit", run if len(recording.accel) else None, "-o", f"{run.stem}.json")
 
@@ -280,7 +280,7 @@ def plan(
         raise UsageError(f"--sensor {sensor!r}: expected {' or '.join(rigs)}")
     used = rigs[sensor] if rig is None else io.read_sidecar(rig).rig
     with progress("plan") as report:
-        found = experiment.plan(
+        result = experiment.plan(
             [name.strip() for name in effects.split(",") if name.strip()],
             stroke=printing.limit(stroke, "length", "--stroke"),
             v_max=printing.limit(vmax, "speed", "--vmax"),
@@ -290,15 +290,15 @@ def plan(
             progress=report,
         )
     if output is not None:
-        print_written(*write_set_points(found, used, output))
-    deliver(found, printing.show_plan, None, json)
+        print_written(*write_set_points(result, used, output))
+    deliver(result, printing.show_plan, None, json)
 
 
-def write_set_points(found: experiment.Plan, rig: data.Rig, path: Path) -> tuple[Path, Path]:
+def write_set_points(result: experiment.Plan, rig: data.Rig, path: Path) -> tuple[Path, Path]:
     """Write time and position of a planned motion, and a sidecar with the rig that it was planned for."""
     from accelcal.io.sidecar import Clock, Source
 
-    t, p = found.set_points()
+    t, p = result.set_points()
     rows = "\n".join(f"{when:.6f},{where:.12f}" for when, where in zip(t, p, strict=True))
     path.parent.mkdir(parents=True, exist_ok=True)
     sidecar = io.sidecar_of(path)
@@ -396,11 +396,11 @@ def models_and_runs(files: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     return models, runs
 
 
-def best_of(found: Comparison) -> int:
+def best_of(comparison: Comparison) -> int:
     """The model that differs most for the better from the first; the first where none is surely better."""
     better = [
-        (one.pooled.percent, number)
-        for number, one in enumerate(found.differences, start=1)
-        if one.pooled is not None and one.verdict == "better"
+        (difference.pooled.percent, number)
+        for number, difference in enumerate(comparison.differences, start=1)
+        if difference.pooled is not None and difference.verdict == "better"
     ]
     return min(better, default=(0.0, 0))[1]

@@ -85,11 +85,11 @@ def fleet(
             progress=lambda count, total: report(count / total),
         )
     print_status(f"{done.computed} recordings fitted, {done.kept} found in {store}, {done.failed} refused")
-    found = summary.summarise(campaign.load(store))
+    result = summary.summarise(campaign.load(store))
     if output is not None:
-        io.atomic_write(output, summary.html(found, output.parent))
+        io.atomic_write(output, summary.html(result, output.parent))
         print_status(f"wrote {output}")
-    deliver(found, printing.show_fleet, None, json)
+    deliver(result, printing.show_fleet, None, json)
 
 
 def in_stored_order(files: list[str], store: Path, *, retry: bool) -> list[str]:
@@ -102,8 +102,8 @@ def in_stored_order(files: list[str], store: Path, *, retry: bool) -> list[str]:
     if not set(places) <= set(files):
         return files  # of other folders: the campaign says so
     new = (file for file in files if file not in places)
-    known = {run: item for item, run in places.items()}
-    return [known[run] if run in known else next(new) for run in range(len(files))]
+    by_run = {run: item for item, run in places.items()}
+    return [by_run[run] if run in by_run else next(new) for run in range(len(files))]
 
 
 def recordings_in(folders: list[Path]) -> list[Path]:
@@ -122,12 +122,12 @@ def recordings_in(folders: list[Path]) -> list[Path]:
         same = names.setdefault(folder.resolve().name, folder)
         if same is not folder:
             raise UsageError(f"{folder} and {same} have one name, which is that of the sensor; rename one of them")
-        found = sorted(
+        paths = sorted(
             path for path in folder.iterdir() if path.suffix.lower() in lazy.files.READABLE and path.is_file()
         )
-        if not found:
+        if not paths:
             raise UsageError(f"{folder}: no recording in it ({', '.join(lazy.files.READABLE)})")
-        files += found
+        files += paths
     return files
 
 
@@ -288,9 +288,9 @@ def innovation_of(state: sessions.LiveState) -> str:
     if state.innovation is None or state.nis is None:
         return "no innovation yet"
     e, nis = state.innovation, state.nis
-    seen, expected = words.number(1e6 * e.e, 3), words.number(2e6 * math.sqrt(e.variance), 3)
+    error, expected = words.number(1e6 * e.e, 3), words.number(2e6 * math.sqrt(e.variance), 3)
     return (
-        f"innovation {seen} µm, expected ± {expected}; NIS {nis.value:.3f}, 99 % in {nis.low:.3f} .. {nis.high:.3f} "
+        f"innovation {error} µm, expected ± {expected}; NIS {nis.value:.3f}, 99 % in {nis.low:.3f} .. {nis.high:.3f} "
         f"({nis.readings} readings)"
     )
 
@@ -396,7 +396,7 @@ def source_of(
     """
     from accelcal.io import stream
 
-    if sum(each is not None for each in (serial, tcp, file)) != 1:
+    if sum(source is not None for source in (serial, tcp, file)) != 1:
         raise UsageError("give one of --serial DEV --baud N, --tcp HOST:PORT and --file PATH")
     if (serial is None) != (baud is None):
         raise UsageError("--serial and --baud belong together, such as --serial /dev/ttyUSB0 --baud 921600")
@@ -460,7 +460,7 @@ def followed(fit: Fit, settings: measuring.LiveSettings, session: measuring.Live
         return fit
     m = len(settings.names)
     parameters = ForwardParameters(settings.names, tracker.filter.estimate[-m:], tracker.covariance[-m:, -m:])
-    found = replace(as_fit(replace(fit, rig=settings.rig), parameters, settings.choice), rig=fit.rig)
+    fitted = replace(as_fit(replace(fit, rig=settings.rig), parameters, settings.choice), rig=fit.rig)
     text = f"followed live over {state.readings} readings of {session.source.name}; {state.alarms} of {state.blocks} "
     followed = remark("live_filter", text=f"{text}blocks of innovations raised an alarm")
-    return replace(found, remarks=(followed, *found.remarks))
+    return replace(fitted, remarks=(followed, *fitted.remarks))

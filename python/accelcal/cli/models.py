@@ -109,14 +109,14 @@ def fit(
         if isinstance(engine, str):
             base = chosen() if position is None else chosen().add("clock_skew")
             wanted, part = varying(base, vary or []), within(report, LOADED, 1.0)
-            found = verbs.fit(recordings, wanted, start=begin, end=stop, band=width, method=engine, progress=part)
+            result = verbs.fit(recordings, wanted, start=begin, end=stop, band=width, method=engine, progress=part)
         elif len(recordings) != 1 or band is not None or isinstance(recordings[0], data.Dwells):
             raise UsageError(
                 f"--method {method} accepts one recording and no --band; auto, replay and weak accept several"
             )
         else:
-            found = verbs.fit(recordings[0], start=begin, end=stop, method=engine)
-    finish_fit(found, recordings, output, json)
+            result = verbs.fit(recordings[0], start=begin, end=stop, method=engine)
+    finish_fit(result, recordings, output, json)
     if not json and position is None:
         after_fit(output, runs)
     elif not json:
@@ -253,16 +253,18 @@ def refit(
     fitted = model_file.load(model)
     with progress(writing.get().command) as report:
         recordings = [load_any(fitted, run, rig) for run in runs]
-        found = work(fitted, recordings, within(report, LOADED, 1.0))
-    finish_fit(found, recordings, output, json)
+        result = work(fitted, recordings, within(report, LOADED, 1.0))
+    finish_fit(result, recordings, output, json)
     if not json:
         suggest(*then)
 
 
-def finish_fit(found: Fit, recordings: Sequence[data.Recording | data.Dwells], output: Path | None, json: bool) -> None:
+def finish_fit(
+    result: Fit, recordings: Sequence[data.Recording | data.Dwells], output: Path | None, json: bool
+) -> None:
     """Write and print a fit."""
-    read = [one for one in recordings if isinstance(one, data.Recording)]
-    deliver(found, lambda fit: printing.show_fit(fit, *read), output, json, found)
+    read = [recording for recording in recordings if isinstance(recording, data.Recording)]
+    deliver(result, lambda fit: printing.show_fit(fit, *read), output, json, result)
 
 
 def read_runs(runs: Sequence[Path], position: Path | None, rig: Path | None) -> list[data.Recording | data.Dwells]:

@@ -62,12 +62,12 @@ def refuse_overwriting(given: Mapping[str, Any]) -> None:
 
     read = paths_in(value for name, value in given.items() if name not in (*WRITTEN, "model", "models"))
     models = paths_in(given.get(name) for name in ("model", "models"))
-    kept = {path.resolve() for source in read for path in (source, io.sidecar_of(source))}
+    inputs = {path.resolve() for source in read for path in (source, io.sidecar_of(source))}
     for name, path in written.items():
-        for made in (path, io.sidecar_of(path)) if path.suffix in RECORDINGS else (path,):
-            if made.resolve() in kept:
+        for output in (path, io.sidecar_of(path)) if path.suffix in RECORDINGS else (path,):
+            if output.resolve() in inputs:
                 raise OverwriteError(
-                    f"--{name} {path}: {made} is an input of this command and would be overwritten; give another name"
+                    f"--{name} {path}: {output} is an input of this command and would be overwritten; give another name"
                 )
         if path.is_dir() or (name == "output" and writing.get().command == "live"):
             continue  # a measurement cannot be repeated: `live` never replaces one, whoever asks
@@ -85,8 +85,8 @@ def mark_of(recording: Path) -> Callable[[str], str]:
 
 def paths_in(values: Iterator[Any]) -> list[Path]:
     """Paths among arguments and lists of them."""
-    listed = [each for value in values for each in (value if isinstance(value, list) else [value])]
-    return [each for each in listed if isinstance(each, Path)]
+    listed = [item for value in values for item in (value if isinstance(value, list) else [value])]
+    return [item for item in listed if isinstance(item, Path)]
 
 
 def require_replaceable(
@@ -123,7 +123,9 @@ def _of_recording(path: Path, command: str) -> str:
     from accelcal.io.write import writer_of
 
     sidecar = io.sidecar_of(path)
-    others = [each for each in map(path.with_suffix, files.READABLE) if each != path and each.is_file()]
+    others = [
+        neighbour for neighbour in map(path.with_suffix, files.READABLE) if neighbour != path and neighbour.is_file()
+    ]
     if others and not (path.exists() and writer_of(path) == command):
         return f"{sidecar.name} would be the sidecar of {others[0].name} as well"
     for there in (path, sidecar):

@@ -38,7 +38,7 @@ def show(result: Result, *more: str) -> None:
 
 def show_comparison(comparison: Comparison) -> None:
     """Print the errors first, then the changes between models, or where a single one fails."""
-    fails = any(evaluation.worst_regions for seen in comparison.seen for evaluation in seen)
+    fails = any(evaluation.worst_regions for evaluations in comparison.seen for evaluation in evaluations)
     show(comparison, *(["changes"] if len(comparison) > 1 else ["regions"] if fails else []))
 
 
@@ -63,31 +63,31 @@ def show_fit(fit: Fit, *recordings: data.Recording) -> None:
         say(f"assumed: {text}")
 
 
-def show_export(made: exports.Calibration) -> None:
+def show_export(calibration: exports.Calibration) -> None:
     """Print what was exported: its range, its error bounds, omitted effects."""
     from accelcal.calibration.export.words import upwards
 
-    low, high = made.domain.acceleration
-    say_line(made.equation)
+    low, high = calibration.domain.acceleration
+    say_line(calibration.equation)
     say_line(f"valid for {low:.6g} to {high:.6g} m/s²", end="")
-    warm = made.domain.temperature
+    warm = calibration.domain.temperature
     say_line("" if warm is None else f", {warm[0]:.4g} to {warm[1]:.4g} degC")
-    for code in made.codes:
+    for code in calibration.codes:
         kind, terms = code.inverse.format.name, sum(len(row) for s in code.inverse.segments for row in s.coefficients)
         say_line(f"{kind}: within {upwards(code.bound)} m/s² of the exact inverse, {terms} coefficients")
-    least, most = made.std
+    least, most = calibration.std
     say_line(f"standard uncertainty from the fit: {least:.2g} to {most:.2g} m/s²")
-    for missing in made.left_out:
+    for missing in calibration.left_out:
         say_line(f"not exported: {missing.effect} {missing.why}")
-    for text in made.remarks:
+    for text in calibration.remarks:
         say_line(f"note: {text}")
 
 
-def show_agreement(found: pages.Agreement) -> None:
+def show_agreement(result: pages.Agreement) -> None:
     """Print the verdict on two calibrations, their parameters and what changed between them."""
     from accelcal.report.page import agreement_view
 
-    shown = agreement_view(found)
+    shown = agreement_view(result)
     say(shown["sentence"], "bold")
     for text in shown["notes"]:
         say(text)
@@ -130,19 +130,19 @@ def show_drift_bandwidth(drift: DriftBandwidth) -> None:
     )
 
 
-def show_formulas(found: FormulaSet) -> None:
+def show_formulas(result: FormulaSet) -> None:
     """Print the answer, then the numbers of each formula."""
-    say_line(found.sentence)
+    say_line(result.sentence)
     rows = []
-    for each in found.formulas:
-        for c, std, unit, text in zip(each.coefficients, each.std, each.units, each.texts(4), strict=True):
+    for formula in result.formulas:
+        for c, std, unit, text in zip(formula.coefficients, formula.std, formula.units, formula.texts(4), strict=True):
             rows.append((text, words.plain(unit, c, std), words.concise(c, std), unit))
-        if each.inner is not None and each.inner_interval is not None:
-            low, high = each.inner_interval
-            span = f"{each.inner:.3g} ({low:.3g} .. {high:.3g})"
-            rows.append(("  its length, 68 % interval", words.with_unit(span, each.inner_unit), "", ""))
-        held = "" if each.held_out is None else f", held out {each.held_out:.1f}"
-        rows.append((f"  gain {each.gain:.1f}{held}", f"lack of fit p = {each.lack_of_fit:.2g}", "", ""))
+        if formula.inner is not None and formula.inner_interval is not None:
+            low, high = formula.inner_interval
+            span = f"{formula.inner:.3g} ({low:.3g} .. {high:.3g})"
+            rows.append(("  its length, 68 % interval", words.with_unit(span, formula.inner_unit), "", ""))
+        held = "" if formula.held_out is None else f", held out {formula.held_out:.1f}"
+        rows.append((f"  gain {formula.gain:.1f}{held}", f"lack of fit p = {formula.lack_of_fit:.2g}", "", ""))
     if rows:
         show_table(("summand", "value", "SI value (u)", "SI unit"), rows)
 
@@ -161,11 +161,11 @@ def show_plan(result: experiment.Plan) -> None:
         say(f"{first} and {second}: correlation {correlation:.3f}")
 
 
-def show_dwells(found: Fit) -> None:
+def show_dwells(result: Fit) -> None:
     """Print what a fit leaves of each dwell, its standard deviation, and the angle zeros."""
-    if found.dwells is None:
+    if result.dwells is None:
         return
-    of = found.dwells
+    of = result.dwells
     rows = [
         (f"{math.degrees(angle):+.6g}", f"{left:+.3g}", f"{std:.2g}", f"{left / std:+.1f}")
         for angle, left, std in zip(of.angle, of.residual, of.std, strict=True)
@@ -180,24 +180,27 @@ def show_dwells(found: Fit) -> None:
         )
 
 
-def show_fleet(found: summary.Fleet) -> None:
+def show_fleet(result: summary.Fleet) -> None:
     """Print the population of every parameter, then one line a sensor, then what is remarkable."""
     rows = [
         (
             name,
-            words.plain(found.parameters[name], one.mean, one.mean_std),
-            words.concise(one.mean, one.mean_std),
-            found.parameters[name],
-            *(f"{std.value:.3g} ({std.low:.2g} .. {std.high:.2g})" for std in (one.between_sensors, one.run_to_run)),
-            f"{2.0 * one.next_run_std:.2g}",
+            words.plain(result.parameters[name], of_sensors.mean, of_sensors.mean_std),
+            words.concise(of_sensors.mean, of_sensors.mean_std),
+            result.parameters[name],
+            *(
+                f"{std.value:.3g} ({std.low:.2g} .. {std.high:.2g})"
+                for std in (of_sensors.between_sensors, of_sensors.run_to_run)
+            ),
+            f"{2.0 * of_sensors.next_run_std:.2g}",
         )
-        for name, one in found.populations.items()
+        for name, of_sensors in result.populations.items()
     ]
     if rows:
         head = ("parameter", "mean", "SI mean (u)", "SI unit", "between sensors", "run to run", "next run +-")
         show_table(head, rows)
-    show_table(("sensor", "runs", *found.populations), [found.cells(i) for i in range(len(found.sensors))])
-    for text in found.sentences:
+    show_table(("sensor", "runs", *result.populations), [result.cells(i) for i in range(len(result.sensors))])
+    for text in result.sentences:
         say_line(f"note: {text}")
-    for file, error in found.errors.items():
+    for file, error in result.errors.items():
         say_line(f"not fitted: {file}: {error.strip().splitlines()[-1]}")

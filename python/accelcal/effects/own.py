@@ -107,10 +107,10 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
     before = dict(CATALOGUE)
     for name in [n for n, e in before.items() if e.text and place_of(e.function)[0] == str(path)]:
         del CATALOGUE[name]
-    kept, loading = set(CATALOGUE), _loading.set(True)
+    before_names, loading = set(CATALOGUE), _loading.set(True)
     try:
         _run(path, text)
-        names = [name for name in CATALOGUE if name not in kept]
+        names = [name for name in CATALOGUE if name not in before_names]
         if not names:
             raise EffectsFileError(f"{path}: adds no effect; put @effect(...) before a function of Signals")
         for name in names:

@@ -58,7 +58,7 @@ def trial_bands(model: Model, state: RunState) -> tuple[BandTrial, ...]:
         top = NEARLY_NYQUIST / run.reading_step
     if least >= top:
         return ()
-    found: list[BandTrial] = []
+    trials_made: list[BandTrial] = []
     model = model.drop(*(effect.name for effect in model.noise_effects))  # what blocks scatter is measured
     for band in np.geomspace(least, top, TRIAL_BANDS):
         try:
@@ -67,8 +67,8 @@ def trial_bands(model: Model, state: RunState) -> tuple[BandTrial, ...]:
             continue
         answer = answer_of(trial, float(band), span)
         if answer is not None:
-            found.append(answer)
-    return tuple(found)
+            trials_made.append(answer)
+    return tuple(trials_made)
 
 
 def answer_of(trial: Solution, band: float, span: float) -> BandTrial | None:
@@ -101,12 +101,12 @@ def best_band(trials: Sequence[BandTrial]) -> float | None:
     """
     if not trials:
         return None
-    grade = {one: (one.signal < LEAST_SIGNAL, one.periods < JUDGED_PERIODS) for one in trials}
-    level = [one for one in trials if grade[one] == min(grade.values())]
-    least = min(one.relative for one in level)
-    alike = [one for one in level if one.relative <= ALIKE * least]
-    most = max(one.signal for one in alike)
-    return max(one.band for one in alike if ALIKE * one.signal >= most)
+    grade = {trial: (trial.signal < LEAST_SIGNAL, trial.periods < JUDGED_PERIODS) for trial in trials}
+    level = [trial for trial in trials if grade[trial] == min(grade.values())]
+    least = min(trial.relative for trial in level)
+    alike = [trial for trial in level if trial.relative <= ALIKE * least]
+    most = max(trial.signal for trial in alike)
+    return max(trial.band for trial in alike if ALIKE * trial.signal >= most)
 
 
 def change_with_band(trials: Sequence[BandTrial]) -> str | None:
@@ -115,7 +115,7 @@ def change_with_band(trials: Sequence[BandTrial]) -> str | None:
     What changes with the band is no constant of the sensor: a lag, a high-pass or a resonance of either channel, or
     noise of the position that the output does not share.
     """
-    trials = [one for one in trials if one.signal >= LEAST_SIGNAL]
+    trials = [trial for trial in trials if trial.signal >= LEAST_SIGNAL]
     if len(trials) < 3:
         return None
     three = (trials[0], trials[len(trials) // 2], trials[-1])
@@ -128,13 +128,13 @@ def change_with_band(trials: Sequence[BandTrial]) -> str | None:
     )
     if not (scales or delays):
         return None
-    each = "; ".join(
-        f"{one.band:.3g} Hz: 1 + k = {one.scale:.4g} ± {one.scale_interval:.2g}"
-        + (f", delay {1e3 * one.delay:.3g} ± {1e3 * one.delay_interval:.2g} ms" if one.delay is not None else "")
-        for one in three
+    described = "; ".join(
+        f"{trial.band:.3g} Hz: 1 + k = {trial.scale:.4g} ± {trial.scale_interval:.2g}"
+        + (f", delay {1e3 * trial.delay:.3g} ± {1e3 * trial.delay_interval:.2g} ms" if trial.delay is not None else "")
+        for trial in three
     )
     which = " and ".join(name for name, differs in (("the scale", scales), ("the delay", delays)) if differs)
     return (
-        f"{which} change{'' if scales and delays else 's'} with the band ({each}): a lag, a high-pass or a resonance "
+        f"{which} change{'' if scales and delays else 's'} with the band ({described}): a lag, a high-pass or a resonance "
         "of either channel does that, not a constant of the sensor"
     )

@@ -223,7 +223,7 @@ class ChannelFilters:
         if not blocking:
             return []
         h = np.diff(t, prepend=t[0])
-        found = [(h, h**2 / 2.0)]
+        pairs = [(h, h**2 / 2.0)]
         gaps = np.flatnonzero(self.gaps(t))
         longest = gaps[np.argsort(-h[gaps])[:MOST_TRANSIENTS]]
         for begin in (0, *longest):
@@ -235,8 +235,8 @@ class ChannelFilters:
                 gained = np.diff(decay, prepend=decay[0]) / pole
                 moved = (gained - h * np.concatenate([decay[:1], decay[:-1]])) / pole
                 moved[: begin + 1] = 0.0
-                found += [(gained.real, moved.real)] + ([(gained.imag, moved.imag)] if pole.imag > 0.0 else [])
-        return found
+                pairs += [(gained.real, moved.real)] + ([(gained.imag, moved.imag)] if pole.imag > 0.0 else [])
+        return pairs
 
     def gaps(self, t: Array) -> Flags:
         """Readings that end a gap behind which the high-passed readings are not known, (n,)."""
@@ -258,11 +258,11 @@ def inverse_of(gain: Response, edge: float, f: Array) -> Spectrum:
     """Inverse of a gain at frequencies in Hz: 1/gain up to 0.7 of the edge, rolled off to zero at the edge; zero where
     a high-pass leaves too little."""
     share = np.clip((f / edge - ROLL_OFF) / (1.0 - ROLL_OFF), 0.0, 1.0)
-    kept = 0.5 + 0.5 * np.cos(np.pi * share)
-    found = gain(f)
-    size = np.abs(found)
+    taper = 0.5 + 0.5 * np.cos(np.pi * share)
+    inverse = gain(f)
+    size = np.abs(inverse)
     passed = (share < 1.0) & (size >= LEAST_GAIN * np.max(size[share < 1.0], initial=0.0))
-    return np.asarray(np.where(passed, kept / np.where(passed, found, 1.0), 0.0))
+    return np.asarray(np.where(passed, taper / np.where(passed, inverse, 1.0), 0.0))
 
 
 def uniform(t: Array, y: Array, step: float) -> tuple[Array, Array]:

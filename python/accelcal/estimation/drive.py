@@ -127,8 +127,9 @@ def without_transients(run: PreparedRun, integrals: DriveIntegrals, noise: Noise
     zero, begin = np.zeros_like(integrals.z), integrals.restart
     columns = [(np.where(begin, 0.0, once), np.where(begin, 0.0, twice)) for once, twice in columns]
     alone = [
-        run_filter(run, replace(integrals, z=zero, first=each[0], second=each[1]), noise).series("e")[counts] * weight
-        for each in columns
+        run_filter(run, replace(integrals, z=zero, first=column[0], second=column[1]), noise).series("e")[counts]
+        * weight
+        for column in columns
     ]
     sizes, *_ = np.linalg.lstsq(np.column_stack(alone), -track.series("e")[counts] * weight, rcond=1e-8)
     first, second = integrals.first.copy(), integrals.second.copy()

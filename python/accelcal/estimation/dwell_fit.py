@@ -106,17 +106,17 @@ def solve_dwells(model: Model, dwells: Dwells, origins: Origins) -> DwellSolutio
     if not layout.slots:
         raise NotIdentifiable(f"{dwells.name or 'dwells'}: every parameter is held; release at least one")
     x = layout.prior_mean(model)
-    belief, known = layout.prior_information(model), Nuisances()
+    belief, nuisances = layout.prior_information(model), Nuisances()
     for number in range(ROUNDS):
         values = layout.scatter(x, model, 0)
         if number > 0:
-            known = stepped(dwells, values, origins, known)
+            nuisances = stepped(dwells, values, origins, nuisances)
         if 1 < number < WEIGHING:
-            known = with_scatter(dwells, model, values, origins, known)
+            nuisances = with_scatter(dwells, model, values, origins, nuisances)
         if number == WEIGHING:  # generalised least squares with these weights
-            declared = dwell_rows(dwells, (), values, origins, replace(known, scatter=0.0)).std
-            known = replace(known, weighed=tuple(declared.tolist()))
-        rows = dwell_rows(dwells, model.free, values, origins, known)
+            declared = dwell_rows(dwells, (), values, origins, replace(nuisances, scatter=0.0)).std
+            nuisances = replace(nuisances, weighed=tuple(declared.tolist()))
+        rows = dwell_rows(dwells, model.free, values, origins, nuisances)
         score = rows.columns.T @ rows.y + belief * (layout.prior_mean(model) - x)
         try:
             step, covariance = solve(rows.columns.T @ rows.columns + np.diag(belief), score, layout)
@@ -129,8 +129,8 @@ def solve_dwells(model: Model, dwells: Dwells, origins: Origins) -> DwellSolutio
         if number > WEIGHING and np.all(np.abs(step) <= SETTLED * np.sqrt(np.diag(covariance))):
             break
     values = layout.scatter(x, model, 0)
-    known = stepped(dwells, values, origins, known)
-    last = dwell_rows(dwells, model.free, values, origins, known)
+    nuisances = stepped(dwells, values, origins, nuisances)
+    last = dwell_rows(dwells, model.free, values, origins, nuisances)
     squares, _ = remainder(last)
     return DwellSolution(
         model,
@@ -138,20 +138,20 @@ def solve_dwells(model: Model, dwells: Dwells, origins: Origins) -> DwellSolutio
         values,
         covariance,
         -0.5 * (squares + float(np.sum(np.log(2.0 * math.pi * last.std**2)))),
-        seen_in(dwells, model, values, origins, known),
-        known,
+        seen_in(dwells, model, values, origins, nuisances),
+        nuisances,
     )
 
 
-def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, known: Nuisances) -> DwellFit:
+def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, nuisances: Nuisances) -> DwellFit:
     """What a model at some values leaves of dwells."""
-    rows = dwell_rows(dwells, model.free, values, origins, known)
+    rows = dwell_rows(dwells, model.free, values, origins, nuisances)
     alone = replace(
         dwells,
         angle_std=0.0,
         rig=replace(dwells.rig, sensor=replace(dwells.rig.sensor, bias_instability=None, random_walk=None)),
     )
-    plain = replace(known, scatter=0.0)
+    plain = replace(nuisances, scatter=0.0)
     squares, freedom = remainder(dwell_rows(dwells, model.free, values, origins, plain))
     white, _ = remainder(dwell_rows(alone, model.free, values, origins, replace(plain, weighed=())))
     ratio = math.sqrt(white / freedom) if freedom > 0 else math.nan
@@ -162,7 +162,7 @@ def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, know
         said = (
             "what is declared of the bias and the angles explains it"
             if p_value >= REMARK_ALPHA
-            else f"{math.sqrt(known.scatter):.2g} m/s² more than is declared, taken into the uncertainty: "
+            else f"{math.sqrt(nuisances.scatter):.2g} m/s² more than is declared, taken into the uncertainty: "
             "instability of the bias, angles, or temperature"
         )
         text = f"the dwells scatter by {left}, {ratio:.2g} times what noise within them explains; {said}"
@@ -175,7 +175,7 @@ def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, know
         std=tuple(rows.std.tolist()),
         zeros=tuple(rows.zeros.items()),
         ratio=ratio,
-        scatter=math.sqrt(known.scatter),
+        scatter=math.sqrt(nuisances.scatter),
         p_value=p_value,
         freedom=freedom,
         remarks=tuple(remarks),

@@ -132,31 +132,31 @@ class Linearised:
         return np.concatenate([self.weight * self.left, -self.zeros * np.diag(self.Z[len(self.weight) :])])
 
     @classmethod
-    def at(cls, dwells: Dwells, values: Values, origins: Origins, known: Nuisances) -> Linearised:
+    def at(cls, dwells: Dwells, values: Values, origins: Origins, nuisances: Nuisances) -> Linearised:
         """Linearise."""
         groups = sorted(set(dwells.group))
         member = np.array([[group == g for g in groups] for group in dwells.group], dtype=np.float64)
-        zeros = np.array(known.zeros or (0.0,) * len(groups))
+        zeros = np.array(nuisances.zeros or (0.0,) * len(groups))
         angle = dwells.angle + member @ zeros
         ahead, behind, at = (output_at(dwells, angle + turn, values, origins) for turn in (TURN, -TURN, 0.0))
-        declared = np.square(known.weighed) if known.weighed else dwells.variance_at(angle, values.scale)
-        weight = 1.0 / np.sqrt(declared + known.scatter)
+        declared = np.square(nuisances.weighed) if nuisances.weighed else dwells.variance_at(angle, values.scale)
+        weight = 1.0 / np.sqrt(declared + nuisances.scatter)
         slope = (weight * (ahead - behind) / (2.0 * TURN))[:, None] * member
         belief = np.eye(len(groups)) / (dwells.rig.uncertainty.level or ZERO_STD)
         signals = signals_at(dwells, angle, values.scale, origins)
-        own = columns_at(dwells, [term for term in values.terms if term.name in known.apart], signals)
+        columns = columns_at(dwells, [term for term in values.terms if term.name in nuisances.apart], signals)
         Z = np.vstack(
             [
-                np.hstack([slope, weight[:, None] * own]),
-                np.hstack([belief, np.zeros((len(groups), own.shape[1]))]),
+                np.hstack([slope, weight[:, None] * columns]),
+                np.hstack([belief, np.zeros((len(groups), columns.shape[1]))]),
             ]
         )
-        shown = int(np.count_nonzero(np.linalg.norm(slope, axis=0) > np.diag(belief))) + own.shape[1]
+        shown = int(np.count_nonzero(np.linalg.norm(slope, axis=0) > np.diag(belief))) + columns.shape[1]
         return cls(groups, zeros, weight, dwells.mean - at, signals, Z, shown)
 
 
 def dwell_rows(
-    dwells: Dwells, terms: Sequence[Term], values: Values, origins: Origins, known: Nuisances | None = None
+    dwells: Dwells, terms: Sequence[Term], values: Values, origins: Origins, nuisances: Nuisances | None = None
 ) -> DwellRows:
     """Rows at given coefficients.
 
@@ -166,9 +166,9 @@ def dwell_rows(
     terms : coefficients that become columns, (m,).
     values : at which the model is taken.
     origins : zero of the temperature.
-    known : angle zeros to linearise about, further scatter, and what is eliminated like the zeros.
+    nuisances : angle zeros to linearise about, further scatter, and what is eliminated like the zeros.
     """
-    at = Linearised.at(dwells, values, origins, known or Nuisances())
+    at = Linearised.at(dwells, values, origins, nuisances or Nuisances())
     X = at.weight[:, None] * columns_at(dwells, terms, at.signals)
     X = np.vstack([X, np.zeros((len(at.groups), len(terms)))])
     basis = scipy.linalg.orth(at.Z, rcond=VANISHING)
@@ -183,32 +183,32 @@ def dwell_rows(
     )
 
 
-def stepped(dwells: Dwells, values: Values, origins: Origins, known: Nuisances) -> Nuisances:
+def stepped(dwells: Dwells, values: Values, origins: Origins, nuisances: Nuisances) -> Nuisances:
     """Angle zeros one Newton step on, at given coefficients.
 
     The zeros follow the coefficients step by step from 0: most likely for coefficients that are far off they would
     explain what those miss, by turning dwells at ±1 g, where any angle is about as good.
     """
-    at = Linearised.at(dwells, values, origins, known)
+    at = Linearised.at(dwells, values, origins, nuisances)
     step = np.linalg.lstsq(at.Z, at.y, rcond=VANISHING)[0][: len(at.zeros)]
-    return replace(known, zeros=tuple((at.zeros + step).tolist()))
+    return replace(nuisances, zeros=tuple((at.zeros + step).tolist()))
 
 
-def with_scatter(dwells: Dwells, model: Model, values: Values, origins: Origins, known: Nuisances) -> Nuisances:
+def with_scatter(dwells: Dwells, model: Model, values: Values, origins: Origins, nuisances: Nuisances) -> Nuisances:
     """The variance between dwells beyond all that is declared: 0 where what a model leaves of them is as likely as not;
     else the one at which its sum of squares is what it should be."""
 
     def left_over(variance: float) -> tuple[float, int]:
-        return remainder(dwell_rows(dwells, model.free, values, origins, replace(known, scatter=variance)))
+        return remainder(dwell_rows(dwells, model.free, values, origins, replace(nuisances, scatter=variance)))
 
     squares, freedom = left_over(0.0)
     if freedom < 1 or scipy.special.chdtrc(freedom, squares) >= REMARK_ALPHA:
-        return replace(known, scatter=0.0)
+        return replace(nuisances, scatter=0.0)
     largest = squares * float(np.max(dwells.variance))
     while left_over(largest)[0] > freedom:
         largest *= 4.0
-    found = scipy.optimize.brentq(lambda v: left_over(v)[0] - freedom, 0.0, largest, rtol=1e-12)
-    return replace(known, scatter=float(found))
+    root = scipy.optimize.brentq(lambda v: left_over(v)[0] - freedom, 0.0, largest, rtol=1e-12)
+    return replace(nuisances, scatter=float(root))
 
 
 def remainder(rows: DwellRows) -> tuple[float, int]:

@@ -145,8 +145,8 @@ class Replay(Engine):
     def rows(self, state: RunState, terms: Sequence[Term]) -> Iterator[Rows]:
         if state.spectrum is None:
             for readings, columns in whitened_columns(state, terms):
-                kept = state.counts[readings]
-                yield state.run.t[readings][kept], columns, state.whitened[readings][kept]
+                counts = state.counts[readings]
+                yield state.run.t[readings][counts], columns, state.whitened[readings][counts]
         else:
             yield coloured_rows(state.spectrum, ColumnFilter(state), terms)
         yield from last_rows(state, terms)
@@ -327,11 +327,11 @@ def with_noise(rows: WeakRows, width: float = 0.3) -> WeakRows:
     start, told = rows.noise, rows.state.run.unpredicted.reading
     if rows.order == 0:
         return rows.at_noise(shared(rows))
-    known = 2.0 * math.log(told) if told > 0.0 and rows.order == POSITION_ORDER else None
+    log_ratio = 2.0 * math.log(told) if told > 0.0 and rows.order == POSITION_ORDER else None
     parts = [(rows.covariance.part(block), rows.raw[block][:, None]) for block in blocks(rows.rows, BLOCK_ROWS)]
 
     def log_likelihood(log_q: float, log_r: float) -> float:
-        total = 0.0 if known is None else -0.5 * ((log_r - known) / READINGS_KNOWN) ** 2
+        total = 0.0 if log_ratio is None else -0.5 * ((log_r - log_ratio) / READINGS_KNOWN) ** 2
         for covariance, y in parts:
             try:
                 L = factor(covariance.at(math.exp(log_q), math.exp(log_r)))
@@ -340,8 +340,8 @@ def with_noise(rows: WeakRows, width: float = 0.3) -> WeakRows:
             total -= 0.5 * float(np.sum(solved(L, y) ** 2)) + float(np.sum(np.log(L[0])))
         return total
 
-    found = most_likely_noise(log_likelihood, rows.least_reading_variance, start, width)
-    return rows.at_noise(replace(start, q=found.q, r=found.r))
+    noise_found = most_likely_noise(log_likelihood, rows.least_reading_variance, start, width)
+    return rows.at_noise(replace(start, q=noise_found.q, r=noise_found.r))
 
 
 def shared(rows: WeakRows) -> Noise:
@@ -407,13 +407,13 @@ def sums_of(state: RunState) -> ColumnFilter | WeakRows:
 
 def settle_dwells(state: RunState, model: Model, steps: int = 1) -> None:
     """Move the angle zeros of the dwells of a run on by some Newton steps; at first they are 0."""
-    dwells, known = state.run.recording.dwells, state.of_dwells
+    dwells, of_dwells = state.run.recording.dwells, state.of_dwells
     if dwells is None:
         return
     at = state.values, state.run.origins
-    for _ in range(0 if known is None and steps == 1 else steps):
-        known = stepped(dwells, *at, replace(known or Nuisances(), apart=model.per_run))
-    state.of_dwells = with_scatter(dwells, model, *at, replace(known or Nuisances(), apart=model.per_run))
+    for _ in range(0 if of_dwells is None and steps == 1 else steps):
+        of_dwells = stepped(dwells, *at, replace(of_dwells or Nuisances(), apart=model.per_run))
+    state.of_dwells = with_scatter(dwells, model, *at, replace(of_dwells or Nuisances(), apart=model.per_run))
 
 
 def spectrum_of(state: RunState, terms: Sequence[Term]) -> MeasuredSpectrum | None:
@@ -428,8 +428,8 @@ def spectrum_of(state: RunState, terms: Sequence[Term]) -> MeasuredSpectrum | No
         return None  # the solve says so
     basis = scipy.linalg.orth((X / size[:, None]).T)
     explained = np.minimum(np.sum(scipy.fft.dct(basis, norm="ortho", axis=0) ** 2, axis=1), 1.0)
-    found = measured_spectrum(y - basis @ (basis.T @ y), sums.rate, crossover, explained)
-    return None if state.band is None and white(found) else found
+    measured = measured_spectrum(y - basis @ (basis.T @ y), sums.rate, crossover, explained)
+    return None if state.band is None and white(measured) else measured
 
 
 def white(spectrum: MeasuredSpectrum | None) -> bool:
@@ -442,13 +442,13 @@ def stage_output(run: PreparedRun) -> Array:
     return run.rig.polarity * run.accel.y - run.rig.gravity
 
 
-def as_fit(replayed: AnyFit, found: ForwardParameters, choice: FilterChoice) -> AnyFit:
+def as_fit(replayed: AnyFit, forward: ForwardParameters, choice: FilterChoice) -> AnyFit:
     """The fit with the parameters that a filter found on polarity * output - gravity in the place of its own."""
-    order = {PARAMETER_OF[name]: i for i, name in enumerate(found.names)}
+    order = {PARAMETER_OF[name]: i for i, name in enumerate(forward.names)}
     held = {e.name: e.value for e in replayed.free if e.name in NOMINAL and e.name not in order}
     frozen = replayed.model.freeze(**held)
-    T = np.linalg.inv(to_stage(found.names, replayed.rig.polarity, replayed.rig.gravity))
-    values, covariance = T @ found.values, T @ found.covariance @ T.T
+    T = np.linalg.inv(to_stage(forward.names, replayed.rig.polarity, replayed.rig.gravity))
+    values, covariance = T @ forward.values, T @ forward.covariance @ T.T
     rows = [order[e.name] for e in replayed.estimates if e.name in order and e.name not in frozen.fixed]
     estimates = tuple(
         replace(e, value=float(values[order[e.name]]), std=math.sqrt(covariance[order[e.name], order[e.name]]))

@@ -136,11 +136,11 @@ class Fit(Result):
     """What effects of the model that act on noise amount to; they are in no row of the covariance."""
 
     def __repr__(self) -> str:
-        each = [
+        parts_text = [
             f"{e.name} {e.value:.5g} ± {e.std:.2g} {e.unit}".removesuffix(" 1") for e in (*self.estimates, *self.shapes)
         ]
-        each += [f"{e.name} {e.value:.5g} ± {e.std:.2g} {e.unit}" for e in self.noise_effects]
-        return f"Fit({', '.join(name for name, _ in self.sources)}: {', '.join(each)})"
+        parts_text += [f"{e.name} {e.value:.5g} ± {e.std:.2g} {e.unit}" for e in self.noise_effects]
+        return f"Fit({', '.join(name for name, _ in self.sources)}: {', '.join(parts_text)})"
 
     def __getitem__(self, name: str) -> Estimate:
         """Return the (first) estimate called `name`."""
@@ -167,8 +167,8 @@ class Fit(Result):
         MissingExtra
             If matplotlib is not installed.
         """
-        made: Figure = face("plots").parameters(self, theme=theme)
-        return made
+        figure: Figure = face("plots").parameters(self, theme=theme)
+        return figure
 
     def save(self, path: str | Path) -> None:
         """Write a model file, whole or not at all; `accelcal.load_model` reads it."""
@@ -182,8 +182,8 @@ class Fit(Result):
         MissingExtra
             If pandas is not installed.
         """
-        made: DataFrame = face("results.frames").correlations(self)
-        return made
+        frame: DataFrame = face("results.frames").correlations(self)
+        return frame
 
     @property
     def engine(self) -> Engine:
@@ -234,8 +234,8 @@ class Fit(Result):
         """Coefficients as they apply to one run of the fit; by default as far as is known of any other run: the means
         over runs, and the timing of the first."""
         by_name = {e.name: e.value for e in self.estimates if e.run in (None, run or 0)}
-        own = {} if run is None else {spread.name: spread.runs[run] for spread in self.spreads}
-        return Values({**by_name, **own}, self.model.terms)
+        of_run = {} if run is None else {spread.name: spread.runs[run] for spread in self.spreads}
+        return Values({**by_name, **of_run}, self.model.terms)
 
     def noise(self, run: int = 0) -> Noise:
         """Noise of one run.
@@ -364,18 +364,18 @@ def _solved(
 ) -> Solution:
     """The solution of prepared runs by their engines; `model` is the completed one that was `asked` for."""
     solution = iterate(model, runs, [band] * len(runs), progress)
-    unlike, seen = differing(solution)
+    unlike, by_runs = differing(solution)
     if unlike:
         model = complete(asked.vary(*unlike), recordings)
         solution = iterate(model, runs, [band] * len(runs), progress)
-        _, seen = differing(solution)  # one value for runs that differ distorts all that is told beside it
+        _, by_runs = differing(solution)  # one value for runs that differ distorts all that is told beside it
     if band is None:
         trials = [trial_bands(model, state) if needs_band(state) else () for state in solution.states]
-        bands = [best_band(each) for each in trials]
+        bands = [best_band(trials_of_run) for trials_of_run in trials]
         if any(bands):
             solution = replace(iterate(model, runs, bands, progress), chosen=tuple(bands))
         solution = replace(solution, by_band=tuple(trials))
-    return replace(refine_shapes(solution), seen_by_runs=seen)
+    return replace(refine_shapes(solution), seen_by_runs=by_runs)
 
 
 def require_process_size(model: Model) -> None:
@@ -434,24 +434,24 @@ def estimate_dwells(model: Model, dwells: Dwells, origins: Origins | None = None
         If the attitudes do not determine the model, or one of its effects does not act at rest.
     """
     origins = origins or origins_of(dwells)
-    found = solve_dwells(model, dwells, origins)
-    x = np.array([found.values.by_name[term.name] for term, _ in found.layout.slots])
+    dwell_solution = solve_dwells(model, dwells, origins)
+    x = np.array([dwell_solution.values.by_name[term.name] for term, _ in dwell_solution.layout.slots])
     force = dwells.specific_force(dwells.angle)
     ranges = {"a": (float(np.min(force)), float(np.max(force))), "v": (0.0, 0.0), "p": (0.0, 0.0)}
     if dwells.temperature is not None:
         ranges["temperature"] = (float(np.min(dwells.temperature)), float(np.max(dwells.temperature)))
     return Fit(
-        model=found.model,
-        estimates=found.layout.estimates(x, found.covariance, found.model),
-        covariance=found.covariance,
+        model=dwell_solution.model,
+        estimates=dwell_solution.layout.estimates(x, dwell_solution.covariance, dwell_solution.model),
+        covariance=dwell_solution.covariance,
         runs=(),
         origins=origins,
         rig=dwells.rig,
         method=DWELLS_ALONE,
         validity={**ranges, "frequency": (0.0, 0.0)},
-        remarks=found.seen.remarks,
-        shapes=tuple(held_shapes(found.model)),
-        dwells=found.seen,
+        remarks=dwell_solution.seen.remarks,
+        shapes=tuple(held_shapes(dwell_solution.model)),
+        dwells=dwell_solution.seen,
     )
 
 
@@ -507,15 +507,15 @@ def result(solution: Solution) -> Fit:
     remarks += of_filters(runs)
     remarks += mostly_prior(layout, covariance, model)
     remarks += [remark("on_bound", text=text) for text in on_bounds(solution)]
-    remarks += [remark("seen_by_runs", text=one.sentence, effect=one.effect) for one in solution.seen_by_runs]
+    remarks += [remark("seen_by_runs", text=choice.sentence, effect=choice.effect) for choice in solution.seen_by_runs]
     still = [
         seen_in(s.run.recording.dwells, model, s.values, s.run.origins, s.of_dwells or Nuisances())
         for s in states
         if s.run.recording.dwells is not None
     ]
-    remarks += [one for dwells in still for one in dwells.remarks]
-    found = covariates_found(solution)
-    remarks += run_to_run(found, spreads, {e.name: e.value for e in estimates})
+    remarks += [note for dwells in still for note in dwells.remarks]
+    covariates = covariates_found(solution)
+    remarks += run_to_run(covariates, spreads, {e.name: e.value for e in estimates})
     if not solution.converged:
         remarks.append(remark("not_settled", rounds=MAX_ROUNDS))
     fits = tuple(run_fit(state, model) for state in states)
@@ -537,7 +537,7 @@ def result(solution: Solution) -> Fit:
         shapes=(*solution.shapes, *held_shapes(model)),
         spreads=spreads,
         seen_by_runs=solution.seen_by_runs,
-        goes_with=found,
+        goes_with=covariates,
         dwells=still[0] if still else None,
     )
     return solution.engine.result(fit, states[0])
@@ -551,16 +551,16 @@ def over_runs(solution: Solution) -> tuple[tuple[Estimate, ...], Array, tuple[Sp
     free = [i for term in model.terms for i in layout.rows_of(term.name)]  # in the order of the estimates
     means = np.zeros((len(free), len(x)))
     means[np.arange(len(free)), free] = 1.0
-    kept, between = np.ones(len(free), dtype=np.bool_), np.zeros(len(free))
-    for name, found in solution.between.items():
-        rows, D = layout.rows_of(name), found.variance
+    free_rows, between = np.ones(len(free), dtype=np.bool_), np.zeros(len(free))
+    for name, between_runs in solution.between.items():
+        rows, D = layout.rows_of(name), between_runs.variance
         first, *others = (k for k, i in enumerate(free) if i in rows)
         means[first] = 0.0
         means[first, rows] = 1.0 / len(rows)
         between[first] = D / len(rows)
-        kept[others] = False
-        term, ends = layout.slots[rows[0]][0], found.interval()
-        mean_half, next_half = found.halves()
+        free_rows[others] = False
+        term, ends = layout.slots[rows[0]][0], between_runs.interval()
+        mean_half, next_half = between_runs.halves()
         spreads.append(
             Spread(
                 name=name,
@@ -569,14 +569,14 @@ def over_runs(solution: Solution) -> tuple[tuple[Estimate, ...], Array, tuple[Sp
                 value=math.sqrt(D),
                 low=math.sqrt(ends[0]),
                 high=math.sqrt(ends[1]),
-                p_value=found.p_value,
+                p_value=between_runs.p_value,
                 runs=tuple(x[rows].tolist()),
                 mean_half=mean_half,
                 next_half=next_half,
             )
         )
-    T = means[kept]
-    covariance = T @ solution.covariance @ T.T + np.diag(between[kept])
+    T = means[free_rows]
+    covariance = T @ solution.covariance @ T.T + np.diag(between[free_rows])
     value, std = T @ x, np.sqrt(np.diag(covariance))
     estimates, number = [], 0
     for e in listed:
@@ -595,8 +595,14 @@ def run_to_run(
     covariates: Sequence[GoesWith], spreads: Sequence[Spread], means: Mapping[str, float]
 ) -> Iterator[Remark]:
     """Remarks on coefficients that differ from run to run, and on what they go with."""
-    for one in covariates:
-        yield remark("goes_with", text=one.sentence, parameter=one.parameter, covariate=one.covariate, p=one.p_value)
+    for covariate in covariates:
+        yield remark(
+            "goes_with",
+            text=covariate.sentence,
+            parameter=covariate.parameter,
+            covariate=covariate.covariate,
+            p=covariate.p_value,
+        )
     for spread in spreads:
         mean = means[spread.name]
         numbers = {key: getattr(spread, key) for key in ("low", "high", "next_half")}
@@ -615,12 +621,12 @@ def covariates_found(solution: Solution) -> tuple[GoesWith, ...]:
     """What coefficients that differ from run to run go with."""
     recordings = [state.run.recording for state in solution.states]
     units = {term.name: term.unit for term in solution.model.terms}
-    found = (
+    covariates = (
         goes_with(name, between, covariates_of(recordings, units[name]))
         for name, between in solution.between.items()
         if between.p_value < REMARK_ALPHA
     )
-    return tuple(one for one in found if one is not None)
+    return tuple(covariate for covariate in covariates if covariate is not None)
 
 
 def name_of(run: PreparedRun) -> str:

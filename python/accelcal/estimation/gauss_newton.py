@@ -262,8 +262,8 @@ class Layout:
         """Shared parameters have one row, parameters of timing one for each run."""
         slots: list[tuple[Term, int | None]] = []
         for term in model.free:
-            own = runs > 1 and (term.owner in PER_RUN_OWNERS or term.name in model.per_run)
-            slots += [(term, index) for index in range(runs)] if own else [(term, None)]
+            per_run = runs > 1 and (term.owner in PER_RUN_OWNERS or term.name in model.per_run)
+            slots += [(term, index) for index in range(runs)] if per_run else [(term, None)]
         return cls(model.free, runs, tuple(slots))
 
     def rows_of(self, name: str) -> list[int]:
@@ -281,15 +281,15 @@ class Layout:
         """Coefficients of all runs as one vector; shared ones are averaged over runs by median."""
         x = np.empty(len(self.slots))
         for i, (term, run) in enumerate(self.slots):
-            each = [v.by_name[term.name] for v in values]
-            x[i] = float(np.median(each)) if run is None else each[run]
+            by_run = [v.by_name[term.name] for v in values]
+            x[i] = float(np.median(by_run)) if run is None else by_run[run]
         return x
 
     def scatter(self, x: Array, model: Model, run: int) -> Values:
         """Coefficients of run `run`."""
-        own = {term.name: float(x[i]) for i, (term, r) in enumerate(self.slots) if r in (None, run)}
+        of_run = {term.name: float(x[i]) for i, (term, r) in enumerate(self.slots) if r in (None, run)}
         terms = model.terms
-        return Values({t.name: own.get(t.name, model.fixed.get(t.name, 0.0)) for t in terms}, terms)
+        return Values({t.name: of_run.get(t.name, model.fixed.get(t.name, 0.0)) for t in terms}, terms)
 
     def prior_information(self, model: Model) -> Array:
         """Inverse variances of the priors, 0 where there is none."""
@@ -301,15 +301,15 @@ class Layout:
 
     def estimates(self, x: Array, covariance: Array, model: Model) -> tuple[Estimate, ...]:
         """Free and fixed parameters in the order of the model."""
-        found: list[Estimate] = []
+        estimates: list[Estimate] = []
         for term in model.terms:
             if term.name in model.fixed:
-                found.append(Estimate(term.name, term.symbol, term.unit, model.fixed[term.name], 0.0, term.owner))
+                estimates.append(Estimate(term.name, term.symbol, term.unit, model.fixed[term.name], 0.0, term.owner))
             for i, (slot, run) in enumerate(self.slots):
                 if slot.name == term.name:
                     std = math.sqrt(covariance[i, i])
-                    found.append(Estimate(term.name, term.symbol, term.unit, float(x[i]), std, term.owner, run))
-        return tuple(found)
+                    estimates.append(Estimate(term.name, term.symbol, term.unit, float(x[i]), std, term.owner, run))
+        return tuple(estimates)
 
 
 def solve(information: Array, score: Array, layout: Layout) -> tuple[Array, Array]:

@@ -174,21 +174,21 @@ class VarianceFunction:
 
 def variance_functions(run: PreparedRun, noise: Noise, signals: Signals | None) -> list[VarianceFunction]:
     """Variance functions of the effects that act on the noise of a run and change along it; none without a motion."""
-    found = []
-    for one in noise.growth if signals is not None else ():
+    functions = []
+    for part in noise.growth if signals is not None else ():
         assert signals is not None
-        at = np.interp(run.t, signals.t + run.origins.t, one.effect.column(signals))
+        at = np.interp(run.t, signals.t + run.origins.t, part.effect.column(signals))
         if np.ptp(at) > CONSTANT * float(np.mean(np.abs(at))):
             before = 0.5 * (at + np.concatenate([at[:1], at[:-1]]))
-            found.append(VarianceFunction(one.effect, before, at))
-    return found
+            functions.append(VarianceFunction(part.effect, before, at))
+    return functions
 
 
 def with_growth(integrals: DriveIntegrals, noise: Noise, functions: Sequence[VarianceFunction]) -> DriveIntegrals:
     """The integrals with what the effects add to the noise of each interval and each reading."""
     if not functions:
         return integrals
-    of = {one.effect.name: one for one in noise.growth}
+    of = {part_growth.effect.name: part_growth for part_growth in noise.growth}
     extra_q, extra_r = integrals.extra_q.copy(), np.zeros(len(integrals.t))
     for function in functions:
         extra_q += of[function.effect.name].q * function.before
@@ -210,7 +210,7 @@ def most_likely(
     rows_counted = counted_blocks(run, integrals, start)
     parts = [(integrals.part(rows), counts, [f.part(rows) for f in functions]) for rows, counts in rows_counted]
     usual = np.array([[np.mean(f.before), np.mean(f.at)] for f in functions])
-    names, held = [f.effect.name for f in functions], {one.effect.name: one for one in start.growth}
+    names, held = [f.effect.name for f in functions], {part.effect.name: part for part in start.growth}
 
     def noise_at(x: Array) -> Noise:
         q = math.exp(x[0])
@@ -221,11 +221,13 @@ def most_likely(
             name: replace(held[name], q=float(a), r=float(b), mean=float(mean))
             for name, (a, b), mean in zip(names, shares, usual[:, 0], strict=True)
         }
-        return Noise(q, r, tuple(grown.get(one.effect.name, one) for one in start.growth))
+        return Noise(q, r, tuple(grown.get(part.effect.name, part) for part in start.growth))
 
     def cost(x: Array) -> float:
         noise = noise_at(x)
-        grown = _core.Parts([(with_growth(part, noise, own).arrays, counts) for part, counts, own in parts])
+        grown = _core.Parts(
+            [(with_growth(part, noise, functions_of).arrays, counts) for part, counts, functions_of in parts]
+        )
         return -grown.log_likelihood(q=noise.q, r=noise.r, prior=run.prior(noise.r))
 
     r = max(start.r, 1.01 * run.reading_variance_floor(start.q))
@@ -320,9 +322,9 @@ class NoiseSearch:
         """
         if functions:
             return NoiseSearch(most_likely(run, integrals, self.noise, functions), self.width)
-        found = replace(estimate_noise(run, integrals, self.noise, width=self.width), growth=self.noise.growth)
-        moved = max(abs(math.log(found.q / self.noise.q)), abs(math.log(found.r / self.noise.r)))
-        return NoiseSearch(found, min(max(2.0 * moved, NEAR), 1.0))
+        noise_again = replace(estimate_noise(run, integrals, self.noise, width=self.width), growth=self.noise.growth)
+        moved = max(abs(math.log(noise_again.q / self.noise.q)), abs(math.log(noise_again.r / self.noise.r)))
+        return NoiseSearch(noise_again, min(max(2.0 * moved, NEAR), 1.0))
 
     def scaled(self, factor: float) -> NoiseSearch:
         """The same with the process density multiplied by a factor."""
@@ -488,8 +490,8 @@ def measured_spectrum(
     power = scipy.fft.dct(r, norm="ortho")[1:] ** 2
     free = np.ones(n - 1) if explained is None else 1.0 - explained[1:]
     f = np.arange(1.0, n) * rate / (2.0 * n)
-    kept = (free > FREE_SHARE) & (power > 0.0)
-    power, f = power[kept] / free[kept], f[kept]
+    inside = (free > FREE_SHARE) & (power > 0.0)
+    power, f = power[inside] / free[inside], f[inside]
     begin, centres, levels, lines = 0, [], [], []
     while len(f) - begin >= LEAST_LINES:
         end = max(begin + LEAST_LINES, int(np.searchsorted(f, f[begin] * 2.0 ** (1.0 / BANDS_PER_OCTAVE))))

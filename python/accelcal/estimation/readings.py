@@ -36,18 +36,18 @@ def spikes(t: Array, z: Array, output: Channel) -> Flags:
     t, z : instants (n,) s and readings (n,) m; readings that are not known are NaN, at the end.
     output : of the accelerometer, m/s²; an excursion that it saw is motion, however rare.
     """
-    found = np.zeros(len(z), dtype=np.bool_)
-    known = int(np.sum(np.isfinite(z)))
-    t, z = t[:known], z[:known]
-    if known < MIN_READINGS:
-        return found
+    spiky = np.zeros(len(z), dtype=np.bool_)
+    finite = int(np.sum(np.isfinite(z)))
+    t, z = t[:finite], z[:finite]
+    if finite < MIN_READINGS:
+        return spiky
     steps = np.diff(z)
     speed = np.abs(steps) / np.diff(t)
     usual = float(np.quantile(speed, 0.98))
     fast = np.flatnonzero(speed > SPIKE_SPEED * usual) if usual > 0.0 else np.empty(0, dtype=np.intp)
     longest = min(max(1, int(SPIKE_SHARE * len(z))), SPIKE_READINGS)
     if len(fast) > 0.02 * len(z):
-        return found
+        return spiky
     constant = float(np.median(output.y)) if len(fast) else 0.0
     k = 0
     while k < len(fast):
@@ -61,9 +61,9 @@ def spikes(t: Array, z: Array, output: Channel) -> Flags:
         rows = slice(max(0, out - around), back[-1] + 2 + around)
         jumps = fast[(fast >= out) & (fast <= back[-1])] - rows.start
         if not _seen(t[rows], z[rows], jumps, output, constant):
-            found[out + 1 : back[-1] + 1] = True
+            spiky[out + 1 : back[-1] + 1] = True
         k = int(np.searchsorted(fast, back[-1], side="right"))
-    return found
+    return spiky
 
 
 def _jumps_back(z: Array) -> bool:

@@ -74,9 +74,9 @@ class AxisGravity:
         if self.channel is None:
             level = self.constant * self.filters.at_rest
             return level * h, level * h**2 / 2.0
-        known = self._covering(t)
+        channel = self._covering(t)
         once, twice, covered = _core.drive(
-            known.t - t[0], known.y, t - t[0], how="cubic", tau=0.0, delay=0.0, hole=HOLE * float(t[-1] - t[0])
+            channel.t - t[0], channel.y, t - t[0], how="cubic", tau=0.0, delay=0.0, hole=HOLE * float(t[-1] - t[0])
         )
         once[~covered] = twice[~covered] = 0.0
         return once, twice
@@ -84,14 +84,14 @@ class AxisGravity:
     def _covering(self, t: Array) -> Channel:
         """The channel behind the filters of both channels, held beyond its ends where the times reach farther."""
         assert self.channel is not None
-        known, step = self.channel, float(np.median(np.diff(self.channel.t)))
+        channel, step = self.channel, float(np.median(np.diff(self.channel.t)))
         if self.filters.acts:
-            at, y = uniform(known.t, known.y, step)
-            known = Channel(known.name, at, self.filters.behind(y, step), known.unit)
-        before = np.array([t[0] - 2.0 * step, t[0] - step]) if known.t[0] > t[0] else t[:0]
-        after = np.array([t[-1] + step, t[-1] + 2.0 * step]) if known.t[-1] < t[-1] else t[:0]
-        stamps = np.concatenate([before, known.t, after])
-        return Channel(known.name, stamps, np.interp(stamps, known.t, known.y), known.unit)
+            at, y = uniform(channel.t, channel.y, step)
+            channel = Channel(channel.name, at, self.filters.behind(y, step), channel.unit)
+        before = np.array([t[0] - 2.0 * step, t[0] - step]) if channel.t[0] > t[0] else t[:0]
+        after = np.array([t[-1] + step, t[-1] + 2.0 * step]) if channel.t[-1] < t[-1] else t[:0]
+        stamps = np.concatenate([before, channel.t, after])
+        return Channel(channel.name, stamps, np.interp(stamps, channel.t, channel.y), channel.unit)
 
 
 JUMP_WINDOW = 1.5
@@ -370,8 +370,8 @@ class RunSamples:
         f, density = spectral_density(uniform, rate, min(len(uniform), NOISE_SEGMENT))
         floor = float(np.median(density[f > 0.5 * NYQUIST * rate]))
         huge = 1e12 * floor  # no position takes part
-        found = motion_bandwidth(uniform, rate, q=0.5 * floor, reading_density=huge, crossover=0.5 * NYQUIST * rate)
-        return found.cutoff
+        bandwidth = motion_bandwidth(uniform, rate, q=0.5 * floor, reading_density=huge, crossover=0.5 * NYQUIST * rate)
+        return bandwidth.cutoff
 
     @cached_property
     def third_difference_variance(self) -> float:
@@ -424,10 +424,10 @@ class PreparedRun(RunSamples):
 
     def but(self, **changes: Any) -> PreparedRun:
         """A copy with another engine, origins or recording of the same samples: what was computed of them stays."""
-        one = copy.copy(self)
+        run_copy = copy.copy(self)
         for name, value in changes.items():
-            object.__setattr__(one, name, value)
-        return one
+            object.__setattr__(run_copy, name, value)
+        return run_copy
 
     @property
     def complete(self) -> PreparedRun:
@@ -517,10 +517,10 @@ def prepare(
     accel, position = recording.accel, recording.position
     among, (first, last) = inside(recording, start, end)
     every = slice(*among)
-    known = np.where(position.t[every] > withheld, np.nan, position.y[every])
-    kept = ~spikes(position.t[every], known, accel)
-    left_out = int(np.sum(~kept))
-    rows = kept if left_out else slice(None)  # a view where there is nothing to leave out
+    values = np.where(position.t[every] > withheld, np.nan, position.y[every])
+    good = ~spikes(position.t[every], values, accel)
+    left_out = int(np.sum(~good))
+    rows = good if left_out else slice(None)  # a view where there is nothing to leave out
     t: Array = np.ascontiguousarray(position.t[every][rows])
     z: Array = np.ascontiguousarray(position.y[every][rows])
     if len(t) < MIN_READINGS:

@@ -186,10 +186,10 @@ def differing(solution: Solution) -> tuple[tuple[str, ...], tuple[SeenByRuns, ..
         if between_runs(states, model, name)[0].p_value >= REMARK_ALPHA:
             continue
         tried = (seen_by_runs(states, model, name, e) for e in SEEN_BY_RUNS if e not in model.effects)
-        explaining = tuple(one for one in tried if one is not None)
+        explaining = tuple(choice for choice in tried if choice is not None)
         found += [name] if name not in model.per_run else []
         if explaining:
-            return tuple(found), tuple(sorted(explaining, key=lambda one: one.std / abs(one.value)))
+            return tuple(found), tuple(sorted(explaining, key=lambda choice: choice.std / abs(choice.value)))
     return tuple(found), ()
 
 
@@ -223,9 +223,9 @@ def seen_by_runs(states: Sequence[RunState], model: Model, name: str, effect: st
     if any(need not in state.run.recording.side for state in states for need in find(effect).needs):
         return None
     rest, information, score = between_runs(states, model, name, terms)
-    own = Layout.of(model.vary(name), len(states)).rows_of(name)
-    joined = np.delete(np.eye(len(score)), own[1:], axis=0)
-    joined[own[0], own] = 1.0
+    rows_of_run = Layout.of(model.vary(name), len(states)).rows_of(name)
+    joined = np.delete(np.eye(len(score)), rows_of_run[1:], axis=0)
+    joined[rows_of_run[0], rows_of_run] = 1.0
     information, score = joined @ information @ joined.T, joined @ score
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     weights, vectors = scipy.linalg.eigh(information / np.outer(size, size))

@@ -66,7 +66,7 @@ def regressed(run: PreparedRun, time_offset: float) -> tuple[float, float, Noise
     zero = np.zeros_like(h)
     polarity = run.rig.polarity
     once, twice = np.where(plain.restart, 0, h), np.where(plain.restart, 0, h**2 / 2)
-    gained, moved = (np.where(plain.restart, 0.0, known[rows]) for known in run.gravity_integrals)
+    gained, moved = (np.where(plain.restart, 0.0, integrals[rows]) for integrals in run.gravity_integrals)
     ones = DriveIntegrals(plain.t, zero, once, twice, plain.restart, plain.extra_q)
     encoder = DriveIntegrals(plain.t, plain.z, -gained, -moved, plain.restart, plain.extra_q)
     output = DriveIntegrals(plain.t, zero, plain.first + gained, plain.second + moved, plain.restart, plain.extra_q)

@@ -86,16 +86,18 @@ class BetweenRuns:
     @classmethod
     def of(cls, information: Array, right: Array, rows: Sequence[int]) -> BetweenRuns:
         """From normal equations A x = `right`, (m, m) and (m,), in which `rows` are the coefficient in each run."""
-        own, rest = list(rows), [i for i in range(len(right)) if i not in set(rows)]
+        columns_own, rest = list(rows), [i for i in range(len(right)) if i not in set(rows)]
         size = np.sqrt(np.maximum(np.diag(information), 1e-300))
         A, b = information / np.outer(size, size), right / size
-        eliminated = A[np.ix_(own, rest)] @ np.linalg.pinv(A[np.ix_(rest, rest)], rcond=1e-12, hermitian=True)
-        S = A[np.ix_(own, own)] - eliminated @ A[np.ix_(rest, own)]
-        g = b[own] - eliminated @ b[rest]
-        S, g = S * np.outer(size[own], size[own]), g * size[own]
+        eliminated = A[np.ix_(columns_own, rest)] @ np.linalg.pinv(A[np.ix_(rest, rest)], rcond=1e-12, hermitian=True)
+        S = A[np.ix_(columns_own, columns_own)] - eliminated @ A[np.ix_(rest, columns_own)]
+        g = b[columns_own] - eliminated @ b[rest]
+        S, g = S * np.outer(size[columns_own], size[columns_own]), g * size[columns_own]
         weight, U = scipy.linalg.eigh(0.5 * (S + S.T))
-        seen = weight > VANISHING * weight[-1]
-        return cls((U.T @ g)[seen] / weight[seen], 1.0 / weight[seen], np.sum(U, axis=0)[seen], U.T[seen])
+        visible = weight > VANISHING * weight[-1]
+        return cls(
+            (U.T @ g)[visible] / weight[visible], 1.0 / weight[visible], np.sum(U, axis=0)[visible], U.T[visible]
+        )
 
     def at(self, D: Array) -> tuple[Array, Array, Array]:
         """Mean over runs, its variance, and the weighted sum of squares about it, at variances D between runs, (k,)
@@ -146,13 +148,13 @@ class BetweenRuns:
             return self.least
         trials = np.geomspace(self.least, 10.0 * self._scatter, 60)
         k = int(np.argmax(self.log_likelihood(trials)))
-        found = scipy.optimize.minimize_scalar(
+        optimum = scipy.optimize.minimize_scalar(
             lambda log_D: -self.log_likelihood(np.exp([log_D]))[0],
             bounds=(math.log(trials[max(k - 1, 0)]), math.log(trials[min(k + 1, len(trials) - 1)])),
             method="bounded",
             options={"xatol": 1e-10},
         )
-        return math.exp(float(found.x))
+        return math.exp(float(optimum.x))
 
     def interval(self) -> tuple[float, float]:
         """95 % interval of the variance between runs: where `q` has its quantiles (Viechtbauer 2007)."""
@@ -285,26 +287,30 @@ class GoesWith:
 
 def covariates_of(recordings: Sequence[Recording], unit: str) -> list[Covariate]:
     """Every covariate that all runs declare and that takes different values."""
-    found: list[Covariate] = []
+    covariates: list[Covariate] = []
     dates = [recording.labels.date for recording in recordings]
     if all(date is not None for date in dates) and len(set(dates)) > 2:
         t = np.array(dates, dtype=np.float64)
         t = t - np.min(t)
-        found.append(Covariate("line", t[:, None], unit=f"{unit} per day"))
-        found.append(Covariate("logarithm", np.log(t / DAY_ONE + 1.0)[:, None], unit=f"{unit} per factor e"))
+        covariates.append(Covariate("line", t[:, None], unit=f"{unit} per day"))
+        covariates.append(Covariate("logarithm", np.log(t / DAY_ONE + 1.0)[:, None], unit=f"{unit} per factor e"))
         shared = np.minimum.outer(t, t)
-        found.append(Covariate("walk", np.empty((len(t), 0)), shared / float(np.mean(np.diag(shared)))))
+        covariates.append(Covariate("walk", np.empty((len(t), 0)), shared / float(np.mean(np.diag(shared)))))
     for name in ("mounting", "operator"):
         labels = [getattr(recording.labels, name) for recording in recordings]
         kinds = sorted(set(labels))
         if all(labels) and 1 < len(kinds) < len(labels):
             columns = np.array([[label == kind for kind in kinds[1:]] for label in labels], dtype=np.float64)
-            found.append(Covariate(name, columns))
+            covariates.append(Covariate(name, columns))
     warm = [recording.side.get("temperature") for recording in recordings]
     means = np.array([float(np.mean(channel.y)) for channel in warm if channel is not None])
     if len(means) == len(recordings) and np.ptp(means) > 0.0:
-        found.append(Covariate("temperature", means[:, None], unit=f"{unit} per K"))
-    return [one for one in found if one.covariance is not None or np.linalg.matrix_rank(centred(one.columns)) > 0]
+        covariates.append(Covariate("temperature", means[:, None], unit=f"{unit} per K"))
+    return [
+        covariate
+        for covariate in covariates
+        if covariate.covariance is not None or np.linalg.matrix_rank(centred(covariate.columns)) > 0
+    ]
 
 
 def centred(columns: Array) -> Array:
@@ -312,46 +318,53 @@ def centred(columns: Array) -> Array:
     return np.asarray(columns - np.mean(columns, axis=0))
 
 
-def goes_with(parameter: str, seen: BetweenRuns, covariates: Sequence[Covariate]) -> GoesWith | None:
+def goes_with(parameter: str, between: BetweenRuns, covariates: Sequence[Covariate]) -> GoesWith | None:
     """The covariate that a coefficient goes with; None where no one is significant."""
-    able = [one for one in covariates if len(seen.y) >= FEWEST_RUNS and one.columns.shape[1] < len(seen.y) - 2]
+    able = [
+        covariate
+        for covariate in covariates
+        if len(between.y) >= FEWEST_RUNS and covariate.columns.shape[1] < len(between.y) - 2
+    ]
     if not able:
         return None
     rng = np.random.default_rng(SEED)
-    D = seen.variance
-    drawn = rng.standard_normal((COVARIATE_DRAWS, len(seen.y))) * np.sqrt(seen.v + D)
-    y = np.vstack([seen.y, drawn])
-    grid = np.concatenate([[0.0], np.geomspace(seen.least, 100.0 * (D + float(np.max(seen.v))), COVARIATE_GRID)])
-    null = best_likelihood(y, seen, None, grid)
-    gains = np.array([best_likelihood(y, seen, one, grid) - null for one in able])
+    D = between.variance
+    drawn = rng.standard_normal((COVARIATE_DRAWS, len(between.y))) * np.sqrt(between.v + D)
+    y = np.vstack([between.y, drawn])
+    grid = np.concatenate([[0.0], np.geomspace(between.least, 100.0 * (D + float(np.max(between.v))), COVARIATE_GRID)])
+    null = best_likelihood(y, between, None, grid)
+    gains = np.array([best_likelihood(y, between, covariate, grid) - null for covariate in able])
     # each is judged against its own null, all of them together by the least p
     ranks = np.argsort(np.argsort(-gains[:, 1:], axis=1), axis=1)
-    own = np.array([np.count_nonzero(g[1:] >= g[0]) + 1 for g in gains]) / (COVARIATE_DRAWS + 1.0)
+    p_values = np.array([np.count_nonzero(g[1:] >= g[0]) + 1 for g in gains]) / (COVARIATE_DRAWS + 1.0)
     least = np.min((ranks + 1.0) / COVARIATE_DRAWS, axis=0)
-    k = int(np.argmin(own - 1e-9 * gains[:, 0]))
-    p_value = max((np.count_nonzero(least <= own[k]) + 1.0) / (COVARIATE_DRAWS + 1.0), 1.0 / (COVARIATE_DRAWS + 1.0))
+    k = int(np.argmin(p_values - 1e-9 * gains[:, 0]))
+    p_value = max(
+        (np.count_nonzero(least <= p_values[k]) + 1.0) / (COVARIATE_DRAWS + 1.0), 1.0 / (COVARIATE_DRAWS + 1.0)
+    )
     if p_value >= REMARK_ALPHA:
         return None
     k = max(
-        (j for j in range(len(able)) if own[j] <= max(2.0 * own[k], 2.0 / COVARIATE_DRAWS)), key=lambda j: gains[j, 0]
+        (j for j in range(len(able)) if p_values[j] <= max(2.0 * p_values[k], 2.0 / COVARIATE_DRAWS)),
+        key=lambda j: gains[j, 0],
     )
     members = [able[k].name] + [
-        one.name for j, one in enumerate(able) if j != k and gains[k, 0] - gains[j, 0] < AS_LIKELY
+        covariate.name for j, covariate in enumerate(able) if j != k and gains[k, 0] - gains[j, 0] < AS_LIKELY
     ]
-    slope, std, left = size_of(seen, able[k], grid)
+    slope, std, left = size_of(between, able[k], grid)
     return GoesWith(
         parameter, able[k].name, tuple(members), slope, std, able[k].unit, p_value, len(able), math.sqrt(left)
     )
 
 
-def best_likelihood(y: Array, seen: BetweenRuns, covariate: Covariate | None, grid: Array) -> Array:
+def best_likelihood(y: Array, between: BetweenRuns, covariate: Covariate | None, grid: Array) -> Array:
     """Log-likelihood of readings (draws, n), the most likely over the variances of a grid, (draws,)."""
-    return np.asarray(np.max([likelihood(y, seen, covariate, float(D)) for D in grid], axis=0))
+    return np.asarray(np.max([likelihood(y, between, covariate, float(D)) for D in grid], axis=0))
 
 
-def likelihood(y: Array, seen: BetweenRuns, covariate: Covariate | None, D: float) -> Array:
+def likelihood(y: Array, between: BetweenRuns, covariate: Covariate | None, D: float) -> Array:
     """Log-likelihood at a variance between runs, up to a constant, (draws,)."""
-    W, X = weights_and_design(seen, covariate, D)
+    W, X = weights_and_design(between, covariate, D)
     A = X.T @ W
     left = W - A.T @ np.linalg.pinv(A @ X, hermitian=True) @ A
     _, log_det = np.linalg.slogdet(W)
@@ -371,16 +384,16 @@ def weights_and_design(seen: BetweenRuns, covariate: Covariate | None, D: float)
     return W, X
 
 
-def size_of(seen: BetweenRuns, covariate: Covariate, grid: Array) -> tuple[float, float, float]:
+def size_of(between: BetweenRuns, covariate: Covariate, grid: Array) -> tuple[float, float, float]:
     """Slope of a single column with its standard deviation, NaN for others, and the variance left between runs."""
-    freedom = len(seen.y) - 1 - covariate.columns.shape[1]
-    at = [float(likelihood(seen.y[None], seen, covariate, float(D))[0]) for D in grid]
-    D = float(grid[int(np.argmax(at))]) * len(seen.y) / max(freedom, 1)  # of least squares, not of the most likely
+    freedom = len(between.y) - 1 - covariate.columns.shape[1]
+    at = [float(likelihood(between.y[None], between, covariate, float(D))[0]) for D in grid]
+    D = float(grid[int(np.argmax(at))]) * len(between.y) / max(freedom, 1)  # of least squares, not of the most likely
     if covariate.columns.shape[1] != 1:
         return math.nan, math.nan, D
-    W, X = weights_and_design(seen, covariate, D)
+    W, X = weights_and_design(between, covariate, D)
     covariance = np.linalg.inv(X.T @ W @ X)
-    return float((covariance @ X.T @ W @ seen.y)[1]), math.sqrt(float(covariance[1, 1])), D
+    return float((covariance @ X.T @ W @ between.y)[1]), math.sqrt(float(covariance[1, 1])), D
 
 
 def over_all(p: float, count: int) -> float:

@@ -67,7 +67,7 @@ class LinearisedShape:
 
 def linearised(model: Model, state: RunState) -> list[LinearisedShape]:
     """Free shape parameters of a model, each linearised over about one standard deviation of its own."""
-    found = []
+    gradients = []
     for name in model.added:
         effect = find(name)
         if effect.port in ("process", "noise"):
@@ -81,8 +81,8 @@ def linearised(model: Model, state: RunState) -> list[LinearisedShape]:
                     if not 0.0 < squared < math.inf:  # the square of the half width in standard deviations
                         break
                     share = min(max(share / math.sqrt(squared), NARROWEST), WIDEST)
-                found.append(trial)
-    return found
+                gradients.append(trial)
+    return gradients
 
 
 def linearised_shape(
@@ -117,11 +117,11 @@ def linearised_shape(
 
 def refine_shapes(solution: Solution) -> Solution:
     """The solution at the most likely shape parameters, with their uncertainty in the covariance."""
-    found = ShapeEstimates.of(solution)
+    estimates = ShapeEstimates.of(solution)
     for _ in range(ROUNDS):
-        if found is None:
+        if estimates is None:
             return solution
-        pairs = list(zip(found.linear, found.std, strict=True))
+        pairs = list(zip(estimates.linear, estimates.std, strict=True))
         moved = {shape.name: most_likely(solution, shape, float(std)) for shape, std in pairs}
         if all(abs(moved[shape.name] - shape.value) < CONVERGED * std for shape, std in pairs):
             break
@@ -132,11 +132,15 @@ def refine_shapes(solution: Solution) -> Solution:
             break
         after = ShapeEstimates.of(trial)
         believed = np.abs(solution.layout.prior_mean(solution.model))
-        expected = np.abs(solution.x) + np.sqrt(np.diag(found.covariance)) + believed
+        expected = np.abs(solution.x) + np.sqrt(np.diag(estimates.covariance)) + believed
         if after is None or np.any(np.abs(trial.x) > RUNAWAY * expected):
             break
-        solution, found = trial, after
-    return solution if found is None else replace(solution, covariance=found.covariance, shapes=found.estimates)
+        solution, estimates = trial, after
+    return (
+        solution
+        if estimates is None
+        else replace(solution, covariance=estimates.covariance, shapes=estimates.estimates)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,29 +200,29 @@ def profile(solution: Solution, shape: LinearisedShape, values: Array) -> Array:
     layout, model = solution.layout, solution.model
     effect, given = find(shape.effect), model.shapes[shape.effect]
     m = len(layout.slots)
-    own = [i for i, (term, _) in enumerate(layout.slots) if term.effect.name == shape.effect]
-    rest = [i for i in range(m) if i not in own]
+    columns = [i for i, (term, _) in enumerate(layout.slots) if term.effect.name == shape.effect]
+    rest = [i for i in range(m) if i not in columns]
     belief, mean = layout.prior_information(model), layout.prior_mean(model)
-    every = [*range(m), *own * len(values)]  # coefficients, then those of the effect once for each trial
+    every = [*range(m), *columns * len(values)]  # coefficients, then those of the effect once for each trial
     total = np.diag(belief[every])
     score = belief[every] * mean[every]
     score[:m] -= belief * solution.x
     shapes = [{**given, shape.shape: float(value)} for value in values]
     for index, state in enumerate(solution.states):
         trials = [
-            (m + number * len(own) + k, Term(effect, layout.slots[i][0].part, tried))
+            (m + number * len(columns) + k, Term(effect, layout.slots[i][0].part, tried))
             for number, tried in enumerate(shapes)
-            for k, i in enumerate(own)
+            for k, i in enumerate(columns)
             if layout.slots[i][1] in (None, index)
         ]
         rows = [*layout.rows(index), *(row for row, _ in trials)]
         normal = normal_equations(state, [*model.free, *(term for _, term in trials)])
         total[np.ix_(rows, rows)] += normal.gram
         score[rows] += normal.score
-    score += total[:, own] @ solution.x[own]  # subtract the effect before each trial adds it
+    score += total[:, columns] @ solution.x[columns]  # subtract the effect before each trial adds it
     gains = np.empty(len(values))
     for number in range(len(values)):
-        chosen = [*rest, *range(m + number * len(own), m + (number + 1) * len(own))]
+        chosen = [*rest, *range(m + number * len(columns), m + (number + 1) * len(columns))]
         gains[number] = score[chosen] @ inverse(total[np.ix_(chosen, chosen)]) @ score[chosen]
     return gains
 
@@ -235,7 +239,7 @@ def on_bounds(solution: Solution) -> list[str]:
 
     A wave that a noise test finds may be shorter than the trials.
     """
-    s, found = solution.states[0].signals, []
+    s, names = solution.states[0].signals, []
     for e in solution.shapes:
         effect, _, shape = e.name.rpartition(".")
         declared = find(effect).shapes[shape]
@@ -243,11 +247,11 @@ def on_bounds(solution: Solution) -> list[str]:
         scaled = math.log if declared.spacing == "log" else float
         place = (scaled(e.value) - scaled(low)) / (scaled(high) - scaled(low)) if low < high else 0.5
         if min(math.inf if declared.width else abs(place), abs(1.0 - place)) < AT_BOUND:
-            found.append(
+            names.append(
                 f"{e.name} ended at {e.value:.4g} {e.unit}, on a bound of its range of {low:.4g} to {high:.4g} "
                 f"{e.unit}: the record sets no value for it; hold it at one that is known, or drop the effect"
             )
-    return found
+    return names
 
 
 def held_shapes(model: Model) -> Iterator[Estimate]:

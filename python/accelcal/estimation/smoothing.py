@@ -311,9 +311,9 @@ def smoothed_std(
     """Standard deviations of what smoothing leaves in p, v and a up to a bandwidth; v and a may be shrunk."""
     f: Array = np.linspace(cutoff / 400.0, cutoff, 400)
     w, density = 2.0 * np.pi * f, left_density(run, noise, f)
-    kept = density if shrinkage is None else density * shrinkage.at(f) ** 2
+    level = density if shrinkage is None else density * shrinkage.at(f) ** 2
     p_std, v_std, a_std = (
-        float(np.sqrt(np.sum(left / w**power) * f[0])) for left, power in ((density, 4), (kept, 2), (kept, 0))
+        float(np.sqrt(np.sum(left / w**power) * f[0])) for left, power in ((density, 4), (level, 2), (level, 0))
     )
     return p_std, v_std, a_std
 
@@ -336,11 +336,11 @@ def effects_at(run: PreparedRun, t: Array, values: Values, signals: Signals | No
 def output_at(run: PreparedRun, t: Array, corner: float, tau: float) -> Array:
     """Output at times `t` of its own clock, low-passed without phase at a corner, Hz, an RC filter of `tau` s undone,
     m/s²."""
-    own = np.arange(run.undone.t[0], run.undone.t[-1], run.accel_step)
-    output = low_pass(np.interp(own, run.undone.t, run.undone.y), 1.0 / run.accel_step, corner)
+    uniform = np.arange(run.undone.t[0], run.undone.t[-1], run.accel_step)
+    output = low_pass(np.interp(uniform, run.undone.t, run.undone.y), 1.0 / run.accel_step, corner)
     if tau > 0.0:
         output = output + tau * derivative(output, run.accel_step)
-    return np.asarray(np.interp(t, own, output))
+    return np.asarray(np.interp(t, uniform, output))
 
 
 def output_signals(run: PreparedRun, values: Values, cutoff: float, motion: tuple[Array, Array]) -> Signals:

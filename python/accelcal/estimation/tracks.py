@@ -73,7 +73,7 @@ def track(
     for t, columns, y in rows_of_run(state, model.free):
         ends = np.searchsorted(t, at[k:], side="right")
         begin = 0
-        for end in [*(int(each) for each in ends if each < len(t)), len(t)]:
+        for end in [*(int(place) for place in ends if place < len(t)), len(t)]:
             gram = gram + columns[begin:end].T @ columns[begin:end]
             score = score + columns[begin:end].T @ y[begin:end]
             if end < len(t):
@@ -131,16 +131,16 @@ class Shape:
 
 def shapes(fit: Fit) -> tuple[Shape, ...]:
     """Every family in a model, as the function that was fitted."""
-    found: list[Shape] = []
+    shapes_found: list[Shape] = []
     for name in fit.model.added:
         family = find(name).family
         if family is None:
             continue
         if family.variable.letter == "reversal":
-            found += [_since_reversal(fit, name, direction) for direction in (1.0, -1.0)]
+            shapes_found += [_since_reversal(fit, name, direction) for direction in (1.0, -1.0)]
         elif {"low", "start"} & set(fit.model.shapes.get(name, {})):
-            found.append(_over_variable(fit, name, family.variable))
-    return tuple(found)
+            shapes_found.append(_over_variable(fit, name, family.variable))
+    return tuple(shapes_found)
 
 
 def _over_variable(fit: Fit, name: str, variable: Variable) -> Shape:

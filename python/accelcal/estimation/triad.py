@@ -100,8 +100,8 @@ class TriadFit(Storable):
     @property
     def missing(self) -> NormTerm | None:
         """The most significant term beyond the nine parameters; None where none is."""
-        found = min(self.terms, key=lambda term: term.p_value, default=None)
-        return found if found is not None and found.p_value < REMARK_ALPHA else None
+        largest = min(self.terms, key=lambda term: term.p_value, default=None)
+        return largest if largest is not None and largest.p_value < REMARK_ALPHA else None
 
     @property
     def verdict(self) -> str:
@@ -127,16 +127,18 @@ class TriadFit(Storable):
     @property
     def remarks(self) -> tuple[str, ...]:
         """Sentences to be read with the numbers."""
-        found = []
+        sentences = []
         if self.ratio > REMARKED_BEYOND:
-            found.append(
+            sentences.append(
                 f"the positions scatter by {self.rms:.2g} m/s², {self.ratio:.2g} times what noise within them "
                 "explains (instability of the bias, temperature, a hand that shakes); the uncertainties are those of "
                 "this scatter"
             )
         classes = [" = ".join(term.members) for term in self.terms if len(term.members) > 1 and term.t != 0.0]
-        found.append(f"the norm of gravity does not tell apart: {'; '.join(classes[:4])}, and {len(classes) - 4} more")
-        return tuple(found)
+        sentences.append(
+            f"the norm of gravity does not tell apart: {'; '.join(classes[:4])}, and {len(classes) - 4} more"
+        )
+        return tuple(sentences)
 
     def apply(self, y: Array) -> Array:
         """Accelerations of outputs (n, 3), m/s²."""
@@ -168,10 +170,10 @@ def fit_triad(positions: Positions) -> TriadFit:
         raise NotIdentifiable(f"{positions.name}: axis {AXES[int(np.argmin(half))]} is the same in all positions")
     u = (y - middle) / half  # of order 1
     start = ellipsoid(u)
-    found = scipy.optimize.least_squares(
+    optimum = scipy.optimize.least_squares(
         lambda x: norm_error(x, u), start, jac=lambda x: slopes(x, u), method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15
     )
-    x = found.x
+    x = optimum.x
     for _ in range(3):  # to the last digit
         x = x - np.linalg.lstsq(slopes(x, u), norm_error(x, u), rcond=None)[0]
     J = slopes(x, u)
@@ -228,14 +230,14 @@ def ellipsoid(u: Array) -> Array:
     """Start: the ellipsoid through the positions in algebraic least squares; a sphere where it is none."""
     pairs = list(combinations_with_replacement(range(3), 2))
     columns = np.column_stack([*(u[:, i] * u[:, j] for i, j in pairs), u])
-    found = np.linalg.lstsq(columns, np.ones(len(u)), rcond=None)[0]
+    coefficients = np.linalg.lstsq(columns, np.ones(len(u)), rcond=None)[0]
     A = np.zeros((3, 3))
-    for value, (i, j) in zip(found, pairs, strict=False):
+    for value, (i, j) in zip(coefficients, pairs, strict=False):
         A[i, j] += 0.5 * value
         A[j, i] += 0.5 * value
     sphere = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     try:
-        centre = -0.5 * np.linalg.solve(A, found[6:])
+        centre = -0.5 * np.linalg.solve(A, coefficients[6:])
         scaled = A / (1.0 + centre @ A @ centre)
         M = np.linalg.cholesky(scaled).T  # M'M = A with M upper triangular
     except np.linalg.LinAlgError:
@@ -252,17 +254,17 @@ def white_noise(M: Array, a: Array, positions: Positions) -> float:
 def deviations(x: Array, covariance: Array, g: float, half: Array) -> tuple[tuple[str, float], ...]:
     """Standard deviations of K, T and b from the covariance of the elements of the scaled matrix."""
     place = {pair: k for k, pair in enumerate(UPPER)}
-    found: list[tuple[str, float]] = []
+    pairs: list[tuple[str, float]] = []
     for j, axis in enumerate(AXES):
-        found.append((f"K_{axis}", g / float(half[j]) * math.sqrt(covariance[place[j, j], place[j, j]])))
+        pairs.append((f"K_{axis}", g / float(half[j]) * math.sqrt(covariance[place[j, j], place[j, j]])))
     for i, j in UPPER:
         if i != j:
             slope = np.zeros(PARAMETERS)
             slope[place[i, j]], slope[place[j, j]] = 1.0 / x[place[j, j]], -x[place[i, j]] / x[place[j, j]] ** 2
-            found.append((f"T_{AXES[i]}{AXES[j]}", math.sqrt(float(slope @ covariance @ slope))))
+            pairs.append((f"T_{AXES[i]}{AXES[j]}", math.sqrt(float(slope @ covariance @ slope))))
     for j, axis in enumerate(AXES):
-        found.append((f"b_{axis}", float(half[j]) * math.sqrt(covariance[6 + j, 6 + j])))
-    return tuple(found)
+        pairs.append((f"b_{axis}", float(half[j]) * math.sqrt(covariance[6 + j, 6 + j])))
+    return tuple(pairs)
 
 
 def tested(a: Array, J: Array, residual: Array) -> tuple[NormTerm, ...]:
@@ -274,13 +276,13 @@ def tested(a: Array, J: Array, residual: Array) -> tuple[NormTerm, ...]:
             for product in combinations_with_replacement(range(3), order):
                 name = f"{'K' if order == 2 else 'L'}_{AXES[axis]},{''.join(AXES[k] for k in product)}"
                 classes.setdefault(tuple(sorted((axis, *product))), []).append(name)
-    found = []
+    terms_tested = []
     for monomial, members in classes.items():
         column = np.prod(a[:, monomial], axis=1)
         beyond = column - basis @ (basis.T @ column)
-        found.append((tuple(members), t_of(beyond, column, residual)))
-    freedom, count = len(residual) - PARAMETERS - 1, sum(1 for _, t in found if t != 0.0)
-    return tuple(NormTerm(members, t, corrected(t, freedom, count)) for members, t in found)
+        terms_tested.append((tuple(members), t_of(beyond, column, residual)))
+    freedom, count = len(residual) - PARAMETERS - 1, sum(1 for _, t in terms_tested if t != 0.0)
+    return tuple(NormTerm(members, t, corrected(t, freedom, count)) for members, t in terms_tested)
 
 
 def t_of(beyond: Array, column: Array, residual: Array) -> float:

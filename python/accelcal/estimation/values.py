@@ -42,12 +42,12 @@ class Noise:
         """Mean noise of the record: what spectra and bandwidths that know no time are taken from."""
         if not self.growth:
             return self
-        grown = [(one.q * one.mean, one.r * one.mean) for one in self.growth]
+        grown = [(part.q * part.mean, part.r * part.mean) for part in self.growth]
         return Noise(self.q + sum(q for q, _ in grown), self.r + sum(r for _, r in grown))
 
     def scaled(self, q: float, r: float = 1.0) -> Noise:
         """The same with the process noise and the reading noise multiplied by factors, their growth too."""
-        growth = tuple(replace(one, q=q * one.q, r=r * one.r) for one in self.growth)
+        growth = tuple(replace(part, q=q * part.q, r=r * part.r) for part in self.growth)
         return Noise(q * self.q, r * self.r, growth)
 
 

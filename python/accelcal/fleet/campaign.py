@@ -125,15 +125,15 @@ def begin(
                 f"{path} holds another campaign: its {key} is {_short(stored.get(key))}, requested is {_short(value)}. "
                 "Name another file, or delete this one."
             )
-    known = dict(connection.execute("SELECT run, item FROM run"))
-    for run, item in known.items():
+    done = dict(connection.execute("SELECT run, item FROM run"))
+    for run, item in done.items():
         requested = items[run] if run < len(items) else None
         if requested != item:
             raise CampaignError(
                 f"{path} holds another campaign: its run {run} is {item!r}, requested is {requested!r}. Items may only "
                 "be appended; otherwise name another file, or delete this one."
             )
-    return set(known)
+    return set(done)
 
 
 def keep(connection: sqlite3.Connection, path: str | Path, outcomes: Sequence[Outcome]) -> None:

@@ -153,25 +153,25 @@ def population(y: Array, std: Array, sensor: NDArray[np.intp]) -> Population:
         [start, [start[0] * 1.2 + 0.01 * scale * repeated, start[1]], [start[0], start[1] * 1.2 + 0.01 * scale]]
     )
     options = {"initial_simplex": simplex, "xatol": 1e-9 * scale, "fatol": 1e-9, "maxiter": 400}
-    found = np.abs(scipy.optimize.minimize(missed, start, method="Nelder-Mead", options=options).x)
-    best = -0.5 * missed(found)
+    optimum = np.abs(scipy.optimize.minimize(missed, start, method="Nelder-Mead", options=options).x)
+    best = -0.5 * missed(optimum)
     if not repeated:
-        found[0] = 0.0
-    sums = Sums.of(y, std, sensor, float(found[0] ** 2))
-    mean, variance = sums.mean(float(found[1] ** 2))
-    share = found[1] ** 2 / (found[1] ** 2 + sums.v) if found[1] > 0.0 else np.zeros(count)
+        optimum[0] = 0.0
+    sums = Sums.of(y, std, sensor, float(optimum[0] ** 2))
+    mean, variance = sums.mean(float(optimum[1] ** 2))
+    share = optimum[1] ** 2 / (optimum[1] ** 2 + sums.v) if optimum[1] > 0.0 else np.zeros(count)
     return Population(
         mean=mean,
         mean_std=math.sqrt(variance),
         between_sensors=component(
-            float(found[1]), float(found[0]), scale, best, lambda x, y: missed(np.array([y * repeated, x]))
+            float(optimum[1]), float(optimum[0]), scale, best, lambda x, y: missed(np.array([y * repeated, x]))
         ),
-        run_to_run=component(float(found[0]), float(found[1]), scale, best, lambda x, y: missed(np.array([x, y])))
+        run_to_run=component(float(optimum[0]), float(optimum[1]), scale, best, lambda x, y: missed(np.array([x, y])))
         if repeated
         else Component(0.0, 0.0, 0.0),
         sensors=mean + share * (sums.ybar - mean),
         sensors_std=np.sqrt(share * sums.v + (1.0 - share) ** 2 * variance),
-        outlying=deleted(sums, float(found[1] ** 2)),
+        outlying=deleted(sums, float(optimum[1] ** 2)),
     )
 
 
@@ -191,10 +191,10 @@ def component(
     def above(x: float) -> float:
         widest = SPAN * max(other, 1e-3 * scale)
         options = {"xatol": 1e-7 * widest}
-        found = scipy.optimize.minimize_scalar(
+        optimum = scipy.optimize.minimize_scalar(
             lambda y: missed(x, y), bounds=(0.0, widest), method="bounded", options=options
         )
-        return DROP - best - 0.5 * min(float(found.fun), missed(x, other))
+        return DROP - best - 0.5 * min(float(optimum.fun), missed(x, other))
 
     low = 0.0 if value <= 0.0 or above(0.0) >= 0.0 else float(scipy.optimize.brentq(above, 0.0, value, rtol=1e-6))
     end = max(2.0 * value, 1e-3 * scale)
@@ -216,9 +216,9 @@ def deleted(sums: Sums, between: float) -> Array:
         rest = np.arange(count) != i
         others = Sums(sums.ybar[rest], sums.v[rest], 0.0)
         trials = np.array([0.0, *np.geomspace(1e-6, 10.0, 200) * max(between, float(np.max(sums.v)))])
-        own = float(trials[int(np.argmin(others.minus_two_log(trials)))])
-        mean, variance = others.mean(own)
-        t = abs(float(sums.ybar[i]) - mean) / math.sqrt(float(sums.v[i]) + own + variance)
+        weight = float(trials[int(np.argmin(others.minus_two_log(trials)))])
+        mean, variance = others.mean(weight)
+        t = abs(float(sums.ybar[i]) - mean) / math.sqrt(float(sums.v[i]) + weight + variance)
         alone = 2.0 * float(scipy.special.stdtr(count - 2, -t))
         p[i] = over_all(alone, count)
     return p
@@ -243,20 +243,20 @@ def fit_of(path: Path, *, model: str = "linear") -> dict[str, float]:
     squared, length (s), date (days), mean temperature (degC), NaN where not known; number of remarks.
     """
     recording = load(path)
-    found = fit(recording, MODELS[model]())
-    run = found.runs[0]
+    fitted = fit(recording, MODELS[model]())
+    run = fitted.runs[0]
     warm = recording.side.get("temperature")
-    kept = {
+    values = {
         "nis": math.nan if run.nis is None else run.nis,
         "noise_ratio": math.nan if run.noise.ratio is None else run.noise.ratio,
         "seconds": run.end - run.start,
         "date": math.nan if recording.labels.date is None else recording.labels.date,
         "temperature": math.nan if warm is None else float(np.mean(warm.y)),
-        "remarks": float(len(found.remarks)),
+        "remarks": float(len(fitted.remarks)),
     }
-    for e in found.free:
-        kept |= {e.name: e.value, e.name + STD: e.std}
-    return kept
+    for e in fitted.free:
+        values |= {e.name: e.value, e.name + STD: e.std}
+    return values
 
 
 LIMIT = 3.0
@@ -324,8 +324,8 @@ class Fleet(Storable):
         """Sensor, parameter and probability of all that are outlying."""
         return [
             (self.sensors[i], name, float(p))
-            for name, found in self.populations.items()
-            for i, p in enumerate(found.outlying)
+            for name, population in self.populations.items()
+            for i, p in enumerate(population.outlying)
             if p < OUTLYING
         ]
 
@@ -384,7 +384,7 @@ def summarise(results: Results) -> Fleet:
         If no recording was fitted.
     """
     good = np.array([item not in results.errors for item in results.items], dtype=np.bool_)
-    files = tuple(item for item, kept in zip(results.items, good, strict=True) if kept)
+    files = tuple(item for item, usable in zip(results.items, good, strict=True) if usable)
     if not files:
         first = next(iter(results.errors.items()), ("", ""))
         raise AccelcalError(
@@ -414,7 +414,7 @@ def control_charts(
     populations: dict[str, Population],
 ) -> tuple[Chart, ...]:
     """A chart for each parameter of each sensor with enough dated runs."""
-    found = []
+    charts = []
     for i, sensor in enumerate(sensors):
         mine = np.flatnonzero((sensor_of == i) & np.isfinite(values["date"]))
         if len(set(values["date"][mine].tolist())) < FEWEST_DATES:
@@ -422,10 +422,10 @@ def control_charts(
         mine = mine[np.argsort(values["date"][mine], kind="stable")]
         for name in (n for n in parameters if np.all(np.isfinite(values[n][mine]))):
             between = populations[name].run_to_run.value if name in populations else moving_range(values[name][mine])
-            found.append(
+            charts.append(
                 chart(sensor, name, values["date"][mine], values[name][mine], values[name + STD][mine], between)
             )
-    return tuple(corrected(one, len(found)) for one in found)
+    return tuple(corrected(chart, len(charts)) for chart in charts)
 
 
 def moving_range(y: Array) -> float:
@@ -463,10 +463,10 @@ def chart(sensor: str, name: str, days: Array, y: Array, std: Array, between: fl
     )
 
 
-def corrected(one: Chart, count: int) -> Chart:
+def corrected(chart: Chart, count: int) -> Chart:
     """The chart with its probability over all charts (Sidak)."""
-    p = over_all(one.p_value, count)
-    return Chart(**{**{key: getattr(one, key) for key in one.__slots__}, "p_value": p})
+    p = over_all(chart.p_value, count)
+    return Chart(**{**{key: getattr(chart, key) for key in chart.__slots__}, "p_value": p})
 
 
 MOST_NAMES = 20
@@ -479,17 +479,23 @@ def sensors(fleet: Fleet) -> Figure:
     """Draw every sensor with two standard deviations, the population as a band, outlying ones filled."""
     count, panels = len(fleet.sensors), []
     names = (range(1, count + 1), fleet.sensors) if count <= MOST_NAMES else ([1, count], ["1", str(count)])
-    for name, found in fleet.populations.items():
-        number, half = np.arange(1.0, len(found.sensors) + 1.0), 2.0 * found.next_sensor_std
-        odd = found.outlying < OUTLYING
+    for name, of_sensors in fleet.populations.items():
+        number, half = np.arange(1.0, len(of_sensors.sensors) + 1.0), 2.0 * of_sensors.next_sensor_std
+        odd = of_sensors.outlying < OUTLYING
         points = [
-            Points(number[rows], found.sensors[rows], role="ink", error=2.0 * found.sensors_std[rows], hollow=hollow)
+            Points(
+                number[rows],
+                of_sensors.sensors[rows],
+                role="ink",
+                error=2.0 * of_sensors.sensors_std[rows],
+                hollow=hollow,
+            )
             for rows, hollow in ((~odd, True), (odd, False))
             if rows.any()
         ]
-        band = Level(low=found.mean - half, high=found.mean + half, role="band")
+        band = Level(low=of_sensors.mean - half, high=of_sensors.mean + half, role="band")
         size = Axis(name, fleet.parameters[name])
-        panels.append(Panel((band, Level(found.mean), *points), Axis("sensor", ticks=names), size, height=HEIGHT))
+        panels.append(Panel((band, Level(of_sensors.mean), *points), Axis("sensor", ticks=names), size, height=HEIGHT))
     return Figure(tuple(panels), shared_x=True)
 
 
@@ -522,7 +528,7 @@ def html(fleet: Fleet, folder: Path) -> str:
     MissingExtra
         If matplotlib or jinja2 is not installed.
     """
-    charts = sorted(fleet.charts, key=lambda one: (not one.ages, -len(one.outside), one.p_value))[:MOST_CHARTS]
+    charts = sorted(fleet.charts, key=lambda chart: (not chart.ages, -len(chart.outside), chart.p_value))[:MOST_CHARTS]
     shown = [("Sensors", sensors(fleet))] if fleet.populations else []
     shown += [("Control charts", drawn_charts(fleet, charts))] if charts else []
     return filled(
@@ -539,18 +545,18 @@ def html(fleet: Fleet, folder: Path) -> str:
 
 def population_row(fleet: Fleet, name: str) -> tuple[str, ...]:
     """Cells of one parameter."""
-    found, unit = fleet.populations[name], fleet.parameters[name]
+    of_sensors, unit = fleet.populations[name], fleet.parameters[name]
     spreads = [
         f"{number(std.value, 3)} ({number(std.low, 2)} to {number(std.high, 2)})"
-        for std in (found.between_sensors, found.run_to_run)
+        for std in (of_sensors.between_sensors, of_sensors.run_to_run)
     ]
-    mean = f"{plain(unit, found.mean, found.mean_std)} = {concise(found.mean, found.mean_std)}"
-    return (name, unit, mean, *spreads, number(2.0 * found.next_run_std, 2), f"{100.0 * fleet.share(name):.0f} %")
+    mean = f"{plain(unit, of_sensors.mean, of_sensors.mean_std)} = {concise(of_sensors.mean, of_sensors.mean_std)}"
+    return (name, unit, mean, *spreads, number(2.0 * of_sensors.next_run_std, 2), f"{100.0 * fleet.share(name):.0f} %")
 
 
 def sensor_row(fleet: Fleet, i: int) -> tuple[str, ...]:
     """Cells of one sensor."""
-    odd = [name for name, found in fleet.populations.items() if found.outlying[i] < OUTLYING]
+    odd = [name for name, of_sensors in fleet.populations.items() if of_sensors.outlying[i] < OUTLYING]
     return (*fleet.cells(i), f"outlying: {', '.join(odd)}" if odd else "")
 
 
@@ -559,11 +565,11 @@ def run_row(fleet: Fleet, k: int, folder: Path) -> dict[str, Any]:
     file = Path(fleet.files[k])
     report = file.with_suffix(".html")
     link = Path(os.path.relpath(report.resolve(), folder.resolve())).as_posix() if report.is_file() else ""
-    each = [concise(float(fleet.values[name][k]), float(fleet.values[name + STD][k])) for name in fleet.parameters]
+    cells = [concise(float(fleet.values[name][k]), float(fleet.values[name + STD][k])) for name in fleet.parameters]
     ratio = float(fleet.values["noise_ratio"][k])
     return {
         "sensor": fleet.sensors[fleet.sensor_of[k]],
         "file": file.name,
         "link": quote(link),
-        "cells": [*each, "" if ratio != ratio else number(ratio, 3), str(int(fleet.values["remarks"][k]))],
+        "cells": [*cells, "" if ratio != ratio else number(ratio, 3), str(int(fleet.values["remarks"][k]))],
     }

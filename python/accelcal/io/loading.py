@@ -546,7 +546,7 @@ def _samples(table: Table, plan: Plan, rig: Rig) -> Iterator[tuple[str, quality.
                 t=stamps.values if rows is None else stamps.values[rows],
                 y=values,
                 unit=unit,
-                row=table.row if rows is None else lambda i, kept=rows: table.row(int(np.flatnonzero(kept)[i])),  # type: ignore[misc]
+                row=table.row if rows is None else lambda i, rows=rows: table.row(int(np.flatnonzero(rows)[i])),  # type: ignore[misc]
             ),
         )
 

@@ -208,13 +208,13 @@ class LiveSession:
             self._recorder.add(rows)
         self._judge(self.tracker.feed(rows), on_alarm)
 
-    def _judge(self, found: list[Innovation], on_alarm: Callable[[Alarm], None]) -> None:
-        for innovation in found:
+    def _judge(self, innovations: list[Innovation], on_alarm: Callable[[Alarm], None]) -> None:
+        for innovation in innovations:
             alarm = self.monitor.add(innovation.t, normalised(innovation))
             if alarm is not None:
                 on_alarm(alarm)
-        if found:
-            self._newest = found[-1]
+        if innovations:
+            self._newest = innovations[-1]
 
 
 class _Recorder:
@@ -308,8 +308,8 @@ class LiveHistory:
     @property
     def moments(self) -> list[LiveState]:
         """The moments that are kept, in order of time, and the newest."""
-        kept = list(self._kept)
-        return kept if self._last is None or (kept and kept[-1] is self._last) else [*kept, self._last]
+        moments = list(self._kept)
+        return moments if self._last is None or (moments and moments[-1] is self._last) else [*moments, self._last]
 
     @property
     def columns(self) -> Columns:
@@ -346,6 +346,8 @@ class Columns:
         n, none = len(states), math.nan
         both = np.array([[(e.value, e.std) for e in s.estimates] for s in states], float).reshape(n, parameters, 2)
         read = [(none, none) if (e := s.innovation) is None else (e.e, math.sqrt(e.variance)) for s in states]
-        nis = [(none,) * 3 if (seen := s.nis) is None else (seen.value, seen.low, seen.high) for s in states]
+        nis = [
+            (none,) * 3 if (running := s.nis) is None else (running.value, running.low, running.high) for s in states
+        ]
         errors, runs = np.array(read, float).reshape(n, 2), np.array(nis, float).reshape(n, 3)
         return cls(np.array([s.t for s in states]), both[..., 0], both[..., 1], *errors.T, *runs.T)

@@ -73,12 +73,12 @@ class LiveSettings:
         """Parameters of the sensor, by their public names, from all states (N,) and their covariance (N, N)."""
         T = np.linalg.inv(to_stage(self.names, self.rig.polarity, self.rig.gravity))
         values, spread = T @ states[2:], T @ covariance[2:, 2:] @ T.T
-        found = []
+        estimates = []
         for i, name in enumerate(self.names):
             effect = find(PARAMETER_OF[name])
             std = math.sqrt(max(0.0, float(spread[i, i])))
-            found.append(Estimate(effect.name, effect.symbol, effect.unit, float(values[i]), std, effect.owner))
-        return tuple(found)
+            estimates.append(Estimate(effect.name, effect.symbol, effect.unit, float(values[i]), std, effect.owner))
+        return tuple(estimates)
 
 
 def settings_of(rig: Rig, fit: Fit | None = None) -> LiveSettings:
@@ -159,10 +159,10 @@ def _of_fit(fit: Fit) -> tuple[Array, Array, FilterChoice]:
     names = [PARAMETER_OF[name] for name in PARAMETERS[choice.model]]
     rows = {e.name: i for i, e in enumerate(fit.free)}
     spread = np.zeros((len(names), len(names)))
-    for i, one in enumerate(names):
+    for i, parameter in enumerate(names):
         for j, two in enumerate(names):
-            if one in rows and two in rows:
-                spread[i, j] = fit.covariance[rows[one], rows[two]]
+            if parameter in rows and two in rows:
+                spread[i, j] = fit.covariance[rows[parameter], rows[two]]
     return np.array([by_name.get(name, 0.0) for name in names]), spread, choice
 
 
@@ -383,10 +383,10 @@ class OutputMoments:
 
     def add(self, rows: Rows) -> None:
         """Take rows in."""
-        kept = np.isfinite(rows.accel)
-        self.outputs = self._counted(0, self.outputs, rows.t[kept])
+        finite = np.isfinite(rows.accel)
+        self.outputs = self._counted(0, self.outputs, rows.t[finite])
         self.readings = self._counted(1, self.readings, rows.t[np.isfinite(rows.position)])
-        u = rows.accel[kept]
+        u = rows.accel[finite]
         if not len(u):
             return
         if self.outputs == len(u):
@@ -482,14 +482,14 @@ class Tracker:
 
     def finish(self) -> list[Innovation]:
         """Take in what still waits, as at the end of a record."""
-        found = self._take(iter(sorted(self._held_back)))
+        innovations = self._take(iter(sorted(self._held_back)))
         self._held_back = []
         if self.filter is not None:
             try:
-                self._settle(self.filter.finish(), found)
+                self._settle(self.filter.finish(), innovations)
             except (ValueError, ArithmeticError) as error:
                 self._refuse(error)
-        return found
+        return innovations
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
@@ -504,10 +504,10 @@ class Tracker:
         """Covariance of all states of the filter, (N, N), with the square of what noise of the output biases the scale
         factor by."""
         assert self.filter is not None
-        found = self.filter.covariance.copy()
+        P = self.filter.covariance.copy()
         bias = self.regressor_bias
-        found[self._scale, self._scale] += 0.0 if bias is None else bias.value**2
-        return found
+        P[self._scale, self._scale] += 0.0 if bias is None else bias.value**2
+        return P
 
     @property
     def regressor_bias(self) -> RegressorBias | None:
@@ -541,24 +541,24 @@ class Tracker:
             del self._held_back[:ready]
 
     def _take(self, events: Iterator[Event]) -> list[Innovation]:
-        found: list[Innovation] = []
+        innovations: list[Innovation] = []
         for t, kind, value in events:
             try:
                 if kind == OUTPUT:
-                    self._take_output(t, self.settings.stage_output(value), found)
+                    self._take_output(t, self.settings.stage_output(value), innovations)
                 else:
                     self._take_reading(t, value)
             except (ValueError, ArithmeticError) as error:
                 self._refuse(error)
-        return found
+        return innovations
 
-    def _take_output(self, t: float, u: float, found: list[Innovation]) -> None:
+    def _take_output(self, t: float, u: float, innovations: list[Innovation]) -> None:
         self.outputs += 1
         if self.filter is None:
             self._first = t, u
             return
         self._output = u
-        self._settle(self.filter.step(t, accel=u), found)
+        self._settle(self.filter.step(t, accel=u), innovations)
 
     def _take_reading(self, t: float, z: float) -> None:
         if self.filter is None:
@@ -571,12 +571,12 @@ class Tracker:
         self._waiting.append((t, variance))
         self.readings += 1
 
-    def _settle(self, e: float | None, found: list[Innovation]) -> None:
+    def _settle(self, e: float | None, innovations: list[Innovation]) -> None:
         """The filter took in all that waited; `e` is the innovation of the last reading of it."""
         if e is not None and self._waiting:
             t, variance = self._waiting[-1]
             if len(self._waiting) == 1:
-                found.append(Innovation(t, e, variance))
+                innovations.append(Innovation(t, e, variance))
             else:
                 self.untested += len(self._waiting)
         self._waiting.clear()

@@ -87,7 +87,7 @@ def coasting(comparison: Evaluation) -> Figure:
         ("all parameters from the fit", "other", comparison.coast_frozen_rms),
         ("noise floor", "floor", comparison.drift_floors),
     )
-    allowed = [[(h, y) for h, y in sorted(found.items()) if y is not None] for _, _, found in curves]
+    allowed = [[(h, y) for h, y in sorted(errors.items()) if y is not None] for _, _, errors in curves]
     ticks = [h for h, _ in allowed[0]]
     if not ticks:
         least = min(comparison.coast_rms, default=1.0)
@@ -219,13 +219,13 @@ def write(comparison: Comparison, directory: str | Path, *, theme: ThemeName = "
     """
 
     def of_several() -> Iterator[tuple[str, Drawn]]:
-        for number, seen in enumerate(comparison.seen, start=1):
+        for number, evaluations in enumerate(comparison.seen, start=1):
             name = "overlay" if len(comparison.seen) == 1 else f"overlay-{number}"
-            yield name, matplotlib.draw(overlay(list(zip(comparison.names, seen, strict=True))), theme)
+            yield name, matplotlib.draw(overlay(list(zip(comparison.names, evaluations, strict=True))), theme)
         yield "error_reduction", matplotlib.draw(error_reduction(comparison), theme)
 
-    def of_single(fit: Fit, seen: Evaluation) -> Iterator[tuple[str, Drawn]]:
-        yield "overview", overview(fit, seen, theme=theme)
+    def of_single(fit: Fit, evaluation: Evaluation) -> Iterator[tuple[str, Drawn]]:
+        yield "overview", overview(fit, evaluation, theme=theme)
         of_evaluation: tuple[Callable[..., Figure], ...] = (
             overlay,
             simulated,
@@ -237,7 +237,7 @@ def write(comparison: Comparison, directory: str | Path, *, theme: ThemeName = "
             autocorrelation,
         )
         for define in of_evaluation:
-            yield define.__name__, matplotlib.draw(define(seen), theme)
+            yield define.__name__, matplotlib.draw(define(evaluation), theme)
         for name, figure in (("parameters", parameters(fit)), ("nonlinearity", nonlinearity(fit))):
             yield name, matplotlib.draw(figure, theme)
 

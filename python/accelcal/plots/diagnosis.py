@@ -62,9 +62,9 @@ def signature_correlation(power: Power) -> SignatureCorrelation:
         best = all(item.shape.get(key) == value for key, value in power[name].shape.items())
         if best and G[columns.start, columns.start] > 0.0:
             rows[name] = columns.start
-    kept = list(rows.values())
-    size = np.sqrt(np.diag(G)[kept])
-    return SignatureCorrelation(tuple(rows), G[np.ix_(kept, kept)] / np.outer(size, size))
+    sets = list(rows.values())
+    size = np.sqrt(np.diag(G)[sets])
+    return SignatureCorrelation(tuple(rows), G[np.ix_(sets, sets)] / np.outer(size, size))
 
 
 def ranking(diagnosis: Diagnosis) -> Figure:
@@ -187,36 +187,36 @@ def detectable_sizes(power: Power) -> Figure:
     )
 
 
-def drift_limits(found: DriftBandwidth) -> Figure:
+def drift_limits(bandwidth: DriftBandwidth) -> Figure:
     """Draw the smallest sinusoidal change that a record shows at 5 standard deviations, and that of a tumble test.
 
     Parameters
     ----------
-    found : from `accelcal.power(...).drift`.
+    bandwidth : from `accelcal.power(...).drift`.
     """
-    tumble, panels = found.tumble, []
+    tumble, panels = bandwidth.tumble, []
     slow = np.array([tumble.frequency / PERIODS, tumble.frequency])
     for name, smallest, limit, unit in (
-        ("bias", found.bias, tumble.bias, "m/s²"),
-        ("scale factor", found.scale_factor, tumble.scale_factor, "1"),
+        ("bias", bandwidth.bias, tumble.bias, "m/s²"),
+        ("scale factor", bandwidth.scale_factor, tumble.scale_factor, "1"),
     ):
         shown = np.isfinite(smallest)
         marks = (
-            Line(found.frequency[shown], smallest[shown], "this record"),
+            Line(bandwidth.frequency[shown], smallest[shown], "this record"),
             Line(slow, np.full(2, limit), f"tumble test of {tumble.seconds / 60.0:.0f} min", "other"),
         )
         every = np.append(smallest[shown], limit)
-        frequency = Axis("frequency of the change", "Hz", "log", (float(slow[0]), 1.2 * float(found.frequency[-1])))
+        frequency = Axis("frequency of the change", "Hz", "log", (float(slow[0]), 1.2 * float(bandwidth.frequency[-1])))
         size = Axis(f"amplitude of the {name}", unit, "log", (0.6 * float(every.min()), 1.6 * float(every.max())))
         panels.append(Panel(marks, frequency, size))
-    best = int(np.argmin(found.scale_factor))
-    least = float(found.scale_factor[best])
+    best = int(np.argmin(bandwidth.scale_factor))
+    least = float(bandwidth.scale_factor[best])
     headline = "This record shows no change of the scale factor"
     if np.isfinite(least):
-        blind = np.flatnonzero(found.scale_factor > 2.0 * least)
+        blind = np.flatnonzero(bandwidth.scale_factor > 2.0 * least)
         first = int(np.max(blind[blind < best], initial=-1)) + 1
-        last = int(np.min(blind[blind > best], initial=len(found.frequency))) - 1
-        low, high = (formatting.number(float(found.frequency[i]), 2) for i in (first, last))
+        last = int(np.min(blind[blind > best], initial=len(bandwidth.frequency))) - 1
+        low, high = (formatting.number(float(bandwidth.frequency[i]), 2) for i in (first, last))
         size_text = formatting.number(2.0 * least, 2)
         headline = f"Changes of the scale factor by {size_text} are shown at 5 sigma from {low} to {high} Hz"
     note = (
@@ -250,10 +250,10 @@ def signatures(power: Power, first: Sequence[str] = ()) -> Figure:
     power : from `accelcal.power`.
     first : effects that must be on the map.
     """
-    seen = chosen(power, first)
-    if len(seen.names) < 2:
+    shown = chosen(power, first)
+    if len(shown.names) < 2:
         return sentence("Signatures", "Fewer than two effects are detectable on this record.")
-    names, rho = [spelled(n) for n in seen.names], seen.correlation
+    names, rho = [spelled(n) for n in shown.names], shown.correlation
     text = [[f"{100 * v:.0f}" if abs(v) >= 0.5 else "" for v in row] for row in rho]
     hover = [
         [f"{a} and {b}: ρ = {v:.3f}" for b, v in zip(names, row, strict=True)]
@@ -269,10 +269,10 @@ def signatures(power: Power, first: Sequence[str] = ()) -> Figure:
     )
 
 
-def _chain(seen: SignatureCorrelation) -> list[str]:
+def _chain(correlations: SignatureCorrelation) -> list[str]:
     """An order in which each effect follows the one that it correlates with most."""
-    order = list(range(min(1, len(seen.names))))
-    while len(order) < len(seen.names):
-        left = [i for i in range(len(seen.names)) if i not in order]
-        order.append(max(left, key=lambda i: abs(float(seen.correlation[order[-1], i]))))
-    return [seen.names[i] for i in order]
+    order = list(range(min(1, len(correlations.names))))
+    while len(order) < len(correlations.names):
+        left = [i for i in range(len(correlations.names)) if i not in order]
+        order.append(max(left, key=lambda i: abs(float(correlations.correlation[order[-1], i]))))
+    return [correlations.names[i] for i in order]

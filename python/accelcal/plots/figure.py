@@ -384,8 +384,8 @@ def thin(t: Array, y: Array, columns: int = COLUMNS) -> tuple[Array, Array]:
     for extreme in (np.fmin, np.fmax):
         at = np.flatnonzero(y == np.repeat(extreme.reduceat(y, first), size))
         rows.append(at[np.diff(np.searchsorted(first, at, side="right"), prepend=0) > 0])
-    kept = np.unique(np.concatenate(rows))
-    return t[kept], y[kept]
+    rows_shown = np.unique(np.concatenate(rows))
+    return t[rows_shown], y[rows_shown]
 
 
 def column_medians(x: Array, *several: Array, columns: int = BAND_COLUMNS) -> tuple[Array, ...]:
@@ -473,12 +473,12 @@ def share_text(comparison: Comparison, number: int) -> str:
 def candidate_groups(diagnosis: Diagnosis, most: int = CANDIDATES) -> list[list[Candidate]]:
     """The best candidates, each class of confounded ones together, best first."""
     left = list(diagnosis.scan.candidates[:most])
-    found: list[list[Candidate]] = []
+    groups: list[list[Candidate]] = []
     while left:
         first = left[0]
         sure = first.p_value < diagnosis.alpha
         tied = [c for c in left[1:] if sure and c.effect in first.members and c.p_value < diagnosis.alpha]
         group = [first, *tied]
-        found.append(group)
+        groups.append(group)
         left = [c for c in left if c not in group]
-    return found
+    return groups

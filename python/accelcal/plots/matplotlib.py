@@ -74,11 +74,11 @@ def new_figure(width: float, height: float, look: Theme) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    made = Figure(
+    canvas = Figure(
         figsize=(width, height), dpi=PIXELS_PER_INCH, facecolor=look.page, edgecolor=look.page, layout="constrained"
     )
-    FigureCanvasAgg(made)
-    return made
+    FigureCanvasAgg(canvas)
+    return canvas
 
 
 def draw(figure: data.Figure, theme: ThemeName = "light") -> Figure:
@@ -319,12 +319,12 @@ def _entries(several: Sequence[Axes]) -> tuple[list[Any], list[str]]:
 def legend(owner: Axes | Figure | SubFigure, handles: list[Any], labels: list[str], look: Theme, **place: Any) -> None:
     """The legend outside of the axes, where it covers no data."""
     if labels:
-        made = owner.legend(
+        box = owner.legend(
             handles, labels, frameon=False, fontsize=SMALL, labelcolor=look.ink, borderpad=0.2, borderaxespad=0.2,
             handlelength=2.6, columnspacing=1.4, title_fontsize=SMALL - 1.0, alignment="left", **place,
         )  # fmt: skip
-        made.get_title().set_color(look.ink)
-        for text in made.get_texts():
+        box.get_title().set_color(look.ink)
+        for text in box.get_texts():
             text.set_parse_math(False)
 
 

@@ -126,14 +126,14 @@ def _sentence(line: StraightLine) -> str:
     )
 
 
-def agreement(found: Agreement) -> Figure:
+def agreement(result: Agreement) -> Figure:
     """Draw the difference of the characteristics with its expanded uncertainty, and En of every common parameter.
 
     Parameters
     ----------
-    found : from `accelcal.calibration.agreement.agreement`.
+    result : from `accelcal.calibration.agreement.agreement`.
     """
-    curve = found.characteristic
+    curve = result.characteristic
     left = Panel((), Axis(), Axis(), sentence="The ranges of acceleration do not overlap.")
     if curve is not None:
         factor, unit = prefixed("m/s²", curve.difference, curve.expanded)
@@ -143,10 +143,12 @@ def agreement(found: Agreement) -> Figure:
             Line(curve.a, factor * curve.difference, "second − first", solid=True),
         )
         left = Panel(marks, Axis("acceleration", "m/s²"), Axis("difference of output", unit), height=240.0)
-    shown = [one for one in found.parameters if one.en is not None]
-    en, rows = np.array([one.en for one in shown], dtype=np.float64), np.arange(float(len(shown)))
+    shown = [parameter for parameter in result.parameters if parameter.en is not None]
+    en, rows = np.array([parameter.en for parameter in shown], dtype=np.float64), np.arange(float(len(shown)))
     reach = 1.15 * max(2.0, float(np.abs(en).max(initial=0.0)))
-    names = Axis(range=(len(shown) - 0.5, -0.5), ticks=(rows.tolist(), [spelled(one.name) for one in shown]))
+    names = Axis(
+        range=(len(shown) - 0.5, -0.5), ticks=(rows.tolist(), [spelled(parameter.name) for parameter in shown])
+    )
     scaled = Axis("En", "1", "symlog" if reach > REACH else "linear", (-reach, reach))
     right = Panel(
         (Level(low=-LIMIT, high=LIMIT, role="band", upright=True), Points(en, rows)), scaled, names, height=240.0
@@ -154,22 +156,22 @@ def agreement(found: Agreement) -> Figure:
     return Figure((left, right), columns=2)
 
 
-def rests(found: Rests) -> Figure:
+def rests(dwells: Rests) -> Figure:
     """Draw outputs over time, every rest shaded and numbered.
 
     Parameters
     ----------
-    found : rests of one record.
+    dwells : rests of one record.
     """
     roles: tuple[Role, ...] = ("measured", "model", "other", "floor")
     lines = [
-        Line(found.t, y, name if len(found.names) > 1 else "", role, COLUMNS)
-        for name, y, role in zip(found.names, found.outputs.T, roles, strict=False)
+        Line(dwells.t, y, name if len(dwells.names) > 1 else "", role, COLUMNS)
+        for name, y, role in zip(dwells.names, dwells.outputs.T, roles, strict=False)
     ]
-    top = float(found.outputs.max()) + MARGIN * float(np.ptp(found.outputs))
-    numbers = [Text(0.5 * (rest.start + rest.end), top, str(i), "center") for i, rest in enumerate(found.rests, 1)]
+    top = float(dwells.outputs.max()) + MARGIN * float(np.ptp(dwells.outputs))
+    numbers = [Text(0.5 * (rest.start + rest.end), top, str(i), "center") for i, rest in enumerate(dwells.rests, 1)]
     return Figure(
-        (Panel((*lines, *numbers), Axis("time", "s"), Axis("output", found.unit)),),
-        f"{found.name}: {len(found.rests)} rests found; look at them before they are used",
-        stretches=tuple(Stretch(rest.start, rest.end, role="grid") for rest in found.rests),
+        (Panel((*lines, *numbers), Axis("time", "s"), Axis("output", dwells.unit)),),
+        f"{dwells.name}: {len(dwells.rests)} rests found; look at them before they are used",
+        stretches=tuple(Stretch(rest.start, rest.end, role="grid") for rest in dwells.rests),
     )

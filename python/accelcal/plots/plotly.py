@@ -87,8 +87,10 @@ def drawn(figure: Figure, theme: ThemeName = "light") -> Drawn:
     MissingExtra
         If plotly is not installed.
     """
-    made: Drawn = optional("plotly.graph_objects", "interactive figures need", "report").Figure(as_dict(figure, theme))
-    return made
+    drawing: Drawn = optional("plotly.graph_objects", "interactive figures need", "report").Figure(
+        as_dict(figure, theme)
+    )
+    return drawing
 
 
 class Page:
@@ -119,11 +121,11 @@ class Page:
     def _panel(self, number: int, panel: Panel, across: tuple[float, float], upward: tuple[float, float]) -> None:
         self.at = "" if number == 0 else str(number + 1)
         for letter, other, axis, domain in (("x", "y", panel.x, across), ("y", "x", panel.y, upward)):
-            made = self._axis(axis)
-            made |= {"domain": [max(0.0, domain[0]), min(1.0, domain[1])], "anchor": f"{other}{self.at}"}
+            layout = self._axis(axis)
+            layout |= {"domain": [max(0.0, domain[0]), min(1.0, domain[1])], "anchor": f"{other}{self.at}"}
             if panel.sentence:
-                made["visible"] = False
-            self.axes[f"{letter}axis{self.at}"] = made
+                layout["visible"] = False
+            self.axes[f"{letter}axis{self.at}"] = layout
         x, last = self.axes[f"xaxis{self.at}"], len(self.figure.panels)
         if self.figure.shared_x and number + 1 < last:
             x |= {"matches": f"x{last}", "showticklabels": False}
@@ -140,7 +142,7 @@ class Page:
                 self._note(text, across[1], at, xref="paper", xanchor="left", xshift=4)
 
     def _axis(self, axis: Axis) -> dict[str, Any]:
-        made: dict[str, Any] = {
+        layout: dict[str, Any] = {
             "gridcolor": self.look.grid,
             "showgrid": axis.grid,
             "zeroline": False,
@@ -152,15 +154,15 @@ class Page:
             "exponentformat": "power",
         }
         if axis.few:
-            made["nticks"] = 5
+            layout["nticks"] = 5
         if axis.scale == "log":
-            made["type"] = "log"
+            layout["type"] = "log"
         if axis.range is not None:
-            made["range"] = [math.log10(v) if axis.scale == "log" else float(v) for v in axis.range]
+            layout["range"] = [math.log10(v) if axis.scale == "log" else float(v) for v in axis.range]
         if axis.all_ticks is not None:
             values, texts = axis.all_ticks
-            made |= {"tickvals": [float(v) for v in values], "ticktext": [lines(text) for text in texts]}
-        return made
+            layout |= {"tickvals": [float(v) for v in values], "ticktext": [lines(text) for text in texts]}
+        return layout
 
     def _trace(self, name: str, hover: str | Sequence[str] | None, **more: Any) -> None:
         """A trace of the current panel; the first of a name stands for all of them in the legend."""
@@ -229,14 +231,14 @@ class Page:
 
     def _band(self, mark: Band) -> None:
         x, low, high = mark.drawn
-        known = np.isfinite(low) & np.isfinite(high)
+        finite = np.isfinite(low) & np.isfinite(high)
         colour = self.look.style(mark.role).colour
         line = {"color": colour, "width": 1.0 if mark.outlined else 0.0, "dash": "dot"}
-        common = {"type": "scatter", "x": packed(x[known]), "mode": "lines", "line": line}
+        common = {"type": "scatter", "x": packed(x[finite]), "mode": "lines", "line": line}
         group = {"legendgroup": mark.name} if mark.name else {}
-        self._trace("", None, y=packed(low[known]), **common, **group)
+        self._trace("", None, y=packed(low[finite]), **common, **group)
         self._trace(
-            mark.name, None, y=packed(high[known]), fill="tonexty", fillcolor=translucent(colour, 0.25), **common
+            mark.name, None, y=packed(high[finite]), fill="tonexty", fillcolor=translucent(colour, 0.25), **common
         )
 
     def _points(self, mark: Points, unit: str) -> None:

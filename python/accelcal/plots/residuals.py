@@ -84,12 +84,12 @@ def quantile_plot(comparison: Evaluation) -> Figure:
 
 def _quantiles(y: Array) -> tuple[Panel, str]:
     """Quantiles of residuals (n,) over those of the normal distribution, and how many are drawn."""
-    expected, seen = normal_quantiles(y)
+    expected, observed = normal_quantiles(y)
     ends = np.array([expected[0], expected[-1]])
-    points = Points(expected, seen, "residuals", hollow=True)
+    points = Points(expected, observed, "residuals", hollow=True)
     marks = (points, Line(ends, ends, "standard normal", "other"))
     panel = Panel(marks, Axis("normal quantile", "1"), Axis("quantile of residuals", "1"), height=282.0)
-    return panel, points_shown(len(seen), len(y))
+    return panel, points_shown(len(observed), len(y))
 
 
 def normal_quantiles(y: Array) -> tuple[Array, Array]:
@@ -115,10 +115,10 @@ def autocorrelation(comparison: Evaluation) -> Figure:
     comparison : from `accelcal.compare`.
     """
     headline = "Autocorrelation of one-step residuals"
-    found = _whiteness(comparison, 1)
-    if found is None:
+    whiteness = _whiteness(comparison, 1)
+    if whiteness is None:
         return sentence(headline, "The record has too few readings for an autocorrelation.")
-    panel, beyond = _lags(found)
+    panel, beyond = _lags(whiteness)
     return Figure((replace(panel, title=""),), f"{headline}: {beyond} expected by chance")
 
 
@@ -129,11 +129,11 @@ def whiteness_plot(comparison: Evaluation) -> Figure:
     ----------
     comparison : from `accelcal.compare`.
     """
-    found = _whiteness(comparison, 4)
-    if found is None:
+    whiteness = _whiteness(comparison, 4)
+    if whiteness is None:
         return sentence("Whiteness", "The record has too few readings for a test.")
     power = cumulative_periodogram(comparison.normalised[1])
-    panel, beyond = _lags(found)
+    panel, beyond = _lags(whiteness)
     text = (
         f"Whiteness: {beyond} by chance; cumulative periodogram {power.distance / power.limit:.2g} times its 95 % limit"
     )
@@ -147,10 +147,10 @@ def _whiteness(comparison: Evaluation, least: int) -> Whiteness | None:
     return None if lags < least or not np.any(y) else whiteness(y, lags)
 
 
-def _lags(found: Whiteness) -> tuple[Panel, str]:
+def _lags(whiteness: Whiteness) -> tuple[Panel, str]:
     """Autocorrelation at each lag with the limits of white residuals, and how many lie outside."""
-    rho = found.autocorrelation
-    lags, limit = len(rho), TWO_SIDED_95 / math.sqrt(found.samples)
+    rho = whiteness.autocorrelation
+    lags, limit = len(rho), TWO_SIDED_95 / math.sqrt(whiteness.samples)
     lag = np.arange(1.0, lags + 1.0)
     stems = np.column_stack([np.zeros(lags), rho, np.full(lags, np.nan)]).ravel()
     marks = (
@@ -187,28 +187,28 @@ def spectrum(fit: Fit, comparison: Evaluation, findings: Sequence[NoiseTest] = (
     lines = [(f.parts["frequency"], spelled(f.effect)) for f in findings if "frequency" in f.parts]
     below, whole = accel_spectrum(fit, comparison), one_step_spectrum(comparison)
     panels, outside = [], []
-    for seen, quantity, unit, title in (
+    for density, quantity, unit, title in (
         (below, "accelerometer residual", "(m/s²)/√Hz", "accelerometer residual, inside the band"),
         (whole, "one-step residual / predicted σ", "1/√Hz", "one-step residual, up to half the reading rate"),
     ):
-        if seen is not None:
-            f = seen.frequency
+        if density is not None:
+            f = density.frequency
             marks: list[Mark] = [
                 Band(
                     f,
-                    np.sqrt(seen.predicted * seen.low),
-                    np.sqrt(seen.predicted * seen.high),
+                    np.sqrt(density.predicted * density.low),
+                    np.sqrt(density.predicted * density.high),
                     "95 % of predicted noise",
                 ),
-                Line(f, np.sqrt(seen.density), "residual", "residual", COLUMNS),
-                Line(f, np.sqrt(seen.predicted), "predicted noise", "floor"),
+                Line(f, np.sqrt(density.density), "residual", "residual", COLUMNS),
+                Line(f, np.sqrt(density.predicted), "predicted noise", "floor"),
             ]
             inside = [(at, name) for at, name in lines if f[0] <= at <= f[-1]]
             marks += [Level(at, role="other", upright=True, text=f"{name} {at:.4g} Hz") for at, name in inside]
             frequency = Axis("frequency", "Hz", "log", (float(f[0]), float(f[-1])))
-            panels.append(Panel(tuple(marks), frequency, Axis(quantity, unit, "log", _reach(seen)), title))
-            ratio = seen.density / seen.predicted
-            outside.append(float(np.mean((ratio < seen.low) | (ratio > seen.high))))
+            panels.append(Panel(tuple(marks), frequency, Axis(quantity, unit, "log", _reach(density)), title))
+            ratio = density.density / density.predicted
+            outside.append(float(np.mean((ratio < density.low) | (ratio > density.high))))
     if not panels:
         return sentence("Spectrum", "The record is too short for a spectrum.")
     named = "; ".join(f"{name} at {at:.4g} Hz" for at, name in lines)
@@ -218,9 +218,9 @@ def spectrum(fit: Fit, comparison: Evaluation, findings: Sequence[NoiseTest] = (
     return Figure(tuple(panels), text, f"lines found: {named}" if named else "no significant line", columns=2)
 
 
-def _reach(seen: Spectrum) -> tuple[float, float]:
+def _reach(density: Spectrum) -> tuple[float, float]:
     """Ends of the ordinate: residual and prediction whole, and at least two decades."""
-    y = np.sqrt(np.concatenate([np.maximum(seen.density, 1e-300), seen.predicted]))
+    y = np.sqrt(np.concatenate([np.maximum(density.density, 1e-300), density.predicted]))
     low, high = 0.8 * float(np.quantile(y, 0.002)), 1.6 * float(y.max())
     middle = math.sqrt(low * high)
     return min(low, 0.1 * middle), max(high, 10.0 * middle)
@@ -234,8 +234,8 @@ TOO_SHORT = "The record is too short for residuals by region."
 def ordered(comparison: Evaluation) -> list[tuple[Bins, float]]:
     """Bins of every variable of the motion with the share of the mean square that they explain, most first."""
     rms = comparison.accel_rms
-    found = [(b, b.explained(rms)) for b in comparison.bins if b.variable != "frequency"]
-    return sorted(found, key=lambda pair: -pair[1])
+    bins = [(b, b.explained(rms)) for b in comparison.bins if b.variable != "frequency"]
+    return sorted(bins, key=lambda pair: -pair[1])
 
 
 def regions(comparison: Evaluation, most: int | None = None) -> Figure:
@@ -291,12 +291,14 @@ def tiles(comparison: Evaluation) -> Figure:
     comparison : from `accelcal.compare`.
     """
     headline = "Residuals by region: mean of each bin in standard deviations expected from noise, σ"
-    seen = tiles_of(comparison)
-    if not seen.rows:
+    tile_values = tiles_of(comparison)
+    if not tile_values.rows:
         return sentence(headline, TOO_SHORT)
     bins = Axis("bin, from the smallest to the largest value", "1")
     note = "beyond ±2 σ in one tile of twenty by chance; empty: too few data"
-    return Figure((Panel((seen,), bins, Axis(), height=34.0 * len(seen.rows)),), headline, note, legend=False)
+    return Figure(
+        (Panel((tile_values,), bins, Axis(), height=34.0 * len(tile_values.rows)),), headline, note, legend=False
+    )
 
 
 def tiles_of(comparison: Evaluation) -> Tiles:

@@ -24,13 +24,13 @@ TALL, THIN = 180.0, 100.0
 LINEARITY_HEAD = ("term", "from", "value ± U (k = 2)", "steps")
 
 
-def response_rows(found: FrequencyResponse) -> list[tuple[str, ...]]:
+def response_rows(answer: FrequencyResponse) -> list[tuple[str, ...]]:
     """A row of cells for each point, under `RESPONSE_HEAD`."""
-    model = found.model
-    deviations = [math.nan] * len(found.points) if model is None else list(model.best.deviations)
+    model = answer.model
+    deviations = [math.nan] * len(answer.points) if model is None else list(model.best.deviations)
     failing = () if model is None else model.failing
     rows = []
-    for point, deviation in zip(found.points, deviations, strict=True):
+    for point, deviation in zip(answer.points, deviations, strict=True):
         fails = ", fails" if point.frequency in failing else ""
         rows.append((*_cells(point), "" if math.isnan(deviation) else f"{deviation:.1f}{fails}"))
     return rows
@@ -79,9 +79,9 @@ def with_expanded(value: float, expanded: float, unit: str) -> str:
     return with_unit(f"({rounded(value, expanded)} ± {rounded(expanded, expanded)}){typeset(f'e{power}')}", unit)
 
 
-def fit_rows(found: FrequencyResponse) -> list[tuple[str, ...]]:
+def fit_rows(answer: FrequencyResponse) -> list[tuple[str, ...]]:
     """The chosen structure, then those that the frequencies do not separate from it, under `FIT_HEAD`."""
-    model = found.model
+    model = answer.model
     if model is None:
         return []
     return [
@@ -97,31 +97,31 @@ def fit_rows(found: FrequencyResponse) -> list[tuple[str, ...]]:
     ]
 
 
-def linearity_rows(found: FrequencyResponse) -> list[tuple[str, ...]]:
+def linearity_rows(answer: FrequencyResponse) -> list[tuple[str, ...]]:
     """Quadratic and cubic term by each way of measuring them, under `LINEARITY_HEAD`."""
-    return [(t.name, t.source, with_expanded(t.value, t.expanded, t.unit), str(t.count)) for t in found.terms]
+    return [(t.name, t.source, with_expanded(t.value, t.expanded, t.unit), str(t.count)) for t in answer.terms]
 
 
-def response_sentences(found: FrequencyResponse) -> list[str]:
+def response_sentences(answer: FrequencyResponse) -> list[str]:
     """What was concluded beyond the tables: where the fit fails, what is confounded, the fit in the time domain."""
-    model, check = found.model, found.check
+    model, check = answer.model, answer.check
     texts = ["too few points for a parametric fit"] if model is None else [model.failure, model.further]
     if model is not None and not model.failure:
-        texts[0] = f"{model.best.structure.name} fails at none of the {len(found.points)} points"
+        texts[0] = f"{model.best.structure.name} fails at none of the {len(answer.points)} points"
     texts.append("" if check is None else check if isinstance(check, str) else check.sentence)
     return [f"{text[:1].upper()}{text[1:]}.".replace("+-", "±").replace(" us", " µs") for text in texts if text]
 
 
-def sensitivity(found: FrequencyResponse) -> Figure:
+def sensitivity(answer: FrequencyResponse) -> Figure:
     """Draw magnitude and phase against frequency with expanded uncertainties, each above its deviation from the fit.
 
     Parameters
     ----------
-    found : from `accelcal.response.frequency_response`.
+    answer : from `accelcal.response.frequency_response`.
     """
-    f, value = np.array([p.frequency for p in found.points]), np.array([p.value for p in found.points])
-    magnitude, wide = np.abs(value), np.array([p.expanded for p in found.points])
-    phase, wide_phase = np.unwrap(np.angle(value)), np.degrees([p.expanded_phase for p in found.points])
+    f, value = np.array([p.frequency for p in answer.points]), np.array([p.value for p in answer.points])
+    magnitude, wide = np.abs(value), np.array([p.expanded for p in answer.points])
+    phase, wide_phase = np.unwrap(np.angle(value)), np.degrees([p.expanded_phase for p in answer.points])
     headline = f"Sensitivity from {f[0]:.4g} to {f[-1]:.4g} Hz"
     grid, failing = np.geomspace(f[0], f[-1], 400), np.zeros(len(f), dtype=np.bool_)
     axis = Axis("frequency", "Hz", "log", (0.92 * float(f[0]), 1.08 * float(f[-1])))
@@ -137,21 +137,21 @@ def sensitivity(found: FrequencyResponse) -> Figure:
                 ]
                 marks.append(Points(f[chosen], y[chosen], name, role, expanded[chosen], hover=hover))
         drawn = [y - expanded, y + expanded]
-        if fitted is not None and found.model is not None:
-            marks.append(Line(grid, fitted, found.model.best.structure.name, "band"))
+        if fitted is not None and answer.model is not None:
+            marks.append(Line(grid, fitted, answer.model.best.structure.name, "band"))
             drawn.append(fitted)
         low, high = float(min(map(np.min, drawn))), float(max(map(np.max, drawn)))
         margin = 0.06 * (high - low)
         return Panel(tuple(marks), axis, Axis(quantity, unit, range=(low - margin, high + margin)), height=height)
 
-    if found.model is None:
+    if answer.model is None:
         bare = (
             panel("magnitude", "1", magnitude, wide, None, TALL),
             panel("phase", "°", np.degrees(phase), wide_phase, None, TALL),
         )
         return Figure(bare, headline, shared_x=True)
-    best = found.model.best
-    failing = np.isin(f, found.model.failing)
+    best = answer.model.best
+    failing = np.isin(f, answer.model.failing)
     there, along = best.response(f), best.response(grid)
     turns = np.unwrap(np.angle(along))
     turns += 2.0 * np.pi * round((phase[0] - turns[0]) / (2.0 * np.pi))
@@ -163,5 +163,5 @@ def sensitivity(found: FrequencyResponse) -> Figure:
         panel("phase", "°", np.degrees(phase), wide_phase, np.degrees(turns), TALL),
         panel("deviation", "°", np.degrees(np.angle(relative)), wide_phase, zero, THIN),
     )
-    verdict = found.model.failure.partition(":")[0].removeprefix("it ") or f"fails at none of {len(f)} points"
+    verdict = answer.model.failure.partition(":")[0].removeprefix("it ") or f"fails at none of {len(f)} points"
     return Figure(panels, f"{headline}: {best.structure.name} {verdict}", shared_x=True)

@@ -145,14 +145,16 @@ def dependence(
     if "period" in shape:
         slow = traverse(PERIODS * shape["period"])
         return "position", slow.p, contributions(effect, slow, shape)
-    known = values(s)
-    found = next((n for n in VARIABLES if all(explained_share(known[n], y) > FOLLOWS for y in curves.values())), None)
-    if found is None:
+    by_name = values(s)
+    variable = next(
+        (n for n in VARIABLES if all(explained_share(by_name[n], y) > FOLLOWS for y in curves.values())), None
+    )
+    if variable is None:
         return None
-    x = known[found]
+    x = by_name[variable]
     loops = any(explained_share(x, y) < LOOPS for y in curves.values())
     order = np.arange(len(x)) if loops else np.argsort(x, kind="stable")
-    return found, x[order], {name: y[order] for name, y in curves.items()}
+    return variable, x[order], {name: y[order] for name, y in curves.items()}
 
 
 def traverse(length: float) -> Signals:

@@ -84,42 +84,42 @@ def marks(recording: Recording) -> Marks:
         If the channels do not overlap.
     """
     recording = without_wrong_readings(recording)
-    found = usable(recording)
-    seen = faults(recording, prepare(recording, start=found.start, end=found.end))
-    gone = tuple(left_out_remarks([recording], "", found.start, found.end))
-    return Marks(found.start, found.end, found.breaks, seen, tuple(rest(recording)), gone)
+    part = usable(recording)
+    fault_list = faults(recording, prepare(recording, start=part.start, end=part.end))
+    gone = tuple(left_out_remarks([recording], "", part.start, part.end))
+    return Marks(part.start, part.end, part.breaks, fault_list, tuple(rest(recording)), gone)
 
 
-def timeline(recording: Recording, seen: Marks) -> Figure:
+def timeline(recording: Recording, marked: Marks) -> Figure:
     """Draw position and output over time with breaks, faults and rest marked.
 
     Parameters
     ----------
     recording : whole.
-    seen : from `marks`.
+    marked : from `marks`.
     """
     position, accel = recording.position, recording.accel
     factor, unit = prefixed("m", position.y)
     above: list[Mark] = [Line(position.t, position.y * factor, "position", "measured", COLUMNS)]
     below: list[Mark] = [Line(accel.t, accel.y, "output", "residual", COLUMNS)]
-    above += [Level(at, role="other", upright=True, text=f"break at {instant(at)} s") for at in seen.breaks]
-    below += [Level(at, role="other", upright=True) for at in seen.breaks]
-    if seen.faults:
-        times = np.array([f.time for f in seen.faults])
+    above += [Level(at, role="other", upright=True, text=f"break at {instant(at)} s") for at in marked.breaks]
+    below += [Level(at, role="other", upright=True) for at in marked.breaks]
+    if marked.faults:
+        times = np.array([f.time for f in marked.faults])
         at = np.interp(times, position.t, position.y * factor)
-        above.append(Points(times, at, "fault", "fault", hover=[f.sentence for f in seen.faults]))
-    longest = sorted(seen.rest, key=lambda stretch: stretch[0] - stretch[1])[:MOST]
+        above.append(Points(times, at, "fault", "fault", hover=[f.sentence for f in marked.faults]))
+    longest = sorted(marked.rest, key=lambda stretch: stretch[0] - stretch[1])[:MOST]
     text = ", ".join(
-        f"{len(found)} {what}{'s'[: len(found) != 1]}" if found else f"no {what}"
-        for found, what in ((seen.breaks, "break"), (seen.faults, "fault"))
+        f"{len(stretches)} {what}{'s'[: len(stretches) != 1]}" if stretches else f"no {what}"
+        for stretches, what in ((marked.breaks, "break"), (marked.faults, "fault"))
     )
     return Figure(
         (
             Panel(tuple(above), TIME, Axis("position", unit), height=160.0),
             Panel(tuple(below), TIME, Axis("output", "m/s²"), height=160.0),
         ),
-        f"Used from {instant(seen.start)} s to {instant(seen.end)} s: {text}",
-        "shaded: at rest" if seen.rest else "",
+        f"Used from {instant(marked.start)} s to {instant(marked.end)} s: {text}",
+        "shaded: at rest" if marked.rest else "",
         shared_x=True,
         stretches=tuple(Stretch(begin, end, role="grid") for begin, end in longest),
     )
@@ -211,13 +211,16 @@ def overlay(models: Models, *, window: Window | None = None, chosen: Window | No
 
     output = [line(current.accel_residual[0], current.measured, "measured", "measured")]
     residual, position = list[Line](), [line(t, moved * scale, "measured", "measured")]
-    for number, (name, seen) in enumerate(several):
-        role, faint = role_of_model(number, len(several)), 1.0 if seen is current else 0.5 + 0.4 * number / len(several)
-        at, left = seen.accel_residual
-        said = f"{name or 'model'}, {fit_text(seen)}"
-        output.append(line(at, seen.measured - left, said, role, faint))
+    for number, (name, evaluation) in enumerate(several):
+        role, faint = (
+            role_of_model(number, len(several)),
+            1.0 if evaluation is current else 0.5 + 0.4 * number / len(several),
+        )
+        at, left = evaluation.accel_residual
+        said = f"{name or 'model'}, {fit_text(evaluation)}"
+        output.append(line(at, evaluation.measured - left, said, role, faint))
         residual.append(line(at, left * ruler, said, role, faint, solid=True))
-        position.append(line(seen.simulated[0], seen.simulated[2] * scale, said, role, faint))
+        position.append(line(evaluation.simulated[0], evaluation.simulated[2] * scale, said, role, faint))
     ends = [float(end) for axis in (t, current.accel_residual[0]) if len(axis) for end in (axis[0], axis[-1])]
     time = Axis("time", "s", range=window or (min(ends, default=0.0), max(ends, default=1.0)))
     worst = [stretch for stretch in worst_stretches(*current.accel_residual) if stretch != chosen]
@@ -253,11 +256,11 @@ def named_models(models: Models) -> list[tuple[str, Evaluation]]:
     return several
 
 
-def fit_text(seen: Evaluation) -> str:
+def fit_text(evaluation: Evaluation) -> str:
     """The fit of one model in percent."""
-    if seen.fit_percent is None:
+    if evaluation.fit_percent is None:
         return "too short for a fit in percent"
-    return f"fit {percent(seen.fit_percent)}"
+    return f"fit {percent(evaluation.fit_percent)}"
 
 
 def closely(models: Sequence[tuple[str, Evaluation]]) -> Figure:
@@ -280,7 +283,7 @@ def closely(models: Sequence[tuple[str, Evaluation]]) -> Figure:
         return sentence("Measured and simulated output", f"The record is too short below {current.band:.3g} Hz.")
     begin, end = close_stretch(current)
     part = (t >= begin) & (t <= end)
-    factor, unit = prefixed("m/s²", *(seen.accel_residual[1] for _, seen in several))
+    factor, unit = prefixed("m/s²", *(evaluation.accel_residual[1] for _, evaluation in several))
     above = (
         Line(t[part], current.measured[part], "measured", "measured", CLOSE_COLUMNS),
         Line(t[part], (current.measured - residual)[part], f"simulated, {name}", "model", CLOSE_COLUMNS),
@@ -288,8 +291,8 @@ def closely(models: Sequence[tuple[str, Evaluation]]) -> Figure:
     shown: list[tuple[str, Evaluation, Role]] = [(*several[0], "other")] if len(several) > 1 else []
     shown.append((name, current, "residual"))
     below = [
-        Line(seen.accel_residual[0], seen.accel_residual[1] * factor, f"residual, {called}", role, COLUMNS)
-        for called, seen, role in shown
+        Line(evaluation.accel_residual[0], evaluation.accel_residual[1] * factor, f"residual, {called}", role, COLUMNS)
+        for called, evaluation, role in shown
     ]
     text = "too short for a fit in percent"
     if current.fit_percent is not None:
@@ -304,16 +307,20 @@ def closely(models: Sequence[tuple[str, Evaluation]]) -> Figure:
     )
 
 
-def close_stretch(seen: Evaluation) -> tuple[float, float]:
+def close_stretch(evaluation: Evaluation) -> tuple[float, float]:
     """The stretch of a record, at most `CLOSE` long, about the largest residual or, where none stands out, the largest
     output.
 
     Both ends lie in the record, s.
     """
-    t, residual = seen.accel_residual
+    t, residual = evaluation.accel_residual
     first, last = float(t[0]), float(t[-1])
     worst = worst_stretches(t, residual)
-    middle = float(np.mean(worst[0])) if worst else float(t[np.argmax(np.abs(seen.measured - np.mean(seen.measured)))])
+    middle = (
+        float(np.mean(worst[0]))
+        if worst
+        else float(t[np.argmax(np.abs(evaluation.measured - np.mean(evaluation.measured)))])
+    )
     begin = min(max(first, middle - 0.5 * CLOSE), max(first, last - CLOSE))
     return begin, min(last, begin + CLOSE)
 
@@ -334,11 +341,11 @@ def tracks(track: Track) -> Figure:
     """
     panels = []
     for name, y, std, si in zip(track.names[:MOST_TRACKS], track.values.T, track.std.T, track.units, strict=False):
-        known = np.isfinite(std)
-        ends = settled(y[known] - 2.0 * std[known], y[known] + 2.0 * std[known]) or (0.0, 1.0)
+        finite = np.isfinite(std)
+        ends = settled(y[finite] - 2.0 * std[finite], y[finite] + 2.0 * std[finite]) or (0.0, 1.0)
         factor, unit = formatting.prefixed(si, *ends) if si != "s" else milliseconds(*ends)
-        y, reach = y[known] * factor, 2.0 * std[known] * factor
-        marks = (Band(track.t[known], y - reach, y + reach, SIGMAS), Line(track.t[known], y, "estimate", "residual"))
+        y, reach = y[finite] * factor, 2.0 * std[finite] * factor
+        marks = (Band(track.t[finite], y - reach, y + reach, SIGMAS), Line(track.t[finite], y, "estimate", "residual"))
         axis = Axis("estimate", unit, range=(ends[0] * factor, ends[1] * factor))
         panels.append(Panel(marks, TIME, axis, spelled(name), 138.0))
     left = len(track.names) - len(panels)
@@ -379,8 +386,8 @@ def live_tracks(history: LiveHistory) -> Figure:
     marks = (Band(t, -wide, wide, SIGMAS), Line(t, columns.e * factor, role="residual", marker="."))
     panels.append(Panel(marks, TIME, Axis("innovation", "µm"), "innovation", 150.0))
     at = np.array([alarm.since for alarm in history.alarms], dtype=float)
-    known = np.isfinite(columns.nis)
-    height = np.interp(at, t[known], columns.nis[known]) if known.any() and len(at) else np.zeros(0)
+    finite = np.isfinite(columns.nis)
+    height = np.interp(at, t[finite], columns.nis[finite]) if finite.any() and len(at) else np.zeros(0)
     nis = (Band(t, columns.low, columns.high), Line(t, columns.nis, role="residual"))
     alarms = Points(at[: len(height)], height, "alarm", "fault", hover=[f"alarm at {s:.4g} s" for s in at])
     panels.append(Panel((*nis, alarms), TIME, Axis("NIS", "1"), "NIS, 99 % inside the band", 150.0))

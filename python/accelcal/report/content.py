@@ -107,14 +107,14 @@ def gather(
 
         return tried
 
-    found = diagnosis or diagnose(fit, recording, extra=extra, progress=within(progress, 0.0, 0.35))
+    verdict_found = diagnosis or diagnose(fit, recording, extra=extra, progress=within(progress, 0.0, 0.35))
     progress(0.35)
-    span: dict[str, Any] = dict(zip(("start", "end"), found.used[0], strict=True))
-    whole = recording.part(*found.used[0]) if found.breaks else recording
+    span: dict[str, Any] = dict(zip(("start", "end"), verdict_found.used[0], strict=True))
+    whole = recording.part(*verdict_found.used[0]) if verdict_found.breaks else recording
     unseen, judged_in = (recording, span) if holdout is None else (holdout, {})
-    reduced, seen, followed, response, judged = on_two_threads(
+    reduced, evaluation, followed, response, judged = on_two_threads(
         (
-            attempt("the error reduction", lambda _: error_reduction(fit, recording, holdout, found)),
+            attempt("the error reduction", lambda _: error_reduction(fit, recording, holdout, verdict_found)),
             attempt("the detection limits", lambda part: power(fit, recording, extra=extra, progress=part, **span)),
             attempt("the parameter tracks", lambda _: track(fit, recording, **span)),
             attempt("the frequency response", lambda _: stepped_response(whole)),
@@ -125,12 +125,12 @@ def gather(
     )
     grown, nested = reduced or (None, None)
     named = shapes(fit) or (shapes(nested.fits[-1]) if nested is not None else ())
-    remarks += [] if grown is None else [one.sentence for one in grown.remarks]
+    remarks += [] if grown is None else [note.sentence for note in grown.remarks]
     return Content(
         fit=fit,
         recording=recording,
         holdout=holdout,
-        diagnosis=found,
+        diagnosis=verdict_found,
         judged=judged,
         unseen=unseen.digest not in {run.digest for run in fit.runs},
         marks=marks(recording),
@@ -139,7 +139,7 @@ def gather(
         applied=attempt("the worked example", lambda _: example(fit))(progress),
         nested=nested,
         lacking=0 if grown is None else grown.lacking,
-        power=seen,
+        power=evaluation,
         track=followed,
         shapes=named,
         response=response,
@@ -149,13 +149,13 @@ def gather(
 
 
 def error_reduction(
-    fit: Fit, recording: Recording, holdout: Recording | None, found: Diagnosis
+    fit: Fit, recording: Recording, holdout: Recording | None, comparison: Diagnosis
 ) -> tuple[NestedFits, Comparison]:
     """Base of a model, then one more effect at a time, then those that it lacks, compared on unseen data: the held-out
     recording, or the end of its own, to which none of them is fitted then."""
-    start, end = found.used[0]
+    start, end = comparison.used[0]
     split = end if holdout is not None else end - HELD_OUT * (end - start)
-    grown = nested_fits(fit, [recording], found.scan.found, start=start, end=split, refit=holdout is None)
+    grown = nested_fits(fit, [recording], comparison.scan.found, start=start, end=split, refit=holdout is None)
     if holdout is not None:
         return grown, compare(grown.fits, holdout, names=grown.names)
     return grown, replace(compare(grown.fits, recording, names=grown.names, start=split, end=end), same_run=True)

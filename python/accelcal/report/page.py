@@ -144,8 +144,8 @@ def typeset(template: str, texts: Mapping[str, Any], figures: Mapping[str, bytes
     """
     typst = optional("typst", "a PDF needs", "pdf")
     with sources(template, texts, figures) as settings:
-        made = typst.compile(**settings, format=form)
-    return [made] if form == "png" and isinstance(made, bytes) else made
+        document = typst.compile(**settings, format=form)
+    return [document] if form == "png" and isinstance(document, bytes) else document
 
 
 @contextmanager
@@ -194,22 +194,22 @@ BADGES = {
 }
 
 
-def agreement_view(found: Agreement) -> dict[str, Any]:
+def agreement_view(result: Agreement) -> dict[str, Any]:
     """Everything that is printed, by section."""
-    first, second = found.names
+    first, second = result.names
     return {
         "title": f"Comparison of two calibrations: {first} and {second}",
-        "verdict": {"agree": "adequate"}.get(found.verdict, found.verdict),
-        "badge": BADGES[found.verdict],
-        "sentence": sentence(found),
-        "notes": list(notes(found)),
-        "names": list(found.names),
-        "parameters": [row(found, one) for one in found.parameters],
-        "changes": [list(change) for change in found.changes],
+        "verdict": {"agree": "adequate"}.get(result.verdict, result.verdict),
+        "badge": BADGES[result.verdict],
+        "sentence": sentence(result),
+        "notes": list(notes(result)),
+        "names": list(result.names),
+        "parameters": [row(result, parameter) for parameter in result.parameters],
+        "changes": [list(change) for change in result.changes],
         "method": METHOD,
         "files": [
             {"of": name, "name": file, "digest": digest}
-            for name, fit in zip(found.names, found.fits, strict=True)
+            for name, fit in zip(result.names, result.fits, strict=True)
             for file, digest in fit.sources
         ],
         "version": f"accelcal {__version__}",
@@ -223,16 +223,16 @@ METHOD = (
 )
 
 
-def sentence(found: Agreement) -> str:
+def sentence(result: Agreement) -> str:
     """The verdict with its numbers."""
-    several = len(found.compared)
-    curve = found.characteristic
-    if found.verdict == "not comparable":
+    several = len(result.compared)
+    curve = result.characteristic
+    if result.verdict == "not comparable":
         return "The two calibrations have no parameter and no range of acceleration in common."
-    if found.verdict == "agree":
+    if result.verdict == "agree":
         parts = []
         if several:
-            largest = max(found.compared, key=lambda one: abs(one.en or 0.0))
+            largest = max(result.compared, key=lambda parameter: abs(parameter.en or 0.0))
             parts.append(
                 f"in {counted(several)} of the sensor (largest |En| {ratio(abs(largest.en or 0.0))}, "
                 f"{spelled(largest.name)})"
@@ -240,7 +240,7 @@ def sentence(found: Agreement) -> str:
         if curve is not None:
             parts.append(f"in the characteristic (largest |En| {ratio(abs(float(curve.en[curve.worst])))})")
         return f"The two calibrations agree {' and '.join(parts)}."
-    parts = [f"{spelled(one.name)} (En {ratio(one.en or 0.0)})" for one in found.differing]
+    parts = [f"{spelled(parameter.name)} (En {ratio(parameter.en or 0.0)})" for parameter in result.differing]
     if curve is not None and abs(float(curve.en[curve.worst])) > LIMIT:
         i = curve.worst
         size, where = about("m/s²", float(curve.difference[i])), number(float(curve.a[i]), 3)
@@ -264,35 +264,35 @@ def counted(several: int) -> str:
     return "the one common parameter" if several == 1 else f"all {several} common parameters"
 
 
-def notes(found: Agreement) -> Iterator[str]:
+def notes(result: Agreement) -> Iterator[str]:
     """What must be read with the verdict."""
-    first, second = found.fits
-    serials = [fit.rig.sensor.serial for fit in found.fits]
+    first, second = result.fits
+    serials = [fit.rig.sensor.serial for fit in result.fits]
     if all(serials) and serials[0] != serials[1]:
         yield f"The serial numbers differ ({serials[0]} and {serials[1]}): these are two sensors."
-    if found.shared:
+    if result.shared:
         yield (
-            f"Both fits have used {', '.join(found.shared)}: the results are not independent, and En is no test of "
+            f"Both fits have used {', '.join(result.shared)}: the results are not independent, and En is no test of "
             "agreement."
         )
     lacking = [
-        f"{spelled(one.name)} (only in {found.names[0] if one.first is not None else found.names[1]})"
-        for one in found.only_in_one
+        f"{spelled(parameter.name)} (only in {result.names[0] if parameter.first is not None else result.names[1]})"
+        for parameter in result.only_in_one
     ]
     if lacking:
         yield (
             f"The models differ: {', '.join(lacking)}. Coefficients of different models are not directly comparable; "
             "the characteristics are."
         )
-    if found.characteristic is None:
+    if result.characteristic is None:
         yield "The ranges of acceleration do not overlap: the characteristics are not compared."
-    if len(found.compared) > 1:
-        some = 100.0 * (1.0 - (1.0 - BEYOND_BY_CHANCE) ** len(found.compared))
+    if len(result.compared) > 1:
+        some = 100.0 * (1.0 - (1.0 - BEYOND_BY_CHANCE) ** len(result.compared))
         yield (
-            f"Where nothing has changed, at least one of {len(found.compared)} parameters exceeds |En| = 1 in "
+            f"Where nothing has changed, at least one of {len(result.compared)} parameters exceeds |En| = 1 in "
             f"{some:.0f} % of comparisons."
         )
-    for name, fit in zip(found.names, (first, second), strict=True):
+    for name, fit in zip(result.names, (first, second), strict=True):
         yield from undeclared(name, fit)
 
 
@@ -303,17 +303,19 @@ def undeclared(name: str, fit: Fit) -> Iterator[str]:
         yield f"The uncertainties of {name} are those of the data alone; not declared: {', '.join(missing)}."
 
 
-def row(found: Agreement, one: ComparedParameter) -> dict[str, Any]:
+def row(result: Agreement, parameter: ComparedParameter) -> dict[str, Any]:
     """One line of the table of parameters."""
     return {
-        "name": spelled(one.name),
-        "symbol": one.symbol,
-        "owner": one.owner,
-        "first": value(one.first, one.expanded[0]),
-        "second": value(one.second, one.expanded[1]),
-        "difference": "" if one.difference is None else plain(one.unit, one.difference, one.joint or 0.0),
-        "en": "" if one.en is None else ratio(one.en),
-        "apart": one in found.differing,
+        "name": spelled(parameter.name),
+        "symbol": parameter.symbol,
+        "owner": parameter.owner,
+        "first": value(parameter.first, parameter.expanded[0]),
+        "second": value(parameter.second, parameter.expanded[1]),
+        "difference": ""
+        if parameter.difference is None
+        else plain(parameter.unit, parameter.difference, parameter.joint or 0.0),
+        "en": "" if parameter.en is None else ratio(parameter.en),
+        "apart": parameter in result.differing,
     }
 
 
@@ -324,29 +326,29 @@ def value(e: Estimate | None, expanded: float) -> str:
     return plain(e.unit, e.value, expanded) if expanded > 0.0 else f"{plain(e.unit, e.value, 0.0)} (held)"
 
 
-def agreement_html(found: Agreement) -> str:
+def agreement_html(result: Agreement) -> str:
     """Return the page.
 
     Parameters
     ----------
-    found : from `accelcal.calibration.agreement.agreement`.
+    result : from `accelcal.calibration.agreement.agreement`.
 
     Raises
     ------
     MissingExtra
         If matplotlib or jinja2 is not installed.
     """
-    figure = agreement(found)
+    figure = agreement(result)
     images: dict[str, str] = {theme: svg_url(matplotlib.draw(figure, theme)) for theme in THEMES}
-    return filled("agreement.html", v=agreement_view(found), **images)
+    return filled("agreement.html", v=agreement_view(result), **images)
 
 
-def agreement_pdf(found: Agreement, path: str | Path) -> None:
+def agreement_pdf(result: Agreement, path: str | Path) -> None:
     """Write it as PDF, whole or not at all.
 
     Parameters
     ----------
-    found : from `accelcal.calibration.agreement.agreement`.
+    result : from `accelcal.calibration.agreement.agreement`.
     path : file to write.
 
     Raises
@@ -354,5 +356,5 @@ def agreement_pdf(found: Agreement, path: str | Path) -> None:
     MissingExtra
         If typst or matplotlib is not installed.
     """
-    figures = {"agreement.svg": matplotlib.svg(matplotlib.draw(agreement(found)))}
-    atomic_write(path, typeset("agreement.typ", agreement_view(found), figures))
+    figures = {"agreement.svg": matplotlib.svg(matplotlib.draw(agreement(result)))}
+    atomic_write(path, typeset("agreement.typ", agreement_view(result), figures))

@@ -163,7 +163,7 @@ def of_rig(rig: Rig, reference: str) -> list[tuple[str, str]]:
     if rig.resolution:
         step = f"resolution {number(rig.resolution * factor)} {unit}"
     filters = [f"RC low-pass {number(rig.lowpass.cutoff)} Hz"] if rig.lowpass else []
-    filters += [one.kind for one in rig.filters]
+    filters += [channel_filter.kind for channel_filter in rig.filters]
     return [
         ("sensor", f"{name}{full_scale}"),
         ("position reference", step) if reference == "position" else ("reference", reference),
@@ -177,8 +177,8 @@ def of_ranges(content: Content) -> list[tuple[str, str]]:
     valid = content.fit.validity
     parts = [f"{called} {span(unit, *valid[key])}" for key, called, unit in RANGES if key in valid]
     recorded = content.described["channels"].get("temperature")
-    found = valid.get("temperature") or (None if recorded is None else (recorded["min"], recorded["max"]))
-    warmth = f"{number(found[0])} °C to {number(found[1])} °C" if found else "not recorded"
+    limits = valid.get("temperature") or (None if recorded is None else (recorded["min"], recorded["max"]))
+    warmth = f"{number(limits[0])} °C to {number(limits[1])} °C" if limits else "not recorded"
     share = content.described["range_used"]
     used = "" if share is None else f" ({100.0 * share:.0f} % of full scale)"
     return [("range of motion", f"{', '.join(parts)}{used}"), ("temperature", warmth)]
@@ -193,16 +193,18 @@ def span(unit: str, low: float, high: float) -> str:
 def files(content: Content) -> list[dict[str, str]]:
     """Recordings with the SHA-256 of their files, by what they were used for."""
     fit = content.fit
-    found = [of_file("fit", run) for run in fit.runs]
-    found += [{"use": "fit", "name": one.name or "dwells", "digest": one.digest} for one in (fit.dwells,) if one]
-    known = {run.digest for run in fit.runs}
+    entries = [of_file("fit", run) for run in fit.runs]
+    entries += [
+        {"use": "fit", "name": dwells.name or "dwells", "digest": dwells.digest} for dwells in (fit.dwells,) if dwells
+    ]
+    digests = {run.digest for run in fit.runs}
     for use, run in (("evaluation", content.recording), ("held out", content.holdout)):
-        if run is not None and run.digest not in known:
-            found.append(of_file(use, run))
-    kept = found[:MOST_FILES]
-    if len(found) > MOST_FILES:
-        kept.append({"use": "", "name": f"and {len(found) - MOST_FILES} more, see Provenance", "digest": ""})
-    return kept
+        if run is not None and run.digest not in digests:
+            entries.append(of_file(use, run))
+    shown = entries[:MOST_FILES]
+    if len(entries) > MOST_FILES:
+        shown.append({"use": "", "name": f"and {len(entries) - MOST_FILES} more, see Provenance", "digest": ""})
+    return shown
 
 
 def of_file(use: str, run: RunFit | Recording) -> dict[str, str]:
@@ -235,9 +237,13 @@ def detection_limits(content: Content) -> list[str]:
     if content.diagnosis.verdict != "adequate" or content.power is None:
         return []
     mine = {effect.name: effect.traits for effect in BUILT_IN if (effect.owner, effect.port) == ("sensor", "output")}
-    found = [one for one in content.power.detectabilities if one.effect in mine and one.seen and len(one.smallest) == 1]
-    found.sort(key=lambda one: (not mine[one.effect].common, not mine[one.effect].static))
-    return [f"{spelled(one.effect)} {about(one.unit, one.smallest[0])}" for one in found[:MOST_LIMITS]]
+    shown = [
+        limit
+        for limit in content.power.detectabilities
+        if limit.effect in mine and limit.seen and len(limit.smallest) == 1
+    ]
+    shown.sort(key=lambda limit: (not mine[limit.effect].common, not mine[limit.effect].static))
+    return [f"{spelled(limit.effect)} {about(limit.unit, limit.smallest[0])}" for limit in shown[:MOST_LIMITS]]
 
 
 def not_tested(content: Content) -> Iterator[str]:
@@ -302,23 +308,23 @@ def view(content: Content) -> dict[str, Any]:
         "method": list(METHOD),
         "example": example(content),
         "provenance": provenance(content),
-        "remarks": [*(one.sentence for one in content.fit.remarks), *content.remarks],
+        "remarks": [*(note.sentence for note in content.fit.remarks), *content.remarks],
     }
 
 
 def summary(content: Content) -> list[str]:
     """The key figures: unaided drift, one-step prediction error, largest residual."""
-    seen = content.judged
+    evaluation = content.judged
     held_out = "a held-out part of the fitted recording" if content.is_part else "a held-out recording"
     kind = held_out if content.unseen else "the fitted recording"
     lines = []
-    h = headline_horizon(seen)
+    h = headline_horizon(evaluation)
     if h is not None:
         floor = f"; {floor_sentence(content.nested)}" if content.nested and content.nested.horizon == h else ""
-        lines.append(f"Unaided drift after {h:g} s on {kind}: {length(quoted_error(seen, h))} rms{floor}.")
-    lines += [f"{score.sentence[:1].upper()}{score.sentence[1:]}." for score in seen.noise_scores]
+        lines.append(f"Unaided drift after {h:g} s on {kind}: {length(quoted_error(evaluation, h))} rms{floor}.")
+    lines += [f"{score.sentence[:1].upper()}{score.sentence[1:]}." for score in evaluation.noise_scores]
     lines.append(
-        f"One-step prediction error: {length(seen.one_step_rms)} rms. {seen.worst[:1].upper()}{seen.worst[1:]}."
+        f"One-step prediction error: {length(evaluation.one_step_rms)} rms. {evaluation.worst[:1].upper()}{evaluation.worst[1:]}."
     )
     return lines
 
@@ -347,8 +353,8 @@ def found(content: Content) -> list[dict[str, Any]]:
             "p_value": probability(c.p_value),
             "contribution": contributed(content, c.effect),
         }
-        for one in d.scan.found
-        if (c := scanned.get(one.effect)) is not None
+        for effect_found in d.scan.found
+        if (c := scanned.get(effect_found.effect)) is not None
     ]
     rows += [
         {
@@ -383,15 +389,15 @@ def several(estimates: Sequence[Estimate | NoiseEffect]) -> str:
 
 def importance(content: Content) -> list[str]:
     """Effects sorted by the declared tolerance; empty where none is declared."""
-    found = content.diagnosis.importance
-    if found is None:
+    rows = content.diagnosis.importance
+    if rows is None:
         return []
     parts = (
-        ("exceeded by", found.matters),
-        ("not reached by", found.below),
-        ("not applicable at the encoder to", found.not_comparable),
+        ("exceeded by", rows.matters),
+        ("not reached by", rows.below),
+        ("not applicable at the encoder to", rows.not_comparable),
     )
-    limit = f"Declared tolerance {number(found.tolerance)} m/s²"
+    limit = f"Declared tolerance {number(rows.tolerance)} m/s²"
     return [f"{limit}, {relation} {', '.join(names)}." for relation, names in parts if names]
 
 
@@ -437,16 +443,16 @@ def falling(content: Content) -> dict[str, Any] | None:
 
 def response(content: Content) -> dict[str, Any] | None:
     """Frequency response: tables, then what was concluded; None where the motion is not one of sine steps."""
-    found = content.response
-    if found is None:
+    answer = content.response
+    if answer is None:
         return None
     return {
-        "sentences": response_sentences(found),
+        "sentences": response_sentences(answer),
         "head": RESPONSE_HEAD,
-        "rows": response_rows(found),
+        "rows": response_rows(answer),
         "note": RESPONSE_NOTE,
-        "fits": {"head": FIT_HEAD, "rows": fit_rows(found)},
-        "linearity": {"head": LINEARITY_HEAD, "rows": linearity_rows(found)},
+        "fits": {"head": FIT_HEAD, "rows": fit_rows(answer)},
+        "linearity": {"head": LINEARITY_HEAD, "rows": linearity_rows(answer)},
     }
 
 
@@ -498,10 +504,10 @@ def volts(content: Content) -> list[dict[str, Any]]:
 
 def budget(content: Content) -> dict[str, Any]:
     """The uncertainty budget, or the keys that are not declared."""
-    found = content.budget
+    components = content.budget
 
     return {
-        "missing": list(found.missing),
+        "missing": list(components.missing),
         "lines": [
             {
                 "name": line.estimate.name,
@@ -524,15 +530,15 @@ def budget(content: Content) -> dict[str, Any]:
                     for c in line.components
                 ],
             }
-            for line in found.lines
+            for line in components.lines
         ],
     }
 
 
 def data(content: Content) -> dict[str, Any]:
     """Summary of the recording."""
-    seen = content.described
-    rest = sum(end - start for start, end in seen["rest_s"])
+    described = content.described
+    rest = sum(end - start for start, end in described["rest_s"])
     return {
         "channels": [
             {
@@ -542,16 +548,16 @@ def data(content: Content) -> dict[str, Any]:
                 "span": f"{instant(c['start_s'])} s to {instant(c['end_s'])} s",
                 "range": f"{number(c['min'])} to {number(c['max'])} {label('', c['unit']).strip(' ()')}",
             }
-            for name, c in seen["channels"].items()
+            for name, c in described["channels"].items()
         ],
         "used": [f"{instant(a)} s to {instant(b)} s" for a, b in content.diagnosis.used],
         "breaks": [f"{instant(t)} s" for t in content.diagnosis.breaks],
-        "range_used": None if seen["range_used"] is None else f"{100.0 * seen['range_used']:.0f} %",
-        "rest": f"{instant(rest)} s in {len(seen['rest_s'])} stretches",
+        "range_used": None if described["range_used"] is None else f"{100.0 * described['range_used']:.0f} %",
+        "rest": f"{instant(rest)} s in {len(described['rest_s'])} stretches",
         "dropped": [dropped.sentence for dropped in content.diagnosis.dropped],
-        "warnings": [f["text"] for f in seen["findings"] if f["severity"] == "warning"],
-        "notes": [f["text"] for f in seen["findings"] if f["severity"] != "warning"],
-        "assumptions": list(seen["assumptions"]),
+        "warnings": [f["text"] for f in described["findings"] if f["severity"] == "warning"],
+        "notes": [f["text"] for f in described["findings"] if f["severity"] != "warning"],
+        "assumptions": list(described["assumptions"]),
         "noise": [noise(content, i) for i in range(len(content.fit.runs))],
     }
 

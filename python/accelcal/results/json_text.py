@@ -39,7 +39,7 @@ def dumps(content: Mapping[str, Any], indent: int | None = 2) -> str:
 
 def escaped(text: str) -> str:
     """Text of JSON with escapes for characters that a terminal would obey."""
-    return ESCAPED.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    return ESCAPED.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
 
 
 def read_json(path: Path) -> Any:
@@ -101,8 +101,8 @@ def _text(path: Path) -> str:
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     content = dict(pairs)
     if len(content) != len(pairs):
-        seen: set[str] = set()
-        twice = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
+        keys: set[str] = set()
+        twice = next(key for key, _ in pairs if key in keys or keys.add(key))  # type: ignore[func-returns-value]
         raise ModelFileError(f"the key {twice[:40]!r} stands twice in one object, expected each key once")
     return content
 

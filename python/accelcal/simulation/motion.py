@@ -335,12 +335,14 @@ def sine_steps(frequencies: ArrayLike, amplitudes: ArrayLike, durations: ArrayLi
     9.5
     """
     f = np.atleast_1d(np.asarray(frequencies, dtype=np.float64))
-    each = np.broadcast_arrays(f, np.asarray(amplitudes, np.float64), np.asarray(durations, np.float64))
-    if not (np.isfinite(each).all() and np.min(each, initial=math.inf) > 0.0 and 0.0 <= rest < math.inf and len(f)):
+    columns = np.broadcast_arrays(f, np.asarray(amplitudes, np.float64), np.asarray(durations, np.float64))
+    if not (
+        np.isfinite(columns).all() and np.min(columns, initial=math.inf) > 0.0 and 0.0 <= rest < math.inf and len(f)
+    ):
         raise AccelcalError("sine_steps: expected frequencies, amplitudes and durations that are positive and finite")
     parts: list[Part] = []
     start = rest
-    for frequency, amplitude, duration in zip(*each, strict=True):
+    for frequency, amplitude, duration in zip(*columns, strict=True):
         size = np.array([amplitude / (2.0 * math.pi * frequency) ** 2])
         sine = Tones(size, np.array([frequency]), np.array([-2.0 * math.pi * frequency * start]))
         parts.append(Windowed(sine, start, start + duration, 0.1 * duration))

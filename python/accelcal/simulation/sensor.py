@@ -353,8 +353,8 @@ def _sensed(
 
     def shaking(t: Array) -> Array:
         assert tones is not None
-        each = (np.sin(2.0 * math.pi * f * t + phase) for f, phase in zip(*tones, strict=True))
-        return np.asarray(sum(each, np.zeros(len(t))) / math.sqrt(len(tones[0])))
+        waves = (np.sin(2.0 * math.pi * f * t + phase) for f, phase in zip(*tones, strict=True))
+        return np.asarray(sum(waves, np.zeros(len(t))) / math.sqrt(len(tones[0])))
 
     def sensed(t: Array) -> Array:
         _, v, a, _ = motion.derivatives(t - theta["time_offset"])
@@ -443,5 +443,5 @@ def _channel(name: str, t: Array, y: Array, unit: str, missing: float, rng: np.r
     """
     if not np.all(np.isfinite(y)):
         raise AccelcalError(f"the simulated {name} overflows; take a smaller motion or smaller parameters.")
-    kept = rng.random(len(t)) >= missing
-    return Channel(name, t[kept], y[kept], unit)
+    present = rng.random(len(t)) >= missing
+    return Channel(name, t[present], y[present], unit)

@@ -60,30 +60,30 @@ class Fields:
         fields = zip(self.found, self.roles, self.names, self.units, strict=True)
         return [
             mapping.Choice(
-                one.column, str(name.value if role.value == "other" else role.value), str(unit.value).strip()
+                choice.column, str(name.value if role.value == "other" else role.value), str(unit.value).strip()
             )
-            for one, role, name, unit in fields
+            for choice, role, name, unit in fields
         ]
 
-    def row(self, one: mapping.Choice) -> list[widgets.Cell]:
+    def row(self, choice: mapping.Choice) -> list[widgets.Cell]:
         """A line of the table of columns."""
-        known = one.channel if one.channel in NAMED else "other"
-        column = widgets.attribute(one.column)
+        role_name = choice.channel if choice.channel in NAMED else "other"
+        column = widgets.attribute(choice.column)
 
         def role() -> None:
-            made = ui.select(CHOICES, value=known)
-            self.roles.append(made.props(f'dense outlined aria-label="Role of {column}"'))
+            selector = ui.select(CHOICES, value=role_name)
+            self.roles.append(selector.props(f'dense outlined aria-label="Role of {column}"'))
 
         def name() -> None:
-            made = ui.input(value=one.channel if known == "other" else one.column)
-            made.bind_visibility_from(self.roles[-1], "value", value="other")
-            self.names.append(made.props(f'dense outlined aria-label="Name of {column}"'))
+            entry = ui.input(value=choice.channel if role_name == "other" else choice.column)
+            entry.bind_visibility_from(self.roles[-1], "value", value="other")
+            self.names.append(entry.props(f'dense outlined aria-label="Name of {column}"'))
 
         def unit() -> None:
-            made = ui.input(value=one.unit, placeholder="unit")
-            self.units.append(made.props(f'dense outlined aria-label="Unit of {column}"').classes("unit"))
+            entry = ui.input(value=choice.unit, placeholder="unit")
+            self.units.append(entry.props(f'dense outlined aria-label="Unit of {column}"').classes("unit"))
 
-        return [one.column, role, unit, name]
+        return [choice.column, role, unit, name]
 
 
 def form(page: Page) -> None:
@@ -92,7 +92,9 @@ def form(page: Page) -> None:
     assert run is not None
     text = mapping.text_of(run.file, run.sidecar, run.template)
     fields = Fields(mapping.choices(run.columns, text, run.template))
-    widgets.table(["column", "role", "unit", "channel name"], [fields.row(one) for one in fields.found], "Columns")
+    widgets.table(
+        ["column", "role", "unit", "channel name"], [fields.row(choice) for choice in fields.found], "Columns"
+    )
     widgets.heading("Sensor", 3)
     ui.label("An output in volts or counts needs its scale. The rest may stay empty.").classes("note")
     declared = mapping.sensor_in(text)
@@ -100,8 +102,8 @@ def form(page: Page) -> None:
     with ui.row().classes("line"):
         for key in SENSOR:
             label, example = KEYS["sensor"][key].label, KEYS["sensor"][key].example.strip('"')
-            made = ui.input(label, value=declared.get(key, ""), placeholder=example).props("dense outlined")
-            sensor[key] = made.classes("short")
+            entry = ui.input(label, value=declared.get(key, ""), placeholder=example).props("dense outlined")
+            sensor[key] = entry.classes("short")
     with ui.expansion("The body can turn", icon="360").classes("full"):
         direction, sense = turning()
     with ui.expansion("Everything else: the sidecar", icon="description").classes("full"):
@@ -112,11 +114,11 @@ def form(page: Page) -> None:
         try:
             axis = str(direction.value or ""), str(sense.value or "")
             entered = {key: str(one.value or "").strip() for key, one in sensor.items()}
-            made = mapping.sidecar_from(str(sheet.value), fields.chosen, *axis, entered)
+            sidecar = mapping.sidecar_from(str(sheet.value), fields.chosen, *axis, entered)
         except RecordingError as error:
             bench.refuse(str(error))
             return
-        await page.act(bench.declare, made)
+        await page.act(bench.declare, sidecar)
 
     with ui.row():
         widgets.button("Use this assignment", "check", use_columns, primary=bool(run.problem))
@@ -277,21 +279,21 @@ def time_line(page: Page, run: Run) -> None:
         check(run)
 
 
-def dwells(found: Dwells) -> None:
+def dwells(result: Dwells) -> None:
     """Every dwell of a table."""
     rows = [
         [f"{number(math.degrees(angle), 6)}°", amount(mean, std / math.sqrt(samples), "m/s²"), f"{number(long, 4)} s"]
         for angle, mean, std, samples, long in zip(
-            found.angle, found.mean, found.std, found.samples, found.duration, strict=True
+            result.angle, result.mean, result.std, result.samples, result.duration, strict=True
         )
     ]
     widgets.table(["attitude", "mean output", "duration"], rows, "Dwells")
-    widgets.lines(found.assumptions)
+    widgets.lines(result.assumptions)
 
 
 def check(run: Run) -> None:
     """Channels, warnings, notes and assumptions of the recording."""
-    seen = run.summary
+    summary = run.summary
     rows = [
         [
             name,
@@ -300,17 +302,17 @@ def check(run: Run) -> None:
             f"{number(c['start_s'], 6)} s to {number(c['end_s'], 6)} s",
             f"{number(c['min'])} to {number(c['max'])} {c['unit'].replace('^2', '²')}",
         ]
-        for name, c in seen["channels"].items()
+        for name, c in summary["channels"].items()
     ]
     widgets.table(["channel", "samples", "rate", "span", "range"], rows, "Channels")
     if run.marks is not None:
         widgets.lines([f"Suspect data: {remark.sentence}" for remark in run.marks.remarks], "warning")
     for severity, kind in (("warning", "warning"), ("note", "note")):
-        widgets.lines([f["text"] for f in seen["findings"] if f["severity"] == severity], kind)
-    if seen["assumptions"]:
-        count = len(seen["assumptions"])
+        widgets.lines([f["text"] for f in summary["findings"] if f["severity"] == severity], kind)
+    if summary["assumptions"]:
+        count = len(summary["assumptions"])
         with ui.expansion(f"{count} assumption{'s' if count > 1 else ''}", icon="help_outline").classes("full"):
-            widgets.lines(seen["assumptions"])
+            widgets.lines(summary["assumptions"])
 
 
 def later(box: ui.expansion, page: Page) -> None:

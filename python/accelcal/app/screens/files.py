@@ -48,14 +48,14 @@ def drop(page: Page, label: str, *, more: bool = False, guest: bool = False) -> 
 
     async def take(event: Any) -> None:
         try:
-            kept = await saved(page.bench, event.files)
+            paths = await saved(page.bench, event.files)
         except OSError as error:
             page.bench.refuse(f"the file could not be stored ({error.strerror or error}); make room, and drop it again")
             return
         if guest:
-            await beside_ours(page, kept)
+            await beside_ours(page, paths)
         else:
-            await used(page, kept, more)
+            await used(page, paths, more)
 
     area(page.bench, label, take, "guest" if guest else "more" if more else "recording")
 
@@ -64,10 +64,10 @@ def area(bench: Workbench, label: str, take: Callable[[Any], Awaitable[None]], m
     """A button on which files can be dropped; `take` is told what came."""
 
     async def accept(event: Any) -> None:
-        made.sends(False)
+        uploader.sends(False)
         await take(event)
-        if not made.is_deleted:
-            made.reset()  # what was taken is told by the page, and not listed once more
+        if not uploader.is_deleted:
+            uploader.reset()  # what was taken is told by the page, and not listed once more
 
     most = f"{MOST_BYTES / 1e6:.0f} MB"
     too_large = f"the file is larger than {most}, the limit of the workbench"
@@ -75,19 +75,19 @@ def area(bench: Workbench, label: str, take: Callable[[Any], Awaitable[None]], m
         f"the upload has failed: the server did not take it. The limit is {most}, a few uploads "
         "at a time, and room on the disk; give the file a short name, and drop it again"
     )
-    made = widgets.Uploader(
+    uploader = widgets.Uploader(
         multiple=True,
         auto_upload=True,
         max_file_size=MOST_BYTES,
         on_multi_upload=accept,
         on_rejected=lambda: bench.refuse(too_large),
     )
-    made.on("start", lambda: made.sends(True), [])
-    made.on("finish", lambda: made.sends(False), [])
-    made.on("failed", lambda: bench.refuse(failed), [])
-    made.props("flat hide-upload-btn").classes("drop")
-    made.add_slot("header", HEADER.replace("LABEL", html.escape(label)))
-    made.mark(mark)
+    uploader.on("start", lambda: uploader.sends(True), [])
+    uploader.on("finish", lambda: uploader.sends(False), [])
+    uploader.on("failed", lambda: bench.refuse(failed), [])
+    uploader.props("flat hide-upload-btn").classes("drop")
+    uploader.add_slot("header", HEADER.replace("LABEL", html.escape(label)))
+    uploader.mark(mark)
 
 
 async def saved(bench: Workbench, files: Sequence[Any]) -> list[Path]:
@@ -98,7 +98,7 @@ async def saved(bench: Workbench, files: Sequence[Any]) -> list[Path]:
     OSError
         If the disk does not take it.
     """
-    kept: list[Path] = []
+    paths: list[Path] = []
     folder = bench.upload_folder()
     for file in files:
         try:
@@ -113,17 +113,17 @@ async def saved(bench: Workbench, files: Sequence[Any]) -> list[Path]:
             bench.refuse(str(error))
             continue
         await file.save(path)
-        kept.append(path)
-    return kept
+        paths.append(path)
+    return paths
 
 
-async def used(page: Page, kept: Sequence[Path], more: bool) -> None:
+async def used(page: Page, paths: Sequence[Path], more: bool) -> None:
     """Open a session, load recordings with their sidecars, or put a sidecar in the place of the present one."""
     bench = page.bench
-    sessions = [p for p in kept if p.suffix.lower() == session_file.SUFFIX]
-    sidecars = [p for p in kept if p.suffix.lower() == ".toml"]
-    models = [p for p in kept if p.suffix.lower() == MODEL]
-    recordings = [p for p in kept if p not in (*sessions, *sidecars, *models)]
+    sessions = [p for p in paths if p.suffix.lower() == session_file.SUFFIX]
+    sidecars = [p for p in paths if p.suffix.lower() == ".toml"]
+    models = [p for p in paths if p.suffix.lower() == MODEL]
+    recordings = [p for p in paths if p not in (*sessions, *sidecars, *models)]
     if models:
         bench.refuse(f"{models[0].name}: a model is put beside those of a session; drop it on the Model tab")
     elif sessions:
@@ -146,9 +146,9 @@ async def used(page: Page, kept: Sequence[Path], more: bool) -> None:
         bench.refuse(f"{sidecars[0].name}: drop it together with the recording that it belongs to")
 
 
-async def beside_ours(page: Page, kept: Sequence[Path]) -> None:
+async def beside_ours(page: Page, paths: Sequence[Path]) -> None:
     """Put models and sessions beside the models of this session."""
-    for path in kept:
+    for path in paths:
         if path.suffix.lower() not in (MODEL, session_file.SUFFIX):
             page.bench.refuse(f"{path.name}: drop a model (.json) or a session ({session_file.SUFFIX}) here")
             return
@@ -175,7 +175,7 @@ def beside(recordings: Sequence[Path], sidecars: Sequence[Path]) -> list[Path]:
     if len(unmatched) > 1:
         return unmatched
     for sidecar in unmatched:
-        for path in [one for one in recordings if not has_sidecar(one)]:
+        for path in [recording for recording in recordings if not has_sidecar(recording)]:
             shutil.copyfile(sidecar, sidecar_of(path))
     return []
 
@@ -265,11 +265,11 @@ def sources(page: Page) -> None:
     assert run is not None
     stem, text = run.file.stem, mapping.text_of(run.file, run.sidecar, run.template)
     widgets.button("Sidecar (.toml)", "description", lambda: ui.download.content(text, f"{stem}.toml"))
-    for own in state.own:
+    for own_effect in state.own:
         widgets.button(
-            f"User effect {own.effect.name} (.py)",
+            f"User effect {own_effect.effect.name} (.py)",
             "functions",
-            lambda own=own: ui.download.content(own.file, f"{own.effect.name}.py"),
+            lambda entry=own_effect: ui.download.content(entry.file, f"{entry.effect.name}.py"),
         )
     widgets.button("Script (.py)", "code", lambda: ui.download.content(COPIES["Python"](state), f"{stem}_steps.py"))
 
@@ -352,41 +352,41 @@ def earlier(page: Page) -> None:
     place = ui.element("div").classes("stack")
 
     async def fill() -> None:
-        found = await workers.act(page.workbenches.earlier)
-        if found and not place.is_deleted:
+        sessions = await workers.act(page.workbenches.earlier)
+        if sessions and not place.is_deleted:
             with place, widgets.card("Recent projects"):
-                for kept in found:
-                    line(page, kept, place)
+                for session in sessions:
+                    line(page, session, place)
                 ui.label(f"Kept in {page.workbenches.keeper.folder}, without recorded data.").classes("note")
 
     background_tasks.create(fill())
 
 
-def line(page: Page, kept: KeptSession, place: ui.element) -> None:
+def line(page: Page, session: KeptSession, place: ui.element) -> None:
     """One kept session: what it is, Open, Delete."""
     keeper = page.workbenches.keeper
 
     async def go_on() -> None:
-        path = keeper.path(kept.name)
+        path = keeper.path(session.name)
         if path is None:
             page.bench.refuse("this session has been deleted meanwhile")
             return
         await page.open(path, session=True)
         if page.bench.state.recording is not None:
-            keeper.remove(kept.name)  # it goes on under the name of this session
+            keeper.remove(session.name)  # it goes on under the name of this session
 
     def delete() -> None:
-        keeper.remove(kept.name)
+        keeper.remove(session.name)
         place.clear()
         page.rebuild()
 
     with ui.row().classes("line spread"):
         with ui.element("div"):
-            ui.label(kept.title).classes("strong")
-            ui.label(f"saved {kept.saved} UTC").classes("note")
+            ui.label(session.title).classes("strong")
+            ui.label(f"saved {session.saved} UTC").classes("note")
         with ui.row().classes("tight"):
-            widgets.button("Open", "folder_open", go_on, label=f"Open {kept.title}, {kept.saved}")
-            widgets.button("Delete", "delete", delete, flat=True, label=f"Delete {kept.title}, {kept.saved}")
+            widgets.button("Open", "folder_open", go_on, label=f"Open {session.title}, {session.saved}")
+            widgets.button("Delete", "delete", delete, flat=True, label=f"Delete {session.title}, {session.saved}")
 
 
 PURPOSE = "Calibrate an accelerometer against position, and find the physical effect that its model lacks."

@@ -62,16 +62,16 @@ class Card:
     """Whether it explains most."""
 
 
-def cards(found: Diagnosis, most: int = 8) -> list[Card]:
+def cards(diagnosis: Diagnosis, most: int = 8) -> list[Card]:
     """Candidates, best first, confounded ones together."""
-    named = [f.effect for f in found.scan.found]
-    return [card(found, c, named) for group in candidate_groups(found, most) for c in group]
+    named = [f.effect for f in diagnosis.scan.found]
+    return [card(diagnosis, c, named) for group in candidate_groups(diagnosis, most) for c in group]
 
 
-def card(found: Diagnosis, c: Candidate, named: list[str]) -> Card:
+def card(diagnosis: Diagnosis, c: Candidate, named: list[str]) -> Card:
     """One candidate."""
     effect = find(c.effect)
-    significant = c.p_value < found.alpha and found.verdict not in ("adequate", "too_short")
+    significant = c.p_value < diagnosis.alpha and diagnosis.verdict not in ("adequate", "too_short")
     rivals = tuple(spelled(m) for m in c.members if m != c.effect) if significant else ()
     return Card(
         effect=c.effect,
@@ -79,7 +79,7 @@ def card(found: Diagnosis, c: Candidate, named: list[str]) -> Card:
         about=" ".join(effect.card.split("\n\n")[0].split("\nEquation:")[0].split()),
         facts=(
             size_text(c),
-            f"at most {contribution(Size(c.largest, effect.port == 'position'), found.fit.rig.sensor.range)}",
+            f"at most {contribution(Size(c.largest, effect.port == 'position'), diagnosis.fit.rig.sensor.range)}",
             f"{c.snr:.1f} σ, p {probability(c.p_value)}",
         ),
         rivals=rivals,
@@ -93,12 +93,12 @@ def card(found: Diagnosis, c: Candidate, named: list[str]) -> Card:
     )
 
 
-def offered(found: Diagnosis) -> tuple[list[Card], list[Card], list[Card]]:
+def offered(diagnosis: Diagnosis) -> tuple[list[Card], list[Card], list[Card]]:
     """Candidates in three groups: the best one and its rivals; others that are significant; the rest.
 
     Where no effect is missing, all are in the last group.
     """
-    every = cards(found)
+    every = cards(diagnosis)
     first = next((c for c in every if c.first), None)
     if first is None:
         return [], [c for c in every if c.significant], [c for c in every if not c.significant]
@@ -106,15 +106,15 @@ def offered(found: Diagnosis) -> tuple[list[Card], list[Card], list[Card]]:
     return near, [c for c in every if c.significant and c not in near], [c for c in every if not c.significant]
 
 
-def remarks(state: State, found: Diagnosis) -> list[str]:
+def remarks(state: State, diagnosis: Diagnosis) -> list[str]:
     """What must be read with the verdict; gaps that the user made are not mentioned."""
     cut = any(run.excluded or run.held_out for run in state.runs)
-    seen = (r for r in found.remarks if r.place == "data" and not (cut and r.code == "dropout"))
-    lines = [f"Suspect data: {r.sentence}" for r in seen]
-    lines += [readable(text) for text in found.notes]
-    lines += [f"{d.sentence}." for d in found.dropped]
-    lines += [capitalised(test.sentence) for test in found.channels if test.effect == WHITENESS]
-    if "time_offset" in found.effects:
+    notes = (r for r in diagnosis.remarks if r.place == "data" and not (cut and r.code == "dropout"))
+    lines = [f"Suspect data: {r.sentence}" for r in notes]
+    lines += [readable(text) for text in diagnosis.notes]
+    lines += [f"{d.sentence}." for d in diagnosis.dropped]
+    lines += [capitalised(test.sentence) for test in diagnosis.channels if test.effect == WHITENESS]
+    if "time_offset" in diagnosis.effects:
         lines.append("The output lags by more than was declared; the model estimates the lag already (time offset).")
     return lines
 
@@ -125,11 +125,11 @@ def capitalised(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}."
 
 
-def found_in_noise(state: State, found: Diagnosis) -> list[tuple[str, str, str]]:
+def found_in_noise(state: State, diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
     """Effects that noise tests found and that can be added: name, title, sentence; one for each."""
     model = state.step.fit.model.effects if state.step else ()
-    offered = {c.effect for c in found.scan.candidates if c.p_value < found.alpha}
-    first = {test.effect: test for test in reversed(found.channels) if test.effect != WHITENESS}
+    offered = {c.effect for c in diagnosis.scan.candidates if c.p_value < diagnosis.alpha}
+    first = {test.effect: test for test in reversed(diagnosis.channels) if test.effect != WHITENESS}
     return [
         (name, spelled(name), capitalised(test.sentence))
         for name, test in reversed(first.items())
@@ -137,17 +137,17 @@ def found_in_noise(state: State, found: Diagnosis) -> list[tuple[str, str, str]]
     ]
 
 
-def ties(found: Diagnosis) -> list[tuple[str, str]]:
+def ties(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """Confounded effects, and the experiment that separates them."""
-    several = [t for t in found.classes if len(t.members) > 1]
-    return [(", ".join(spelled(m) for m in t.members), t.experiment) for t in (*several, *found.inseparable)]
+    several = [t for t in diagnosis.classes if len(t.members) > 1]
+    return [(", ".join(spelled(m) for m in t.members), t.experiment) for t in (*several, *diagnosis.inseparable)]
 
 
-def can_add(state: State, found: Diagnosis | None) -> bool:
+def can_add(state: State, diagnosis: Diagnosis | None) -> bool:
     """Whether there is something to add: a candidate that is significant, or an effect on noise."""
-    if state.step is None or found is None:
+    if state.step is None or diagnosis is None:
         return False
-    return any(c.significant for c in cards(found)) or bool(found_in_noise(state, found))
+    return any(c.significant for c in cards(diagnosis)) or bool(found_in_noise(state, diagnosis))
 
 
 LIMITS = 6
@@ -161,7 +161,7 @@ def show(page: Page) -> None:
         widgets.empty("Fit a model first, on the Data tab." if state.recording else "Load a recording first.")
         return
     # Adding a model may compare the others anew: a figure belongs to the comparisons that it shows.
-    seen = state.step.heldouts[state.looked_at]
+    evaluation = state.step.heldouts[state.looked_at]
     shown = (state.looked_at, *(id(step.heldouts) for step in state.path))
     with ui.element("div").classes("two"):
         with ui.element("div").classes("stack"):
@@ -177,7 +177,7 @@ def show(page: Page) -> None:
         with ui.element("div").classes("stack"):
             with widgets.card("Model and measurement on held-out data"):
                 error(page)
-                overlay(page, seen, shown)
+                overlay(page, evaluation, shown)
             with widgets.card("Error on held-out data"):
                 page.pictures(
                     ("falling", shown),
@@ -190,15 +190,15 @@ def show(page: Page) -> None:
                     page.pictures(
                         ("left", shown),
                         lambda theme: [
-                            comparison.accel_residual(seen, previous=page.bench.before()),
-                            comparison.one_step(seen, previous=page.bench.before()),
+                            comparison.accel_residual(evaluation, previous=page.bench.before()),
+                            comparison.one_step(evaluation, previous=page.bench.before()),
                         ],
                         behind=("falling", shown),
                         height=620,
                     )
                 with widgets.card("Unaided drift"):
                     page.pictures(
-                        ("coast", shown), lambda theme: [comparison.coasting(seen)], behind=("falling", shown)
+                        ("coast", shown), lambda theme: [comparison.coasting(evaluation)], behind=("falling", shown)
                     )
     widgets.copies(page)
 
@@ -211,17 +211,17 @@ def show(page: Page) -> None:
     page.of_diagnosis = of_diagnosis
 
 
-def overlay(page: Page, seen: Evaluation, shown: tuple[int, ...]) -> None:
+def overlay(page: Page, evaluation: Evaluation, shown: tuple[int, ...]) -> None:
     """What was measured and what every model says over each other, and where the current one fails."""
-    zoom = Zoom(page, partial(widgets.overlay, page.bench.state), worst_stretches(*seen.accel_residual))
+    zoom = Zoom(page, partial(widgets.overlay, page.bench.state), worst_stretches(*evaluation.accel_residual))
     ui.label("Click a model in the legend to hide it; drag to zoom; click a shaded stretch to see it closer.").classes(
         "note"
     )
     page.pictures(("overlay", shown), zoom.whole, behind=("falling", shown), prepare=zoom.follow, height=660)
     zoom.places()
-    if seen.worst_regions:
+    if evaluation.worst_regions:
         with ui.expansion("Where it fails", icon="troubleshoot").classes("full"):
-            zoom.table(seen)
+            zoom.table(evaluation)
 
 
 def error(page: Page) -> None:
@@ -254,8 +254,8 @@ def noise_scores(state: State) -> list[str]:
     several = len(state.unseen_runs) > 1
     return [
         f"Held out{f' ({run.name})' if several else ''}, {score.sentence}."
-        for run, seen in zip(state.unseen_runs, state.step.heldouts, strict=True)
-        for score in seen.noise_scores
+        for run, evaluation in zip(state.unseen_runs, state.step.heldouts, strict=True)
+        for score in evaluation.noise_scores
     ]
 
 
@@ -268,32 +268,32 @@ def figure(name: str, value: float, mark: str) -> None:
 
 def verdict(page: Page) -> None:
     """The verdict, the candidates with their cards, and Add."""
-    bench, found = page.bench, page.bench.diagnosis
-    if found is None:
+    bench, diagnosis = page.bench, page.bench.diagnosis
+    if diagnosis is None:
         if bench.job is None and not page.asking:
             ui.label("Not diagnosed yet.")
             widgets.button("Diagnose", "search", page.ask, primary=True)
         else:
             ui.label("Testing every effect of the catalogue …")
         return
-    nothing = not can_add(bench.state, found)
-    ui.label(VERDICTS[found.verdict].capitalize()).classes("badge").classes(
-        "good" if found.verdict == "adequate" else "bad"
-    ).props(f"role=status data-verdict={found.verdict}")
-    ui.label(readable(found.sentence)).classes("verdict-text")
-    widgets.lines(remarks(bench.state, found), "warning")
-    if found.verdict == "adequate":
+    nothing = not can_add(bench.state, diagnosis)
+    ui.label(VERDICTS[diagnosis.verdict].capitalize()).classes("badge").classes(
+        "good" if diagnosis.verdict == "adequate" else "bad"
+    ).props(f"role=status data-verdict={diagnosis.verdict}")
+    ui.label(readable(diagnosis.sentence)).classes("verdict-text")
+    widgets.lines(remarks(bench.state, diagnosis), "warning")
+    if diagnosis.verdict == "adequate":
         ui.label("Detection limits: no missing effect is larger than").classes("strong")
-        limits = found.table("limits").cells[1]
+        limits = diagnosis.table("limits").cells[1]
         widgets.table(["effect", "detected from"], limits[:LIMITS], "Detection limits")
         if limits[LIMITS:]:
             with ui.expansion("More limits", icon="list").classes("full"):
                 widgets.table(["effect", "detected from"], limits[LIMITS:], "More detection limits")
     if nothing:
         widgets.button("Add", "add", lambda: None, label="Nothing to add").set_enabled(False)
-    for name, title, text in found_in_noise(bench.state, found):
+    for name, title, text in found_in_noise(bench.state, diagnosis):
         of_noise(page, name, title, text)
-    leading, further, rest = offered(found)
+    leading, further, rest = offered(diagnosis)
     for card in leading:
         candidate(page, card)
     if further:
@@ -306,7 +306,7 @@ def verdict(page: Page) -> None:
             for card in rest:
                 ui.label(card.title).classes("strong")
                 ui.label("; ".join(card.facts)).classes("note")
-    several = ties(found)
+    several = ties(diagnosis)
     if several:
         with ui.expansion("Confounded effects, and how to separate them", icon="balance").classes("full"):
             for members, experiment in several:
@@ -318,11 +318,11 @@ def heading(page: Page, effect: str, title: str, *, primary: bool = False) -> No
     """Title of a card, and the button that adds its effect."""
     with ui.row().classes("line spread"):
         ui.label(title).classes("strong large-name")
-        made = widgets.button(
+        button = widgets.button(
             "Add", "add", lambda: page.improve(page.bench.add, effect), primary=primary, label=f"Add {title}"
         )
-        made.set_enabled(page.bench.job is None)
-        page.of_rest.append(made)
+        button.set_enabled(page.bench.job is None)
+        page.of_rest.append(button)
 
 
 def of_noise(page: Page, name: str, title: str, text: str) -> None:
@@ -361,10 +361,10 @@ def tree(page: Page) -> None:
         value = quoted_error(step.heldout, horizon)
         here = step.key == state.current
         text = f"{step.label.replace('_', ' ')} · {'too short' if math.isnan(value) else formatting.length(value)}"
-        made = ui.button(text, icon="radio_button_checked" if here else "radio_button_unchecked", color=None)
-        made.on_click(lambda: page.change(lambda: bench.look_at(step.key)))
-        made.props(f"flat no-caps align=left aria-pressed={'true' if here else 'false'}").classes("node")
-        made.style(f"margin-left: {18 * depth[step.key]}px")
+        button = ui.button(text, icon="radio_button_checked" if here else "radio_button_unchecked", color=None)
+        button.on_click(lambda: page.change(lambda: bench.look_at(step.key)))
+        button.props(f"flat no-caps align=left aria-pressed={'true' if here else 'false'}").classes("node")
+        button.style(f"margin-left: {18 * depth[step.key]}px")
         for child in children.get(step.key, []):
             line(child)
 
@@ -378,9 +378,9 @@ def response(page: Page) -> None:
     bench, run = page.bench, page.bench.state.run
     if run is None or run.recording is None:
         return
-    found = bench.response
+    result = bench.response
     with widgets.card("Frequency response", "response"):
-        if found is None:
+        if result is None:
             ui.label(
                 f"Magnitude and phase of the sensitivity of {run.name} by frequency, with uncertainties: by sine "
                 "approximation where the motion is steps of sines, else by spectral estimation."
@@ -389,31 +389,31 @@ def response(page: Page) -> None:
                 bench.job is None
             )
             return
-        page.pictures(("response", id(found)), lambda theme: [sensitivity(found)], height=700)
-        widgets.lines(response_sentences(found), "")
-        if found.model is not None:
-            widgets.table(FIT_HEAD, fit_rows(found), "Parametric fit")
+        page.pictures(("response", id(result)), lambda theme: [sensitivity(result)], height=700)
+        widgets.lines(response_sentences(result), "")
+        if result.model is not None:
+            widgets.table(FIT_HEAD, fit_rows(result), "Parametric fit")
         with ui.expansion("Table by frequency", icon="table_rows").classes("full"):
-            widgets.table(RESPONSE_HEAD, response_rows(found), "Frequency response")
+            widgets.table(RESPONSE_HEAD, response_rows(result), "Frequency response")
             ui.label(RESPONSE_NOTE).classes("note")
-        if found.terms:
+        if result.terms:
             with ui.expansion("Amplitude linearity", icon="show_chart").classes("full"):
-                widgets.table(LINEARITY_HEAD, linearity_rows(found), "Amplitude linearity")
-        downloads(page, found)
+                widgets.table(LINEARITY_HEAD, linearity_rows(result), "Amplitude linearity")
+        downloads(page, result)
 
 
-def downloads(page: Page, found: FrequencyResponse) -> None:
+def downloads(page: Page, result: FrequencyResponse) -> None:
     """The table as CSV, and all of it as a draft certificate."""
     data = page.bench.state.drawn
     stem, sensor = data.file.stem, data.data.rig.sensor
     with ui.row().classes("line"):
         widgets.button(
-            "Response (.csv)", "table_rows", lambda: ui.download.content(to_csv(found), f"{stem}_response.csv")
+            "Response (.csv)", "table_rows", lambda: ui.download.content(to_csv(result), f"{stem}_response.csv")
         )
         widgets.button(
             "Draft certificate of the response (.xml)",
             "workspace_premium",
-            lambda: ui.download.content(draft_response(found, sensor, Laboratory()).text, f"{stem}_response.xml"),
+            lambda: ui.download.content(draft_response(result, sensor, Laboratory()).text, f"{stem}_response.xml"),
         )
 
 
@@ -436,36 +436,36 @@ def show_residuals(page: Page) -> None:
             height=600,
         )
         zoom.places()
-    found = bench.diagnosis
+    diagnosis = bench.diagnosis
     with widgets.card("Where it fails"):
-        if found is None:
+        if diagnosis is None:
             if bench.job is None and not page.asking:
                 ui.label("Not diagnosed yet.")
                 widgets.button("Diagnose", "search", page.ask, primary=True)
             else:
                 ui.label("Diagnosis is running …")
         else:
-            worst = found.where.worst
+            worst = diagnosis.where.worst
             ui.label(f"{worst[:1].upper()}{worst[1:]}.".replace(" sigma", " σ")).classes("verdict-text")
-            regions(state, zoom, found.where)
+            regions(state, zoom, diagnosis.where)
     response(page)
-    if found is not None:
+    if diagnosis is not None:
         with widgets.card("Residual against each variable", "many"):
-            page.pictures(("where", id(found)), lambda theme: widgets.where(found, theme), height=1500)
+            page.pictures(("where", id(diagnosis)), lambda theme: widgets.where(diagnosis, theme), height=1500)
     widgets.copies(page)
 
 
-def regions(state: State, zoom: Zoom, seen: Evaluation) -> None:
+def regions(state: State, zoom: Zoom, evaluation: Evaluation) -> None:
     """Where the model fails on the first fitted recording; its ranges lead into the figure only if that is drawn."""
     first = state.first_fitted
     if state.drawn is first:
-        zoom.table(seen)
+        zoom.table(evaluation)
         return
     ui.label(f"On {first.name}, the first fitted recording; bring it to the time line to see these ranges.").classes(
         "note"
     )
-    if seen.worst_regions:
-        shown = seen.table("regions")
+    if evaluation.worst_regions:
+        shown = evaluation.table("regions")
         head, rows = shown.cells
         widgets.table(head, rows, "Where it fails")
         ui.label(" ".join(shown.notes)).classes("note")

@@ -51,10 +51,10 @@ def error_row(state: State, number: int | None, name: str) -> list[widgets.Cell]
     """Errors of the models on the path on one recording, and what noise alone would give."""
     compared = widgets.path_of(state, number)
     horizon = widgets.path_of(state).horizon
-    seen = [step.heldout if number is None else step.heldouts[number] for step in state.path]
+    evaluations = [step.heldout if number is None else step.heldouts[number] for step in state.path]
     floor = compared.noise_floor.at(horizon) or compared.floor
-    bias = "" if number is None else amount(*seen[-1].setup_bias, "m/s²")
-    errors_by_run = [quoted_error(one, horizon) for one in seen]
+    bias = "" if number is None else amount(*evaluations[-1].setup_bias, "m/s²")
+    errors_by_run = [quoted_error(evaluation, horizon) for evaluation in evaluations]
     return [name, *("too short" if math.isnan(e) else length(e) for e in errors_by_run), length(floor.value), bias]
 
 
@@ -64,13 +64,13 @@ def fitted(page: Page) -> None:
     step = state.step
     if step is None or len(state.train) < 2:
         return
-    found = page.bench.run_values
+    values = page.bench.run_values
     with widgets.card("Do the recordings agree?"):
-        if found is not None:
-            ui.label(agreement(found)).classes("verdict-text")
-            names = (*found.parameters, *(spread.name for spread in step.fit.spreads), *own_names(step))
+        if values is not None:
+            ui.label(agreement(values)).classes("verdict-text")
+            names = (*values.parameters, *(spread.name for spread in step.fit.spreads), *own_names(step))
             widgets.table(
-                ["recording", *map(spelled, names), "noise"], rows_of(step, found), "Parameters of each recording"
+                ["recording", *map(spelled, names), "noise"], rows_of(step, values), "Parameters of each recording"
             )
             ui.label(
                 "Each value is that of one recording alone, with its standard uncertainty; p is the probability of "
@@ -87,13 +87,13 @@ def fitted(page: Page) -> None:
             widgets.lines([dwells_sentence(step.fit.dwells)])
 
 
-def agreement(found: RunValues) -> str:
+def agreement(values: RunValues) -> str:
     """Whether recordings agree, in a sentence."""
-    pairs = zip(found.parameters, found.p_values, strict=True)
+    pairs = zip(values.parameters, values.p_values, strict=True)
     unlike = [f"{spelled(name)} (p {probability(float(p))})" for name, p in pairs if p <= HOMOGENEITY_ALPHA]
     if unlike:
         return f"They disagree in {', '.join(unlike)}."
-    return f"The {len(found.runs)} recordings agree in every parameter that they share."
+    return f"The {len(values.runs)} recordings agree in every parameter that they share."
 
 
 def own_names(step: Step) -> list[str]:
@@ -101,28 +101,28 @@ def own_names(step: Step) -> list[str]:
     return list(dict.fromkeys(e.name for e in step.fit.estimates if e.run is not None))
 
 
-def rows_of(step: Step, found: RunValues) -> list[list[widgets.Cell]]:
+def rows_of(step: Step, values: RunValues) -> list[list[widgets.Cell]]:
     """A row for each recording, and the probabilities below."""
     rows: list[list[widgets.Cell]] = []
-    for r, run in enumerate(found.runs):
+    for r, run in enumerate(values.runs):
         shared = [
             amount(float(value), float(std), unit)
-            for value, std, unit in zip(found.value[r], found.std[r], found.units, strict=True)
+            for value, std, unit in zip(values.value[r], values.std[r], values.units, strict=True)
         ]
         spreads = [with_unit(number(spread.runs[r]), spread.unit) for spread in step.fit.spreads]
         of_run = {e.name: amount(e.value, e.std, e.unit) for e in step.fit.estimates if e.run == r}
-        own = [of_run.get(name, "") for name in own_names(step)]
-        rows.append([run, *shared, *spreads, *own, density(step.fit.runs[r].noise.all.density)])
-    p_values = [f"p {probability(float(p))}" for p in found.p_values]
+        values_of_run = [of_run.get(name, "") for name in own_names(step)]
+        rows.append([run, *shared, *spreads, *values_of_run, density(step.fit.runs[r].noise.all.density)])
+    p_values = [f"p {probability(float(p))}" for p in values.p_values]
     p_values += [f"p {probability(spread.p_value)}" for spread in step.fit.spreads]
     return [*rows, ["one value in all", *p_values, *[""] * (len(own_names(step)) + 1)]]
 
 
-def dwells_sentence(found: DwellFit) -> str:
+def dwells_sentence(dwell_fit: DwellFit) -> str:
     """What the fit leaves of its dwells."""
-    rms = math.sqrt(sum(value**2 for value in found.residual) / max(1, len(found.residual)))
-    scatter = f"; p {probability(found.p_value)} under all that is declared" if found.freedom > 0 else ""
-    return f"{found.name or 'Dwells'}: {len(found.angle)} dwells, rms residual {number(1e3 * rms, 3)} mm/s²{scatter}."
+    rms = math.sqrt(sum(value**2 for value in dwell_fit.residual) / max(1, len(dwell_fit.residual)))
+    scatter = f"; p {probability(dwell_fit.p_value)} under all that is declared" if dwell_fit.freedom > 0 else ""
+    return f"{dwell_fit.name or 'Dwells'}: {len(dwell_fit.angle)} dwells, rms residual {number(1e3 * rms, 3)} mm/s²{scatter}."
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,9 +153,9 @@ class Difference:
 
 def differences(first: Fit, second: Fit) -> list[Difference]:
     """Parameters of two models, in the order of the first; those of timing are of the first recording."""
-    one, two = by_name(first), by_name(second)
-    names = [*one, *(name for name in two if name not in one)]
-    return [Difference(name, (one.get(name) or two[name]).unit, one.get(name), two.get(name)) for name in names]
+    before, two = by_name(first), by_name(second)
+    names = [*before, *(name for name in two if name not in before)]
+    return [Difference(name, (before.get(name) or two[name]).unit, before.get(name), two.get(name)) for name in names]
 
 
 def by_name(fit: Fit) -> dict[str, Estimate | NoiseEffect]:
@@ -199,17 +199,17 @@ def select(page: Page, names: list[str], side: int) -> None:
 
     def choose() -> None:
         first, second = page.pair or ("", "")
-        page.pair = (str(made.value), second) if side == 0 else (first, str(made.value))
+        page.pair = (str(selector.value), second) if side == 0 else (first, str(selector.value))
         page.rebuild()
 
-    made = ui.select(names, value=page.pair[side], label=("First model", "Second model")[side], on_change=choose)
-    made.props("dense outlined").classes("grow")
+    selector = ui.select(names, value=page.pair[side], label=("First model", "Second model")[side], on_change=choose)
+    selector.props("dense outlined").classes("grow")
 
 
 def compared(state: State, pair: tuple[str, str]) -> None:
     """Parameters of both, and how they differ."""
     first, second = (state.models[name] for name in pair)
-    rows = [row(one) for one in differences(first, second)]
+    rows = [row(difference) for difference in differences(first, second)]
     widgets.table(["parameter", "first", "second", "difference", "in joint σ"], rows, "Parameters of two models")
     note = "Joint σ is the root of the sum of both variances, that of independent fits."
     if {digest for _, digest in first.sources} & {digest for _, digest in second.sources}:
@@ -238,22 +238,22 @@ def errors(page: Page, pair: tuple[str, str]) -> None:
     if not same_sensor([state.models[name] for name in pair], state):
         ui.label("One of them is of another sensor: its errors on the recordings of this session mean nothing.")
         return
-    seen = bench.pair(pair)
-    if seen is None:
+    evaluations = bench.pair(pair)
+    if evaluations is None:
         widgets.button("Compare on held-out data", "compare_arrows", lambda: page.act(bench.compare_pair, pair))
         return
     for which, label in (("", "Errors of two models on held-out data"), ("changes", "Changes of the errors")):
-        table = seen.table(which)
+        table = evaluations.table(which)
         head, rows = table.cells
         widgets.lines([*table.alarms, *([] if which else [table.sentence]), *table.notes])
         widgets.table(head, rows, label)
 
 
-def own_error(seen: Evaluation) -> str:
+def own_error(evaluation: Evaluation) -> str:
     """The error of a model on its own held-out data, in words."""
-    horizon = headline_horizon(seen)
+    horizon = headline_horizon(evaluation)
     called = "free-running error" if horizon is None else f"drift after {horizon:g} s"
-    return f"{called} {length(quoted_error(seen, horizon))}"
+    return f"{called} {length(quoted_error(evaluation, horizon))}"
 
 
 def show(page: Page) -> None:
@@ -331,11 +331,11 @@ def added(page: Page) -> None:
                 lambda name=name: page.improve(bench.drop, name),
                 label=f"Remove {spelled(name)}",
             )
-    known = [e.name for e in BUILT_IN if e.traits.visible and e.name not in step.fit.model.effects]
-    known += [o.effect.name for o in bench.state.own if o.effect.name not in step.fit.model.effects]
+    names = [e.name for e in BUILT_IN if e.traits.visible and e.name not in step.fit.model.effects]
+    names += [o.effect.name for o in bench.state.own if o.effect.name not in step.fit.model.effects]
     with ui.row().classes("line"):
         chosen = ui.select(
-            {name: spelled(name) for name in known},
+            {name: spelled(name) for name in names},
             label="Add any effect, significant or not",
             with_input=True,
         )
@@ -371,5 +371,5 @@ def own(page: Page) -> None:
             await page.act(bench.diagnose, then="improve")
 
     widgets.button("Add to the candidates", "functions", enter)
-    for own in state.own:
-        ui.label(f"{own.effect.name}: {own.expression}").classes("note")
+    for entry in state.own:
+        ui.label(f"{entry.effect.name}: {entry.expression}").classes("note")

@@ -74,10 +74,10 @@ def format_of(name: str) -> Format:
     ValueError
         If there is none.
     """
-    known = {one.name: one for one in (DOUBLE, SINGLE)}
-    if name not in known:
-        raise AccelcalError(" or ".join(known))
-    return known[name]
+    formats = {number_format.name: number_format for number_format in (DOUBLE, SINGLE)}
+    if name not in formats:
+        raise AccelcalError(" or ".join(formats))
+    return formats[name]
 
 
 READING_OUTSIDE = 1
@@ -293,12 +293,12 @@ def chebyshev_rows(p: Poly) -> Poly:
 
 def to_chebyshev(powers: Sequence[Fraction]) -> list[Fraction]:
     """Coefficients of T_0, T_1, ... from those of 1, x, ...: x^n = 2^(1-n) sum of binomial(n, k) T_(n-2k)."""
-    found = [Fraction(0)] * len(powers)
+    coefficients = [Fraction(0)] * len(powers)
     for n, c in enumerate(powers):
         for k in range(n // 2 + 1):
             share = Fraction(math.comb(n, k), 2**n)
-            found[n - 2 * k] += c * (share if n == 2 * k else 2 * share)
-    return found
+            coefficients[n - 2 * k] += c * (share if n == 2 * k else 2 * share)
+    return coefficients
 
 
 @dataclass(frozen=True, slots=True)
@@ -395,12 +395,12 @@ class Proven:
         return self.inverse.format.above(Fraction(self.approximation) + Fraction(self.rounding))
 
 
-def invert(own: Characteristic, sensor: Sensor, domain: Domain, fmt: Format) -> Proven:
+def invert(curve: Characteristic, sensor: Sensor, domain: Domain, fmt: Format) -> Proven:
     """Make the inverse in one number format and prove its bound.
 
     Parameters
     ----------
-    own : the sensor's characteristic.
+    curve : the sensor's characteristic.
     sensor : with its electrical scale and zero, if any.
     domain : where the inverse must hold.
     fmt : number format of all constants and operations.
@@ -411,14 +411,14 @@ def invert(own: Characteristic, sensor: Sensor, domain: Domain, fmt: Format) -> 
         If the model is not strictly monotone there, with a margin of a thousandth, or so nearly not that no polynomial
         follows it.
     """
-    warmth = _warmth(own, sensor, domain, fmt)
+    warmth = _warmth(curve, sensor, domain, fmt)
     half = Fraction(warmth.half) if warmth else Fraction(0)
-    branches = _branches(own, sensor, domain, warmth)
+    branches = _branches(curve, sensor, domain, warmth)
     low, high = (Fraction(a) for a in domain.acceleration)
     margin = MARGIN * (high - low)
     least = min(b.least_slope(b.low - margin, b.high + margin, half) for b in branches)
     if not least > 0 or len({b.slope((b.low + b.high) / 2) > 0 for b in branches}) > 1:
-        raise NotInvertible(_turning(own, domain))
+        raise NotInvertible(_turning(curve, domain))
     segments: list[tuple[Segment, Branch]] = []
     for branch, (first, last) in zip(branches, _ranges(branches, half, fmt), strict=True):
         if not first < last:
@@ -436,11 +436,11 @@ def invert(own: Characteristic, sensor: Sensor, domain: Domain, fmt: Format) -> 
     try:
         off = max(approximation(s, b, margin, half, per_half) for s, (_, b) in zip(padded, segments, strict=True))
     except ArithmeticError:
-        raise NotInvertible(_turning(own, domain)) from None
-    shift = Fraction(sensor.scale or 1.0) * Fraction(own.thermal[0])
+        raise NotInvertible(_turning(curve, domain)) from None
+    shift = Fraction(sensor.scale or 1.0) * Fraction(curve.thermal[0])
     proven = Proven(inverse, fmt.above(off), fmt.above(rounding(inverse, shift, least)))
     if proven.approximation > WORST * max(abs(low), abs(high)):
-        raise NotInvertible(_turning(own, domain))
+        raise NotInvertible(_turning(curve, domain))
     if proven.rounding > margin:
         raise NotInvertible(
             f"in {fmt.name} rounding alone would cost {proven.rounding:.2g} m/s², too much for accelerations "
@@ -453,43 +453,43 @@ def _span(ends: tuple[float, float], unit: str) -> str:
     return f"{ends[0]:.4g} to {ends[1]:.4g} {unit}"
 
 
-def _turning(own: Characteristic, domain: Domain) -> str:
+def _turning(curve: Characteristic, domain: Domain) -> str:
     """Text that states where the slope is least."""
     a = np.linspace(*domain.acceleration, 1001)
-    warmths = [0.0] if domain.temperature is None else [T - own.reference for T in domain.temperature]
-    sign = -1.0 if own.scale < 0.0 else 1.0
-    slope, where = min((sign * own.slope(float(at), w), float(at)) for at in a for w in warmths)
+    warmths = [0.0] if domain.temperature is None else [T - curve.reference for T in domain.temperature]
+    sign = -1.0 if curve.scale < 0.0 else 1.0
+    slope, where = min((sign * curve.slope(float(at), w), float(at)) for at in a for w in warmths)
     return (
         "the model is not safely monotone on the accelerations that the fit has seen "
         f"({_span(domain.acceleration, 'm/s²')}): at {where:.4g} m/s² its slope is {sign * slope:.2g} where 1 + k is "
-        f"{own.scale:.4g}, so that an output does not belong to one acceleration. Drop the nonlinear effect that is "
+        f"{curve.scale:.4g}, so that an output does not belong to one acceleration. Drop the nonlinear effect that is "
         "least certain, or fit a record with more of the range"
     )
 
 
-def _warmth(own: Characteristic, sensor: Sensor, domain: Domain, fmt: Format) -> Warmth | None:
+def _warmth(curve: Characteristic, sensor: Sensor, domain: Domain, fmt: Format) -> Warmth | None:
     if domain.temperature is None:
         return None
     low, high = (Fraction(T) for T in domain.temperature)
     centre = fmt.nearest((low + high) / 2)
     half = fmt.above(max(high - Fraction(centre), Fraction(centre) - low))
     per_half = fmt.below(1 / Fraction(half)) if half > 0.0 else 0.0
-    shift = fmt.nearest(Fraction(sensor.scale or 1.0) * Fraction(own.thermal[0]))
+    shift = fmt.nearest(Fraction(sensor.scale or 1.0) * Fraction(curve.thermal[0]))
     return Warmth(centre, half, per_half, shift)
 
 
-def _branches(own: Characteristic, sensor: Sensor, domain: Domain, warmth: Warmth | None) -> tuple[Branch, ...]:
+def _branches(curve: Characteristic, sensor: Sensor, domain: Domain, warmth: Warmth | None) -> tuple[Branch, ...]:
     """The compensated reading y over acceleration, exactly, on each side of a corner at zero."""
     scale, zero = Fraction(sensor.scale or 1.0), Fraction(sensor.zero or 0.0)
-    c1, kT = (Fraction(c) for c in own.thermal)
-    centre = Fraction(warmth.centre) - Fraction(own.reference) if warmth else Fraction(0)
+    c1, kT = (Fraction(c) for c in curve.thermal)
+    centre = Fraction(warmth.centre) - Fraction(curve.reference) if warmth else Fraction(0)
     low, high = (Fraction(a) for a in domain.acceleration)
-    corner = own.has_corner and low < 0 < high
+    corner = curve.has_corner and low < 0 < high
     ends = ((low, Fraction(0)), (Fraction(0), high)) if corner else ((low, high),)
-    found = []
+    branches = []
     for first, last in ends:
-        b0, b1, b2, b3 = (Fraction(b) for b in own.side(1.0 if first + last > 0 else -1.0))
-        found.append(
+        b0, b1, b2, b3 = (Fraction(b) for b in curve.side(1.0 if first + last > 0 else -1.0))
+        branches.append(
             Branch(
                 low=first,
                 high=last,
@@ -500,23 +500,23 @@ def _branches(own: Characteristic, sensor: Sensor, domain: Domain, warmth: Warmt
                 cubic=scale * b3,
             )
         )
-    return tuple(found)
+    return tuple(branches)
 
 
 def _ranges(branches: tuple[Branch, ...], half: Fraction, fmt: Format) -> list[tuple[float, float]]:
     """Numbers y that belong to each branch at every temperature of the range."""
-    found = []
+    ranges = []
     for branch in branches:
         ends = [[branch.y(a, t) for t in (-half, half)] for a in (branch.low, branch.high)]
         if ends[0][0] > ends[1][0]:
             ends.reverse()
-        found.append((fmt.above(max(ends[0])), fmt.below(min(ends[1]))))
-    if len(found) == 2:
+        ranges.append((fmt.above(max(ends[0])), fmt.below(min(ends[1]))))
+    if len(ranges) == 2:
         # The corner itself belongs to the upper range.
-        lower, upper = (0, 1) if found[0][0] < found[1][0] else (1, 0)
-        first = found[upper][0]
-        found[lower] = (found[lower][0], fmt.next(first, -1.0))
-    return found
+        lower, upper = (0, 1) if ranges[0][0] < ranges[1][0] else (1, 0)
+        first = ranges[upper][0]
+        ranges[lower] = (ranges[lower][0], fmt.next(first, -1.0))
+    return ranges
 
 
 def _segments(

@@ -86,8 +86,8 @@ def numbers(part: object) -> Iterator[float]:
         for value in part.values():
             yield from numbers(value)
     elif is_dataclass(part) and not isinstance(part, type):
-        for each in fields(part):
-            yield from numbers(getattr(part, each.name))
+        for entry in fields(part):
+            yield from numbers(getattr(part, entry.name))
     elif isinstance(part, Sequence) and not isinstance(part, str):
         for value in part:
             yield from numbers(value)
@@ -229,26 +229,29 @@ class Calibration(Storable):
     @property
     def std(self) -> tuple[float, float]:
         """Least and largest standard uncertainty from the fit over the range, at the reference temperature, m/s²."""
-        each = [self.own.std(self.fit, float(a)) for a in np.linspace(*self.domain.acceleration, 101)]
-        return min(each), max(each)
+        spread = [self.own.std(self.fit, float(a)) for a in np.linspace(*self.domain.acceleration, 101)]
+        return min(spread), max(spread)
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """Limitations that a user of the calibration must know."""
-        found = [
+        notes = [
             f"{name} is {lumped}: one mount and one encoder show only this sum"
             for name in ("bias", "scale_factor")
             if " + " in (lumped := tied_sum(self.fit, name))
         ]
         lowpass = self.fit.rig.lowpass
         if lowpass is not None:
-            found.append(f"the low-pass of {lowpass.cutoff:.6g} Hz that was declared is not undone")
-        found += [f"the {each.name} that was declared is not undone" for each in self.fit.rig.output_filters]
+            notes.append(f"the low-pass of {lowpass.cutoff:.6g} Hz that was declared is not undone")
+        notes += [
+            f"the {channel_filter.name} that was declared is not undone"
+            for channel_filter in self.fit.rig.output_filters
+        ]
         if not self.fit.rig.coupled:
-            found.append("no constant passed the declared high-pass: the bias is not known and is taken as 0")
+            notes.append("no constant passed the declared high-pass: the bias is not known and is taken as 0")
         if self.own.clip is not None:
-            found.append(f"the range ends where the output saturates, at {self.own.clip:.5g} m/s²")
-        return tuple(found)
+            notes.append(f"the range ends where the output saturates, at {self.own.clip:.5g} m/s²")
+        return tuple(notes)
 
 
 def calibrate(fit: Fit, *, without: Sequence[str] = (), source: str = "") -> Calibration:
@@ -268,8 +271,8 @@ def calibrate(fit: Fit, *, without: Sequence[str] = (), source: str = "") -> Cal
     require_finite({f"the estimate of {e.name}": e for e in fit.estimates} | {"the covariance": fit.covariance})
     require_finite({"the declared rig": fit.rig, "the range of the fit": fit.validity, "an origin": fit.origins})
     require_covariance(fit.covariance)
-    own = characteristic(fit)
-    possible = [effect.effect for effect in own.left_out if effect.needed]
+    curve = characteristic(fit)
+    possible = [effect.effect for effect in curve.left_out if effect.needed]
     for name in without:
         if name not in possible:
             raise NotExportable(
@@ -278,7 +281,7 @@ def calibrate(fit: Fit, *, without: Sequence[str] = (), source: str = "") -> Cal
             )
     left_out = tuple(
         replace(effect, why=f"{effect.why}; left out by request", needed=False) if effect.effect in without else effect
-        for effect in own.left_out
+        for effect in curve.left_out
     )
     refused = [effect for effect in left_out if effect.needed]
     if refused:
@@ -288,18 +291,18 @@ def calibrate(fit: Fit, *, without: Sequence[str] = (), source: str = "") -> Cal
             f"{reasons}. It is part of the sensor's output, so nothing is exported; fit a model without it, or "
             f"leave it out knowingly: {names}"
         )
-    domain = _domain(fit, own)
+    domain = _domain(fit, curve)
     try:
-        double, single = (invert(own, fit.rig.sensor, domain, fmt) for fmt in (DOUBLE, SINGLE))
+        double, single = (invert(curve, fit.rig.sensor, domain, fmt) for fmt in (DOUBLE, SINGLE))
     except NotInvertible as error:
         raise NotExportable(str(error)) from None
     codes = [Code(proven, tuple(_vector(proven.inverse))) for proven in (double, single)]
-    made = Calibration(fit, own, domain, codes[0], codes[1], left_out, source)
-    require_finite({"the exported code": made.codes, "the standard uncertainty over the range": made.std})
-    return made
+    calibration = Calibration(fit, curve, domain, codes[0], codes[1], left_out, source)
+    require_finite({"the exported code": calibration.codes, "the standard uncertainty over the range": calibration.std})
+    return calibration
 
 
-def _domain(fit: Fit, own: Characteristic) -> Domain:
+def _domain(fit: Fit, curve: Characteristic) -> Domain:
     """Accelerations and temperatures of the trained range, as far as the output does not saturate."""
     if "a" not in fit.validity:
         raise NotExportable(
@@ -307,14 +310,14 @@ def _domain(fit: Fit, own: Characteristic) -> Domain:
             "accelcal fit RUN.csv -o m.json"
         )
     low, high = fit.validity["a"]
-    if own.clip is not None:
-        ends = sorted((sign * own.clip - own.forward(0.0)) / own.scale for sign in (-1.0, 1.0))
+    if curve.clip is not None:
+        ends = sorted((sign * curve.clip - curve.forward(0.0)) / curve.scale for sign in (-1.0, 1.0))
         low, high = max(low, ends[0]), min(high, ends[1])
     if not low < high:
         raise NotExportable(
             f"the range of acceleration is empty ({low:.4g} to {high:.4g} m/s²); fit a record that moves"
         )
-    if not own.needs_temperature:
+    if not curve.needs_temperature:
         return Domain((low, high), None)
     if "temperature" not in fit.validity:
         raise NotExportable("the model depends on temperature but its fit had none; fit a record with a temperature")

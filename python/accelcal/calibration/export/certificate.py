@@ -46,16 +46,16 @@ class Entry:
     """What the schema accepts in its place while it is missing."""
 
 
-def _text(found: object) -> str | None:
-    return " ".join(found.split()) or None if isinstance(found, str) else None
+def _text(value: object) -> str | None:
+    return " ".join(value.split()) or None if isinstance(value, str) else None
 
 
-def _date(found: object) -> str | None:
-    return found.isoformat() if type(found) is datetime.date else None
+def _date(value: object) -> str | None:
+    return value.isoformat() if type(value) is datetime.date else None
 
 
 def _code(pattern: str) -> Callable[[object], str | None]:
-    return lambda found: found if isinstance(found, str) and re.fullmatch(pattern, found) else None
+    return lambda value: value if isinstance(value, str) and re.fullmatch(pattern, value) else None
 
 
 ENTRIES = (
@@ -105,25 +105,25 @@ def read_laboratory(path: Path) -> Laboratory:
         raise LaboratoryError(f"{path}: {(error.strerror or 'cannot be read').lower()}; check the path") from None
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise LaboratoryError(f"{path}: not valid TOML ({error}); correct that line") from None
-    known = {entry.key: entry for entry in ENTRIES}
+    entries = {entry.key: entry for entry in ENTRIES}
     declared: dict[str, str] = {}
     for table, keys in content.items():
         if not isinstance(keys, dict):
-            raise LaboratoryError(f"{path}: {table}: found {keys!r}, expected a table; {_nearest(table, known)}")
+            raise LaboratoryError(f"{path}: {table}: found {keys!r}, expected a table; {_nearest(table, entries)}")
         for key, value in keys.items():
             name = f"{table}.{key}"
-            if name not in known:
-                raise LaboratoryError(f"{path}: {name}: unknown key; {_nearest(name, known)}")
-            text = known[name].check(value)
+            if name not in entries:
+                raise LaboratoryError(f"{path}: {name}: unknown key; {_nearest(name, entries)}")
+            text = entries[name].check(value)
             if text is None:
-                raise LaboratoryError(f"{path}: {name}: found {value!r}, expected {known[name].what}")
+                raise LaboratoryError(f"{path}: {name}: found {value!r}, expected {entries[name].what}")
             declared[name] = text
     return Laboratory(declared)
 
 
-def _nearest(key: str, known: Mapping[str, Entry]) -> str:
-    close = difflib.get_close_matches(key, known, n=1)
-    return f'did you mean "{close[0]}"?' if close else "known keys: " + ", ".join(known)
+def _nearest(key: str, entries: Mapping[str, Entry]) -> str:
+    close = difflib.get_close_matches(key, entries, n=1)
+    return f'did you mean "{close[0]}"?' if close else "known keys: " + ", ".join(entries)
 
 
 VERSION = "3.2.1"
@@ -355,17 +355,17 @@ def _quantity(parent: ET.Element, found: Quantity) -> None:
         )
 
 
-def _column(parent: ET.Element, found: Column) -> None:
+def _column(parent: ET.Element, column: Column) -> None:
     quantity = _add(parent, "quantity")
-    _named(quantity, "name", found.name)
-    values = " ".join(map(repr, found.values))
-    numbers = _si(quantity, "realListXMLList", valueXMLList=values, unitXMLList=UNITS[found.unit])
-    if found.expanded is not None:
+    _named(quantity, "name", column.name)
+    values = " ".join(map(repr, column.values))
+    numbers = _si(quantity, "realListXMLList", valueXMLList=values, unitXMLList=UNITS[column.unit])
+    if column.expanded is not None:
         _si(
             numbers,
             "expandedUncXMLList",
-            uncertaintyXMLList=" ".join(map(repr, found.expanded)),
-            coverageFactorXMLList=" ".join(f"{k:.4g}" for k in found.factors),
+            uncertaintyXMLList=" ".join(map(repr, column.expanded)),
+            coverageFactorXMLList=" ".join(f"{k:.4g}" for k in column.factors),
             coverageProbabilityXMLList=PROBABILITY_OF_TWO,
         )
 
@@ -414,14 +414,14 @@ def draft(c: Calibration, laboratory: Laboratory) -> Draft:
 def quantities(c: Calibration) -> list[Quantity]:
     """Parameters of the sensor, then sensitivity and zero-g output where an electrical scale is declared."""
     expanded = {line.estimate.name: line.expanded for line in budget(c.fit).lines}
-    found = [Quantity(f"{e.name} ({e.symbol})", e.value, e.unit, expanded.get(e.name)) for e in c.estimates]
+    rows = [Quantity(f"{e.name} ({e.symbol})", e.value, e.unit, expanded.get(e.name)) for e in c.estimates]
     sensor = c.fit.rig.sensor
     if sensor.scale is not None:
         zero = (sensor.zero or 0.0) + sensor.scale * c.fit["bias"].value
         size = abs(sensor.scale)
         spread = {name: size * value for name, value in expanded.items()}
-        found += [
+        rows += [
             Quantity("sensitivity", sensor.scale * c.own.scale, f"{c.unit}/(m/s²)", spread.get("scale_factor")),
             Quantity("zero-g output", zero, c.unit, spread.get("bias")),
         ]
-    return found
+    return rows

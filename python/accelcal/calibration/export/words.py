@@ -18,10 +18,10 @@ SPELT = {"²": "^2", "³": "^3", "⁻¹": "^-1", "⁻²": "^-2", "µ": "u", "°"
 
 def plain(text: str) -> str:
     """One line of ASCII that cannot end a comment."""
-    known = text
+    ascii_text = text
     for letter, spelt in SPELT.items():
-        known = known.replace(letter, spelt)
-    return " ".join(known.encode("ascii", "replace").decode().split()).replace("*/", "* /").replace("/*", "/ *")
+        ascii_text = ascii_text.replace(letter, spelt)
+    return " ".join(ascii_text.encode("ascii", "replace").decode().split()).replace("*/", "* /").replace("/*", "/ *")
 
 
 def unit(text: str) -> str:

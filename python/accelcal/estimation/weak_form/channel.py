@@ -77,18 +77,18 @@ def pieces(order: int) -> Array:
     -------
     (DEGREE + 1, DEGREE + 1 - order): row m holds cell [m, m + 1], in powers of the distance from m.
     """
-    found = np.ones((1, 1))  # lowest power first
+    powers = np.ones((1, 1))  # lowest power first
     for degree in range(1, DEGREE + 1):
         raised = np.zeros((degree + 1, degree + 1))
         for cell in range(degree):
-            raised[cell, :degree] += cell * found[cell]
-            raised[cell, 1:] += found[cell]
-            raised[cell + 1, :degree] += (degree - cell) * found[cell]
-            raised[cell + 1, 1:] -= found[cell]
-        found = raised / degree
+            raised[cell, :degree] += cell * powers[cell]
+            raised[cell, 1:] += powers[cell]
+            raised[cell + 1, :degree] += (degree - cell) * powers[cell]
+            raised[cell + 1, 1:] -= powers[cell]
+        powers = raised / degree
     for _ in range(order):
-        found = found[:, 1:] * np.arange(1.0, found.shape[1])
-    return np.ascontiguousarray(found[:, ::-1])
+        powers = powers[:, 1:] * np.arange(1.0, powers.shape[1])
+    return np.ascontiguousarray(powers[:, ::-1])
 
 
 CARRIER_CUTOFF = 0.3
@@ -176,10 +176,10 @@ class SampledChannel:
             weights = splines.weights(self.ticks[near], order, self.weight[near], tau) @ self.filled[near]
             used = weights.indices
             rows = slice(int(used.min()), int(used.max()) + 1) if len(used) else slice(0, 0)
-            found = rows, weights[:, rows].tocsr()
-            if sum(each.nnz for _, each in self._kept.values()) + weights.nnz > MOST_KEPT:
+            result = rows, weights[:, rows].tocsr()
+            if sum(part.nnz for _, part in self._kept.values()) + weights.nnz > MOST_KEPT:
                 self._kept.clear()
-            self._kept[asked] = found
+            self._kept[asked] = result
         return self._kept[asked]
 
     def on_ticks(self, y: Array) -> Array:
@@ -191,13 +191,13 @@ class SampledChannel:
 
         `weights` are those of the samples in `rows`.
         """
-        found = np.asarray(weights @ self.y[rows])
+        sums = np.asarray(weights @ self.y[rows])
         if len(self.carrier_t):
             near = covering(self.carrier_t, splines)
             t, y = self.carrier_t[near], self.carrier_y[near]
             step = float(self.carrier_t[1] - self.carrier_t[0])
-            found += splines.weights(t, order, np.full(len(t), step), tau) @ y
-        return found
+            sums += splines.weights(t, order, np.full(len(t), step), tau) @ y
+        return sums
 
 
 def from_neighbours(number: NDArray[np.intp], count: int) -> Sparse:
@@ -214,9 +214,9 @@ def from_neighbours(number: NDArray[np.intp], count: int) -> Sparse:
     offsets = (number[columns] - lost[:, None]).astype(np.float64)
     weights = np.column_stack(lagrange_weights(list(offsets.T))) if len(lost) else np.empty((0, width))
     rows = np.concatenate([number, np.repeat(lost, width)])
-    found = np.concatenate([np.ones(len(number)), weights.ravel()])
+    values = np.concatenate([np.ones(len(number)), weights.ravel()])
     return Sparse(
-        (found, (rows, np.concatenate([np.arange(len(number)), columns.ravel()]))), shape=(count, len(number))
+        (values, (rows, np.concatenate([np.arange(len(number)), columns.ravel()]))), shape=(count, len(number))
     )
 
 

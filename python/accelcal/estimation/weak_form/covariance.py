@@ -34,19 +34,19 @@ class Covariance:
         shape = DEGREE + 1, rows
         if constant is None:
             return cls(np.zeros(shape), np.zeros(shape), np.zeros(shape))
-        of_output, of_readings = (np.broadcast_to(each[:, None], shape) for each in constant)
+        of_output, of_readings = (np.broadcast_to(constant_part[:, None], shape) for constant_part in constant)
         return cls(of_output, of_readings, np.zeros(shape))
 
     def at(self, q: float, r: float) -> Array:
         """Diagonals at a density of process noise, (m/s²)²/Hz, and a variance of a reading, m²."""
-        found = q * self.of_output
-        found += r * self.of_readings
-        found += self.extra
-        return found
+        total = q * self.of_output
+        total += r * self.of_readings
+        total += self.extra
+        return total
 
     def part(self, rows: slice) -> Covariance:
         """Of successive rows."""
-        return Covariance(*(each[:, rows] for each in (self.of_output, self.of_readings, self.extra)))
+        return Covariance(*(part[:, rows] for part in (self.of_output, self.of_readings, self.extra)))
 
 
 class Whitening:
@@ -65,9 +65,9 @@ class Whitening:
                 k = back + i
                 if k <= DEGREE:
                     y[i] -= self.factor[k, rows.start - back] * self.before[reach - back]
-        found = solved(self.factor[:, rows], y, overwrite=True)
-        self.before = np.concatenate([self.before, found])[-DEGREE:]
-        return found
+        whitened = solved(self.factor[:, rows], y, overwrite=True)
+        self.before = np.concatenate([self.before, whitened])[-DEGREE:]
+        return whitened
 
 
 def bands(weights: Sparse, variance: Array | float = 1.0) -> Array:
@@ -75,10 +75,10 @@ def bands(weights: Sparse, variance: Array | float = 1.0) -> Array:
     scaled = weights.multiply(np.sqrt(variance)).tocsr() if np.ndim(variance) else weights * np.sqrt(variance)
     product = scaled @ scaled.T
     count = product.shape[0]
-    found = np.zeros((DEGREE + 1, count))
+    diagonals = np.zeros((DEGREE + 1, count))
     for k in range(min(DEGREE + 1, count)):
-        found[k, : count - k] = product.diagonal(-k)
-    return found
+        diagonals[k, : count - k] = product.diagonal(-k)
+    return diagonals
 
 
 def constant_diagonals(diagonals: Array) -> Array | None:
@@ -111,8 +111,8 @@ def solved(factor: Array, y: Array, *, overwrite: bool = False) -> Array:
         raise AccelcalError(f"{factor.shape[1]} rows of a factor, {len(y)} of what it divides")
     if y.size == 0:  # as it does without any row or column
         return y
-    found, info = scipy.linalg.lapack.dtbtrs(
+    solution, info = scipy.linalg.lapack.dtbtrs(
         np.asfortranarray(factor), np.asfortranarray(y), uplo=b"L", overwrite_b=overwrite
     )
     assert info == 0
-    return np.asarray(found)
+    return np.asarray(solution)

@@ -106,7 +106,7 @@ class WeakRows:
         self.splines = splines_over(float(begin), float(end), self._step(float(end - begin)))
         self._gain = run.rig.polarity / values.scale
         last = 4.0 * float(np.spacing(abs(self._clock) + t[-1]))
-        written = [max(last, decimal_step(each)) for each in (run.all_readings[0], run.driving.t)]
+        written = [max(last, decimal_step(stamps)) for stamps in (run.all_readings[0], run.driving.t)]
         self._zero = float(np.mean(z)) if self.order else 0.0
         self._readings = SampledChannel.of(t, z - self._zero, self.reading_step, self.rate, written[0])
         output = run.driving.y - values.bias * run.filters.at_rest
@@ -124,9 +124,9 @@ class WeakRows:
     @property
     def state(self) -> RunState:
         """The run, at the coefficients that these rows are of."""
-        found = self._state()
-        assert found is not None, "rows that a run holds live no longer than the run"
-        return found
+        state = self._state()
+        assert state is not None, "rows that a run holds live no longer than the run"
+        return state
 
     def held(self) -> WeakRows:
         """These rows, to be held by their run: they refer to it weakly, so that both are freed as soon as nobody uses
@@ -170,20 +170,20 @@ class WeakRows:
 
     def at_noise(self, noise: Noise) -> WeakRows:
         """The same rows, whitened at another noise."""
-        one = copy.copy(self)
-        one.noise = noise
+        rows_copy = copy.copy(self)
+        rows_copy.noise = noise
         for name in ("factor", "whitened"):
-            one.__dict__.pop(name, None)
-        return one
+            rows_copy.__dict__.pop(name, None)
+        return rows_copy
 
     def moved(self, state: RunState, signals: Signals) -> WeakRows:
         """The rows of a run that differs in its signals alone, held by it: columns are of them, noise and innovations
         stay."""
-        one = copy.copy(self)
-        one._state, one.signals = weakref.ref(state), signals
-        one._gain = state.run.rig.polarity / state.values.scale
-        one.__dict__.pop("at_readings", None)
-        return one
+        rows_copy = copy.copy(self)
+        rows_copy._state, rows_copy.signals = weakref.ref(state), signals
+        rows_copy._gain = state.run.rig.polarity / state.values.scale
+        rows_copy.__dict__.pop("at_readings", None)
+        return rows_copy
 
     def _read(self) -> tuple[Array, Array]:
         """Times, from the first that is used on, and positions of all readings, what the model adds to them taken off,
@@ -266,10 +266,10 @@ class WeakRows:
             against: dict[str, tuple[slice, Sparse]] = {port: self._against(port, part) for port in ports}
             columns = np.empty((int(np.count_nonzero(self._kept[part])), len(terms)), order="F")
             grid, readings = (against[port][0] if port in against else slice(0) for port in ("output", "position"))
-            for first, found, port in column_parts(
+            for first, columns_part, port in column_parts(
                 self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, with_memory
             ):
-                columns[:, first : first + len(found)] = against[port][1] @ np.column_stack(found)
+                columns[:, first : first + len(columns_part)] = against[port][1] @ np.column_stack(columns_part)
             rows = slice(begin, begin + len(columns))
             columns[:, with_memory] = remembered[rows.start - first_row : rows.stop - first_row]
             yield rows, whiten(rows, columns).T
@@ -295,16 +295,16 @@ class WeakRows:
 
     def _against(self, port: str, part: slice) -> tuple[slice, Sparse]:
         """Rows of the signals, or readings, within the test functions of a stretch, and their weights in its rows."""
-        kept, output = self._kept[part], port == "output"
+        usable, output = self._kept[part], port == "output"
         near, weights = self._of_grid(part) if output else self._of_readings(part, POSITION_ORDER)
-        return near, (weights if kept.all() else weights[kept]) * (-self._gain if output else 1.0)
+        return near, (weights if usable.all() else weights[usable]) * (-self._gain if output else 1.0)
 
     def whole(self, terms: Sequence[Term]) -> Array:
         """A few whitened columns over the whole run, (terms, rows)."""
-        found = np.empty((len(terms), self.rows))
+        sums = np.empty((len(terms), self.rows))
         for rows, part in self.stretches(terms):
-            found[:, rows] = part
-        return found
+            sums[:, rows] = part
+        return sums
 
     def _smoothed(self) -> Signals:
         """The motion smoothed by these rows: the share of either channel is then that of the innovations, so that the
@@ -322,22 +322,22 @@ class WeakRows:
         whole = self.order == POSITION_ORDER and not len(self._readings.carrier_t) and self._unbroken
         if whole and cutoff < run.crossover(self.of_positions):
             motion = self._of_smoothed_readings(weight, cutoff, t - self._clock)
-            found = given_signals(run, state.noise, state.values, motion, cutoff)
+            signals = given_signals(run, state.noise, state.values, motion, cutoff)
         else:
             noise = self._noise_of_output(weight, t)
-            found = smoothed_signals(
+            signals = smoothed_signals(
                 run, state.drive, state.track, state.noise, state.values, self.signals, cutoff, noise
             )
-        return replace(found, reach=self.signals.reach)
+        return replace(signals, reach=self.signals.reach)
 
     def _noise_of_output(self, weight: Array, t: Array) -> Array:
         """Noise of the output at times `t`, s, as the weighted rows show it, with the sign and scale of the stage."""
-        found = np.zeros(len(t))
+        noise = np.zeros(len(t))
         for part in self._parts(TOGETHER):
             splines = self.splines.part(part.start, part.stop)
             near = covering(t - self._clock, splines)
-            found[near] -= splines.weights(t[near] - self._clock, 0, np.ones(near.stop - near.start)).T @ weight[part]
-        return found * (self.noise.q + held_after(self.state.drive, t))
+            noise[near] -= splines.weights(t[near] - self._clock, 0, np.ones(near.stop - near.start)).T @ weight[part]
+        return noise * (self.noise.q + held_after(self.state.drive, t))
 
     def _of_smoothed_readings(self, weight: Array, cutoff: float, t: Array) -> SmoothedMotion:
         """Motion at times `t` from the readings without the noise that the weighted rows show of them."""
@@ -379,10 +379,10 @@ class WeakRows:
         again = np.flatnonzero(self.state.drive.restart[1:])
         used = run.t - self._clock
         spans.append(self._readings.around(used[again], used[again + 1], self.rate))
-        kept = np.ones(self.splines.count, dtype=np.bool_)
+        whole = np.ones(self.splines.count, dtype=np.bool_)
         for begin, end in np.concatenate(spans):
-            kept[slice(*np.searchsorted(begins, [begin - self.splines.support, end]))] = False
-        return kept
+            whole[slice(*np.searchsorted(begins, [begin - self.splines.support, end]))] = False
+        return whole
 
     def _summed(self) -> tuple[Array, Covariance]:
         """<phi'', z> - <phi, p''(u)> of all rows, and their covariance."""
@@ -406,7 +406,7 @@ class WeakRows:
         for part in self._parts(TOGETHER):
             # The covariance reaches DEGREE rows beyond the part.
             wide = slice(part.start, min(part.stop + DEGREE, self.splines.count))
-            kept = self._kept[wide]
+            usable = self._kept[wide]
             inner = int(np.count_nonzero(self._kept[part]))
             rows, begin = slice(begin, begin + inner), begin + inner
             samples, of_output = self._of_output(wide, self._tau)
@@ -423,7 +423,7 @@ class WeakRows:
                 sums += self._gain * (of_grid @ added[grid])
             y[rows] = sums[self._kept[part]]
             of_noise = self._of_output(wide, 0.0)[1] if self._tau else of_output
-            of_noise, of_readings, step = of_noise[kept], of_readings[kept], run.accel_step
+            of_noise, of_readings, step = of_noise[usable], of_readings[usable], run.accel_step
             if constant is None:
                 covariance.of_output[:, rows] = bands(of_noise, 1.0 / step)[:, :inner]
                 covariance.of_readings[:, rows] = bands(of_readings)[:, :inner]
