@@ -452,7 +452,7 @@ def add(
     >>> abs(better["cubic"].value - 1e-3) < 4 * better["cubic"].std
     True
     """
-    runs, broken = used_runs([Examined(one) for one in runs_of(recordings)])
+    runs, broken = used_runs([Examined(source) for source in runs_of(recordings)])
     several = [run.recording for run in runs]
     for recording in several:  # their channels are effects by name
         side_channels([(name, channel.unit) for name, channel in recording.side.items() if name not in DERIVED])
@@ -714,10 +714,10 @@ def compared_steps(
 
 def heldout_rises(steps: Sequence[Step]) -> list[Remark]:
     """The remark that an earlier step has a smaller held-out error than the last one; empty where none is surely so."""
-    found = best_step([step.heldout for step in steps])
-    if found is None or found[1].sigma <= VALIDATION_SIGMA or found[1].percent <= 100.0 * HELDOUT_RISE:
+    rises = best_step([step.heldout for step in steps])
+    if rises is None or rises[1].sigma <= VALIDATION_SIGMA or rises[1].percent <= 100.0 * HELDOUT_RISE:
         return []
-    number, change = found
+    number, change = rises
     best = " + ".join(("base", *steps[number].effects))
     note = remark("heldout_rises", measure=change.measure, percent=change.percent, best=best, sigma=change.sigma)
     return [note]
@@ -901,14 +901,14 @@ def compare_models(
     progress(0.1)
 
     def compared(fit: Fit, progress: Callable[[float], None]) -> Evaluation:
-        seen = evaluation.compare(
+        result = evaluation.compare(
             fit, part, band=band, horizons=horizons, start=begin, end=finish, ruler=ruler, progress=progress
         )
         scores, gone = (
             noise_scores(fit, part, start=begin, end=finish),
             left_out_sentences(part.recording, begin, finish),
         )
-        return replace(seen, noise_scores=scores, breaks=examined.breaks[:1], left_out=gone)
+        return replace(result, noise_scores=scores, breaks=examined.breaks[:1], left_out=gone)
 
     def floor(progress: Callable[[float], None]) -> NoiseFloor:
         return noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)

@@ -129,3 +129,23 @@ def test_terms_names_of_effects_and_longer_words_are_let_pass(tmp_path):
     assert not list(misnamed(path))
     path.write_text("def walk_at_random(): ...\n")
     assert len(list(misnamed(path))) == 1
+
+
+PRONOUNS = frozenset(("found", "one", "each", "seen", "made", "known", "own", "kept"))
+"""Names that say nothing of what a variable holds."""
+
+
+def local_names(source: str) -> set[str]:
+    """Names that functions bind: parameters, assignments, loops and comprehensions; fields of classes are none."""
+    functions = [
+        node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    ]
+    nodes = [node for function in functions for node in ast.walk(function)]
+    stored = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+    return stored | {node.arg for node in nodes if isinstance(node, ast.arg)}
+
+
+def test_no_variable_is_named_by_a_pronoun() -> None:
+    sources = {path: path.read_text(encoding="utf-8") for path in (ROOT / PYTHON[0]).rglob("*.py")}
+    assert not {str(path): names for path, text in sources.items() if (names := PRONOUNS & local_names(text))}
+    assert local_names("def f(found):\n    return [each for each in found]") & PRONOUNS == {"found", "each"}

@@ -77,7 +77,7 @@ def on_two_threads(works: Sequence[Work], progress: Report, *, at_once: bool = T
             while left:
                 _, left = wait(left, LOOK, FIRST_COMPLETED)
                 progress(sum(shares) / len(works))
-            return [each.result() for each in running]
+            return [future.result() for future in running]
         finally:
             for job in running:
                 job.cancel()

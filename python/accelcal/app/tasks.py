@@ -138,9 +138,9 @@ def fitted(model: Model, train: Data, origins: Origins | None, *, progress: Repo
     return fit(list(train), model, origins=origins, progress=progress)
 
 
-def added(before: Fit, train: Data, name: str, own: Sequence[str], *, progress: Report) -> Fit:
-    """Fit again with an effect more; `own` names effects of the user."""
-    return add(before, list(train), name, extra=effects(own), progress=progress)
+def added(before: Fit, train: Data, name: str, own_names: Sequence[str], *, progress: Report) -> Fit:
+    """Fit again with an effect more; `own_names` names effects of the user."""
+    return add(before, list(train), name, extra=effects(own_names), progress=progress)
 
 
 def dropped(before: Fit, train: Data, name: str, *, progress: Report) -> Fit:
@@ -171,9 +171,9 @@ def responded(recording: Recording, *, progress: Report) -> FrequencyResponse:
     return frequency_response(recording)
 
 
-def diagnosed(fitted: Fit, train: Data, own: Sequence[str], *, progress: Report) -> Diagnosis:
+def diagnosed(fitted: Fit, train: Data, own_names: Sequence[str], *, progress: Report) -> Diagnosis:
     """Search for missing effects."""
-    return diagnose(fitted, list(train), extra=effects(own), progress=progress)
+    return diagnose(fitted, list(train), extra=effects(own_names), progress=progress)
 
 
 def values_of_runs(fitted: Fit, train: Data, *, progress: Report) -> RunValues:
@@ -185,7 +185,7 @@ def reported(
     fitted: Fit,
     train: Recording,
     holdout: Recording,
-    own: Sequence[str],
+    own_names: Sequence[str],
     diagnosis: Diagnosis | None,
     *,
     progress: Report,
@@ -196,7 +196,7 @@ def reported(
         fitted,
         train,
         holdout=holdout,
-        extra=effects(own),
+        extra=effects(own_names),
         command="accelcal app",
         diagnosis=diagnosis,
         progress=within(progress, 0.0, 0.9),
@@ -267,14 +267,14 @@ class Reader:
             If one cannot be read as a table.
         """
         order = sorted(range(len(paths)), key=lambda number: not has_sidecar(paths[number]))
-        found: dict[int, Run] = {}
+        by_number: dict[int, Run] = {}
         for count, number in enumerate(order):
-            runs = [run for run in (*present, *found.values()) if run.recording is not None and not run.lender]
+            runs = [run for run in (*present, *by_number.values()) if run.recording is not None and not run.lender]
             lender = next((run for run in runs if run.sidecar is not None or has_sidecar(run.file)), None)
-            found[number] = self.run(
+            by_number[number] = self.run(
                 paths[number], None, lender, within(progress, count / len(paths), (count + 1) / len(paths))
             )
-        return tuple(found[number] for number in range(len(paths)))
+        return tuple(by_number[number] for number in range(len(paths)))
 
     def run(self, path: Path, sidecar: str | None, lender: Run | None, progress: Report) -> Run:
         """Read a file; where its columns are not understood, `Run.problem` says why.

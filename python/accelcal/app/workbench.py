@@ -328,14 +328,16 @@ class Workbench:
         stored = opened.content.runs
         runs: dict[int, Run] = {}
         for count, number in enumerate(sorted(range(len(stored)), key=lambda number: stored[number].sidecar is None)):
-            one, part = stored[number], within(progress, count / len(stored), (count + 1) / len(stored))
-            path = opened.path(one.source)
-            beside = one.sidecar == (mapping.text_of(path, None, "") or None)
+            stored_run, part = stored[number], within(progress, count / len(stored), (count + 1) / len(stored))
+            path = opened.path(stored_run.source)
+            beside = stored_run.sidecar == (mapping.text_of(path, None, "") or None)
             lender = next((runs[n] for n in sorted(runs) if runs[n].recording is not None), None)
-            run = self._reader().run(path, None if beside else one.sidecar, lender, part)
+            run = self._reader().run(path, None if beside else stored_run.sidecar, lender, part)
             if run.problem:
                 raise Refused(run.problem)
-            runs[number] = replace(run, role=one.role, held_out=one.held_out, excluded=tuple(one.excluded))
+            runs[number] = replace(
+                run, role=stored_run.role, held_out=stored_run.held_out, excluded=tuple(stored_run.excluded)
+            )
         return tuple(runs[number] for number in range(len(stored)))
 
     def _with_models(self, state: State, opened: OpenedSession, progress: Report) -> State:

@@ -56,8 +56,8 @@ def demo(
     truth = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
     began = time.perf_counter()
     seeds = np.random.SeedSequence(seed).spawn(2)
-    for path, each in zip(paths, seeds, strict=True):
-        rng = np.random.default_rng(each)
+    for path, number in zip(paths, seeds, strict=True):
+        rng = np.random.default_rng(number)
         simulated = sensors.simulate("interleaved", seconds=60.0, rig=sensors.ADXL105_RIG, parameters=truth, rng=rng)
         write_recording(simulated.recording, path)
         count = len(simulated.recording.accel)

@@ -566,26 +566,29 @@ def together(several: Sequence[Dwells]) -> Dwells:
     first, *others = several
     if not others:
         return first
-    for one in others:
+    for further in others:
         for key, words in (("gravity", "local gravity"), ("angle_std", "an angle_std")):
-            if getattr(one, key) != getattr(first, key):
+            if getattr(further, key) != getattr(first, key):
                 raise RecordingError(
-                    f"{one.name}: {words} of {getattr(one, key):.6g} is declared, but {first.name} has "
-                    f"{getattr(first, key):.6g}; dwells of one fit share it: correct [dwell] in one of the sidecars"
+                    f"{further.name}: {words} of {getattr(further, key):.6g} is declared, but {first.name} has "
+                    f"{getattr(first, key):.6g}; dwells of further fit share it: correct [dwell] in further of the sidecars"
                 )
         for key in ("noise", "bias_instability", "random_walk"):
-            if getattr(one.rig.sensor, key) != getattr(first.rig.sensor, key):
+            if getattr(further.rig.sensor, key) != getattr(first.rig.sensor, key):
                 raise RecordingError(
-                    f"{one.name}: sensor.{key} is not that of {first.name}; dwells of one fit share it: declare the "
+                    f"{further.name}: sensor.{key} is not that of {first.name}; dwells of further fit share it: declare the "
                     "same in both sidecars"
                 )
-        if one.rig.uncertainty.level != first.rig.uncertainty.level:
+        if further.rig.uncertainty.level != first.rig.uncertainty.level:
             raise RecordingError(
-                f"{one.name}: uncertainty.level is not that of {first.name}; declare the same in both sidecars"
+                f"{further.name}: uncertainty.level is not that of {first.name}; declare the same in both sidecars"
             )
-        require_same_sensor(one, first.rig, first.name)
-        if one.digest and one.digest in {first.digest, *(other.digest for other in others if other is not one)}:
-            raise RecordingError(f"{one.name} is given twice: its dwells would count twice. Give it once")
+        require_same_sensor(further, first.rig, first.name)
+        if further.digest and further.digest in {
+            first.digest,
+            *(other.digest for other in others if other is not further),
+        }:
+            raise RecordingError(f"{further.name} is given twice: its dwells would count twice. Give it once")
     warm = [dwells.temperature for dwells in several]
     return replace(
         first,

@@ -135,6 +135,6 @@ def change_with_band(trials: Sequence[BandTrial]) -> str | None:
     )
     which = " and ".join(name for name, differs in (("the scale", scales), ("the delay", delays)) if differs)
     return (
-        f"{which} change{'' if scales and delays else 's'} with the band ({described}): a lag, a high-pass or a resonance "
-        "of either channel does that, not a constant of the sensor"
+        f"{which} change{'' if scales and delays else 's'} with the band ({described}): a lag, a high-pass or a "
+        "resonance of either channel does that, not a constant of the sensor"
     )

@@ -65,14 +65,14 @@ def counted_blocks(
 ) -> list[tuple[slice, Flags]]:
     """Blocks of readings, and which of each count: those that have settled at a noise, among `counts` (n,) if given."""
     span = BLOCK_SPAN / (2.0 * np.pi * run.crossover(near)) / run.reading_step
-    found = []
+    counted = []
     for rows in blocks(len(run.t), int(max(BLOCK_READINGS, span))):
         settled = integrals.part(rows).settled(run.wait(near))
         if counts is not None:
             settled = settled & counts[rows]
         if settled.any():
-            found.append((rows, np.ascontiguousarray(settled)))
-    return found
+            counted.append((rows, np.ascontiguousarray(settled)))
+    return counted
 
 
 @dataclass(frozen=True, slots=True, eq=False)

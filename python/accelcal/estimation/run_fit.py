@@ -179,7 +179,7 @@ def differing(solution: Solution) -> tuple[tuple[str, ...], tuple[SeenByRuns, ..
     since else all other estimates would bear the difference.
     """
     model, states = solution.model, solution.states
-    found: list[str] = []
+    differing_names: list[str] = []
     coupled = len(states) > 1 and all(state.run.rig.coupled for state in states)
     names = [term.name for term in model.free if term.name in LET_DIFFER and term.name not in model.priors]
     for name in names if coupled else ():
@@ -187,10 +187,10 @@ def differing(solution: Solution) -> tuple[tuple[str, ...], tuple[SeenByRuns, ..
             continue
         tried = (seen_by_runs(states, model, name, e) for e in SEEN_BY_RUNS if e not in model.effects)
         explaining = tuple(choice for choice in tried if choice is not None)
-        found += [name] if name not in model.per_run else []
+        differing_names += [name] if name not in model.per_run else []
         if explaining:
-            return tuple(found), tuple(sorted(explaining, key=lambda choice: choice.std / abs(choice.value)))
-    return tuple(found), ()
+            return tuple(differing_names), tuple(sorted(explaining, key=lambda choice: choice.std / abs(choice.value)))
+    return tuple(differing_names), ()
 
 
 def between_runs(

@@ -371,16 +371,16 @@ def likelihood(y: Array, between: BetweenRuns, covariate: Covariate | None, D: f
     return np.asarray(0.5 * log_det - 0.5 * np.einsum("ki,ij,kj->k", y, left, y, optimize=True))
 
 
-def weights_and_design(seen: BetweenRuns, covariate: Covariate | None, D: float) -> tuple[Array, Array]:
+def weights_and_design(spread: BetweenRuns, covariate: Covariate | None, D: float) -> tuple[Array, Array]:
     """Inverse covariance of the readings, and the columns of mean and covariate."""
     if covariate is None or covariate.covariance is None:
-        W = np.diag(1.0 / (seen.v + D))
+        W = np.diag(1.0 / (spread.v + D))
     else:
-        between = seen.turn @ covariate.covariance @ seen.turn.T
-        W = np.asarray(np.linalg.inv(np.diag(seen.v) + D * between), dtype=np.float64)
-    X = seen.u[:, None]
+        between = spread.turn @ covariate.covariance @ spread.turn.T
+        W = np.asarray(np.linalg.inv(np.diag(spread.v) + D * between), dtype=np.float64)
+    X = spread.u[:, None]
     if covariate is not None and covariate.columns.shape[1]:
-        X = np.hstack([X, seen.turn @ centred(covariate.columns)])
+        X = np.hstack([X, spread.turn @ centred(covariate.columns)])
     return W, X
 
 

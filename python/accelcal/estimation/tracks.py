@@ -177,10 +177,10 @@ def _shape(
     terms = [term.name for term in fit.model.terms if term.effect.name == name]
     value = columns @ np.array([fit[term].value for term in terms])
     free = [e.name for e in fit.free]
-    kept = [i for i, term in enumerate(terms) if term in free]
-    at = [free.index(terms[i]) for i in kept]
+    places = [i for i, term in enumerate(terms) if term in free]
+    at = [free.index(terms[i]) for i in places]
     covariance = fit.covariance[np.ix_(at, at)]
-    variance = np.einsum("ni,ij,nj->n", columns[:, kept], covariance, columns[:, kept])
+    variance = np.einsum("ni,ij,nj->n", columns[:, places], covariance, columns[:, places])
     std = np.sqrt(np.maximum(variance, 0.0))
     return Shape(name, label, variable, variable_unit, effect.unit, x[rows], value[rows], std[rows])
 

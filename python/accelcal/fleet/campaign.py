@@ -198,10 +198,10 @@ def load(path: str | Path) -> Results:
         connection.execute("BEGIN")
         _identity(connection, path)
         rows = connection.execute("SELECT run, item, error FROM run ORDER BY run").fetchall()
-        found = connection.execute("SELECT name, run, value FROM value").fetchall()
+        stored = connection.execute("SELECT name, run, value FROM value").fetchall()
     place = {run: i for i, (run, _, _) in enumerate(rows)}
-    values = {name: np.full(len(rows), math.nan) for name in sorted({name for name, _, _ in found})}
-    for name, run, value in found:
+    values = {name: np.full(len(rows), math.nan) for name in sorted({name for name, _, _ in stored})}
+    for name, run, value in stored:
         values[name][place[run]] = math.nan if value is None else value
     return Results(
         runs=np.array([run for run, _, _ in rows], dtype=np.intp),
@@ -401,19 +401,19 @@ def run(
     if twice:
         raise CampaignError(f"items: {twice[0]!r} is given more than once; every run needs an item of its own.")
     with opened(store) as connection:
-        known = begin(connection, store, work.identity, labels)
-        missing = [(run, item) for run, item in enumerate(items) if run not in known]
+        finished = begin(connection, store, work.identity, labels)
+        missing = [(run, item) for run, item in enumerate(items) if run not in finished]
         batches = (missing[i : i + batch] for i in range(0, len(missing), batch))
-        done = len(known)
-        own = ThreadPoolExecutor(os.cpu_count()) if executor is None else nullcontext(executor)
-        with own as pool, closing(_completed(pool, work, batches)) as stream:
+        done = len(finished)
+        workers = ThreadPoolExecutor(os.cpu_count()) if executor is None else nullcontext(executor)
+        with workers as pool, closing(_completed(pool, work, batches)) as stream:
             for outcomes in stream:
                 keep(connection, store, outcomes)
                 done += len(outcomes)
                 if progress is not None:
                     progress(done, len(items))
         (failed,) = connection.execute("SELECT count(error) FROM run").fetchone()
-    return Count(len(missing), len(known), failed)
+    return Count(len(missing), len(finished), failed)
 
 
 def _completed(pool: Executor, task: Task, batches: Iterator[list[tuple[int, Item]]]) -> Generator[list[Outcome]]:

@@ -299,18 +299,18 @@ def _unit(table: Table, plan: Plan, channel: str, column: str, declared: str | N
         "the suffix of the column name": name.suffix,
         "the bracket in the column name": name.brackets,
     }
-    found = [(source, unit) for source, unit in said.items() if unit is not None]
-    if not found:
+    stated = [(source, unit) for source, unit in said.items() if unit is not None]
+    if not stated:
         raise RecordingError(
             f'{table.path}: column "{column}" has no unit; '
             + fix(plan.sidecar, line(channel, column, USUAL_UNIT.get(channel, "1")))
         )
-    source, unit = found[0]
+    source, unit = stated[0]
     if unit == UNKNOWN:
         raise RecordingError(
             f'{plan.sidecar}: channels.{channel}: the unit of column "{column}" is still to be filled in.'
         )
-    for other, differing in found[1:]:
+    for other, differing in stated[1:]:
         if not units.same_unit(unit, differing):
             raise RecordingError(
                 f'{table.path}: column "{column}": {source} says "{unit}" but {other} says "{differing}"; '

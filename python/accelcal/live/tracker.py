@@ -414,9 +414,9 @@ class OutputMoments:
         if self.outputs < 3 or self.readings < 3:
             return None
         step, apart = (self._to - self._from) / (np.array([self.outputs, self.readings]) - 1)
-        one, two = self._products / (self.outputs - np.array([1, 2])) - (self._sum / self.outputs) ** 2
-        slowed = max((one - two) / 1.5, 0.0)  # <a²> <w²> dt²; products k apart are <a²> (1 - k² <w²> dt²/2)
-        motion = max(one + 0.5 * slowed, 0.0)
+        first, two = self._products / (self.outputs - np.array([1, 2])) - (self._sum / self.outputs) ** 2
+        slowed = max((first - two) / 1.5, 0.0)  # <a²> <w²> dt²; products k apart are <a²> (1 - k² <w²> dt²/2)
+        motion = max(first + 0.5 * slowed, 0.0)
         crossover = (settings.q / (settings.r_position * apart)) ** 0.25 / (2.0 * math.pi)
         noise = 2.0 * settings.q * min(1.11 * crossover, 1.0 / (3.0 * step))
         row = settings.names.index("k")

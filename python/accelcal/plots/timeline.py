@@ -204,7 +204,7 @@ def overlay(models: Models, *, window: Window | None = None, chosen: Window | No
     _, current = several[-1]
     t, moved, _ = current.simulated
     scale, unit = prefixed("m", moved)
-    ruler, residual_unit = prefixed("m/s²", *(seen.accel_residual[1] for _, seen in several))
+    ruler, residual_unit = prefixed("m/s²", *(compared.accel_residual[1] for _, compared in several))
 
     def line(t: Array, y: Array, name: str, role: Role, opacity: float = 1.0, *, solid: bool = False) -> Line:
         return Line(*inside(t, y, window), name, role, COLUMNS, solid, opacity=opacity)

@@ -324,7 +324,8 @@ def summary(content: Content) -> list[str]:
         lines.append(f"Unaided drift after {h:g} s on {kind}: {length(quoted_error(evaluation, h))} rms{floor}.")
     lines += [f"{score.sentence[:1].upper()}{score.sentence[1:]}." for score in evaluation.noise_scores]
     lines.append(
-        f"One-step prediction error: {length(evaluation.one_step_rms)} rms. {evaluation.worst[:1].upper()}{evaluation.worst[1:]}."
+        f"One-step prediction error: {length(evaluation.one_step_rms)} rms. "
+        f"{evaluation.worst[:1].upper()}{evaluation.worst[1:]}."
     )
     return lines
 

@@ -113,7 +113,7 @@ def form(page: Page) -> None:
     async def use_columns() -> None:
         try:
             axis = str(direction.value or ""), str(sense.value or "")
-            entered = {key: str(one.value or "").strip() for key, one in sensor.items()}
+            entered = {key: str(field.value or "").strip() for key, field in sensor.items()}
             sidecar = mapping.sidecar_from(str(sheet.value), fields.chosen, *axis, entered)
         except RecordingError as error:
             bench.refuse(str(error))

@@ -164,10 +164,10 @@ def beside(recordings: Sequence[Path], sidecars: Sequence[Path]) -> list[Path]:
 
     A single sidecar of another name belongs to the single recording, or to all files that have none: one sensor.
     """
-    known = {sidecar_of(path).name.lower(): path for path in recordings}
+    of_recordings = {sidecar_of(path).name.lower(): path for path in recordings}
     unmatched = []
     for sidecar in sidecars:
-        owner = known.get(sidecar.name.lower())
+        owner = of_recordings.get(sidecar.name.lower())
         if owner is None:
             unmatched.append(sidecar)
         elif sidecar != sidecar_of(owner):

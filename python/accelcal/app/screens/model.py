@@ -118,11 +118,11 @@ def rows_of(step: Step, values: RunValues) -> list[list[widgets.Cell]]:
     return [*rows, ["one value in all", *p_values, *[""] * (len(own_names(step)) + 1)]]
 
 
-def dwells_sentence(dwell_fit: DwellFit) -> str:
+def dwells_sentence(fit: DwellFit) -> str:
     """What the fit leaves of its dwells."""
-    rms = math.sqrt(sum(value**2 for value in dwell_fit.residual) / max(1, len(dwell_fit.residual)))
-    scatter = f"; p {probability(dwell_fit.p_value)} under all that is declared" if dwell_fit.freedom > 0 else ""
-    return f"{dwell_fit.name or 'Dwells'}: {len(dwell_fit.angle)} dwells, rms residual {number(1e3 * rms, 3)} mm/s²{scatter}."
+    rms = math.sqrt(sum(value**2 for value in fit.residual) / max(1, len(fit.residual)))
+    scatter = f"; p {probability(fit.p_value)} under all that is declared" if fit.freedom > 0 else ""
+    return f"{fit.name or 'Dwells'}: {len(fit.angle)} dwells, rms residual {number(1e3 * rms, 3)} mm/s²{scatter}."
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,11 +217,11 @@ def compared(state: State, pair: tuple[str, str]) -> None:
     ui.label(note).classes("note")
 
 
-def row(one: Difference) -> list[widgets.Cell]:
+def row(change: Difference) -> list[widgets.Cell]:
     """One parameter."""
-    difference = "" if one.value is None else plain(one.unit, one.value, one.std)
-    sigma = "" if one.sigma is None else f"{number(one.sigma, 3)} σ"
-    return [spelled(one.name), text(one.first), text(one.second), difference, sigma]
+    difference = "" if change.value is None else plain(change.unit, change.value, change.std)
+    sigma = "" if change.sigma is None else f"{number(change.sigma, 3)} σ"
+    return [spelled(change.name), text(change.first), text(change.second), difference, sigma]
 
 
 def text(e: Estimate | NoiseEffect | None) -> str:

@@ -320,16 +320,16 @@ def _measurement(parent: ET.Element, measurement: Measurement) -> None:
         _quantity(data, Quantity(f"least {name}", low, unit))
         _quantity(data, Quantity(f"largest {name}", high, unit))
     results = _add(parent, "results")
-    for found in measurement.results:
+    for entry in measurement.results:
         result = _add(results, "result")
-        _named(result, "name", found.name)
-        _named(result, "description", found.description)
+        _named(result, "name", entry.name)
+        _named(result, "description", entry.description)
         data = _add(result, "data")
-        for quantity in found.quantities:
+        for quantity in entry.quantities:
             _quantity(data, quantity)
-        if found.table:
+        if entry.table:
             listed = _add(data, "list")
-            for column in found.table:
+            for column in entry.table:
                 _column(listed, column)
 
 
@@ -341,17 +341,17 @@ def _si(parent: ET.Element, tag: str, **texts: str) -> ET.Element:
     return node
 
 
-def _quantity(parent: ET.Element, found: Quantity) -> None:
+def _quantity(parent: ET.Element, entry: Quantity) -> None:
     quantity = _add(parent, "quantity")
-    _named(quantity, "name", found.name)
-    real = _si(quantity, "real", value=repr(found.value), unit=UNITS[found.unit])
-    if found.expanded is not None:
+    _named(quantity, "name", entry.name)
+    real = _si(quantity, "real", value=repr(entry.value), unit=UNITS[entry.unit])
+    if entry.expanded is not None:
         _si(
             real,
             "expandedUnc",
-            uncertainty=repr(found.expanded),
-            coverageFactor=f"{found.factor or COVERAGE_FACTOR:.4g}",
-            coverageProbability=PROBABILITY if found.factor is None else PROBABILITY_OF_TWO,
+            uncertainty=repr(entry.expanded),
+            coverageFactor=f"{entry.factor or COVERAGE_FACTOR:.4g}",
+            coverageProbability=PROBABILITY if entry.factor is None else PROBABILITY_OF_TWO,
         )
 
 

@@ -92,7 +92,7 @@ def _function(c: Calibration, code: Code) -> str:
     def number(value: float) -> str:
         return literal(code, value)
 
-    each = "".join(f"        {_rows(code, s.coefficients, ' ' * 8)},\n" for s in segments)
+    segment_rows = "".join(f"        {_rows(code, s.coefficients, ' ' * 8)},\n" for s in segments)
     lines = [
         f"/// Bound on the distance from the exact inverse inside the range, m/s^2: {upwards(code.bound)}.",
         f"pub const BOUND{_suffix(code).upper()}: {kind} = {number(code.bound)};",
@@ -100,7 +100,7 @@ def _function(c: Calibration, code: Code) -> str:
         f"/// Takes a reading ({unit(c.unit)}){' and a temperature (degC)' if w else ''} to acceleration.",
         f"pub const fn acceleration{_suffix(code)}(reading: {kind}{f', temperature: {kind}' if w else ''}) "
         f"-> Corrected<{kind}> {{",
-        f"    const COEFFICIENT: [[[{kind}; {columns}]; {rows}]; {len(segments)}] = [\n{each}    ];",
+        f"    const COEFFICIENT: [[[{kind}; {columns}]; {rows}]; {len(segments)}] = [\n{segment_rows}    ];",
         f"    const CENTRE: [{kind}; {len(segments)}] = {_numbers(code, [s.centre for s in segments])};",
         f"    const PER_HALF: [{kind}; {len(segments)}] = {_numbers(code, [s.per_half for s in segments])};",
         f"    const START: [{kind}; {len(segments)}] = {_numbers(code, [s.low for s in segments])};",

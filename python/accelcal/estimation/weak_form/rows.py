@@ -279,7 +279,7 @@ class WeakRows:
 
     def _remembered(self, terms: Sequence[Term], parts: Sequence[slice]) -> Array:
         """Columns over successive stretches, (rows, terms), each evaluated over the whole run once."""
-        found = np.empty((sum(int(np.count_nonzero(self._kept[part])) for part in parts), len(terms)))
+        remembered = np.empty((sum(int(np.count_nonzero(self._kept[part])) for part in parts), len(terms)))
         whole = slice(None)
         for first, columns, port in column_parts(
             self.state.run, self.signals, terms, whole, whole, lambda: self.at_readings, ()
@@ -288,10 +288,10 @@ class WeakRows:
             for part in parts:
                 rows, weights = self._against(port, part)
                 sums = weights @ np.column_stack([column[rows] for column in columns])
-                found[begin : begin + len(sums), first : first + len(columns)] = sums
+                remembered[begin : begin + len(sums), first : first + len(columns)] = sums
                 begin += len(sums)
             del columns  # as long as the run is, while the next are evaluated
-        return found
+        return remembered
 
     def _against(self, port: str, part: slice) -> tuple[slice, Sparse]:
         """Rows of the signals, or readings, within the test functions of a stretch, and their weights in its rows."""
