@@ -571,12 +571,12 @@ def together(several: Sequence[Dwells]) -> Dwells:
             if getattr(further, key) != getattr(first, key):
                 raise RecordingError(
                     f"{further.name}: {words} of {getattr(further, key):.6g} is declared, but {first.name} has "
-                    f"{getattr(first, key):.6g}; dwells of further fit share it: correct [dwell] in further of the sidecars"
+                    f"{getattr(first, key):.6g}; dwells of one fit share it: correct [dwell] in one of the sidecars"
                 )
         for key in ("noise", "bias_instability", "random_walk"):
             if getattr(further.rig.sensor, key) != getattr(first.rig.sensor, key):
                 raise RecordingError(
-                    f"{further.name}: sensor.{key} is not that of {first.name}; dwells of further fit share it: declare the "
+                    f"{further.name}: sensor.{key} is not that of {first.name}; dwells of one fit share it: declare the "
                     "same in both sidecars"
                 )
         if further.rig.uncertainty.level != first.rig.uncertainty.level:
