@@ -576,8 +576,8 @@ def together(several: Sequence[Dwells]) -> Dwells:
         for key in ("noise", "bias_instability", "random_walk"):
             if getattr(further.rig.sensor, key) != getattr(first.rig.sensor, key):
                 raise RecordingError(
-                    f"{further.name}: sensor.{key} is not that of {first.name}; dwells of one fit share it: declare the "
-                    "same in both sidecars"
+                    f"{further.name}: sensor.{key} is not that of {first.name}; dwells of one fit share it: declare "
+                    "the same in both sidecars"
                 )
         if further.rig.uncertainty.level != first.rig.uncertainty.level:
             raise RecordingError(
