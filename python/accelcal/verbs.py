@@ -37,7 +37,7 @@ from accelcal.diagnosis.select.improvement import Improvement, Step, nested_fits
 from accelcal.diagnosis.select.stepwise import SearchBudget, StepwiseSelection
 from accelcal.diagnosis.verdict import Diagnosis, verdict_on
 from accelcal.effects import Effect, find, side_channels
-from accelcal.estimation.engines import Method, engine_of
+from accelcal.estimation.engines import Method, engine_named
 from accelcal.estimation.estimate import (
     DWELLS_ALONE,
     Fit,
@@ -298,7 +298,7 @@ def fit(
     >>> abs(found["bias"].value - 0.05) < 4 * found["bias"].std
     True
     """
-    engine = engine_of(method)
+    engine = engine_named(method)
     if engine.alone:
         if not isinstance(recordings, Recording) or model is not None or band is not None or origins is not None:
             raise AccelcalError(

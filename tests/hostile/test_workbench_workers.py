@@ -47,13 +47,13 @@ def tests_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("number", SIGNALS)
 def test_a_worker_that_dies_is_reported_and_replaced(workers: Workers, number: int) -> None:
     with pytest.raises(WorkerLost, match=f"ended before it \\(signal {int(number)}\\).*nothing was changed"):
-        workers(work.die, int(number), progress=ignore, known=NOTHING)
-    assert workers(work.speak, progress=ignore, known=NOTHING) == "heard"
+        workers(work.die, int(number), progress=ignore, memory=NOTHING)
+    assert workers(work.speak, progress=ignore, memory=NOTHING) == "heard"
 
 
 @pytest.mark.skipif(not hasattr(os, "getsid"), reason="needs process groups")
 def test_a_worker_waits_for_the_server_and_not_for_the_terminal(workers: Workers) -> None:
-    workers(work.speak, progress=ignore, known=NOTHING)
+    workers(work.speak, progress=ignore, memory=NOTHING)
     (pid,) = workers.pids()
     # Linux weighs processes by their patience within one session only.
     assert os.getsid(pid) == os.getsid(0)
@@ -63,29 +63,29 @@ def test_a_worker_waits_for_the_server_and_not_for_the_terminal(workers: Workers
 
 def test_what_goes_wrong_in_a_worker_is_an_error_here(workers: Workers) -> None:
     with pytest.raises(ValueError, match="row 3"):
-        workers(work.fail, "row 3", progress=ignore, known=NOTHING)
+        workers(work.fail, "row 3", progress=ignore, memory=NOTHING)
     first = workers.pids()
     with pytest.raises(RuntimeError, match="Odd: 1 and 2"):
-        workers(work.oddly, progress=ignore, known=NOTHING)
+        workers(work.oddly, progress=ignore, memory=NOTHING)
     with pytest.raises(TypeError, match="pickle"):
-        workers(work.unsendable, progress=ignore, known=NOTHING)
+        workers(work.unsendable, progress=ignore, memory=NOTHING)
     with pytest.raises(WorkerLost, match="more memory than there is"):
-        workers(work.swallow, progress=ignore, known=NOTHING)
+        workers(work.swallow, progress=ignore, memory=NOTHING)
     assert workers.pids() == first  # none of these cost the process
     with pytest.raises(WorkerLost, match="status 3"):
-        workers(work.leave, 3, progress=ignore, known=NOTHING)
+        workers(work.leave, 3, progress=ignore, memory=NOTHING)
 
 
 def test_what_a_worker_raised_is_judged_by_where_it_was_raised(workers: Workers, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="math domain error") as caught:
-        workers(work.foreign, progress=ignore, known=NOTHING)
+        workers(work.foreign, progress=ignore, memory=NOTHING)
     assert not errors.is_for_user(caught.value)
     said = errors.sentence(caught.value, ["accelcal", "app"])
     report = Path(said.partition("please send ")[2].partition(" to its authors")[0])
     assert "workbench_tasks.py" in report.read_text()  # the place in the worker, not that of its messenger
     report.unlink()
     with pytest.raises((ValueError, OSError)) as caught:
-        workers(work.own, progress=ignore, known=NOTHING)
+        workers(work.own, progress=ignore, memory=NOTHING)
     assert errors.is_for_user(caught.value)
 
 
@@ -98,7 +98,7 @@ def test_cancelling_ends_the_process_and_what_it_started(workers: Workers, tmp_p
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        workers(work.sleep, note, progress=report, known=NOTHING)
+        workers(work.sleep, note, progress=report, memory=NOTHING)
     assert all(has_ended(int(pid)) for pid in note.read_text().split())
     assert workers.pids() == []
 
@@ -109,7 +109,7 @@ def test_who_waits_for_a_worker_can_be_cancelled(tmp_path: Path) -> None:
 
     def long() -> None:
         with pytest.raises(WorkerLost):
-            workers(work.sleep, note, progress=ignore, known=NOTHING)
+            workers(work.sleep, note, progress=ignore, memory=NOTHING)
         ended.set()
 
     threading.Thread(target=long).start()
@@ -120,11 +120,11 @@ def test_who_waits_for_a_worker_can_be_cancelled(tmp_path: Path) -> None:
         raise Cancelled
 
     with pytest.raises(Cancelled):
-        workers(work.speak, progress=report, known=NOTHING)
+        workers(work.speak, progress=report, memory=NOTHING)
     workers.close()
     assert ended.wait(30.0)
     with pytest.raises(WorkerLost, match="being ended"):
-        workers(work.speak, progress=ignore, known=NOTHING)
+        workers(work.speak, progress=ignore, memory=NOTHING)
 
 
 def test_a_session_knows_its_own_effects_alone(workers: Workers) -> None:
@@ -135,7 +135,7 @@ def test_a_session_knows_its_own_effects_alone(workers: Workers) -> None:
     workers.most = 1
     assert workers(work.names, progress=ignore, known=mine) == ["my_drag", "supply", "supply_scale"]
     assert workers(work.names, progress=ignore, known=yours) == ["my_drag"]
-    assert workers(work.names, progress=ignore, known=NOTHING) == []
+    assert workers(work.names, progress=ignore, memory=NOTHING) == []
 
 
 def test_workers_end_with_a_server_that_was_killed(tmp_path: Path) -> None:
@@ -161,7 +161,7 @@ def test_a_session_outlives_its_worker(workers: Workers, tmp_path: Path, monkeyp
     before = bench.state
 
     def lost(state: State, progress: object) -> State:
-        workers(work.die, int(signal.SIGKILL), progress=ignore, known=NOTHING)
+        workers(work.die, int(signal.SIGKILL), progress=ignore, memory=NOTHING)
         return State()
 
     bench._perform("a long fit", lost)

@@ -114,7 +114,7 @@ def test_the_rest_passes_its_own_tests(copy: Copy) -> None:
 def test_import_loads_what_it_loads_in_the_whole_package(copy: Copy, tmp_path: Path) -> None:
     here = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True).stdout
     assert copy.run("-c", LOADED, cwd=tmp_path).stdout == here
-    assert "accelcal.workflow" in here.split()
+    assert "accelcal.verbs" in here.split()
 
 
 @pytest.mark.slow
@@ -135,6 +135,6 @@ def test_without_a_folder_of_the_core_the_quick_start_fails(tmp_path: Path) -> N
 @pytest.mark.slow
 def test_a_core_that_imports_an_add_on_fails(tmp_path: Path) -> None:
     copy = Copy(tmp_path / "copy", ADD_ONS)
-    with (copy.site / "accelcal" / "workflow.py").open("a") as file:
+    with (copy.site / "accelcal" / "verbs.py").open("a") as file:
         file.write("\nfrom accelcal.live import LiveSession\n")
     assert "No module named 'accelcal.live'" in copy.quick_start(tmp_path / "start")

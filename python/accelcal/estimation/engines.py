@@ -305,7 +305,7 @@ Method = Literal["auto", "replay", "weak"]
 """Names of the engines."""
 
 
-def engine_of(method: Method | FilterChoice) -> Engine:
+def engine_named(method: Method | FilterChoice) -> Engine:
     """The engine that `method=` names."""
     return ForwardFilter(method) if isinstance(method, FilterChoice) else ENGINES[method]
 

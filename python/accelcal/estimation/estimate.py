@@ -34,7 +34,7 @@ from accelcal.estimation.bands import best_band, change_with_band, needs_band, t
 from accelcal.estimation.channel_filters import names
 from accelcal.estimation.dwell_fit import DwellFit, origins_of, seen_in, solve_dwells
 from accelcal.estimation.dwell_rows import Nuisances, acts_at_rest, determines, shown
-from accelcal.estimation.engines import ENGINES, Engine, Method, engine_of, measure_noise, settle_dwells
+from accelcal.estimation.engines import ENGINES, Engine, Method, engine_named, measure_noise, settle_dwells
 from accelcal.estimation.gauss_newton import (
     DWELL_STEPS,
     MAX_ROUNDS,
@@ -302,7 +302,7 @@ def estimate(
     if not several:
         raise AccelcalError("a fit needs at least one recording")
     solution = solve_runs(
-        model, several, start=start, end=end, band=band, origins=origins, engine=engine_of(method), progress=progress
+        model, several, start=start, end=end, band=band, origins=origins, engine=engine_named(method), progress=progress
     )
     return result(solution)
 
