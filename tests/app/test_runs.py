@@ -99,7 +99,7 @@ class Recorder:
     def __init__(self, answers):
         self.answers, self.asked = answers, []
 
-    def __call__(self, task, *args, progress, known):
+    def __call__(self, task, *args, progress, memory):
         self.asked.append((task, args))
         answer = self.answers[task]
         if isinstance(answer, Exception):

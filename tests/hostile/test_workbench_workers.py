@@ -133,8 +133,8 @@ def test_a_session_knows_its_own_effects_alone(workers: Workers) -> None:
         (Formula(name="my_drag", expression="v**3", unit="s/m²", port="output"),)
     )  # the same name for another effect
     workers.most = 1
-    assert workers(work.names, progress=ignore, known=mine) == ["my_drag", "supply", "supply_scale"]
-    assert workers(work.names, progress=ignore, known=yours) == ["my_drag"]
+    assert workers(work.names, progress=ignore, memory=mine) == ["my_drag", "supply", "supply_scale"]
+    assert workers(work.names, progress=ignore, memory=yours) == ["my_drag"]
     assert workers(work.names, progress=ignore, memory=NOTHING) == []
 
 
@@ -142,7 +142,7 @@ def test_workers_end_with_a_server_that_was_killed(tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; from accelcal.app.workers import Workers;"
         "from accelcal.app.state import Known; from tests.hostile import workbench_tasks as work;"
-        "Workers(Path(sys.argv[1]), 1)(work.sleep, Path(sys.argv[1], 'note'), progress=lambda s: None, known=Known())"
+        "Workers(Path(sys.argv[1]), 1)(work.sleep, Path(sys.argv[1], 'note'), progress=lambda s: None, memory=Known())"
     )
     server = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)])
     while not (tmp_path / "note").exists():
