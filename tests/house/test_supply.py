@@ -41,6 +41,8 @@ def imported(folder: Path) -> set[str]:
                 modules |= {each.name.partition(".")[0] for each in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
                 modules.add(node.module.partition(".")[0])
+            elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "optional":
+                modules.add(str(ast.literal_eval(node.args[0])).partition(".")[0])
     known = packages_distributions()
     foreign = modules - set(sys.stdlib_module_names) - {"accelcal"}
     return {canonicalize_name(known[module][0]) for module in foreign}
