@@ -45,23 +45,31 @@ def low_pass(y: Array, rate: float, cutoff: float) -> Array:
     padding = int(min(len(y) - 1, 3 * rate / cutoff))
     padded = np.concatenate([2.0 * y[0] - y[padding:0:-1], y, 2.0 * y[-1] - y[-2 : -padding - 2 : -1]])
     for _ in range(2):
-        for b, a in low_pass_sections(rate, cutoff):
-            settled = padded[0] * (1.0 - b[0]), padded[0] * (b[2] - a[2])
-            padded = recursive_filter(b, a, padded, settled)
+        first = padded[0]
+        for b, a, settled in low_pass_sections(rate, cutoff):
+            padded = recursive_filter(b, a, padded, (settled[0] * first, settled[1] * first))
         padded = padded[::-1]
     return np.ascontiguousarray(padded[padding : padding + len(y)])
 
 
 @lru_cache(maxsize=16)
-def low_pass_sections(rate: float, cutoff: float) -> list[tuple[Section, Section]]:
-    """Sections (b, a) of second order of that low-pass, each of gain 1 at rest; every round of a fit needs them.
+def low_pass_sections(rate: float, cutoff: float) -> list[tuple[Section, Section, tuple[float, float]]]:
+    """Sections (b, a) of second order of that low-pass, and their states for a constant of 1; every round needs them.
 
-    Poles of Butterworth by the bilinear transform, the cutoff prewarped (Oppenheim and Schafer 2010, section 7.2).
+    Poles of Butterworth by the bilinear transform, the cutoff prewarped (Oppenheim and Schafer 2010, section 7.2), those
+    nearest to the unit circle last. The order of the steps is that of SciPy, so that bits are equal.
     """
-    angles = math.pi * (2.0 * np.arange(ORDER // 2) + ORDER + 1.0) / (2.0 * ORDER)
-    poles = math.tan(math.pi * cutoff / rate) * np.exp(1j * angles)
-    a = [(1.0, -2.0 * q.real, abs(q) ** 2) for q in (1.0 + poles) / (1.0 - poles)]
-    return [((gain, 2.0 * gain, gain), section) for section in a for gain in [0.25 * sum(section)]]
+    warped = 4.0 * math.tan(math.pi * (2.0 * cutoff / rate) / 2.0)
+    poles = warped * -np.exp(1j * math.pi * np.arange(1 - ORDER, ORDER, 2) / (2.0 * ORDER))
+    gain = warped**ORDER * float((1.0 / np.prod(4.0 - poles)).real)
+    sections, level = [], 1.0
+    for q in sorted(((4.0 + poles) / (4.0 - poles))[: ORDER // 2], key=abs):
+        b = (gain, 2.0 * gain, gain)
+        a = (1.0, -2.0 * q.real, q.real**2 + q.imag**2)
+        settled = np.linalg.solve([[1.0 + a[1], -1.0], [a[2], 1.0]], [b[1] - a[1] * b[0], b[2] - a[2] * b[0]])
+        sections.append((b, a, (level * float(settled[0]), level * float(settled[1]))))
+        level, gain = level * (sum(b) / sum(a)), 1.0
+    return sections
 
 
 def recursive_filter(
