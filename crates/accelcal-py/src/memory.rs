@@ -48,8 +48,8 @@ pub fn section<'py>(
     a: [f64; 2],
     x: PyReadonlyArray1<'py, f64>,
     mut state: [f64; 2],
-) -> PyResult<(Bound<'py, PyArray1<f64>>, [f64; 2])> {
+) -> (Bound<'py, PyArray1<f64>>, [f64; 2]) {
     let mut y: Vec<f64> = x.as_array().iter().copied().collect();
     py.detach(|| lag::section(b, a, &mut state, &mut y));
-    Ok((PyArray1::from_vec(py, y), state))
+    (PyArray1::from_vec(py, y), state)
 }

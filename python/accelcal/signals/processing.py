@@ -56,7 +56,7 @@ def low_pass(y: Array, rate: float, cutoff: float) -> Array:
 def low_pass_sections(rate: float, cutoff: float) -> list[tuple[Section, Section, tuple[float, float]]]:
     """Sections (b, a) of second order of that low-pass, and their states for a constant of 1; every round needs them.
 
-    Poles of Butterworth by the bilinear transform, the cutoff prewarped (Oppenheim and Schafer 2010, section 7.2), those
+    Poles of Butterworth by the bilinear transform, the cutoff prewarped (Oppenheim and Schafer 2010, section 7.2), the
     nearest to the unit circle last. The order of the steps is that of SciPy, so that bits are equal.
     """
     warped = 4.0 * math.tan(math.pi * (2.0 * cutoff / rate) / 2.0)
