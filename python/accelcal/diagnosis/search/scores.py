@@ -212,7 +212,9 @@ class BaseProjection:
         """Columns stretch by stretch, those of dwells last; those of a short run are cached for a second pass."""
         picked, places, factors = self.distinct(terms)
         for rows, Z in self._of_motion(picked):
-            yield rows, Z[places] * factors[:, None]
+            columns = Z[places]
+            columns *= factors[:, None]
+            yield rows, columns
         rest = rows_of_dwells(self.state, terms)
         if rest is not None:
             yield slice(self.column_filter.rows, len(self.y)), rest.columns.T
