@@ -12,8 +12,8 @@ from accelcal.signals.processing import (
     correlated,
     cosine_window,
     low_pass,
-    mean_spectrum,
     recursive_filter,
+    spectral_density,
 )
 
 RNG = np.random.default_rng(20)
@@ -58,7 +58,7 @@ def test_windows_spectra_and_ranks_are_those_of_scipy() -> None:
     np.testing.assert_array_equal(harris, scipy.signal.windows.blackmanharris(128, sym=False))
     for segment in (64, 101):
         for ours, theirs in zip(
-            mean_spectrum(Y, 50.0, segment), scipy.signal.welch(Y, 50.0, nperseg=segment), strict=True
+            spectral_density(Y, 50.0, segment), scipy.signal.welch(Y, 50.0, nperseg=segment), strict=True
         ):
             np.testing.assert_allclose(ours, theirs, rtol=1e-10, atol=1e-13)
     tied = np.round(Y[:200])

@@ -298,7 +298,7 @@ def deliver(
             io.atomic_write(output, json_text.dumps(results_json.content(result)))
         else:
             model_file.save(model, output)
-        print_status(f"wrote {output}")
+        print_written(output)
     if json:
         print_json(model_file.to_dict(model) if model is not None and result is model else results_json.content(result))
     else:

@@ -39,7 +39,7 @@ from accelcal.estimation.estimate import Fit, implausible_scale, result, solve_r
 from accelcal.estimation.remarks import Remark, Value, remark
 from accelcal.estimation.run import PreparedRun, prepared
 from accelcal.model import Model
-from accelcal.signals.processing import ORDER, low_pass, mean_spectrum
+from accelcal.signals.processing import ORDER, low_pass, spectral_density
 from accelcal.signals.series import widened
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.evaluation import AVERAGED_SEGMENTS, accel_residual, compare
@@ -422,7 +422,7 @@ def residual_spectrum(evaluation: Evaluation, step: float) -> tuple[Array, Array
     segment = 2 * len(residual) // (SEGMENTS + 1)
     if segment < 64:
         return None
-    f, density = mean_spectrum(residual, 1.0 / step, segment)
+    f, density = spectral_density(residual, 1.0 / step, segment)
     inside = (f > 2.5 / (segment * step)) & (f < BAND_SHARE / step)
     # neighbouring ordinates of a Hann window and overlapping segments share a third and a tenth of their power
     return f[inside], density[inside], SEGMENTS / (1.5 * 1.1)

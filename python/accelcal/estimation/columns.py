@@ -46,7 +46,7 @@ def whitened_columns(state: RunState, terms: Sequence[Term]) -> Iterator[tuple[s
     The readings of the stretch, and the columns of those among them that count, (counted readings, terms).
     """
     columns = evaluated(state, terms)
-    response, factor = np.zeros((len(terms), 2)), -state.run.rig.polarity / state.signals.scale
+    response = np.zeros((len(terms), 2))
     for readings in chunks(state):
         grid = grid_rows(state, readings)
         bank = bank_of(state, readings, grid_times(state, grid))
@@ -55,11 +55,21 @@ def whitened_columns(state: RunState, terms: Sequence[Term]) -> Iterator[tuple[s
             of_port = list(places)
             here, rows = slice(of_port[0], of_port[-1] + 1), grid if port == "output" else readings
             parts = [np.ascontiguousarray(columns[k][rows]) for k in of_port]
-            if port == "output":
-                bank.carry_inputs(parts, factor, response[here], sums[here])
-            else:
-                bank.carry_readings(parts, response[here], sums[here])
+            carry(state, bank, port, parts, response[here], sums[here])
         yield readings, np.ascontiguousarray(sums.T)
+
+
+def carry(state: RunState, bank: _core.Bank, port: str, columns: list[Array], response: Array, sums: Array) -> None:
+    """Filter columns of one port through the gains of a stretch."""
+    if port == "output":
+        bank.carry_inputs(columns, -state.run.rig.polarity / state.signals.scale, response, sums)
+    else:
+        bank.carry_readings(columns, response, sums)
+
+
+def remembers(run: PreparedRun, effect: Effect) -> bool:
+    """Whether a column of an effect depends on the run before a stretch, by the effect itself or declared filters."""
+    return run.filters.acts or not is_local(effect)
 
 
 def whitened_accelerations(state: RunState, columns: Sequence[Array], step: float) -> Array:
@@ -197,10 +207,10 @@ class ColumnFilter:
         The rows of the stretch, and the sums (terms, rows of the stretch) in the order of the terms; those of the next
         stretch overwrite them.
         """
-        parts, acts = self._stretches(len(terms)), self.state.run.filters.acts
-        held = [k for k, term in enumerate(terms) if acts or not is_local(term.effect)] if len(parts) > 1 else []
+        parts, run = self._stretches(len(terms)), self.state.run
+        held = [k for k, term in enumerate(terms) if remembers(run, term.effect)] if len(parts) > 1 else []
         held.sort(key=lambda k: terms[k].port)
-        together = max(1, HELD * len(parts) * len(self.state.run.t) // max(1, len(held) * self.rows))
+        together = max(1, HELD * len(parts) * len(run.t) // max(1, len(held) * self.rows))
         begin, buffer = 0, np.empty(0)
         response, response_held = np.zeros((len(terms), 2)), np.zeros((len(held), 2))
         for number, readings in enumerate(parts):
@@ -213,7 +223,7 @@ class ColumnFilter:
             sums = buffer[: len(terms) * bank.rows].reshape(len(terms), bank.rows)
             grid = grid_rows(self.state, readings)
             for here, port, columns in self._columns(terms, grid, readings, held):
-                self._carry(bank, port, columns, response[here], sums[here])
+                carry(self.state, bank, port, columns, response[here], sums[here])
             if held:
                 sums[held] = remembered[:, begin - first : begin - first + bank.rows]
             yield slice(begin, begin + bank.rows), sums
@@ -231,7 +241,7 @@ class ColumnFilter:
                 near, first = (grid_rows(self.state, readings), grid.start) if output else (readings, together.start)
                 cut = [np.ascontiguousarray(column[near.start - first : near.stop - first]) for column in columns]
                 part = np.empty((len(columns), bank.rows))
-                self._carry(bank, port, cut, response[here], part)
+                carry(self.state, bank, port, cut, response[here], part)
                 sums[here, begin : begin + bank.rows] = part
                 begin += bank.rows
         return sums
@@ -239,16 +249,8 @@ class ColumnFilter:
     def _columns(
         self, terms: Sequence[Term], grid: slice, readings: slice, held: Container[int]
     ) -> Iterator[tuple[slice, str, list[Array]]]:
-        """Columns over a stretch, a few of one port at a time, with their places among the terms."""
-        parts = column_parts(self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, held)
-        return ((slice(first, first + len(columns)), port, columns) for first, columns, port in parts)
-
-    def _carry(self, bank: _core.Bank, port: str, columns: list[Array], response: Array, sums: Array) -> None:
-        """Filter columns of one port through the gains of a stretch."""
-        if port == "output":
-            bank.carry_inputs(columns, -self.state.run.rig.polarity / self.signals.scale, response, sums)
-        else:
-            bank.carry_readings(columns, response, sums)
+        """Columns over a stretch, as `column_parts` yields them."""
+        return column_parts(self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, held)
 
     def whole(self, terms: Sequence[Term]) -> Array:
         """Sums of a few whitened columns over the whole run, (terms, rows)."""
@@ -282,7 +284,7 @@ def column_parts(
     readings: slice,
     at_readings: Callable[[], Signals],
     held: Container[int],
-) -> Iterator[tuple[int, list[Array], str]]:
+) -> Iterator[tuple[slice, str, list[Array]]]:
     """Columns over a stretch, of one port at a time, without those `held`, at most `PARALLEL` of them together.
 
     Parameters
@@ -292,13 +294,13 @@ def column_parts(
 
     Yields
     ------
-    Index of the first, the columns on the grid or at the readings, and the port.
+    Places among the terms, the port, and the columns on the grid or at the readings.
     """
     first, filters = 0, run.filters
 
     def kind(place: tuple[int, Term]) -> tuple[bool, str, bool]:
         k, term = place
-        return k in held, term.port, is_local(term.effect) and not filters.acts
+        return k in held, term.port, not remembers(run, term.effect)
 
     for (elsewhere, port, local), places in groupby(enumerate(terms), key=kind):
         alike = [term for _, term in places]
@@ -316,10 +318,10 @@ def column_parts(
                 column = filters.behind(column, s.step) if output else filters.behind_at(at, column)
             waiting.append(np.ascontiguousarray(column) if local else column[rows].copy())  # frees the whole one
             if len(waiting) == PARALLEL:
-                yield first, waiting, port
+                yield slice(first, first + PARALLEL), port, waiting
                 first, waiting = first + PARALLEL, []
         if waiting:
-            yield first, waiting, port
+            yield slice(first, first + len(waiting)), port, waiting
             first += len(waiting)
 
 

@@ -139,11 +139,6 @@ def spectral_density(y: Array, rate: float, segment: int) -> tuple[Array, Array]
     return np.asarray(np.fft.rfftfreq(segment, 1.0 / rate), dtype=np.float64), total
 
 
-def mean_spectrum(y: Array, rate: float, segment: int) -> tuple[Array, Array]:
-    """Frequencies, and the mean density of segments that overlap by half, (segment // 2 + 1,) each."""
-    return np.asarray(np.fft.rfftfreq(segment, 1.0 / rate), dtype=np.float64), mean_periodogram(y, rate, segment)
-
-
 def mean_periodogram(y: Array, rate: float, segment: int) -> Array:
     """Mean density of segments that overlap by half, behind a Hann window, their means taken off, (segment // 2 + 1,).
 

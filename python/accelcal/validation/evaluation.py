@@ -17,7 +17,7 @@ from accelcal.estimation.estimate import Fit, require_band, settled_state
 from accelcal.estimation.run import PreparedRun, Source, recording_of
 from accelcal.estimation.smoothing import output_at, side_channels_at
 from accelcal.estimation.values import Noise
-from accelcal.signals.processing import ORDER, derivative, low_pass, mean_spectrum
+from accelcal.signals.processing import ORDER, derivative, low_pass, spectral_density
 from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import BINS, HORIZONS, Bins, Coast, Evaluation, ReferenceNoise, Spectrum
 from accelcal.validation.noise_floor import Ruler
@@ -31,7 +31,7 @@ def spectrum(ahead: Prediction, residual: Array, band: float) -> Bins:
     segment = int(min(len(residual), max(64, 2 ** round(math.log2(8.0 * BINS * rate / band)))))
     if segment < 16:
         return Bins("frequency", "Hz", np.linspace(0.0, band, BINS + 1), np.ones(BINS), np.zeros(BINS))
-    f, density = mean_spectrum(residual, rate, segment)
+    f, density = spectral_density(residual, rate, segment)
     expected = predicted_density(f, ahead.noise, ahead.values.scale, ahead.reference_noise, band)
     edges = np.linspace(0.0, 0.8 * band, BINS + 1)
     ratio, std = np.ones(BINS), np.zeros(BINS)
@@ -100,7 +100,7 @@ def welch(y: Array, rate: float) -> tuple[Array, Array, float, float] | None:
     if len(y) < 64:
         return None
     segment = int(min(len(y), max(64, 2 * len(y) // (AVERAGED_SEGMENTS + 1))))
-    f, density = mean_spectrum(y, rate, segment)
+    f, density = spectral_density(y, rate, segment)
     worth = max(1.0, (2.0 * len(y) / segment - 1.0) / OVERLAP_LOSS)
     low, high = (float(scipy.special.gammaincinv(worth, p)) / worth for p in (0.025, 0.975))
     return f, density, low, high

@@ -17,8 +17,7 @@ from scipy.sparse import csr_array as Sparse
 from accelcal.data import POSITION_ORDER, Array, Flags
 from accelcal.data.clocks import decimal_step
 from accelcal.data.orientation import HOLE
-from accelcal.effects import is_local
-from accelcal.estimation.columns import MOST_READINGS, MOST_SUMS, OVERSAMPLING, column_parts
+from accelcal.estimation.columns import MOST_READINGS, MOST_SUMS, OVERSAMPLING, column_parts, remembers
 from accelcal.estimation.run import MOST_CROSSOVER
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.smoothing import (
@@ -251,8 +250,8 @@ class WeakRows:
         ------
         The rows of the stretch, and the columns (terms, rows of the stretch) in the order of the terms.
         """
-        acts, ports = self.state.run.filters.acts, {term.port for term in terms}
-        with_memory = [k for k, term in enumerate(terms) if acts or not is_local(term.effect)]
+        ports = {term.port for term in terms}
+        with_memory = [k for k, term in enumerate(terms) if remembers(self.state.run, term.effect)]
         whiten, begin = Whitening(self.factor, len(terms)), 0
         finest = min(self.reading_step, self.state.run.accel_step)
         most = min(int(MOST_READINGS * finest / self.splines.step), MOST_SUMS // COPIES // max(1, len(terms)))
@@ -266,10 +265,10 @@ class WeakRows:
             against: dict[str, tuple[slice, Sparse]] = {port: self._against(port, part) for port in ports}
             columns = np.empty((int(np.count_nonzero(self._kept[part])), len(terms)), order="F")
             grid, readings = (against[port][0] if port in against else slice(0) for port in ("output", "position"))
-            for first, columns_part, port in column_parts(
+            for here, port, columns_part in column_parts(
                 self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, with_memory
             ):
-                columns[:, first : first + len(columns_part)] = against[port][1] @ np.column_stack(columns_part)
+                columns[:, here] = against[port][1] @ np.column_stack(columns_part)
             rows = slice(begin, begin + len(columns))
             columns[:, with_memory] = remembered[rows.start - first_row : rows.stop - first_row]
             yield rows, whiten(rows, columns).T
@@ -281,14 +280,14 @@ class WeakRows:
         """Columns over successive stretches, (rows, terms), each evaluated over the whole run once."""
         remembered = np.empty((sum(int(np.count_nonzero(self._kept[part])) for part in parts), len(terms)))
         whole = slice(None)
-        for first, columns, port in column_parts(
+        for here, port, columns in column_parts(
             self.state.run, self.signals, terms, whole, whole, lambda: self.at_readings, ()
         ):
             begin = 0
             for part in parts:
                 rows, weights = self._against(port, part)
                 sums = weights @ np.column_stack([column[rows] for column in columns])
-                remembered[begin : begin + len(sums), first : first + len(columns)] = sums
+                remembered[begin : begin + len(sums), here] = sums
                 begin += len(sums)
             del columns  # as long as the run is, while the next are evaluated
         return remembered
