@@ -23,6 +23,7 @@ from accelcal.cli.common import (
     print_alignment,
     print_json,
     print_status,
+    print_written,
     progress,
     say_line,
     show_table,
@@ -223,7 +224,7 @@ def dwells(
         from accelcal.plots.model import rests
 
         drawing.save(drawing.draw(rests(result)), figure)
-        print_status(f"wrote {figure}")
+        print_written(figure)
     triad = result.triad
     if not json:
         head = ("", "from (s)", "to (s)", *(f"mean {axis} ({result.unit})" for axis in result.names), "std", "attitude")

@@ -27,6 +27,7 @@ from accelcal.cli.common import (
     parse_quantity,
     print_json,
     print_status,
+    print_written,
     progress,
     require_folder,
     say_line,
@@ -88,7 +89,7 @@ def fleet(
     result = summary.summarise(campaign.load(store))
     if output is not None:
         io.atomic_write(output, summary.html(result, output.parent))
-        print_status(f"wrote {output}")
+        print_written(output)
     deliver(result, printing.show_fleet, None, json)
 
 
@@ -377,11 +378,11 @@ def live(
                 )
             face.end(session.state, session.ended)
         if output is not None and session.state.recorded:
-            print_status(f"wrote {output}")
+            print_written(output)
         if fit is not None and save is not None:
             require_small_bias(session.state, save)
             model_file.save(followed(fit, settings, session), save)
-            print_status(f"wrote {save}")
+            print_written(save)
 
 
 def source_of(
