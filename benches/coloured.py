@@ -91,18 +91,18 @@ def run(trial: Trial) -> dict[str, Any]:
         with tempfile.TemporaryDirectory() as folder:
             path = write(trial, folder)
             begin = time.process_time()
-            found = verbs.improve(load(path))
+            improvement = verbs.improve(load(path))
     except (ValueError, OutOfReach) as refused:
         return {**outcome, "skipped": str(refused)}
     except Exception:
         return {**outcome, "error": traceback.format_exc(limit=-4)}
     return {
         **outcome,
-        "effects": list(found.effects),
-        "classes": [[tie.effect, *(m for m in tie.members if m != tie.effect)] for tie in found.classes],
-        "verdict": found.diagnosis.verdict,
-        "sentence": found.diagnosis.sentence,
-        "remarks": [one.code for one in found.diagnosis.remarks],
+        "effects": list(improvement.effects),
+        "classes": [[tie.effect, *(m for m in tie.members if m != tie.effect)] for tie in improvement.classes],
+        "verdict": improvement.diagnosis.verdict,
+        "sentence": improvement.diagnosis.sentence,
+        "remarks": [one.code for one in improvement.diagnosis.remarks],
         "seconds": time.process_time() - begin,
     }
 

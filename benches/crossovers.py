@@ -106,13 +106,13 @@ def run(trial: Trial) -> Outcome:
         with tempfile.TemporaryDirectory() as folder:
             recording = load(record.write(folder))
         begin = time.process_time()
-        found = verbs.improve(recording, holdout=recording)
+        improvement = verbs.improve(recording, holdout=recording)
     except Exception:
         return {**outcome, "error": traceback.format_exc()}
-    fit = found.steps[0].fit
+    fit = improvement.steps[0].fit
     return {
         **outcome,
-        **improved(found, record.world),
+        **improved(improvement, record.world),
         "names": [trial.name] if trial.name else [],
         "nuisances": {"vibration": 0.0, "converter_bits": world.nuisances.converter_bits},
         "remarks": [one.sentence for one in fit.remarks],

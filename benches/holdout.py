@@ -123,10 +123,10 @@ def run(trial: Trial) -> Outcome:
             t = max(recording.accel.t[0], recording.position.t[0]), min(recording.accel.t[-1], recording.position.t[-1])
             cuts = np.linspace(*t, 4)
             fitted, held, untouched = (recording.part(a, b) for a, b in pairwise(cuts))
-            found = verbs.improve(fitted, holdout=held)
-            outcome |= scored(found, untouched)
+            improvement = verbs.improve(fitted, holdout=held)
+            outcome |= scored(improvement, untouched)
             outcome["false"] = (
-                [group.effect for group in found.classes if not honest & {group.effect, *group.members}]
+                [group.effect for group in improvement.classes if not honest & {group.effect, *group.members}]
                 if trial.group != "real"
                 else []
             )
@@ -142,30 +142,30 @@ def stop(number: int, frame: object) -> None:
     raise TimeoutError(f"stopped after {LONGEST:g} s of processor time")
 
 
-def scored(found: verbs.Improvement, untouched: Recording) -> Outcome:
+def scored(improvement: verbs.Improvement, untouched: Recording) -> Outcome:
     """Names, remarks, and for each horizon the rise from the best step to the last one on the untouched part."""
-    seen = list(verbs.compare([step.fit for step in found.steps], untouched))
+    evaluations = list(verbs.compare([step.fit for step in improvement.steps], untouched))
     rises = {}
-    for horizon in seen[0].drifts:
-        errors = [one.coast_rms[horizon] for one in seen]
+    for horizon in evaluations[0].drifts:
+        errors = [one.coast_rms[horizon] for one in evaluations]
         if any(error is None for error in errors):
             continue
-        best = min(range(len(seen)), key=lambda i: errors[i])
-        change = heldout_change(seen[best], seen[-1], horizon)
+        best = min(range(len(evaluations)), key=lambda i: errors[i])
+        change = heldout_change(evaluations[best], evaluations[-1], horizon)
         rises[f"{horizon:g}"] = {
             "best": best,
             "errors": errors,
             "percent": 100.0 * (errors[-1] / errors[best] - 1.0),
             "sigma": None if change is None else change.sigma,
         }
-    notes = [(one.code, one.sentence) for one in found.diagnosis.remarks]
+    notes = [(one.code, one.sentence) for one in improvement.diagnosis.remarks]
     return {
-        "effects": list(found.effects),
-        "steps": [list(step.effects) for step in found.steps],
-        "verdict": found.verdict,
-        "sentence": found.sentence,
+        "effects": list(improvement.effects),
+        "steps": [list(step.effects) for step in improvement.steps],
+        "verdict": improvement.verdict,
+        "sentence": improvement.sentence,
         "remarks": notes,
-        "breaks": len(seen[-1].breaks),
+        "breaks": len(evaluations[-1].breaks),
         "rises": rises,
     }
 

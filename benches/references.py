@@ -64,11 +64,11 @@ def run(one: Referred) -> Outcome:
     try:
         with tempfile.TemporaryDirectory() as folder:
             recording = load(world.record().write(folder))
-        found = improved(verbs.improve(recording, holdout=recording), world.settled())
+        improvement = improved(verbs.improve(recording, holdout=recording), world.settled())
     except Exception:
         return {**outcome, "error": traceback.format_exc()}
     nuisances = {"vibration": world.nuisances.vibration, "converter_bits": world.nuisances.converter_bits}
-    return {**outcome, **found, "nuisances": nuisances, "seconds": time.process_time() - begin}
+    return {**outcome, **improvement, "nuisances": nuisances, "seconds": time.process_time() - begin}
 
 
 def plan(records: int, seed: int) -> list[Referred]:

@@ -55,12 +55,12 @@ def run(trial: Trial) -> Outcome:
         return {**outcome, "skipped": str(refused)}
     with tempfile.TemporaryDirectory() as folder:
         recording = load(world.record().write(folder))
-        found = verbs.improve(recording, holdout=recording)
+        improvement = verbs.improve(recording, holdout=recording)
     return {
         **outcome,
-        "codes": [one.code for one in found.diagnosis.remarks],
-        "members": sorted({name for group in found.classes for name in group.members}),
-        "sentence": found.sentence,
+        "codes": [one.code for one in improvement.diagnosis.remarks],
+        "members": sorted({name for group in improvement.classes for name in group.members}),
+        "sentence": improvement.sentence,
     }
 
 
