@@ -21,6 +21,8 @@ __all__ = [
     "Parts",
     "ReplayTrack",
     "__version__",
+    "block_products",
+    "cascade",
     "corrected",
     "dead_reckoning_variance",
     "displaced",
@@ -31,7 +33,6 @@ __all__ = [
     "play",
     "run_filter",
     "run_filter_batch",
-    "section",
     "spline_weights",
     "swap_form",
 ]
@@ -158,9 +159,9 @@ def run_filter_batch(
 ) -> tuple[_Array, _Array, _Array, list[str | None]]: ...
 def play(x: _Array, width: float, start: float) -> _Array: ...
 def lagged_at(t: _Array, y: _Array, tau: float, start: float) -> _Array: ...
-def section(
-    b: Sequence[float], a: Sequence[float], x: _Array, state: tuple[float, float]
-) -> tuple[_Array, tuple[float, float]]: ...
+def cascade(
+    sections: Sequence[tuple[Sequence[float], Sequence[float], tuple[float, float]]], x: _Array
+) -> _Array: ...
 def spline_weights(
     t: _Array, weight: _Array, powers: _Array, *, start: float, step: float, count: int
 ) -> tuple[_Array, NDArray[np.int32], NDArray[np.int32]]: ...
@@ -179,6 +180,16 @@ def swap_form(form: str, parameters: list[float]) -> tuple[list[float], list[lis
 def drive(
     t: _Array, u: _Array, at: _Array, *, how: str, tau: float, delay: float, hole: float
 ) -> tuple[_Array, _Array, _Flags]: ...
+def block_products(
+    shared: _Record,
+    drives: Sequence[tuple[_Array, _Array, _Array]],
+    settled: _Flags,
+    edges: _Array,
+    *,
+    q: float,
+    r: float,
+    prior: tuple[float, float, float, float],
+) -> _Array: ...
 def innovations(
     drives: list[_Record],
     *,

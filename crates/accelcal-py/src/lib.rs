@@ -22,7 +22,7 @@ mod _core {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use super::replay::parallel::{Parts, innovations};
+    use super::replay::parallel::{Parts, block_products, innovations};
 
     #[pymodule_export]
     use super::replay::columns::Bank;
@@ -31,7 +31,7 @@ mod _core {
     use super::replay::dead_reckoning::{corrected, dead_reckoning_variance, displaced};
 
     #[pymodule_export]
-    use super::memory::{lagged_at, play_operator, section};
+    use super::memory::{cascade, lagged_at, play_operator};
 
     #[pymodule_export]
     use super::splines::spline_weights;

@@ -39,17 +39,16 @@ pub fn lagged_at<'py>(
     Ok(PyArray1::from_vec(py, x))
 }
 
-/// A filter of second order over uniform samples, and its state behind them; see `ekf_core::lag::section`.
+/// Filters of second order, each with (b, a, state), one behind the other; see `ekf_core::lag::cascade`.
 #[pyfunction]
-#[pyo3(signature = (b, a, x, state))]
-pub fn section<'py>(
+#[pyo3(signature = (sections, x))]
+pub fn cascade<'py>(
     py: Python<'py>,
-    b: [f64; 3],
-    a: [f64; 2],
+    sections: Vec<([f64; 3], [f64; 2], [f64; 2])>,
     x: PyReadonlyArray1<'py, f64>,
-    mut state: [f64; 2],
-) -> (Bound<'py, PyArray1<f64>>, [f64; 2]) {
+) -> Bound<'py, PyArray1<f64>> {
+    let mut sections: Vec<_> = sections.into_iter().map(|(b, a, state)| lag::Section { b, a, state }).collect();
     let mut y: Vec<f64> = x.as_array().iter().copied().collect();
-    py.detach(|| lag::section(b, a, &mut state, &mut y));
-    (PyArray1::from_vec(py, y), state)
+    py.detach(|| lag::cascade(&mut sections, &mut y));
+    PyArray1::from_vec(py, y)
 }

@@ -21,25 +21,52 @@ pub fn lagged(t: &[f64], y: &[f64], tau: f64, start: f64, x: &mut [f64]) {
     }
 }
 
-/// Passes uniform samples through a filter of second order, `a[0] = 1` left out of `a`; the state goes on from call to
-/// call.
+/// A recursive filter of second order, `a[0] = 1` left out of `a`, and its state; one of first order has `b2 = a2 = 0`.
 ///
 /// Transposed direct form II (Oppenheim and Schafer 2010, section 6.3): `y = b0 x + s0`, `s0 = b1 x - a1 y + s1`,
-/// `s1 = b2 x - a2 y`. A filter of first order has `b2 = a2 = 0`.
-pub fn section(b: [f64; 3], a: [f64; 2], state: &mut [f64; 2], y: &mut [f64]) {
-    let [mut first, mut second] = *state;
-    for y in y {
-        let x = *y;
-        *y = b[0] * x + first;
-        first = b[1] * x - a[0] * *y + second;
-        second = b[2] * x - a[1] * *y;
+/// `s1 = b2 x - a2 y`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Section {
+    /// Coefficients of the numerator.
+    pub b: [f64; 3],
+    /// Coefficients of the denominator behind the first.
+    pub a: [f64; 2],
+    /// The state; it goes on from call to call.
+    pub state: [f64; 2],
+}
+
+impl Section {
+    #[inline]
+    fn pass(&mut self, x: f64) -> f64 {
+        let Self { b, a, state: [first, second] } = *self;
+        let y = b[0] * x + first;
+        self.state = [b[1] * x - a[0] * y + second, b[2] * x - a[1] * y];
+        y
     }
-    *state = [first, second];
+}
+
+/// Passes uniform samples through sections, one behind the other; four at a time in one pass, where they overlap.
+pub fn cascade(sections: &mut [Section], y: &mut [f64]) {
+    let (fours, others) = sections.as_chunks_mut::<4>();
+    for four in fours {
+        together(four, y);
+    }
+    for section in others {
+        together(core::array::from_mut(section), y);
+    }
+}
+
+fn together<const N: usize>(sections: &mut [Section; N], y: &mut [f64]) {
+    let mut held = *sections; // in registers
+    for y in y {
+        *y = held.iter_mut().fold(*y, |x, section| section.pass(x));
+    }
+    *sections = held;
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{lagged, section};
+    use super::{Section, cascade, lagged};
 
     const TAU: f64 = 0.7;
 
@@ -72,20 +99,35 @@ mod tests {
 
     #[test]
     fn a_section_answers_an_impulse_by_its_recursion_and_goes_on_from_its_state() {
-        let (b, a) = ([0.5, -0.25, 0.125], [-1.5, 0.6]);
+        let section = Section { b: [0.5, -0.25, 0.125], a: [-1.5, 0.6], state: [0.0; 2] };
         let mut whole = [1.0, 0.0, 0.0, 0.0, 0.0];
-        section(b, a, &mut [0.0; 2], &mut whole);
+        cascade(&mut [section], &mut whole);
         let mut expected = [0.0; 5];
         for n in 0..5 {
             let past = |k: usize| if n >= k { expected[n - k] } else { 0.0 };
-            expected[n] = b.get(n).copied().unwrap_or(0.0) - a[0] * past(1) - a[1] * past(2);
+            expected[n] = section.b.get(n).copied().unwrap_or(0.0) - section.a[0] * past(1) - section.a[1] * past(2);
         }
         assert!(whole.iter().zip(expected).all(|(y, expected)| (y - expected).abs() < 1e-15));
         let mut parts = [1.0, 0.0, 0.0, 0.0, 0.0];
-        let mut state = [0.0; 2];
+        let mut sections = [section];
         let (before, after) = parts.split_at_mut(2);
-        section(b, a, &mut state, before);
-        section(b, a, &mut state, after);
+        cascade(&mut sections, before);
+        cascade(&mut sections, after);
         assert_eq!(parts.map(f64::to_bits), whole.map(f64::to_bits));
+    }
+
+    #[test]
+    fn a_cascade_is_its_sections_one_behind_the_other() {
+        let mut sections: [Section; 6] = core::array::from_fn(|k| {
+            let pole = 0.1 * k as f64;
+            Section { b: [1.0, pole, -0.5], a: [-pole, 0.2], state: [pole, -1.0] }
+        });
+        let mut expected: [f64; 40] = core::array::from_fn(|n| libm::sin(0.3 * n as f64));
+        let (mut y, singly) = (expected, sections);
+        for section in singly {
+            cascade(&mut [section], &mut expected);
+        }
+        cascade(&mut sections, &mut y);
+        assert_eq!(y.map(f64::to_bits), expected.map(f64::to_bits));
     }
 }

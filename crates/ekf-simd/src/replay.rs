@@ -2,8 +2,9 @@
 //!
 //! The operations are those of the plain loops, in their order and none of them fused, so the bits are equal.
 
-use ekf_core::replay::columns::{self, ReadingSpan, Response};
-use ekf_core::replay::filter::{self, InterleavedReading, interleave};
+use ekf_core::replay::columns::{self, FilteredReading, Gains, ReadingSpan, Response};
+use ekf_core::replay::filter::{self, Driven, InterleavedReading, interleave};
+use ekf_core::replay::grid::{Cell, Grid};
 use ekf_core::replay::{Noise, Prior, Readings, ReplayError};
 use pulp::{Arch, NullaryFnOnce};
 
@@ -73,6 +74,84 @@ impl<const N: usize> NullaryFnOnce for Innovations<'_, N> {
                 }
                 k += 1;
             },
+        )
+    }
+}
+
+/// Products of the innovations of `N` filters over blocks of time: [`filter::block_products`].
+///
+/// # Errors
+/// Those of the plain loop.
+pub fn block_products<const N: usize>(
+    shared: Readings<'_>,
+    driven: [Driven<'_>; N],
+    filter: (Noise, Prior),
+    settled: &[bool],
+    edges: &[f64],
+    take: impl FnMut(&[[f64; N]; N], usize),
+) -> Result<(), ReplayError> {
+    Arch::new().dispatch(BlockProducts { shared, driven, filter, settled, edges, take })
+}
+
+struct BlockProducts<'a, F, const N: usize> {
+    shared: Readings<'a>,
+    driven: [Driven<'a>; N],
+    filter: (Noise, Prior),
+    settled: &'a [bool],
+    edges: &'a [f64],
+    take: F,
+}
+
+impl<F: FnMut(&[[f64; N]; N], usize), const N: usize> NullaryFnOnce for BlockProducts<'_, F, N> {
+    type Output = Result<(), ReplayError>;
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        filter::block_products(self.shared, self.driven, self.filter, self.settled, self.edges, self.take)
+    }
+}
+
+/// Readings prepared for columns: [`columns::prepare`].
+///
+/// # Errors
+/// Those of the plain loop.
+pub fn prepare(
+    gains: Gains<'_>,
+    counts: &[bool],
+    grid: (Grid, usize),
+    before: Option<f64>,
+    cells: &mut Vec<Cell>,
+    readings: &mut Vec<FilteredReading>,
+) -> Result<(), ReplayError> {
+    Arch::new().dispatch(Prepare { gains, counts, grid, before, cells, readings })
+}
+
+struct Prepare<'a> {
+    gains: Gains<'a>,
+    counts: &'a [bool],
+    grid: (Grid, usize),
+    before: Option<f64>,
+    cells: &'a mut Vec<Cell>,
+    readings: &'a mut Vec<FilteredReading>,
+}
+
+impl NullaryFnOnce for Prepare<'_> {
+    type Output = Result<(), ReplayError>;
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        let Self { gains, counts, grid, before, cells, readings } = self;
+        cells.reserve(counts.len() + grid.1);
+        readings.reserve(counts.len());
+        columns::prepare(
+            gains,
+            counts,
+            grid,
+            before,
+            #[inline(always)]
+            |cell| cells.push(cell),
+            #[inline(always)]
+            |one| readings.push(one),
         )
     }
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -72,70 +73,58 @@ class RelationColumns:
 
     def in_band(self, band: float) -> BandRelation:
         """Innovations of each column behind a filter whose crossover is `band`, Hz."""
-        run = self.run
-        r = run.reading_variance_guess
-        noise = Noise((2.0 * np.pi * band) ** 4 * r * run.reading_step, r)
-        settled = self.drives[0].settled(run.wait(noise))
-        drives = [column.arrays for column in self.drives]
-        innovations = _core.innovations(drives, q=noise.q, r=noise.r, prior=run.prior(noise.r))
-        rows = innovations[:, settled]
-        size = np.sqrt(np.einsum("ik,ik->i", rows, rows) / max(1, rows.shape[1]))
-        size = np.where(size > 0.0, size, 1.0)
-        rows /= size[:, None]
-        return BandRelation(run.t[settled], rows.T, size, band)
+        return BandRelation(self, band)
+
+    def noise(self, band: float) -> Noise:
+        """Noise whose filter has this crossover."""
+        r = self.run.reading_variance_guess
+        return Noise((2.0 * np.pi * band) ** 4 * r * self.run.reading_step, r)
 
     def response(self, band: float, z: NDArray[np.bool_]) -> Array:
         """Innovations caused by readings of this shape, one unit high, from the middle of the shape on; readings are
         even."""
         run = self.run
-        r = run.reading_variance_guess
-        noise = Noise((2.0 * np.pi * band) ** 4 * r * run.reading_step, r)
         before = 20 * len(z)
         reading = np.concatenate([np.zeros(before), z.astype(np.float64)])
         zero = np.zeros_like(reading)
         begins = zero > 0.0
         begins[0] = True
         t: Array = np.arange(len(reading), dtype=np.float64) * run.reading_step
-        return run_filter(run, DriveIntegrals(t, reading, zero, zero, begins, zero), noise).series("e")[
+        return run_filter(run, DriveIntegrals(t, reading, zero, zero, begins, zero), self.noise(band)).series("e")[
             before + len(z) // 2 :
         ]
 
 
-@dataclass(frozen=True, slots=True)
 class BandRelation:
-    """Encoder innovations and the columns that should explain them, in one band."""
+    """Encoder innovations and the columns that should explain them, in one band: output, its first and second
+    difference, constant, encoder, each divided by its root mean square."""
 
-    t: Array
-    """Times of settled readings, (n,) s."""
-    columns: Array
-    """(n, 5): output, its first and second difference, constant, encoder; each of unit mean square."""
-    size: Array
-    """(5,) root mean square by which each column was divided, m."""
-    band: float
-    """Hz"""
-
-    def blocks(self, most: int) -> tuple[Array, Array]:
-        """Sums of products over blocks of at least one period of the band, and their edges.
-
-        Returns
-        -------
-        (K, 6, 6) products of the columns, the last row and column counting readings; (K + 1,) s.
-        """
+    def __init__(self, source: RelationColumns, band: float) -> None:
+        self.band = band
+        """Hz"""
+        run, noise = source.run, source.noise(band)
+        self._settled = source.drives[0].settled(run.wait(noise))
+        self.t: Array = run.t[self._settled]
+        """Times of settled readings, (n,) s."""
+        self._drives = [column.arrays for column in source.drives]
+        self._filter = {"q": noise.q, "r": noise.r, "prior": run.prior(noise.r)}
         span = float(self.t[-1] - self.t[0]) if len(self.t) > 1 else 0.0
-        K = int(min(most, span * self.band))
-        if K < 1:
-            return np.zeros((0, 6, 6)), np.zeros(1)
-        edges = np.linspace(self.t[0], self.t[-1], K + 1)
-        begin = np.searchsorted(self.t, edges[:-1])
-        X = self.columns
-        gram = np.zeros((K, 6, 6))
-        filled = np.diff(begin, append=len(self.t)) > 0
-        for i in range(5):
-            for j in range(i + 1):
-                sums = np.add.reduceat(X[:, i] * X[:, j], begin[filled])
-                gram[filled, i, j] = gram[filled, j, i] = sums
-        gram[:, 5, 5] = np.diff(begin, append=len(self.t))
-        return gram, edges
+        number = max(1, int(min(MOST_BLOCKS, span * band)))
+        self.edges: Array = np.linspace(self.t[0], self.t[-1], number + 1) if len(self.t) else np.zeros(2)
+        """Of blocks of at least one period of the band, (K + 1,) s."""
+        driven = [column.arrays[1:4] for column in source.drives]
+        gram = _core.block_products(self._drives[0], driven, self._settled, self.edges[:-1], **self._filter)
+        size = np.sqrt(np.diag(gram.sum(axis=0))[:5] / max(1, len(self.t)))
+        self.size: Array = np.where(size > 0.0, size, 1.0)
+        """(5,) root mean square by which each column was divided, m."""
+        scale = np.append(self.size, 1.0)
+        self.gram: Array = gram / np.outer(scale, scale)
+        """(K, 6, 6) products of the columns over the blocks, the last row and column counting readings."""
+
+    @cached_property
+    def columns(self) -> Array:
+        """(n, 5)."""
+        return np.asarray((_core.innovations(self._drives, **self._filter)[:, self._settled] / self.size[:, None]).T)
 
     def power(self, gram: Array, c: Array) -> Array:
         """Mean square residual of each block under one relation; empty blocks are skipped."""
@@ -395,11 +384,10 @@ def dropped_samples(columns: RelationColumns) -> list[Fault]:
     changes: list[tuple[float, float, float]] = []
     for band in np.geomspace(0.1, 0.005, 3) / run.reading_step:
         relation = columns.in_band(float(band))
-        gram, edges = relation.blocks(MOST_BLOCKS)
-        if len(gram) >= 4 * RELATION_LEAST_BLOCKS:
-            k, jump, std = _delay_change(gram, relation.size)
+        if len(relation.gram) >= 4 * RELATION_LEAST_BLOCKS:
+            k, jump, std = _delay_change(relation.gram, relation.size)
             shift = 2.0 * run.accel_step
-            changes.append((std * shift, jump * shift, float(edges[k])))
+            changes.append((std * shift, jump * shift, float(relation.edges[k])))
     significant = sorted(change for change in changes if abs(change[1]) > DELAY_CHANGE_SIGMA * change[0])
     if len(significant) < 2:
         return []
@@ -571,7 +559,7 @@ def impact(run: PreparedRun) -> float:
 
 def _split(relation: BandRelation) -> float | None:
     """Instant of the break inside one band, if there is one."""
-    gram, edges = relation.blocks(MOST_BLOCKS)
+    gram, edges = relation.gram, relation.edges
     K = len(gram)
     if K < 2 * RELATION_LEAST_BLOCKS:
         return None

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import fft, special
 
 from accelcal.data import Array, Flags, Recording, RecordingError, require_few_holes, usual_step
-from accelcal.diagnosis.faults import BANDS_PER_DECADE, MOST_BLOCKS, RelationColumns, unexplained
+from accelcal.diagnosis.faults import BANDS_PER_DECADE, RelationColumns, unexplained
 from accelcal.diagnosis.policy import (
     COHERENCE_ALPHA,
     EXPECTED_COHERENCE,
@@ -81,7 +81,7 @@ def explained(run: PreparedRun) -> bool:
         return False
     count = max(2, int(np.ceil(BANDS_PER_DECADE * np.log10(top / lowest))) + 1)
     for band in np.geomspace(top, lowest, count):
-        gram, _ = columns.in_band(float(band)).blocks(MOST_BLOCKS)
+        gram = columns.in_band(float(band)).gram
         if len(gram) < 2:
             continue
         share = float(unexplained(gram.sum(axis=0, keepdims=True))[1][0])
@@ -180,7 +180,7 @@ def related_in_part(run: PreparedRun) -> bool:
     lowest = RELATION_LEAST_BLOCKS / float(run.t[-1] - run.t[0])
     count = max(2, math.ceil(BANDS_PER_DECADE * math.log10(max(top / lowest, 2.0))) + 1)
     for band in np.geomspace(top, lowest, count):
-        gram, _ = columns.in_band(float(band)).blocks(MOST_BLOCKS)
+        gram = columns.in_band(float(band)).gram
         if len(gram) < RELATION_LEAST_BLOCKS:
             continue
         before = np.concatenate([np.zeros((1, 6, 6)), np.cumsum(gram, axis=0)])

@@ -22,6 +22,7 @@ from accelcal.data import Array, Channel, ChannelFilter
 from accelcal.signals.series import lagrange_weights
 
 Section = tuple[float, float, float]
+Pair = tuple[float, float]
 
 ORDER = 8
 """Order of the zero-phase low-pass of motion: flat to 0.5 % at 0.7 of the corner."""
@@ -46,15 +47,14 @@ def low_pass(y: Array, rate: float, cutoff: float) -> Array:
     padded = np.concatenate([2.0 * y[0] - y[padding:0:-1], y, 2.0 * y[-1] - y[-2 : -padding - 2 : -1]])
     for _ in range(2):
         first = padded[0]
-        for b, a, settled in low_pass_sections(rate, cutoff):
-            padded = recursive_filter(b, a, padded, (settled[0] * first, settled[1] * first))
-        padded = padded[::-1]
+        settled = [(b, a, (s0 * first, s1 * first)) for b, a, (s0, s1) in low_pass_sections(rate, cutoff)]
+        padded = _core.cascade(settled, padded)[::-1]
     return np.ascontiguousarray(padded[padding : padding + len(y)])
 
 
 @lru_cache(maxsize=16)
-def low_pass_sections(rate: float, cutoff: float) -> list[tuple[Section, Section, tuple[float, float]]]:
-    """Sections (b, a) of second order of that low-pass, and their states for a constant of 1; every round needs them.
+def low_pass_sections(rate: float, cutoff: float) -> list[tuple[Section, Pair, Pair]]:
+    """Sections (b, a without a[0] = 1) of second order of that low-pass, and their states for a constant of 1; every round needs them.
 
     Poles of Butterworth by the bilinear transform, the cutoff prewarped (Oppenheim and Schafer 2010, section 7.2), the
     nearest to the unit circle last. The order of the steps is that of SciPy, so that bits are equal.
@@ -65,10 +65,10 @@ def low_pass_sections(rate: float, cutoff: float) -> list[tuple[Section, Section
     sections, level = [], 1.0
     for q in sorted(((4.0 + poles) / (4.0 - poles))[: ORDER // 2], key=abs):
         b = (gain, 2.0 * gain, gain)
-        a = (1.0, -2.0 * q.real, q.real**2 + q.imag**2)
-        settled = np.linalg.solve([[1.0 + a[1], -1.0], [a[2], 1.0]], [b[1] - a[1] * b[0], b[2] - a[2] * b[0]])
+        a = (-2.0 * q.real, q.real**2 + q.imag**2)
+        settled = np.linalg.solve([[1.0 + a[0], -1.0], [a[1], 1.0]], [b[1] - a[0] * b[0], b[2] - a[1] * b[0]])
         sections.append((b, a, (level * float(settled[0]), level * float(settled[1]))))
-        level, gain = level * (sum(b) / sum(a)), 1.0
+        level, gain = level * (sum(b) / (1.0 + a[0] + a[1])), 1.0
     return sections
 
 
@@ -79,8 +79,7 @@ def recursive_filter(
 
     The state is that of SciPy's `lfilter`, whose import alone would take as long as a fit.
     """
-    y, _ = _core.section((*b, 0.0, 0.0)[:3], (*a[1:], 0.0, 0.0)[:2], x, state)
-    return y
+    return _core.cascade([((*b, 0.0, 0.0)[:3], (*a[1:], 0.0, 0.0)[:2], state)], x)
 
 
 def cosine_window(n: int, weights: Sequence[float] = (0.5, 0.5)) -> Array:

@@ -1,9 +1,9 @@
 //! Columns of effects filtered with the gains of the replay; `Bank` in Python.
 
 use ekf_core::replay::ReplayError;
-use ekf_core::replay::columns::{self, FilteredReading, ReadingSpan, Response};
+use ekf_core::replay::columns::{FilteredReading, ReadingSpan, Response};
 use ekf_core::replay::grid::{Cell, Grid};
-use ekf_simd::replay::{filter_input_columns, filter_reading_columns};
+use ekf_simd::replay::{filter_input_columns, filter_reading_columns, prepare};
 use numpy::{PyReadonlyArray1, PyReadwriteArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -49,12 +49,9 @@ impl Bank {
         let counts = &counts[from_..to];
         let before = from_.checked_sub(1).map(|k| t[k]);
         let (start, step, rows) = grid;
-        let (mut readings, mut cells) = (Vec::with_capacity(to - from_), Vec::new());
-        py.detach(|| {
-            let grid = (Grid { start, step }, rows);
-            columns::prepare(gains, counts, grid, before, |cell| cells.push(cell), |one| readings.push(one))
-        })
-        .map_err(refuse)?;
+        let (mut readings, mut cells) = (Vec::new(), Vec::new());
+        py.detach(|| prepare(gains, counts, (Grid { start, step }, rows), before, &mut cells, &mut readings))
+            .map_err(refuse)?;
         let rows = counts.iter().filter(|&&counted| counted).count() / group;
         Ok(Self { readings, cells, group, rows })
     }

@@ -1,14 +1,17 @@
 //! Several records behind one filter at a time; `Parts` and `innovations` in Python.
 
-use ekf_core::replay::filter::{InterleavedReading, interleave};
+use ekf_core::replay::filter::{Driven, InterleavedReading, interleave};
 use ekf_core::replay::{Noise, Readings, ReplayError};
 use ekf_simd::replay as wide;
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 
-use crate::replay::track::{Flags, Record, prior_of, readings_of, refuse};
+use crate::replay::track::{Flags, Floats, Record, prior_of, readings_of, refuse};
 
 type Part<'py> = (Record<'py>, Flags<'py>);
+
+/// Columns of a relation between two channels.
+const COLUMNS: usize = 5;
 
 /// Parts of equal length, ready for filters of any noise.
 #[pyclass(frozen, module = "accelcal._core")]
@@ -79,6 +82,46 @@ pub fn innovations<'py>(
     })
     .map_err(|error: ReplayError| refuse(error))?;
     PyArray1::from_vec(py, found).reshape([drives.len(), n])
+}
+
+/// Products of the innovations of five drives, and the count of readings, summed over blocks of time, (blocks, 6, 6).
+///
+/// The drives are given by z, first, second; `shared` is one whose other arrays all of them have. `settled` readings enter,
+/// (readings,); `edges` are the times at which the blocks begin, s.
+#[pyfunction]
+#[pyo3(signature = (shared, drives, settled, edges, *, q, r, prior))]
+#[allow(clippy::too_many_arguments)] // keyword arguments on the Python side
+pub fn block_products<'py>(
+    py: Python<'py>,
+    shared: Record<'_>,
+    drives: [(Floats<'_>, Floats<'_>, Floats<'_>); COLUMNS],
+    settled: Flags<'_>,
+    edges: Floats<'_>,
+    q: f64,
+    r: f64,
+    prior: (f64, f64, f64, f64),
+) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    const WIDTH: usize = COLUMNS + 1;
+    let filter = (Noise { q, R: r }, prior_of(prior));
+    let shared = readings_of(&shared)?;
+    let mut driven = [Driven { z: &[], first: &[], second: &[] }; COLUMNS];
+    for (driven, (z, first, second)) in driven.iter_mut().zip(&drives) {
+        *driven = Driven { z: z.as_slice()?, first: first.as_slice()?, second: second.as_slice()? };
+    }
+    let (settled, edges) = (settled.as_slice()?, edges.as_slice()?);
+    let mut sums = Vec::with_capacity(edges.len() * WIDTH * WIDTH);
+    py.detach(|| {
+        wide::block_products(shared, driven, filter, settled, edges, |products, count| {
+            for row in products {
+                sums.extend_from_slice(row);
+                sums.push(0.0);
+            }
+            sums.extend_from_slice(&[0.0; COLUMNS]);
+            sums.push(count as f64);
+        })
+    })
+    .map_err(|error: ReplayError| refuse(error))?;
+    PyArray1::from_vec(py, sums).reshape([edges.len(), WIDTH, WIDTH])
 }
 
 fn packed<const N: usize>(parts: &[(Readings<'_>, &[bool]); N]) -> PyResult<Vec<InterleavedReading<N>>> {

@@ -3,7 +3,7 @@
 //! White stays white when equal numbers of samples are summed, and below a fraction of the rate nothing is lost. The
 //! geometry of the grid is computed once for a span of readings and used by every column.
 
-use crate::replay::grid::{Cell, Grid, NODES, cells};
+use crate::replay::grid::{Cell, Cells, Grid, NODES};
 use crate::replay::{ReplayError, same_length};
 use crate::signal::integrals::ConditionError;
 
@@ -59,6 +59,7 @@ pub struct ReadingSpan<'a> {
 ///
 /// # Errors
 /// [`ReplayError`] when lengths differ or the grid does not reach.
+#[inline(always)]
 pub fn prepare(
     gains: Gains<'_>,
     counts: &[bool],
@@ -71,13 +72,13 @@ pub fn prepare(
     for found in [gains.restart.len(), gains.gain_p.len(), gains.gain_v.len(), gains.S.len(), counts.len()] {
         same_length(n, found)?;
     }
-    let mut previous = before;
+    let (mut previous, mut grid) = (before, Cells::of(grid, rows));
     for (k, &counted) in counts.iter().enumerate() {
         let now = gains.t[k];
         let from = previous.filter(|_| !gains.restart[k]);
         let mut passed = 0;
         if let Some(earlier) = from.filter(|_| rows > 0) {
-            cells(grid, rows, earlier, now, |cell| {
+            grid.between(earlier, now, |cell| {
                 passed += 1;
                 take_cell(cell);
             })
@@ -87,7 +88,7 @@ pub fn prepare(
             h: from.map_or(0.0, |earlier| now - earlier),
             gain_p: gains.gain_p[k],
             gain_v: gains.gain_v[k],
-            weight: if counted { 1.0 / libm::sqrt(gains.S[k]) } else { 0.0 },
+            weight: if counted { inverse_root(gains.S[k]) } else { 0.0 },
             cells: passed,
             starts: from.is_none(),
             counts: counted,
@@ -95,6 +96,12 @@ pub fn prepare(
         previous = Some(now);
     }
     Ok(())
+}
+
+/// `1/sqrt(x)`, out of line: the core's square root is an instruction of its own choice, and stalls among wider ones.
+#[inline(never)]
+fn inverse_root(x: f64) -> f64 {
+    1.0 / libm::sqrt(x)
 }
 
 /// Response of (p, v) to `N` columns; zero at the start of a record, kept from span to span.

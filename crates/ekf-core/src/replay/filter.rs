@@ -217,6 +217,84 @@ pub fn innovations<const N: usize>(
     )
 }
 
+/// What drives one of several filters with the same times, starts and noise.
+#[derive(Debug, Clone, Copy)]
+pub struct Driven<'a> {
+    /// Readings, m.
+    pub z: &'a [f64],
+    /// Integral of the input over each interval, m/s.
+    pub first: &'a [f64],
+    /// Double integral of the input over each interval, m.
+    pub second: &'a [f64],
+}
+
+/// Products of the innovations of `N` filters with each other, m^2, summed over blocks of time.
+///
+/// All have the times, starts and noise of `shared`, so that one covariance serves them. `edges` are the times at which the
+/// blocks begin, s, rising; only `settled` readings enter, and those before the first edge belong to the first block. `take`
+/// gets the products of each block and the readings in it.
+///
+/// # Errors
+/// Those of [`innovations`], and when lengths differ.
+#[inline(always)]
+pub fn block_products<const N: usize>(
+    shared: Readings<'_>,
+    driven: [Driven<'_>; N],
+    (noise, prior): (Noise, Prior),
+    settled: &[bool],
+    edges: &[f64],
+    mut take: impl FnMut(&[[f64; N]; N], usize),
+) -> Result<(), ReplayError> {
+    let n = shared.t.len();
+    for found in driven.iter().flat_map(|one| [one.z.len(), one.first.len(), one.second.len()]).chain([settled.len()]) {
+        same_length(n, found)?;
+    }
+    let (mut p, mut v, mut products, mut count) = ([0.0; N], [0.0; N], [[0.0; N]; N], 0);
+    let mut ahead = edges.get(1..).unwrap_or(&[]);
+    let mut k = 0;
+    run_filters(
+        interleave([shared], None)?,
+        noise,
+        prior,
+        #[inline(always)]
+        |&Prediction { pp: [pp], pv: [pv], .. }, reading| {
+            let inverse = 1.0 / (pp + (noise.R + reading.extra_R[0]));
+            let (gain_p, gain_v, h) = (pp * inverse, pv * inverse, reading.h[0]);
+            let mut e = [0.0; N];
+            for j in 0..N {
+                let z = driven[j].z[k];
+                p[j] += h * v[j] + driven[j].second[k];
+                v[j] += driven[j].first[k];
+                if reading.any_starts {
+                    (p[j], v[j]) = (z, prior.v);
+                }
+                e[j] = z - p[j];
+                p[j] += gain_p * e[j];
+                v[j] += gain_v * e[j];
+            }
+            if settled[k] {
+                while let Some((_, later)) = ahead.split_first().filter(|&(&edge, _)| shared.t[k] >= edge) {
+                    take(&products, count);
+                    (products, count, ahead) = ([[0.0; N]; N], 0, later);
+                }
+                for i in 0..N {
+                    for j in 0..N {
+                        products[i][j] += e[i] * e[j];
+                    }
+                }
+                count += 1;
+            }
+            k += 1;
+        },
+        |_, _, _| (),
+    )?;
+    for _ in 0..=ahead.len() {
+        take(&products, count);
+        (products, count) = ([[0.0; N]; N], 0);
+    }
+    Ok(())
+}
+
 /// Readings whose variances are multiplied before their logarithm is computed.
 const PRODUCT: usize = 8;
 

@@ -3,7 +3,9 @@
 use super::columns::{
     FilteredReading, Gains, ReadingSpan, Response, filter_input_columns, filter_reading_columns, prepare,
 };
-use super::filter::{InterleavedReading, Track, TrackView, filter, innovations, interleave, log_likelihood};
+use super::filter::{
+    Driven, InterleavedReading, Track, TrackView, block_products, filter, innovations, interleave, log_likelihood,
+};
 use super::grid::{Cell, Grid};
 use super::smoother::smooth;
 use super::*;
@@ -456,6 +458,33 @@ fn innovations_are_those_of_the_filter() {
             assert_eq!(row[part].to_bits(), e[k].to_bits(), "{part} {k}"); // equal operations in equal order
         }
     }
+}
+
+#[test]
+fn products_of_innovations_are_summed_over_blocks() {
+    let parts = Records::new();
+    let (one, two) = (parts.part(0).0, parts.part(1).0);
+    let of_two = [one, Readings { z: two.z, first: two.first, second: two.second, ..one }];
+    let t = of_two[0].t;
+    let settled: [bool; LENGTH] = core::array::from_fn(|k| k % 5 != 0);
+    let behind = t[LENGTH - 1] + 1.0; // a block without readings
+    let edges = [t[1], t[LENGTH / 3], t[LENGTH / 2], behind];
+    let e = of_two.map(|readings| history(readings)[0]);
+    let mut block = 0;
+    let driven = of_two.map(|Readings { z, first, second, .. }| Driven { z, first, second });
+    block_products(of_two[0], driven, (LOW_NOISE, SHARP), &settled, &edges, |products, count| {
+        let next = edges.get(block + 1).copied().unwrap_or(f64::INFINITY);
+        let from = if block == 0 { f64::NEG_INFINITY } else { edges[block] };
+        let rows = (0..LENGTH).filter(|&k| settled[k] && t[k] >= from && t[k] < next);
+        for (i, j) in [(0, 0), (1, 0), (1, 1)] {
+            let expected: f64 = rows.clone().map(|k| e[i][k] * e[j][k]).sum();
+            assert!((products[i][j] - expected).abs() <= 1e-12 * expected.abs(), "{block} {i} {j}");
+        }
+        assert_eq!(count, rows.count());
+        block += 1;
+    })
+    .unwrap();
+    assert_eq!(block, edges.len());
 }
 
 #[test]
