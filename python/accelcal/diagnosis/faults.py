@@ -107,13 +107,20 @@ class BandRelation:
         self.t: Array = run.t[self._settled]
         """Times of settled readings, (n,) s."""
         self._drives = [column.arrays for column in source.drives]
-        self._filter = {"q": noise.q, "r": noise.r, "prior": run.prior(noise.r)}
+        self._noise, self._prior = noise, run.prior(noise.r)
         span = float(self.t[-1] - self.t[0]) if len(self.t) > 1 else 0.0
         number = max(1, int(min(MOST_BLOCKS, span * band)))
         self.edges: Array = np.linspace(self.t[0], self.t[-1], number + 1) if len(self.t) else np.zeros(2)
         """Of blocks of at least one period of the band, (K + 1,) s."""
-        driven = [column.arrays[1:4] for column in source.drives]
-        gram = _core.block_products(self._drives[0], driven, self._settled, self.edges[:-1], **self._filter)
+        gram = _core.block_products(
+            self._drives[0],
+            [arrays[1:4] for arrays in self._drives],
+            self._settled,
+            self.edges[:-1],
+            q=noise.q,
+            r=noise.r,
+            prior=self._prior,
+        )
         size = np.sqrt(np.diag(gram.sum(axis=0))[:5] / max(1, len(self.t)))
         self.size: Array = np.where(size > 0.0, size, 1.0)
         """(5,) root mean square by which each column was divided, m."""
@@ -124,7 +131,8 @@ class BandRelation:
     @cached_property
     def columns(self) -> Array:
         """(n, 5)."""
-        return np.asarray((_core.innovations(self._drives, **self._filter)[:, self._settled] / self.size[:, None]).T)
+        rows = _core.innovations(self._drives, q=self._noise.q, r=self._noise.r, prior=self._prior)
+        return np.asarray((rows[:, self._settled] / self.size[:, None]).T)
 
     def power(self, gram: Array, c: Array) -> Array:
         """Mean square residual of each block under one relation; empty blocks are skipped."""

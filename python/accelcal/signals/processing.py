@@ -54,7 +54,7 @@ def low_pass(y: Array, rate: float, cutoff: float) -> Array:
 
 @lru_cache(maxsize=16)
 def low_pass_sections(rate: float, cutoff: float) -> list[tuple[Section, Pair, Pair]]:
-    """Sections (b, a without a[0] = 1) of second order of that low-pass, and their states for a constant of 1; every round needs them.
+    """Sections (b, a without a[0] = 1) of second order, and their states for a constant of 1; every round needs them.
 
     Poles of Butterworth by the bilinear transform, the cutoff prewarped (Oppenheim and Schafer 2010, section 7.2), the
     nearest to the unit circle last. The order of the steps is that of SciPy, so that bits are equal.

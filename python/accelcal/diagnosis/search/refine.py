@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
-import scipy
 
 from accelcal.data import Array
 from accelcal.diagnosis.policy import BETWEEN_TRIALS_GAIN_SHARE, FINALISTS
@@ -19,6 +19,8 @@ from accelcal.signals.signals import Signals
 
 EVALUATIONS = 14
 """Evaluations of the likelihood for each shape parameter."""
+ROOT_ROUNDING = math.sqrt(2.2e-16)
+"""Square root of the rounding of a number: nearer to a minimum no loss tells one place from the next."""
 
 
 def shortlist(evidence: CandidateScores, sets: Sequence[tuple[int, ...]], rules: SearchRules) -> list[int]:
@@ -117,48 +119,128 @@ def between_trials(evidence: CandidateScores, name: str, least: float) -> list[H
     return list(hypotheses.values())
 
 
+Result = TypeVar("Result")
+Scored = tuple[CandidateScores, int]
+"""A table of scores, and the index in it of the hypothesis that a search waits for."""
+Search = Generator[Hypothesis, Scored, Result]
+"""A search that yields hypotheses to score, and is sent where their scores are."""
+
+
 def refine(runs: Sequence[BaseProjection], lists: Sequence[Sequence[Hypothesis]]) -> list[list[Hypothesis]]:
     """Hypotheses of several lists with shape parameters by likelihood; one that is in several lists is refined once."""
-    by_index: dict[int, Hypothesis] = {}
-    for item in (item for hypotheses in lists for item in hypotheses):
-        by_index[id(item)] = by_index.get(id(item)) or refined(runs, item)
-    return [[by_index[id(item)] for item in hypotheses] for hypotheses in lists]
-
-
-def refined(runs: Sequence[BaseProjection], item: Hypothesis) -> Hypothesis:
-    """A hypothesis whose shape parameters maximise the likelihood, each between its neighbours on the grid."""
+    unique = {id(item): item for hypotheses in lists for item in hypotheses}
     s = runs[0].column_filter.signals
-    shape, gain = dict(item.shape), math.nan
+    best = dict(zip(unique, in_step(runs, [refined(item, s) for item in unique.values()]), strict=True))
+    return [[best[id(item)] for item in hypotheses] for hypotheses in lists]
+
+
+def in_step(runs: Sequence[BaseProjection], searches: Sequence[Search[Result]]) -> list[Result]:
+    """Results of several searches: the hypotheses that they wait for are scored together, in one pass over the runs."""
+    results: dict[int, Result] = {}
+    waiting: dict[int, Hypothesis] = {}
+
+    def advance(k: int, scored: Scored | None) -> None:
+        try:
+            waiting[k] = next(searches[k]) if scored is None else searches[k].send(scored)
+        except StopIteration as end:
+            results[k] = end.value
+
+    for k in range(len(searches)):
+        advance(k, None)
+    while waiting:
+        asked, waiting = waiting, {}
+        table = CandidateScores(runs, list(asked.values()))
+        for i, k in enumerate(asked):
+            advance(k, (table, i))
+    return [results[k] for k in range(len(searches))]
+
+
+def refined(item: Hypothesis, s: Signals) -> Search[Hypothesis]:
+    """A hypothesis whose shape parameters maximise the likelihood, each between its neighbours on the grid."""
+    shape, least = dict(item.shape), math.nan
     for name, declared in item.effect.shapes.items():
-        bounds = bounds_of(item, name, s)
-        if not declared.refined or bounds[0] == bounds[1]:
+        low, high = bounds_of(item, name, s)
+        if not declared.refined or low == high:
             continue
-        loss = profile_loss(runs, item, shape, name)
-        gain = -loss(shape[name]) if math.isnan(gain) else gain
-        options = {"xatol": 1e-3 * (bounds[1] - bounds[0]), "maxiter": EVALUATIONS}
-        best = scipy.optimize.minimize_scalar(loss, bounds=bounds, method="bounded", options=options)
-        if -float(best.fun) > gain:
-            shape[name], gain = float(best.x), -float(best.fun)
+        loss = profile_loss(item, shape, name, s)
+        if math.isnan(least):
+            least = yield from loss(shape[name])
+        value, lowest = yield from minimum(loss, low, high)
+        if lowest < least:
+            shape[name], least = value, lowest
     return replace(item, shape=shape)
 
 
 def profile_loss(
-    runs: Sequence[BaseProjection], item: Hypothesis, shape: Mapping[str, float], name: str
-) -> Callable[[float], float]:
+    item: Hypothesis, shape: Mapping[str, float], name: str, s: Signals
+) -> Callable[[float], Search[float]]:
     """Minus the gain of a hypothesis as a function of one shape parameter, the others as in `shape`.
 
     Columns that are only scaled by it are filtered once.
     """
-    if not (item.effect.basis and item.effect.port == "process"):
-        return lambda value: -CandidateScores(runs, [replace(item, shape={**shape, name: value})]).gain(0)[0]
-    s = runs[0].column_filter.signals
-    first, size = CandidateScores(runs, [replace(item, shape=dict(shape))]), sizes(item.effect, shape, s)
+    scaled = item.effect.basis and item.effect.port == "process"
+    size = sizes(item.effect, shape, s) if scaled else np.ones(1)
+    first: list[tuple[Array, Array]] = []
 
-    def resized(value: float) -> float:
-        ratio = (sizes(item.effect, {**shape, name: value}, s) / size)[: len(first.c)]
-        return -variance_gain(first.G * np.outer(ratio, ratio), first.c * ratio)[0]
+    def loss(value: float) -> Search[float]:
+        if not scaled:
+            table, i = yield replace(item, shape={**shape, name: value})
+            return -table.gain(i)[0]
+        if not first:
+            table, i = yield replace(item, shape=dict(shape))
+            columns = table.columns[i]
+            first.append((table.G[columns, columns], table.c[columns]))
+        G, c = first[0]
+        ratio = (sizes(item.effect, {**shape, name: value}, s) / size)[: len(c)]
+        return -variance_gain(G * np.outer(ratio, ratio), c * ratio)[0]
 
-    return resized
+    return loss
+
+
+GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
+"""Share of an interval at which a golden section divides it."""
+
+
+def minimum(loss: Callable[[float], Search[float]], low: float, high: float) -> Search[tuple[float, float]]:
+    """Place and value of the minimum of a loss between two bounds, to a thousandth of their distance.
+
+    Golden sections and parabolas through the best three points (Brent 1973, chapter 5).
+    """
+    tolerance = 1e-3 * (high - low)
+    x = low + GOLDEN * (high - low)
+    y = yield from loss(x)
+    best = second = third = (y, x)
+    step = before = 0.0
+    for _ in range(EVALUATIONS - 1):
+        (y, x), middle = best, 0.5 * (low + high)
+        least = ROOT_ROUNDING * abs(x) + tolerance / 3.0
+        if abs(x - middle) <= 2.0 * least - 0.5 * (high - low):
+            break
+        section = True
+        if abs(before) > least:
+            r, q = (x - second[1]) * (y - third[0]), (x - third[1]) * (y - second[0])
+            p, q = (x - third[1]) * q - (x - second[1]) * r, 2.0 * (q - r)
+            p, q = (-p if q > 0.0 else p), abs(q)
+            before, usual = step, before
+            if abs(p) < abs(0.5 * q * usual) and q * (low - x) < p < q * (high - x):
+                section, step = False, p / q
+                if min(x + step - low, high - x - step) < 2.0 * least:
+                    step = math.copysign(least, middle - x)
+        if section:
+            before = (low if x >= middle else high) - x
+            step = GOLDEN * before
+        trial = x + math.copysign(max(abs(step), least), step)
+        value = yield from loss(trial)
+        if value <= y:
+            low, high = (x, high) if trial >= x else (low, x)
+            best, second, third = (value, trial), best, second
+        else:
+            low, high = (trial, high) if trial < x else (low, trial)
+            if value <= second[0] or second[1] == x:
+                second, third = (value, trial), second
+            elif value <= third[0] or third[1] in (x, second[1]):
+                third = value, trial
+    return best[1], best[0]
 
 
 def grid_bracket(grid: Array, span: tuple[float, float], value: float) -> tuple[float, float]:
