@@ -248,10 +248,17 @@ class Examined:
     def part(self) -> PreparedRun:
         """What is used, up to a break."""
         start, end = self.span
+        self._release()
         if not self.breaks or start is None or end is None:
             return self.source
         recording = self.source.recording
         return prepare(replace(recording.part(start, end), digest=recording.digest))
+
+    def _release(self) -> None:
+        """Free the columns of the relation, which nothing needs once breaks and faults are known."""
+        for columns in (self.stepped[1], None if self.chosen else self.usable.columns):
+            if columns is not None:
+                columns.release()
 
     def remarks(self, place: str = "") -> list[Remark]:
         """What was left out of it, and its break; `place` stands before its name."""
@@ -274,6 +281,7 @@ class Examined:
         broken = [remark("break", recording=recording.name or "recording", time=at) for at in self.breaks]
         gone = left_out_remarks([recording], "", begin, stop)
         remarks = fault_remarks(faults(recording, run, columns), stop - begin)
+        self._release()
         return TimeSpan(begin, stop, self.breaks, (*broken, *gone, *remarks), self.chosen)
 
 

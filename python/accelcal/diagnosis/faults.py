@@ -54,6 +54,12 @@ class RelationColumns:
 
     def __init__(self, run: PreparedRun) -> None:
         self.run = run
+        self._bands: dict[float, BandRelation] = {}
+
+    @cached_property
+    def drives(self) -> list[DriveIntegrals]:
+        """What drives the filter, column by column."""
+        run = self.run
         shift = run.accel_step
         late, plain, early = (drive(run, Values({"time_offset": d}), None) for d in (-shift, 0.0, shift))
         gone = late.restart | plain.restart | early.restart
@@ -66,14 +72,27 @@ class RelationColumns:
             (h, h**2 / 2.0),
         ]
         moving, extra = ~gone, plain.extra_q
-        self.drives = [
+        drives = [
             DriveIntegrals(plain.t, zero, first * moving, second * moving, gone, extra) for first, second in integrals
         ]
-        self.drives.append(DriveIntegrals(plain.t, np.ascontiguousarray(plain.z - plain.z[0]), zero, zero, gone, extra))
+        encoder = np.ascontiguousarray(plain.z - plain.z[0])
+        return [*drives, DriveIntegrals(plain.t, encoder, zero, zero, gone, extra)]
+
+    def release(self) -> None:
+        """Free them until they are used again: of an hour they are 240 MB."""
+        self.__dict__.pop("drives", None)
+        self._bands.clear()
 
     def in_band(self, band: float) -> BandRelation:
         """Innovations of each column behind a filter whose crossover is `band`, Hz."""
-        return BandRelation(self, band)
+        if band not in self._bands:
+            self._bands[band] = BandRelation(self, band)
+        return self._bands[band]
+
+    @cached_property
+    def steps(self) -> list[PositionStep]:
+        """Position steps that they show."""
+        return position_steps(self)
 
     def noise(self, band: float) -> Noise:
         """Noise whose filter has this crossover."""
@@ -100,39 +119,38 @@ class BandRelation:
     difference, constant, encoder, each divided by its root mean square."""
 
     def __init__(self, source: RelationColumns, band: float) -> None:
-        self.band = band
+        self.source, self.band = source, band
         """Hz"""
-        run, noise = source.run, source.noise(band)
-        self._settled = source.drives[0].settled(run.wait(noise))
-        self.t: Array = run.t[self._settled]
-        """Times of settled readings, (n,) s."""
-        self._drives = [column.arrays for column in source.drives]
-        self._noise, self._prior = noise, run.prior(noise.r)
-        span = float(self.t[-1] - self.t[0]) if len(self.t) > 1 else 0.0
+        run, noise, drives = source.run, source.noise(band), source.drives
+        self.settled = drives[0].settled(run.wait(noise))
+        """Readings that enter, (readings,)."""
+        t = self.t
+        span = float(t[-1] - t[0]) if len(t) > 1 else 0.0
         number = max(1, int(min(MOST_BLOCKS, span * band)))
-        self.edges: Array = np.linspace(self.t[0], self.t[-1], number + 1) if len(self.t) else np.zeros(2)
+        self.edges: Array = np.linspace(t[0], t[-1], number + 1) if len(t) else np.zeros(2)
         """Of blocks of at least one period of the band, (K + 1,) s."""
-        gram = _core.block_products(
-            self._drives[0],
-            [arrays[1:4] for arrays in self._drives],
-            self._settled,
-            self.edges[:-1],
-            q=noise.q,
-            r=noise.r,
-            prior=self._prior,
-        )
-        size = np.sqrt(np.diag(gram.sum(axis=0))[:5] / max(1, len(self.t)))
+        driven = [column.arrays[1:4] for column in drives]
+        shared, edges, prior = drives[0].arrays, self.edges[:-1], run.prior(noise.r)
+        gram = _core.block_products(shared, driven, self.settled, edges, q=noise.q, r=noise.r, prior=prior)
+        size = np.sqrt(np.diag(gram.sum(axis=0))[:5] / max(1, len(t)))
         self.size: Array = np.where(size > 0.0, size, 1.0)
         """(5,) root mean square by which each column was divided, m."""
         scale = np.append(self.size, 1.0)
         self.gram: Array = gram / np.outer(scale, scale)
         """(K, 6, 6) products of the columns over the blocks, the last row and column counting readings."""
 
-    @cached_property
+    @property
+    def t(self) -> Array:
+        """Times of settled readings, (n,) s."""
+        return self.source.run.t[self.settled]
+
     def columns(self) -> Array:
-        """(n, 5)."""
-        rows = _core.innovations(self._drives, q=self._noise.q, r=self._noise.r, prior=self._prior)
-        return np.asarray((rows[:, self._settled] / self.size[:, None]).T)
+        """The columns at settled readings, (n, 5)."""
+        run, noise = self.source.run, self.source.noise(self.band)
+        drives = [column.arrays for column in self.source.drives]
+        rows = _core.innovations(drives, q=noise.q, r=noise.r, prior=run.prior(noise.r))[:, self.settled]
+        rows /= self.size[:, None]
+        return np.asarray(rows.T)
 
     def power(self, gram: Array, c: Array) -> Array:
         """Mean square residual of each block under one relation; empty blocks are skipped."""
@@ -144,13 +162,15 @@ class BandRelation:
     def departure(self, c: Array, power: float, interval: tuple[float, float]) -> float:
         """Most likely instant in `interval` from which readings depart from a relation whose residual had this power,
         s."""
-        rows = slice(*np.searchsorted(self.t, interval))
-        squares = (self.columns[rows, 4] - self.columns[rows, :4] @ c) ** 2
+        t = self.t
+        rows = slice(*np.searchsorted(t, interval))
+        columns = self.columns()[rows]
+        squares = (columns[:, 4] - columns[:, :4] @ c) ** 2
         behind = np.cumsum(squares[::-1])[::-1]
         count = np.arange(len(squares), 0, -1)
         mean_square = np.maximum(behind / count, power)
         gain = 0.5 * (behind / power - count * (1.0 + np.log(mean_square / power)))
-        return float(self.t[rows][int(np.argmax(gain))])
+        return float(t[rows][int(np.argmax(gain))])
 
 
 def _solve(gram: Array) -> Array:
@@ -214,7 +234,7 @@ def faults(recording: Recording, run: PreparedRun, columns: RelationColumns | No
     ]
     listed += rail_hits(run)
     columns = columns or RelationColumns(run)
-    steps = (*recording.position_steps, *(() if recording.reference else position_steps(columns)))
+    steps = (*recording.position_steps, *(() if recording.reference else columns.steps))
     listed += [Fault("position_step", "position", step.time, step.size, step.sentence) for step in steps]
     listed += dropped_samples(columns)
     inside = [f for f in listed if run.t[0] <= f.time <= run.t[-1]]
@@ -331,7 +351,7 @@ def with_position_steps(run: PreparedRun) -> tuple[PreparedRun, RelationColumns 
     for _ in range(MOST_STEP_SEARCHES):
         try:
             columns = RelationColumns(run.complete)
-            jumps = position_steps(columns)
+            jumps = columns.steps
         except ValueError:
             break
         if not jumps:
@@ -347,9 +367,10 @@ def position_steps(columns: RelationColumns) -> list[PositionStep]:
     """
     run = columns.run
     relation = columns.in_band(0.1 / run.reading_step)
-    if len(relation.t) < 8 * LOCAL:
+    t, rows = relation.t, relation.columns()
+    if len(t) < 8 * LOCAL:
         return []
-    X, y = relation.columns[:, :4], relation.columns[:, 4] * relation.size[4]
+    X, y = rows[:, :4], rows[:, 4] * relation.size[4]
     residual = y - X @ np.linalg.lstsq(X, y, rcond=None)[0]
     step = columns.response(relation.band, np.arange(2 * PULSE) >= PULSE)
     spike = columns.response(relation.band, np.arange(2 * PULSE) == PULSE)
@@ -358,7 +379,7 @@ def position_steps(columns: RelationColumns) -> list[PositionStep]:
     score = np.abs(matched) / local_spread(matched)
     chance = np.minimum(1.0, 2.0 * len(score) * scipy.special.stdtr(0.7 * LOCAL, -score))
     noise = float(np.median(np.abs(residual))) / 0.6745
-    behind_gap = np.diff(relation.t, prepend=relation.t[0]) > HOLE * run.reading_step
+    behind_gap = np.diff(t, prepend=t[0]) > HOLE * run.reading_step
     jumps: list[PositionStep] = []
     last = -PULSE
     for k in (int(k) for k in np.flatnonzero((chance < FAULT_ALPHA) & ~behind_gap)):
@@ -374,7 +395,7 @@ def position_steps(columns: RelationColumns) -> list[PositionStep]:
         if abs(size) < STEP_LEAST_COUNTS * run.least_step:
             continue
         last = k
-        jumps.append(PositionStep(float(relation.t[k]), size, float(chance[k])))
+        jumps.append(PositionStep(float(t[k]), size, float(chance[k])))
     return jumps
 
 

@@ -290,7 +290,8 @@ class RunSamples:
     @property
     def whole(self) -> Channel:
         """The same as a channel."""
-        return Channel(self.accel.name, self.filled.t, self.filled.y, self.accel.unit)
+        filled, accel = self.filled, self.accel
+        return accel if filled.t is accel.t else Channel(accel.name, filled.t, filled.y, accel.unit)
 
     @cached_property
     def extra_q(self) -> Array:
@@ -535,7 +536,9 @@ def prepare(
     filters = ChannelFilters(recording.rig, 1.0 / step, 1.0 / float(np.median(np.diff(t))))
     margin = 64 * step + 2.0 * filters.kernel
     covered = slice(*np.searchsorted(accel.t, [t[0] - margin, t[-1] + margin]))
-    part = Channel(accel.name, accel.t[covered], accel.y[covered], accel.unit)
+    part = accel  # a channel copies its samples
+    if covered != slice(0, len(accel)):
+        part = Channel(accel.name, accel.t[covered], accel.y[covered], accel.unit)
     period = usual_step(part.t)
     resolution = recording.rig.resolution or grid_step(z[:NOISE_SAMPLES])
     unpredicted = Unpredicted.of(t, z, part, period, resolution)
