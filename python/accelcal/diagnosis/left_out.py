@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from accelcal._support.process import give_back_memory
 from accelcal._support.values import listing
 from accelcal.data import POSITION_ORDER, Array, Channel, Flags, Recording, require_usable, usual_step
 from accelcal.data.recording import LeftOut, WrongKind
@@ -311,7 +312,8 @@ def clean_fit(
     runs, found_earlier = list(runs), {test.effect: test for test in before}
     solution = solved or solve(runs)
     for rounds_left in reversed(range(REJECTION_ROUNDS + 1)):
-        tests_of_runs = [test(state) for state in solution.states]
+        tests_of_runs = [test(state) for state in given_back(solution.states)]
+        given_back(solution.states)
         tests = [test for of_run in tests_of_runs for test in of_run]
         outlier_tests = [outliers_found(of_run) for of_run in tests_of_runs]
         if not rounds_left or not any(outlier_tests):
@@ -324,6 +326,17 @@ def clean_fit(
         solution = solve(runs)
     new = [test for test in tests if test.effect not in found_earlier]
     return CleanFit(tuple(runs), solution, (*new, *found_earlier.values()))
+
+
+LONG = 1_000_000
+"""Samples of the output from which on freed arrays are worth giving back: they are used again sooner than that."""
+
+
+def given_back(states: list[RunState]) -> list[RunState]:
+    """The states, the memory that long runs were solved and tested in given back."""
+    if sum(len(state.run.accel) for state in states) > LONG:
+        give_back_memory()
+    return states
 
 
 def outliers_found(tests: Sequence[NoiseTest]) -> list[NoiseTest]:

@@ -44,8 +44,9 @@ class DriveIntegrals:
         """Readings later than `wait` behind the last start; of a short stretch at least the last four fifths."""
         wait = min(wait, 0.2 * float(self.t[-1] - self.t[0]))
         begins = np.flatnonzero(self.restart)
-        last = begins[np.searchsorted(begins, np.arange(len(self.t)), side="right") - 1]
-        return np.asarray(self.t > self.t[last] + wait)
+        if len(begins) > 1:
+            begins = begins[np.searchsorted(begins, np.arange(len(self.t)), side="right") - 1]
+        return np.asarray(self.t > self.t[begins] + wait)
 
     def part(self, rows: slice) -> DriveIntegrals:
         """The readings in `rows`, with a restart at the first."""

@@ -268,8 +268,14 @@ class RunSamples:
     @cached_property
     def jumps(self) -> Jumps:
         """Instants at which the motion changes faster than the samples of the output resolve."""
-        t, y, step, tau = self.accel.t, self.accel.y, self.accel_step, self.declared_tau
-        return self.once("jumps of the motion", lambda: jumps(t, y, step, tau))
+        t, y = self.accel.t, self.accel.y
+
+        def find() -> Jumps:
+            scores = prediction_scores(t, y)
+            self.answers["noise of a sample"] = scores[1]
+            return jumps(t, y, self.accel_step, self.declared_tau, scores)
+
+        return self.once("jumps of the motion", find)
 
     @property
     def sample_noise(self) -> Array:

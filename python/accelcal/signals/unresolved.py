@@ -147,7 +147,7 @@ ROW = np.dtype([("t", "f8"), ("size", "f8"), ("of_jerk", "?"), ("tau", "f8"), ("
 """A jump as in `Jumps`, and its size in deviations of the noise."""
 
 
-def jumps(t: Array, u: Array, step: float, tau: float) -> Jumps:
+def jumps(t: Array, u: Array, step: float, tau: float, scores: tuple[Array, Array] | None = None) -> Jumps:
     """Find the jumps of acceleration and jerk in an output.
 
     Parameters
@@ -155,10 +155,11 @@ def jumps(t: Array, u: Array, step: float, tau: float) -> Jumps:
     t, u : (n,) times, s, and output, m/s².
     step : usual spacing of the samples, s.
     tau : time constant of the declared low-pass, s; 0 where there is none.
+    scores : `prediction_scores` of the output, where they are there already.
     """
     if len(u) < 4 * HALF_WINDOW:
         return NO_JUMPS
-    score, spread = prediction_scores(t, u)
+    score, spread = scores or prediction_scores(t, u)
     return examined(t, u, spread, local_maxima(score, ISOLATED, EVENT_SIGMA), step, tau)
 
 
