@@ -1,5 +1,7 @@
 //! Columns of effects filtered with the gains of the replay; `Bank` in Python.
 
+use std::sync::Mutex;
+
 use ekf_core::replay::ReplayError;
 use ekf_core::replay::columns::{FilteredReading, ReadingSpan, Response};
 use ekf_core::replay::grid::{Cell, Grid};
@@ -49,7 +51,7 @@ impl Bank {
         let counts = &counts[from_..to];
         let before = from_.checked_sub(1).map(|k| t[k]);
         let (start, step, rows) = grid;
-        let (mut readings, mut cells) = (Vec::new(), Vec::new());
+        let (mut readings, mut cells) = SPARE.lock().ok().and_then(|mut spare| spare.take()).unwrap_or_default();
         py.detach(|| prepare(gains, counts, (Grid { start, step }, rows), before, &mut cells, &mut readings))
             .map_err(refuse)?;
         let rows = counts.iter().filter(|&&counted| counted).count() / group;
@@ -79,6 +81,20 @@ impl Bank {
         self.carry(py, &columns, Port::Reading, state, sums)
     }
 }
+
+impl Drop for Bank {
+    fn drop(&mut self) {
+        let (mut readings, mut cells) = (core::mem::take(&mut self.readings), core::mem::take(&mut self.cells));
+        readings.clear();
+        cells.clear();
+        if let Ok(mut spare) = SPARE.lock() {
+            *spare = Some((readings, cells));
+        }
+    }
+}
+
+/// Memory of the bank that was dropped last, for the next one: fresh pages cost as much as what is written to them.
+static SPARE: Mutex<Option<(Vec<FilteredReading>, Vec<Cell>)>> = Mutex::new(None);
 
 /// Where columns enter.
 #[derive(Clone, Copy)]
