@@ -192,16 +192,13 @@ def _characteristic(fits: tuple[Fit, Fit], budgets: tuple[Budget, Budget]) -> Co
         static = characteristic(fit)
         warmth = fits[0].origins.temperature - fit.origins.temperature if static.needs_temperature else 0.0
         output.append(np.array([static.forward(float(x), warmth) for x in a]))
-        columns = [[_per_unit(e.name, float(x), warmth) for e in fit.free] for x in a]
+        columns = [
+            [STATIC[e.name].per_unit(float(x), warmth) if e.name in STATIC else 0.0 for e in fit.free] for x in a
+        ]
         J = np.array(columns).reshape(POINTS, len(fit.free))
         declared = np.array([max(0.0, standard_uncertainty(uncertainty, e) ** 2 - e.std**2) for e in fit.free])
         variance += np.einsum("ni,ij,nj->n", J, fit.covariance, J) + J**2 @ declared
     return ComparedCharacteristic(a, output[1] - output[0], COVERAGE_FACTOR * np.sqrt(np.maximum(variance, 1e-30)))
-
-
-def _per_unit(name: str, a: float, warmth: float) -> float:
-    """What one unit of a coefficient adds to the static output, m/s²; 0 of one that is not part of it."""
-    return STATIC[name].per_unit(a, warmth) if name in STATIC else 0.0
 
 
 def _changes(first: Fit, second: Fit) -> Iterator[tuple[str, str, str]]:

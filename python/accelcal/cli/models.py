@@ -105,7 +105,7 @@ def fit(
     begin, stop = parse_quantity(start, "time", "--from"), parse_quantity(end, "time", "--to")
     width, engine = parse_quantity(band, "frequency", "--band"), method_of(context)
     with progress("fit") as report:
-        recordings = read_runs(runs, position, rig)
+        recordings = [load_run(path, rig) for path in runs] if position is None else [of_two(runs, position, rig)]
         if isinstance(engine, str):
             base = chosen() if position is None else chosen().add("clock_skew")
             wanted, part = varying(base, vary or []), within(report, LOADED, 1.0)
@@ -265,11 +265,6 @@ def finish_fit(
     """Write and print a fit."""
     read = [recording for recording in recordings if isinstance(recording, data.Recording)]
     deliver(result, lambda fit: printing.show_fit(fit, *read), output, json, result)
-
-
-def read_runs(runs: Sequence[Path], position: Path | None, rig: Path | None) -> list[data.Recording | data.Dwells]:
-    """Read recordings or dwells, or the one recording of two loggers."""
-    return [load_run(path, rig) for path in runs] if position is None else [of_two(runs, position, rig)]
 
 
 def of_two(runs: Sequence[Path], position: Path, rig: Path | None) -> data.Recording:

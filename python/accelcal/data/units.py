@@ -411,10 +411,6 @@ def _root(match: re.Match[str]) -> str:
     return f"({match[1] or match[2] or match[3]})^0.5"
 
 
-def _algebra(text: str) -> str:
-    return text.replace("^", "**")
-
-
 @functools.lru_cache(_REMEMBERED)
 def _parsed(text: str) -> Any:
     """Return pint's unit for a normalised text; None where it is no unit."""
@@ -423,7 +419,7 @@ def _parsed(text: str) -> Any:
     if not is_legal(text):
         return None
     try:
-        return _registry().parse_units(_algebra(text))
+        return _registry().parse_units(text.replace("^", "**"))
     except Exception:  # pint raises its own, tokenize's, and ArithmeticError, depending on the text
         return None
 

@@ -158,7 +158,7 @@ def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, nuis
     p_value = float(scipy.special.chdtrc(freedom, squares)) if freedom > 0 else 1.0
     remarks = [remark("assumed", text=text) for text in dwells.assumptions]
     if ratio > REMARKED_BEYOND:
-        left = f"{rms_of(rows.left, freedom):.2g} m/s²"
+        left = f"{math.sqrt(float(rows.left @ rows.left) / max(freedom, 1)):.2g} m/s²"
         said = (
             "what is declared of the bias and the angles explains it"
             if p_value >= REMARK_ALPHA
@@ -180,8 +180,3 @@ def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, nuis
         freedom=freedom,
         remarks=tuple(remarks),
     )
-
-
-def rms_of(left: Array, freedom: int) -> float:
-    """Root of the sum of squares over its degrees of freedom."""
-    return math.sqrt(float(left @ left) / max(freedom, 1))

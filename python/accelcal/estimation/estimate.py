@@ -504,7 +504,11 @@ def result(solution: Solution) -> Fit:
             remark("changes_with_band", recording=name, text=text) for text in [change_with_band(tried)] if text
         ]
     remarks += judge(layout, x, covariance, states)
-    remarks += of_filters(runs)
+    remarks += [
+        remark("not_observable", recording=name_of(run), filters=names(high_passes(run.rig.filters)))
+        for run in runs
+        if not run.rig.coupled
+    ]
     remarks += mostly_prior(layout, covariance, model)
     remarks += [remark("on_bound", text=text) for text in on_bounds(solution)]
     remarks += [remark("seen_by_runs", text=choice.sentence, effect=choice.effect) for choice in solution.seen_by_runs]
@@ -809,15 +813,6 @@ def implausible_scale(scale: float) -> list[Remark]:
     if PLAUSIBLE_SCALE[0] <= scale <= PLAUSIBLE_SCALE[1]:
         return []
     return [remark("implausible_scale", scale=scale, factor=1.0 / scale)]
-
-
-def of_filters(runs: Sequence[PreparedRun]) -> list[Remark]:
-    """What declared filters keep from being estimated: a bias behind a high-pass."""
-    return [
-        remark("not_observable", recording=name_of(run), filters=names(high_passes(run.rig.filters)))
-        for run in runs
-        if not run.rig.coupled
-    ]
 
 
 def mostly_prior(layout: Layout, covariance: Array, model: Model) -> list[Remark]:

@@ -213,7 +213,12 @@ def _estimated(
         covariance = robust(covariance, layout, normals, np.diag(belief) + drawn)
     elif not converged and len(rounds) > 1:
         covariance = unsettled(rounds)
-    covariance = covariance + np.diag(clock_variance(layout, states))
+    # The fit finds the offset of the stamps as they are: an error that all stamps of a channel share adds to it alone.
+    clock_variance = [
+        states[run or 0].run.recording.stamp_std ** 2 if term.name == "time_offset" else 0.0
+        for term, run in layout.slots
+    ]
+    covariance = covariance + np.diag(clock_variance)
     return Solution(model, layout, x, covariance, states, converged, between=between)
 
 
@@ -234,19 +239,6 @@ def robust(covariance: Array, layout: Layout, normals: Sequence[NormalEquations]
         rows = layout.rows(index)
         middle[np.ix_(rows, rows)] += normal.gram if normal.spread is None else normal.spread
     return np.asarray(covariance @ middle @ covariance)
-
-
-def clock_variance(layout: Layout, states: Sequence[RunState]) -> Array:
-    """Variance of the time offset from an error that all stamps of a channel share, 0 for all other coefficients.
-
-    The fit finds the offset of the stamps as they are; what it is called is uncertain by this, and nothing else.
-    """
-    return np.array(
-        [
-            states[run or 0].run.recording.stamp_std ** 2 if term.name == "time_offset" else 0.0
-            for term, run in layout.slots
-        ]
-    )
 
 
 @dataclass(frozen=True, slots=True)

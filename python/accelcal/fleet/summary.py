@@ -142,7 +142,7 @@ def population(y: Array, std: Array, sensor: NDArray[np.intp]) -> Population:
     repeated = len(y) > count  # with one run a sensor the two are one
     trials = scale * np.geomspace(*REACH, GRID)
     runs, sensors = np.array([0.0, *trials]) if repeated else np.zeros(1), np.array([0.0, *trials])
-    surface = likelihoods(y, std, sensor, runs, sensors)
+    surface = np.array([-0.5 * Sums.of(y, std, sensor, float(w**2)).minus_two_log(sensors**2) for w in runs])
     i, j = np.unravel_index(int(np.argmax(surface)), surface.shape)
 
     def missed(x: Array) -> float:
@@ -173,11 +173,6 @@ def population(y: Array, std: Array, sensor: NDArray[np.intp]) -> Population:
         sensors_std=np.sqrt(share * sums.v + (1.0 - share) ** 2 * variance),
         outlying=deleted(sums, float(optimum[1] ** 2)),
     )
-
-
-def likelihoods(y: Array, std: Array, sensor: NDArray[np.intp], runs: Array, sensors: Array) -> Array:
-    """Log restricted likelihood at standard deviations between runs and between sensors, (runs, sensors)."""
-    return np.array([-0.5 * Sums.of(y, std, sensor, float(w**2)).minus_two_log(sensors**2) for w in runs])
 
 
 def component(

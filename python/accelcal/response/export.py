@@ -19,7 +19,7 @@ from accelcal.calibration.export.certificate import (
 from accelcal.data import Sensor
 from accelcal.response.linearity import Term
 from accelcal.response.measure import FrequencyResponse
-from accelcal.response.parametric import Parameter, ResponseModel
+from accelcal.response.parametric import Parameter
 from accelcal.response.sine import Point
 
 METHOD = (
@@ -50,7 +50,13 @@ def draft_response(answer: FrequencyResponse, sensor: Sensor, laboratory: Labora
     ]
     if model is not None:
         quantities = tuple(_quantity(p.name, p) for p in model.best.parameters)
-        results.append(Result("Parametric fit of the frequency response", _described(model), quantities))
+        results.append(
+            Result(
+                "Parametric fit of the frequency response",
+                f"{TYPE_A} {'. '.join(text.rstrip('.') for text in model.sentences)}.",
+                quantities,
+            )
+        )
     if answer.terms:
         quantities = tuple(_quantity(f"{t.name} from {t.source}", t) for t in answer.terms)
         results.append(Result("Amplitude linearity", TYPE_A, quantities))
@@ -98,11 +104,6 @@ def _quantity(name: str, parameter: Parameter | Term) -> Quantity:
         parameter.expanded,
         parameter.expanded / parameter.std if parameter.std > 0.0 else None,
     )
-
-
-def _described(model: ResponseModel) -> str:
-    """What was fitted, how well, and what it cannot be told from."""
-    return f"{TYPE_A} {'. '.join(text.rstrip('.') for text in model.sentences)}."
 
 
 COLUMNS = (

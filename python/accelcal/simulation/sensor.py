@@ -281,7 +281,10 @@ def _output(
     Ornstein-Uhlenbeck law for the noise. Other declared filters act as `filtered_samples` says.
     """
     if rig.output_filters:
-        chain = (*_as_filters(rig.lowpass), *rig.output_filters)
+        chain = (
+            *(() if rig.lowpass is None else (ChannelFilter("RC", cutoff=rig.lowpass.cutoff),)),
+            *rig.output_filters,
+        )
         return filtered_samples(sensed, t, rate, chain, density, rng)
     lowpass, dt = rig.lowpass, 1.0 / rate
     output = sensed(t) if lowpass is None else _low_passed(sensed, t, dt, lowpass.tau)
@@ -364,11 +367,6 @@ def _sensed(
         return _model(s, rig, theta)
 
     return sensed
-
-
-def _as_filters(lowpass: LowPass | None) -> tuple[ChannelFilter, ...]:
-    """The one RC of a channel as the first filter of its chain."""
-    return () if lowpass is None else (ChannelFilter("RC", cutoff=lowpass.cutoff),)
 
 
 def _model(s: Array, rig: Rig, theta: Mapping[str, float]) -> Array:

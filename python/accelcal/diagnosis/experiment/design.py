@@ -124,7 +124,7 @@ class Recipe:
 def build(recipe: Recipe, limits: Limits, seconds: float) -> Motion:
     """Bursts and groups of moves in turn; the position begins and ends at the middle of the stroke."""
     inner, rng = limits.scaled(MARGIN), np.random.default_rng(recipe.seed)
-    group = _group_seconds(inner)
+    group = max(_moves(inner, 1.0, k, 2 * len(PLACES))[1] for k in range(2 * len(PLACES)))
     count = max(1, math.floor(recipe.share * seconds / group))
     reach = _reach(inner, recipe.share * seconds) if count == 1 else 1.0
     moves = [_moves(inner, reach, k, count) for k in range(count)]
@@ -163,11 +163,6 @@ def _moves(limits: Limits, reach: float, k: int, count: int) -> tuple[list[Move]
         moves.append(Move(t, duration, distance))
         t += duration + REST
     return moves, t
-
-
-def _group_seconds(limits: Limits) -> float:
-    """Longest duration of a group of moves over the whole stroke, s."""
-    return max(_moves(limits, 1.0, k, 2 * len(PLACES))[1] for k in range(2 * len(PLACES)))
 
 
 def _reach(limits: Limits, seconds: float) -> float:

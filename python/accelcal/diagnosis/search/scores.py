@@ -14,7 +14,6 @@ from scipy import special
 from accelcal.data import Array, Places
 from accelcal.diagnosis.search.hypotheses import Hypothesis, nuisances
 from accelcal.diagnosis.search.slow_noise import SlowNoise, slow_noise
-from accelcal.effects import Effect
 from accelcal.estimation.columns import ColumnFilter, distinct
 from accelcal.estimation.engines import rows_of_dwells, spectrum_of, sums_of
 from accelcal.estimation.noise import MeasuredSpectrum, whitener
@@ -264,18 +263,14 @@ class BaseProjection:
             score += self.y[rows] @ rest.columns
         weights, diagonal = self.weights(products), np.diag(G).copy()
         beyond_line = diagonal.copy()
-        static = np.array([is_power(term.effect) for term in terms], dtype=np.bool_)
+        traits = [term.effect.traits.static for term in terms]
+        static = np.array([of is not None and not of.thermal for of in traits], dtype=np.bool_)
         straight, B = products[np.ix_(self.line, static)], self.B[self.line]
         within = np.einsum("km,km->m", straight, np.linalg.pinv(B @ B.T, hermitian=True) @ straight)
         beyond_line[static] = np.maximum(diagonal[static] - within, ROUNDING / DEGENERATE * diagonal[static])
         G -= products.T @ weights
         score -= products.T @ self.wy
         return G, score, diagonal, beyond_line, weights
-
-
-def is_power(effect: Effect) -> bool:
-    """Whether an effect is a power of the acceleration alone."""
-    return effect.traits.static is not None and not effect.traits.static.thermal
 
 
 def columns_of(items: Sequence[Hypothesis]) -> tuple[list[Term], list[slice]]:
