@@ -665,7 +665,7 @@ def improve(
     apart = run_to_hold_out(several) if holdout is None else None
     if apart is not None:
         holdout = several.pop(apart)
-    budget = SearchBudget.of(several)
+    budget = SearchBudget()
     examined = [Examined(recording, start, end) for recording in several]
     require_relation(examined)
     original, stretch, broken = judged_runs(examined)

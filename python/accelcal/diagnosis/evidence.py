@@ -29,7 +29,7 @@ from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun, Source, prepare, prepared
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term, evaluate, terms_of
-from accelcal.validation.comparison import Evaluation
+from accelcal.validation.comparison import HORIZONS, Evaluation
 from accelcal.validation.evaluation import compare
 
 DELAY_CLASS = tuple(effect.name for effect in BUILT_IN if effect.traits.delay_class)
@@ -295,6 +295,7 @@ class Evidence:
     extra : effects of the user's own; by default all that are registered.
     alpha : family-wise false-alarm rate.
     progress : called with the share of the work that is done, 0 to 1.
+    horizons : of `where`, s; no verdict rests on what is coasted, and a search does without.
     """
 
     def __init__(
@@ -304,10 +305,11 @@ class Evidence:
         extra: Sequence[Effect] | None = None,
         alpha: float = FAMILYWISE_ALPHA,
         progress: Callable[[float], None] = lambda share: None,
+        horizons: Sequence[float] = HORIZONS,
     ) -> None:
         solution = cleaned.solution
         states, model = solution.states, solution.model
-        self.stretch, self.breaks, self.alpha = stretch, stretch.breaks, alpha
+        self.stretch, self.breaks, self.alpha, self.horizons = stretch, stretch.breaks, alpha, horizons
         self.model, self.fit = model, result(solution)
         self.sources, self.runs = cleaned.runs, tuple(state.run for state in states)
         """What was prepared before the fit, and the runs as they were fitted."""
@@ -354,7 +356,7 @@ class Evidence:
     @cached_property
     def where(self) -> Evaluation:
         """The model against the first recording: its residual."""
-        return compare(self.fit, self.sources[0], start=self.stretch.start, end=self.stretch.end)
+        return compare(self.fit, self.sources[0], horizons=self.horizons, start=self.span[0], end=self.span[1])
 
     @property
     def forbidden(self) -> bool:

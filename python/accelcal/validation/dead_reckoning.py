@@ -34,7 +34,7 @@ TOLERANCE = 1e-13
 """Change of the effects, as a share of the largest, below which an iteration has converged."""
 SETTLED = 1e-12
 """Change of what effects with memory have displaced, as a share of the largest, below which it has too."""
-MOST_WORK = 1 << 24
+MOST_WORK = 1 << 20
 """Samples on which effects with memory are evaluated for the paths of one call until they converge. A friction that
 remembers reversals sticks and slips where the stage hardly moves, and converges in a few nodes at a time only: beyond
 this the paths are followed in windows of at least `HURRIED_WINDOW` nodes with `HURRIED_ROUNDS` iterations."""
