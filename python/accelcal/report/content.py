@@ -7,15 +7,16 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from accelcal._support.progress import within
-from accelcal._support.threads import Report, on_two_threads, one_thread
+from accelcal._support.threads import one_thread
 from accelcal.calibration.characteristic import Application, Budget, budget, example
 from accelcal.data import Recording, describe
-from accelcal.diagnosis.experiment import Power, power
+from accelcal.diagnosis.experiment.detectability import Power
+from accelcal.diagnosis.experiment.power_analysis import detectability_of, with_drift
 from accelcal.diagnosis.select.improvement import NestedFits, nested_fits
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect
-from accelcal.estimation.estimate import Fit
-from accelcal.estimation.tracks import Shape, Track, shapes, track
+from accelcal.estimation.estimate import Fit, solve_runs
+from accelcal.estimation.tracks import Shape, Track, shapes, track_of
 from accelcal.plots import comparison, diagnosis, residuals, timeline
 from accelcal.plots.figure import Figure
 from accelcal.plots.response import sensitivity
@@ -23,7 +24,7 @@ from accelcal.plots.timeline import Marks, marks
 from accelcal.response import FrequencyResponse, stepped_response
 from accelcal.validation.comparison import HELD_OUT, Evaluation
 from accelcal.validation.differences import Comparison
-from accelcal.verbs import MOST_AT_ONCE, compare, diagnose
+from accelcal.verbs import compare, diagnose
 
 T = TypeVar("T")
 
@@ -97,32 +98,32 @@ def gather(
     """
     remarks: list[str] = []
 
-    def attempt(what: str, work: Callable[[Report], T]) -> Callable[[Report], T | None]:
-        def tried(progress: Report) -> T | None:
-            try:
-                return work(progress)
-            except ValueError as error:
-                remarks.append(f"{what} could not be computed: {error}")
-                return None
-
-        return tried
+    def attempt(what: str, work: Callable[[], T]) -> T | None:
+        try:
+            return work()
+        except ValueError as error:
+            remarks.append(f"{what} could not be computed: {error}")
+            return None
 
     verdict_found = diagnosis or diagnose(fit, recording, extra=extra, progress=within(progress, 0.0, 0.35))
     progress(0.35)
     span: dict[str, Any] = dict(zip(("start", "end"), verdict_found.used[0], strict=True))
     whole = recording.part(*verdict_found.used[0]) if verdict_found.breaks else recording
     unseen, judged_in = (recording, span) if holdout is None else (holdout, {})
-    reduced, evaluation, followed, response, judged = on_two_threads(
-        (
-            attempt("the error reduction", lambda _: error_reduction(fit, recording, holdout, verdict_found)),
-            attempt("the detection limits", lambda part: power(fit, recording, extra=extra, progress=part, **span)),
-            attempt("the parameter tracks", lambda _: track(fit, recording, **span)),
-            attempt("the frequency response", lambda _: stepped_response(whole)),
-            lambda part: compare(fit, unseen, progress=part, **judged_in)[0],
-        ),
-        within(progress, 0.35, 1.0),
-        at_once=len(recording.accel) + len(recording.position) <= MOST_AT_ONCE,
+    judged = compare(fit, unseen, progress=within(progress, 0.35, 0.45), **judged_in)[0]
+    reduced = attempt("the error reduction", lambda: error_reduction(fit, recording, holdout, verdict_found))
+    progress(0.65)
+    solution = attempt(
+        "the parameter tracks and the detection limits",
+        lambda: solve_runs(fit.model, [recording], origins=fit.origins, engine=fit.engine, **span),
     )
+    followed = evaluation = None
+    if solution is not None:
+        followed = attempt("the parameter tracks", lambda: track_of(solution))
+        state = solution.states[0]
+        evaluation = attempt("the detection limits", lambda: with_drift(detectability_of(state, fit.model, extra)))
+    progress(0.95)
+    response = attempt("the frequency response", lambda: stepped_response(whole))
     grown, nested = reduced or (None, None)
     named = shapes(fit) or (shapes(nested.fits[-1]) if nested is not None else ())
     remarks += [] if grown is None else [note.sentence for note in grown.remarks]
@@ -136,7 +137,7 @@ def gather(
         marks=marks(recording),
         described=describe(recording),
         budget=budget(fit),
-        applied=attempt("the worked example", lambda _: example(fit))(progress),
+        applied=attempt("the worked example", lambda: example(fit)),
         nested=nested,
         lacking=0 if grown is None else grown.lacking,
         power=evaluation,
