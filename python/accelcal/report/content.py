@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeVar
 
 from accelcal._support.progress import within
@@ -169,8 +170,8 @@ class Entry:
     name: str
     section: str
     caption: str
-    figure: Figure
-    still: Figure | None = None
+    figure: Callable[[], Figure]
+    still: Callable[[], Figure] | None = None
     """What pages without script and the PDF show; None where only the interactive page has the figure."""
 
 
@@ -181,7 +182,7 @@ def use_of(c: Content) -> str:
     return "a part not used in the fit" if c.is_part else "not used in the fit"
 
 
-def _both(name: str, section: str, caption: str, figure: Figure) -> Entry:
+def _both(name: str, section: str, caption: str, figure: Callable[[], Figure]) -> Entry:
     """A figure that all pages show."""
     return Entry(name, section, caption, figure, figure)
 
@@ -190,48 +191,54 @@ def entries(c: Content) -> Iterator[Entry]:
     """Every figure that the content allows, in the order of the page."""
     model = [("this calibration", c.judged)]
     caption = f"{c.judged.recording or 'Recording'}, {use_of(c)}. Residual: measured − simulated."
-    yield Entry("overlay", "first", caption, timeline.overlay(model), timeline.closely(model))
+    yield Entry("overlay", "first", caption, partial(timeline.overlay, model), partial(timeline.closely, model))
     said = (
         "Ordered by evidence, free coefficients penalised. Filled: significant; bracketed: confounded on this record."
     )
-    yield _both("candidates", "found", said, diagnosis.ranking(c.diagnosis))
+    yield _both("candidates", "found", said, partial(diagnosis.ranking, c.diagnosis))
     if c.shapes:
         said = "Nonparametric curve of the model, with its pointwise uncertainty."
-        yield Entry("shape", "found", said, timeline.fitted_curve(c.shapes))
+        yield Entry("shape", "found", said, partial(timeline.fitted_curve, c.shapes))
     nested, compared = c.nested, [("model", c.judged)]
     caption = f"{c.judged.recording or 'Recording'}: {use_of(c)}."
     if nested is not None:
         said = "Hatched: effect not in the model yet." if c.lacking else ""
-        yield _both("falling", "falling", said, diagnosis.error_reduction(nested, lacking=c.lacking))
+        yield _both("falling", "falling", said, partial(diagnosis.error_reduction, nested, lacking=c.lacking))
         compared = list(zip(nested.names, nested, strict=True))
     said = f"{caption} Every model of the table; shaded: stretches of the largest residual."
-    yield Entry("overlays", "falling", said, timeline.overlay(compared))
-    yield _both("coasting", "falling", caption, comparison.coasting(c.judged))
-    yield _both("simulated", "falling", caption, comparison.simulated(c.judged))
+    yield Entry("overlays", "falling", said, partial(timeline.overlay, compared))
+    yield _both("coasting", "falling", caption, partial(comparison.coasting, c.judged))
+    yield _both("simulated", "falling", caption, partial(comparison.simulated, c.judged))
     d, where = c.diagnosis, c.diagnosis.where
     caption = f"All coefficients estimated again on {c.recording.name or 'the recording'}."
     band = f"{caption} Below {where.band:.3g} Hz, the highest frequency at which the reference serves as one."
-    yield _both("tiles", "where", caption, residuals.tiles(where))
-    yield _both("regions", "where", band, residuals.regions(where))
-    yield Entry("residual", "where", caption, comparison.accel_residual(where))
-    yield _both("one_step", "where", caption, comparison.one_step(where))
-    yield Entry("spectrum", "where", caption, residuals.spectrum(d.fit, where, d.channels))
-    yield Entry("whiteness", "where", caption, residuals.whiteness_plot(where), residuals.autocorrelation(where))
-    yield Entry("quantiles", "where", caption, residuals.quantile_plot(where))
+    yield _both("tiles", "where", caption, partial(residuals.tiles, where))
+    yield _both("regions", "where", band, partial(residuals.regions, where))
+    yield Entry("residual", "where", caption, partial(comparison.accel_residual, where))
+    yield _both("one_step", "where", caption, partial(comparison.one_step, where))
+    yield Entry("spectrum", "where", caption, partial(residuals.spectrum, d.fit, where, d.channels))
+    yield Entry(
+        "whiteness",
+        "where",
+        caption,
+        partial(residuals.whiteness_plot, where),
+        partial(residuals.autocorrelation, where),
+    )
+    yield Entry("quantiles", "where", caption, partial(residuals.quantile_plot, where))
     if c.response is not None:
         said = f"{c.response.recording or 'Recording'}, with U (k = 2). Deviation: measured − parametric fit."
-        yield _both("sensitivity", "response", said, sensitivity(c.response))
+        yield _both("sensitivity", "response", said, partial(sensitivity, c.response))
     if c.track is not None:
         said = "Estimates from the readings up to each instant; noise and smoothed motion from the whole record."
-        yield Entry("tracks", "parameters", said, timeline.tracks(c.track))
-    yield Entry("timeline", "data", "The whole recording.", timeline.timeline(c.recording, c.marks))
+        yield Entry("tracks", "parameters", said, partial(timeline.tracks, c.track))
+    yield Entry("timeline", "data", "The whole recording.", partial(timeline.timeline, c.recording, c.marks))
     if c.power is None:
         return
     first = [candidate.effect for candidate in c.diagnosis.scan.candidates[:6]]
     said = "In addition to the effects of the model."
-    yield Entry("power", "data", said, diagnosis.detectable_sizes(c.power))
+    yield Entry("power", "data", said, partial(diagnosis.detectable_sizes, c.power))
     if c.power.drift is not None:
         said = "Detectable drift bandwidth: smallest sinusoidal change of bias and scale factor at 5 sigma."
-        yield Entry("drift_limits", "data", said, diagnosis.drift_limits(c.power.drift))
+        yield Entry("drift_limits", "data", said, partial(diagnosis.drift_limits, c.power.drift))
     said = "Each effect with the shape parameters at which it is detected best."
-    yield Entry("signatures", "apart", said, diagnosis.signatures(c.power, first))
+    yield Entry("signatures", "apart", said, partial(diagnosis.signatures, c.power, first))

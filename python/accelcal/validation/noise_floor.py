@@ -199,12 +199,14 @@ def _records(ahead: Prediction, sensor: SensorNoise, scale: float, encoder: Read
     h = np.where(d.restart, 0.0, np.diff(d.t, prepend=d.t[0]))
     varying = d.extra_r if len(d.extra_r) else 0.0
     reading = np.sqrt(encoder.std**2 + varying)  # a prescribed band has an `r` of its own
-    relative = sensor.std / sensor.density
+    relative, before = sensor.std / sensor.density, math.nan
     for _ in range(min(DRAWS, max(LEAST_DRAWS, MOST_NUMBERS // (3 * len(h))))):
         density = sensor.density * math.exp(relative * rng.standard_normal()) / scale
-        q = density**2 / 2.0 + d.extra_q + encoder.acceleration
-        gained = np.sqrt(q * h) * rng.standard_normal(len(h))
-        moved = h / 2.0 * gained + np.sqrt(q * h**3 / 12.0) * rng.standard_normal(len(h))
+        if density != before:  # one that is declared stays
+            q, before = density**2 / 2.0 + d.extra_q + encoder.acceleration, density
+            of_speed, of_way = np.sqrt(q * h), np.sqrt(q * h**3 / 12.0)
+        gained = of_speed * rng.standard_normal(len(h))
+        moved = h / 2.0 * gained + of_way * rng.standard_normal(len(h))
         speed = np.cumsum(gained)
         z = np.cumsum(h * (speed - gained) + moved) + reading * rng.standard_normal(len(h))
         if encoder.random_walk:
