@@ -30,7 +30,7 @@ from accelcal.model import Term, evaluate
 from accelcal.signals.processing import derivative
 from accelcal.signals.signals import Signals
 
-TOLERANCE = 1e-13
+TOLERANCE = 1e-9
 """Change of the effects, as a share of the largest, below which an iteration has converged."""
 SETTLED = 1e-12
 """Change of what effects with memory have displaced, as a share of the largest, below which it has too."""
@@ -61,6 +61,8 @@ HELD = 1 << 22
 MEMORY = 10.0
 """Seconds before a start over which effects with memory are evaluated. They are taken from the whole record; what
 simulated motion changes in them begins at the start."""
+CHEAPER = 0.5
+"""Cost of a node for effects that follow simulated motion and remember none of it, over that for those that do."""
 SMALL = 1e-6
 """Step of a numerical derivative, as a share of the variable."""
 
@@ -175,6 +177,16 @@ class DeadReckoning:
     def remembers(self) -> bool:
         """Whether effects remember simulated motion."""
         return bool(self.lagging)
+
+    @property
+    def looks_back(self) -> bool:
+        """Whether effects on the output or on the readings remember simulated motion."""
+        return bool(self.lagging or self.lagging_read)
+
+    @property
+    def cost(self) -> float:
+        """What a second of one path costs, in nodes on which effects with memory are evaluated."""
+        return (1.0 if self.looks_back else CHEAPER * self.feeds_back) / self.known.step
 
     def batches(self, count: int, horizon: float) -> list[slice]:
         """Starts that are simulated together."""

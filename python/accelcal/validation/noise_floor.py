@@ -38,10 +38,10 @@ class Ruler:
     """Bandwidth of the motion that effects are evaluated on, Hz."""
     remembers: bool = False
     """Whether an effect of one of the models has a memory: all are then run over the history of what is compared."""
-    remembering: tuple[Fit, ...] = field(default=(), compare=False)
-    """Those models: all are followed from the fewer start points of these."""
-    nodes: dict[Hashable, float] = field(default_factory=dict, compare=False, repr=False)
-    """Spacing of the nodes of their motion, by recording and part of it, s."""
+    grown: tuple[Fit, ...] = field(default=(), compare=False)
+    """Models with effects: all are followed from the fewer start points of the dearest of these."""
+    followed: dict[Hashable, tuple[float, float]] = field(default_factory=dict, compare=False, repr=False)
+    """What that one costs, by recording and part of it: `Prediction.followed`."""
 
     @classmethod
     def of(cls, fits: Sequence[Fit]) -> Ruler:
@@ -55,8 +55,9 @@ class Ruler:
         best = min(fits, key=lambda fit: fit.noise().usual.q, default=None)
         if best is None:
             raise AccelcalError("a comparison of several models needs at least one of them")
-        remembering = tuple(fit for fit in fits if not all(is_local(find(name)) for name in fit.model.added))
-        return cls(best.noise(), best.validity["frequency"][1], bool(remembering), remembering)
+        grown = tuple(fit for fit in fits if fit.model.added)
+        remembers = not all(is_local(find(name)) for fit in grown for name in fit.model.added)
+        return cls(best.noise(), best.validity["frequency"][1], remembers, grown)
 
     def held_by(self, fit: Fit) -> Fit:
         """The fit with this filter in place of its own."""
