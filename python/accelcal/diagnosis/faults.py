@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -69,6 +70,11 @@ class RelationColumns:
             DriveIntegrals(plain.t, zero, first * moving, second * moving, gone, extra) for first, second in integrals
         ]
         self.drives.append(DriveIntegrals(plain.t, np.ascontiguousarray(plain.z - plain.z[0]), zero, zero, gone, extra))
+
+    @cached_property
+    def steps(self) -> tuple[PositionStep, ...]:
+        """Jumps of the position that they show."""
+        return tuple(position_steps(self))
 
     def in_band(self, band: float) -> BandRelation:
         """Innovations of each column behind a filter whose crossover is `band`, Hz."""
@@ -217,7 +223,7 @@ def faults(recording: Recording, run: PreparedRun, columns: RelationColumns | No
     ]
     listed += rail_hits(run)
     columns = columns or RelationColumns(run)
-    steps = (*recording.position_steps, *(() if recording.reference else position_steps(columns)))
+    steps = (*recording.position_steps, *(() if recording.reference else columns.steps))
     listed += [Fault("position_step", "position", step.time, step.size, step.sentence) for step in steps]
     listed += dropped_samples(columns)
     inside = [f for f in listed if run.t[0] <= f.time <= run.t[-1]]
@@ -334,7 +340,7 @@ def with_position_steps(run: PreparedRun) -> tuple[PreparedRun, RelationColumns 
     for _ in range(MOST_STEP_SEARCHES):
         try:
             columns = RelationColumns(run.complete)
-            jumps = position_steps(columns)
+            jumps = columns.steps
         except ValueError:
             break
         if not jumps:

@@ -30,7 +30,7 @@ from accelcal.model import Term, evaluate
 from accelcal.signals.processing import derivative
 from accelcal.signals.signals import Signals
 
-TOLERANCE = 1e-9
+TOLERANCE = 1e-13
 """Change of the effects, as a share of the largest, below which an iteration has converged."""
 SETTLED = 1e-12
 """Change of what effects with memory have displaced, as a share of the largest, below which it has too."""

@@ -10,6 +10,7 @@ and so is 1/f noise: beside motion it looks as slow effects do that a model lack
 from __future__ import annotations
 
 import math
+import pickle
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -101,8 +102,15 @@ def noise_floor(
     run = prepared(source, fit.origins, start=start, end=end)
     encoder = ReadingNoise.of(fit, run)
     noise = _of_filter(ruler, fit, sensor, scale, encoder)
-    ahead = Prediction(run, values_on(fit, recording), noise, fit.validity["frequency"][1])
-    return _drawn(ahead, sensor, scale, encoder, horizons)
+
+    def drawn() -> NoiseFloor:
+        ahead = Prediction(run, values_on(fit, recording), noise, fit.validity["frequency"][1])
+        return _drawn(ahead, sensor, scale, encoder, horizons)
+
+    if not isinstance(source, PreparedRun):
+        return drawn()
+    place = horizons, start, end, fit.origins, fit.validity["frequency"]
+    return source.once(pickle.dumps((noise, sensor, encoder, place, fit.estimates)), drawn)
 
 
 def _of_filter(ruler: Ruler, fit: Fit, sensor: SensorNoise, scale: float, encoder: ReadingNoise) -> Noise:
