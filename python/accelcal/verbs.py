@@ -15,7 +15,7 @@ from typing import Any, overload
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
 from accelcal._support.progress import within
-from accelcal._support.threads import on_two_threads, one_thread
+from accelcal._support.threads import one_thread
 from accelcal._support.values import listing
 from accelcal.data import DERIVED, Dwells, Recording, RecordingError
 from accelcal.data.recording import with_dwells
@@ -56,14 +56,12 @@ from accelcal.filters.choice import FilterChoice
 from accelcal.model import BASE, Model
 from accelcal.signals.signals import Origins
 from accelcal.validation import evaluation
-from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Evaluation, NoiseFloor
+from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Evaluation
 from accelcal.validation.differences import Comparison, best_step, names_of
 from accelcal.validation.noise_floor import Ruler, noise_floor
 
 MOST_EFFECTS = 3
 """Effects that `improve` adds at most by default."""
-MOST_AT_ONCE = 4_000_000
-"""Samples and readings up to which two models are compared at the same time: filters of both are in memory then."""
 
 
 def model_in_motion(fit: Fit) -> Model:
@@ -900,25 +898,18 @@ def compare_models(
     part, (begin, finish) = examined.source, examined.span
     progress(0.1)
 
-    def compared(fit: Fit, progress: Callable[[float], None]) -> Evaluation:
+    least = noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
+    gone = left_out_sentences(part.recording, begin, finish)
+
+    def compared(number: int, fit: Fit) -> Evaluation:
+        share = within(progress, 0.3 + 0.7 * number / len(fits), 0.3 + 0.7 * (number + 1) / len(fits))
         result = evaluation.compare(
-            fit, part, band=band, horizons=horizons, start=begin, end=finish, ruler=ruler, progress=progress
+            fit, part, band=band, horizons=horizons, start=begin, end=finish, ruler=ruler, progress=share
         )
-        scores, gone = (
-            noise_scores(fit, part, start=begin, end=finish),
-            left_out_sentences(part.recording, begin, finish),
-        )
-        return replace(result, noise_scores=scores, breaks=examined.breaks[:1], left_out=gone)
+        scores = noise_scores(fit, part, start=begin, end=finish)
+        return replace(result, noise_scores=scores, breaks=examined.breaks[:1], left_out=gone, noise_floor=least)
 
-    def floor(progress: Callable[[float], None]) -> NoiseFloor:
-        return noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
-
-    *compared_models, least = on_two_threads(
-        [*(partial(compared, fit) for fit in fits), floor],
-        within(progress, 0.1, 1.0),
-        at_once=len(recording.accel) + len(recording.position) <= MOST_AT_ONCE,
-    )
-    return tuple(replace(evaluation, noise_floor=least) for evaluation in compared_models)
+    return tuple(compared(number, fit) for number, fit in enumerate(fits))
 
 
 @checked

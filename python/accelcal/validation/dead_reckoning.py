@@ -179,14 +179,11 @@ class DeadReckoning:
         return bool(self.lagging)
 
     @property
-    def looks_back(self) -> bool:
-        """Whether effects on the output or on the readings remember simulated motion."""
-        return bool(self.lagging or self.lagging_read)
-
-    @property
-    def cost(self) -> float:
-        """What a second of one path costs, in nodes on which effects with memory are evaluated."""
-        return (1.0 if self.looks_back else CHEAPER * self.feeds_back) / self.known.step
+    def followed(self) -> tuple[float, float]:
+        """Seconds before a start that are evaluated with its path, and what a second of that costs, in nodes on which
+        effects with memory are evaluated; 0 where no effect follows simulated motion."""
+        looks_back = bool(self.lagging or self.lagging_read)
+        return MEMORY * looks_back, max(looks_back, CHEAPER * self.feeds_back) / self.known.step
 
     def batches(self, count: int, horizon: float) -> list[slice]:
         """Starts that are simulated together."""

@@ -107,10 +107,8 @@ def noise_floor(
         ahead = Prediction(run, values_on(fit, recording), noise, fit.validity["frequency"][1])
         return _drawn(ahead, sensor, scale, encoder, horizons)
 
-    if not isinstance(source, PreparedRun):
-        return drawn()
-    place = horizons, start, end, fit.origins, fit.validity["frequency"]
-    return source.once(pickle.dumps((noise, sensor, encoder, place, fit.estimates)), drawn)
+    of_fit = fit.origins, fit.validity["frequency"], fit.estimates
+    return run.once(pickle.dumps((noise, sensor, encoder, tuple(horizons), of_fit)), drawn)
 
 
 def _of_filter(ruler: Ruler, fit: Fit, sensor: SensorNoise, scale: float, encoder: ReadingNoise) -> Noise:

@@ -21,7 +21,7 @@ from accelcal.estimation.values import Noise, Values
 from accelcal.signals.processing import integral
 from accelcal.signals.signals import RESAMPLED, Signals
 from accelcal.validation.comparison import ReferenceNoise
-from accelcal.validation.dead_reckoning import MEMORY, DeadReckoning, Starts
+from accelcal.validation.dead_reckoning import DeadReckoning, Starts
 
 
 def values_on(fit: Fit, recording: Recording) -> Values:
@@ -160,10 +160,8 @@ class Prediction:
             lost *= since
         self.breaks = np.cumsum(d.restart)
         self.ahead = None if self.causal is None else self._dead_reckoning(self.causal, cutoff)
-        ahead = self.ahead
-        self.followed = (0.0, 0.0) if ahead is None else (MEMORY * ahead.looks_back, ahead.cost)
-        """History of a start, s, and cost of a second of simulated motion, nodes, of this model or of the dearest of
-        its table; 0 where no effect follows simulated motion."""
+        self.followed = (0.0, 0.0) if self.ahead is None else self.ahead.followed
+        """What following simulated motion costs this model, or the dearest of its table: `DeadReckoning.followed`."""
 
     def _causal(self, plain: DriveIntegrals, cutoff: float, withheld: float) -> Signals:
         """Motion for the effects: acceleration from the output, position and velocity from the causal filter."""
