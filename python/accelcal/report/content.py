@@ -120,8 +120,7 @@ def gather(
     )
     followed = evaluation = None
     if solution is not None:
-        followed = attempt("the parameter tracks", lambda: track_of(solution))
-        state = solution.states[0]
+        state, followed = solution.states[0], attempt("the parameter tracks", lambda: track_of(solution))
         evaluation = attempt("the detection limits", lambda: with_drift(detectability_of(state, fit.model, extra)))
     progress(0.95)
     response = attempt("the frequency response", lambda: stepped_response(whole))

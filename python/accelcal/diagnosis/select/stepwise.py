@@ -256,8 +256,8 @@ class StepwiseSelection:
 
     def with_coasting(self, judged: JudgedModel) -> Diagnosis:
         """The verdict on a model with its errors of coasting, which no step of the search needs."""
-        verdict, run = judged.verdict, judged.fitted.runs[0]
-        return replace(verdict, where=compare(verdict.fit, run, start=self.stretch.start, end=self.stretch.end))
+        fit, run = judged.verdict.fit, judged.fitted.runs[0]
+        return replace(judged.verdict, where=compare(fit, run, start=self.stretch.start, end=self.stretch.end))
 
     def final_verdict(self, reason: str) -> Diagnosis:
         """The verdict on the last model; an effect that it lacks and that was not added is named as such.
