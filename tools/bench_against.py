@@ -136,7 +136,7 @@ def within(value: float, limit: float | None) -> str:
     return "" if limit is None else f", limit {limit:g}: {'ok' if value <= limit else 'MISSED'}"
 
 
-def told(job: str, then: float, now: float, unit: str, limit: float | None = None, ratio: float | None = None) -> str:
+def figure(job: str, then: float, now: float, unit: str, limit: float | None = None, ratio: float | None = None) -> str:
     """One figure of both installations, with the limit of the second and of their ratio."""
     return (
         f"{job}: {then:.2f} {unit} then, {now:.2f} {unit} now{within(now, limit)}; "
@@ -166,10 +166,10 @@ def main() -> int:
         of = alternated(pythons, COMMANDS, "minute.csv", folder, given.rounds)
         for job in ("import numpy", *COMMANDS):
             then, now = of["then"][job], of["now"][job]
-            lines.append(told(job, then.seconds, now.seconds, "s", SECONDS.get(job), given.limit))
+            lines.append(figure(job, then.seconds, now.seconds, "s", SECONDS.get(job), given.limit))
             rulers = [c.seconds / of[which]["import numpy"].seconds for which, c in (("then", then), ("now", now))]
-            lines.append(told(job, *rulers, "times import numpy", RULERS.get(job)))
-            lines.append(told(job, then.megabytes, now.megabytes, "MB"))
+            lines.append(figure(job, *rulers, "times import numpy", RULERS.get(job)))
+            lines.append(figure(job, then.megabytes, now.megabytes, "MB"))
         print("\n".join(lines), flush=True)
         warm = {
             which: json.loads(
@@ -178,7 +178,7 @@ def main() -> int:
             for which, python in pythons.items()
         }
         lines += [
-            told(f"{job}, warm", warm["then"][job], warm["now"][job], "s", limit, given.limit)
+            figure(f"{job}, warm", warm["then"][job], warm["now"][job], "s", limit, given.limit)
             for job, limit in WARM_SECONDS.items()
         ]
         print("\n".join(lines[-len(WARM_SECONDS) :]), flush=True)
@@ -187,13 +187,13 @@ def main() -> int:
             ten, hour = (alternated(pythons, jobs, f"{run}.parquet", folder, given.hour) for run in ("ten", "hour"))
             for job, limit in HOUR.items():
                 then, now = hour["then"][job], hour["now"][job]
-                lines.append(told(f"{job} of an hour", then.seconds, now.seconds, "s", limit, given.limit))
-                lines.append(told(f"{job} of an hour", then.megabytes, now.megabytes, "MB", MEGABYTES, given.limit))
+                lines.append(figure(f"{job} of an hour", then.seconds, now.seconds, "s", limit, given.limit))
+                lines.append(figure(f"{job} of an hour", then.megabytes, now.megabytes, "MB", MEGABYTES, given.limit))
                 growth = [
                     c.seconds / ten[which][job].seconds * TEN_MINUTES / AN_HOUR
                     for which, c in (("then", then), ("now", now))
                 ]
-                lines.append(told(f"{job}, a sample of an hour", *growth, "times one of ten minutes", GROWTH))
+                lines.append(figure(f"{job}, a sample of an hour", *growth, "times one of ten minutes", GROWTH))
             print("\n".join(lines[-3 * len(HOUR) :]), flush=True)
     return 1 if any("MISSED" in line for line in lines) else 0
 
