@@ -313,7 +313,7 @@ def examine(recording: Recording, start: float | None = None, end: float | None 
     if len(recording.accel) + len(recording.position) > MOST_KEPT:
         return Examined(recording, start, end)
     digest = blake2b(pickle.dumps(recording, pickle.HIGHEST_PROTOCOL)).digest()
-    whole = _kept[digest] = _kept.pop(digest, None) or Examined(recording)
+    whole = _kept[digest] = _kept.pop(digest) if digest in _kept else Examined(recording)
     while len(_kept) > KEPT:
         _kept.popitem(last=False)
     return whole if start is None and end is None else Examined(recording, start, end, whole)
