@@ -115,7 +115,7 @@ size: $(STAMP) ## Print the size of the package: statements, tokens, public name
 compare-outputs: $(STAMP) ## Outputs of ten recordings against another revision: make compare-outputs REV=aab2a6e.
 	tools/compare_outputs.sh $(REV)
 
-bench-against: $(STAMP) ## Time and memory of fit and diagnose against another revision: make bench-against REV=aab2a6e.
+bench-against: $(STAMP) ## Time and memory of the commands of the loop against another revision: make bench-against REV=aab2a6e.
 	tools/bench_against.sh $(REV)
 
 bench-peers: $(STAMP) ## Run every other filter on our workloads and put the table into docs/benchmarks.md. Installs them.

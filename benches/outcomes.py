@@ -7,7 +7,12 @@ import multiprocessing
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
+from unittest.mock import patch
 
+import numpy as np
+
+from accelcal import verbs
+from accelcal.diagnosis.select.stepwise import SearchBudget
 from benches.ledger import enter
 
 Outcome = dict[str, Any]
@@ -22,6 +27,42 @@ class Keyed(Protocol):
 
 
 AnyTrial = TypeVar("AnyTrial", bound=Keyed)
+
+
+MOST_SECONDS = 15.0
+"""Most processor time of `improve` on 60 s of data, held-out table included, s."""
+
+
+def counted(run: Callable[[AnyTrial], Outcome], trial: AnyTrial) -> Outcome:
+    """The outcome of a trial, with the number of models that its search fitted and whether it was stopped there."""
+    budgets: list[SearchBudget] = []
+
+    def begun() -> SearchBudget:
+        budgets.append(SearchBudget())
+        return budgets[-1]
+
+    with patch.object(verbs, "SearchBudget", begun):
+        outcome = run(trial)
+    for budget in budgets[-1:]:
+        outcome |= {"models": budget.models, "stopped": budget.stopped}
+    return outcome
+
+
+def cost(outcomes: Sequence[Outcome]) -> tuple[str, bool]:
+    """Distributions of processor time and of models over the searches of a bench, and whether the time holds."""
+    searches = [outcome for outcome in outcomes if "models" in outcome and "seconds" in outcome]
+    if not searches:
+        return "no search was counted", True
+    seconds, models = (np.array([search[key] for search in searches]) for key in ("seconds", "models"))
+    text = "; ".join(
+        f"{name} " + ", ".join(f"{np.quantile(values, q):.3g}" for q in (0.5, 0.9, 0.99, 1.0))
+        for name, values in (("processor time, s:", seconds), ("models:", models))
+    )
+    longest = searches[int(np.argmax(seconds))]["key"]
+    return (
+        f"{len(searches)} searches (quantiles 0.5, 0.9, 0.99, 1): {text}; longest {longest}; "
+        f"{sum(search['stopped'] for search in searches)} stopped; threshold {MOST_SECONDS:g} s"
+    ), bool(seconds.max() <= MOST_SECONDS)
 
 
 def kept(path: Path) -> list[Outcome]:

@@ -10,11 +10,12 @@ import argparse
 import os
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from benches.outcomes import run_all
+from benches.outcomes import cost, counted, run_all
 from tests.regimes.judge import Outcome, false_names, hidden_lines, lines, rows, unreachable
 from tests.regimes.regimes import TABLE
 from tests.regimes.trials import plan, plan_hidden, run
@@ -45,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     trials = list((plan_hidden if chosen.hidden else plan)(names, chosen.records, chosen.seed))
     path = chosen.out / ("hidden.jsonl" if chosen.hidden else "null.jsonl")
-    outcomes = run_all(run, trials, path, chosen.workers, null)
+    outcomes = run_all(partial(counted, run), trials, path, chosen.workers, null)
     print("\n".join(rows(outcomes)))
     for pair in unreachable(outcomes):
         print(f"out of reach: {pair}")
@@ -53,7 +54,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print()
     for line in found:
         print(line.text)
-    return 0 if all(line.holds for line in found) else 1
+    text, fast = cost(outcomes)
+    print(text)
+    return 0 if fast and all(line.holds for line in found) else 1
 
 
 if __name__ == "__main__":

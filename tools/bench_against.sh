@@ -1,7 +1,8 @@
 #!/bin/sh
 # Processor time and peak memory of the main jobs, this checkout against another revision, runs alternated. Both are
-# installed without extras: what else lies in an environment is imported too (pint imports dask where it finds it).
-# usage: tools/bench_against.sh REV [--rounds 3] [--samples 1000200] [--limit 1.05]
+# installed with what the report needs alone: what else lies in an environment is imported too (pint imports dask where
+# it finds it).
+# usage: tools/bench_against.sh REV [--rounds 5] [--hour ROUNDS] [--samples 100200] [--limit 1.05]
 set -eu
 root=$(cd "$(dirname "$0")/.." && pwd)
 other=$("$root/tools/revision.sh" "$1")
@@ -9,6 +10,6 @@ shift
 plain="$root/build/revisions/plain"
 if [ ! -x "$plain/bin/accelcal" ]; then
     "${PYTHON:-python3}" -m venv "$plain" >&2
-    "$plain/bin/python" -m pip install --quiet --disable-pip-version-check -e "$root" >&2
+    "$plain/bin/python" -m pip install --quiet --disable-pip-version-check -e "$root[report]" >&2
 fi
 exec "$root/.venv/bin/python" "$root/tools/bench_against.py" "$other/.venv/bin/python" "$plain/bin/python" "$@"

@@ -8,6 +8,6 @@ there="$root/build/revisions/$rev"
 if [ ! -x "$there/.venv/bin/accelcal" ]; then
     [ -d "$there" ] || git -C "$root" worktree add --detach --force "$there" "$rev" >&2
     "${PYTHON:-python3}" -m venv "$there/.venv" >&2
-    "$there/.venv/bin/python" -m pip install --quiet --disable-pip-version-check -e "$there" >&2
+    "$there/.venv/bin/python" -m pip install --quiet --disable-pip-version-check -e "$there[report]" >&2
 fi
 echo "$there"

@@ -15,13 +15,13 @@ from typing import Any, overload
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
 from accelcal._support.progress import within
-from accelcal._support.threads import on_two_threads, one_thread
+from accelcal._support.threads import one_thread
 from accelcal._support.values import listing
 from accelcal.data import DERIVED, Dwells, Recording, RecordingError
 from accelcal.data.recording import with_dwells
 from accelcal.diagnosis.checks import slow_residual, stretches_of
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
-from accelcal.diagnosis.evidence import Evidence, Examined, TimeSpan, largest_wave
+from accelcal.diagnosis.evidence import Evidence, Examined, TimeSpan, examine, largest_wave
 from accelcal.diagnosis.findings import Confounded, in_model
 from accelcal.diagnosis.left_out import RejectedReadings, clean_fit, left_out_sentences
 from accelcal.diagnosis.noise.fitted import noise_scores, require_noise_shown, with_noise_effects
@@ -56,14 +56,12 @@ from accelcal.filters.choice import FilterChoice
 from accelcal.model import BASE, Model
 from accelcal.signals.signals import Origins
 from accelcal.validation import evaluation
-from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Evaluation, NoiseFloor
+from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Evaluation
 from accelcal.validation.differences import Comparison, best_step, names_of
 from accelcal.validation.noise_floor import Ruler, noise_floor
 
 MOST_EFFECTS = 3
 """Effects that `improve` adds at most by default."""
-MOST_AT_ONCE = 4_000_000
-"""Samples and readings up to which two models are compared at the same time: filters of both are in memory then."""
 
 
 def model_in_motion(fit: Fit) -> Model:
@@ -151,7 +149,7 @@ def diagnose(
     """
     if isinstance(recordings, Dwells):
         return diagnose_dwells(fit, recordings, alpha=alpha)
-    examined = [Examined(recording, start, end) for recording in runs_of(recordings)]
+    examined = [examine(recording, start, end) for recording in runs_of(recordings)]
     if "scale_factor" not in fit.model.fixed:
         require_relation(examined)
     runs, stretch, broken = judged_runs(examined)
@@ -226,7 +224,7 @@ def formulas(
     model = model.drop(curve) if curve in model.added else model
 
     def fitted(whole: Recording) -> RunState:
-        (clear,), part, _ = judged_runs([Examined(whole)])
+        (clear,), part, _ = judged_runs([examine(whole)])
 
         def solve(these: Sequence[PreparedRun]) -> Solution:
             plain = solve_runs(model, these, start=part.start, end=part.end, origins=fit.origins, engine=fit.engine)
@@ -309,7 +307,7 @@ def fit(
     several = with_dwells(recordings)
     if isinstance(several, Dwells):
         return remembered(estimate_dwells(model, several, origins), recordings)
-    examined = [Examined(recording, start, end) for recording in several]
+    examined = [examine(recording, start, end) for recording in several]
     if "scale_factor" not in model.fixed:
         require_relation(examined)
     runs, broken = used_runs(examined)
@@ -366,7 +364,7 @@ def require_relation(examined: Sequence[Examined]) -> None:
     runs = [item.run for item in examined]
     require_motion_above_noise(runs)
     for run in runs:
-        require_one_axis([run], start=run.asked[0], end=run.asked[1])
+        run.once("one axis", partial(require_one_axis, [run], start=run.asked[0], end=run.asked[1]))
 
 
 def without_stretches(runs: Sequence[PreparedRun], disturbed: Remark) -> list[PreparedRun]:
@@ -452,7 +450,7 @@ def add(
     >>> abs(better["cubic"].value - 1e-3) < 4 * better["cubic"].std
     True
     """
-    runs, broken = used_runs([Examined(source) for source in runs_of(recordings)])
+    runs, broken = used_runs([examine(source) for source in runs_of(recordings)])
     several = [run.recording for run in runs]
     for recording in several:  # their channels are effects by name
         side_channels([(name, channel.unit) for name, channel in recording.side.items() if name not in DERIVED])
@@ -570,7 +568,7 @@ def drop(
     >>> ac.drop(cubic, made.recording, "cubic").model.added
     ()
     """
-    runs, broken = used_runs([Examined(recording) for recording in runs_of(recordings)])
+    runs, broken = used_runs([examine(recording) for recording in runs_of(recordings)])
     model = model_in_motion(fit).drop(*names)
     origins, engine = fit.origins, fit.engine
     left, _ = fitted(model, runs, within(progress, 0.0, 0.9), origins=origins, engine=engine)
@@ -602,7 +600,7 @@ def run_values(fit: Fit, recordings: Sequence[Recording | Dwells]) -> RunValues:
     >>> bool(run_values(ac.fit([one, two]), [one, two]).p_values.min() > 1e-4)
     True
     """
-    runs, _ = used_runs([Examined(recording) for recording in runs_of(recordings)])
+    runs, _ = used_runs([examine(recording) for recording in runs_of(recordings)])
     states = restored_states(fit, runs)
     if states is None:
         states = solve_runs(model_in_motion(fit), runs, origins=fit.origins, engine=fit.engine).states
@@ -665,8 +663,8 @@ def improve(
     apart = run_to_hold_out(several) if holdout is None else None
     if apart is not None:
         holdout = several.pop(apart)
-    budget = SearchBudget.of(several)
-    examined = [Examined(recording, start, end) for recording in several]
+    budget = SearchBudget()
+    examined = [examine(recording, start, end) for recording in several]
     require_relation(examined)
     original, stretch, broken = judged_runs(examined)
     begin, finish = stretch.start, stretch.end
@@ -679,7 +677,7 @@ def improve(
     room = len(selection.current.model.added) < most
     reason = "no fit with it is possible" if room else f"at most {most} effects are added"
     rejected = selection.current.fitted.rejected(original)
-    unseen = None if holdout is None else Examined(holdout)
+    unseen = None if holdout is None else examine(holdout)
     if apart is not None and unseen is not None:
         if not selection.current.verdict.scan.found:
             reason = "the run that is held out takes no part in what is added"
@@ -788,7 +786,7 @@ def nested(
             f"{', '.join(name for name, _ in fit.sources)}: no longer in memory; give what the fit was made from: "
             "accelcal.nested(fit, recordings)"
         )
-    runs, _ = used_runs([Examined(recording, start, end) for recording in runs_of(recordings)])
+    runs, _ = used_runs([examine(recording, start, end) for recording in runs_of(recordings)])
     grown = nested_fits(fit, runs, start=start, end=end)
     *smaller, last = grown.fits
     return (*smaller, replace(last, remarks=(*last.remarks, *grown.remarks)))
@@ -896,29 +894,22 @@ def compare_models(
     base : the model whose clock the floor is drawn on, by default the first; the same one gives the same floor.
     band, horizons, start, end : as of `compare`.
     """
-    examined = Examined(recording, start, end)
+    examined = examine(recording, start, end)
     part, (begin, finish) = examined.source, examined.span
     progress(0.1)
 
-    def compared(fit: Fit, progress: Callable[[float], None]) -> Evaluation:
+    least = noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
+    gone = left_out_sentences(part.recording, begin, finish)
+
+    def compared(number: int, fit: Fit) -> Evaluation:
+        share = within(progress, 0.3 + 0.7 * number / len(fits), 0.3 + 0.7 * (number + 1) / len(fits))
         result = evaluation.compare(
-            fit, part, band=band, horizons=horizons, start=begin, end=finish, ruler=ruler, progress=progress
+            fit, part, band=band, horizons=horizons, start=begin, end=finish, ruler=ruler, progress=share
         )
-        scores, gone = (
-            noise_scores(fit, part, start=begin, end=finish),
-            left_out_sentences(part.recording, begin, finish),
-        )
-        return replace(result, noise_scores=scores, breaks=examined.breaks[:1], left_out=gone)
+        scores = noise_scores(fit, part, start=begin, end=finish)
+        return replace(result, noise_scores=scores, breaks=examined.breaks[:1], left_out=gone, noise_floor=least)
 
-    def floor(progress: Callable[[float], None]) -> NoiseFloor:
-        return noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
-
-    *compared_models, least = on_two_threads(
-        [*(partial(compared, fit) for fit in fits), floor],
-        within(progress, 0.1, 1.0),
-        at_once=len(recording.accel) + len(recording.position) <= MOST_AT_ONCE,
-    )
-    return tuple(replace(evaluation, noise_floor=least) for evaluation in compared_models)
+    return tuple(compared(number, fit) for number, fit in enumerate(fits))
 
 
 @checked
@@ -946,7 +937,7 @@ def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast
     >>> ac.verbs.coast(fit, made.recording, 2.0, 5.0)
     Coast(from 2 s to 6.999 s: 4167 readings)
     """
-    return evaluation.coast(fit, Examined(recording).source, start, horizon)
+    return evaluation.coast(fit, examine(recording).source, start, horizon)
 
 
 def judged_runs(examined: Sequence[Examined]) -> tuple[list[PreparedRun], TimeSpan, list[Remark]]:

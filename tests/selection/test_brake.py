@@ -12,8 +12,7 @@ from tests.selection.test_cross_validation import record
 def begin(recording):
     examined = Examined(recording, 0.0, 40.0)
     stretch = examined.stretch
-    budget = SearchBudget.of([recording])
-    return StepwiseSelection.begin([examined.judged], stretch, stretch.end, (), FAMILYWISE_ALPHA, budget)
+    return StepwiseSelection.begin([examined.judged], stretch, stretch.end, (), FAMILYWISE_ALPHA, SearchBudget())
 
 
 @pytest.fixture(scope="module")

@@ -90,7 +90,9 @@ def report(
     compare: Annotated[
         bool, typer.Option("--compare", help="Compare two models of one sensor: report --compare A.json B.json.")
     ] = False,
-    light: Annotated[bool, typer.Option("--light", help="Static figures, no script: small enough to mail.")] = False,
+    light: Annotated[
+        bool, typer.Option("--light", help="Static figures, no script: small enough to mail, slower to draw.")
+    ] = False,
     pdf: Annotated[bool, typer.Option("--pdf", help="Write a PDF too; only a PDF if --output ends in .pdf.")] = False,
     effects_file: EffectsFile = None,
     output: Output = None,

@@ -77,7 +77,7 @@ def turning_sensor(e: Evidence) -> Iterator[Remark]:
         for finding in entering:
             reference = finding.enter(reference)
         fitted = result(solve_runs(reference, e.sources, start=begin, end=end, others_whole=True))
-        leaving = compare(fitted, e.sources[0], start=span[0], end=span[1])
+        leaving = compare(fitted, e.sources[0], horizons=(), start=span[0], end=span[1])
         return SlowResidual.of(recording, leaving.accel_residual, leaving.band)
 
     certain = [finding for finding in scan if finding.effect not in FOLLOW_TIME]

@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import math
+import pickle
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from hashlib import blake2b
 
 import numpy as np
 from scipy import special
 
 from accelcal._support.progress import within
 from accelcal.data import Recording
-from accelcal.diagnosis.faults import RelationColumns, Usable, fault_remarks, faults, usable, with_position_steps
+from accelcal.diagnosis.faults import (
+    Fault,
+    RelationColumns,
+    Usable,
+    fault_remarks,
+    faults,
+    usable,
+    with_position_steps,
+)
 from accelcal.diagnosis.findings import sizes_of
 from accelcal.diagnosis.independent_estimate import differences
 from accelcal.diagnosis.left_out import CleanFit, left_out_remarks, without_wrong_readings
@@ -29,7 +40,7 @@ from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun, Source, prepare, prepared
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term, evaluate, terms_of
-from accelcal.validation.comparison import Evaluation
+from accelcal.validation.comparison import HORIZONS, Evaluation
 from accelcal.validation.evaluation import compare
 
 DELAY_CLASS = tuple(effect.name for effect in BUILT_IN if effect.traits.delay_class)
@@ -198,12 +209,19 @@ class Examined:
     ----------
     recording : as it was read.
     start, end : s, optional; a part that the user chose, which is taken as it is.
+    before : the same without a part, where that has been examined.
     """
 
-    def __init__(self, recording: Recording, start: float | None = None, end: float | None = None) -> None:
-        self.chosen, self.asked = start is not None or end is not None, (start, end)
-        whole = as_prepared(recording)
-        clean = without_wrong_readings(whole)
+    def __init__(
+        self,
+        recording: Recording,
+        start: float | None = None,
+        end: float | None = None,
+        before: Examined | None = None,
+    ) -> None:
+        self.chosen, self.asked, self.before = start is not None or end is not None, (start, end), before
+        whole = before.whole if before else as_prepared(recording)
+        clean = recording if before else without_wrong_readings(whole)
         self.whole: Source = whole if clean is recording else as_prepared(clean)
         """Every reading; the recording where only a part of it can be used."""
 
@@ -221,6 +239,8 @@ class Examined:
     @cached_property
     def stepped(self) -> tuple[Source, RelationColumns | None]:
         """The whole with the jumps of its position, and the columns of every reading, if available."""
+        if self.before:
+            return self.before.stepped
         return with_position_steps(self.whole) if isinstance(self.whole, PreparedRun) else (self.whole, None)
 
     @cached_property
@@ -273,16 +293,38 @@ class Examined:
         return prepared(self.source, start=self.span[0], end=self.span[1])
 
     @cached_property
+    def faults(self) -> tuple[Fault, ...]:
+        """Those in that part."""
+        columns = None if self.chosen or self.breaks else self.usable.columns
+        return faults(self.source.recording, self.judged, columns)
+
+    @cached_property
     def stretch(self) -> TimeSpan:
         """Begin and end of that part, and the faults in it."""
         run, recording = self.judged, self.source.recording
-        columns = None if self.chosen or self.breaks else self.usable.columns
         begin, stop = float(run.t[0]), float(run.t[-1])
         broken = [remark("break", recording=recording.name or "recording", time=at) for at in self.breaks]
         gone = left_out_remarks([recording], "", begin, stop)
-        remarks = fault_remarks(faults(recording, run, columns), stop - begin)
+        remarks = fault_remarks(self.faults, stop - begin)
         self._release()
         return TimeSpan(begin, stop, self.breaks, (*broken, *gone, *remarks), self.chosen)
+
+
+MOST_KEPT, KEPT = 1 << 20, 4
+"""Samples and readings of a recording up to which what was found of it is kept, and number of those."""
+_kept: OrderedDict[bytes, Examined] = OrderedDict()
+"""By the content of the recording; the last one that was asked for is at the end."""
+
+
+def examine(recording: Recording, start: float | None = None, end: float | None = None) -> Examined:
+    """A recording as examined by this process before, where it is one of the last that are short enough."""
+    if len(recording.accel) + len(recording.position) > MOST_KEPT:
+        return Examined(recording, start, end)
+    digest = blake2b(pickle.dumps(recording, pickle.HIGHEST_PROTOCOL)).digest()
+    whole = _kept[digest] = _kept.pop(digest) if digest in _kept else Examined(recording)
+    while len(_kept) > KEPT:
+        _kept.popitem(last=False)
+    return whole if start is None and end is None else Examined(recording, start, end, whole)
 
 
 def as_prepared(recording: Recording) -> Source:
@@ -303,6 +345,7 @@ class Evidence:
     extra : effects of the user's own; by default all that are registered.
     alpha : family-wise false-alarm rate.
     progress : called with the share of the work that is done, 0 to 1.
+    horizons : of `where`, s; no verdict rests on what is coasted, and a search does without.
     """
 
     def __init__(
@@ -312,10 +355,11 @@ class Evidence:
         extra: Sequence[Effect] | None = None,
         alpha: float = FAMILYWISE_ALPHA,
         progress: Callable[[float], None] = lambda share: None,
+        horizons: Sequence[float] = HORIZONS,
     ) -> None:
         solution = cleaned.solution
         states, model = solution.states, solution.model
-        self.stretch, self.breaks, self.alpha = stretch, stretch.breaks, alpha
+        self.stretch, self.breaks, self.alpha, self.horizons = stretch, stretch.breaks, alpha, horizons
         self.model, self.fit = model, result(solution)
         self.sources, self.runs = cleaned.runs, tuple(state.run for state in states)
         """What was prepared before the fit, and the runs as they were fitted."""
@@ -362,7 +406,7 @@ class Evidence:
     @cached_property
     def where(self) -> Evaluation:
         """The model against the first recording: its residual."""
-        return compare(self.fit, self.sources[0], start=self.stretch.start, end=self.stretch.end)
+        return compare(self.fit, self.sources[0], horizons=self.horizons, start=self.span[0], end=self.span[1])
 
     @property
     def forbidden(self) -> bool:

@@ -83,6 +83,11 @@ class RelationColumns:
         self.__dict__.pop("drives", None)
         self._bands.clear()
 
+    @cached_property
+    def steps(self) -> tuple[PositionStep, ...]:
+        """Jumps of the position that they show."""
+        return tuple(position_steps(self))
+
     def in_band(self, band: float) -> BandRelation:
         """Innovations of each column behind a filter whose crossover is `band`, Hz."""
         if band not in self._bands:

@@ -100,9 +100,10 @@ def held_sign(heading: Array) -> Array:
     return np.where(sure >= 0, np.sign(heading[sure]), 0.0)
 
 
-def since_reversal(s: Signals) -> Array:
-    """Time since the last reversal of the stage, (n,) s; NaN before the first."""
-    way = held_sign(direction(s))
+def since_reversal(s: Signals, heading: Array | None = None) -> Array:
+    """Time since the last reversal of the stage, (n,) s; NaN before the first; from its `direction` where that is at
+    hand."""
+    way = held_sign(direction(s) if heading is None else heading)
     turned = np.flatnonzero(way[1:] != way[:-1]) + 1
     last = np.full(len(s.t), -1, dtype=np.intp)
     last[turned] = turned

@@ -130,7 +130,8 @@ def shape_since_reversal(s: Signals) -> Array:
     Easily confused with: coulomb, hysteresis, creep, encoder_backlash.
     Separate by: rests of several lengths between moves.
     """
-    heading, age = direction(s), since_reversal(s)
+    heading = direction(s)
+    age = since_reversal(s, heading)
     turned = np.isfinite(age)
     age = np.where(turned, age, AGES[-1])  # before the first it is long ago
     u = np.interp(np.log(np.maximum(age, AGES[0])), np.log(AGES), np.arange(len(AGES), dtype=np.float64))

@@ -119,8 +119,8 @@ KINDS: dict[str, Kind] = {
     ),
     "search_stopped": Kind(
         "beside",
-        "The search was stopped after {models} models, at its budget of {seconds:.3g} s of processor time; this is the "
-        "best answer so far",
+        "The search was stopped at its limit of {models} models; this is the best answer so far. Add what is missing "
+        "with accelcal add, and go on from there with accelcal diagnose",
     ),
     "validation_rises": Kind(
         "beside",

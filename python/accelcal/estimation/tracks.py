@@ -13,6 +13,7 @@ from accelcal.effects import Variable, find
 from accelcal.effects.building_blocks import since_reversal
 from accelcal.effects.curves import AGES
 from accelcal.estimation.estimate import Fit, solve_runs
+from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.rows import rows_of_run
 from accelcal.signals.signals import Signals
 
@@ -61,7 +62,14 @@ def track(
     as a Kalman filter with the parameters in its state would. Noise and smoothed regressors are those of the whole
     record. Where a band was imposed, deviations are scaled to the robust ones at the end.
     """
-    solution = solve_runs(fit.model, [recording], start=start, end=end, origins=fit.origins, engine=fit.engine)
+    engine = fit.engine
+    return track_of(
+        solve_runs(fit.model, [recording], start=start, end=end, origins=fit.origins, engine=engine), points
+    )
+
+
+def track_of(solution: Solution, points: int = 240) -> Track:
+    """The track of a run that has just been solved; `points` are as of `track`."""
     state, model = solution.states[0], solution.model
     run = state.run
     belief = solution.layout.prior_information(model)

@@ -11,11 +11,11 @@ import numpy as np
 from accelcal._support.errors import AccelcalError
 from accelcal.data import Array, Channel, Recording, instant
 from accelcal.data.quality import rest
-from accelcal.diagnosis.faults import Fault, fault_remarks, faults, usable
-from accelcal.diagnosis.left_out import left_out_remarks, without_wrong_readings
+from accelcal.diagnosis.evidence import examine
+from accelcal.diagnosis.faults import Fault, fault_remarks
+from accelcal.diagnosis.left_out import left_out_remarks
 from accelcal.effects import spelled
 from accelcal.estimation.remarks import Remark
-from accelcal.estimation.run import prepare
 from accelcal.estimation.tracks import Shape, Track
 from accelcal.plots.figure import (
     COLUMNS,
@@ -83,11 +83,10 @@ def marks(recording: Recording) -> Marks:
     RecordingError
         If the channels do not overlap.
     """
-    recording = without_wrong_readings(recording)
-    part = usable(recording)
-    fault_list = faults(recording, prepare(recording, start=part.start, end=part.end))
-    gone = tuple(left_out_remarks([recording], "", part.start, part.end))
-    return Marks(part.start, part.end, part.breaks, fault_list, tuple(rest(recording)), gone)
+    of_record = examine(recording)
+    part, clean = of_record.usable, of_record.source.recording
+    gone = tuple(left_out_remarks([clean], "", part.start, part.end))
+    return Marks(part.start, part.end, part.breaks, of_record.faults, tuple(rest(clean)), gone)
 
 
 def timeline(recording: Recording, marked: Marks) -> Figure:

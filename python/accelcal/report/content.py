@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, TypeVar
 
 from accelcal._support.progress import within
-from accelcal._support.threads import Report, on_two_threads, one_thread
+from accelcal._support.threads import one_thread
 from accelcal.calibration.characteristic import Application, Budget, budget, example
 from accelcal.data import Recording, describe
-from accelcal.diagnosis.experiment import Power, power
+from accelcal.diagnosis.experiment.detectability import Power
+from accelcal.diagnosis.experiment.power_analysis import detectability_of, with_drift
 from accelcal.diagnosis.select.improvement import NestedFits, nested_fits
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect
-from accelcal.estimation.estimate import Fit
-from accelcal.estimation.tracks import Shape, Track, shapes, track
+from accelcal.estimation.estimate import Fit, solve_runs
+from accelcal.estimation.tracks import Shape, Track, shapes, track_of
 from accelcal.plots import comparison, diagnosis, residuals, timeline
 from accelcal.plots.figure import Figure
 from accelcal.plots.response import sensitivity
@@ -23,7 +25,7 @@ from accelcal.plots.timeline import Marks, marks
 from accelcal.response import FrequencyResponse, stepped_response
 from accelcal.validation.comparison import HELD_OUT, Evaluation
 from accelcal.validation.differences import Comparison
-from accelcal.verbs import MOST_AT_ONCE, compare, diagnose
+from accelcal.verbs import compare, diagnose
 
 T = TypeVar("T")
 
@@ -97,32 +99,31 @@ def gather(
     """
     remarks: list[str] = []
 
-    def attempt(what: str, work: Callable[[Report], T]) -> Callable[[Report], T | None]:
-        def tried(progress: Report) -> T | None:
-            try:
-                return work(progress)
-            except ValueError as error:
-                remarks.append(f"{what} could not be computed: {error}")
-                return None
-
-        return tried
+    def attempt(what: str, work: Callable[[], T]) -> T | None:
+        try:
+            return work()
+        except ValueError as error:
+            remarks.append(f"{what} could not be computed: {error}")
+            return None
 
     verdict_found = diagnosis or diagnose(fit, recording, extra=extra, progress=within(progress, 0.0, 0.35))
     progress(0.35)
     span: dict[str, Any] = dict(zip(("start", "end"), verdict_found.used[0], strict=True))
     whole = recording.part(*verdict_found.used[0]) if verdict_found.breaks else recording
     unseen, judged_in = (recording, span) if holdout is None else (holdout, {})
-    reduced, evaluation, followed, response, judged = on_two_threads(
-        (
-            attempt("the error reduction", lambda _: error_reduction(fit, recording, holdout, verdict_found)),
-            attempt("the detection limits", lambda part: power(fit, recording, extra=extra, progress=part, **span)),
-            attempt("the parameter tracks", lambda _: track(fit, recording, **span)),
-            attempt("the frequency response", lambda _: stepped_response(whole)),
-            lambda part: compare(fit, unseen, progress=part, **judged_in)[0],
-        ),
-        within(progress, 0.35, 1.0),
-        at_once=len(recording.accel) + len(recording.position) <= MOST_AT_ONCE,
+    judged = compare(fit, unseen, progress=within(progress, 0.35, 0.45), **judged_in)[0]
+    reduced = attempt("the error reduction", lambda: error_reduction(fit, recording, holdout, verdict_found))
+    progress(0.65)
+    solution = attempt(
+        "the parameter tracks and the detection limits",
+        lambda: solve_runs(fit.model, [recording], origins=fit.origins, engine=fit.engine, **span),
     )
+    followed = evaluation = None
+    if solution is not None:
+        state, followed = solution.states[0], attempt("the parameter tracks", lambda: track_of(solution))
+        evaluation = attempt("the detection limits", lambda: with_drift(detectability_of(state, fit.model, extra)))
+    progress(0.95)
+    response = attempt("the frequency response", lambda: stepped_response(whole))
     grown, nested = reduced or (None, None)
     named = shapes(fit) or (shapes(nested.fits[-1]) if nested is not None else ())
     remarks += [] if grown is None else [note.sentence for note in grown.remarks]
@@ -136,7 +137,7 @@ def gather(
         marks=marks(recording),
         described=describe(recording),
         budget=budget(fit),
-        applied=attempt("the worked example", lambda _: example(fit))(progress),
+        applied=attempt("the worked example", lambda: example(fit)),
         nested=nested,
         lacking=0 if grown is None else grown.lacking,
         power=evaluation,
@@ -168,8 +169,8 @@ class Entry:
     name: str
     section: str
     caption: str
-    figure: Figure
-    still: Figure | None = None
+    figure: Callable[[], Figure]
+    still: Callable[[], Figure] | None = None
     """What pages without script and the PDF show; None where only the interactive page has the figure."""
 
 
@@ -180,7 +181,7 @@ def use_of(c: Content) -> str:
     return "a part not used in the fit" if c.is_part else "not used in the fit"
 
 
-def _both(name: str, section: str, caption: str, figure: Figure) -> Entry:
+def _both(name: str, section: str, caption: str, figure: Callable[[], Figure]) -> Entry:
     """A figure that all pages show."""
     return Entry(name, section, caption, figure, figure)
 
@@ -189,48 +190,54 @@ def entries(c: Content) -> Iterator[Entry]:
     """Every figure that the content allows, in the order of the page."""
     model = [("this calibration", c.judged)]
     caption = f"{c.judged.recording or 'Recording'}, {use_of(c)}. Residual: measured − simulated."
-    yield Entry("overlay", "first", caption, timeline.overlay(model), timeline.closely(model))
+    yield Entry("overlay", "first", caption, partial(timeline.overlay, model), partial(timeline.closely, model))
     said = (
         "Ordered by evidence, free coefficients penalised. Filled: significant; bracketed: confounded on this record."
     )
-    yield _both("candidates", "found", said, diagnosis.ranking(c.diagnosis))
+    yield _both("candidates", "found", said, partial(diagnosis.ranking, c.diagnosis))
     if c.shapes:
         said = "Nonparametric curve of the model, with its pointwise uncertainty."
-        yield Entry("shape", "found", said, timeline.fitted_curve(c.shapes))
+        yield Entry("shape", "found", said, partial(timeline.fitted_curve, c.shapes))
     nested, compared = c.nested, [("model", c.judged)]
     caption = f"{c.judged.recording or 'Recording'}: {use_of(c)}."
     if nested is not None:
         said = "Hatched: effect not in the model yet." if c.lacking else ""
-        yield _both("falling", "falling", said, diagnosis.error_reduction(nested, lacking=c.lacking))
+        yield _both("falling", "falling", said, partial(diagnosis.error_reduction, nested, lacking=c.lacking))
         compared = list(zip(nested.names, nested, strict=True))
     said = f"{caption} Every model of the table; shaded: stretches of the largest residual."
-    yield Entry("overlays", "falling", said, timeline.overlay(compared))
-    yield _both("coasting", "falling", caption, comparison.coasting(c.judged))
-    yield _both("simulated", "falling", caption, comparison.simulated(c.judged))
+    yield Entry("overlays", "falling", said, partial(timeline.overlay, compared))
+    yield _both("coasting", "falling", caption, partial(comparison.coasting, c.judged))
+    yield _both("simulated", "falling", caption, partial(comparison.simulated, c.judged))
     d, where = c.diagnosis, c.diagnosis.where
     caption = f"All coefficients estimated again on {c.recording.name or 'the recording'}."
     band = f"{caption} Below {where.band:.3g} Hz, the highest frequency at which the reference serves as one."
-    yield _both("tiles", "where", caption, residuals.tiles(where))
-    yield _both("regions", "where", band, residuals.regions(where))
-    yield Entry("residual", "where", caption, comparison.accel_residual(where))
-    yield _both("one_step", "where", caption, comparison.one_step(where))
-    yield Entry("spectrum", "where", caption, residuals.spectrum(d.fit, where, d.channels))
-    yield Entry("whiteness", "where", caption, residuals.whiteness_plot(where), residuals.autocorrelation(where))
-    yield Entry("quantiles", "where", caption, residuals.quantile_plot(where))
+    yield _both("tiles", "where", caption, partial(residuals.tiles, where))
+    yield _both("regions", "where", band, partial(residuals.regions, where))
+    yield Entry("residual", "where", caption, partial(comparison.accel_residual, where))
+    yield _both("one_step", "where", caption, partial(comparison.one_step, where))
+    yield Entry("spectrum", "where", caption, partial(residuals.spectrum, d.fit, where, d.channels))
+    yield Entry(
+        "whiteness",
+        "where",
+        caption,
+        partial(residuals.whiteness_plot, where),
+        partial(residuals.autocorrelation, where),
+    )
+    yield Entry("quantiles", "where", caption, partial(residuals.quantile_plot, where))
     if c.response is not None:
         said = f"{c.response.recording or 'Recording'}, with U (k = 2). Deviation: measured − parametric fit."
-        yield _both("sensitivity", "response", said, sensitivity(c.response))
+        yield _both("sensitivity", "response", said, partial(sensitivity, c.response))
     if c.track is not None:
         said = "Estimates from the readings up to each instant; noise and smoothed motion from the whole record."
-        yield Entry("tracks", "parameters", said, timeline.tracks(c.track))
-    yield Entry("timeline", "data", "The whole recording.", timeline.timeline(c.recording, c.marks))
+        yield Entry("tracks", "parameters", said, partial(timeline.tracks, c.track))
+    yield Entry("timeline", "data", "The whole recording.", partial(timeline.timeline, c.recording, c.marks))
     if c.power is None:
         return
     first = [candidate.effect for candidate in c.diagnosis.scan.candidates[:6]]
     said = "In addition to the effects of the model."
-    yield Entry("power", "data", said, diagnosis.detectable_sizes(c.power))
+    yield Entry("power", "data", said, partial(diagnosis.detectable_sizes, c.power))
     if c.power.drift is not None:
         said = "Detectable drift bandwidth: smallest sinusoidal change of bias and scale factor at 5 sigma."
-        yield Entry("drift_limits", "data", said, diagnosis.drift_limits(c.power.drift))
+        yield Entry("drift_limits", "data", said, partial(diagnosis.drift_limits, c.power.drift))
     said = "Each effect with the shape parameters at which it is detected best."
-    yield Entry("signatures", "apart", said, diagnosis.signatures(c.power, first))
+    yield Entry("signatures", "apart", said, partial(diagnosis.signatures, c.power, first))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from accelcal._core import __version__
 from accelcal._support.errors import optional
 from accelcal._support.locks import scratch_folder
+from accelcal._support.threads import one_thread
 from accelcal.calibration.agreement import BEYOND_BY_CHANCE, LIMIT, Agreement, ComparedParameter
 from accelcal.calibration.characteristic import budget
 from accelcal.effects import spelled
@@ -37,6 +38,7 @@ DRAWN = ("x", "y", "z", "text", "customdata")
 """Data of a trace, equal in both themes."""
 
 
+@one_thread
 def html(content: Content) -> str:
     """Return the interactive page.
 
@@ -56,6 +58,7 @@ def html(content: Content) -> str:
     return render(content, shown, optional("plotly.offline", "the report needs", "report").get_plotlyjs())
 
 
+@one_thread
 def light(content: Content) -> str:
     """Return the page without script: static figures, small enough to mail.
 
@@ -65,7 +68,7 @@ def light(content: Content) -> str:
         If matplotlib or jinja2 is not installed.
     """
     shown = [
-        {"name": e.name, "section": e.section, "caption": e.caption, "image": svg_url(matplotlib.draw(e.still))}
+        {"name": e.name, "section": e.section, "caption": e.caption, "image": svg_url(matplotlib.draw(e.still()))}
         for e in entries(content)
         if e.still is not None
     ]
@@ -104,7 +107,8 @@ def text_of(name: str, package: str = "accelcal.report") -> str:
 
 def both_themes(entry: Entry) -> dict[str, Any]:
     """A figure in the light theme, and its differences in the dark one."""
-    day, night = (plotly.as_dict(entry.figure, theme) for theme in ("light", "dark"))
+    figure = entry.figure()
+    day, night = (plotly.as_dict(figure, theme) for theme in ("light", "dark"))
     skins = [{key: value for key, value in trace.items() if key not in DRAWN} for trace in night["data"]]
     return {"data": day["data"], "layout": day["layout"], "dark": {"data": skins, "layout": night["layout"]}}
 
@@ -178,12 +182,13 @@ def pdf(content: Content, path: str | Path) -> None:
     atomic_write(path, typeset("paper.typ", *paper(content)))
 
 
+@one_thread
 def paper(content: Content) -> tuple[dict[str, Any], dict[str, bytes]]:
     """What is typeset: texts with the list of figures, and the figures by file name."""
     still = [(f"{e.name}.svg", e, e.still) for e in entries(content) if e.still is not None]
     listed = [{"file": file, "section": e.section, "caption": e.caption} for file, e, _ in still]
     return {**view(content), "figures": listed}, {
-        file: matplotlib.svg(matplotlib.draw(figure)) for file, _, figure in still
+        file: matplotlib.svg(matplotlib.draw(define())) for file, _, define in still
     }
 
 

@@ -10,6 +10,7 @@ and so is 1/f noise: beside motion it looks as slow effects do that a model lack
 from __future__ import annotations
 
 import math
+import pickle
 from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -38,10 +39,10 @@ class Ruler:
     """Bandwidth of the motion that effects are evaluated on, Hz."""
     remembers: bool = False
     """Whether an effect of one of the models has a memory: all are then run over the history of what is compared."""
-    remembering: tuple[Fit, ...] = field(default=(), compare=False)
-    """Those models: all are followed from the fewer start points of these."""
-    nodes: dict[Hashable, float] = field(default_factory=dict, compare=False, repr=False)
-    """Spacing of the nodes of their motion, by recording and part of it, s."""
+    grown: tuple[Fit, ...] = field(default=(), compare=False)
+    """Models with effects: all are followed from the fewer start points of the dearest of these."""
+    followed: dict[Hashable, tuple[float, float]] = field(default_factory=dict, compare=False, repr=False)
+    """What that one costs, by recording and part of it: `Prediction.followed`."""
 
     @classmethod
     def of(cls, fits: Sequence[Fit]) -> Ruler:
@@ -55,8 +56,9 @@ class Ruler:
         best = min(fits, key=lambda fit: fit.noise().usual.q, default=None)
         if best is None:
             raise AccelcalError("a comparison of several models needs at least one of them")
-        remembering = tuple(fit for fit in fits if not all(is_local(find(name)) for name in fit.model.added))
-        return cls(best.noise(), best.validity["frequency"][1], bool(remembering), remembering)
+        grown = tuple(fit for fit in fits if fit.model.added)
+        remembers = not all(is_local(find(name)) for fit in grown for name in fit.model.added)
+        return cls(best.noise(), best.validity["frequency"][1], remembers, grown)
 
     def held_by(self, fit: Fit) -> Fit:
         """The fit with this filter in place of its own."""
@@ -100,8 +102,13 @@ def noise_floor(
     run = prepared(source, fit.origins, start=start, end=end)
     encoder = ReadingNoise.of(fit, run)
     noise = _of_filter(ruler, fit, sensor, scale, encoder)
-    ahead = Prediction(run, values_on(fit, recording), noise, fit.validity["frequency"][1])
-    return _drawn(ahead, sensor, scale, encoder, horizons)
+
+    def drawn() -> NoiseFloor:
+        ahead = Prediction(run, values_on(fit, recording), noise, fit.validity["frequency"][1])
+        return _drawn(ahead, sensor, scale, encoder, horizons)
+
+    of_fit = fit.origins, fit.validity["frequency"], fit.estimates
+    return run.once(pickle.dumps((noise, sensor, encoder, tuple(horizons), of_fit)), drawn)
 
 
 def _of_filter(ruler: Ruler, fit: Fit, sensor: SensorNoise, scale: float, encoder: ReadingNoise) -> Noise:
@@ -199,12 +206,14 @@ def _records(ahead: Prediction, sensor: SensorNoise, scale: float, encoder: Read
     h = np.where(d.restart, 0.0, np.diff(d.t, prepend=d.t[0]))
     varying = d.extra_r if len(d.extra_r) else 0.0
     reading = np.sqrt(encoder.std**2 + varying)  # a prescribed band has an `r` of its own
-    relative = sensor.std / sensor.density
+    relative, before = sensor.std / sensor.density, math.nan
     for _ in range(min(DRAWS, max(LEAST_DRAWS, MOST_NUMBERS // (3 * len(h))))):
         density = sensor.density * math.exp(relative * rng.standard_normal()) / scale
-        q = density**2 / 2.0 + d.extra_q + encoder.acceleration
-        gained = np.sqrt(q * h) * rng.standard_normal(len(h))
-        moved = h / 2.0 * gained + np.sqrt(q * h**3 / 12.0) * rng.standard_normal(len(h))
+        if density != before:  # one that is declared stays
+            q, before = density**2 / 2.0 + d.extra_q + encoder.acceleration, density
+            of_speed, of_way = np.sqrt(q * h), np.sqrt(q * h**3 / 12.0)
+        gained = of_speed * rng.standard_normal(len(h))
+        moved = h / 2.0 * gained + of_way * rng.standard_normal(len(h))
         speed = np.cumsum(gained)
         z = np.cumsum(h * (speed - gained) + moved) + reading * rng.standard_normal(len(h))
         if encoder.random_walk:

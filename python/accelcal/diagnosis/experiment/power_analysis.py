@@ -16,7 +16,13 @@ from accelcal._support.arguments import checked
 from accelcal._support.progress import within
 from accelcal._support.threads import one_thread
 from accelcal.data import Array, Recording
-from accelcal.diagnosis.experiment.detectability import Detectability, DetectionModel, Group, Power
+from accelcal.diagnosis.experiment.detectability import (
+    Detectability,
+    DetectionModel,
+    Group,
+    Power,
+    random_process_gains,
+)
 from accelcal.diagnosis.experiment.drift_bandwidth import drift_bandwidth
 from accelcal.diagnosis.faults import usable
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION, DETECTION_PROBABILITY, FAMILYWISE_ALPHA
@@ -33,6 +39,8 @@ from accelcal.model import Model
 
 RANDOM_PROCESS_PATHS = 40
 """Simulated paths from which the smallest detectable intensity of a random process is read."""
+RANDOM_PROCESS_LEAST = 8
+"""Paths with the least gains, of which the quantile is: theirs are found between trial intensities as well."""
 
 
 @checked
@@ -146,9 +154,11 @@ def intensity(evidence: CandidateScores, i: int, rules: SearchRules) -> float:
     z = np.random.default_rng(0).standard_normal((RANDOM_PROCESS_PATHS, len(values)))
 
     def undetected(log_s: float) -> bool:
-        spread = np.sqrt(values + math.exp(2.0 * log_s) * values**2)
-        roots = [math.sqrt(variance_gain(A, vectors @ (spread * path))[0]) for path in z]
-        return float(np.quantile(roots, 1.0 - DETECTION_PROBABILITY)) < required
+        paths = z * np.sqrt(values + math.exp(2.0 * log_s) * values**2) @ vectors.T
+        gains = random_process_gains(A, paths)
+        for k in np.argsort(gains)[:RANDOM_PROCESS_LEAST]:
+            gains[k] = variance_gain(A, paths[k])[0]
+        return float(np.quantile(np.sqrt(gains), 1.0 - DETECTION_PROBABILITY)) < required
 
     low = -0.5 * math.log(float(np.max(values, initial=1e-300)))
     high = low + math.log(1e3)  # a thousand standard deviations of the most visible mode

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from accelcal.data import Recording
 from accelcal.diagnosis.evidence import DELAY_CLASS, DELAY_EXPERIMENT, Evidence, TimeSpan, delay_is_significant
 from accelcal.diagnosis.findings import Confounded, explained_gain, with_findings
 from accelcal.diagnosis.left_out import CHANNEL_OF, CleanFit, clean_fit
 from accelcal.diagnosis.policy import (
     NAMED_ALTERNATIVES,
     SEARCH_MODELS,
-    SEARCH_SAMPLES,
-    SEARCH_SECONDS,
-    SEARCH_SPAN,
     VERDICT_LEAST_BLOCKS,
 )
 from accelcal.diagnosis.search.confounding import DetectedEffect
@@ -42,52 +37,25 @@ from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun
 from accelcal.model import Model, Term
-
-MARGIN = 1.5
-"""Cost of the next model over that of the dearest so far: models grow."""
+from accelcal.validation.evaluation import compare
 
 
 @dataclass(slots=True)
 class SearchBudget:
-    """Processor time that a search may use, and what it has used."""
+    """Models that a search may fit and judge, and those that it has: a count, so that every machine ends at the same
+    one."""
 
-    seconds: float
-    """s"""
-    clock: Callable[[], float] = time.thread_time
-    """Of the thread of the search alone: others may search in the same process."""
-    begun: float = field(init=False)
+    most: int = SEARCH_MODELS
     models: int = 1
-    """Models that were fitted and judged, the base model included."""
+    """The base model included."""
     stopped: bool = False
     """Whether a model was not begun."""
-    longest: float = 0.0
-    """Of one model, s."""
-    last: float = field(init=False)
-    """When the last model was begun, s."""
-
-    def __post_init__(self) -> None:
-        self.begun = self.last = self.clock()
-
-    @classmethod
-    def of(cls, recordings: Sequence[Recording]) -> SearchBudget:
-        """The budget of some recordings: that of a minute, and in proportion where they are longer and hold more
-        samples."""
-        samples = sum(len(recording.accel) for recording in recordings)
-        span = sum(float(recording.accel.t[-1] - recording.accel.t[0]) for recording in recordings)
-        return cls(SEARCH_SECONDS * max(1.0, min(span / SEARCH_SPAN, samples / SEARCH_SAMPLES)))
 
     def allows_another(self) -> bool:
         """Whether one more model may be begun; it is then counted."""
-        now = self.clock()
-        if self.models == 1 and not self.stopped:  # the base model says how dear the models of this record are
-            self.seconds = max(self.seconds, SEARCH_MODELS * (now - self.begun))
-        self.longest = max(self.longest, now - self.last)
-        self.last = now
-        if self.stopped or now - self.begun + MARGIN * self.longest > self.seconds:
-            self.stopped = True
-            return False
-        self.models += 1
-        return True
+        self.stopped = self.models >= self.most
+        self.models += not self.stopped
+        return not self.stopped
 
 
 @dataclass(slots=True)
@@ -186,7 +154,7 @@ class StepwiseSelection:
     ) -> StepwiseSelection:
         """Start from the base model, fitted and judged."""
         fitted = clean_fit(original, lambda these: solve(Model.linear(), these, stretch, split))
-        current = JudgedModel(fitted, verdict_on(Evidence(fitted, stretch, extra, alpha)))
+        current = JudgedModel(fitted, verdict_on(Evidence(fitted, stretch, extra, alpha, horizons=())))
         return cls(
             original,
             stretch,
@@ -283,7 +251,13 @@ class StepwiseSelection:
         """Judge the last model on a further run as well, which took no part in what entered and in its estimates."""
         last, runs = self.current, [*self.current.fitted.runs, other]
         on_all = self.judge(clean_fit(runs, lambda these: solve(last.model, these, self.stretch, self.split)))
-        self.accept(replace(last, verdict=replace(on_all.verdict, fit=last.verdict.fit, used=last.verdict.used)))
+        verdict = self.with_coasting(on_all)
+        self.accept(replace(last, verdict=replace(verdict, fit=last.verdict.fit, used=last.verdict.used)))
+
+    def with_coasting(self, judged: JudgedModel) -> Diagnosis:
+        """The verdict on a model with its errors of coasting, which no step of the search needs."""
+        fit, run = judged.verdict.fit, judged.fitted.runs[0]
+        return replace(judged.verdict, where=compare(fit, run, start=self.stretch.start, end=self.stretch.end))
 
     def final_verdict(self, reason: str) -> Diagnosis:
         """The verdict on the last model; an effect that it lacks and that was not added is named as such.
@@ -293,11 +267,12 @@ class StepwiseSelection:
         reason : why nothing more was added.
         """
         verdict = self.current.verdict
+        verdict = verdict if verdict.where.drifts else self.with_coasting(self.current)
         kept_out = tuple(note for name, note in self.refused.items() if name not in self.current.model.effects)
         verdict = replace(verdict, remarks=(*verdict.remarks, *kept_out))
         if self.budget.stopped:
             reason = "the search was stopped"
-            stop = remark("search_stopped", models=self.budget.models, seconds=self.budget.seconds)
+            stop = remark("search_stopped", models=self.budget.models)
             verdict = replace(verdict, remarks=(*verdict.remarks, stop))
         sigmas = {test.effect: math.sqrt(test.evidence) for test in reversed(verdict.channels) if test.shape}
         sigmas |= {finding.effect: 0.0 for finding in verdict.scan.found} | {
@@ -337,7 +312,7 @@ class StepwiseSelection:
 
     def judge(self, fitted: CleanFit) -> JudgedModel:
         """A fitted model with the verdict on it."""
-        return JudgedModel(fitted, verdict_on(Evidence(fitted, self.stretch, self.extra, self.alpha)))
+        return JudgedModel(fitted, verdict_on(Evidence(fitted, self.stretch, self.extra, self.alpha, horizons=())))
 
     def with_next(self) -> tuple[DetectedEffect, JudgedModel] | None:
         """The judged fit with the effect that comes first, or the next of its set where no fit with it is possible;
