@@ -36,7 +36,13 @@ def _command_line() -> None:
     if not sys.warnoptions:  # what NumPy says of its divisions is for whoever mends accelcal, not for its user
         warnings.simplefilter("ignore", RuntimeWarning)
         os.environ["PYTHONWARNINGS"] = "ignore::RuntimeWarning"  # in the processes that this one starts
-    __getattr__("app")()
+    from copy import copy
+
+    application = copy(__getattr__("app"))
+    asked = next((word for word in sys.argv[1:] if not word.startswith("-")), "").replace("-", "_")
+    alone = [c for c in application.registered_commands if (c.name or getattr(c.callback, "__name__", "")) == asked]
+    application.registered_commands = alone or application.registered_commands  # the options of each take their time
+    application()
 
 
 def __getattr__(name: str) -> Any:
