@@ -85,6 +85,7 @@ def test_ordinary_files_need_no_heavy_library(tmp_path: Path) -> None:
 
     assert loaded(LIGHT) == ""
     assert loaded(LIGHT, CHECK, {"scipy.special", "scipy.linalg", "accelcal.verbs", "accelcal.estimation.noise"}) == ""
+    assert loaded(LIGHT, "fit a.csv -o m.json\n", {"accelcal.simulation", "accelcal.diagnosis.experiment"}) == ""
     assert "pint" in loaded(
         "import pint\n" + LIGHT.replace("read().splitlines()", "read().splitlines()[:0]")
     )  # the twin
