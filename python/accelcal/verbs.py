@@ -20,10 +20,11 @@ from accelcal._support.values import listing
 from accelcal.data import DERIVED, Dwells, Recording, RecordingError
 from accelcal.data.recording import with_dwells
 from accelcal.diagnosis.checks import slow_residual, stretches_of
+from accelcal.diagnosis.clean_fit import RejectedReadings, clean_fit
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
 from accelcal.diagnosis.evidence import Evidence, Examined, TimeSpan, examine, largest_wave
 from accelcal.diagnosis.findings import Confounded, in_model
-from accelcal.diagnosis.left_out import RejectedReadings, clean_fit, left_out_sentences
+from accelcal.diagnosis.left_out import left_out_sentences
 from accelcal.diagnosis.noise.fitted import noise_scores, require_noise_shown, with_noise_effects
 from accelcal.diagnosis.noise.noise_test import POSITION_JUMPS
 from accelcal.diagnosis.noise.run_all import run_outlier_tests

@@ -24,8 +24,11 @@ from tests import commands
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 HASHED = "from pathlib import Path; from accelcal.app.state import digest_at; print(digest_at(Path({!r})))"
 WARNED = """import numpy as np
+import typer
 from accelcal import cli
-cli.__getattr__ = lambda _: lambda: np.ones(1) / np.zeros(1)
+app = typer.Typer()
+app.command("divide")(lambda: np.ones(1) / np.zeros(1))
+cli.__getattr__ = lambda _: app
 cli.main()"""
 
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+import typer
+
+from accelcal import cli
 
 HEAVY = (
     "numpy",
@@ -47,12 +51,13 @@ def test_a_heavy_module_is_seen_when_it_is_loaded(module: str) -> None:
 
 
 LIGHT = """import sys
+HEAVY = {heavy}
 from typer.testing import CliRunner
 from accelcal.cli import app
 for line in sys.stdin.read().splitlines():
     done = CliRunner().invoke(app, line.split())
     assert done.exit_code == 0, (line, done.output)
-print(*sorted({"pint", "pandas", "dask", "xarray", "scipy.signal", "scipy.stats"}.intersection(sys.modules)))
+print(*sorted(HEAVY.intersection(sys.modules)))
 """
 COMMANDS = """simulate --seconds 8 --seed 1 -o a.csv
 simulate --seconds 8 --seed 2 -o b.parquet
@@ -65,15 +70,37 @@ improve a.csv
 """
 
 
+LIBRARIES = {"pint", "pandas", "dask", "xarray", "pyarrow.compute", "scipy.ndimage", "scipy.signal", "scipy.stats"}
+CHECK = "check a.csv\n"
+
+
 def test_ordinary_files_need_no_heavy_library(tmp_path: Path) -> None:
-    def loaded(code: str) -> str:
+    def loaded(code: str, commands: str = COMMANDS, heavy: set[str] = LIBRARIES) -> str:
+        code = code.replace("{heavy}", repr(heavy))
         done = subprocess.run(
-            [sys.executable, "-c", code], cwd=tmp_path, input=COMMANDS, capture_output=True, text=True, timeout=300
+            [sys.executable, "-c", code], cwd=tmp_path, input=commands, capture_output=True, text=True, timeout=300
         )
         assert done.returncode == 0, done.stderr
         return done.stdout.strip()
 
     assert loaded(LIGHT) == ""
+    assert loaded(LIGHT, CHECK, {"scipy.special", "scipy.linalg", "accelcal.verbs", "accelcal.estimation.noise"}) == ""
+    assert loaded(LIGHT, "fit a.csv -o m.json\n", {"accelcal.simulation", "accelcal.diagnosis.experiment"}) == ""
     assert "pint" in loaded(
         "import pint\n" + LIGHT.replace("read().splitlines()", "read().splitlines()[:0]")
     )  # the twin
+
+
+def test_only_the_command_that_is_asked_for_is_built(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts: list[int] = []
+    monkeypatch.setattr(typer.Typer, "__call__", lambda self: counts.append(len(self.registered_commands)))
+    monkeypatch.setattr(gc, "set_threshold", lambda *_: None)
+    monkeypatch.setenv("PYTHONWARNINGS", "")
+
+    def built(*words: str) -> int:
+        monkeypatch.setattr(sys, "argv", ["accelcal", *words])
+        cli._command_line()
+        return counts[-1]
+
+    assert built("check", "a.csv") == built("app") == 1
+    assert built("--help") == built("chek") == len(cli.app.registered_commands) > 20

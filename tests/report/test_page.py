@@ -12,7 +12,7 @@ import pytest
 import accelcal as ac
 from accelcal import report
 from accelcal._support.errors import MissingExtra
-from accelcal.diagnosis.left_out import RejectedReadings
+from accelcal.diagnosis.clean_fit import RejectedReadings
 from accelcal.estimation.estimate import estimate
 from accelcal.estimation.remarks import Remark
 from accelcal.report.page import script_json

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.ndimage
 import scipy.signal
 import scipy.stats
 
@@ -15,6 +16,7 @@ from accelcal.signals.processing import (
     recursive_filter,
     spectral_density,
 )
+from accelcal.signals.series import TOGETHER, running_median, widened
 
 RNG = np.random.default_rng(20)
 Y: Array = RNG.normal(size=3001) + np.linspace(-3.0, 5.0, 3001)
@@ -71,3 +73,17 @@ def test_a_correlation_is_the_sum_of_products() -> None:
     expected = scipy.signal.correlate(Y, response, mode="full")[len(response) - 1 :]
     np.testing.assert_allclose(correlated(Y, response), expected, atol=1e-10)
     assert not np.allclose(correlated(Y, response[::-1]), expected, atol=1e-3)
+
+
+@pytest.mark.parametrize("n", [3, 20, TOGETHER, TOGETHER + 1, 20_000])
+@pytest.mark.parametrize("reach", [1, 5, 16])
+def test_a_running_median_and_a_wider_mask_are_those_of_scipy(n: int, reach: int) -> None:
+    y, window = RNG.normal(size=n), 2 * reach + 1
+    held = scipy.ndimage.median_filter(y, window, mode="nearest")
+    np.testing.assert_array_equal(running_median(y, reach, "edge"), held)
+    np.testing.assert_array_equal(
+        running_median(y, reach, "symmetric"), scipy.ndimage.median_filter(y, window, mode="reflect")
+    )
+    for marked in (y > 2.5, y > 9.0, y < 9.0):
+        np.testing.assert_array_equal(widened(marked, reach), scipy.ndimage.binary_dilation(marked, iterations=reach))
+    assert n < 100 or np.any(running_median(y, reach + 1, "edge") != held)

@@ -69,6 +69,8 @@ class Result(Storable):
     """An object with one table, from which every face is made."""
 
     __slots__ = ()
+    tables_in: ClassVar[str] = "results.tables"
+    """Module that defines them."""
 
     def table(self, which: str = "") -> Any:
         """Table of the object: title, sentence, columns, rows of plain values, notes.
@@ -82,7 +84,7 @@ class Result(Storable):
         ValueError
             If there is no table of that name.
         """
-        return face("results.tables").table(self, which)
+        return face(self.tables_in).table(self, which)
 
     def __str__(self) -> str:
         return str(face("results.table").as_text(self.table()))

@@ -56,7 +56,6 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
     """
     from accelcal.diagnosis.faults import usable
     from accelcal.diagnosis.left_out import left_out_sentences, without_wrong_readings
-    from accelcal.results.comparisons import broken
 
     with progress("check") as report:
         recording = io.load(run, rig)
@@ -75,7 +74,7 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
         print_json(content)
         return
     say_line(text)
-    for text in (*gone, *broken(breaks)):
+    for text in (*gone, *words.broken(breaks)):
         say_line(f"suspect data: {text}")
     suggest("fit", run, "-o", f"{run.stem}.json")
 

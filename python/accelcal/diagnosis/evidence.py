@@ -15,6 +15,7 @@ from scipy import special
 
 from accelcal._support.progress import within
 from accelcal.data import Recording
+from accelcal.diagnosis.clean_fit import CleanFit
 from accelcal.diagnosis.faults import (
     Fault,
     RelationColumns,
@@ -26,7 +27,7 @@ from accelcal.diagnosis.faults import (
 )
 from accelcal.diagnosis.findings import sizes_of
 from accelcal.diagnosis.independent_estimate import differences
-from accelcal.diagnosis.left_out import CleanFit, left_out_remarks, without_wrong_readings
+from accelcal.diagnosis.left_out import left_out_remarks, without_wrong_readings
 from accelcal.diagnosis.noise.noise_test import LINE, POSITION_WAVE, STEPS, VIBRATION, NoiseTest
 from accelcal.diagnosis.noise.run_all import run_noise_tests
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, NOISE_TEST_ALPHA, VIBRATION_LINE_SHARE

@@ -41,7 +41,7 @@ from accelcal.estimation.readings import spikes
 from accelcal.estimation.remarks import Remark, Value, remark
 from accelcal.estimation.run import PreparedRun, Source, prepared
 from accelcal.estimation.values import Noise, Values
-from accelcal.signals.series import LOCAL, local_spread
+from accelcal.signals.series import LOCAL, local_spread, running_median
 
 BANDS_PER_DECADE = 4
 """Bands between the slowest that the record resolves and a tenth of the encoder's rate."""
@@ -566,7 +566,7 @@ def impact(run: PreparedRun) -> float:
     t, u = run.accel.t, run.accel.y
     if len(u) < 4 * LOCAL:
         return math.inf
-    filtered = scipy.ndimage.median_filter(u, 2 * IMPACT_SAMPLES + 1, mode="nearest")
+    filtered = running_median(u, IMPACT_SAMPLES, "edge")
     excess = np.abs(u - filtered)
     pair = np.minimum(excess[1:], excess[:-1])
     hit = int(np.argmax(pair))

@@ -1,46 +1,33 @@
-"""Readings left out of an estimate: saturated, stuck, of a sleeping logger, and outliers found by its residual.
+"""Readings left out of an estimate before it is made: saturated, stuck, of a sleeping logger.
 
 A reading at the limit of the range, or one that repeats a value while the other channel moves, is no measurement with
 noise: it biases every estimate, so it becomes a gap, with the reach of the declared filters on both sides.
-
-An outlier counts with the weight of a good sample and raises the fitted noise of its channel for all others, so it is
-removed from the record and the fit is repeated. Two periods of the motion's bandwidth at either end are not tested:
-sharp features there are confounded with the end itself.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from accelcal._support.process import give_back_memory
 from accelcal._support.values import listing
 from accelcal.data import POSITION_ORDER, Array, Channel, Flags, Recording, require_usable, usual_step
 from accelcal.data.recording import LeftOut, WrongKind
-from accelcal.diagnosis.noise.noise_test import NoiseTest
-from accelcal.diagnosis.noise.run_all import run_noise_tests
 from accelcal.diagnosis.policy import (
     LEFT_OUT_BESIDE,
-    NOISE_TEST_ALPHA,
     RAIL_NOISE,
     RAIL_PILED,
     RAIL_SAMPLES,
     RAIL_TOLERANCE,
-    REJECTION_ROUNDS,
     STUCK_MOTION_SHARE,
     STUCK_SAMPLES,
     STUCK_VELOCITY_SHARE,
 )
-from accelcal.effects import BUILT_IN
 from accelcal.estimation.channel_filters import ChannelFilters
-from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of
-from accelcal.estimation.run_state import RunState
 from accelcal.signals.processing import FORGOTTEN, memory
 from accelcal.signals.series import interpolation_spread
 
@@ -239,125 +226,6 @@ def runs_of_true(flags: Flags, least: int) -> list[tuple[int, int]]:
     """First and last index of each run of true flags of at least this length."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= least]
-
-
-CHANNEL_OF = {e.name: e.traits.noise.rejects for e in BUILT_IN if e.traits.noise and e.traits.noise.rejects}
-"""Channel from which each noise test rejects samples."""
-
-
-@dataclass(frozen=True, slots=True)
-class RejectedReadings:
-    """Number of samples of one channel that were rejected as outliers."""
-
-    recording: str
-    channel: str
-    count: int
-    of: int
-    """Samples that the channel had."""
-
-    @property
-    def remark(self) -> Remark:
-        """For people."""
-        name = self.recording or "recording"
-        return remark("outliers_rejected", recording=name, count=self.count, of=self.of, channel=self.channel)
-
-    @property
-    def sentence(self) -> str:
-        """Its text."""
-        return self.remark.sentence
-
-
-@dataclass(frozen=True, slots=True)
-class CleanFit:
-    """Recordings without outliers, the fit to them, and the noise tests on it."""
-
-    runs: tuple[PreparedRun, ...]
-    solution: Solution
-    tests: tuple[NoiseTest, ...]
-    """On the cleaned runs; tests that found outliers as they were before these were removed."""
-
-    def rejected(self, original: Sequence[PreparedRun]) -> tuple[RejectedReadings, ...]:
-        """Samples that are missing compared with the original runs, by recording and channel."""
-        samples = []
-        for before, after in zip(original, self.runs, strict=True):
-            for name in CHANNEL_OF.values():
-                have, left = (len(getattr(run.recording, name)) for run in (before, after))
-                if left < have:
-                    samples.append(RejectedReadings(before.recording.name, name, have - left, have))
-        return tuple(samples)
-
-
-def clean_fit(
-    runs: Sequence[PreparedRun],
-    solve: Callable[[Sequence[PreparedRun]], Solution],
-    before: Sequence[NoiseTest] = (),
-    solved: Solution | None = None,
-    test: Callable[[RunState], tuple[NoiseTest, ...]] = run_noise_tests,
-) -> CleanFit:
-    """Fit, reject outliers and fit again until no more are found, at most three times.
-
-    Parameters
-    ----------
-    runs : what was measured.
-    solve : fits a model to runs.
-    before : tests that found outliers in these runs earlier; they are reported too.
-    solved : the fit to these runs, where it was made already; it is used up where there are outliers.
-    test : the noise tests; `run_outlier_tests` where the fit alone is asked for.
-
-    Raises
-    ------
-    NotIdentifiable, RecordingError
-        From the fit.
-    """
-    runs, found_earlier = list(runs), {test.effect: test for test in before}
-    solution = solved or solve(runs)
-    for rounds_left in reversed(range(REJECTION_ROUNDS + 1)):
-        tests_of_runs = [test(state) for state in given_back(solution.states)]
-        given_back(solution.states)
-        tests = [test for of_run in tests_of_runs for test in of_run]
-        outlier_tests = [outliers_found(of_run) for of_run in tests_of_runs]
-        if not rounds_left or not any(outlier_tests):
-            break
-        for number, tests_of_run in enumerate(outlier_tests):
-            for outlier_test in tests_of_run:
-                found_earlier.setdefault(outlier_test.effect, outlier_test)
-                runs[number] = without_outliers(runs[number], outlier_test)
-        solution.states.clear()  # one set of filters at a time
-        solution = solve(runs)
-    new = [test for test in tests if test.effect not in found_earlier]
-    return CleanFit(tuple(runs), solution, (*new, *found_earlier.values()))
-
-
-LONG = 1_000_000
-"""Samples of the output from which on freed arrays are worth giving back: they are used again sooner than that."""
-
-
-def given_back(states: list[RunState]) -> list[RunState]:
-    """The states, the memory that long runs were solved and tested in given back."""
-    if sum(len(state.run.accel) for state in states) > LONG:
-        give_back_memory()
-    return states
-
-
-def outliers_found(tests: Sequence[NoiseTest]) -> list[NoiseTest]:
-    """Tests that found outliers and know their instants."""
-    return [test for test in tests if test.effect in CHANNEL_OF and test.p_value < NOISE_TEST_ALPHA and test.at]
-
-
-def without_outliers(run: PreparedRun, test: NoiseTest) -> PreparedRun:
-    """The run without the samples that a test rejects."""
-    recording, name = run.recording, CHANNEL_OF[test.effect]
-    channel = recording.accel if name == "accel" else recording.position
-    good = np.ones(len(channel), dtype=np.bool_)
-    good[nearest(channel.t, np.asarray(test.at))] = False
-    cleaned = Channel(channel.name, channel.t[good], channel.y[good], channel.unit)
-    return run.anew(replace(recording, accel=cleaned) if name == "accel" else replace(recording, position=cleaned))
-
-
-def nearest(t: Array, at: Array) -> NDArray[np.intp]:
-    """Index of the time stamp nearest to each instant, (m,)."""
-    right = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
-    return np.asarray(np.where(at - t[right - 1] < t[right] - at, right - 1, right))
 
 
 __dir__ = listing(globals())

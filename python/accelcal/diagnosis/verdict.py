@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 from accelcal._support.result import Result
 from accelcal._support.values import face, immutable
 from accelcal.diagnosis.checks import CHECKS, FOLLOW_TIME, beside_tilt
+from accelcal.diagnosis.clean_fit import RejectedReadings
 from accelcal.diagnosis.evidence import DELAY_CLASS, DELAY_EXPERIMENT, Evidence, noise_ratio
 from accelcal.diagnosis.findings import (
     NOTHING_MISSING,
@@ -22,7 +23,6 @@ from accelcal.diagnosis.findings import (
     split,
     with_findings,
 )
-from accelcal.diagnosis.left_out import RejectedReadings
 from accelcal.diagnosis.noise.noise_test import WHITENESS, NoiseTest
 from accelcal.diagnosis.noise.spectra import harmonic_effects
 from accelcal.diagnosis.policy import (

@@ -11,7 +11,7 @@ from accelcal.data import MICRO_G, instant
 from accelcal.diagnosis.select.improvement import Improvement
 from accelcal.results.diagnoses import VERDICTS
 from accelcal.results.table import Column, Row, Table, as_sentence, require, table
-from accelcal.results.words import decimal, length, number, percent, prefixed, probability, typeset, with_unit
+from accelcal.results.words import broken, decimal, length, number, percent, prefixed, probability, typeset, with_unit
 from accelcal.validation.comparison import ONLY_WHITE, SOURCES, Evaluation, NoiseFloor, Outside, Region, SensorNoise
 from accelcal.validation.differences import Comparison, HeldOutChange, headline_horizon, quoted_error, verdict_of
 from accelcal.validation.noise_floor import Ruler
@@ -175,14 +175,6 @@ def source_of_noise(sensor: SensorNoise) -> str:
 def density(value: float) -> str:
     """A noise density in the unit of data sheets."""
     return f"{number(value / MICRO_G, 3)} µg/√Hz"
-
-
-def broken(breaks: Sequence[float]) -> list[str]:
-    """A sentence for each instant from which no relation of the channels holds, s."""
-    return [
-        f"from t = {instant(at)} s on no relation of output and position holds; only the part before is used"
-        for at in breaks
-    ]
 
 
 def outside_notes(evaluation: Evaluation) -> list[str]:

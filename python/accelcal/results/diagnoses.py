@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 from accelcal._support.values import listing
 from accelcal.data import STANDARD_GRAVITY
 from accelcal.diagnosis.dwells import DwellDiagnosis
-from accelcal.diagnosis.experiment.design import Plan
-from accelcal.diagnosis.experiment.detectability import Detectability, Power
 from accelcal.diagnosis.findings import Size
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import CATALOGUE, find, spelled
 from accelcal.results.table import Column, Row, Table, as_sentence, require, table
-from accelcal.results.words import about, amount, length, number, plain, probability, typeset, with_plain, with_unit
+from accelcal.results.words import about, amount, length, number, plain, probability, typeset, with_plain
 
 VERDICTS = {
     "adequate": "no effect is missing",
@@ -190,76 +187,6 @@ def _(result: DwellDiagnosis, which: str = "") -> Table:
         notes=tuple(as_sentence(note.sentence) for note in result.remarks),
         about={"verdict": result.verdict, "sentence": result.sentence},
     )
-
-
-@table.register
-def _(result: Power, which: str = "") -> Table:
-    require(which, "coefficients")
-    visible = [limit for limit in result.detectabilities if limit.seen]
-    return Table(
-        title=f"Detection limits of {result.name or 'a recording'}",
-        sentence=f"{len(visible)} of {len(result.detectabilities)} effects would be detected at some size "
-        f"({result.examined} candidates, false alarms {100.0 * result.alpha:.2g} % per record).",
-        columns=DETECTABLE_COLUMNS,
-        rows=detectable_rows(result.detectabilities, in_full=which == "coefficients"),
-        notes=tuple(f"Confounded: {', '.join(tie.members)}. {tie.experiment}" for tie in result.ties),
-        about={"name": result.name},
-    )
-
-
-@table.register
-def _(result: Plan, which: str = "") -> Table:
-    require(which)
-    return Table(
-        title="Detection limits of the planned motion",
-        sentence="",
-        columns=DETECTABLE_COLUMNS,
-        rows=detectable_rows(result.detectabilities),
-        notes=tuple(
-            f"{limit.effect} is confounded with {', '.join(limit.members[1:])}."
-            for limit in result.detectabilities
-            if limit.members[1:]
-        ),
-    )
-
-
-def detectable_rows(limits: Sequence[Detectability], *, in_full: bool = False) -> tuple[Row, ...]:
-    """Smallest detectable sizes: of the best coefficient of each effect, or of every one."""
-    return tuple(
-        {
-            "effect": limit.effect,
-            "part": part,
-            "smallest": size,
-            "unit": units[part] if len(units) > 1 else units[0],
-            "largest": limit.largest,
-            "largest_unit": limit.largest_unit,
-            "confounded_with": ", ".join(limit.members[1:]),
-        }
-        for limit in limits
-        for units in [limit.unit.split(", ")]
-        for part, size in enumerate(limit.smallest)
-        if in_full or part == limit.smallest.index(min(limit.smallest))
-    )
-
-
-def smallest_text(row: Row) -> str:
-    """Smallest detectable size with its unit."""
-    if not math.isfinite(row["smallest"]):
-        return "not detectable"
-    return with_unit(number(row["smallest"], 3), row["unit"])
-
-
-def largest_text(row: Row) -> str:
-    """Largest contribution at the smallest detectable size."""
-    return with_unit(number(row["largest"], 2), row["largest_unit"]) if math.isfinite(row["smallest"]) else ""
-
-
-DETECTABLE_COLUMNS = (
-    Column("effect", "effect"),
-    Column("smallest", "smallest size (95 % probability)", smallest_text),
-    Column("largest", "largest contribution at that size", largest_text),
-    *(Column(key) for key in ("part", "unit", "largest_unit", "confounded_with")),
-)
 
 
 __dir__ = listing(globals())

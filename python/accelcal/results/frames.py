@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from accelcal._support.errors import MissingExtra
+from accelcal._support.result import Result
 from accelcal._support.values import listing
 from accelcal.data import Dwells, Recording
 from accelcal.diagnosis.experiment.detectability import Power
@@ -22,7 +23,6 @@ from accelcal.filters.record import FilterRun
 from accelcal.io.write import common_rows, common_stamps
 from accelcal.model import Estimate
 from accelcal.results.table import as_frame, pandas_module
-from accelcal.results.tables import table
 from accelcal.simulation.sensor import Simulated
 from accelcal.validation.comparison import Coast, Evaluation
 from accelcal.validation.differences import Comparison
@@ -36,7 +36,7 @@ IN_FULL = (Fit, Diagnosis, Power)
 """Results whose data frame has every coefficient of every effect."""
 
 
-def frame(result: object, which: str = "") -> DataFrame:
+def frame(result: Result, which: str = "") -> DataFrame:
     """DataFrame of a result: its time series where it is one, else its table.
 
     Raises
@@ -55,7 +55,7 @@ def frame(result: object, which: str = "") -> DataFrame:
             **({"name": name} if name else {}),
         }
         return data
-    return as_frame(table(result, which or ("coefficients" if isinstance(result, IN_FULL) else "")))
+    return as_frame(result.table(which or ("coefficients" if isinstance(result, IN_FULL) else "")))
 
 
 @singledispatch

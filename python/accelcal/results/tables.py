@@ -21,7 +21,6 @@ from accelcal.model import Estimate, Model
 from accelcal.results.comparisons import length_column
 from accelcal.results.table import Column, Row, Table, as_sentence, require, table
 from accelcal.results.words import amount, at_full_scale, decimal, grouped, interval, label, number, plain, with_unit
-from accelcal.simulation.sensor import Simulated
 from accelcal.validation.comparison import Coast
 
 MOST_COLUMNS = 4
@@ -403,17 +402,6 @@ def _(coast: Coast, which: str = "") -> Table:
         rows=tuple(
             {key: float(getattr(coast, key)[i]) for key in ("t", "frozen", "rezeroed", "floor")} for i in instants
         ),
-    )
-
-
-@table.register
-def _(simulated: Simulated, which: str = "") -> Table:
-    require(which)
-    return Table(
-        title=simulated.recording.name,
-        sentence=as_sentence(f"{simulated.truth!r}"),
-        columns=(Column("parameter", "parameter"), Column("value", "true value", lambda r: number(r["value"]))),
-        rows=tuple({"parameter": name, "value": value} for name, value in simulated.truth.parameters.items()),
     )
 
 

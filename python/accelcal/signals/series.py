@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-import scipy
 
 from accelcal.data import Array, Flags
 
@@ -119,7 +119,15 @@ def bridged(y: Array, hidden: Flags) -> Array:
 
 def widened(marked: Flags, reach: int) -> Flags:
     """Samples that are marked, or at most `reach` from one that is, (n,)."""
-    return np.asarray(scipy.ndimage.binary_dilation(marked, iterations=reach)) if marked.any() else marked
+    total = np.cumsum(np.pad(marked, (reach + 1, reach)))
+    return np.asarray(total[2 * reach + 1 :] > total[: len(marked)])
+
+
+def running_median(y: Array, reach: int, ends: Literal["edge", "symmetric"]) -> Array:
+    """Median of each sample and of `reach` on either side, (n,); beyond an end its value is held, or all mirrored."""
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(y, reach, mode=ends), 2 * reach + 1)
+    parts = (windows[begin : begin + TOGETHER] for begin in range(0, len(y), TOGETHER))
+    return np.concatenate([np.partition(part, reach, axis=1)[:, reach] for part in parts])
 
 
 MOST_FILLED = 16

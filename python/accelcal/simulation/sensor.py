@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 import scipy
@@ -173,6 +174,8 @@ class Truth:
 @dataclass(frozen=True, slots=True)
 class Simulated(Result):
     """A record and its truth."""
+
+    tables_in: ClassVar[str] = "results.experiments"
 
     recording: Recording
     truth: Truth

@@ -209,6 +209,8 @@ LEAST_LIMIT = 1e-6
 class Plan(Result):
     """A motion that separates named effects, and its detection limits."""
 
+    tables_in: ClassVar[str] = "results.experiments"
+
     derived: ClassVar[tuple[str, ...]] = ("seconds", "separated")
 
     motion: Annotated[Motion, NotStored("accelcal.plan with the same arguments makes it again")]

@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import product
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -295,6 +295,8 @@ class Group:
 @dataclass(frozen=True, slots=True)
 class Power(Result):
     """What a record, or a planned motion, can detect."""
+
+    tables_in: ClassVar[str] = "results.experiments"
 
     detectabilities: tuple[Detectability, ...]
     """In the order of the catalogue."""

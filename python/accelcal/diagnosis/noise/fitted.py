@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from accelcal._support.errors import AccelcalError
 from accelcal.data import Recording
-from accelcal.diagnosis.left_out import outliers_found, without_outliers
+from accelcal.diagnosis.clean_fit import outliers_found, without_outliers
 from accelcal.diagnosis.noise.counts import rounded_noise, score_of_rounding
 from accelcal.diagnosis.noise.growing import BlockPowers, growing_noise, score_of_growth
 from accelcal.diagnosis.noise.outliers import (

@@ -60,7 +60,8 @@ def motion_noise_level(residuals: Residuals, interpolation: InterpolationError) 
     np.maximum(behind, 0.1 * float(np.median(power)) + 1e-300, out=behind)
     response = interpolation.response[: REACH + 1] ** 2
     spread = np.concatenate([response[:0:-1], response])
-    behind = scipy.ndimage.convolve1d(behind, spread / spread.sum())  # each error holds noise of its neighbours
+    behind = np.pad(behind, len(spread) // 2, mode="symmetric")
+    behind = np.convolve(behind, spread / spread.sum(), "valid")  # each error holds noise of its neighbours
     return np.asarray(np.sqrt(behind, out=behind))
 
 

@@ -21,6 +21,7 @@ from accelcal.estimation.run_state import RunState
 from accelcal.estimation.shape_parameters import linearised
 from accelcal.model import Model, Term, terms_of
 from accelcal.signals.processing import correlated, recursive_filter
+from accelcal.signals.series import running_median
 
 MOST_JUMPS = 8
 """Instants at which a jump of the encoder is tried."""
@@ -116,7 +117,7 @@ def waves(state: RunState) -> list[InitialShape]:
     if stroke * LONGEST_SEARCHED < 2.0 * shortest:
         return shapes
     kappa, power = folded_spectrum(state, s.p, 1.0 / (LONGEST_SEARCHED * stroke), 1.0 / shortest)
-    score = power / np.maximum(scipy.ndimage.median_filter(power, LOCAL_LINES, mode="reflect"), 1e-300)
+    score = power / np.maximum(running_median(power, LOCAL_LINES // 2, "symmetric"), 1e-300)
     comparisons = max(1, int(stroke / shortest))
     for _ in range(min(MOST_WAVES, len(score) // 4)):
         k = int(np.argmax(score))

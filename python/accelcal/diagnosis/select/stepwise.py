@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
+from accelcal.diagnosis.clean_fit import CHANNEL_OF, CleanFit, clean_fit
 from accelcal.diagnosis.evidence import DELAY_CLASS, DELAY_EXPERIMENT, Evidence, TimeSpan, delay_is_significant
 from accelcal.diagnosis.findings import Confounded, explained_gain, with_findings
-from accelcal.diagnosis.left_out import CHANNEL_OF, CleanFit, clean_fit
 from accelcal.diagnosis.policy import (
     NAMED_ALTERNATIVES,
     SEARCH_MODELS,
