@@ -109,11 +109,12 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         let (q0, qm) = (q * (start.slope * start.slope), q * (middle.slope * middle.slope));
         let c1 = self.c1.plus(half, self.c2);
         let c2 = self.c2.plus(half, start.h);
-        let pvv = half.times_plus(c(2.0).times_plus(start.g.dot(self.c2), q0), self.pvv);
-        let ppv = half.times_plus(self.pvv + start.g.dot(self.c1), self.ppv);
-        self.ppp = c(2.0 * dt).times_plus(ppv, self.ppp);
-        self.ppv = h.times_plus(pvv + middle.g.dot(c1), self.ppv);
-        self.pvv = h.times_plus(c(2.0).times_plus(middle.g.dot(c2), qm), self.pvv);
+        // What a reading before this step reaches last, `c2` and `pvv`, enters last: the next reading waits for it.
+        let pushed = half.times_plus(q0, self.pvv) + middle.g.dot(c1);
+        let ppp = c(2.0 * dt).times_plus(self.ppv, self.ppp);
+        self.ppp = c(dt * dt).times_plus(self.pvv + start.g.dot(self.c1), ppp);
+        self.ppv = h.times_plus(h.times_plus(start.g.dot(self.c2), pushed), self.ppv);
+        self.pvv = c(2.0 * dt).times_plus(middle.g.dot(c2), h.times_plus(qm, self.pvv));
         self.c1 = self.c1.plus(h, c2);
         self.c2 = self.c2.plus(h, middle.h);
         self.p = h.times_plus(half.times_plus(start.a, self.v), self.p);
@@ -192,12 +193,12 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         self.p = self.ppp.times_plus(ei, self.p);
         self.v = self.ppv.times_plus(ei, self.v);
         self.theta = self.theta.plus(ei, self.c1);
-        let gain = self.c1.scaled(-i);
+        let gain = self.c1.scaled(i);
         for (j, row) in self.P_theta.iter_mut().enumerate() {
-            *row = row.plus(self.c1.at(j), gain);
+            *row = row.plus(-self.c1.at(j), gain);
         }
-        self.c2 = self.c2.plus(self.ppv, gain);
-        self.pvv = (-(self.ppv * i)).times_plus(self.ppv, self.pvv);
+        self.c2 = self.c2.plus(-self.ppv, gain);
+        self.pvv = (self.ppv * i).times_plus(-self.ppv, self.pvv);
         self.c1 = self.c1.scaled(f);
         self.ppv = self.ppv * f;
         self.ppp = self.ppp * f;
