@@ -44,18 +44,18 @@ pub struct MaskedInnovation<T> {
 }
 
 impl<T: Number> MaskedInnovation<T> {
-    /// `1 / S`, or zero where the reading is missing.
+    /// `-1 / S`, or zero where the reading is missing: what waits for `S` then waits for no change of sign.
     #[inline(always)]
-    pub(crate) fn inverse(&self) -> T {
-        self.present.unwrap_or(self.s.like(1.0)) / self.s
+    pub(crate) fn minus_inverse(&self) -> T {
+        -self.present.unwrap_or(self.s.like(1.0)) / self.s
     }
 
-    /// The factor of the row of `p`: `R / S`, or one where the reading is missing; `i` is [`Self::inverse`].
+    /// The factor of the row of `p`: `R / S`, or one where the reading is missing; `minus` is [`Self::minus_inverse`].
     #[inline(always)]
-    pub(crate) fn left(&self, R: T, i: T) -> T {
+    pub(crate) fn left(&self, R: T, minus: T) -> T {
         match self.present {
-            None => R * i,
-            Some(present) => R.times_plus(i, R.like(1.0) - present),
+            None => -R * minus,
+            Some(present) => (-R).times_plus(minus, R.like(1.0) - present),
         }
     }
 }
@@ -188,17 +188,17 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
             self.correct_with(&CrossCovariance { dp, dv, column: self.c1.plus(tau, self.c2) }, innovation);
             return;
         }
-        let i = innovation.inverse();
-        let (ei, f) = (innovation.e * i, innovation.left(R, i));
+        let minus = innovation.minus_inverse();
+        let (ei, f) = (-innovation.e * minus, innovation.left(R, minus));
         self.p = self.ppp.times_plus(ei, self.p);
         self.v = self.ppv.times_plus(ei, self.v);
         self.theta = self.theta.plus(ei, self.c1);
-        let gain = self.c1.scaled(i);
+        let gain = self.c1.scaled(minus);
         for (j, row) in self.P_theta.iter_mut().enumerate() {
-            *row = row.plus(-self.c1.at(j), gain);
+            *row = row.plus(self.c1.at(j), gain);
         }
-        self.c2 = self.c2.plus(-self.ppv, gain);
-        self.pvv = (self.ppv * i).times_plus(-self.ppv, self.pvv);
+        self.c2 = self.c2.plus(self.ppv, gain);
+        self.pvv = (self.ppv * minus).times_plus(self.ppv, self.pvv);
         self.c1 = self.c1.scaled(f);
         self.ppv = self.ppv * f;
         self.ppp = self.ppp * f;
@@ -235,15 +235,15 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
     #[inline(always)]
     pub fn correct_with(&mut self, cross: &CrossCovariance<V>, innovation: &MaskedInnovation<V::Number>) {
         let &CrossCovariance { dp, dv, column } = cross;
-        let i = innovation.inverse();
-        let ei = innovation.e * i;
+        let minus = innovation.minus_inverse();
+        let ei = -innovation.e * minus;
         self.p = dp.times_plus(ei, self.p);
         self.v = dv.times_plus(ei, self.v);
         self.theta = self.theta.plus(ei, column);
-        let gain = column.scaled(-i);
-        self.ppp = (-(dp * i)).times_plus(dp, self.ppp);
-        self.ppv = (-(dp * i)).times_plus(dv, self.ppv);
-        self.pvv = (-(dv * i)).times_plus(dv, self.pvv);
+        let gain = column.scaled(minus);
+        self.ppp = (dp * minus).times_plus(dp, self.ppp);
+        self.ppv = (dp * minus).times_plus(dv, self.ppv);
+        self.pvv = (dv * minus).times_plus(dv, self.pvv);
         self.c1 = self.c1.plus(dp, gain);
         self.c2 = self.c2.plus(dv, gain);
         for (j, row) in self.P_theta.iter_mut().enumerate() {
