@@ -7,7 +7,7 @@ use crate::dense::belief::{check_covariance, check_mean};
 use crate::error::StepError;
 use crate::structured::acceleration::AccelerationPartials;
 use crate::structured::number::Number;
-use crate::structured::row::{Row, product};
+use crate::structured::row::{Row, add_outer, product};
 
 /// Mean and covariance of ACI with `M` parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -193,12 +193,10 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         self.p = self.ppp.times_plus(ei, self.p);
         self.v = self.ppv.times_plus(ei, self.v);
         self.theta = self.theta.plus(ei, self.c1);
-        let gain = self.c1.scaled(minus);
-        for (j, row) in self.P_theta.iter_mut().enumerate() {
-            *row = row.plus(self.c1.at(j), gain);
-        }
-        self.c2 = self.c2.plus(self.ppv, gain);
-        self.pvv = (self.ppv * minus).times_plus(self.ppv, self.pvv);
+        add_outer(&mut self.P_theta, &self.c1, minus);
+        let minus_v = self.ppv * minus;
+        self.c2 = self.c2.plus(minus_v, self.c1);
+        self.pvv = minus_v.times_plus(self.ppv, self.pvv);
         self.c1 = self.c1.scaled(f);
         self.ppv = self.ppv * f;
         self.ppp = self.ppp * f;
@@ -240,15 +238,13 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         self.p = dp.times_plus(ei, self.p);
         self.v = dv.times_plus(ei, self.v);
         self.theta = self.theta.plus(ei, column);
-        let gain = column.scaled(minus);
-        self.ppp = (dp * minus).times_plus(dp, self.ppp);
-        self.ppv = (dp * minus).times_plus(dv, self.ppv);
-        self.pvv = (dv * minus).times_plus(dv, self.pvv);
-        self.c1 = self.c1.plus(dp, gain);
-        self.c2 = self.c2.plus(dv, gain);
-        for (j, row) in self.P_theta.iter_mut().enumerate() {
-            *row = row.plus(column.at(j), gain);
-        }
+        let (minus_p, minus_v) = (dp * minus, dv * minus);
+        self.ppp = minus_p.times_plus(dp, self.ppp);
+        self.ppv = minus_p.times_plus(dv, self.ppv);
+        self.pvv = minus_v.times_plus(dv, self.pvv);
+        self.c1 = self.c1.plus(minus_p, column);
+        self.c2 = self.c2.plus(minus_v, column);
+        add_outer(&mut self.P_theta, &column, minus);
     }
 
     /// `P H'` of `p + tau v` in the rows of `p` and `v`.

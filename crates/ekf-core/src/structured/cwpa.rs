@@ -13,7 +13,7 @@ use crate::structured::aci::MaskedInnovation;
 use crate::structured::gauss_markov::GaussMarkovSet;
 use crate::structured::measurement::{OutputModel, PredictedOutput};
 use crate::structured::number::Number;
-use crate::structured::row::{Row, moved_rows, product};
+use crate::structured::row::{Row, add_outer, moved_rows, product};
 
 /// Mean and covariance of CWPA with `M` parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -224,12 +224,11 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
     pub fn correct_output(&mut self, output: &OutputInnovation<V>) {
         let minus = output.innovation.minus_inverse();
         let [kp, kv, ka] = output.motion;
-        let gain = output.theta.scaled(minus);
         let minus_p = kp * minus;
         self.ppp = minus_p.times_plus(kp, self.ppp);
         self.ppv = minus_p.times_plus(kv, self.ppv);
         self.ppa = minus_p.times_plus(ka, self.ppa);
-        self.cp = self.cp.plus(kp, gain);
+        self.cp = self.cp.plus(minus_p, output.theta);
         self.correct(minus, output.innovation.e, output.motion, output.theta);
     }
 
@@ -241,16 +240,13 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
         self.v = kv.times_plus(ei, self.v);
         self.a = ka.times_plus(ei, self.a);
         self.theta = self.theta.plus(ei, theta);
-        let gain = theta.scaled(minus);
         let (minus_v, minus_a) = (kv * minus, ka * minus);
         self.pvv = minus_v.times_plus(kv, self.pvv);
         self.pva = minus_v.times_plus(ka, self.pva);
         self.paa = minus_a.times_plus(ka, self.paa);
-        self.cv = self.cv.plus(kv, gain);
-        self.ca = self.ca.plus(ka, gain);
-        for (j, row) in self.P_theta.iter_mut().enumerate() {
-            *row = row.plus(theta.at(j), gain);
-        }
+        self.cv = self.cv.plus(minus_v, theta);
+        self.ca = self.ca.plus(minus_a, theta);
+        add_outer(&mut self.P_theta, &theta, minus);
     }
 }
 
