@@ -4,6 +4,7 @@
 //! order. The noise acts on the acceleration, not on the output: `q` alone, whatever the slope.
 #![allow(dead_code, non_snake_case, missing_docs, clippy::inline_always)] // shared by benches and examples
 
+use std::hint::black_box;
 use std::marker::PhantomData;
 
 use ekf_core::dense::system::{Drive, Rates, System, Transition};
@@ -31,7 +32,7 @@ use ekf_simd::record::settings::Settings;
 use ekf_simd::{Batch, Final, InstructionSet, Prior, run_aci};
 use nalgebra::{SMatrix, SVector};
 use pulp::NullaryFnOnce;
-use pulp::x86::V3;
+use pulp::x86::{V3, V4};
 
 pub const DT: f64 = 1.0 / 1667.0;
 pub const QV: f64 = 1e-4 * DT;
@@ -169,6 +170,7 @@ fn go<K: Kernel<V, M>, V: Row<Number: Logarithm>, const M: usize>(
     );
     let record = Rows { output: &data.u, position: &data.z, witness };
     let went = kernel.process(&mut runner, &settings, &record, (0, data.u.len() - 1));
+    let runner = black_box(runner); // what follows shall not decide which numbers of the loop lie in registers
     assert!(went.is_ok() && value(runner.lowest) >= 0.0);
     (0..K::Block::MOTION + M)
         .map(|i| value(runner.block.x(i)))
@@ -191,6 +193,15 @@ where
     }
 }
 
+/// Compiled as a run of the product: for AVX-512VL where the processor has it.
+#[inline(always)]
+fn widest<F: NullaryFnOnce>(simd: V3, run: F) -> F::Output {
+    match V4::try_new() {
+        Some(wide) => wide.vectorize(run),
+        None => simd.vectorize(run),
+    }
+}
+
 fn fused<K, V, const M: usize>(kernel: K, integrator: Integrator, order: Order, data: &Data, counted: bool) -> Vec<f64>
 where
     K: Kernel<V, M>,
@@ -198,9 +209,9 @@ where
 {
     let simd = V3::try_new().expect("AVX2 and FMA");
     if counted {
-        return simd.vectorize(Run::<K, V, M, true> { kernel, integrator, order, data, simd, row: PhantomData });
+        return widest(simd, Run::<K, V, M, true> { kernel, integrator, order, data, simd, row: PhantomData });
     }
-    simd.vectorize(Run::<K, V, M, false> { kernel, integrator, order, data, simd, row: PhantomData })
+    widest(simd, Run::<K, V, M, false> { kernel, integrator, order, data, simd, row: PhantomData })
 }
 
 /// `W1`..`W4` structured, with the processor's own instructions.
