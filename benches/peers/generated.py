@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 
 import sympy
 from sympy import Expr, Matrix, Symbol
@@ -37,8 +36,8 @@ def program() -> str:
     source = native.TARGET / "generated.cpp"
     source.parent.mkdir(parents=True, exist_ok=True)
     source.write_text('#include "record.hpp"\n' + "\n".join([*works, main]), encoding="utf-8")
-    has_avx512vl = re.search(r"\bavx512vl\b", Path("/proc/cpuinfo").read_text(encoding="utf-8"))
-    return native.cpp("generated", source, "x86-64-v4" if has_avx512vl else "x86-64-v3", "-I", str(native.HERE))
+    march = "x86-64-v4" if native.has_avx512vl() else "x86-64-v3"
+    return native.cpp("generated", source, march, "-I", str(native.HERE))
 
 
 def function(workload: Workload) -> str:

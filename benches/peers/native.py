@@ -1,7 +1,7 @@
 """Compiled programs: our fused kernels, their dense nalgebra twin, adskalman; Eigen and generated code in C++.
 
 The Rust crate `benches/peers/rust` and `benches/peers/eigen/main.cpp` are built into target/peers for x86-64-v3, which
-suits the dense peers better than AVX-512 does; our kernels choose their instructions when a run starts.
+suits the dense peers better than AVX-512 does; our kernels have the instructions that the product chooses.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ def _rust_program() -> str:
     if shutil.which("cargo") is None:
         raise Missing("no cargo")
     command = ["cargo", "build", "--release", "--quiet", "--locked", "--target-dir", str(TARGET)]
-    _build([*command, "--manifest-path", str(HERE / "rust/Cargo.toml")], RUSTFLAGS="-C target-cpu=x86-64-v3")
+    wide = {"WORKLOADS_FOR_AVX512VL": "1"} if has_avx512vl() else {}
+    _build([*command, "--manifest-path", str(HERE / "rust/Cargo.toml")], RUSTFLAGS="-C target-cpu=x86-64-v3", **wide)
     return str(TARGET / "release/peers")
 
 
@@ -70,6 +71,11 @@ def _rust_program() -> str:
 def _eigen_program() -> str:
     eigen_version()
     return cpp("eigen", HERE / "eigen/main.cpp", "x86-64-v3", "-isystem", str(EIGEN))
+
+
+def has_avx512vl() -> bool:
+    """Whether the processor has AVX-512 on short vectors, with 32 registers."""
+    return re.search(r"\bavx512vl\b", Path("/proc/cpuinfo").read_text(encoding="utf-8")) is not None
 
 
 def cpp(name: str, source: Path, march: str, *flags: str) -> str:

@@ -4,7 +4,6 @@
 //! order. The noise acts on the acceleration, not on the output: `q` alone, whatever the slope.
 #![allow(dead_code, non_snake_case, missing_docs, clippy::inline_always)] // shared by benches and examples
 
-use std::hint::black_box;
 use std::marker::PhantomData;
 
 use ekf_core::dense::system::{Drive, Rates, System, Transition};
@@ -170,7 +169,6 @@ fn go<K: Kernel<V, M>, V: Row<Number: Logarithm>, const M: usize>(
     );
     let record = Rows { output: &data.u, position: &data.z, witness };
     let went = kernel.process(&mut runner, &settings, &record, (0, data.u.len() - 1));
-    let runner = black_box(runner); // what follows shall not decide which numbers of the loop lie in registers
     assert!(went.is_ok() && value(runner.lowest) >= 0.0);
     (0..K::Block::MOTION + M)
         .map(|i| value(runner.block.x(i)))
@@ -193,13 +191,12 @@ where
     }
 }
 
-/// Compiled as a run of the product: for AVX-512VL where the processor has it.
-#[inline(always)]
-fn widest<F: NullaryFnOnce>(simd: V3, run: F) -> F::Output {
-    match V4::try_new() {
-        Some(wide) => wide.vectorize(run),
-        None => simd.vectorize(run),
-    }
+/// Whether single runs are measured as the product has them on AVX-512VL. One version to a program: a second one moves
+/// what the first keeps in registers.
+const WIDE: bool = option_env!("WORKLOADS_FOR_AVX512VL").is_some();
+
+fn vectorized<F: NullaryFnOnce>(simd: V3, run: F) -> F::Output {
+    if WIDE { V4::try_new().expect("AVX-512VL").vectorize(run) } else { simd.vectorize(run) }
 }
 
 fn fused<K, V, const M: usize>(kernel: K, integrator: Integrator, order: Order, data: &Data, counted: bool) -> Vec<f64>
@@ -209,9 +206,9 @@ where
 {
     let simd = V3::try_new().expect("AVX2 and FMA");
     if counted {
-        return widest(simd, Run::<K, V, M, true> { kernel, integrator, order, data, simd, row: PhantomData });
+        return vectorized(simd, Run::<K, V, M, true> { kernel, integrator, order, data, simd, row: PhantomData });
     }
-    widest(simd, Run::<K, V, M, false> { kernel, integrator, order, data, simd, row: PhantomData })
+    vectorized(simd, Run::<K, V, M, false> { kernel, integrator, order, data, simd, row: PhantomData })
 }
 
 /// `W1`..`W4` structured, with the processor's own instructions.
