@@ -14,7 +14,7 @@ import sympy
 from sympy import Expr, Matrix, Symbol
 
 from benches.peers import native
-from benches.peers.workload import DT, JERK, MOTION, R_OUTPUT, R_POSITION, WORKLOADS, Data, Ended, Q, Workload
+from benches.peers.workload import DT, JERK, R_OUTPUT, R_POSITION, WORKLOADS, Data, Ended, Q, Workload
 
 NAME = f"SymPy {sympy.__version__}, generated C++"
 STEPS = {"W1": 20_000, "W2": 20_000, "W3": 20_000, "W4": 20_000}
@@ -73,7 +73,8 @@ def aci(workload: Workload, x: Matrix, P: Matrix) -> str:
         return assigned(x, P, *moved(dt, *second))
     third = rates(*moved(dt / 2, *second), um)
     fourth = rates(*moved(dt, *third), u)
-    return assigned(x, P, *moved(dt / 6, *(a + 2 * b + 2 * c + d for a, b, c, d in zip(first, second, third, fourth))))
+    four = zip(first, second, third, fourth, strict=True)
+    return assigned(x, P, *moved(dt / 6, *(a + 2 * b + 2 * c + d for a, b, c, d in four)))
 
 
 def rates(x: Matrix, P: Matrix, u: Expr) -> tuple[Matrix, Matrix]:
@@ -118,12 +119,13 @@ def update(x: Matrix, P: Matrix, H: Matrix, e: Expr, R: Expr) -> str:
     PHt = P * H.T
     inverse = Symbol("inverse")
     variance = lines([(S, (H * PHt)[0] + R)])
-    return f"{{double S;{variance}const double inverse = 1.0 / S;{assigned(x, P, x + PHt * (inverse * e), P - PHt * PHt.T * inverse)}}}\n"
+    corrected = assigned(x, P, x + PHt * (inverse * e), P - PHt * PHt.T * inverse)
+    return f"{{double S;\n{variance}const double inverse = 1.0 / S;\n{corrected}}}\n"
 
 
 def assigned(x: Matrix, P: Matrix, new_x: Matrix, new_P: Matrix) -> str:
     """Assignments of what changes, P by its upper triangle."""
-    pairs = list(zip(x, new_x)) + [(P[i, j], new_P[i, j]) for i in range(len(x)) for j in range(i, len(x))]
+    pairs = list(zip(x, new_x, strict=True)) + [(P[i, j], new_P[i, j]) for i in range(len(x)) for j in range(i, len(x))]
     return lines([(name, value) for name, value in pairs if name != value])
 
 
@@ -131,7 +133,7 @@ def lines(pairs: Assignments) -> str:
     """C++ of assignments that all read what was there before, common subexpressions first."""
     shared, values = sympy.cse([value for _, value in pairs], symbols=sympy.numbered_symbols("t"))
     text = [f"const double {name} = {c(value)};" for name, value in shared]
-    text += [f"const double new_{name} = {c(value)};" for (name, _), value in zip(pairs, values)]
+    text += [f"const double new_{name} = {c(value)};" for (name, _), value in zip(pairs, values, strict=True)]
     text += [f"{name} = new_{name};" for name, _ in pairs]
     return "{" + "\n".join(text) + "}\n"
 
