@@ -217,7 +217,7 @@ pub fn structured(workload: u32, data: &Data, counted: bool) -> Vec<f64> {
     match workload {
         1 => {
             let kernel = AciWith { effect: AtAcceleration(InverseLinear) };
-            fused::<_, Row2, 2>(kernel, Integrator::Rk2, first, data, counted)
+            fused::<_, Plain<Fused<V3>, 2>, 2>(kernel, Integrator::Rk2, first, data, counted)
         }
         2 => {
             let kernel = AciWith { effect: AtAcceleration(InverseCubic) };

@@ -285,9 +285,9 @@ macro_rules! dispatch_kernels {
 }
 
 dispatch_kernels!(
-    AciWith<InverseLinear>, 2, Row2;
+    AciWith<InverseLinear>, 2, Plain<Fused<V3>, 2>;
     AciWith<InverseCubic>, 4, Row4<1>;
-    AciWith<ForwardLinear>, 2, Row2;
+    AciWith<ForwardLinear>, 2, Plain<Fused<V3>, 2>;
     CwpaWith<ReadLinear>, 2, Row2;
     CwpaWith<ReadCubic>, 4, Row4<1>;
 );
