@@ -139,7 +139,8 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         let c = |x: f64| q.like(x);
         let each = |x: f64| V::every(c(x));
         let (h, sixth) = (c(dt), c(dt / 6.0));
-        let [q0, qm, q1] = [start, middle, end].map(|at| q * (at.slope * at.slope));
+        let (q0, qm) = (q * (start.slope * start.slope), q * (middle.slope * middle.slope));
+        let q1 = q * (end.slope * end.slope);
         let two = each(2.0);
         let gf = two.times_plus(middle.g, start.g);
         let gs = two.times_plus(middle.g, gf + end.g);
