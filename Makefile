@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+DEMO_STAMP := $(VENV)/.installed-for-demo
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml) $(shell find crates -path '*/src/*.rs')
 export CARGO_INCREMENTAL ?= 0
 # Freed memory stays with a process, which asks for the same arrays again and again; compiled modules stay for the next.
@@ -14,7 +15,7 @@ BESIDE := slow or outside or statistics
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
-demo: $(STAMP) ## Set up, then run the main steps: simulate, fit, compare, draw.
+demo: $(DEMO_STAMP) ## Set up, then run the main steps: simulate, fit, compare, draw.
 	$(BIN)/accelcal demo -o demo
 
 docs: $(STAMP) ## Build the site into build/docs: pages, cards with pictures, the tutorial run anew. No network.
@@ -173,7 +174,7 @@ $(VENV)/bin/python:
 	@tools/prerequisites.sh
 	$(PYTHON) -m venv $(VENV)
 
-$(STAMP): $(VENV)/bin/python $(SOURCES)
+$(DEMO_STAMP) $(STAMP): $(VENV)/bin/python $(SOURCES)
 	@tools/prerequisites.sh
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[dev]"
-	@touch $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[$(if $(filter $(STAMP),$@),dev,plot)]"
+	@touch $(DEMO_STAMP) $@

@@ -21,7 +21,16 @@ FUSED = "accelcal, fused Rust"
 DENSE = "accelcal, dense nalgebra twin"
 STEPS = 20_000
 """Of peers that are fast."""
-PYTHON = ("numba_block", "numba_dense", "jax_scan", "plain", "filterpy_loop", "stonesoup_loop", "pykalman_loop")
+PYTHON = (
+    "generated",
+    "numba_block",
+    "numba_dense",
+    "jax_scan",
+    "plain",
+    "filterpy_loop",
+    "stonesoup_loop",
+    "pykalman_loop",
+)
 """Modules with a NAME, the STEPS of each workload that they can run, and `prepare`."""
 
 

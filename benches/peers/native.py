@@ -1,7 +1,7 @@
-"""Compiled programs: our fused kernels, their dense nalgebra twin, adskalman, and Eigen in C++.
+"""Compiled programs: our fused kernels, their dense nalgebra twin, adskalman; Eigen and generated code in C++.
 
 The Rust crate `benches/peers/rust` and `benches/peers/eigen/main.cpp` are built into target/peers for x86-64-v3, which
-suits the dense peers better than AVX-512 does; our kernels choose their instructions when a run starts.
+suits the dense peers better than AVX-512 does; our kernels have the instructions that the product chooses.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ def rust(kernel: str) -> Callable[[Workload, Data], Callable[[], Ended]]:
     """A kernel of the Rust program."""
 
     def prepare(workload: Workload, data: Data) -> Callable[[], Ended]:
-        return _run([_rust_program(), kernel, str(workload.number)], data)
+        return run([_rust_program(), kernel, str(workload.number)], data)
 
     return prepare
 
 
 def eigen(workload: Workload, data: Data) -> Callable[[], Ended]:
     """The C++ program."""
-    return _run([_eigen_program(), str(workload.number)], data)
+    return run([_eigen_program(), str(workload.number)], data)
 
 
 def rust_version(crate: str) -> str:
@@ -62,20 +62,31 @@ def _rust_program() -> str:
     if shutil.which("cargo") is None:
         raise Missing("no cargo")
     command = ["cargo", "build", "--release", "--quiet", "--locked", "--target-dir", str(TARGET)]
-    _build([*command, "--manifest-path", str(HERE / "rust/Cargo.toml")], RUSTFLAGS="-C target-cpu=x86-64-v3")
+    wide = {"WORKLOADS_FOR_AVX512VL": "1"} if has_avx512vl() else {}
+    _build([*command, "--manifest-path", str(HERE / "rust/Cargo.toml")], RUSTFLAGS="-C target-cpu=x86-64-v3", **wide)
     return str(TARGET / "release/peers")
 
 
 @cache
 def _eigen_program() -> str:
     eigen_version()
+    return cpp("eigen", HERE / "eigen/main.cpp", "x86-64-v3", "-isystem", str(EIGEN))
+
+
+def has_avx512vl() -> bool:
+    """Whether the processor has AVX-512 on short vectors, with 32 registers."""
+    return re.search(r"\bavx512vl\b", Path("/proc/cpuinfo").read_text(encoding="utf-8")) is not None
+
+
+def cpp(name: str, source: Path, march: str, *flags: str) -> str:
+    """A C++ program in target/peers, built for the processors `march`."""
     compiler = shutil.which(os.environ.get("CXX", "c++"))
     if compiler is None:
         raise Missing("no C++ compiler")
     TARGET.mkdir(parents=True, exist_ok=True)
-    flags = ["-std=c++17", "-O3", "-march=x86-64-v3", "-DNDEBUG", "-isystem", str(EIGEN)]
-    _build([compiler, *flags, str(HERE / "eigen/main.cpp"), "-o", str(TARGET / "eigen")])
-    return str(TARGET / "eigen")
+    built = str(TARGET / name)
+    _build([compiler, "-std=c++17", "-O3", f"-march={march}", "-DNDEBUG", *flags, str(source), "-o", built])
+    return built
 
 
 def _build(command: list[str], **environment: str) -> None:
@@ -84,7 +95,7 @@ def _build(command: list[str], **environment: str) -> None:
         raise Missing(f"{command[0]} failed: {json.dumps(done.stderr.strip()[-300:])}")
 
 
-def _run(command: list[str], data: Data) -> Callable[[], Ended]:
+def run(command: list[str], data: Data) -> Callable[[], Ended]:
     """Calls of a program on a record in a file."""
     folder = tempfile.TemporaryDirectory()
     file = Path(folder.name) / "record.f64"

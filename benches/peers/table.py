@@ -39,6 +39,8 @@ BARS = (
     Bar("JAX", ("W1", "W2", "W3", "W4"), 30.0),
     Bar("adskalman Joseph form", ("W3",), 8.0),
     Bar("Eigen", ("W1", "W2", "W3", "W4"), 4.0),
+    Bar("SymPy", ("W1", "W2", "W3", "W4"), 1.0),
+    Bar("numba", ("W1", "W2", "W3", "W4"), 1.0),
 )
 
 

@@ -1,22 +1,11 @@
-// The workloads W1 to W4 on dense fixed-size Eigen matrices: eigen WORKLOAD FILE ROUNDS.
-//
-// FILE holds two rows of f64: outputs, then positions. Printed are the least process time of a round, s, then x and the
-// diagonal of P, each on a line.
+// The workloads W1 to W4 on dense fixed-size Eigen matrices.
 #include <Eigen/Dense>
-#include <algorithm>
-#include <cmath>
-#include <cstdio>
-#include <cstdlib>
-#include <ctime>
-#include <vector>
+
+#include "../record.hpp"
 
 namespace {
 
 constexpr double dt = 1.0 / 1667.0, q = 1e-4 * dt, jerk = 25.0, r_position = 1e-12, r_output = 1e-4;
-
-struct Data {
-    std::vector<double> u, z;
-};
 
 template <int N> using Vector = Eigen::Matrix<double, N, 1>;
 template <int N> using Matrix = Eigen::Matrix<double, N, N>;
@@ -79,11 +68,17 @@ template <int N> Belief<N> rates(const Belief<N>& b, double u) {
     return d;
 }
 
+template <int N> std::vector<double> ended(const Belief<N>& b) {
+    std::vector<double> numbers(b.x.data(), b.x.data() + N);
+    for (int i = 0; i < N; ++i) numbers.push_back(b.P(i, i));
+    return numbers;
+}
+
 template <int N> Belief<N> ahead(const Belief<N>& b, const Belief<N>& d, double h) {
     return {b.x + h * d.x, b.P + h * d.P};
 }
 
-template <int N> Belief<N> aci(const Data& data) {
+template <int N> std::vector<double> aci(const Data& data) {
     Belief<N> b = prior<N>(2);
     for (std::size_t j = 0; j + 1 < data.u.size(); ++j) {
         const double u0 = data.u[j], u1 = data.u[j + 1], um = 0.5 * (u0 + u1);
@@ -99,7 +94,7 @@ template <int N> Belief<N> aci(const Data& data) {
         }
         if (!std::isnan(data.z[j + 1])) read_position<N>(b, data.z[j + 1]);
     }
-    return b;
+    return ended<N>(b);
 }
 
 // The output's reading of CWPA (10) with the forward sensor (3)(4); second order where N = 7.
@@ -126,7 +121,7 @@ template <int N> void read_output(Belief<N>& b, double z) {
     update<N>(b, H, z - expected, r_output, extra);
 }
 
-template <int N> Belief<N> cwpa(const Data& data) {
+template <int N> std::vector<double> cwpa(const Data& data) {
     Matrix<N> F = Matrix<N>::Identity(), Q = Matrix<N>::Zero();
     F(0, 1) = F(1, 2) = dt;
     F(0, 2) = 0.5 * dt * dt;
@@ -140,59 +135,9 @@ template <int N> Belief<N> cwpa(const Data& data) {
         read_output<N>(b, data.u[j]);
         if (!std::isnan(data.z[j])) read_position<N>(b, data.z[j]);
     }
-    return b;
-}
-
-double seconds() {
-    timespec now;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-    return double(now.tv_sec) + 1e-9 * double(now.tv_nsec);
-}
-
-template <int N> void timed(Belief<N> (*work)(const Data&), const Data& data, int rounds) {
-    double least = INFINITY;
-    Belief<N> ended;
-    for (int round = 0; round <= rounds; ++round) {
-        const double start = seconds();
-        ended = work(data);
-        least = std::min(least, seconds() - start);
-    }
-    std::printf("%.17g\n", least);
-    for (int i = 0; i < N; ++i) std::printf("%.17g ", ended.x(i));
-    std::printf("\n");
-    for (int i = 0; i < N; ++i) std::printf("%.17g ", ended.P(i, i));
-    std::printf("\n");
-}
-
-Data read(const char* name) {
-    std::FILE* file = std::fopen(name, "rb");
-    if (!file) throw std::exception();
-    std::fseek(file, 0, SEEK_END);
-    const std::size_t n = std::size_t(std::ftell(file)) / sizeof(double) / 2;
-    std::rewind(file);
-    Data data{std::vector<double>(n), std::vector<double>(n)};
-    const bool whole = std::fread(data.u.data(), sizeof(double), n, file) == n &&
-                       std::fread(data.z.data(), sizeof(double), n, file) == n;
-    std::fclose(file);
-    if (!whole) throw std::exception();
-    return data;
+    return ended<N>(b);
 }
 
 } // namespace
 
-int main(int count, char** arguments) {
-    if (count != 4) {
-        std::fprintf(stderr, "usage: eigen WORKLOAD FILE ROUNDS\n");
-        return 2;
-    }
-    const Data data = read(arguments[2]);
-    const int rounds = std::atoi(arguments[3]);
-    switch (std::atoi(arguments[1])) {
-    case 1: timed<4>(aci<4>, data, rounds); break;
-    case 2: timed<6>(aci<6>, data, rounds); break;
-    case 3: timed<5>(cwpa<5>, data, rounds); break;
-    case 4: timed<7>(cwpa<7>, data, rounds); break;
-    default: return 2;
-    }
-    return 0;
-}
+int main(int count, char** arguments) { return run(count, arguments, {aci<4>, aci<6>, cwpa<5>, cwpa<7>}); }

@@ -69,7 +69,7 @@ impl<V: Row, const M: usize> AccelerationModel<V, M> for InverseLinear {
     fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> LinearTable<V> {
         let bias = theta.at(BIAS);
         let minus_slope = theta.at(SCALE) - bias.like(1.0);
-        let curvature = if order == Order::Second { P_theta[SCALE].at(BIAS) } else { bias.like(0.0) };
+        let curvature = if order == Order::Second { P_theta[SCALE].at(BIAS) } else { bias.like(-0.0) };
         LinearTable { minus_slope, bias, curvature, h: [P_theta[BIAS].scaled(minus_slope), P_theta[SCALE]] }
     }
 

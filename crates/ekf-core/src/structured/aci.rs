@@ -7,7 +7,7 @@ use crate::dense::belief::{check_covariance, check_mean};
 use crate::error::StepError;
 use crate::structured::acceleration::AccelerationPartials;
 use crate::structured::number::Number;
-use crate::structured::row::{Row, product};
+use crate::structured::row::{Row, add_outer, product};
 
 /// Mean and covariance of ACI with `M` parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,18 +44,18 @@ pub struct MaskedInnovation<T> {
 }
 
 impl<T: Number> MaskedInnovation<T> {
-    /// `1 / S`, or zero where the reading is missing.
+    /// `-1 / S`, or zero where the reading is missing: what waits for `S` then waits for no change of sign.
     #[inline(always)]
-    pub(crate) fn inverse(&self) -> T {
-        self.present.unwrap_or(self.s.like(1.0)) / self.s
+    pub(crate) fn minus_inverse(&self) -> T {
+        -self.present.unwrap_or(self.s.like(1.0)) / self.s
     }
 
-    /// The factor of the row of `p`: `R / S`, or one where the reading is missing; `i` is [`Self::inverse`].
+    /// The factor of the row of `p`: `R / S`, or one where the reading is missing; `minus` is [`Self::minus_inverse`].
     #[inline(always)]
-    pub(crate) fn left(&self, R: T, i: T) -> T {
+    pub(crate) fn left(&self, R: T, minus: T) -> T {
         match self.present {
-            None => R * i,
-            Some(present) => R.times_plus(i, R.like(1.0) - present),
+            None => -R * minus,
+            Some(present) => (-R).times_plus(minus, R.like(1.0) - present),
         }
     }
 }
@@ -109,11 +109,12 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         let (q0, qm) = (q * (start.slope * start.slope), q * (middle.slope * middle.slope));
         let c1 = self.c1.plus(half, self.c2);
         let c2 = self.c2.plus(half, start.h);
-        let pvv = half.times_plus(c(2.0).times_plus(start.g.dot(self.c2), q0), self.pvv);
-        let ppv = half.times_plus(self.pvv + start.g.dot(self.c1), self.ppv);
-        self.ppp = c(2.0 * dt).times_plus(ppv, self.ppp);
-        self.ppv = h.times_plus(pvv + middle.g.dot(c1), self.ppv);
-        self.pvv = h.times_plus(c(2.0).times_plus(middle.g.dot(c2), qm), self.pvv);
+        // What a reading before this step reaches last, `c2` and `pvv`, enters last: the next reading waits for it.
+        let pushed = half.times_plus(q0, self.pvv) + middle.g.dot(c1);
+        let ppp = c(2.0 * dt).times_plus(self.ppv, self.ppp);
+        self.ppp = c(dt * dt).times_plus(self.pvv + start.g.dot(self.c1), ppp);
+        self.ppv = h.times_plus(h.times_plus(start.g.dot(self.c2), pushed), self.ppv);
+        self.pvv = c(2.0 * dt).times_plus(middle.g.dot(c2), h.times_plus(qm, self.pvv));
         self.c1 = self.c1.plus(h, c2);
         self.c2 = self.c2.plus(h, middle.h);
         self.p = h.times_plus(half.times_plus(start.a, self.v), self.p);
@@ -138,7 +139,8 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         let c = |x: f64| q.like(x);
         let each = |x: f64| V::every(c(x));
         let (h, sixth) = (c(dt), c(dt / 6.0));
-        let [q0, qm, q1] = [start, middle, end].map(|at| q * (at.slope * at.slope));
+        let (q0, qm) = (q * (start.slope * start.slope), q * (middle.slope * middle.slope));
+        let q1 = q * (end.slope * end.slope);
         let two = each(2.0);
         let gf = two.times_plus(middle.g, start.g);
         let gs = two.times_plus(middle.g, gf + end.g);
@@ -187,17 +189,15 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
             self.correct_with(&CrossCovariance { dp, dv, column: self.c1.plus(tau, self.c2) }, innovation);
             return;
         }
-        let i = innovation.inverse();
-        let (ei, f) = (innovation.e * i, innovation.left(R, i));
+        let minus = innovation.minus_inverse();
+        let (ei, f) = (-innovation.e * minus, innovation.left(R, minus));
         self.p = self.ppp.times_plus(ei, self.p);
         self.v = self.ppv.times_plus(ei, self.v);
         self.theta = self.theta.plus(ei, self.c1);
-        let gain = self.c1.scaled(-i);
-        for (j, row) in self.P_theta.iter_mut().enumerate() {
-            *row = row.plus(self.c1.at(j), gain);
-        }
-        self.c2 = self.c2.plus(self.ppv, gain);
-        self.pvv = (-(self.ppv * i)).times_plus(self.ppv, self.pvv);
+        add_outer(&mut self.P_theta, &self.c1, minus);
+        let minus_v = self.ppv * minus;
+        self.c2 = self.c2.plus(minus_v, self.c1);
+        self.pvv = minus_v.times_plus(self.ppv, self.pvv);
         self.c1 = self.c1.scaled(f);
         self.ppv = self.ppv * f;
         self.ppp = self.ppp * f;
@@ -234,20 +234,18 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
     #[inline(always)]
     pub fn correct_with(&mut self, cross: &CrossCovariance<V>, innovation: &MaskedInnovation<V::Number>) {
         let &CrossCovariance { dp, dv, column } = cross;
-        let i = innovation.inverse();
-        let ei = innovation.e * i;
+        let minus = innovation.minus_inverse();
+        let ei = -innovation.e * minus;
         self.p = dp.times_plus(ei, self.p);
         self.v = dv.times_plus(ei, self.v);
         self.theta = self.theta.plus(ei, column);
-        let gain = column.scaled(-i);
-        self.ppp = (-(dp * i)).times_plus(dp, self.ppp);
-        self.ppv = (-(dp * i)).times_plus(dv, self.ppv);
-        self.pvv = (-(dv * i)).times_plus(dv, self.pvv);
-        self.c1 = self.c1.plus(dp, gain);
-        self.c2 = self.c2.plus(dv, gain);
-        for (j, row) in self.P_theta.iter_mut().enumerate() {
-            *row = row.plus(column.at(j), gain);
-        }
+        let (minus_p, minus_v) = (dp * minus, dv * minus);
+        self.ppp = minus_p.times_plus(dp, self.ppp);
+        self.ppv = minus_p.times_plus(dv, self.ppv);
+        self.pvv = minus_v.times_plus(dv, self.pvv);
+        self.c1 = self.c1.plus(minus_p, column);
+        self.c2 = self.c2.plus(minus_v, column);
+        add_outer(&mut self.P_theta, &column, minus);
     }
 
     /// `P H'` of `p + tau v` in the rows of `p` and `v`.

@@ -13,7 +13,7 @@ use crate::structured::aci::MaskedInnovation;
 use crate::structured::gauss_markov::GaussMarkovSet;
 use crate::structured::measurement::{OutputModel, PredictedOutput};
 use crate::structured::number::Number;
-use crate::structured::row::{Row, moved_rows, product};
+use crate::structured::row::{Row, add_outer, moved_rows, product};
 
 /// Mean and covariance of CWPA with `M` parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -167,11 +167,11 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
     /// Updates by a reading of position; the row of `p` is multiplied by `R / S`.
     #[inline(always)]
     pub fn correct_position(&mut self, R: V::Number, innovation: &MaskedInnovation<V::Number>) {
-        let i = innovation.inverse();
-        let f = innovation.left(R, i);
+        let minus = innovation.minus_inverse();
+        let f = innovation.left(R, minus);
         let column = [self.ppp, self.ppv, self.ppa];
         let c = self.cp;
-        self.correct(i, innovation.e, column, c);
+        self.correct(minus, innovation.e, column, c);
         self.ppp = column[0] * f;
         self.ppv = column[1] * f;
         self.ppa = column[2] * f;
@@ -222,35 +222,31 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
     /// Updates by a reading of the output.
     #[inline(always)]
     pub fn correct_output(&mut self, output: &OutputInnovation<V>) {
-        let i = output.innovation.inverse();
+        let minus = output.innovation.minus_inverse();
         let [kp, kv, ka] = output.motion;
-        let gain = output.theta.scaled(-i);
-        let minus = -(kp * i);
-        self.ppp = minus.times_plus(kp, self.ppp);
-        self.ppv = minus.times_plus(kv, self.ppv);
-        self.ppa = minus.times_plus(ka, self.ppa);
-        self.cp = self.cp.plus(kp, gain);
-        self.correct(i, output.innovation.e, output.motion, output.theta);
+        let minus_p = kp * minus;
+        self.ppp = minus_p.times_plus(kp, self.ppp);
+        self.ppv = minus_p.times_plus(kv, self.ppv);
+        self.ppa = minus_p.times_plus(ka, self.ppa);
+        self.cp = self.cp.plus(minus_p, output.theta);
+        self.correct(minus, output.innovation.e, output.motion, output.theta);
     }
 
-    /// `x += column e i`, `P -= column column' i`, but for the row of `p` in `P`.
+    /// `x -= column e minus`, `P += column column' minus`, but for the row of `p` in `P`.
     #[inline(always)]
-    fn correct(&mut self, i: V::Number, e: V::Number, [kp, kv, ka]: [V::Number; 3], theta: V) {
-        let ei = e * i;
+    fn correct(&mut self, minus: V::Number, e: V::Number, [kp, kv, ka]: [V::Number; 3], theta: V) {
+        let ei = -e * minus;
         self.p = kp.times_plus(ei, self.p);
         self.v = kv.times_plus(ei, self.v);
         self.a = ka.times_plus(ei, self.a);
         self.theta = self.theta.plus(ei, theta);
-        let gain = theta.scaled(-i);
-        let (minus_v, minus_a) = (-(kv * i), -(ka * i));
+        let (minus_v, minus_a) = (kv * minus, ka * minus);
         self.pvv = minus_v.times_plus(kv, self.pvv);
         self.pva = minus_v.times_plus(ka, self.pva);
         self.paa = minus_a.times_plus(ka, self.paa);
-        self.cv = self.cv.plus(kv, gain);
-        self.ca = self.ca.plus(ka, gain);
-        for (j, row) in self.P_theta.iter_mut().enumerate() {
-            *row = row.plus(theta.at(j), gain);
-        }
+        self.cv = self.cv.plus(minus_v, theta);
+        self.ca = self.ca.plus(minus_a, theta);
+        add_outer(&mut self.P_theta, &theta, minus);
     }
 }
 

@@ -65,7 +65,7 @@ impl<V: Row, const M: usize> GaussMarkovSet<V, M> {
         for (i, row) in propagated.iter_mut().enumerate() {
             let gathered = witness.like(self.each[i].variance(s));
             let diagonal = V::from_fn(witness, |j| if i == j { gathered } else { witness.like(0.0) });
-            *row = row.scaled(decay.at(i)) * decay + diagonal;
+            *row = *row * decay.scaled(decay.at(i)) + diagonal;
         }
         (*theta * decay, propagated)
     }

@@ -161,6 +161,20 @@ pub(crate) fn product<V: Row, const M: usize>(rows: &[V; M], a: &V) -> V {
     total
 }
 
+/// Adds `column column' factor` to symmetric rows, which remain symmetric to the last bit.
+///
+/// The products are there before `factor`, for which a correction waits; numbers apart are computed on one side only.
+#[inline(always)]
+pub(crate) fn add_outer<V: Row, const M: usize>(rows: &mut [V; M], column: &V, factor: V::Number) {
+    for (j, row) in rows.iter_mut().enumerate() {
+        *row = row.plus(factor, column.scaled(column.at(j)));
+    }
+    if V::APART {
+        let lower = *rows;
+        *rows = core::array::from_fn(|i| V::from_fn(factor, |j| lower[i.max(j)].at(i.min(j))));
+    }
+}
+
 /// `rows + h rates`.
 #[inline(always)]
 pub(crate) fn moved_rows<V: Row, const M: usize>(rows: &[V; M], h: V::Number, rates: &[V; M]) -> [V; M] {

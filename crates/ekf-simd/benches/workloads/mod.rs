@@ -25,13 +25,13 @@ use ekf_simd::arch::row2::Row2;
 use ekf_simd::arch::row4::Row4;
 use ekf_simd::record::block::Block;
 use ekf_simd::record::kernel::{AciWith, CwpaWith, Kernel, runner};
-use ekf_simd::record::likelihood::{LikelihoodSum, LogLikelihood, NoLikelihood};
+use ekf_simd::record::likelihood::Logarithm;
 use ekf_simd::record::samples::Rows;
 use ekf_simd::record::settings::Settings;
 use ekf_simd::{Batch, Final, InstructionSet, Prior, run_aci};
 use nalgebra::{SMatrix, SVector};
 use pulp::NullaryFnOnce;
-use pulp::x86::V3;
+use pulp::x86::{V3, V4};
 
 pub const DT: f64 = 1.0 / 1667.0;
 pub const QV: f64 = 1e-4 * DT;
@@ -130,21 +130,22 @@ impl<V: Row, const M: usize, E: AccelerationModel<V, M>> AccelerationModel<V, M>
 }
 
 /// One structured run, to be compiled for the instructions it is given.
-struct Run<'a, K, V, L, const M: usize> {
+struct Run<'a, K, V, const M: usize, const COUNTED: bool> {
     kernel: K,
     integrator: Integrator,
     order: Order,
     data: &'a Data,
     simd: V3,
-    kinds: PhantomData<(V, L)>,
+    row: PhantomData<V>,
 }
 
 #[inline(always)]
-fn go<K: Kernel<V, M>, V: Row, L: LikelihoodSum<V::Number>, const M: usize>(
+fn go<K: Kernel<V, M>, V: Row<Number: Logarithm>, const M: usize>(
     kernel: K,
     integrator: Integrator,
     order: Order,
     data: &Data,
+    counted: bool,
     witness: V::Number,
     value: impl Fn(V::Number) -> f64,
 ) -> Vec<f64> {
@@ -160,8 +161,12 @@ fn go<K: Kernel<V, M>, V: Row, L: LikelihoodSum<V::Number>, const M: usize>(
         tau: 0.0,
         drift: GaussMarkovSet::new(witness, [GaussMarkov::CONSTANT; M]),
     };
-    let mut runner =
-        runner::<K, V, L, M>(witness, |_| c(0.0), |i, j| c(if i == j { variance(K::Block::MOTION, i) } else { 0.0 }));
+    let mut runner = runner::<K, V, M>(
+        witness,
+        counted,
+        |_| c(0.0),
+        |i, j| c(if i == j { variance(K::Block::MOTION, i) } else { 0.0 }),
+    );
     let record = Rows { output: &data.u, position: &data.z, witness };
     let went = kernel.process(&mut runner, &settings, &record, (0, data.u.len() - 1));
     assert!(went.is_ok() && value(runner.lowest) >= 0.0);
@@ -172,19 +177,26 @@ fn go<K: Kernel<V, M>, V: Row, L: LikelihoodSum<V::Number>, const M: usize>(
         .collect()
 }
 
-impl<K, V, L, const M: usize> NullaryFnOnce for Run<'_, K, V, L, M>
+impl<K, V, const M: usize, const COUNTED: bool> NullaryFnOnce for Run<'_, K, V, M, COUNTED>
 where
     K: Kernel<V, M>,
     V: Row<Number = Fused<V3>>,
-    L: LikelihoodSum<Fused<V3>>,
 {
     type Output = Vec<f64>;
 
     #[inline(always)]
     fn call(self) -> Vec<f64> {
         let witness = Fused { x: 0.0, simd: self.simd };
-        go::<K, V, L, M>(self.kernel, self.integrator, self.order, self.data, witness, |x| x.x)
+        go::<K, V, M>(self.kernel, self.integrator, self.order, self.data, COUNTED, witness, |x| x.x)
     }
+}
+
+/// Whether single runs are measured as the product has them on AVX-512VL. One version to a program: a second one moves
+/// what the first keeps in registers.
+const WIDE: bool = option_env!("WORKLOADS_FOR_AVX512VL").is_some();
+
+fn vectorized<F: NullaryFnOnce>(simd: V3, run: F) -> F::Output {
+    if WIDE { V4::try_new().expect("AVX-512VL").vectorize(run) } else { simd.vectorize(run) }
 }
 
 fn fused<K, V, const M: usize>(kernel: K, integrator: Integrator, order: Order, data: &Data, counted: bool) -> Vec<f64>
@@ -194,10 +206,9 @@ where
 {
     let simd = V3::try_new().expect("AVX2 and FMA");
     if counted {
-        let kinds = PhantomData;
-        return simd.vectorize(Run::<K, V, LogLikelihood<_>, M> { kernel, integrator, order, data, simd, kinds });
+        return vectorized(simd, Run::<K, V, M, true> { kernel, integrator, order, data, simd, row: PhantomData });
     }
-    simd.vectorize(Run::<K, V, NoLikelihood<_>, M> { kernel, integrator, order, data, simd, kinds: PhantomData })
+    vectorized(simd, Run::<K, V, M, false> { kernel, integrator, order, data, simd, row: PhantomData })
 }
 
 /// `W1`..`W4` structured, with the processor's own instructions.
@@ -206,7 +217,7 @@ pub fn structured(workload: u32, data: &Data, counted: bool) -> Vec<f64> {
     match workload {
         1 => {
             let kernel = AciWith { effect: AtAcceleration(InverseLinear) };
-            fused::<_, Row2, 2>(kernel, Integrator::Rk2, first, data, counted)
+            fused::<_, Plain<Fused<V3>, 2>, 2>(kernel, Integrator::Rk2, first, data, counted)
         }
         2 => {
             let kernel = AciWith { effect: AtAcceleration(InverseCubic) };
@@ -296,19 +307,19 @@ pub fn portable(workload: u32, data: &Data) -> Vec<f64> {
     match workload {
         1 => {
             let kernel = AciWith { effect: AtAcceleration(InverseLinear) };
-            go::<_, Plain<f64, 2>, NoLikelihood<f64>, 2>(kernel, Integrator::Rk2, first, data, 0.0, id)
+            go::<_, Plain<f64, 2>, 2>(kernel, Integrator::Rk2, first, data, false, 0.0, id)
         }
         2 => {
             let kernel = AciWith { effect: AtAcceleration(InverseCubic) };
-            go::<_, Plain<f64, 4>, NoLikelihood<f64>, 4>(kernel, Integrator::Rk4, second, data, 0.0, id)
+            go::<_, Plain<f64, 4>, 4>(kernel, Integrator::Rk4, second, data, false, 0.0, id)
         }
         3 => {
             let kernel = CwpaWith { sensor: ReadLinear };
-            go::<_, Plain<f64, 2>, NoLikelihood<f64>, 2>(kernel, Integrator::Exact, first, data, 0.0, id)
+            go::<_, Plain<f64, 2>, 2>(kernel, Integrator::Exact, first, data, false, 0.0, id)
         }
         _ => {
             let kernel = CwpaWith { sensor: ReadCubic };
-            go::<_, Plain<f64, 4>, NoLikelihood<f64>, 4>(kernel, Integrator::Exact, second, data, 0.0, id)
+            go::<_, Plain<f64, 4>, 4>(kernel, Integrator::Exact, second, data, false, 0.0, id)
         }
     }
 }

@@ -5,7 +5,7 @@
 pub enum InstructionSet {
     /// One run at a time on plain numbers, nothing fused: any processor, equal bits on all.
     Portable,
-    /// One run at a time, AVX2 and FMA; four parameters share a register.
+    /// One run at a time, AVX2 and FMA, four parameters to a register; with the 32 registers of AVX-512VL where it is there.
     Fused,
     /// Four runs side by side, AVX2 and FMA.
     Four,

@@ -26,7 +26,7 @@ use crate::fixed_rate::step::{
 use crate::record::batch::Prior;
 use crate::record::block::Block;
 use crate::record::kernel::{AciWith, CwpaWith};
-use crate::record::likelihood::{LikelihoodSum, LogLikelihood};
+use crate::record::likelihood::LogLikelihood;
 use crate::record::settings::{Dynamics, Settings};
 
 /// Steps between two checks of the whole covariance.
@@ -306,7 +306,8 @@ impl Construction<'_> {
         let N = self.prior.states;
         let x = |i: usize| witness.like(if i < N { self.prior.x[i] } else { 0.0 });
         let P = |i: usize, j: usize| witness.like(if i < N && j < N { self.prior.P[i * N + j] } else { 0.0 });
-        let gate = ReadingGate { threshold: self.filter.gate, likelihood: LogLikelihood::new(witness), rejected: 0 };
+        let gate =
+            ReadingGate { threshold: self.filter.gate, likelihood: LogLikelihood::new(witness, true), rejected: 0 };
         let at = FilterState {
             block: K::Block::new(x, P),
             gate,

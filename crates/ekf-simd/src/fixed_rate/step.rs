@@ -15,7 +15,7 @@ use ekf_core::{Integrator, Interpolation};
 use crate::arch::fma::Scalar;
 use crate::record::block::Block;
 use crate::record::kernel::{AciWith, CwpaWith};
-use crate::record::likelihood::{LikelihoodSum, LogLikelihood};
+use crate::record::likelihood::LogLikelihood;
 use crate::record::settings::Settings;
 
 /// The input of one step: a sample of both channels, and effects over the step.

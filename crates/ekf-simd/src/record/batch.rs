@@ -25,7 +25,7 @@ use crate::arch::row2::Row2;
 use crate::arch::row4::Row4;
 use crate::record::block::Block;
 use crate::record::kernel::{AciWith, CwpaWith, Kernel, runner};
-use crate::record::likelihood::{LikelihoodSum, LogLikelihood, NoLikelihood};
+use crate::record::likelihood::Logarithm;
 use crate::record::samples::{LaneWindow, Rows, WINDOW};
 use crate::record::settings::{Dynamics, Settings};
 
@@ -171,7 +171,7 @@ impl Job<'_> {
 
 /// One run in any arithmetic of one number.
 #[inline(always)]
-fn run_single<K: Kernel<V, M>, V: Row, L: LikelihoodSum<V::Number>, const M: usize>(
+fn run_single<K: Kernel<V, M>, V: Row<Number: Logarithm>, const M: usize>(
     job: &Job<'_>,
     kernel: K,
     run: usize,
@@ -180,7 +180,7 @@ fn run_single<K: Kernel<V, M>, V: Row, L: LikelihoodSum<V::Number>, const M: usi
 ) -> Final {
     let settings = Settings::<V, M>::of(&job.filter, job.batch.dt, witness);
     let mut runner =
-        runner::<K, V, L, M>(witness, |i| witness.like(job.x(run, i)), |i, j| witness.like(job.P(run, i, j)));
+        runner::<K, V, M>(witness, job.counted, |i| witness.like(job.x(run, i)), |i, j| witness.like(job.P(run, i, j)));
     let (output, position) = job.rows(run);
     let record = Rows { output, position, witness };
     let mut went = kernel.start(&mut runner, &settings, &record);
@@ -202,7 +202,7 @@ fn run_single<K: Kernel<V, M>, V: Row, L: LikelihoodSum<V::Number>, const M: usi
 
 /// A group of runs side by side, as many as `S` has lanes; the last run fills what is left over.
 #[inline(always)]
-fn in_lanes<K: Kernel<Plain<Lanes<S>, M>, M>, L: LikelihoodSum<Lanes<S>>, S: Simd, const M: usize>(
+fn in_lanes<K: Kernel<Plain<Lanes<S>, M>, M>, S: Simd, const M: usize>(
     job: &Job<'_>,
     kernel: K,
     first: usize,
@@ -212,8 +212,9 @@ fn in_lanes<K: Kernel<Plain<Lanes<S>, M>, M>, L: LikelihoodSum<Lanes<S>>, S: Sim
     let witness = Lanes::from_fn(simd, |_| 0.0);
     let run = |lane: usize| (first + lane).min(job.batch.runs - 1);
     let settings = Settings::<Plain<Lanes<S>, M>, M>::of(&job.filter, job.batch.dt, witness);
-    let mut runner = runner::<K, _, L, M>(
+    let mut runner = runner::<K, _, M>(
         witness,
+        job.counted,
         |i| Lanes::from_fn(simd, |lane| job.x(run(lane), i)),
         |i, j| Lanes::from_fn(simd, |lane| job.P(run(lane), i, j)),
     );
@@ -267,35 +268,26 @@ macro_rules! dispatch_kernels {
         $(impl Dispatch<$M> for $kernel {
             #[inline(always)]
             fn in_lanes<S: Simd>(self, job: &Job<'_>, first: usize, simd: S) -> Vec<Final> {
-                if job.counted {
-                    in_lanes::<Self, LogLikelihood<_>, S, $M>(job, self, first, simd)
-                } else {
-                    in_lanes::<Self, NoLikelihood<_>, S, $M>(job, self, first, simd)
-                }
+                in_lanes::<Self, S, $M>(job, self, first, simd)
             }
 
             #[cfg(target_arch = "x86_64")]
             #[inline(always)]
             fn fused(self, job: &Job<'_>, run: usize, simd: V3) -> Final {
-                let witness = Fused { x: 0.0, simd };
-                if job.counted {
-                    run_single::<Self, $row, LogLikelihood<_>, $M>(job, self, run, witness, |x| x.x)
-                } else {
-                    run_single::<Self, $row, NoLikelihood<_>, $M>(job, self, run, witness, |x| x.x)
-                }
+                run_single::<Self, $row, $M>(job, self, run, Fused { x: 0.0, simd }, |x| x.x)
             }
 
             fn portable(self, job: &Job<'_>, run: usize) -> Final {
-                run_single::<Self, Plain<f64, $M>, LogLikelihood<f64>, $M>(job, self, run, 0.0, |x| x)
+                run_single::<Self, Plain<f64, $M>, $M>(job, self, run, 0.0, |x| x)
             }
         })*
     };
 }
 
 dispatch_kernels!(
-    AciWith<InverseLinear>, 2, Row2;
+    AciWith<InverseLinear>, 2, Plain<Fused<V3>, 2>;
     AciWith<InverseCubic>, 4, Row4<1>;
-    AciWith<ForwardLinear>, 2, Row2;
+    AciWith<ForwardLinear>, 2, Plain<Fused<V3>, 2>;
     CwpaWith<ReadLinear>, 2, Row2;
     CwpaWith<ReadCubic>, 4, Row4<1>;
 );
@@ -334,6 +326,10 @@ fn group<K: Dispatch<M>, const M: usize>(job: &Job<'_>, kernel: K, path: Instruc
     match path {
         #[cfg(target_arch = "x86_64")]
         InstructionSet::Fused => {
+            // The same operations in the same order; with twice the registers less goes through the stack.
+            if let Some(simd) = V4::try_new() {
+                return simd.vectorize(SingleRun::<K, M>(*simd, Group { job, kernel, first }));
+            }
             if let Some(simd) = V3::try_new() {
                 return simd.vectorize(SingleRun::<K, M>(simd, Group { job, kernel, first }));
             }
@@ -401,7 +397,7 @@ where
     K: Kernel<Plain<f64, M>, M> + Sync,
 {
     over_threads(job.batch.runs, 1, threads, |run| {
-        vec![run_single::<K, Plain<f64, M>, LogLikelihood<f64>, M>(job, kernel, run, 0.0, |x| x)]
+        vec![run_single::<K, Plain<f64, M>, M>(job, kernel, run, 0.0, |x| x)]
     })
 }
 

@@ -9,12 +9,12 @@ use ekf_core::structured::number::Number;
 use ekf_core::structured::row::Row;
 
 use crate::record::block::Block;
-use crate::record::likelihood::LikelihoodSum;
+use crate::record::likelihood::{LogLikelihood, Logarithm};
 use crate::record::runner::{Record, Runner};
 use crate::record::settings::Settings;
 
 /// A filter with its sensor, over a uniform record.
-pub trait Kernel<V: Row, const M: usize>: Copy {
+pub trait Kernel<V: Row<Number: Logarithm>, const M: usize>: Copy {
     /// Mean and covariance.
     type Block: Block<V, M>;
 
@@ -22,9 +22,9 @@ pub trait Kernel<V: Row, const M: usize>: Copy {
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
-    fn start<L: LikelihoodSum<V::Number>>(
+    fn start(
         &self,
-        runner: &mut Runner<Self::Block, L, V::Number>,
+        runner: &mut Runner<Self::Block, V::Number>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
     ) -> Result<(), DomainError>;
@@ -33,23 +33,28 @@ pub trait Kernel<V: Row, const M: usize>: Copy {
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
-    fn process<L: LikelihoodSum<V::Number>>(
+    fn process(
         &self,
-        runner: &mut Runner<Self::Block, L, V::Number>,
+        runner: &mut Runner<Self::Block, V::Number>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
         range: (usize, usize),
     ) -> Result<(), DomainError>;
 }
 
-/// The runner of a prior.
+/// The runner of a prior; `counted` asks for the log-likelihood.
 #[inline(always)]
-pub fn runner<K: Kernel<V, M>, V: Row, L: LikelihoodSum<V::Number>, const M: usize>(
+pub fn runner<K: Kernel<V, M>, V: Row<Number: Logarithm>, const M: usize>(
     witness: V::Number,
+    counted: bool,
     x: impl Fn(usize) -> V::Number,
     P: impl Fn(usize, usize) -> V::Number,
-) -> Runner<K::Block, L, V::Number> {
-    Runner { block: K::Block::new(x, P), score: L::new(witness), lowest: witness.like(f64::INFINITY) }
+) -> Runner<K::Block, V::Number> {
+    Runner {
+        block: K::Block::new(x, P),
+        score: LogLikelihood::new(witness, counted),
+        lowest: witness.like(f64::INFINITY),
+    }
 }
 
 /// ACI with a sensor.
@@ -66,13 +71,15 @@ pub struct CwpaWith<O> {
     pub sensor: O,
 }
 
-impl<V: Row, const M: usize, E: AccelerationModel<V, M, Input = V::Number>> Kernel<V, M> for AciWith<E> {
+impl<V: Row<Number: Logarithm>, const M: usize, E: AccelerationModel<V, M, Input = V::Number>> Kernel<V, M>
+    for AciWith<E>
+{
     type Block = AciBlock<V, M>;
 
     #[inline(always)]
-    fn start<L: LikelihoodSum<V::Number>>(
+    fn start(
         &self,
-        runner: &mut Runner<Self::Block, L, V::Number>,
+        runner: &mut Runner<Self::Block, V::Number>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
     ) -> Result<(), DomainError> {
@@ -81,9 +88,9 @@ impl<V: Row, const M: usize, E: AccelerationModel<V, M, Input = V::Number>> Kern
     }
 
     #[inline(always)]
-    fn process<L: LikelihoodSum<V::Number>>(
+    fn process(
         &self,
-        runner: &mut Runner<Self::Block, L, V::Number>,
+        runner: &mut Runner<Self::Block, V::Number>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
         range: (usize, usize),
@@ -92,13 +99,13 @@ impl<V: Row, const M: usize, E: AccelerationModel<V, M, Input = V::Number>> Kern
     }
 }
 
-impl<V: Row, const M: usize, O: OutputModel<V> + Copy> Kernel<V, M> for CwpaWith<O> {
+impl<V: Row<Number: Logarithm>, const M: usize, O: OutputModel<V> + Copy> Kernel<V, M> for CwpaWith<O> {
     type Block = CwpaBlock<V, M>;
 
     #[inline(always)]
-    fn start<L: LikelihoodSum<V::Number>>(
+    fn start(
         &self,
-        runner: &mut Runner<Self::Block, L, V::Number>,
+        runner: &mut Runner<Self::Block, V::Number>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
     ) -> Result<(), DomainError> {
@@ -108,9 +115,9 @@ impl<V: Row, const M: usize, O: OutputModel<V> + Copy> Kernel<V, M> for CwpaWith
     }
 
     #[inline(always)]
-    fn process<L: LikelihoodSum<V::Number>>(
+    fn process(
         &self,
-        runner: &mut Runner<Self::Block, L, V::Number>,
+        runner: &mut Runner<Self::Block, V::Number>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
         range: (usize, usize),

@@ -14,6 +14,7 @@ const EVERY: u32 = 8;
 /// `S` is gathered as a product of eight, so every `S` must lie between `1e-38` and `1e38`.
 #[derive(Debug, Clone, Copy)]
 pub struct LogLikelihood<T> {
+    counted: bool,
     nis: T,
     product: T,
     logarithms: T,
@@ -41,47 +42,21 @@ impl<S: Simd> Logarithm for Lanes<S> {
     }
 }
 
-/// What is summed over the readings: their log-likelihood, or nothing.
-pub trait LikelihoodSum<T>: Copy {
-    /// No reading yet.
+impl<T: Logarithm> LogLikelihood<T> {
+    /// No reading yet; of `witness` only its type is used.
+    #[inline(always)]
     #[must_use]
-    fn new(witness: T) -> Self;
-
-    /// One reading.
-    fn add(&mut self, innovation: &MaskedInnovation<T>);
-
-    /// The log-likelihood of the readings so far; zero if it is not kept.
-    fn value(&self) -> T;
-}
-
-/// No sum at all: kernels that need no likelihood compile without it.
-#[derive(Debug, Clone, Copy)]
-pub struct NoLikelihood<T>(T);
-
-impl<T: Number> LikelihoodSum<T> for NoLikelihood<T> {
-    #[inline(always)]
-    fn new(witness: T) -> Self {
-        Self(witness.like(0.0))
-    }
-
-    #[inline(always)]
-    fn add(&mut self, _: &MaskedInnovation<T>) {}
-
-    #[inline(always)]
-    fn value(&self) -> T {
-        self.0
-    }
-}
-
-impl<T: Logarithm> LikelihoodSum<T> for LogLikelihood<T> {
-    #[inline(always)]
-    fn new(witness: T) -> Self {
+    pub fn new(witness: T, counted: bool) -> Self {
         let zero = witness.like(0.0);
-        Self { nis: zero, product: witness.like(1.0), logarithms: zero, waiting: 0 }
+        Self { counted, nis: zero, product: witness.like(1.0), logarithms: zero, waiting: 0 }
     }
 
+    /// Adds one reading.
     #[inline(always)]
-    fn add(&mut self, innovation: &MaskedInnovation<T>) {
+    pub fn add(&mut self, innovation: &MaskedInnovation<T>) {
+        if !self.counted {
+            return;
+        }
         let &MaskedInnovation { e, s, present } = innovation;
         let one = e.like(1.0);
         let scaled = e.like(std::f64::consts::TAU) * s;
@@ -99,13 +74,12 @@ impl<T: Logarithm> LikelihoodSum<T> for LogLikelihood<T> {
         }
     }
 
+    /// The log-likelihood of the readings so far; zero where it is not counted.
     #[inline(always)]
-    fn value(&self) -> T {
+    pub fn value(&self) -> T {
         self.nis.like(-0.5) * (self.nis + self.total())
     }
-}
 
-impl<T: Logarithm> LogLikelihood<T> {
     #[inline(always)]
     fn total(&self) -> T {
         self.logarithms + self.product.ln()

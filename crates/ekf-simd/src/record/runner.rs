@@ -13,7 +13,7 @@ use ekf_core::structured::number::Number;
 use ekf_core::structured::row::Row;
 use ekf_core::{Integrator, Interpolation, Order};
 
-use crate::record::likelihood::LikelihoodSum;
+use crate::record::likelihood::{LogLikelihood, Logarithm};
 use crate::record::settings::Settings;
 
 /// One sample of one channel, in every lane.
@@ -61,11 +61,11 @@ pub trait Record<T> {
 
 /// The state of a filter within its record.
 #[derive(Debug, Clone, Copy)]
-pub struct Runner<B, L, T> {
+pub struct Runner<B, T> {
     /// Mean and covariance.
     pub block: B,
     /// Sum over the readings so far.
-    pub score: L,
+    pub score: LogLikelihood<T>,
     /// The lowest variance at any reading so far, where a step can lose positive definiteness beyond rounding: below zero, a
     /// reading has used what is no covariance.
     ///
@@ -109,7 +109,7 @@ fn during<T: Number>(record: &impl Record<T>, how: Interpolation, j: usize) -> [
     }
 }
 
-impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<AciBlock<V, M>, L, V::Number> {
+impl<V: Row<Number: Logarithm>, const M: usize> Runner<AciBlock<V, M>, V::Number> {
     /// Processes samples from `from` to `to`, reading positions after `from` up to `to`.
     ///
     /// # Errors
@@ -200,7 +200,7 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<AciBlock<V, M>,
     }
 }
 
-impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<CwpaBlock<V, M>, L, V::Number> {
+impl<V: Row<Number: Logarithm>, const M: usize> Runner<CwpaBlock<V, M>, V::Number> {
     /// Processes samples from `from` to `to`, reading both channels after `from` up to `to`.
     ///
     /// # Errors
