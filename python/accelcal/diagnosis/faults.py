@@ -94,11 +94,6 @@ class RelationColumns:
             self._bands[band] = BandRelation(self, band)
         return self._bands[band]
 
-    @cached_property
-    def steps(self) -> list[PositionStep]:
-        """Position steps that they show."""
-        return position_steps(self)
-
     def noise(self, band: float) -> Noise:
         """Noise whose filter has this crossover."""
         r = self.run.reading_variance_guess
