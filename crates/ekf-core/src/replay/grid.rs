@@ -47,6 +47,7 @@ impl Cells {
     }
 
     /// Passes the cells between `from` and `to` to `take`, in order; `None` when the grid does not cover them.
+    #[allow(clippy::float_cmp)] // what was computed for a number serves that number alone
     #[inline(always)]
     pub fn between(&mut self, from: f64, to: f64, mut take: impl FnMut(Cell)) -> Option<()> {
         let Self { grid, rows, .. } = *self;
@@ -89,6 +90,7 @@ impl Cells {
         Cell { row, h: (b - a) * step, first: first.map(|weight| weight * step), second }
     }
 
+    #[allow(clippy::float_cmp)] // as in `between`
     #[inline(always)]
     fn moments(&self, u: f64) -> Moments {
         const ENDS: [Moments; 2] = [moments(1.0), moments(2.0)]; // of a cell inside the grid
