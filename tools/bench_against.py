@@ -100,6 +100,7 @@ def cost(command: list[str], folder: Path) -> Cost:
     cache = folder / "cache"
     shutil.rmtree(cache / "accelcal", ignore_errors=True)
     environment = {**os.environ, "XDG_CACHE_HOME": str(cache), "OPENBLAS_NUM_THREADS": "1"}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # a user's modules are compiled once
     with open(os.devnull, "w") as output:
         child = subprocess.Popen(command, cwd=folder, env=environment, stdout=output, stderr=subprocess.PIPE, text=True)
     error = child.stderr.read() if child.stderr else ""

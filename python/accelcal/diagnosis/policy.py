@@ -129,7 +129,8 @@ tests/hidden/test_hidden.py]"""
 
 SEARCH_MODELS = 10
 """Models that a search for missing effects fits and judges, the base model included; then it says what it has. A count
-and not a time, so that every machine ends at the same model; 43 hard records of worlds and regimes took one to four.
+and not a time, so that every machine ends at the same model; 30 records of worlds and regimes, most of them hard, took
+one to four.
 [models; tests/selection/test_budget.py]"""
 
 # ---- validation: which effects may stay ----
