@@ -321,8 +321,10 @@ def examine(recording: Recording, start: float | None = None, end: float | None 
     """A recording as examined by this process before, where it is one of the last that are short enough."""
     if len(recording.accel) + len(recording.position) > MOST_KEPT:
         return Examined(recording, start, end)
-    digest = blake2b(pickle.dumps(recording, pickle.HIGHEST_PROTOCOL)).digest()
-    whole = _kept[digest] = _kept.pop(digest) if digest in _kept else Examined(recording)
+    content = pickle.dumps(recording, pickle.HIGHEST_PROTOCOL)
+    digest = blake2b(content).digest()
+    # A copy is kept: the arrays of the caller may change.
+    whole = _kept[digest] = _kept.pop(digest) if digest in _kept else Examined(pickle.loads(content))
     while len(_kept) > KEPT:
         _kept.popitem(last=False)
     return whole if start is None and end is None else Examined(recording, start, end, whole)
