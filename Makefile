@@ -10,6 +10,7 @@ export CARGO_INCREMENTAL ?= 0
 RUN_TESTS := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= MALLOC_TRIM_THRESHOLD_=268435456 MALLOC_MMAP_THRESHOLD_=268435456 $(BIN)/python -m pytest -n auto --dist worksteal -q
 BESIDE := slow or outside or statistics
 
+.NOTPARALLEL:
 .PHONY: help demo docs pages paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response
 
 help: ## List the jobs.
@@ -176,5 +177,5 @@ $(VENV)/bin/python:
 
 $(DEMO_STAMP) $(STAMP): $(VENV)/bin/python $(SOURCES)
 	@tools/prerequisites.sh
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[$(if $(filter $(STAMP),$@),dev,plot)]"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[$(if $(filter $(STAMP),$@),dev,report)]"
 	@touch $(DEMO_STAMP) $@

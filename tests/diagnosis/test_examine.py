@@ -1,10 +1,13 @@
 """What is kept of a recording that was examined: by content, whatever happens to the arrays of the caller."""
 
+from dataclasses import replace
+from types import MappingProxyType
+
 import numpy as np
 
 import accelcal as ac
 from accelcal.data import Recording
-from accelcal.diagnosis.evidence import KEPT, examine
+from accelcal.diagnosis.evidence import MOST_RECORDINGS, examine
 from accelcal.simulation import ADXL105_RIG, simulate
 
 
@@ -18,7 +21,7 @@ def test_equal_recordings_are_examined_once_and_only_the_last_ones_are_kept() ->
     first = examine(recorded(0))
     assert examine(recorded(0)) is first
     assert examine(recorded(0), start=1.0).whole is first.whole
-    for seed in range(1, KEPT + 1):
+    for seed in range(1, MOST_RECORDINGS + 1):
         examine(recorded(seed))
     assert examine(recorded(0)) is not first
 
@@ -30,3 +33,8 @@ def test_a_recording_that_changes_is_examined_anew_and_changes_nothing_that_is_k
     recording.position.y[:] *= 1.5
     assert abs(ac.fit(recording)["bias"].value - bias) > 0.2
     assert ac.fit(recorded(100))["bias"].value == bias
+
+
+def test_a_recording_without_bytes_of_its_own_is_examined_all_the_same() -> None:
+    recording = replace(recorded(7), side=MappingProxyType({}))
+    assert ac.fit(recording)["bias"].value == ac.fit(recorded(7))["bias"].value

@@ -295,7 +295,7 @@ class Examined:
 
     @cached_property
     def faults(self) -> tuple[Fault, ...]:
-        """Those in that part."""
+        """Faults in that part."""
         columns = None if self.chosen or self.breaks else self.usable.columns
         return faults(self.source.recording, self.judged, columns)
 
@@ -311,22 +311,26 @@ class Examined:
         return TimeSpan(begin, stop, self.breaks, (*broken, *gone, *remarks), self.chosen)
 
 
-MOST_KEPT, KEPT = 1 << 20, 4
-"""Samples and readings of a recording up to which what was found of it is kept, and number of those."""
-_kept: OrderedDict[bytes, Examined] = OrderedDict()
+MOST_SAMPLES, MOST_RECORDINGS = 1 << 20, 4
+"""Samples of all channels of a recording up to which what was learnt of it stays, and number of those."""
+_examined: OrderedDict[bytes, Examined] = OrderedDict()
 """By the content of the recording; the last one that was asked for is at the end."""
 
 
 def examine(recording: Recording, start: float | None = None, end: float | None = None) -> Examined:
     """A recording as examined by this process before, where it is one of the last that are short enough."""
-    if len(recording.accel) + len(recording.position) > MOST_KEPT:
+    channels = recording.accel, recording.position, *recording.side.values()
+    if sum(map(len, channels)) > MOST_SAMPLES:
         return Examined(recording, start, end)
-    content = pickle.dumps(recording, pickle.HIGHEST_PROTOCOL)
+    try:
+        content = pickle.dumps(recording, pickle.HIGHEST_PROTOCOL)
+    except (TypeError, AttributeError, pickle.PicklingError):  # a mapping of the user's own, or a channel
+        return Examined(recording, start, end)
     digest = blake2b(content).digest()
-    # A copy is kept: the arrays of the caller may change.
-    whole = _kept[digest] = _kept.pop(digest) if digest in _kept else Examined(pickle.loads(content))
-    while len(_kept) > KEPT:
-        _kept.popitem(last=False)
+    # A copy stays: the arrays of the caller may change.
+    whole = _examined[digest] = _examined.pop(digest) if digest in _examined else Examined(pickle.loads(content))
+    while len(_examined) > MOST_RECORDINGS:
+        _examined.popitem(last=False)
     return whole if start is None and end is None else Examined(recording, start, end, whole)
 
 

@@ -270,7 +270,7 @@ class ColumnFilter:
     def _bank(self, readings: slice) -> _core.Bank:
         """Gains and geometry of a stretch; the last one is kept."""
         if self._last is None or self._last[0] != readings:
-            self._last = None  # free the old geometry before the next is made
+            self._last = None  # its memory serves the next
             grid = grid_times(self.state, grid_rows(self.state, readings))
             self._last = readings, bank_of(self.state, readings, grid, self.group)
         return self._last[1]

@@ -61,8 +61,6 @@ HELD = 1 << 22
 MEMORY = 10.0
 """Seconds before a start over which effects with memory are evaluated. They are taken from the whole record; what
 simulated motion changes in them begins at the start."""
-CHEAPER = 0.5
-"""Cost of a node for effects that follow simulated motion and remember none of it, over that for those that do."""
 SMALL = 1e-6
 """Step of a numerical derivative, as a share of the variable."""
 
@@ -177,13 +175,6 @@ class DeadReckoning:
     def remembers(self) -> bool:
         """Whether effects remember simulated motion."""
         return bool(self.lagging)
-
-    @property
-    def followed(self) -> tuple[float, float]:
-        """Seconds before a start that are evaluated with its path, and what a second of that costs, in nodes on which
-        effects with memory are evaluated; 0 where no effect follows simulated motion."""
-        looks_back = bool(self.lagging or self.lagging_read)
-        return MEMORY * looks_back, max(looks_back, CHEAPER * self.feeds_back) / self.known.step
 
     def batches(self, count: int, horizon: float) -> list[slice]:
         """Starts that are simulated together."""

@@ -155,8 +155,8 @@ def compare(
     remembers = (ruler or Ruler.of([fit])).remembers
     ruled = fit if ruler is None else ruler.held_by(fit)
     ahead = Prediction.of(ruled, source, start=start, end=end, remembers=remembers)
-    if ruler is not None and ruler.grown:
-        ahead.followed = dearest(ruler, source, start, end)
+    if ruler is not None and ruler.remembers:
+        ahead.nodes_apart = nodes_apart(ruler, source, start, end)
     run, e, S = ahead.run, ahead.e, ahead.S
     counts, asked = ahead.counts, run.t >= ahead.since
     progress(0.3)
@@ -225,14 +225,14 @@ def accel_side(ahead: Prediction, fit: Fit, band: float | None) -> tuple[dict[st
     return fields, t, motion
 
 
-def dearest(ruler: Ruler, source: Source, start: float | None, end: float | None) -> tuple[float, float]:
-    """What the dearest model of a table costs on a recording, `Prediction.followed`."""
+def nodes_apart(ruler: Ruler, source: Source, start: float | None, end: float | None) -> float:
+    """Spacing of nodes, s, on which a model of a table remembers simulated motion of a recording; 0 where none does."""
     place = recording_of(source).sums, start, end
-    if place not in ruler.followed:
-        several = [ruler.held_by(fit) for fit in ruler.grown]
-        ahead = (Prediction.of(fit, source, start=start, end=end, remembers=ruler.remembers) for fit in several)
-        ruler.followed[place] = max(model.followed for model in ahead)
-    return ruler.followed[place]
+    if place not in ruler.nodes:
+        several = [ruler.held_by(fit) for fit in ruler.remembering]
+        ahead = (Prediction.of(fit, source, start=start, end=end, remembers=True) for fit in several)
+        ruler.nodes[place] = max(model.nodes_apart for model in ahead)
+    return ruler.nodes[place]
 
 
 def coast(fit: Fit, source: Source, start: float, horizon: float) -> Coast:

@@ -39,10 +39,10 @@ class Ruler:
     """Bandwidth of the motion that effects are evaluated on, Hz."""
     remembers: bool = False
     """Whether an effect of one of the models has a memory: all are then run over the history of what is compared."""
-    grown: tuple[Fit, ...] = field(default=(), compare=False)
-    """Models with effects: all are followed from the fewer start points of the dearest of these."""
-    followed: dict[Hashable, tuple[float, float]] = field(default_factory=dict, compare=False, repr=False)
-    """What that one costs, by recording and part of it: `Prediction.followed`."""
+    remembering: tuple[Fit, ...] = field(default=(), compare=False)
+    """Those models: all are followed from the fewer start points of these."""
+    nodes: dict[Hashable, float] = field(default_factory=dict, compare=False, repr=False)
+    """Spacing of the nodes of their motion, by recording and part of it, s."""
 
     @classmethod
     def of(cls, fits: Sequence[Fit]) -> Ruler:
@@ -56,9 +56,8 @@ class Ruler:
         best = min(fits, key=lambda fit: fit.noise().usual.q, default=None)
         if best is None:
             raise AccelcalError("a comparison of several models needs at least one of them")
-        grown = tuple(fit for fit in fits if fit.model.added)
-        remembers = not all(is_local(find(name)) for fit in grown for name in fit.model.added)
-        return cls(best.noise(), best.validity["frequency"][1], remembers, grown)
+        remembering = tuple(fit for fit in fits if not all(is_local(find(name)) for name in fit.model.added))
+        return cls(best.noise(), best.validity["frequency"][1], bool(remembering), remembering)
 
     def held_by(self, fit: Fit) -> Fit:
         """The fit with this filter in place of its own."""
@@ -103,12 +102,14 @@ def noise_floor(
     encoder = ReadingNoise.of(fit, run)
     noise = _of_filter(ruler, fit, sensor, scale, encoder)
 
-    def drawn() -> NoiseFloor:
-        ahead = Prediction(run, values_on(fit, recording), noise, fit.validity["frequency"][1])
-        return _drawn(ahead, sensor, scale, encoder, horizons)
+    values, cutoff = values_on(fit, recording), fit.validity["frequency"][1]
 
-    of_fit = fit.origins, fit.validity["frequency"], fit.estimates
-    return run.once(pickle.dumps((noise, sensor, encoder, tuple(horizons), of_fit)), drawn)
+    def drawn() -> NoiseFloor:
+        return _drawn(Prediction(run, values, noise, cutoff), sensor, scale, encoder, horizons)
+
+    readings = run.inside, len(run.t), run.restarts, recording.position_steps
+    model = fit.origins, values.by_name, [(term.name, dict(term.shape)) for term in values.terms], cutoff
+    return run.once(pickle.dumps((readings, model, noise, sensor, encoder, tuple(horizons))), drawn)
 
 
 def _of_filter(ruler: Ruler, fit: Fit, sensor: SensorNoise, scale: float, encoder: ReadingNoise) -> Noise:

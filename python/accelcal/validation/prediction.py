@@ -21,7 +21,7 @@ from accelcal.estimation.values import Noise, Values
 from accelcal.signals.processing import integral
 from accelcal.signals.signals import RESAMPLED, Signals
 from accelcal.validation.comparison import ReferenceNoise
-from accelcal.validation.dead_reckoning import DeadReckoning, Starts
+from accelcal.validation.dead_reckoning import MEMORY, DeadReckoning, Starts
 
 
 def values_on(fit: Fit, recording: Recording) -> Values:
@@ -74,7 +74,7 @@ def at_rest(effect: Effect, shape: Mapping[str, float]) -> dict[str, float]:
 MOST_STARTS = 200
 """Start points of coasting, spread over the record."""
 MOST_NODES, FEWEST_STARTS = 1 << 18, 10
-"""Nodes of all start points, their histories too, on which effects that follow simulated motion are evaluated at a
+"""Nodes of all start points, their histories too, on which effects that remember simulated motion are evaluated at a
 time, and start points at least: of the usual ones only every so many."""
 DIVERGED = 100.0
 """Largest error by effects that is told, as a multiple of the travel: effects that amplify what they act on grow
@@ -160,8 +160,9 @@ class Prediction:
             lost *= since
         self.breaks = np.cumsum(d.restart)
         self.ahead = None if self.causal is None else self._dead_reckoning(self.causal, cutoff)
-        self.followed = (0.0, 0.0) if self.ahead is None else self.ahead.followed
-        """What following simulated motion costs this model, or the dearest of its table: `DeadReckoning.followed`."""
+        self.nodes_apart = self.ahead.known.step if self.ahead is not None and self.ahead.remembers else 0.0
+        """Spacing of nodes on which simulated motion is remembered, by this or another model of its table, s; 0 where
+        none is."""
 
     def _causal(self, plain: DriveIntegrals, cutoff: float, withheld: float) -> Signals:
         """Motion for the effects: acceleration from the output, position and velocity from the causal filter."""
@@ -315,9 +316,10 @@ class Prediction:
         return np.asarray(k[(self.breaks[end] == self.breaks[k]) & self.counts[k]])
 
     def _fewer(self, k: NDArray[np.intp], horizon: float) -> NDArray[np.intp]:
-        """Every so many of the start readings where effects follow simulated motion."""
-        history, cost = self.followed
-        nodes = len(k) * (horizon + history) * cost
+        """Every so many of the start readings where effects remember simulated motion."""
+        if not self.nodes_apart:
+            return k
+        nodes = len(k) * (horizon + MEMORY) / self.nodes_apart
         return k[:: max(1, min(math.ceil(nodes / MOST_NODES), len(k) // FEWEST_STARTS))]
 
     def at_horizon(self, horizon: float) -> Coasting:
