@@ -899,18 +899,20 @@ def compare_models(
     part, (begin, finish) = examined.source, examined.span
     progress(0.1)
 
-    least = noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
     gone = left_out_sentences(part.recording, begin, finish)
 
     def compared(number: int, fit: Fit) -> Evaluation:
-        share = within(progress, 0.3 + 0.7 * number / len(fits), 0.3 + 0.7 * (number + 1) / len(fits))
+        share = within(progress, 0.1 + 0.7 * number / len(fits), 0.1 + 0.7 * (number + 1) / len(fits))
         result = evaluation.compare(
             fit, part, band=band, horizons=horizons, start=begin, end=finish, ruler=ruler, progress=share
         )
         scores = noise_scores(fit, part, start=begin, end=finish)
-        return replace(result, noise_scores=scores, breaks=examined.breaks[:1], left_out=gone, noise_floor=least)
+        return replace(result, noise_scores=scores, breaks=examined.breaks[:1], left_out=gone)
 
-    return tuple(compared(number, fit) for number, fit in enumerate(fits))
+    evaluations = [compared(number, fit) for number, fit in enumerate(fits)]
+    least = noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
+    progress(1.0)
+    return tuple(replace(result, noise_floor=least) for result in evaluations)
 
 
 @checked
