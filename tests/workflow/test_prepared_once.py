@@ -47,7 +47,7 @@ VERBS = (
 
 
 @pytest.mark.parametrize("number", range(len(VERBS)))
-def test_a_file_is_prepared_once_whatever_is_done_with_it(recording, number) -> None:
+def test_a_fit_and_a_diagnosis_prepare_a_file_once(recording, number) -> None:
     recording.accel.y[0] += 1e-9  # other content than that of the tests before
     assert calls(lambda: VERBS[number](recording)) == 1
     assert [calls(lambda verb=verb: verb(recording)) for verb in VERBS] == [0] * len(VERBS)
