@@ -29,9 +29,9 @@ from pathlib import Path
 from accelcal.io import write_csv, write_parquet, write_sidecar
 from benches.fit import record
 for name, samples in zip(sys.argv[1::2], sys.argv[2::2]):
-    made, path = record(int(samples)), Path(name)
+    recording, path = record(int(samples)), Path(name)
     write = write_csv if path.suffix == ".csv" else write_parquet
-    write_sidecar(made.rig, write(made, path), path.with_suffix(".toml"))
+    write_sidecar(recording.rig, write(recording, path), path.with_suffix(".toml"))
 """
 """In a process of its own: a child inherits the peak memory of the process that starts it."""
 WARM = """
@@ -160,10 +160,10 @@ def main() -> int:
     lines = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        made = {"minute.csv": given.samples} | (
+        lengths = {"minute.csv": given.samples} | (
             {"ten.parquet": TEN_MINUTES, "hour.parquet": AN_HOUR} if given.hour else {}
         )
-        record = [text for file, samples in made.items() for text in (str(folder / file), str(samples))]
+        record = [text for file, samples in lengths.items() for text in (str(folder / file), str(samples))]
         subprocess.run([sys.executable, "-c", RECORD, *record], cwd=ROOT, check=True)
         of = alternated(pythons, COMMANDS, "minute.csv", folder, given.rounds)
         for job in ("import numpy", *COMMANDS):

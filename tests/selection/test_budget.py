@@ -30,12 +30,12 @@ def test_no_model_is_begun_beyond_the_limit():
 
 
 def test_a_stopped_search_says_so_with_the_best_answer_so_far(request):
-    made = record()
-    whole = ac.improve(made)
+    recording = record()
+    whole = ac.improve(recording)
     assert whole.effects == ("quadratic",)
     assert "search_stopped" not in [r.code for r in whole.diagnosis.remarks]
     request.getfixturevalue("base_alone")
-    stopped = ac.improve(made)
+    stopped = ac.improve(recording)
     assert stopped.effects == ()
     assert stopped.verdict == "unexplained"
     assert [r.code for r in stopped.diagnosis.remarks] == ["search_stopped", "not_added"]
@@ -45,13 +45,13 @@ def test_a_stopped_search_says_so_with_the_best_answer_so_far(request):
 
 
 def test_a_search_that_has_nothing_to_add_is_never_said_to_be_stopped(base_alone):
-    found = ac.improve(record(quadratic=0.0))
-    assert (found.verdict, found.diagnosis.remarks) == ("adequate", ())
+    improved = ac.improve(record(quadratic=0.0))
+    assert (improved.verdict, improved.diagnosis.remarks) == ("adequate", ())
 
 
 def test_the_verdict_of_a_search_coasts_as_that_of_a_diagnosis():
-    made = record()
-    found = ac.improve(made, holdout=made)
-    where, alone = found.diagnosis.where, ac.diagnose(found.steps[-1].fit, made).where
+    recording = record()
+    improved = ac.improve(recording, holdout=recording)
+    where, alone = improved.diagnosis.where, ac.diagnose(improved.steps[-1].fit, recording).where
     assert where.coast_starts == alone.coast_starts
     assert where.coast_rms == pytest.approx(alone.coast_rms, rel=1e-6)

@@ -151,7 +151,7 @@ impl NullaryFnOnce for Prepare<'_> {
             #[inline(always)]
             |cell| cells.push(cell),
             #[inline(always)]
-            |one| readings.push(one),
+            |reading| readings.push(reading),
         )
     }
 }

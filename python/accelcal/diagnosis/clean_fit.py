@@ -96,8 +96,9 @@ def clean_fit(
     runs, found_earlier = list(runs), {test.effect: test for test in before}
     solution = solved or solve(runs)
     for rounds_left in reversed(range(REJECTION_ROUNDS + 1)):
-        tests_of_runs = [test(state) for state in given_back(solution.states)]
-        given_back(solution.states)
+        give_back(solution.states)
+        tests_of_runs = [test(state) for state in solution.states]
+        give_back(solution.states)
         tests = [test for of_run in tests_of_runs for test in of_run]
         outlier_tests = [outliers_found(of_run) for of_run in tests_of_runs]
         if not rounds_left or not any(outlier_tests):
@@ -116,11 +117,10 @@ LONG = 1_000_000
 """Samples of the output from which on freed arrays are worth giving back: they are used again sooner than that."""
 
 
-def given_back(states: list[RunState]) -> list[RunState]:
-    """The states, the memory that long runs were solved and tested in given back."""
+def give_back(states: Sequence[RunState]) -> None:
+    """Give back the memory in which long runs were solved and tested."""
     if sum(len(state.run.accel) for state in states) > LONG:
         give_back_memory()
-    return states
 
 
 def outliers_found(tests: Sequence[NoiseTest]) -> list[NoiseTest]:

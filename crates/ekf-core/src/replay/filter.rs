@@ -246,8 +246,8 @@ pub fn block_products<const N: usize>(
     mut take: impl FnMut(&[[f64; N]; N], usize),
 ) -> Result<(), ReplayError> {
     let n = shared.t.len();
-    for found in driven.iter().flat_map(|one| [one.z.len(), one.first.len(), one.second.len()]).chain([settled.len()]) {
-        same_length(n, found)?;
+    for length in driven.iter().flat_map(|d| [d.z.len(), d.first.len(), d.second.len()]).chain([settled.len()]) {
+        same_length(n, length)?;
     }
     let (mut p, mut v, mut products, mut count) = ([0.0; N], [0.0; N], [[0.0; N]; N], 0);
     let mut ahead = edges.get(1..).unwrap_or(&[]);
