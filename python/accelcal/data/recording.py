@@ -199,8 +199,9 @@ class PositionStep:
         )
 
 
-WrongKind = Literal["saturated", "stuck"]
-"""At the limit of its range; or one value repeated while the other channel moves."""
+WrongKind = Literal["denied", "saturated", "stuck"]
+"""Far beyond the rest while the reference shows nothing; at the limit of its range; or one value repeated while the
+other channel moves."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -305,7 +305,7 @@ class Examined:
         run, recording = self.judged, self.source.recording
         begin, stop = float(run.t[0]), float(run.t[-1])
         broken = [remark("break", recording=recording.name or "recording", time=at) for at in self.breaks]
-        gone = left_out_remarks([recording], "", begin, stop)
+        gone = left_out_remarks([recording], "", *self.span)
         remarks = fault_remarks(self.faults, stop - begin)
         self._release()
         return TimeSpan(begin, stop, self.breaks, (*broken, *gone, *remarks), self.chosen)

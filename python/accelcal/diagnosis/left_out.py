@@ -1,7 +1,8 @@
-"""Readings left out of an estimate before it is made: saturated, stuck, of a sleeping logger.
+"""Readings left out of an estimate before it is made: saturated, stuck, of a sleeping logger, denied by the reference.
 
-A reading at the limit of the range, or one that repeats a value while the other channel moves, is no measurement with
-noise: it biases every estimate, so it becomes a gap, with the reach of the declared filters on both sides.
+A reading at the limit of the range, one that repeats a value while the other channel moves, or one far beyond the rest
+of which the reference shows nothing, is no measurement with noise: it biases every estimate, so it becomes a gap, with
+the reach of the declared filters on both sides.
 """
 
 from __future__ import annotations
@@ -13,9 +14,20 @@ from dataclasses import replace
 import numpy as np
 
 from accelcal._support.values import listing
-from accelcal.data import POSITION_ORDER, Array, Channel, Flags, Recording, require_usable, usual_step
+from accelcal.data import (
+    POSITION_ORDER,
+    Array,
+    Channel,
+    Flags,
+    Recording,
+    require_reference,
+    require_usable,
+    usual_step,
+)
 from accelcal.data.recording import LeftOut, WrongKind
 from accelcal.diagnosis.policy import (
+    DENIED_RATIO,
+    DENIED_SHARE,
     LEFT_OUT_BESIDE,
     RAIL_NOISE,
     RAIL_PILED,
@@ -29,12 +41,14 @@ from accelcal.estimation.channel_filters import ChannelFilters
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of
 from accelcal.signals.processing import FORGOTTEN, memory
-from accelcal.signals.series import interpolation_spread
+from accelcal.signals.series import interpolation_spread, widened
 
 FEWEST = 16
 """Samples of the output in a stretch, least, from which its noise is known."""
 SLOPE = 8
 """Readings on either side of a stretch that tell the speed there."""
+SINGLE = 2
+"""Damaged readings that stand alone; about more of them some may lie that are no larger than the rest."""
 HIDDEN = (1.0, 0.25, 1.0 / 16.0)
 """What an output that repeats one count may hide of a reference of so many derivatives less, over the count and the
 length of the stretch to that power: its departure from a polynomial of that degree stays below."""
@@ -89,7 +103,7 @@ def _cleaned(source: Source) -> Recording | None:
     recording = recording_of(source)
     try:
         require_usable(recording)
-        wrong = (("saturated", "accel", rail_hits(recording)), *stuck(source))
+        wrong = (("denied", "accel", denied(recording)), ("saturated", "accel", rail_hits(recording)), *stuck(source))
     except ValueError:
         return None
     rig, left, gone = recording.rig, recording, []
@@ -98,7 +112,8 @@ def _cleaned(source: Source) -> Recording | None:
         step, filters = usual_step(channel.t), rig.output_filters if name == "accel" else rig.position_filters
         reach = memory(filters, 1.0 / step)
         if name == "accel":
-            reach += LEFT_OUT_BESIDE * step + (FORGOTTEN * rig.lowpass.tau if rig.lowpass else 0.0)
+            reach += FORGOTTEN * rig.lowpass.tau if rig.lowpass else 0.0
+            reach += 0.0 if kind == "denied" else LEFT_OUT_BESIDE * step
         out = np.zeros(len(channel), dtype=np.bool_)
         for begin, end in stretches:
             out[slice(*np.searchsorted(channel.t, [begin - reach, np.nextafter(end + reach, math.inf)]))] = True
@@ -111,6 +126,38 @@ def _cleaned(source: Source) -> Recording | None:
         cleaned = replace(channel, t=channel.t[~out], y=channel.y[~out])
         left = replace(left, accel=cleaned) if name == "accel" else replace(left, position=cleaned)
     return replace(left, left_out=tuple(gone)) if gone else None
+
+
+def denied(recording: Recording) -> Stretches:
+    """Stretches of output far beyond the rest, of which the reference shows nothing: damaged packets, switching on.
+
+    Over each stretch and 16 readings of the reference on either side, the departure from a polynomial of what the
+    reference reads is compared with that of the output in the stretch, integrated as often as makes it the same
+    quantity. A shock that the reference shows is kept, and so is one that hides in its noise.
+    """
+    accel, reference = recording.accel, recording.reference or recording.position
+    order = POSITION_ORDER if recording.reference is None else require_reference(reference)[0]
+    departure = np.abs(accel.y - np.median(accel.y))
+    far = departure > DENIED_RATIO * np.quantile(departure, 0.99)
+    beside, stretches = FEWEST * usual_step(reference.t), []
+    for a, b in runs_of_true(widened(far, LEFT_OUT_BESIDE), 1) if far.any() else []:
+        at = accel.t[a : b + 1][far[a : b + 1]]
+        begin, end = (float(at[0]), float(at[-1])) if len(at) <= SINGLE else (float(accel.t[a]), float(accel.t[b]))
+        about = slice(*np.searchsorted(accel.t, [begin - beside, end + beside]))
+        rows = slice(*np.searchsorted(reference.t, [begin - beside, end + beside]))
+        t, moved = accel.t[about], accel.y[about] - np.median(accel.y)
+        moved[(t < begin) | (t > end)] = 0.0
+        for _ in range(order):
+            moved = np.concatenate([[0.0], np.cumsum(0.5 * (moved[1:] + moved[:-1]) * np.diff(t))])
+        x = reference.t[rows]
+        if len(x) < FEWEST:
+            continue
+        powers = np.vander((x - x[0]) / (x[-1] - x[0]), order + 3)
+        both = np.column_stack([np.interp(x, t, moved), reference.y[rows]])
+        claimed, shown = np.std(both - powers @ np.linalg.lstsq(powers, both)[0], axis=0)
+        if shown < DENIED_SHARE * claimed:
+            stretches.append((begin, end))
+    return stretches
 
 
 def rail_hits(recording: Recording) -> Stretches:

@@ -379,6 +379,12 @@ LEFT_OUT_BESIDE = 8
 """Samples of the output on either side of wrong ones that are left out with them. Nothing then interpolates over the
 gap, whose motion is always that beyond the limit: a polynomial through its edges errs to one side. [samples;
 tests/diagnosis/test_left_out.py]"""
+DENIED_RATIO = 3.0
+"""Departure of the output from its median over that of which 1 % of its readings are beyond, least, where the
+reference is asked. What is smaller is left to the tests of outliers. [ratio; tests/field/test_faults.py]"""
+DENIED_SHARE = 0.1
+"""Share of the output's motion in such a stretch that the reference shows, most, where it is no motion. A rig whose
+scale factor is a ratio of masses shows a fifth. [share; tests/field/test_faults.py]"""
 STUCK_SAMPLES = 32
 """Equal readings in a row, while the other channel moves, that are a stuck channel. Fewer are quantisation.
 [samples; tests/diagnosis/test_left_out.py]"""

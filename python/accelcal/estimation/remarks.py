@@ -71,6 +71,12 @@ KINDS: dict[str, Kind] = {
         "{channel}: the output saturates {count} times, {share:.2g} % of the record together, for {longest:.2g} s at "
         "most from t = {time:.6g} s on",
     ),
+    "denied": Kind(
+        "data",
+        "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, stretches: {stretches}, from t = "
+        "{time:.6g} s to {end:.6g} s) are left out: they lie far beyond all others, and the reference shows no such "
+        "motion; check supply, cable and damaged packets",
+    ),
     "saturated": Kind(
         "data",
         "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, stretches: {stretches}, from t = "

@@ -85,7 +85,7 @@ def marks(recording: Recording) -> Marks:
     """
     of_record = examine(recording)
     part, clean = of_record.usable, of_record.source.recording
-    gone = tuple(left_out_remarks([clean], "", part.start, part.end))
+    gone = tuple(left_out_remarks([clean], "", *of_record.span))
     return Marks(part.start, part.end, part.breaks, of_record.faults, tuple(rest(clean)), gone)
 
 

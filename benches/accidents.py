@@ -1,0 +1,112 @@
+"""Accidents of a laboratory: `python -m benches.accidents [--records 20] [--kind touched] [--out build/accidents.jsonl]`.
+
+Each kind of `tests/field/accidents.py` is planted into honest records, written as a file and read again. Right is: the
+accident is told, nothing is named that is not there, bias and scale factor within 4 standard deviations wherever the
+program reports them without a warning. A record without an accident accompanies each. An interrupted run goes on where it
+stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+import tempfile
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+
+import accelcal as ac
+from accelcal.verbs import improve
+from benches.outcomes import Outcome, run_all
+from tests.field.accidents import ACCIDENTS, honest
+
+SIGMA = 4.0
+MOST_OFF = 2
+"""Parameters beyond it, of all."""
+TOLD = 0.98
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One record."""
+
+    kind: str
+    number: int
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Identifier under which its outcome is kept."""
+        return f"{self.kind}/{self.seed}/{self.number}"
+
+
+def outcome(trial: Trial) -> Outcome:
+    """What is said of a record, errors in standard deviations, false names."""
+    record = honest(1000 * trial.seed + trial.number)
+    if trial.kind != "none":
+        ACCIDENTS[trial.kind].plant(record)
+    result: Outcome = {"key": trial.key, "kind": trial.kind, "errors": {}, "effects": [], "verdict": "refused"}
+    with tempfile.TemporaryDirectory() as folder:
+        path = record.write(Path(folder) / "run.csv")
+        try:
+            recording = ac.load(path)
+            improvement = improve(recording)
+        except ac.AccelcalError as error:
+            said = [str(error)]
+        else:
+            fit, last = improvement.best, improvement.diagnosis
+            said = [*(note.text for note in recording.findings), *(remark.sentence for remark in last.remarks), last.sentence]
+            truth = {"bias": record.bias, "scale_factor": record.scale_factor}
+            errors = {name: (fit[name].value - value) / fit[name].std for name, value in truth.items()}
+            result |= {"errors": errors, "effects": list(improvement.effects), "verdict": last.verdict}
+    result["said"] = [text.replace(folder, "") for text in said]
+    return result
+
+
+def accused(one: Outcome) -> list[str]:
+    """Names that are not in the record; a time offset is a matter of clocks."""
+    right = ("time_offset", *(ACCIDENTS[one["kind"]].names if one["kind"] != "none" else ()))
+    return [name for name in one["effects"] if name not in right]
+
+
+def told(one: Outcome) -> bool:
+    """Whether the accident is told; of a record without one, whether none is."""
+    if one["kind"] == "none":
+        return not any("left out" in text or "suspect" in text for text in one["said"])
+    return any(re.search(ACCIDENTS[one["kind"]].told, text) for text in one["said"])
+
+
+def main() -> int:
+    """Print a line per record, then counts by kind; 1 where a bar is missed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--records", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--kind", choices=("none", *ACCIDENTS), action="append")
+    parser.add_argument("--out", type=Path, default=Path("build/accidents.jsonl"))
+    parser.add_argument("--workers", type=int, default=1)
+    options = parser.parse_args()
+    kinds = options.kind or ("none", *ACCIDENTS)
+    trials = [Trial(kind, number, options.seed) for number in range(options.records) for kind in kinds]
+    outcomes = run_all(outcome, trials, options.out, options.workers)
+    groups: dict[str, list[Outcome]] = defaultdict(list)
+    for one in sorted(outcomes, key=lambda one: str(one["key"])):
+        groups[one["kind"]].append(one)
+        errors = ", ".join(f"{name} {error:+.1f}" for name, error in one["errors"].items())
+        print(f"{one['key']}: {one['verdict']} {'+'.join(one['effects'])} [{errors}] told {told(one)}")
+        if not told(one) or accused(one) or any(abs(e) > SIGMA for e in one["errors"].values()):
+            print(*(f"    {text}" for text in one["said"]), sep="\n")
+    off = false = silent = total = 0
+    for kind, members in groups.items():
+        beyond = sum(abs(e) > SIGMA for one in members for e in one["errors"].values())
+        names, mute = sum(bool(accused(one)) for one in members), sum(not told(one) for one in members)
+        print(f"{kind:16s} records {len(members):3d}  beyond {SIGMA:g} sigma {beyond:3d}  falsely named {names:3d}  untold {mute:3d}")
+        off, total, silent = off + beyond, total + len(members), silent + mute
+        false += names > 1
+    print(f"beyond {SIGMA:g} sigma: {off} (at most {MOST_OFF}); kinds with more than one false name: {false} (0)")
+    print(f"told: {total - silent} of {total} (at least {TOLD:.0%})")
+    return int(off > MOST_OFF or false > 0 or total - silent < TOLD * total)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""First contact: files as users' loggers write them, with the faults that users reported."""
