@@ -56,7 +56,11 @@ def outcome(trial: Trial) -> Outcome:
             said = [str(error)]
         else:
             fit, last = improvement.best, improvement.diagnosis
-            said = [*(note.text for note in recording.findings), *(remark.sentence for remark in last.remarks), last.sentence]
+            said = [
+                *(note.text for note in recording.findings),
+                *(remark.sentence for remark in last.remarks),
+                last.sentence,
+            ]
             truth = {"bias": record.bias, "scale_factor": record.scale_factor}
             errors = {name: (fit[name].value - value) / fit[name].std for name, value in truth.items()}
             result |= {"errors": errors, "effects": list(improvement.effects), "verdict": last.verdict}
@@ -100,7 +104,9 @@ def main() -> int:
     for kind, members in groups.items():
         beyond = sum(abs(e) > SIGMA for one in members for e in one["errors"].values())
         names, mute = sum(bool(accused(one)) for one in members), sum(not told(one) for one in members)
-        print(f"{kind:16s} records {len(members):3d}  beyond {SIGMA:g} sigma {beyond:3d}  falsely named {names:3d}  untold {mute:3d}")
+        print(
+            f"{kind:16s} records {len(members):3d}  beyond {SIGMA:g} sigma {beyond:3d}  falsely named {names:3d}  untold {mute:3d}"
+        )
         off, total, silent = off + beyond, total + len(members), silent + mute
         false += names > 1
     print(f"beyond {SIGMA:g} sigma: {off} (at most {MOST_OFF}); kinds with more than one false name: {false} (0)")

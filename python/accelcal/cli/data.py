@@ -54,7 +54,7 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
 
     Example: [bold]accelcal check run12.csv[/bold]
     """
-    from accelcal.diagnosis.faults import usable
+    from accelcal.diagnosis.faults import usable, without_other_scale
     from accelcal.diagnosis.left_out import left_out_sentences, without_wrong_readings
 
     with progress("check") as report:
@@ -63,7 +63,10 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
         report(0.6)
         whole = without_wrong_readings(recording)
         try:
-            breaks = list(usable(whole).breaks)
+            part = usable(whole)
+            rest = without_other_scale(part.columns)
+            whole, part = (rest, usable(rest)) if rest else (whole, part)
+            breaks = list(part.breaks)
         except data.RecordingError:  # too short to look for one: the summary says how long it is
             breaks = []
         report(0.9)

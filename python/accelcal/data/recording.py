@@ -199,9 +199,9 @@ class PositionStep:
         )
 
 
-WrongKind = Literal["denied", "saturated", "stuck"]
-"""Far beyond the rest while the reference shows nothing; at the limit of its range; or one value repeated while the
-other channel moves."""
+WrongKind = Literal["denied", "saturated", "stuck", "other_scale"]
+"""Far beyond the rest while the reference shows nothing; at the limit of its range; one value repeated while the other
+channel moves; or of another scale factor than the rest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,6 +217,8 @@ class LeftOut:
     """First and last reading of each, s."""
     reach: float
     """Time on both sides that the declared filters spread them over, s; it is left out with them."""
+    scale: float = 1.0
+    """Scale factor in them over that of the rest."""
 
 
 @immutable

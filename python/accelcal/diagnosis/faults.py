@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from accelcal import _core
 from accelcal._support.values import listing
-from accelcal.data import Array, Channel, PositionStep, Recording, instant
+from accelcal.data import Array, Channel, Flags, PositionStep, Recording, instant
 from accelcal.data.orientation import HOLE
+from accelcal.data.recording import LeftOut
 from accelcal.diagnosis.left_out import runs_of_true
 from accelcal.diagnosis.policy import (
     BREAK_BAND_RATIO,
@@ -29,6 +30,7 @@ from accelcal.diagnosis.policy import (
     IMPACT_ENCODER_RATIO,
     IMPACT_OUTPUT_RATIO,
     IMPACT_PEAK_RATIO,
+    OTHER_SCALE,
     RAIL_SAMPLES,
     RELATION_EXPLAINED,
     RELATION_LEAST_BLOCKS,
@@ -87,6 +89,14 @@ class RelationColumns:
     def steps(self) -> tuple[PositionStep, ...]:
         """Jumps of the position that they show."""
         return tuple(position_steps(self))
+
+    @property
+    def bands(self) -> list[float]:
+        """Crossovers at which changes are sought, Hz, the widest first; none of a record that is too short."""
+        run = self.run
+        top, lowest = 0.1 / run.reading_step, 4.0 * RELATION_LEAST_BLOCKS / float(run.t[-1] - run.t[0])
+        count = max(2, math.ceil(BANDS_PER_DECADE * math.log10(top / lowest)) + 1)
+        return [float(band) for band in np.geomspace(top, lowest, count)] if lowest < top else []
 
     def in_band(self, band: float) -> BandRelation:
         """Innovations of each column behind a filter whose crossover is `band`, Hz."""
@@ -341,22 +351,25 @@ MOST_STEP_SEARCHES = 3
 
 
 def with_position_steps(run: PreparedRun) -> tuple[PreparedRun, RelationColumns | None]:
-    """The run with the position steps that it shows, and the columns of every reading behind which no further step was
-    found; None where none were sought, or the search ended with one.
+    """The run with the position steps that it shows and without the part whose scale factor is another, and the columns
+    of every reading behind which nothing further was found; None where the search ended with a finding.
 
     The integral of a velocity or an acceleration counts nothing: its errors jump and stay by themselves.
     """
-    if run.recording.position_steps or run.recording.reference is not None:
-        return run, None
+    counted = run.recording.reference is None and not run.recording.position_steps
     for _ in range(MOST_STEP_SEARCHES):
         try:
             columns = RelationColumns(run.complete)
-            jumps = columns.steps
+            jumps = columns.steps if counted else ()
+            rest = None if jumps else without_other_scale(columns)
+            if jumps:
+                run = run.with_steps(sorted((*run.recording.position_steps, *jumps), key=lambda step: step.time))
+            elif rest is None:
+                return run, columns
+            else:
+                run = run.anew(rest)
         except ValueError:
             break
-        if not jumps:
-            return run, columns
-        run = run.with_steps(sorted((*run.recording.position_steps, *jumps), key=lambda step: step.time))
     return run, None
 
 
@@ -531,18 +544,16 @@ def find_breaks(columns: RelationColumns) -> tuple[float, ...]:
     in a narrow band first: the earliest instant counts, within a factor 8 of the widest band.
     """
     run = columns.run
-    top = 0.1 / run.reading_step
-    lowest = 4.0 * RELATION_LEAST_BLOCKS / float(run.t[-1] - run.t[0])
-    if lowest >= top:
+    bands = columns.bands
+    if len(bands) == 0:
         return ()
-    count = max(2, math.ceil(BANDS_PER_DECADE * math.log10(top / lowest)) + 1)
     widest, largest = 0.0, math.inf
-    for band in np.geomspace(top, lowest, count):
+    for band in bands:
         if band < widest / BREAK_BAND_RATIO:
             break
-        split = _split(columns.in_band(float(band)))
+        split = _split(columns.in_band(band))
         if split is not None:
-            widest, largest = max(widest, float(band)), min(largest, split)
+            widest, largest = max(widest, band), min(largest, split)
     if widest == 0.0:
         largest = impact(run)
     return (largest,) if math.isfinite(largest) else ()
@@ -586,33 +597,94 @@ def impact(run: PreparedRun) -> float:
     return min([float(t[hit]), *near]) if near else math.inf
 
 
+@dataclass(frozen=True, slots=True)
+class _Splits:
+    """One relation before and one behind every edge between two blocks of a band, (K - 1,) each."""
+
+    sums: tuple[Array, Array]
+    """Of the products before and behind, (K - 1, 6, 6) each."""
+    explained: tuple[Array, Array]
+    """Share of the encoder's variance."""
+    power: tuple[Array, Array]
+    """Mean square residual."""
+    gain: Array
+    """Log-likelihood over one relation and one variance, nat."""
+
+    @classmethod
+    def of(cls, gram: Array) -> _Splits:
+        """Of the products over blocks, (K, 6, 6)."""
+        forward, k = np.cumsum(gram, axis=0), np.arange(1, len(gram))
+        sums = forward[:-1], forward[-1] - forward[:-1]
+        (before, held), (behind, then) = map(unexplained, sums)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            power = before / sums[0][:, -1, -1], behind / sums[1][:, -1, -1]
+            whole = unexplained(forward[-1:])[0][0] / forward[-1, -1, -1]
+            gain = 0.5 * (len(gram) * np.log(whole) - k * np.log(power[0]) - (len(gram) - k) * np.log(power[1]))
+        return cls(sums, (held, then), power, gain)
+
+    def best(self, possible: Flags) -> int | None:
+        """The edge of those possible that gains most, and enough; `RELATION_LEAST_BLOCKS` lie before it."""
+        gain = np.where(possible & np.isfinite(self.gain), self.gain, -np.inf)
+        gain[: RELATION_LEAST_BLOCKS - 1] = -np.inf
+        best = int(np.argmax(gain))
+        return best if gain[best] >= BREAK_LOG_LIKELIHOOD else None
+
+
 def _split(relation: BandRelation) -> float | None:
     """Instant of the break inside one band, if there is one."""
     gram, edges = relation.gram, relation.edges
     K = len(gram)
     if K < 2 * RELATION_LEAST_BLOCKS:
         return None
-    forward = np.cumsum(gram, axis=0)
-    backward = forward[-1] - forward
-    before, behind = unexplained(forward[:-1]), unexplained(backward[:-1])
-    n1, n2 = forward[:-1, -1, -1], backward[:-1, -1, -1]
-    k = np.arange(1, K)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        power1, power2 = before[0] / n1, behind[0] / n2
-        whole = unexplained(forward[-1:])[0][0] / forward[-1, -1, -1]
-        gain = 0.5 * (K * np.log(whole) - k * np.log(power1) - (K - k) * np.log(power2))
-        lost = (behind[1] < BREAK_EXPLAINED) & (power2 > BREAK_POWER_RATIO * power1)
-    possible = lost & (k >= RELATION_LEAST_BLOCKS) & (K - k >= 2) & np.isfinite(gain)
-    if not possible.any():
+    splits = _Splits.of(gram)
+    power = splits.power[0]
+    lost = (splits.explained[1] < BREAK_EXPLAINED) & (splits.power[1] > BREAK_POWER_RATIO * power)
+    best = splits.best(lost & (np.arange(1, K) <= K - 2))
+    if best is None or splits.explained[0][best] < RELATION_EXPLAINED:
         return None
-    best = int(np.argmax(np.where(possible, gain, -np.inf)))
-    if gain[best] < BREAK_LOG_LIKELIHOOD or before[1][best] < RELATION_EXPLAINED:
-        return None
-    held = _solve(forward[best])
-    if np.median(relation.power(gram[best + 1 :], held)) < BREAK_POWER_RATIO * power1[best]:
+    held = _solve(splits.sums[0][best])
+    if np.median(relation.power(gram[best + 1 :], held)) < BREAK_POWER_RATIO * power[best]:
         return None
     interval = (edges[max(0, best - 1)], edges[min(K, best + 4)])
-    return relation.departure(held, float(power1[best]), interval)
+    return relation.departure(held, float(power[best]), interval)
+
+
+def without_other_scale(columns: RelationColumns) -> Recording | None:
+    """The recording without the shorter part of the output, where its scale factor differs from that of the rest by
+    more than any effect of a sensor: a range, a gain or a sign was changed, or one channel by another; None where it
+    does not.
+
+    Parameters
+    ----------
+    columns : of every reading of it.
+    """
+    run = columns.run
+    for band in columns.bands:
+        relation = columns.in_band(band)
+        K = len(relation.gram)
+        if K < 2 * RELATION_LEAST_BLOCKS:
+            continue
+        splits = _Splits.of(relation.gram)
+        before, behind = (_solve(sums)[:, 0] for sums in splits.sums)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = before / behind  # the columns make the encoder's reading of the output: the inverse of its scale
+        holds = np.minimum(*splits.explained) > RELATION_EXPLAINED
+        best = splits.best(holds & ~((ratio > 1.0 / OTHER_SCALE) & (ratio < OTHER_SCALE)) & (np.arange(1, K) <= K - 4))
+        if best is None:
+            continue
+        interval = (relation.edges[max(0, best - 1)], relation.edges[min(K, best + 4)])
+        at = relation.departure(_solve(splits.sums[0][best]), float(splits.power[0][best]), interval)
+        recording, late = run.recording, at - run.t[0] > 0.5 * (run.t[-1] - run.t[0])
+        accel, reach = recording.accel, 1.0 / band
+        out = accel.t >= at - reach if late else accel.t <= at + reach
+        gone = accel.t[out]
+        scale = float(ratio[best] if late else 1.0 / ratio[best])
+        item = LeftOut(
+            "other_scale", "accel", len(gone), len(accel), ((float(gone[0]), float(gone[-1])),), reach, scale
+        )
+        cleaned = replace(accel, t=accel.t[~out], y=accel.y[~out])
+        return replace(recording, accel=cleaned, left_out=(*recording.left_out, item))
+    return None
 
 
 __dir__ = listing(globals())

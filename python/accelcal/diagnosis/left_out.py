@@ -86,6 +86,7 @@ def left_out_remarks(
             time=gap.stretches[0][0],
             end=gap.stretches[-1][1],
             reach=gap.reach,
+            scale=gap.scale,
         )
         for recording in recordings
         for gap in recording.left_out

@@ -296,6 +296,9 @@ tests/diagnosis/test_change_points.py]"""
 BREAK_BAND_RATIO = 8.0
 """Ratio of the widest to the narrowest band in which the beginning of a break is sought. A slow departure shows in a
 narrow band first. [ratio; tests/diagnosis/test_change_points.py]"""
+OTHER_SCALE = 1.25
+"""Ratio of the scale factors of two parts of a record from which one of them is left out. No effect changes a sensor's
+by as much; the steps of range registers and gains do. [ratio; tests/field/test_faults.py]"""
 IMPACT_COINCIDENCE = 0.1
 """Time within which an impact must show on both channels. A mount rings for about as long. [s;
 tests/diagnosis/test_change_points.py]"""

@@ -89,6 +89,12 @@ KINDS: dict[str, Kind] = {
         "{time:.6g} s to {end:.6g} s) are left out: they repeat one value while the other channel moves; check range, "
         "cable, supply and logger",
     ),
+    "other_scale": Kind(
+        "data",
+        "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, from t = {time:.6g} s to {end:.6g} s) are "
+        "left out: the output is {scale:.3g} times there what the same motion makes in the rest; look for a range, a "
+        "gain or a wiring that was changed",
+    ),
     "position_step": Kind(
         "data",
         "{channel}: the reading jumps {count} times and stays: missed counts; the largest jump is {longest:.3g} m at "
