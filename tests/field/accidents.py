@@ -46,6 +46,12 @@ class Record:
     """Columns of stamps."""
     range: float | None = None
     """Declared, m/s²."""
+    reference: str = 'position = { column = "pos", unit = "m"'
+    """Line of the sidecar, but for its end."""
+    delay: float = 0.0
+    """Of the output, s."""
+    quadratic: float = 0.0
+    """(m/s²)⁻¹"""
 
     def write(self, path: Path) -> Path:
         """Write CSV and sidecar; the path of the CSV."""
@@ -54,16 +60,16 @@ class Record:
         if self.clocks == 1 and self.stamped:
             columns = {"sec": self.t_u, **columns}
             time = 'time = { column = "sec", unit = "s" }\n'
-            accel, position = accel + " }\n", 'position = { column = "pos", unit = "m" }\n'
+            accel, position = accel + " }\n", self.reference + " }\n"
         elif self.clocks == 1:
             time = f'time = {{ rate = "{self.rate:.9g} Hz" }}\n'
-            accel, position = accel + " }\n", 'position = { column = "pos", unit = "m" }\n'
+            accel, position = accel + " }\n", self.reference + " }\n"
         else:
             columns = {"t1": self.t_u, "out": self.u, "t2": self.t_z, "pos": self.z}
             own = '{ column = "t1", unit = "s" }' if self.stamped else f'{{ rate = "{self.rate:.9g} Hz" }}'
             time = ""
             accel += f", time = {own} }}\n"
-            position = 'position = { column = "pos", unit = "m", time = { column = "t2", unit = "s" } }\n'
+            position = self.reference + ', time = { column = "t2", unit = "s" } }\n'
         rows = max(map(len, columns.values()))
         lines = [",".join(columns)]
         for i in range(rows):
@@ -91,6 +97,33 @@ def honest(seed: int) -> Record:
     u = bias + (1.0 + scale) * a + 10.0 ** rng.uniform(-3.0, -2.3) * rng.standard_normal(len(t))
     z = p + 1e-6 * rng.standard_normal(len(t))
     return Record(rng, rate, t, p, a, u, z, bias, scale, t.copy(), t.copy())
+
+
+def shocks(seed: int) -> Record:
+    """Half-sine-squared shocks with long rests beside a reference accelerometer (ISO 16063-13), with a delay and a
+    quadratic term in two records of three."""
+    rng = np.random.default_rng([39, seed])
+    rate, rest = float(rng.choice([5000.0, 10000.0, 20000.0])), float(rng.uniform(0.4, 0.9))
+    count, width = int(rng.integers(6, 13)), float(rng.uniform(1.5e-3, 5e-3))
+    peaks = STANDARD_GRAVITY * np.sort(rng.uniform(12.0, 45.0, count))
+    t = np.arange(0.0, (count + 0.5) * rest, 1.0 / rate)
+    begins = (np.arange(count) + 0.7) * rest + rng.uniform(0.0, 1.0 / rate, count)
+    bias, scale = float(rng.uniform(-0.8, 0.8)), float(rng.uniform(-0.03, 0.03))
+    delay = float(rng.uniform(15e-6, 60e-6)) if seed % 3 else 0.0
+    quadratic = float(rng.uniform(-2e-5, 2e-5)) if seed % 3 else 0.0
+
+    def motion(at: Array) -> Array:
+        x = (at[:, None] - begins) / width
+        return np.sum(np.where((x > 0.0) & (x < 1.0), peaks * np.sin(np.pi * x) ** 2, 0.0), axis=1)
+
+    a, late = motion(t), motion(t - delay)
+    sigma, reference = 10.0 ** rng.uniform(-1.2, -0.4), 10.0 ** rng.uniform(-1.6, -0.8)
+    u = bias + (1.0 + scale) * late + quadratic * late**2 + sigma * rng.standard_normal(len(t))
+    z = a + reference * rng.standard_normal(len(t))
+    line = 'reference_acceleration = { column = "pos", unit = "m/s^2"'
+    made = Record(rng, rate, t, t, a, np.round(u, 2), np.round(z, 2), bias, scale, t.copy(), t.copy())
+    made.reference, made.delay, made.quadratic = line, delay, quadratic
+    return made
 
 
 def _touched(r: Record) -> None:

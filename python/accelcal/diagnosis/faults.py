@@ -668,7 +668,10 @@ def without_other_scale(columns: RelationColumns) -> Recording | None:
         before, behind = (_solve(sums)[:, 0] for sums in splits.sums)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = before / behind  # the columns make the encoder's reading of the output: the inverse of its scale
-        holds = np.minimum(*splits.explained) > RELATION_EXPLAINED
+            by_output = [
+                c**2 * sums[:, 0, 0] / sums[:, 4, 4] for c, sums in zip((before, behind), splits.sums, strict=True)
+            ]
+        holds = (np.minimum(*splits.explained) > RELATION_EXPLAINED) & (np.minimum(*by_output) > BREAK_EXPLAINED)
         best = splits.best(holds & ~((ratio > 1.0 / OTHER_SCALE) & (ratio < OTHER_SCALE)) & (np.arange(1, K) <= K - 4))
         if best is None:
             continue

@@ -28,7 +28,7 @@ from accelcal.estimation.run_state import RunState
 from accelcal.estimation.smoothing import output_at, uniform_times
 from accelcal.estimation.values import Noise, Values
 from accelcal.estimation.weak_form.covariance import NoWeakForm, factor, solved
-from accelcal.estimation.weak_form.rows import WeakRows
+from accelcal.estimation.weak_form.rows import FEWEST_ROWS, WeakRows
 from accelcal.filters.choice import FilterChoice, spread_start, to_stage
 from accelcal.filters.record import FilterRun, ForwardParameters, forward_parameters, run
 from accelcal.model import NOMINAL, Estimate, Model, Term
@@ -310,8 +310,12 @@ def engine_named(method: Method | FilterChoice) -> Engine:
     return ForwardFilter(method) if isinstance(method, FilterChoice) else ENGINES[method]
 
 
-MOST_OF_BOTH = 0.9
-"""Largest share of the sensor in the noise of two accelerations."""
+MOST_OF_BOTH = 0.99
+"""Largest share of either in the noise of two accelerations."""
+KNOWN_SHARE = 0.1
+"""Standard deviation of the reference's share up to which it is taken as measured."""
+COMMON_BLOCKS = 64
+"""Blocks of a record over which that is measured, most."""
 READINGS_KNOWN = math.log(3.0)
 """Standard deviation of what the readings themselves tell of the logarithm of their variance."""
 BLOCK_ROWS = 2048
@@ -345,16 +349,37 @@ def with_noise(rows: WeakRows, width: float = 0.3) -> WeakRows:
 
 
 def shared(rows: WeakRows) -> Noise:
-    """Noise of the output and of a reference that is an acceleration, of which the rows show the sum alone.
+    """Noise of the output and of a reference that is an acceleration, of which the innovations show the sum alone.
 
-    The sensor has what is declared of it, if that is less than all, and half of it where nothing is.
+    The reference's is what its readings and the innovations have in common, where that is known to a tenth of the sum:
+    parts at rest tell it. Otherwise the sensor has what is declared of it, if that is less than all, and half of the
+    sum where nothing is.
     """
     run, step = rows.state.run, rows.reading_step
     both = float(np.mean(rows.whitened**2)) * (rows.noise.q + rows.noise.r * step)
+    r, std = common_variance(rows)
     declared = run.rig.sensor.noise
     q = both / 2.0 if declared is None else 0.5 * (declared / rows.state.values.scale) ** 2
+    if std * step < KNOWN_SHARE * both:
+        q = max(both - r * step, (1.0 - MOST_OF_BOTH) * both)
     q = min(q, MOST_OF_BOTH * both)
     return replace(rows.noise, q=q, r=(both - q) / step)
+
+
+def common_variance(rows: WeakRows) -> tuple[float, float]:
+    """Variance of a reading that is in the innovations and in the reference, which share its noise and no motion, and
+    its standard deviation; blocks count by the inverse of the reference's power."""
+    count = max(1, min(COMMON_BLOCKS, rows.rows // FEWEST_ROWS))
+    y = np.stack([rows.raw, rows.reference_sums])
+    y -= np.median(y, axis=1)[:, None]
+    blocks_of = np.array_split(y, count, axis=1)
+    moments = np.array([[np.mean(read**2), np.mean(raw * read)] for raw, read in blocks_of])
+    power, product = moments.T / float(np.mean(rows.covariance.of_readings[0]))
+    if count < 2 or not np.all(power > 0.0):
+        return 0.0, math.inf
+    weight = 1.0 / (power * np.sum(1.0 / power))
+    r = float(weight @ product)
+    return r, math.sqrt(float(np.sum((weight * (product - r)) ** 2)))
 
 
 def weak_form(state: RunState) -> WeakRows:

@@ -432,6 +432,16 @@ class WeakRows:
                 covariance.extra[:, rows] += bands(of_readings, extra_r[readings])[:, :inner]
         return y, covariance
 
+    @property
+    def reference_sums(self) -> Array:
+        """<phi, reference> of all rows, of a reference that is an acceleration, (rows,)."""
+        sums = []
+        for part in self._parts(TOGETHER):
+            readings, weights = self._of_readings(part, 0)
+            splines = self.splines.part(part.start, part.stop)
+            sums.append(self._readings.sums(splines, 0, weights, readings)[self._kept[part]])
+        return np.concatenate(sums)
+
     def _constant_variances(self) -> tuple[Array, Array] | None:
         """Covariance of a row with itself and those that follow it, (DEGREE + 1,), from unit noise of the output and of
         the readings; None where it is not the same along the record."""
