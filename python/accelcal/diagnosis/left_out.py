@@ -28,6 +28,7 @@ from accelcal.data.recording import LeftOut, WrongKind
 from accelcal.diagnosis.policy import (
     DENIED_RATIO,
     DENIED_SHARE,
+    DENIED_SIGMA,
     LEFT_OUT_BESIDE,
     RAIL_NOISE,
     RAIL_PILED,
@@ -133,7 +134,7 @@ def denied(recording: Recording) -> Stretches:
     """Stretches of output far beyond the rest, of which the reference shows nothing: damaged packets, switching on.
 
     Over each stretch and 16 readings of the reference on either side, the departure from a polynomial of what the
-    reference reads is compared with that of the output in the stretch, integrated as often as makes it the same
+    reference reads is regressed on that of the output in the stretch, integrated as often as makes it the same
     quantity. A shock that the reference shows is kept, and so is one that hides in its noise.
     """
     accel, reference = recording.accel, recording.reference or recording.position
@@ -155,8 +156,10 @@ def denied(recording: Recording) -> Stretches:
             continue
         powers = np.vander((x - x[0]) / (x[-1] - x[0]), order + 3)
         both = np.column_stack([np.interp(x, t, moved), reference.y[rows]])
-        claimed, shown = np.std(both - powers @ np.linalg.lstsq(powers, both)[0], axis=0)
-        if shown < DENIED_SHARE * claimed:
+        claimed, shown = (both - powers @ np.linalg.lstsq(powers, both)[0]).T
+        power, spare = float(claimed @ claimed) + 1e-300, len(x) - order - 4
+        share = abs(float(claimed @ shown)) / power
+        if share + DENIED_SIGMA * math.sqrt(float(shown @ shown) / power / spare) < DENIED_SHARE:
             stretches.append((begin, end))
     return stretches
 

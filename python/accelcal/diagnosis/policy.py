@@ -385,7 +385,10 @@ tests/diagnosis/test_left_out.py]"""
 DENIED_RATIO = 3.0
 """Departure of the output from its median over that of which 1 % of its readings are beyond, least, where the
 reference is asked. What is smaller is left to the tests of outliers. [ratio; tests/field/test_faults.py]"""
-DENIED_SHARE = 0.1
+DENIED_SIGMA = 4.0
+"""Standard deviations that are added to the share that the reference shows before it is judged. A shock in its noise
+is then kept. [standard deviations; tests/field/test_faults.py]"""
+DENIED_SHARE = 0.15
 """Share of the output's motion in such a stretch that the reference shows, most, where it is no motion. A rig whose
 scale factor is a ratio of masses shows a fifth. [share; tests/field/test_faults.py]"""
 STUCK_SAMPLES = 32
