@@ -171,8 +171,6 @@ KINDS = {
     "random walk": Kind("a random walk of acceleration", "m/s^2/s^0.5", "10 ug/sqrt(h)"),
     "voltage": Kind("a voltage", "V", "2.5 V"),
     "count": Kind("a number of counts", "count", "2048 count"),
-    "scale in volts": Kind("an electrical scale factor", "V/(m/s^2)", "0.25 V/g"),
-    "scale in counts": Kind("an electrical scale factor", "count/(m/s^2)", "1024 count/g"),
     "temperature": Kind("a temperature", "degC", "23 degC"),
     "angle": Kind("an angle", "rad", "0.05 deg"),
     "angular rate": Kind("an angular rate", "rad/s", "10 deg/s"),
@@ -200,8 +198,7 @@ USUAL = {
         **{"m/s^2/(s)^0.5": 1.0, "ug/(h)^0.5": 1.6344416666666664e-07, "ug/h^0.5": 1.6344416666666664e-07},
     },
     "voltage": {"uV": 1e-6, "mV": 1e-3},
-    "scale in volts": {"V/g": 0.10197162129779283, "mV/g": 0.00010197162129779284, "mV/(m/s^2)": 1e-3},
-    "scale in counts": {"count/g": 0.10197162129779283, "LSB/g": 0.10197162129779283},
+    "count": {"counts": 1.0, "LSB": 1.0, "lsb": 1.0},
     "angle": {"deg": 0.017453292519943295, "mrad": 1e-3},
     "angular rate": {"deg/s": 0.017453292519943295, "dps": 0.017453292519943295},
     "frequency": {"kHz": 1e3},
@@ -253,8 +250,6 @@ def quantity(text: object, kind: str) -> float:
 
     Examples
     --------
-    >>> quantity("0.25 V/g", "scale in volts") * 9.80665
-    0.25
     >>> round(quantity("225 ug/sqrt(Hz)", "noise density"), 9)
     0.002206496
     """
@@ -279,6 +274,70 @@ def quantity(text: object, kind: str) -> float:
             f"{shown(text)} is beyond all that is measured; expected {expected.name} such as {expected.example!r}"
         )
     return value
+
+
+@dataclass(frozen=True, slots=True)
+class Sensitivity:
+    """How much an electrical signal changes with what it measures."""
+
+    value: float
+    """V, or counts, per SI unit of what is measured."""
+    electrical: str
+    """"V" or "count"."""
+    si: str
+    """SI unit of what is measured."""
+
+
+def sensitivity(text: object, kind: str | None = None) -> Sensitivity:
+    """Read an electrical scale factor as a data sheet prints it, either way up: "0.25 V/g" or "50 mm/V".
+
+    Parameters
+    ----------
+    text : number and unit.
+    kind : of what is measured, a key of `KINDS`; None accepts any.
+
+    Raises
+    ------
+    UnitError
+        If it is no such scale factor.
+
+    Examples
+    --------
+    >>> sensitivity("0.25 V/g", "acceleration").value * 9.80665, sensitivity("5 um/count")
+    (0.25, Sensitivity(value=200000.0, electrical='count', si='m'))
+    """
+    match = _QUANTITY.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST_QUANTITY else None
+    unit = normalise(match["unit"]) if match else ""
+    above, below = (unit.partition("/")[0], unit.partition("/")[2]), unit.rpartition("/")[::-2]
+    for (electrical, measured), power in ((above, 1.0), (below, -1.0)):
+        measured = measured.strip()
+        measured = measured[1:-1] if measured.startswith("(") and measured.endswith(")") else measured
+        if match is None or not is_unit(electrical) or conversion(electrical).si not in ELECTRICAL or not measured:
+            continue
+        signal, rule = conversion(electrical), conversion(measured, kind)
+        number = float(match["number"])
+        value = (
+            number * (signal.factor / rule.factor) if power > 0.0 else signal.factor / (number * rule.factor or 1e999)
+        )
+        if math.isfinite(value) and value != 0.0 and is_measurable(value):
+            return Sensitivity(value, signal.si, rule.si)
+    raise UnitError(
+        f'{shown(text)} is no electrical scale factor; expected one that is not zero such as "{scale_example(kind)}"'
+    )
+
+
+ELECTRICAL = ("V", "count")
+"""What the signal of a sensor is counted in."""
+
+
+def scale_example(kind: str | None, electrical: str = "V") -> str:
+    """A scale factor as a data sheet prints it, of a sensor of one kind of quantity."""
+    volts, counts = {
+        "acceleration": ("0.25 V/g", "1024 count/g"),
+        "length": ("20 V/m", "200 count/mm"),
+        "speed": ("20 V/(m/s)", "1000 count/(m/s)"),
+    }.get(kind or "", ("10 mV/degC", "10 count/degC"))
+    return volts if electrical == "V" else counts
 
 
 def is_measurable(value: float) -> bool:

@@ -237,6 +237,7 @@ def joined(output: Recording, reference: Recording) -> Recording:
         output.rig,
         position_filters=output.rig.position_filters or reference.rig.position_filters,
         resolution=reference.rig.resolution if output.rig.resolution is None else output.rig.resolution,
+        reading_noise=output.rig.reading_noise or reference.rig.reading_noise,
     )
     delay = 0.0 if rig.lowpass is None else rig.lowpass.tau
     name = f"{output.name} with {reference.name}"
