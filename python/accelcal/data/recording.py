@@ -199,6 +199,18 @@ class PositionStep:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Where the channels of a recording come from, for sentences that say what to write."""
+
+    file: str = ""
+    """Path; empty where the channels were arrays."""
+    sidecar: str = ""
+    """Path of what was read beside it; empty where there was none."""
+    columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """Column and unit by channel, those of the stamps of the output as "time"."""
+
+
 WrongKind = Literal["saturated", "stuck"]
 """At the limit of its range; or one value repeated while the other channel moves."""
 
@@ -258,6 +270,7 @@ class Recording(Result):
     """Static dwells of the same sensor: further rows of the regression of this run."""
     reference: Channel | None = None
     """A velocity or an acceleration where that was measured in place of the position, which is its integral."""
+    origin: Origin = field(default=Origin(), repr=False)
 
     def __post_init__(self) -> None:
         check_fields(self)

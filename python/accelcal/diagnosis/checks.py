@@ -35,7 +35,8 @@ from accelcal.diagnosis.policy import (
 from accelcal.diagnosis.runs import runs_disagree
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.effects import BUILT_IN, OF_TIME, find
-from accelcal.estimation.estimate import Fit, implausible_scale, result, solve_runs
+from accelcal.estimation.estimate import Fit, result, solve_runs
+from accelcal.estimation.plausible import implausible_scale
 from accelcal.estimation.remarks import Remark, Value, remark
 from accelcal.estimation.run import PreparedRun, prepared
 from accelcal.model import Model
@@ -448,7 +449,7 @@ def scale_factor(e: Evidence) -> Iterator[Remark]:
     """
     scale = e.fit.values().scale
     if "scale_factor" not in e.model.fixed:
-        yield from implausible_scale(scale)
+        yield from implausible_scale(e.runs[0], scale)
 
 
 def engines(e: Evidence) -> Iterator[Remark]:

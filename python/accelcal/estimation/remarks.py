@@ -30,8 +30,7 @@ class Kind:
 KINDS: dict[str, Kind] = {
     "implausible_scale": Kind(
         "verdict",
-        "1 + k = {scale:.4g} is implausible for a working sensor: check the units of position and output (a factor of "
-        "{factor:.4g}), for instance mm read as m",
+        "1 + k = {scale:.4g} is implausible for a working sensor, which shows 0.7 to 1.4: {cause}",
         forbids_names=True,
     ),
     "motion_beyond_sampling": Kind(

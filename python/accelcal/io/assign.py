@@ -256,7 +256,7 @@ def in_seconds(table: Table, plan: Plan, clock: Clock, column: Column) -> Column
         If the unit is missing, unknown, contradictory or not a time.
     """
     assert clock.column is not None  # a clock without a rate names a column
-    unit = _unit(table, plan, "time", clock.column, clock.unit)
+    unit = stated_unit(table, plan, "time", clock.column, clock.unit)
     return Column(_conversion(table, clock.column, unit, "time").apply(column.values), column.present)
 
 
@@ -276,7 +276,7 @@ def in_si(table: Table, plan: Plan, name: str, source: Source, rig: Rig, values:
     RecordingError
         If the unit is missing, unknown, contradictory, of the wrong dimension, or in want of a scale.
     """
-    unit = _unit(table, plan, name, source.column, source.unit)
+    unit = stated_unit(table, plan, name, source.column, source.unit)
     kind = MEASURED.get(name)
     rule, scale, zero = _conversion(table, source.column, unit, None), source.scale, source.zero
     if name == "accel" and rig.sensor.scale is not None:
@@ -306,7 +306,7 @@ MEASURED = {
 """What a known channel measures; any other takes any unit."""
 
 
-def _unit(table: Table, plan: Plan, channel: str, column: str, declared: str | None) -> str:
+def stated_unit(table: Table, plan: Plan, channel: str, column: str, declared: str | None) -> str:
     """Find the unit of a column; two sources that disagree are an error."""
     name = naming.take_apart(column)
     stored = table.units.get(column)

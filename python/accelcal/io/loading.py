@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from accelcal._support.arguments import checked
 from accelcal.data import (
+    DERIVED,
     GRAVITY,
     GYROSCOPE,
     LEVERS,
@@ -35,8 +36,9 @@ from accelcal.data import (
 )
 from accelcal.data.clocks import align, shifted, spacing
 from accelcal.data.orientation import HOLE, QUATERNION_TOLERANCE, rotated, turned, turning
+from accelcal.data.recording import Origin
 from accelcal.io import naming
-from accelcal.io.assign import ATTITUDE, Plan, assign, attitude_columns, in_seconds, in_si
+from accelcal.io.assign import ATTITUDE, Plan, assign, attitude_columns, in_seconds, in_si, stated_unit, unit_of
 from accelcal.io.files import open_regular, open_table
 from accelcal.io.sidecar import (
     ASSUMED_OFFSET_TOLERANCE,
@@ -249,8 +251,10 @@ def joined(output: Recording, reference: Recording) -> Recording:
         "alignment", "accel", 1, recording.middle, recording.sentence, "warning" if recording.is_ambiguous else "note"
     )
     side = {key: shifted(channel, recording.shift) for key, channel in output.side.items()}
+    columns = {**reference.origin.columns, **output.origin.columns}
     return replace(
         output,
+        origin=replace(output.origin, file="", columns=columns),
         accel=shifted(output.accel, recording.shift),
         position=reference.position,
         rig=replace(rig, offset_tolerance=free, assumptions=assumptions),
@@ -488,7 +492,48 @@ def recording_of(
         findings=tuple(findings),
         labels=declared.labels,
         reference=reference,
+        origin=origin_of(table, plan, declared),
     )
+
+
+def origin_of(table: Table, plan: Plan, declared: Sidecar) -> Origin:
+    """The columns of a recording and their units, as they were read."""
+    columns = {
+        name: (source.column, stated_unit(table, plan, name, source.column, source.unit))
+        for name, source in plan.sources.items()
+    }
+    clock = plan.sources["accel"].time if "accel" in plan.sources else None
+    if clock is not None and clock.column is not None:
+        columns["time"] = clock.column, stated_unit(table, plan, "time", clock.column, clock.unit)
+    return Origin(str(table.path), str(declared.path or ""), columns)
+
+
+def other_outputs(recording: Recording) -> Iterator[tuple[str, str, Channel]]:
+    """Further channels that may be the output of a recording: column, unit, and what it reads in m/s².
+
+    Those are its side channels, and columns of its file that no sidecar maps, if there is a file and it can be read.
+    """
+    origin = recording.origin
+    for name, channel in recording.side.items():
+        if channel.unit == "m/s^2" and name not in DERIVED:
+            yield *origin.columns.get(name, (name, channel.unit)), channel
+    if not origin.file:
+        return
+    table, unit = open_table(Path(origin.file)), origin.columns["accel"][1]
+    declared = read_sidecar(Path(origin.sidecar)) if origin.sidecar else Sidecar(rig=recording.rig)
+    plan, _ = assign(table, declared, ())
+    taken = {column for column, _ in origin.columns.values()}
+    for column in table.columns:
+        stated = unit_of(table, column)
+        if column in taken or naming.role(naming.take_apart(column).base) == "time":
+            continue
+        source = replace(plan.sources["accel"], column=column, unit=None if stated else unit)
+        try:
+            for _, samples in _samples(table, Plan({"accel": source}, plan.sidecar), declared.rig):
+                if len(samples.t) > 1:
+                    yield column, stated or unit, quality.clean(samples, declared.rig)[0]
+        except ValueError:  # of another quantity, or no numbers
+            continue
 
 
 def of_reference(where: str, reference: Channel) -> Channel:

@@ -104,9 +104,9 @@ def from_columns(columns: Mapping[str, ArrayLike], units: Mapping[str, str], rig
     require_roles(table, where)
     require_scale(table, where, rig)
     require_lengths(numbers, where)
-    return replace(
-        recording_of(table, Sidecar(rig=Rig() if rig is None else rig), []), name=name, digest=digest_of(numbers, given)
-    )
+    recording = recording_of(table, Sidecar(rig=Rig() if rig is None else rig), [])
+    origin = replace(recording.origin, file="")
+    return replace(recording, name=name, digest=digest_of(numbers, given), origin=origin)
 
 
 def with_holes(values: Array) -> Column:
