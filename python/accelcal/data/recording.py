@@ -211,8 +211,8 @@ class Origin:
     """Column and unit by channel, those of the stamps of the output as "time"."""
 
 
-WrongKind = Literal["saturated", "stuck"]
-"""At the limit of its range; or one value repeated while the other channel moves."""
+WrongKind = Literal["saturated", "stuck", "lost_signal"]
+"""At the limit of its range; one value repeated while the other channel moves; or a drop-out of a vibrometer."""
 
 
 @dataclass(frozen=True, slots=True)

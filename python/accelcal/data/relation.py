@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-import scipy
 
 from accelcal.data.clocks import usual_step
 from accelcal.data.recording import Channel
@@ -47,8 +46,8 @@ def relation(output: Channel, position: Channel) -> Relation:
     if count < 2 * segment:
         return Relation(0.0, 0.0)
     at = first + step * np.arange(count)
-    read = scipy.interpolate.CubicSpline(position.t, position.y)(at)
-    both = np.interp(at, output.t, output.y)[1:-1], np.diff(read, 2) / step**2
+    u, z = (np.interp(at, channel.t, channel.y) for channel in (output, position))
+    both = u[1:-1], np.diff(z, 2) / step**2
     window = np.hanning(segment)
     spectra = []
     for y in both:

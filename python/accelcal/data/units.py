@@ -303,8 +303,8 @@ def sensitivity(text: object, kind: str | None = None) -> Sensitivity:
 
     Examples
     --------
-    >>> sensitivity("0.25 V/g", "acceleration").value * 9.80665, sensitivity("5 um/count")
-    (0.25, Sensitivity(value=200000.0, electrical='count', si='m'))
+    >>> sensitivity("0.25 V/g", "acceleration").value * 9.80665, sensitivity("4 um/count")
+    (0.25, Sensitivity(value=250000.0, electrical='count', si='m'))
     """
     match = _QUANTITY.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST_QUANTITY else None
     unit = normalise(match["unit"]) if match else ""

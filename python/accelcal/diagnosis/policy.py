@@ -379,6 +379,16 @@ LEFT_OUT_BESIDE = 8
 """Samples of the output on either side of wrong ones that are left out with them. Nothing then interpolates over the
 gap, whose motion is always that beyond the limit: a polynomial through its edges errs to one side. [samples;
 tests/diagnosis/test_left_out.py]"""
+LOST_SIGMA = 10.0
+"""Departure of a reading of velocity from its eight neighbours, over the usual one, that is a drop-out. White noise
+reaches six once in a thousand million readings, and its level changes along a record. [sigma;
+tests/field/test_channels.py]"""
+LOST_STEPS = 1.5
+"""Change of speed that the acceleration about a reading makes in so many of its steps, which a drop-out exceeds. A
+delay of one sample between the channels leaves one. [steps; tests/field/test_channels.py]"""
+LOST_SHARE = 0.05
+"""Readings that depart so, over all, up to which they are drop-outs. More are a reference of another kind. [share;
+tests/field/test_channels.py]"""
 STUCK_SAMPLES = 32
 """Equal readings in a row, while the other channel moves, that are a stuck channel. Fewer are quantisation.
 [samples; tests/diagnosis/test_left_out.py]"""

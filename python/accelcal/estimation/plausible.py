@@ -27,7 +27,6 @@ from accelcal.data.recording import ORDERS
 from accelcal.data.relation import relation
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun
-from accelcal.estimation.run_state import RunState
 from accelcal.io.loading import other_outputs
 
 PLAUSIBLE_SCALE = (0.7, 1.4)
@@ -241,9 +240,9 @@ def unusual(recording: Recording, factor: Mapping[str, float], order: int) -> fl
     )
 
 
-def reversed_or_unrelated(state: RunState, scale: float, std: float) -> str:
+def reversed_or_unrelated(recording: Recording, scale: float, std: float, coherence: float) -> str:
     """What is refused where the output runs against the encoder: a mount, or channels that are no one axis."""
-    recording, coherent = state.run.recording, state.coherence > REVERSED_COHERENCE
+    coherent = coherence > REVERSED_COHERENCE
     if coherent and REVERSED_SCALE[0] < scale / (recording.rig.ratio or 1.0) < REVERSED_SCALE[1]:
         return turned(recording, scale)
     cause = mistaken(recording, scale) if coherent else other_column(recording)

@@ -82,6 +82,12 @@ KINDS: dict[str, Kind] = {
         "{time:.6g} s to {end:.6g} s) are left out: they repeat one value while the other channel moves; check range, "
         "cable, supply and logger",
     ),
+    "lost_signal": Kind(
+        "data",
+        "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, stretches: {stretches}, from t = "
+        "{time:.6g} s to {end:.6g} s) are left out: they jump away from the motion that the output shows and come "
+        "back, as a vibrometer does that loses its signal; check its focus and the reflecting surface",
+    ),
     "position_step": Kind(
         "data",
         "{channel}: the reading jumps {count} times and stays: missed counts; the largest jump is {longest:.3g} m at "
