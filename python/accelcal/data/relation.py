@@ -16,6 +16,8 @@ SHORTEST = 32
 """Samples of a segment, least."""
 EDGES = 8
 """Edges of the bands that are tried, from two periods in a segment to a quarter of the rate."""
+ALIKE = 0.9
+"""Correlation with the second derivative of a position from which a column is the output."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -521,9 +521,10 @@ def result(solution: Solution) -> Fit:
         remarks.append(remark("not_settled", rounds=MAX_ROUNDS))
     fits = tuple(run_fit(state, model) for state in states)
     remarks += [
-        remark("noise_beyond_declared", recording=f.name or "recording", text=f.noise.remark)
-        for f in fits
-        if f.noise.remark
+        remark("noise_beyond_declared", recording=f.name or "recording", text=text)
+        for f, run in zip(fits, runs, strict=True)
+        for text in (f.noise.remark, f.noise.remark_on_reading(run.rig))
+        if text
     ]
     fit = Fit(
         model=model,

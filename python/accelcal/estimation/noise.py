@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from accelcal import _core
-from accelcal.data import Array, Flags, Reference
+from accelcal.data import Array, Flags, Reference, Rig
 from accelcal.effects import Effect
 from accelcal.effects.registry import Owner
 from accelcal.estimation.drive import DriveIntegrals
@@ -301,6 +301,19 @@ class NoiseReport:
         return (
             f"the fitted noise density is {self.ratio:.2g} of the declared one: "
             "check the declared density and whether a low-pass was left undeclared"
+        )
+
+    def remark_on_reading(self, rig: Rig) -> str | None:
+        """A sentence when readings are noisier than declared by more than a factor 1.5, and surely so; None where only
+        the sum of two accelerations is known."""
+        if rig.reading_noise is None or self.reference == "reference_acceleration":
+            return None
+        declared, level = math.hypot(rig.reading_noise, (rig.resolution or 0.0) / math.sqrt(12.0)), self.all
+        if not level.reading - 3.0 * level.reading_std > REMARKED_BEYOND * declared:
+            return None
+        return (
+            f"the fitted noise of a reading is {level.reading / declared:.2g} times the declared one: {self.reference} "
+            "is disturbed, or the model lacks an effect"
         )
 
 

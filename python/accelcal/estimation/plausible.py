@@ -24,7 +24,7 @@ from accelcal.data import (
     usual_step,
 )
 from accelcal.data.recording import ORDERS
-from accelcal.data.relation import relation
+from accelcal.data.relation import ALIKE, relation
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun
 from accelcal.io.loading import other_outputs
@@ -35,8 +35,6 @@ REVERSED_SCALE = (-2.0, -0.5)
 """1 + k over the same that a sensor shows which is mounted the other way round."""
 REVERSED_COHERENCE = 0.5
 """Squared coherence of output and motion below which a relation with the other sign is none of a mount."""
-ALIKE = 0.9
-"""Correlation with the second derivative of the position from which another column is the output."""
 UNLIKE = 0.1
 """Correlation by which it must exceed that of the declared column, if its scale is no better."""
 GRAVITY_SHARE = 0.2

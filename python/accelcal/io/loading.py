@@ -37,8 +37,19 @@ from accelcal.data import (
 from accelcal.data.clocks import align, shifted, spacing
 from accelcal.data.orientation import HOLE, QUATERNION_TOLERANCE, rotated, turned, turning
 from accelcal.data.recording import Origin
+from accelcal.data.relation import ALIKE, relation
 from accelcal.io import naming
-from accelcal.io.assign import ATTITUDE, Plan, assign, attitude_columns, in_seconds, in_si, stated_unit, unit_of
+from accelcal.io.assign import (
+    ATTITUDE,
+    NoScale,
+    Plan,
+    assign,
+    attitude_columns,
+    in_seconds,
+    in_si,
+    stated_unit,
+    unit_of,
+)
 from accelcal.io.files import open_regular, open_table
 from accelcal.io.sidecar import (
     ASSUMED_OFFSET_TOLERANCE,
@@ -431,11 +442,28 @@ def load(
     path = Path(path)
     table = open_table(path)
     declared, notes = _declared(path, rig)
-    recording = recording_of(table, declared, notes, need_position=need_position, need_accel=need_accel)
+    try:
+        recording = recording_of(table, declared, notes, need_position=need_position, need_accel=need_accel)
+    except NoScale as error:
+        raise RecordingError(f"{error}{sensitivity_shown(table, declared, error.output)}") from None
     recording = replace(recording, digest=digest_of(path))
     if declared.dwell is None or not declared.dwell.table:
         return recording
     return recording.with_dwells(load_dwell_table((declared.path or path).parent / declared.dwell.table))
+
+
+def sensitivity_shown(table: Table, declared: Sidecar, output: str) -> str:
+    """The sensitivity that the motion of a file shows of an output in V or counts; empty where it shows none."""
+    sensor = replace(declared.rig.sensor, scale=1.0, scale_unit=output, zero=0.0)
+    try:
+        recording = recording_of(table, replace(declared, rig=replace(declared.rig, sensor=sensor)), [])
+    except ValueError:
+        return ""
+    alike = relation(recording.accel, recording.position)
+    if not output or abs(alike.correlation) < ALIKE:
+        return ""
+    shown = declared.rig.polarity * alike.slope * STANDARD_GRAVITY
+    return f'\nWhere nothing is known of it: by the motion of this recording it is scale = "{shown:.4g} {output}/g"'
 
 
 def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None) -> Recording:
