@@ -44,7 +44,7 @@ from accelcal.estimation.gauss_newton import (
     iterate,
 )
 from accelcal.estimation.noise import NoiseEffect
-from accelcal.estimation.plausible import implausible_scale, require_gravity, reversed_or_unrelated
+from accelcal.estimation.plausible import gravity_mistaken, implausible_scale, reversed_or_unrelated
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of, side_means
 from accelcal.estimation.run_fit import RunFit, differing, run_fit
@@ -787,7 +787,9 @@ def judge(layout: Layout, x: Array, covariance: Array, states: Sequence[RunState
     scale = 1.0 + x[by_name["scale_factor"]] if "scale_factor" in by_name else states[0].values.scale
     for i in layout.rows_of("bias") if not remarks else ():
         run = runs[layout.slots[i][1] or 0]
-        require_gravity(name_of(run), run.rig, x[i] * run.rig.polarity / scale)
+        mistaken = gravity_mistaken(run.recording, scale, float(x[i]))
+        if mistaken:
+            raise RecordingError(mistaken)
     return remarks
 
 

@@ -306,15 +306,11 @@ class NoiseReport:
     def remark_on_reading(self, rig: Rig) -> str | None:
         """A sentence when readings are noisier than declared by more than a factor 1.5, and surely so; None where only
         the sum of two accelerations is known."""
-        if rig.reading_noise is None or self.reference == "reference_acceleration":
+        declared, least = rig.reading_noise or math.inf, self.all.reading - 3.0 * self.all.reading_std
+        if self.reference == "reference_acceleration" or not least > REMARKED_BEYOND * declared:
             return None
-        declared, level = math.hypot(rig.reading_noise, (rig.resolution or 0.0) / math.sqrt(12.0)), self.all
-        if not level.reading - 3.0 * level.reading_std > REMARKED_BEYOND * declared:
-            return None
-        return (
-            f"the fitted noise of a reading is {level.reading / declared:.2g} times the declared one: {self.reference} "
-            "is disturbed, or the model lacks an effect"
-        )
+        ratio = self.all.reading / declared
+        return f"a reading is {ratio:.2g} times as noisy as declared: it is disturbed, or the model lacks an effect"
 
 
 @dataclass(frozen=True, slots=True)

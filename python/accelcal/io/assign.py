@@ -292,19 +292,11 @@ def in_si(table: Table, plan: Plan, name: str, source: Source, rig: Rig, values:
         if name == "accel":
             zero_example = {"V": "2.5 V", "count": "2048 count"}[rule.si]
             lines = f'[sensor]\nscale = "{example}"\nzero  = "{zero_example}"'
-        text = f'{table.path}: column "{source.column}" is in {unit}, but {declared}; '
-        raise NoScale(text + fix(plan.sidecar, lines), rule.si if name == "accel" and scale is None else "")
+        raise RecordingError(
+            f'{table.path}: column "{source.column}" is in {unit}, but {declared}; ' + fix(plan.sidecar, lines)
+        )
     with np.errstate(over="ignore"):  # found as not finite
         return (rule.apply(values) - zero) / scale.value, scale.si
-
-
-class NoScale(RecordingError):
-    """A channel in V or counts without a scale."""
-
-    def __init__(self, text: str, output: str = "") -> None:
-        super().__init__(text)
-        self.output = output
-        """What an accelerometer counts in whose sensitivity its motion may show: "V", "count"; else empty."""
 
 
 MEASURED = {

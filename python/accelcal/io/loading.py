@@ -6,6 +6,7 @@ import hashlib
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -41,7 +42,6 @@ from accelcal.data.relation import ALIKE, relation
 from accelcal.io import naming
 from accelcal.io.assign import (
     ATTITUDE,
-    NoScale,
     Plan,
     assign,
     attitude_columns,
@@ -444,26 +444,25 @@ def load(
     declared, notes = _declared(path, rig)
     try:
         recording = recording_of(table, declared, notes, need_position=need_position, need_accel=need_accel)
-    except NoScale as error:
-        raise RecordingError(f"{error}{sensitivity_shown(table, declared, error.output)}") from None
+    except RecordingError as error:
+        raise RecordingError(f"{error}{sensitivity_shown(table, declared)}") from None
     recording = replace(recording, digest=digest_of(path))
     if declared.dwell is None or not declared.dwell.table:
         return recording
     return recording.with_dwells(load_dwell_table((declared.path or path).parent / declared.dwell.table))
 
 
-def sensitivity_shown(table: Table, declared: Sidecar, output: str) -> str:
-    """The sensitivity that the motion of a file shows of an output in V or counts; empty where it shows none."""
-    sensor = replace(declared.rig.sensor, scale=1.0, scale_unit=output, zero=0.0)
-    try:
-        recording = recording_of(table, replace(declared, rig=replace(declared.rig, sensor=sensor)), [])
-    except ValueError:
-        return ""
-    alike = relation(recording.accel, recording.position)
-    if not output or abs(alike.correlation) < ALIKE:
-        return ""
-    shown = declared.rig.polarity * alike.slope * STANDARD_GRAVITY
-    return f'\nWhere nothing is known of it: by the motion of this recording it is scale = "{shown:.4g} {output}/g"'
+def sensitivity_shown(table: Table, declared: Sidecar) -> str:
+    """The sensitivity that the motion of a file shows of an output in V or counts, where none is declared; else empty."""
+    for output in units.ELECTRICAL if declared.rig.sensor.scale is None else ():
+        sensor = replace(declared.rig.sensor, scale=1.0, scale_unit=output)
+        with suppress(ValueError):
+            recording = recording_of(table, replace(declared, rig=replace(declared.rig, sensor=sensor)), [])
+            slope, correlation = relation(recording.accel, recording.position)
+            if abs(correlation) > ALIKE:
+                shown = declared.rig.polarity * slope * STANDARD_GRAVITY
+                return f'\nBy the motion of this recording it is about scale = "{shown:.4g} {output}/g"'
+    return ""
 
 
 def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None) -> Recording:
@@ -547,21 +546,21 @@ def other_outputs(recording: Recording) -> Iterator[tuple[str, str, Channel]]:
             yield *origin.columns.get(name, (name, channel.unit)), channel
     if not origin.file:
         return
-    table, unit = open_table(Path(origin.file)), origin.columns["accel"][1]
+    table = open_table(Path(origin.file))
     declared = read_sidecar(Path(origin.sidecar)) if origin.sidecar else Sidecar(rig=recording.rig)
-    plan, _ = assign(table, declared, ())
-    taken = {column for column, _ in origin.columns.values()}
+    plan, taken = assign(table, declared, ())[0], {column for column, _ in origin.columns.values()}
     for column in table.columns:
-        stated = unit_of(table, column)
-        if column in taken or naming.role(naming.take_apart(column).base) == "time":
-            continue
-        source = replace(plan.sources["accel"], column=column, unit=None if stated else unit)
-        try:
-            for _, samples in _samples(table, Plan({"accel": source}, plan.sidecar), declared.rig):
+        stated, role = unit_of(table, column), naming.role(naming.take_apart(column).base)
+        source = replace(plan.sources["accel"], column=column, unit=None if stated else origin.columns["accel"][1])
+        with suppress(ValueError):  # of another quantity, or no numbers
+            read = (
+                ()
+                if column in taken or role == "time"
+                else _samples(table, Plan({"accel": source}, plan.sidecar), declared.rig)
+            )
+            for _, samples in read:
                 if len(samples.t) > 1:
-                    yield column, stated or unit, quality.clean(samples, declared.rig)[0]
-        except ValueError:  # of another quantity, or no numbers
-            continue
+                    yield column, stated or origin.columns["accel"][1], quality.clean(samples, declared.rig)[0]
 
 
 def of_reference(where: str, reference: Channel) -> Channel:

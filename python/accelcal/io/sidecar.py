@@ -429,35 +429,31 @@ def _filters(passes: Pass) -> _Check:
 _FILTERED: dict[str, _Check] = {"lowpass": _filters("lowpass"), "highpass": _filters("highpass")}
 
 
-def _source(kind: str | None = None, **further: _Check) -> _Check:
-    """A channel that measures one kind of quantity; keys of its own come back beside it."""
+def _source(**further: _Check) -> _Check:
+    """A channel; scale and zero are of the source, keys of its own come back beside it."""
 
     def check(value: object) -> tuple[Source, dict[str, Any]]:
-        values = _table(value, "", _SOURCE | {"scale": _scale(kind), "zero": _electrical} | further)
+        values = _table(value, "", _SOURCE | further)
         if "column" not in values:
             raise AccelcalError('column is missing; expected e.g. { column = "accel", unit = "m/s^2" }')
-        extra = {key: values.pop(key) for key in further if key in values}
         scale, zero, _ = _scaled(values, "")
         if zero is not None and scale is None:
-            raise _KeyError("zero", f'needs a scale beside it, e.g. scale = "{units.scale_example(kind)}"')
+            raise _KeyError("zero", 'needs a scale beside it, e.g. scale = "20 V/m"')
+        extra = {key: values.pop(key) for key in further if key in values}
         return Source(**values, scale=scale, zero=zero or 0.0), extra
 
     return check
 
 
-def _output(value: object) -> tuple[Source, dict[str, Any]]:
-    """The accelerometer, whose scale and zero are the sensor's."""
-    for key in ("scale", "zero", "noise"):
-        if isinstance(value, Mapping) and key in value:
-            raise _KeyError(key, f"that of accel is the sensor's; write it as {key} in [sensor]")
-    checked: tuple[Source, dict[str, Any]] = _source("acceleration", **_FILTERED)(value)
-    return checked
+def _scaled_source(kind: str | None = None, **further: _Check) -> _Check:
+    """A channel that may be in V or counts; that of the accelerometer has its scale and zero in [sensor]."""
+    return _source(scale=_scale(kind), zero=_electrical, **further)
 
 
 def _reference(kind: str, **further: _Check) -> _Check:
-    """What tells the motion: filters, noise of a reading and the uncertainty of scale and zero come beside it."""
+    """What tells the motion: filters, noise of a reading and the uncertainty of its scale come beside it."""
     told = {"noise": _amount(kind, "positive"), "u_scale": _amount("ratio", "not negative")}
-    return _source(kind, **told, **_FILTERED, **further)
+    return _scaled_source(kind, **told, **_FILTERED, **further)
 
 
 _PROVENANCE = ("text", "provenance", "left empty")
@@ -641,13 +637,13 @@ KEYS: dict[str, dict[str, Key]] = {
     "channels": {
         "time": Key(_clock),
         "rate": Key(_amount("frequency", "positive")),
-        "accel": Key(_output),
+        "accel": Key(_source(**_FILTERED)),
         "position": Key(_reference("length", resolution=_amount("length", "positive"))),
         VELOCITY: Key(_reference("speed")),
         ACCELERATION: Key(_reference("acceleration", u_zero=_amount("acceleration", "not negative"))),
         "attitude": Key(_attitude),
-        "temperature": Key(_source("temperature")),
-        _ANY_OTHER: Key(_source()),
+        "temperature": Key(_scaled_source("temperature")),
+        _ANY_OTHER: Key(_scaled_source()),
     },
     "uncertainty": {
         "encoder_scale": Key(
