@@ -76,8 +76,7 @@ def test_quantity_is_read_as_data_sheets_print_it(text, kind, si):
     ],
 )
 def test_an_electrical_scale_is_read_either_way_up(text, kind, value, electrical):
-    read = sensitivity(text, kind)
-    assert (read.value, read.electrical) == (pytest.approx(value, rel=1e-14), electrical)
+    assert sensitivity(text, kind)[:2] == (pytest.approx(value, rel=1e-14), electrical)
 
 
 @pytest.mark.parametrize(

@@ -276,20 +276,12 @@ def quantity(text: object, kind: str) -> float:
     return value
 
 
-@dataclass(frozen=True, slots=True)
-class Sensitivity:
-    """How much an electrical signal changes with what it measures."""
-
-    value: float
-    """V, or counts, per SI unit of what is measured."""
-    electrical: str
-    """"V" or "count"."""
-    si: str
-    """SI unit of what is measured."""
+Sensitivity = tuple[float, str, str]
+"""V, or counts, per SI unit of what is measured; "V" or "count"; and that SI unit."""
 
 
 def sensitivity(text: object, kind: str | None = None) -> Sensitivity:
-    """Read an electrical scale factor as a data sheet prints it, either way up: "0.25 V/g" or "50 mm/V".
+    """Read an electrical scale factor as a data sheet prints it, either way up: "0.25 V/g" or "4 um/count".
 
     Parameters
     ----------
@@ -303,41 +295,33 @@ def sensitivity(text: object, kind: str | None = None) -> Sensitivity:
 
     Examples
     --------
-    >>> sensitivity("0.25 V/g", "acceleration").value * 9.80665, sensitivity("4 um/count")
-    (0.25, Sensitivity(value=250000.0, electrical='count', si='m'))
+    >>> sensitivity("0.25 V/g", "acceleration")[0] * 9.80665, sensitivity("4 um/count")
+    (0.25, (250000.0, 'count', 'm'))
     """
     match = _QUANTITY.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST_QUANTITY else None
-    unit = normalise(match["unit"]) if match else ""
-    above, below = (unit.partition("/")[0], unit.partition("/")[2]), unit.rpartition("/")[::-2]
-    for (electrical, measured), power in ((above, 1.0), (below, -1.0)):
-        measured = measured.strip()
-        measured = measured[1:-1] if measured.startswith("(") and measured.endswith(")") else measured
-        if match is None or not is_unit(electrical) or conversion(electrical).si not in ELECTRICAL or not measured:
-            continue
-        signal, rule = conversion(electrical), conversion(measured, kind)
-        number = float(match["number"])
-        value = (
-            number * (signal.factor / rule.factor) if power > 0.0 else signal.factor / (number * rule.factor or 1e999)
-        )
-        if math.isfinite(value) and value != 0.0 and is_measurable(value):
-            return Sensitivity(value, signal.si, rule.si)
-    raise UnitError(
-        f'{shown(text)} is no electrical scale factor; expected one that is not zero such as "{scale_example(kind)}"'
-    )
+    unit, number = (normalise(match["unit"]), float(match["number"])) if match else ("", 0.0)
+    for signal, measured in (unit.partition("/")[::2], unit.rpartition("/")[::-2]):
+        if number and measured and is_unit(signal) and conversion(signal).si in ELECTRICAL:
+            inner = measured.strip()
+            volts, rule = conversion(signal), conversion(inner[1:-1] if inner[:1] == "(" else inner, kind)
+            upright = unit.startswith(signal)
+            value = number * (volts.factor / rule.factor) if upright else volts.factor / (number * rule.factor)
+            if SMALLEST < abs(value) < LARGEST:
+                return value, volts.si, rule.si
+    example = SCALE_EXAMPLES.get(kind or "", SCALE_EXAMPLES["temperature"])["V"]
+    raise UnitError(f'{shown(text)} is no electrical scale factor; expected one that is not zero such as "{example}"')
 
 
 ELECTRICAL = ("V", "count")
 """What the signal of a sensor is counted in."""
-
-
-def scale_example(kind: str | None, electrical: str = "V") -> str:
-    """A scale factor as a data sheet prints it, of a sensor of one kind of quantity."""
-    volts, counts = {
-        "acceleration": ("0.25 V/g", "1024 count/g"),
-        "length": ("20 V/m", "200 count/mm"),
-        "speed": ("20 V/(m/s)", "1000 count/(m/s)"),
-    }.get(kind or "", ("10 mV/degC", "10 count/degC"))
-    return volts if electrical == "V" else counts
+SCALE_EXAMPLES = {
+    "acceleration": {"V": "0.25 V/g", "count": "1024 count/g"},
+    "length": {"V": "20 V/m", "count": "200 count/mm"},
+    "speed": {"V": "20 V/(m/s)", "count": "1000 count/(m/s)"},
+    "temperature": {"V": "10 mV/degC", "count": "10 count/degC"},
+}
+"""Scale factors as a data sheet prints them, by kind of what is measured."""
+ZERO_EXAMPLE = {"V": "2.5 V", "count": "2048 count"}
 
 
 def is_measurable(value: float) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import scipy
@@ -27,8 +28,8 @@ from accelcal.data import (
 )
 from accelcal.data.recording import LeftOut, WrongKind
 from accelcal.diagnosis.policy import (
+    DISTURBED_SHARE,
     LEFT_OUT_BESIDE,
-    LOST_SHARE,
     LOST_SIGMA,
     LOST_STEPS,
     RAIL_NOISE,
@@ -109,7 +110,6 @@ def _cleaned(source: Source) -> Recording | None:
     rig, left, gone = recording.rig, recording, []
     for kind, name, stretches in wrong:
         channel: Channel = getattr(left, name)
-        read = left.reference if name == "position" else None
         step, filters = usual_step(channel.t), rig.output_filters if name == "accel" else rig.position_filters
         reach = memory(filters, 1.0 / step)
         if name == "accel":
@@ -122,13 +122,12 @@ def _cleaned(source: Source) -> Recording | None:
         if len(channel) - np.count_nonzero(out) < 2:
             return None
         spans = tuple((float(channel.t[a]), float(channel.t[b])) for a, b in runs_of_true(out, 1))
-        called = name if kind != "lost_signal" or read is None else read.name
-        gone.append(LeftOut(kind, called, int(np.count_nonzero(out)), len(channel), spans, reach))
+        gone.append(LeftOut(kind, channel.name, int(np.count_nonzero(out)), len(channel), spans, reach))
         cleaned = replace(channel, t=channel.t[~out], y=channel.y[~out])
-        if kind == "lost_signal" and read is not None:
-            read = replace(read, t=read.t[~out], y=read.y[~out])
-            left, cleaned = replace(left, reference=read), integrated(read)
-        left = replace(left, accel=cleaned) if name == "accel" else replace(left, position=cleaned)
+        changed: dict[str, Any] = {name: cleaned}
+        if name == "reference":
+            changed["position"] = integrated(cleaned)
+        left = replace(left, **changed)
     return replace(left, left_out=tuple(gone)) if gone else None
 
 
@@ -251,9 +250,9 @@ def lost_signal(recording: Recording) -> list[tuple[WrongKind, str, Stretches]]:
     largest = np.interp(read.t, accel.t, scipy.ndimage.maximum_filter1d(np.abs(u), 2 * LEFT_OUT_BESIDE + 1))
     likely = LOST_SIGMA * local_spread(error / gain) + LOST_STEPS * step * largest
     out = np.abs(error / gain) > likely
-    if not out.any() or np.mean(out) > LOST_SHARE:
+    if not out.any() or np.mean(out) > DISTURBED_SHARE:
         return []
-    return [("lost_signal", "position", [(float(read.t[a]), float(read.t[b])) for a, b in runs_of_true(out, 1)])]
+    return [("lost_signal", "reference", [(float(read.t[a]), float(read.t[b])) for a, b in runs_of_true(out, 1)])]
 
 
 def _departure_from_polynomial(t: Array, y: Array, degree: int) -> float:

@@ -386,9 +386,6 @@ tests/field/test_channels.py]"""
 LOST_STEPS = 1.5
 """Change of speed that the acceleration about a reading makes in so many of its steps, which a drop-out exceeds. A
 delay of one sample between the channels leaves one. [steps; tests/field/test_channels.py]"""
-LOST_SHARE = 0.05
-"""Readings that depart so, over all, up to which they are drop-outs. More are a reference of another kind. [share;
-tests/field/test_channels.py]"""
 STUCK_SAMPLES = 32
 """Equal readings in a row, while the other channel moves, that are a stuck channel. Fewer are quantisation.
 [samples; tests/diagnosis/test_left_out.py]"""

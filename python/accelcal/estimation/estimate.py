@@ -782,7 +782,7 @@ def judge(layout: Layout, x: Array, covariance: Array, states: Sequence[RunState
                 "enough to estimate scale_factor. Record a run with stronger or longer motion"
             )
         if math.copysign(scale, scale * (runs[0].rig.ratio or 1.0)) < -3.0 * std:
-            raise RecordingError(reversed_or_unrelated(runs[0].recording, scale, std, states[0].coherence))
+            raise RecordingError(reversed_or_unrelated(runs[0].recording, scale, std))
         remarks += implausible_scale(runs[0], scale)
     scale = 1.0 + x[by_name["scale_factor"]] if "scale_factor" in by_name else states[0].values.scale
     for i in layout.rows_of("bias") if not remarks else ():

@@ -22,10 +22,6 @@ PLAUSIBLE_SCALE = (0.7, 1.4)
 """1 + k that a working sensor can have, over the declared ratio of the rig; what is beyond is a mistake."""
 REVERSED_SCALE = (-2.0, -0.5)
 """1 + k over the same that a sensor shows which is mounted the other way round."""
-REVERSED_COHERENCE = 0.5
-"""Squared coherence of output and motion below which a relation with the other sign is none of a mount."""
-UNLIKE = 0.1
-"""Correlation by which another column must exceed that of the declared one, if its scale is no better."""
 GRAVITY_SHARE = 0.2
 """Distance of a constant from gravity, over gravity, within which it is gravity."""
 MOST_DOUBLINGS = 5
@@ -41,6 +37,7 @@ KNOWN: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
 }
 """Units that are mistaken for one another, by channel, in SI."""
+OTHER_MOUNT = {"normal": "reversed", "rolled": "reversed", "reversed": "normal"}
 ORDINARY = ((1e-6, 100.0), (2.0, 1e5), (5.0, 1e5), (1e-3, 1e4))
 """Travel (m), duration (s), rate (Hz) and output (m/s²) of ordinary rigs: they tell mistakes of one factor apart."""
 
@@ -85,13 +82,8 @@ def turned(recording: Recording, scale: float) -> str:
     return (
         f"{recording.name or 'recording'}: the output runs against the encoder (1 + k = {scale:.3f}). The sensor is "
         "mounted the other way round or a sign is swapped; write in the sidecar\n[rig]\n"
-        f'mount = "{turned_mount(recording.rig)}"'
+        f'mount = "{OTHER_MOUNT[recording.rig.mount]}"'
     )
-
-
-def turned_mount(rig: Rig) -> str:
-    """The mount of the other sign."""
-    return "normal" if rig.mount == "reversed" else "reversed"
 
 
 def mistaken(recording: Recording, scale: float) -> str:
@@ -112,14 +104,13 @@ def other_column(recording: Recording) -> str:
     best, least = ("", "", 0.0), ALIKE
     for column, unit, channel in other_outputs(recording):
         tried, correlation = relation(channel, recording.position)
-        fits = plausible(abs(tried)) and not (abs(alike) > ALIKE and plausible(abs(slope)))
-        if abs(correlation) > least and (fits or abs(correlation) > abs(alike) + UNLIKE):
+        if plausible(abs(tried)) and abs(correlation) > least:
             best, least = (column, unit, correlation), abs(correlation)
     column, unit, correlation = best
-    if not column:
+    if not column or any(plausible(abs(slope) / max(biased, 1e-9)) for biased in (1.0, alike**2)):
         return ""
     other = correlation * recording.rig.polarity < 0.0
-    mount = f' and [rig] mount = "{turned_mount(recording.rig)}"' if other else ""
+    mount = f' and [rig] mount = "{OTHER_MOUNT[recording.rig.mount]}"' if other else ""
     return (
         f"the motion is in {column}{', with the other sign' * other} (correlation {correlation:.2f}), not in "
         f"{recording.origin.columns.get('accel', ('accel',))[0]} ({alike:.2f}): write [channels] accel = "
@@ -192,9 +183,9 @@ def unusual(recording: Recording, factor: Mapping[str, float], order: int) -> fl
     )
 
 
-def reversed_or_unrelated(recording: Recording, scale: float, std: float, coherence: float) -> str:
+def reversed_or_unrelated(recording: Recording, scale: float, std: float) -> str:
     """What is refused where the output runs against the encoder: a mount, or channels that are no one axis."""
-    coherent = coherence > REVERSED_COHERENCE
+    coherent = abs(relation(recording.accel, recording.position)[1]) > ALIKE
     if coherent and REVERSED_SCALE[0] < scale / (recording.rig.ratio or 1.0) < REVERSED_SCALE[1]:
         return turned(recording, scale)
     cause = mistaken(recording, scale) if coherent else other_column(recording)

@@ -280,25 +280,28 @@ def in_si(table: Table, plan: Plan, name: str, source: Source, rig: Rig, values:
     kind = MEASURED.get(name)
     rule, scale, zero = _conversion(table, source.column, unit, None), source.scale, source.zero
     if name == "accel" and rig.sensor.scale is not None:
-        scale = units.Sensitivity(rig.sensor.scale, rig.sensor.scale_unit, "m/s^2")
-        zero = rig.sensor.zero or 0.0
+        scale, zero = (rig.sensor.scale, rig.sensor.scale_unit, "m/s^2"), rig.sensor.zero or 0.0
     if rule.si not in units.ELECTRICAL or (kind is None and scale is None):
         rule = _conversion(table, source.column, unit, None if name in ORDERS else kind)  # those are checked later
         return rule.apply(values), rule.si
-    if scale is None or scale.electrical != rule.si:
-        declared = "no scale is declared" if scale is None else f"the declared scale is per {scale.electrical}"
-        example = units.scale_example(kind, rule.si)
+    if scale is None or scale[1] != rule.si:
+        declared = "no scale is declared" if scale is None else f"the declared scale is per {scale[1]}"
+        example = units.SCALE_EXAMPLES[kind or "temperature"][rule.si]
         lines = f'[channels]\n{name} = {{ column = "{source.column}", unit = "{unit}", scale = "{example}" }}'
         if name == "accel":
-            zero_example = {"V": "2.5 V", "count": "2048 count"}[rule.si]
-            lines = f'[sensor]\nscale = "{example}"\nzero  = "{zero_example}"'
-        raise RecordingError(
-            f'{table.path}: column "{source.column}" is in {unit}, but {declared}; ' + fix(plan.sidecar, lines)
-        )
+            lines = f'[sensor]\nscale = "{example}"\nzero  = "{units.ZERO_EXAMPLE[rule.si]}"'
+        write = fix(plan.sidecar, lines)
+        if table.units_from == IN_MEMORY:
+            write = (
+                f'give rig=Rig(Sensor(scale=..., scale_unit="{rule.si}", zero=...)), the scale in {rule.si} per m/s²'
+            )
+        raise RecordingError(f'{table.path}: column "{source.column}" is in {unit}, but {declared}; {write}')
     with np.errstate(over="ignore"):  # found as not finite
-        return (rule.apply(values) - zero) / scale.value, scale.si
+        return (rule.apply(values) - zero) / scale[0], scale[2]
 
 
+IN_MEMORY = "units"
+"""Where the units of arrays come from: what is missing is given, and no sidecar written."""
 MEASURED = {
     **{"accel": "acceleration", "position": "length", VELOCITY: "speed", ACCELERATION: "acceleration"},
     **{"time": "time", "temperature": "temperature"},

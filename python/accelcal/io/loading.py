@@ -453,7 +453,7 @@ def load(
 
 
 def sensitivity_shown(table: Table, declared: Sidecar) -> str:
-    """The sensitivity that the motion of a file shows of an output in V or counts, where none is declared; else empty."""
+    """The sensitivity that motion shows of an output in V or counts, where none is declared; else empty."""
     for output in units.ELECTRICAL if declared.rig.sensor.scale is None else ():
         sensor = replace(declared.rig.sensor, scale=1.0, scale_unit=output)
         with suppress(ValueError):

@@ -8,6 +8,7 @@ import re
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Literal
@@ -199,10 +200,6 @@ def _amount(kind: str, sign: _Sign = "any") -> _Check:
     return check
 
 
-def _scale(kind: str | None) -> _Check:
-    return lambda value: units.sensitivity(value, kind)
-
-
 def _electrical(value: object) -> tuple[float, str]:
     """Accept a voltage or counts; return the value with "V" or "count"."""
     try:
@@ -214,12 +211,12 @@ def _electrical(value: object) -> tuple[float, str]:
 def _scaled(values: dict[str, Any], where: str) -> tuple[units.Sensitivity | None, float | None, str]:
     """Take scale and zero out of the values of a table; return both and what they count in."""
     scale, (zero, unit) = values.pop("scale", None), values.pop("zero", (None, ""))
-    if scale is not None and zero is not None and scale.electrical != unit:
+    if scale is not None and zero is not None and scale[1] != unit:
         raise _KeyError(
             _join(where, "zero"),
-            f"found a value in {unit}, but scale counts in {scale.electrical}; give both in the same",
+            f"found a value in {unit}, but scale counts in {scale[1]}; give both in the same",
         )
-    return scale, zero, scale.electrical if scale is not None else unit
+    return scale, zero, scale[1] if scale is not None else unit
 
 
 def _whole(value: object) -> int:
@@ -447,7 +444,7 @@ def _source(**further: _Check) -> _Check:
 
 def _scaled_source(kind: str | None = None, **further: _Check) -> _Check:
     """A channel that may be in V or counts; that of the accelerometer has its scale and zero in [sensor]."""
-    return _source(scale=_scale(kind), zero=_electrical, **further)
+    return _source(scale=partial(units.sensitivity, kind=kind), zero=_electrical, **further)
 
 
 def _reference(kind: str, **further: _Check) -> _Check:
@@ -539,7 +536,7 @@ KEYS: dict[str, dict[str, Key]] = {
             label="Range",
         ),
         "scale": Key(
-            _scale("acceleration"),
+            partial(units.sensitivity, kind="acceleration"),
             "rig.sensor.scale",
             "{0}/(m/s^2)",
             about=(
@@ -931,4 +928,4 @@ def _of_output(channels: Mapping[str, Any]) -> tuple[LowPass | None, tuple[Chann
 
 def _sensor(values: dict[str, Any]) -> Sensor:
     scale, zero, unit = _scaled(values, "sensor")
-    return Sensor(scale=None if scale is None else scale.value, scale_unit=unit, zero=zero, **values)
+    return Sensor(scale=None if scale is None else scale[0], scale_unit=unit, zero=zero, **values)
