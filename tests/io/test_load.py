@@ -238,7 +238,7 @@ def test_missing_unit_shows_the_line_to_write(write, channel):
         ({"accel": "furlong"}, 'column "accel": unknown unit "furlong"'),
         (
             {"accel": "m/s^3"},
-            '"m/s^3" does not measure an acceleration; expected a unit such as "m/s^2" or "g", or "V"',
+            '"m/s^3" does not measure an acceleration; expected a unit as in "5 g", or "V" or "count" with a scale',
         ),
         ({"position": "kg"}, 'column "position": "kg" does not measure a length'),
         ({"time": "m"}, 'column "t": "m" does not measure a time'),

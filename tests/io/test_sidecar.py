@@ -57,6 +57,7 @@ def test_complete_sidecar_is_read_in_si(tmp_path):
     }
     assert asdict(found.rig.uncertainty) == {
         "encoder_scale": 1e-5,
+        "reference_zero": None,
         "level": pytest.approx(math.radians(0.05)),
         "misalignment": pytest.approx(math.radians(0.1)),
     }
@@ -114,9 +115,9 @@ def test_position_with_its_own_clock(tmp_path):
         ('[sensor]\nrange = "0 g"', "sensor.range: found '0 g', expected an acceleration that is positive"),
         (
             '[sensor]\nscale = "0 V/g"',
-            "sensor.scale: found '0 V/g', expected an electrical scale factor that is not zero",
+            "sensor.scale: '0 V/g' is no electrical scale factor; expected one that is not zero",
         ),
-        ('[sensor]\nscale = "0 count/g"', "sensor.scale: found '0 count/g'"),
+        ('[sensor]\nscale = "0 count/g"', "sensor.scale: '0 count/g' is no electrical scale factor"),
         (
             '[sensor]\nscale = "0.25 V/g"\nzero = "3 count"',
             "sensor.zero: found a value in count, but scale counts in V",

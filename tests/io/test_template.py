@@ -57,7 +57,7 @@ def test_columns_that_cannot_be_recognised_are_left_for_the_user(tmp_path):
 def test_electrical_channel_asks_for_its_scale(tmp_path):
     path = write(tmp_path, "t_s,accel_V,position_mm,temp_degC")
     assert 'scale = "?"                     # FILL IN, like "0.25 V/g"' in io.init(path)
-    with pytest.raises(RecordingError, match=r"sensor\.scale: '\?' is not a quantity"):
+    with pytest.raises(RecordingError, match=r"sensor\.scale: '\?' is no electrical scale factor; expected"):
         io.load(path)
 
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from accelcal.data import units
-from accelcal.data.units import UnitError, conversion, quantity, same_unit
+from accelcal.data.units import UnitError, conversion, quantity, same_unit, sensitivity
 
 G0 = 9.80665
 
@@ -31,10 +31,6 @@ G0 = 9.80665
         ("250 μg/rtHz", "noise density", 250e-6 * G0),
         ("250 ug/Hz^0.5", "noise density", 250e-6 * G0),
         ("4 mm/s^2/sqrt(Hz)", "noise density", 4e-3),
-        ("0.25 V/g", "scale in volts", 0.25 / G0),
-        ("100 mV/(m/s^2)", "scale in volts", 0.1),
-        ("1024 count/g", "scale in counts", 1024 / G0),
-        ("1024 LSB/g", "scale in counts", 1024 / G0),
         ("2.5 V", "voltage", 2.5),
         ("1 um", "length", 1e-6),
         ("1 µm", "length", 1e-6),
@@ -63,6 +59,45 @@ def test_quantity_is_read_as_data_sheets_print_it(text, kind, si):
 
 
 @pytest.mark.parametrize(
+    ("text", "kind", "value", "electrical"),
+    [
+        ("0.25 V/g", "acceleration", 0.25 / G0, "V"),
+        ("100 mV/(m/s^2)", "acceleration", 0.1, "V"),
+        ("1024 count/g", "acceleration", 1024 / G0, "count"),
+        ("1024 LSB/g", "acceleration", 1024 / G0, "count"),
+        ("20 V/m", "length", 20.0, "V"),
+        ("50 mm/V", "length", 20.0, "V"),
+        ("200 count/mm", "length", 2e5, "count"),
+        ("4 um/count", "length", 2.5e5, "count"),
+        ("20 V/(m/s)", "speed", 20.0, "V"),
+        ("-28.8 V/(m/s)", "speed", -28.8, "V"),
+        ("10 mV/degC", "temperature", 0.01, "V"),
+        ("5 V/MPa", None, 5e-6, "V"),
+    ],
+)
+def test_an_electrical_scale_is_read_either_way_up(text, kind, value, electrical):
+    assert sensitivity(text, kind)[:2] == (pytest.approx(value, rel=1e-14), electrical)
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "said"),
+    [
+        ("0 V/g", "acceleration", 'expected one that is not zero such as "0.25 V/g"'),
+        ("20 V", "length", 'no electrical scale factor; expected one that is not zero such as "20 V/m"'),
+        ("20 V/s", "length", '"s" does not measure a length'),
+        ("?", None, "no electrical scale factor"),
+        (20.0, "length", "20.0 is no electrical scale factor"),
+        ("1e999 V/m", "length", "no electrical scale factor"),
+        ("0 mm/V", "length", "no electrical scale factor"),
+    ],
+)
+def test_what_is_no_electrical_scale_is_told(text, kind, said):
+    with pytest.raises(UnitError) as error:
+        sensitivity(text, kind)
+    assert said in str(error.value)
+
+
+@pytest.mark.parametrize(
     ("text", "kind", "said"),
     [
         (5, "acceleration", '5 has no unit; expected an acceleration such as "5 g"'),
@@ -78,7 +113,6 @@ def test_quantity_is_read_as_data_sheets_print_it(text, kind, si):
         ("5 furlong", "length", 'unknown unit "furlong"'),
         ("20 C", "temperature", 'unknown unit "C"'),
         ("10 rad/s", "frequency", '"rad/s" does not measure a frequency'),
-        ("1024 count/g", "scale in volts", '"count/g" does not measure an electrical scale factor'),
         ("225 ug/Hz", "noise density", '"ug/Hz" does not measure an acceleration noise density'),
         ("1 degC", "length", '"degC" does not measure a length'),
         ("1 " + "m*" * 400 + "m", "length", "unknown unit"),

@@ -132,7 +132,7 @@ def test_a_model_gives_parameters_noise_and_offset() -> None:
 def test_what_cannot_be_tracked_is_refused_with_the_cure(rig: Rig, tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="no noise of the sensor"):
         settings_of(replace(rig, sensor=replace(rig.sensor, noise=None)))
-    with pytest.raises(RecordingError, match="no resolution of the position"):
+    with pytest.raises(RecordingError, match="neither noise nor resolution of the position"):
         settings_of(replace(rig, resolution=None))
     made = ac.simulate("tones", seconds=10.0, rig=ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1))
     fit = ac.fit(made.recording, ac.Model.linear().add("velocity"))

@@ -438,6 +438,9 @@ def _components(fit: Fit, e: Estimate) -> tuple[Component, ...]:
             components.append(Component("level of the stage axis", "B", level, "rad", _gravity_share(fit, level)))
         if "misalignment" not in separated:
             components.append(Component("misalignment of the input axis", "B", off, "rad", _gravity_share(fit, off)))
+        if declared.reference_zero:
+            zero, scale = declared.reference_zero, abs(fit.values().scale)
+            components.append(Component("zero of the reference", "B", zero, "m/s²", scale * zero))
         return tuple(components)
     size = fit.values().scale if e.name == "scale_factor" else e.value
     n = POWERS[e.name]

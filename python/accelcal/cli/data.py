@@ -56,6 +56,7 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
     """
     from accelcal.diagnosis.faults import usable, without_other_scale
     from accelcal.diagnosis.left_out import left_out_sentences, without_wrong_readings
+    from accelcal.estimation.plausible import suspicion
 
     with progress("check") as report:
         recording = io.load(run, rig)
@@ -71,13 +72,15 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
             breaks = []
         report(0.9)
         gone = list(left_out_sentences(whole))
-        content = {**data.quality.describe(recording), "breaks_s": breaks, "left_out": gone} if json else {}
+        suspect = [text for text in [suspicion(whole)] if text]
+        content = {"breaks_s": breaks, "left_out": gone, "suspect": suspect} if json else {}
+        content = {**data.quality.describe(recording), **content} if json else {}
         text = "" if json else data.quality.summarise(recording)
     if json:
         print_json(content)
         return
     say_line(text)
-    for text in (*gone, *words.broken(breaks)):
+    for text in (*gone, *suspect, *words.broken(breaks)):
         say_line(f"suspect data: {text}")
     suggest("fit", run, "-o", f"{run.stem}.json")
 

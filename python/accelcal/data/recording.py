@@ -199,9 +199,21 @@ class PositionStep:
         )
 
 
-WrongKind = Literal["denied", "saturated", "stuck", "other_scale"]
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Where the channels of a recording come from, for sentences that say what to write."""
+
+    file: str = ""
+    """Path; empty where the channels were arrays."""
+    sidecar: str = ""
+    """Path of what was read beside it; empty where there was none."""
+    columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """Column and unit by channel, those of the stamps of the output as "time"."""
+
+
+WrongKind = Literal["denied", "saturated", "stuck", "other_scale", "lost_signal"]
 """Far beyond the rest while the reference shows nothing; at the limit of its range; one value repeated while the other
-channel moves; or of another scale factor than the rest."""
+channel moves; of another scale factor than the rest; or a drop-out of a vibrometer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,6 +273,7 @@ class Recording(Result):
     """Static dwells of the same sensor: further rows of the regression of this run."""
     reference: Channel | None = None
     """A velocity or an acceleration where that was measured in place of the position, which is its integral."""
+    origin: Origin = field(default=Origin(), repr=False)
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -221,7 +221,9 @@ class Uncertainty:
     """Standard uncertainties declared for the budget; None = not declared."""
 
     encoder_scale: float | None = None
-    """Relative."""
+    """Of the reference, relative."""
+    reference_zero: float | None = None
+    """Of an acceleration, m/s²."""
     level: float | None = None
     """rad."""
     misalignment: float | None = None
@@ -255,6 +257,10 @@ class Rig:
     """Declared filters of the position channel, in the order of the signal."""
     resolution: float | None = None
     """Encoder resolution, m."""
+    reading_noise: float | None = None
+    """Standard deviation of the noise of one reading of the reference, in its unit: m of a position."""
+    ratio: float | None = None
+    """1 + k that the rig makes by itself, a lever or a ratio of masses; None = 1."""
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     tolerance: float | None = None
     """Contribution to the output below which an effect does not matter to the user, m/s²; None = not declared."""

@@ -171,8 +171,6 @@ KINDS = {
     "random walk": Kind("a random walk of acceleration", "m/s^2/s^0.5", "10 ug/sqrt(h)"),
     "voltage": Kind("a voltage", "V", "2.5 V"),
     "count": Kind("a number of counts", "count", "2048 count"),
-    "scale in volts": Kind("an electrical scale factor", "V/(m/s^2)", "0.25 V/g"),
-    "scale in counts": Kind("an electrical scale factor", "count/(m/s^2)", "1024 count/g"),
     "temperature": Kind("a temperature", "degC", "23 degC"),
     "angle": Kind("an angle", "rad", "0.05 deg"),
     "angular rate": Kind("an angular rate", "rad/s", "10 deg/s"),
@@ -200,8 +198,7 @@ USUAL = {
         **{"m/s^2/(s)^0.5": 1.0, "ug/(h)^0.5": 1.6344416666666664e-07, "ug/h^0.5": 1.6344416666666664e-07},
     },
     "voltage": {"uV": 1e-6, "mV": 1e-3},
-    "scale in volts": {"V/g": 0.10197162129779283, "mV/g": 0.00010197162129779284, "mV/(m/s^2)": 1e-3},
-    "scale in counts": {"count/g": 0.10197162129779283, "LSB/g": 0.10197162129779283},
+    "count": {"counts": 1.0, "LSB": 1.0, "lsb": 1.0},
     "angle": {"deg": 0.017453292519943295, "mrad": 1e-3},
     "angular rate": {"deg/s": 0.017453292519943295, "dps": 0.017453292519943295},
     "frequency": {"kHz": 1e3},
@@ -253,8 +250,6 @@ def quantity(text: object, kind: str) -> float:
 
     Examples
     --------
-    >>> quantity("0.25 V/g", "scale in volts") * 9.80665
-    0.25
     >>> round(quantity("225 ug/sqrt(Hz)", "noise density"), 9)
     0.002206496
     """
@@ -279,6 +274,54 @@ def quantity(text: object, kind: str) -> float:
             f"{shown(text)} is beyond all that is measured; expected {expected.name} such as {expected.example!r}"
         )
     return value
+
+
+Sensitivity = tuple[float, str, str]
+"""V, or counts, per SI unit of what is measured; "V" or "count"; and that SI unit."""
+
+
+def sensitivity(text: object, kind: str | None = None) -> Sensitivity:
+    """Read an electrical scale factor as a data sheet prints it, either way up: "0.25 V/g" or "4 um/count".
+
+    Parameters
+    ----------
+    text : number and unit.
+    kind : of what is measured, a key of `KINDS`; None accepts any.
+
+    Raises
+    ------
+    UnitError
+        If it is no such scale factor.
+
+    Examples
+    --------
+    >>> sensitivity("0.25 V/g", "acceleration")[0] * 9.80665, sensitivity("4 um/count")
+    (0.25, (250000.0, 'count', 'm'))
+    """
+    match = _QUANTITY.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST_QUANTITY else None
+    unit, number = (normalise(match["unit"]), float(match["number"])) if match else ("", 0.0)
+    for signal, measured in (unit.partition("/")[::2], unit.rpartition("/")[::-2]):
+        if number and measured and is_unit(signal) and conversion(signal).si in ELECTRICAL:
+            inner = measured.strip()
+            volts, rule = conversion(signal), conversion(inner[1:-1] if inner[:1] == "(" else inner, kind)
+            upright = unit.startswith(signal)
+            value = number * (volts.factor / rule.factor) if upright else volts.factor / (number * rule.factor)
+            if SMALLEST < abs(value) < LARGEST:
+                return value, volts.si, rule.si
+    example = SCALE_EXAMPLES.get(kind or "", SCALE_EXAMPLES["temperature"])["V"]
+    raise UnitError(f'{shown(text)} is no electrical scale factor; expected one that is not zero such as "{example}"')
+
+
+ELECTRICAL = ("V", "count")
+"""What the signal of a sensor is counted in."""
+SCALE_EXAMPLES = {
+    "acceleration": {"V": "0.25 V/g", "count": "1024 count/g"},
+    "length": {"V": "20 V/m", "count": "200 count/mm"},
+    "speed": {"V": "20 V/(m/s)", "count": "1000 count/(m/s)"},
+    "temperature": {"V": "10 mV/degC", "count": "10 count/degC"},
+}
+"""Scale factors as a data sheet prints them, by kind of what is measured."""
+ZERO_EXAMPLE = {"V": "2.5 V", "count": "2048 count"}
 
 
 def is_measurable(value: float) -> bool:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from accelcal.data import ACCELERATION, DERIVED, STANDARD_GRAVITY, Array, Recording, Rig, instant
+from accelcal.data import ACCELERATION, DERIVED, STANDARD_GRAVITY, Array, Recording, Rig, instant, usual_step
 from accelcal.diagnosis.evidence import Evidence, noise_ratio
 from accelcal.diagnosis.noise.noise_test import LINE
 from accelcal.diagnosis.policy import (
@@ -35,11 +35,12 @@ from accelcal.diagnosis.policy import (
 from accelcal.diagnosis.runs import runs_disagree
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.effects import BUILT_IN, OF_TIME, find
-from accelcal.estimation.estimate import Fit, implausible_scale, result, solve_runs
+from accelcal.estimation.estimate import Fit, result, solve_runs
+from accelcal.estimation.plausible import implausible_scale
 from accelcal.estimation.remarks import Remark, Value, remark
 from accelcal.estimation.run import PreparedRun, prepared
 from accelcal.model import Model
-from accelcal.signals.processing import ORDER, low_pass, spectral_density
+from accelcal.signals.processing import ORDER, low_pass, memory, spectral_density
 from accelcal.signals.series import widened
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.evaluation import AVERAGED_SEGMENTS, accel_residual, compare
@@ -151,6 +152,11 @@ class SlowResidual:
     @classmethod
     def of(cls, recording: Recording, residual_at: tuple[Array, Array], highest: float) -> SlowResidual:
         """The slow part of a residual: times (n,) s, residual (n,) m/s², and its bandwidth, Hz."""
+        if (
+            recording.reference is not None and not recording.rig.coupled
+        ):  # the unknown state of a high-pass at the start
+            behind = recording.accel.t[0] + 0.5 * memory(recording.rig.filters, 1.0 / usual_step(recording.accel.t))
+            residual_at = tuple(y[residual_at[0] > behind] for y in residual_at)
         limit, floor = ordinary(recording.rig), output_noise(recording.rig, recording.accel.t, recording.accel.y)
         rms = excess(residual_at, highest, floor)
         if rms <= limit:
@@ -448,7 +454,7 @@ def scale_factor(e: Evidence) -> Iterator[Remark]:
     """
     scale = e.fit.values().scale
     if "scale_factor" not in e.model.fixed:
-        yield from implausible_scale(scale)
+        yield from implausible_scale(e.runs[0], scale)
 
 
 def engines(e: Evidence) -> Iterator[Remark]:

@@ -10,16 +10,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import scipy
 
 from accelcal._support.values import listing
 from accelcal.data import (
     POSITION_ORDER,
+    VELOCITY,
     Array,
     Channel,
     Flags,
     Recording,
+    integrated,
     require_reference,
     require_usable,
     usual_step,
@@ -29,7 +33,10 @@ from accelcal.diagnosis.policy import (
     DENIED_RATIO,
     DENIED_SHARE,
     DENIED_SIGMA,
+    DISTURBED_SHARE,
     LEFT_OUT_BESIDE,
+    LOST_SIGMA,
+    LOST_STEPS,
     RAIL_NOISE,
     RAIL_PILED,
     RAIL_SAMPLES,
@@ -42,7 +49,7 @@ from accelcal.estimation.channel_filters import ChannelFilters
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of
 from accelcal.signals.processing import FORGOTTEN, memory
-from accelcal.signals.series import interpolation_spread, widened
+from accelcal.signals.series import interpolation_errors, interpolation_spread, local_spread, widened
 
 FEWEST = 16
 """Samples of the output in a stretch, least, from which its noise is known."""
@@ -105,7 +112,12 @@ def _cleaned(source: Source) -> Recording | None:
     recording = recording_of(source)
     try:
         require_usable(recording)
-        wrong = (("denied", "accel", denied(recording)), ("saturated", "accel", rail_hits(recording)), *stuck(source))
+        wrong = (
+            ("denied", "accel", denied(recording)),
+            ("saturated", "accel", rail_hits(recording)),
+            *stuck(source),
+            *lost_signal(recording),
+        )
     except ValueError:
         return None
     rig, left, gone = recording.rig, recording, []
@@ -124,9 +136,12 @@ def _cleaned(source: Source) -> Recording | None:
         if len(channel) - np.count_nonzero(out) < 2:
             return None
         spans = tuple((float(channel.t[a]), float(channel.t[b])) for a, b in runs_of_true(out, 1))
-        gone.append(LeftOut(kind, name, int(np.count_nonzero(out)), len(channel), spans, reach))
+        gone.append(LeftOut(kind, channel.name, int(np.count_nonzero(out)), len(channel), spans, reach))
         cleaned = replace(channel, t=channel.t[~out], y=channel.y[~out])
-        left = replace(left, accel=cleaned) if name == "accel" else replace(left, position=cleaned)
+        changed: dict[str, Any] = {name: cleaned}
+        if name == "reference":
+            changed["position"] = integrated(cleaned)
+        left = replace(left, **changed)
     return replace(left, left_out=tuple(gone)) if gone else None
 
 
@@ -265,6 +280,27 @@ def stuck_positions(run: PreparedRun) -> Stretches:
                 continue
         stretches.append((begin, end))
     return stretches
+
+
+def lost_signal(recording: Recording) -> list[tuple[WrongKind, str, Stretches]]:
+    """Readings of a velocity that jump away from the integral of the output and come back, as a few of them do.
+
+    What both show is taken off, so that an impact is none; the rest is compared with its neighbours, and a jump counts
+    that the acceleration about it cannot make.
+    """
+    read, accel = recording.reference, recording.accel
+    if read is None or read.name != VELOCITY or len(read) < FEWEST:
+        return []
+    u, step = accel.y - np.mean(accel.y), usual_step(read.t)
+    gained = np.concatenate([[0.0], np.cumsum(0.5 * (u[1:] + u[:-1]) * np.diff(accel.t))])
+    shown = recording.rig.polarity * np.interp(read.t, accel.t, gained)
+    error, gain = interpolation_errors(read.t, read.y - shown)
+    largest = np.interp(read.t, accel.t, scipy.ndimage.maximum_filter1d(np.abs(u), 2 * LEFT_OUT_BESIDE + 1))
+    likely = LOST_SIGMA * local_spread(error / gain) + LOST_STEPS * step * largest
+    out = np.abs(error / gain) > likely
+    if not out.any() or np.mean(out) > DISTURBED_SHARE:
+        return []
+    return [("lost_signal", "reference", [(float(read.t[a]), float(read.t[b])) for a, b in runs_of_true(out, 1)])]
 
 
 def _departure_from_polynomial(t: Array, y: Array, degree: int) -> float:

@@ -28,6 +28,7 @@ from accelcal.diagnosis.policy import (
 )
 from accelcal.estimation.estimate import require_motion
 from accelcal.estimation.gauss_newton import NotIdentifiable
+from accelcal.estimation.plausible import other_column
 from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of
 from accelcal.signals.processing import low_pass, quintic
 from accelcal.signals.series import grid_step, interpolation_spread
@@ -150,12 +151,14 @@ def require_one_axis(sources: Sequence[Source], *, start: float | None = None, e
         bands = coherence_by_band(recording, start, end)
         if not unrelated(bands) or related_in_part(prepared(source, start=start, end=end)):
             continue
+        elsewhere = other_column(recording)
         worst = max((band for band in bands if band.observed < band.least), key=lambda band: band.segments)
         raise RecordingError(
             f"{recording.name or 'recording'}: output and position are not one axis of one body: from "
             f"{worst.low:.3g} to {worst.high:.3g} Hz both move well above their noise, which would leave a coherence "
             f"of {worst.expected:.2f}, and it is {worst.observed:.2g}. No scale factor, mount or effect is read from "
             "them; check that both channels are of the same run and the same axis"
+            f"{': ' * bool(elsewhere)}{elsewhere}"
         )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from accelcal import _core
 from accelcal.data import Array, Flags, RecordingError
 from accelcal.data.orientation import HOLE
+from accelcal.estimation.plausible import suspicion
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.signals import Signals
@@ -153,9 +154,10 @@ def require_output(run: PreparedRun, values: Values) -> None:
         With the recording and what to check.
     """
     if abs(values.scale) < LEAST_SCALE:
+        cause = suspicion(run.recording)
         raise RecordingError(
             f"{run.recording.name or 'recording'}: the output is as good as zero beside the acceleration of the "
-            "position; check the units of accel and position"
+            f"position; check the units of accel and position{': ' * bool(cause)}{cause}"
         )
 
 

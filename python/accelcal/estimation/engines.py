@@ -394,7 +394,8 @@ def weak_form(state: RunState) -> WeakRows:
         return WeakRows(state).held()
     except NoWeakForm as error:
         name = state.run.recording.name or "recording"
-        raise NoWeakForm(f"{name}: no weak form: {error}; fit it by the replay, --method replay") from error
+        instead = "; fit it by the replay, --method replay" if state.run.order == POSITION_ORDER else ""
+        raise NoWeakForm(f"{name}: no weak form: {error}{instead}") from error
 
 
 def coloured_rows(spectrum: MeasuredSpectrum, sums: ColumnFilter | WeakRows, terms: Sequence[Term]) -> Rows:

@@ -44,6 +44,7 @@ from accelcal.estimation.gauss_newton import (
     iterate,
 )
 from accelcal.estimation.noise import NoiseEffect
+from accelcal.estimation.plausible import gravity_mistaken, implausible_scale, reversed_or_unrelated
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of, side_means
 from accelcal.estimation.run_fit import RunFit, differing, run_fit
@@ -72,10 +73,6 @@ FARTHEST = 0.3
 """Distance of a sensor from the tracked point that is ordinary, m: where a body hardly turns, its motion says less."""
 SCALE_STD_LIMIT = 0.5
 """A scale factor less certain than this was not excited at all."""
-PLAUSIBLE_SCALE = (0.5, 2.0)
-"""1 + k that a working sensor can have; a factor beyond is one of units."""
-REVERSED_COHERENCE = 0.5
-"""Squared coherence of output and motion below which a relation with the other sign is none of a mount."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -524,9 +521,10 @@ def result(solution: Solution) -> Fit:
         remarks.append(remark("not_settled", rounds=MAX_ROUNDS))
     fits = tuple(run_fit(state, model) for state in states)
     remarks += [
-        remark("noise_beyond_declared", recording=f.name or "recording", text=f.noise.remark)
-        for f in fits
-        if f.noise.remark
+        remark("noise_beyond_declared", recording=f.name or "recording", text=text)
+        for f, run in zip(fits, runs, strict=True)
+        for text in (f.noise.remark, f.noise.remark_on_reading(run.rig))
+        if text
     ]
     fit = Fit(
         model=model,
@@ -773,7 +771,7 @@ def judge(layout: Layout, x: Array, covariance: Array, states: Sequence[RunState
     """
     runs = [state.run for state in states]
     by_name = {term.name: i for i, (term, _) in enumerate(layout.slots)}
-    rig, name = runs[0].rig, runs[0].recording.name or "recording"
+    name = runs[0].recording.name or "recording"
     remarks: list[Remark] = []
     if "scale_factor" in by_name:
         i = by_name["scale_factor"]
@@ -783,36 +781,16 @@ def judge(layout: Layout, x: Array, covariance: Array, states: Sequence[RunState
                 f"{name}: 1 + k = {scale:.3g} with a standard deviation of {std:.2g}: acceleration was not excited "
                 "enough to estimate scale_factor. Record a run with stronger or longer motion"
             )
-        low, high = PLAUSIBLE_SCALE
-        if scale < -3.0 * std and not (low < -scale < high and states[0].coherence > REVERSED_COHERENCE):
-            raise RecordingError(
-                f"{name}: output and position are not one axis of one body: 1 + k = {scale:.3g} ± {std:.2g}, where a "
-                "sensor shows 1, or -1 if it is mounted the other way round. No scale factor, mount or effect is read "
-                "from them; check that both channels are of the same run, axis and unit"
-            )
-        if scale < -3.0 * std:
-            other = "normal" if rig.mount == "reversed" else "reversed"
-            raise RecordingError(
-                f"{name}: the output runs against the encoder (1 + k = {scale:.3f}). The sensor is mounted the other "
-                f'way round or a sign is swapped; write in the sidecar\n[rig]\nmount = "{other}"'
-            )
-        remarks += implausible_scale(scale)
-    for i in layout.rows_of("bias"):
+        if math.copysign(scale, scale * (runs[0].rig.ratio or 1.0)) < -3.0 * std:
+            raise RecordingError(reversed_or_unrelated(runs[0].recording, scale, std))
+        remarks += implausible_scale(runs[0], scale)
+    scale = 1.0 + x[by_name["scale_factor"]] if "scale_factor" in by_name else states[0].values.scale
+    for i in layout.rows_of("bias") if not remarks else ():
         run = runs[layout.slots[i][1] or 0]
-        axis = "up" if x[i] * run.rig.polarity > 0.0 else "down"
-        if run.rig.gravity == 0.0 and abs(abs(x[i]) - STANDARD_GRAVITY) < 0.2 * STANDARD_GRAVITY:
-            raise RecordingError(
-                f"{name_of(run)}: the output has a constant of {x[i]:.3f} m/s², close to gravity, on an axis declared "
-                f'level. If the axis is vertical, write in the sidecar\n[rig]\naxis = "{axis}"'
-            )
+        mistaken = gravity_mistaken(run.recording, scale, float(x[i]))
+        if mistaken:
+            raise RecordingError(mistaken)
     return remarks
-
-
-def implausible_scale(scale: float) -> list[Remark]:
-    """The remark on a value of 1 + k that no working sensor has; none on an ordinary one."""
-    if PLAUSIBLE_SCALE[0] <= scale <= PLAUSIBLE_SCALE[1]:
-        return []
-    return [remark("implausible_scale", scale=scale, factor=1.0 / scale)]
 
 
 def mostly_prior(layout: Layout, covariance: Array, model: Model) -> list[Remark]:

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from accelcal import _core
-from accelcal.data import Array, Flags, Reference
+from accelcal.data import Array, Flags, Reference, Rig
 from accelcal.effects import Effect
 from accelcal.effects.registry import Owner
 from accelcal.estimation.drive import DriveIntegrals
@@ -302,6 +302,15 @@ class NoiseReport:
             f"the fitted noise density is {self.ratio:.2g} of the declared one: "
             "check the declared density and whether a low-pass was left undeclared"
         )
+
+    def remark_on_reading(self, rig: Rig) -> str | None:
+        """A sentence when readings are noisier than declared by more than a factor 1.5, and surely so; None where only
+        the sum of two accelerations is known."""
+        declared, least = rig.reading_noise or math.inf, self.all.reading - 3.0 * self.all.reading_std
+        if self.reference == "reference_acceleration" or not least > REMARKED_BEYOND * declared:
+            return None
+        ratio = self.all.reading / declared
+        return f"a reading is {ratio:.2g} times as noisy as declared: it is disturbed, or the model lacks an effect"
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,8 +30,7 @@ class Kind:
 KINDS: dict[str, Kind] = {
     "implausible_scale": Kind(
         "verdict",
-        "1 + k = {scale:.4g} is implausible for a working sensor: check the units of position and output (a factor of "
-        "{factor:.4g}), for instance mm read as m",
+        "1 + k = {scale:.4g} is implausible for a working sensor, which shows 0.7 to 1.4: {cause}",
         forbids_names=True,
     ),
     "motion_beyond_sampling": Kind(
@@ -94,6 +93,12 @@ KINDS: dict[str, Kind] = {
         "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, from t = {time:.6g} s to {end:.6g} s) are "
         "left out: the output is {scale:.3g} times there what the same motion makes in the rest; look for a range, a "
         "gain or a wiring that was changed",
+    ),
+    "lost_signal": Kind(
+        "data",
+        "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, stretches: {stretches}, from t = "
+        "{time:.6g} s to {end:.6g} s) are left out: they jump away from the motion that the output shows and come "
+        "back, as a vibrometer does that loses its signal; check its focus and the reflecting surface",
     ),
     "position_step": Kind(
         "data",

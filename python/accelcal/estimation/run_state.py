@@ -200,16 +200,6 @@ class RunState:
         return float(-0.5 * np.sum(y**2 + np.log(2.0 * np.pi * S)))
 
     @property
-    def coherence(self) -> float:
-        """Squared coherence of output and motion: share of the output's power in the band of the motion that is not
-        the noise which is laid on it."""
-        y, rate = self.run.undone.y, 1.0 / self.run.accel_step
-        f, density = spectral_density(y, rate, len(y))
-        moving = (f > 0.0) & (f <= self.signals.cutoff)
-        laid = 2.0 * self.noise.usual.q * self.values.scale**2 * np.count_nonzero(moving)
-        return 1.0 - float(laid / np.sum(density[moving]))
-
-    @property
     def beyond_output(self) -> bool:
         """Whether the noise that is laid on the output is larger than all that the output shows near the crossover.
 

@@ -11,7 +11,18 @@ from pathlib import Path
 import numpy as np
 
 from accelcal._support.errors import OBEYED_IN_NAMES, visible
-from accelcal.data import QUATERNION, Array, Finding, RecordingError, Rig, reference_among, units
+from accelcal.data import (
+    ACCELERATION,
+    QUATERNION,
+    VELOCITY,
+    Array,
+    Finding,
+    RecordingError,
+    Rig,
+    reference_among,
+    units,
+)
+from accelcal.data.recording import ORDERS
 from accelcal.io import naming
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
 from accelcal.io.table import MOST_CHANNEL_NAME, MOST_NAME, Column, Table
@@ -245,7 +256,7 @@ def in_seconds(table: Table, plan: Plan, clock: Clock, column: Column) -> Column
         If the unit is missing, unknown, contradictory or not a time.
     """
     assert clock.column is not None  # a clock without a rate names a column
-    unit = _unit(table, plan, "time", clock.column, clock.unit)
+    unit = stated_unit(table, plan, "time", clock.column, clock.unit)
     return Column(_conversion(table, clock.column, unit, "time").apply(column.values), column.present)
 
 
@@ -265,29 +276,40 @@ def in_si(table: Table, plan: Plan, name: str, source: Source, rig: Rig, values:
     RecordingError
         If the unit is missing, unknown, contradictory, of the wrong dimension, or in want of a scale.
     """
-    unit = _unit(table, plan, name, source.column, source.unit)
-    kind = {"time": "time", "position": "length", "temperature": "temperature"}.get(name)
-    rule = _conversion(table, source.column, unit, kind)
-    if name != "accel" or rule.si == "m/s^2":
+    unit = stated_unit(table, plan, name, source.column, source.unit)
+    kind = MEASURED.get(name)
+    rule, scale, zero = _conversion(table, source.column, unit, None), source.scale, source.zero
+    if name == "accel" and rig.sensor.scale is not None:
+        scale, zero = (rig.sensor.scale, rig.sensor.scale_unit, "m/s^2"), rig.sensor.zero or 0.0
+    if rule.si not in units.ELECTRICAL or (kind is None and scale is None):
+        rule = _conversion(table, source.column, unit, None if name in ORDERS else kind)  # those are checked later
         return rule.apply(values), rule.si
-    if rule.si not in ("V", "count"):
-        raise RecordingError(
-            f'{table.path}: column "{source.column}": "{unit}" does not measure an acceleration; '
-            'expected a unit such as "m/s^2" or "g", or "V" or "count" with a scale in [sensor]'
-        )
-    sensor = rig.sensor
-    if sensor.scale is None or sensor.scale_unit != rule.si:
-        declared = "no scale is declared" if sensor.scale is None else f"the declared scale is per {sensor.scale_unit}"
-        zero = {"V": ("0.25 V/g", "2.5 V"), "count": ("1024 count/g", "2048 count")}[rule.si]
-        raise RecordingError(
-            f'{table.path}: column "{source.column}" is in {unit}, but {declared}; '
-            + fix(plan.sidecar, f'[sensor]\nscale = "{zero[0]}"\nzero  = "{zero[1]}"')
-        )
+    if scale is None or scale[1] != rule.si:
+        declared = "no scale is declared" if scale is None else f"the declared scale is per {scale[1]}"
+        example = units.SCALE_EXAMPLES[kind or "temperature"][rule.si]
+        lines = f'[channels]\n{name} = {{ column = "{source.column}", unit = "{unit}", scale = "{example}" }}'
+        if name == "accel":
+            lines = f'[sensor]\nscale = "{example}"\nzero  = "{units.ZERO_EXAMPLE[rule.si]}"'
+        write = fix(plan.sidecar, lines)
+        if table.units_from == IN_MEMORY:
+            write = (
+                f'give rig=Rig(Sensor(scale=..., scale_unit="{rule.si}", zero=...)), the scale in {rule.si} per m/s²'
+            )
+        raise RecordingError(f'{table.path}: column "{source.column}" is in {unit}, but {declared}; {write}')
     with np.errstate(over="ignore"):  # found as not finite
-        return (rule.apply(values) - (sensor.zero or 0.0)) / sensor.scale, "m/s^2"
+        return (rule.apply(values) - zero) / scale[0], scale[2]
 
 
-def _unit(table: Table, plan: Plan, channel: str, column: str, declared: str | None) -> str:
+IN_MEMORY = "units"
+"""Where the units of arrays come from: what is missing is given, and no sidecar written."""
+MEASURED = {
+    **{"accel": "acceleration", "position": "length", VELOCITY: "speed", ACCELERATION: "acceleration"},
+    **{"time": "time", "temperature": "temperature"},
+}
+"""What a known channel measures; any other takes any unit."""
+
+
+def stated_unit(table: Table, plan: Plan, channel: str, column: str, declared: str | None) -> str:
     """Find the unit of a column; two sources that disagree are an error."""
     name = naming.take_apart(column)
     stored = table.units.get(column)
@@ -323,4 +345,5 @@ def _conversion(table: Table, column: str, unit: str, kind: str | None) -> units
     try:
         return units.conversion(unit, kind)
     except units.UnitError as error:
-        raise RecordingError(f'{table.path}: column "{column}": {error}') from None
+        volts = ', or "V" or "count" with a scale' if kind in ("acceleration", "length") else ""
+        raise RecordingError(f'{table.path}: column "{column}": {error}{volts}') from None

@@ -6,6 +6,7 @@ import hashlib
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from accelcal._support.arguments import checked
 from accelcal.data import (
+    DERIVED,
     GRAVITY,
     GYROSCOPE,
     LEVERS,
@@ -35,8 +37,19 @@ from accelcal.data import (
 )
 from accelcal.data.clocks import align, shifted, spacing
 from accelcal.data.orientation import HOLE, QUATERNION_TOLERANCE, rotated, turned, turning
+from accelcal.data.recording import Origin
+from accelcal.data.relation import ALIKE, relation
 from accelcal.io import naming
-from accelcal.io.assign import ATTITUDE, Plan, assign, attitude_columns, in_seconds, in_si
+from accelcal.io.assign import (
+    ATTITUDE,
+    Plan,
+    assign,
+    attitude_columns,
+    in_seconds,
+    in_si,
+    stated_unit,
+    unit_of,
+)
 from accelcal.io.files import open_regular, open_table
 from accelcal.io.sidecar import (
     ASSUMED_OFFSET_TOLERANCE,
@@ -237,6 +250,7 @@ def joined(output: Recording, reference: Recording) -> Recording:
         output.rig,
         position_filters=output.rig.position_filters or reference.rig.position_filters,
         resolution=reference.rig.resolution if output.rig.resolution is None else output.rig.resolution,
+        reading_noise=output.rig.reading_noise or reference.rig.reading_noise,
     )
     delay = 0.0 if rig.lowpass is None else rig.lowpass.tau
     name = f"{output.name} with {reference.name}"
@@ -248,8 +262,10 @@ def joined(output: Recording, reference: Recording) -> Recording:
         "alignment", "accel", 1, recording.middle, recording.sentence, "warning" if recording.is_ambiguous else "note"
     )
     side = {key: shifted(channel, recording.shift) for key, channel in output.side.items()}
+    columns = {**reference.origin.columns, **output.origin.columns}
     return replace(
         output,
+        origin=replace(output.origin, file="", columns=columns),
         accel=shifted(output.accel, recording.shift),
         position=reference.position,
         rig=replace(rig, offset_tolerance=free, assumptions=assumptions),
@@ -426,11 +442,27 @@ def load(
     path = Path(path)
     table = open_table(path)
     declared, notes = _declared(path, rig)
-    recording = recording_of(table, declared, notes, need_position=need_position, need_accel=need_accel)
+    try:
+        recording = recording_of(table, declared, notes, need_position=need_position, need_accel=need_accel)
+    except RecordingError as error:
+        raise RecordingError(f"{error}{sensitivity_shown(table, declared)}") from None
     recording = replace(recording, digest=digest_of(path))
     if declared.dwell is None or not declared.dwell.table:
         return recording
     return recording.with_dwells(load_dwell_table((declared.path or path).parent / declared.dwell.table))
+
+
+def sensitivity_shown(table: Table, declared: Sidecar) -> str:
+    """The sensitivity that motion shows of an output in V or counts, where none is declared; else empty."""
+    for output in units.ELECTRICAL if declared.rig.sensor.scale is None else ():
+        sensor = replace(declared.rig.sensor, scale=1.0, scale_unit=output)
+        with suppress(ValueError):
+            recording = recording_of(table, replace(declared, rig=replace(declared.rig, sensor=sensor)), [])
+            slope, correlation = relation(recording.accel, recording.position)
+            if abs(correlation) > ALIKE:
+                shown = declared.rig.polarity * slope * STANDARD_GRAVITY
+                return f'\nBy the motion of this recording it is about scale = "{shown:.4g} {output}/g"'
+    return ""
 
 
 def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None) -> Recording:
@@ -487,7 +519,48 @@ def recording_of(
         findings=tuple(findings),
         labels=declared.labels,
         reference=reference,
+        origin=origin_of(table, plan, declared),
     )
+
+
+def origin_of(table: Table, plan: Plan, declared: Sidecar) -> Origin:
+    """The columns of a recording and their units, as they were read."""
+    columns = {
+        name: (source.column, stated_unit(table, plan, name, source.column, source.unit))
+        for name, source in plan.sources.items()
+    }
+    clock = plan.sources["accel"].time if "accel" in plan.sources else None
+    if clock is not None and clock.column is not None:
+        columns["time"] = clock.column, stated_unit(table, plan, "time", clock.column, clock.unit)
+    return Origin(str(table.path), str(declared.path or ""), columns)
+
+
+def other_outputs(recording: Recording) -> Iterator[tuple[str, str, Channel]]:
+    """Further channels that may be the output of a recording: column, unit, and what it reads in m/s².
+
+    Those are its side channels, and columns of its file that no sidecar maps, if there is a file and it can be read.
+    """
+    origin = recording.origin
+    for name, channel in recording.side.items():
+        if channel.unit == "m/s^2" and name not in DERIVED:
+            yield *origin.columns.get(name, (name, channel.unit)), channel
+    if not origin.file:
+        return
+    table = open_table(Path(origin.file))
+    declared = read_sidecar(Path(origin.sidecar)) if origin.sidecar else Sidecar(rig=recording.rig)
+    plan, taken = assign(table, declared, ())[0], {column for column, _ in origin.columns.values()}
+    for column in table.columns:
+        stated, role = unit_of(table, column), naming.role(naming.take_apart(column).base)
+        source = replace(plan.sources["accel"], column=column, unit=None if stated else origin.columns["accel"][1])
+        with suppress(ValueError):  # of another quantity, or no numbers
+            read = (
+                ()
+                if column in taken or role == "time"
+                else _samples(table, Plan({"accel": source}, plan.sidecar), declared.rig)
+            )
+            for _, samples in read:
+                if len(samples.t) > 1:
+                    yield column, stated or origin.columns["accel"][1], quality.clean(samples, declared.rig)[0]
 
 
 def of_reference(where: str, reference: Channel) -> Channel:

@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 
 from accelcal.data import UNITS, Array, Recording, RecordingError, Reference, Rig, reference_among
 from accelcal.data.recording import series
-from accelcal.data.units import same_unit
 from accelcal.io import naming
-from accelcal.io.assign import discover, unit_of
+from accelcal.io.assign import IN_MEMORY, discover, unit_of
 from accelcal.io.loading import recording_of
 from accelcal.io.sidecar import Sidecar
 from accelcal.io.table import Column, Table
@@ -99,14 +98,13 @@ def from_columns(columns: Mapping[str, ArrayLike], units: Mapping[str, str], rig
         lambda names: {key: with_holes(numbers[key]) for key in names},
         lambda i: f"row {i}",
         given,
-        "units",
+        IN_MEMORY,
     )
     require_roles(table, where)
-    require_scale(table, where, rig)
     require_lengths(numbers, where)
-    return replace(
-        recording_of(table, Sidecar(rig=Rig() if rig is None else rig), []), name=name, digest=digest_of(numbers, given)
-    )
+    recording = recording_of(table, Sidecar(rig=Rig() if rig is None else rig), [])
+    origin = replace(recording.origin, file="")
+    return replace(recording, name=name, digest=digest_of(numbers, given), origin=origin)
 
 
 def with_holes(values: Array) -> Column:
@@ -137,29 +135,6 @@ def require_roles(table: Table, where: str) -> None:
             raise RecordingError(
                 f"{where}: {by_role[role]} has no unit; units are never guessed. Give it, as in "
                 f'units={{"{by_role[role]}": "{example}"}}'
-            )
-
-
-def require_scale(table: Table, where: str, rig: Rig | None) -> None:
-    """Refuse an electrical output whose scale no rig declares.
-
-    Raises
-    ------
-    RecordingError
-        With the rig to give.
-    """
-    scale = None if rig is None else rig.sensor.scale
-    for column, (channel, _) in discover(table).items():
-        unit = unit_of(table, column)
-        if (
-            channel == "accel"
-            and scale is None
-            and any(same_unit(unit, electrical) for electrical in ("V", "mV", "count"))
-        ):
-            counted = "count" if same_unit(unit, "count") else "V"
-            raise RecordingError(
-                f"{where}: {column} is in {unit}, and no scale is declared. Give "
-                f'rig=Rig(Sensor(scale=..., scale_unit="{counted}", zero=...)), with the scale in {counted} per m/s²'
             )
 
 

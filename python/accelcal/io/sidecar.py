@@ -8,6 +8,7 @@ import re
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Literal
@@ -59,6 +60,10 @@ class Source:
     unit: str | None = None
     time: Clock | None = None
     """None = the common time column."""
+    scale: units.Sensitivity | None = None
+    """Of a column in V or counts; that of the accelerometer is the sensor's."""
+    zero: float = 0.0
+    """What it reads where the channel is 0, V or counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,16 +200,23 @@ def _amount(kind: str, sign: _Sign = "any") -> _Check:
     return check
 
 
-def _electrical(volts: str, counts: str, sign: _Sign) -> _Check:
-    """Accept one kind in volts and one in counts; return the value with "V" or "count"."""
+def _electrical(value: object) -> tuple[float, str]:
+    """Accept a voltage or counts; return the value with "V" or "count"."""
+    try:
+        return _amount("count")(value), "count"
+    except units.UnitError:
+        return _amount("voltage")(value), "V"
 
-    def check(value: object) -> tuple[float, str]:
-        try:
-            return _amount(counts, sign)(value), "count"
-        except units.UnitError:
-            return _amount(volts, sign)(value), "V"
 
-    return check
+def _scaled(values: dict[str, Any], where: str) -> tuple[units.Sensitivity | None, float | None, str]:
+    """Take scale and zero out of the values of a table; return both and what they count in."""
+    scale, (zero, unit) = values.pop("scale", None), values.pop("zero", (None, ""))
+    if scale is not None and zero is not None and scale[1] != unit:
+        raise _KeyError(
+            _join(where, "zero"),
+            f"found a value in {unit}, but scale counts in {scale[1]}; give both in the same",
+        )
+    return scale, zero, scale[1] if scale is not None else unit
 
 
 def _whole(value: object) -> int:
@@ -415,14 +427,30 @@ _FILTERED: dict[str, _Check] = {"lowpass": _filters("lowpass"), "highpass": _fil
 
 
 def _source(**further: _Check) -> _Check:
+    """A channel; scale and zero are of the source, keys of its own come back beside it."""
+
     def check(value: object) -> tuple[Source, dict[str, Any]]:
         values = _table(value, "", _SOURCE | further)
         if "column" not in values:
             raise AccelcalError('column is missing; expected e.g. { column = "accel", unit = "m/s^2" }')
+        scale, zero, _ = _scaled(values, "")
+        if zero is not None and scale is None:
+            raise _KeyError("zero", 'needs a scale beside it, e.g. scale = "20 V/m"')
         extra = {key: values.pop(key) for key in further if key in values}
-        return Source(**values), extra
+        return Source(**values, scale=scale, zero=zero or 0.0), extra
 
     return check
+
+
+def _scaled_source(kind: str | None = None, **further: _Check) -> _Check:
+    """A channel that may be in V or counts; that of the accelerometer has its scale and zero in [sensor]."""
+    return _source(scale=partial(units.sensitivity, kind=kind), zero=_electrical, **further)
+
+
+def _reference(kind: str, **further: _Check) -> _Check:
+    """What tells the motion: filters, noise of a reading and the uncertainty of its scale come beside it."""
+    told = {"noise": _amount(kind, "positive"), "u_scale": _amount("ratio", "not negative")}
+    return _scaled_source(kind, **told, **_FILTERED, **further)
 
 
 _PROVENANCE = ("text", "provenance", "left empty")
@@ -508,7 +536,7 @@ KEYS: dict[str, dict[str, Key]] = {
             label="Range",
         ),
         "scale": Key(
-            _electrical("scale in volts", "scale in counts", "not zero"),
+            partial(units.sensitivity, kind="acceleration"),
             "rig.sensor.scale",
             "{0}/(m/s^2)",
             about=(
@@ -521,7 +549,7 @@ KEYS: dict[str, dict[str, Key]] = {
             label="Scale",
         ),
         "zero": Key(
-            _electrical("voltage", "count", "any"),
+            _electrical,
             "rig.sensor.zero",
             "{0}",
             about=(
@@ -571,6 +599,16 @@ KEYS: dict[str, dict[str, Key]] = {
             ),
             example='"0 m/s^2"',
         ),
+        "ratio": Key(
+            _amount("ratio", "not zero"),
+            "rig.ratio",
+            "1",
+            about=(
+                "a pure number",
+                "1 + k that the rig itself makes: a lever, or a ratio of masses; the scale factor is judged against it",
+                "1: a scale factor beyond 0.7 to 1.4 is taken for a wrong unit, range or column",
+            ),
+        ),
         "input_axis": Key(
             _input_axis,
             example='"x"',
@@ -597,11 +635,12 @@ KEYS: dict[str, dict[str, Key]] = {
         "time": Key(_clock),
         "rate": Key(_amount("frequency", "positive")),
         "accel": Key(_source(**_FILTERED)),
-        "position": Key(_source(resolution=_amount("length", "positive"), **_FILTERED)),
-        VELOCITY: Key(_source(**_FILTERED)),
-        ACCELERATION: Key(_source(**_FILTERED)),
+        "position": Key(_reference("length", resolution=_amount("length", "positive"))),
+        VELOCITY: Key(_reference("speed")),
+        ACCELERATION: Key(_reference("acceleration", u_zero=_amount("acceleration", "not negative"))),
         "attitude": Key(_attitude),
-        _ANY_OTHER: Key(_source()),
+        "temperature": Key(_scaled_source("temperature")),
+        _ANY_OTHER: Key(_scaled_source()),
     },
     "uncertainty": {
         "encoder_scale": Key(
@@ -614,6 +653,16 @@ KEYS: dict[str, dict[str, Key]] = {
                 "no budget; the report says which key is missing",
             ),
             example="1e-5",
+        ),
+        "reference_zero": Key(
+            _amount("acceleration", "not negative"),
+            "rig.uncertainty.reference_zero",
+            "m/s^2",
+            about=(
+                "an acceleration",
+                "standard uncertainty of the zero of a reference accelerometer: all of it goes into K0",
+                "0",
+            ),
         ),
         "level": Key(
             _amount("angle", "not negative"),
@@ -813,7 +862,14 @@ def _require_one_orientation(tables: Mapping[str, dict[str, Any]]) -> None:
 def _rig(tables: Mapping[str, dict[str, Any]], *, turning: bool) -> Rig:
     rig, channels = tables["rig"], tables["channels"]
     lowpass, output_filters = _of_output(channels)
-    resolution = channels["position"][1].get("resolution") if "position" in channels else None
+    reference = reference_among(channels) or "position"
+    told = channels[reference][1] if reference in channels else {}
+    resolution, noise = told.get("resolution"), told.get("noise")
+    uncertainty = dict(tables["uncertainty"])
+    for key, of_budget in (("u_scale", "encoder_scale"), ("u_zero", "reference_zero")):
+        if key in told and of_budget in uncertainty:
+            raise _KeyError(f"channels.{reference}.{key}", f"uncertainty.{of_budget} is given as well; keep one")
+        uncertainty |= {of_budget: told[key]} if key in told else {}
     sensor = _sensor(tables["sensor"])
     assumptions = {
         KEYS["rig"]["axis"].assumed: "axis" in rig or GRAVITY in rig or GRAVITY in channels or turning,
@@ -821,8 +877,8 @@ def _rig(tables: Mapping[str, dict[str, Any]], *, turning: bool) -> Rig:
         "no low-pass is declared for the accelerometer channel: none is assumed": bool(lowpass or output_filters),
         "tolerance of the low-pass is not declared: the fit takes its corner as exact; a delay counts as an effect "
         "only beyond 5 % of its time constant": lowpass is None or lowpass.tolerance is not None,
-        "encoder resolution is not declared: position noise is estimated from the data alone": resolution is not None
-        or reference_among(channels) is not None,
+        "encoder resolution is not declared: position noise is estimated from the data alone": bool(resolution or noise)
+        or reference != "position",
         "sensor noise density is not declared: there is nothing to compare the fitted noise with": sensor.noise
         is not None,
         "sensor zero is not declared: 0 is assumed, so the whole electrical offset counts as bias": sensor.scale is None
@@ -833,11 +889,10 @@ def _rig(tables: Mapping[str, dict[str, Any]], *, turning: bool) -> Rig:
         sensor=sensor,
         lowpass=lowpass,
         output_filters=output_filters,
-        position_filters=tuple(
-            channel_filter for channel_filter, _ in _declared(channels, reference_among(channels) or "position")
-        ),
+        position_filters=tuple(channel_filter for channel_filter, _ in _declared(channels, reference)),
         resolution=resolution,
-        uncertainty=Uncertainty(**tables["uncertainty"]),
+        reading_noise=noise,
+        uncertainty=Uncertainty(**uncertainty),
         assumptions=tuple(sentence for sentence, declared in assumptions.items() if not declared),
         **rig,
         **tables["clock"],
@@ -872,10 +927,5 @@ def _of_output(channels: Mapping[str, Any]) -> tuple[LowPass | None, tuple[Chann
 
 
 def _sensor(values: dict[str, Any]) -> Sensor:
-    scale, unit = values.pop("scale", (None, ""))
-    zero, zero_unit = values.pop("zero", (None, ""))
-    if scale is not None and zero is not None and unit != zero_unit:
-        raise _KeyError(
-            "sensor.zero", f"found a value in {zero_unit}, but scale counts in {unit}; give both in the same"
-        )
-    return Sensor(scale=scale, scale_unit=unit or zero_unit, zero=zero, **values)
+    scale, zero, unit = _scaled(values, "sensor")
+    return Sensor(scale=None if scale is None else scale[0], scale_unit=unit, zero=zero, **values)

@@ -92,7 +92,9 @@ KEYS rig
 KEYS clock
 
 [channels]                      # accel may add: lowpass = { kind = "RC", fc = "159 Hz", tolerance = 0.0 }
-                                # position may add: resolution = "1 um", its own time = { column = "...", unit = "s" }
+                                # position may add: resolution = "1 um", noise = "2 um", u_scale = 1e-4, and its own
+                                # time = { column = "...", unit = "s" }; any channel in V or counts: scale and zero, as
+                                # in { column = "lvdt", unit = "V", scale = "20 V/m", zero = "2.5 V" }
 CHANNELS
 
 # Can the body turn? Then gravity along the axis changes. Declare one of three, or the scale factor is not the sensor's:
@@ -110,7 +112,7 @@ KEYS uncertainty
 KEYS judge
 """
 _SCALE_NEEDED = 'scale = "?"                     # FILL IN, like "0.25 V/g" or "1024 count/g"'
-_UNITS = {"time": "s, ms, us", "accel": "m/s^2, g, mg, V, count", "position": "m, mm, um"}
+_UNITS = {"time": "s, ms, us", "accel": "m/s^2, g, mg, V, count", "position": "m, mm, um, V, count"}
 
 
 def _unit(table: Table, column: str) -> str | None:
@@ -130,8 +132,11 @@ def _required(table: Table, name: str, column: str | None, clocks: Mapping[str, 
         rate = ', or in its place: rate = "1667 Hz"' if name == "time" else ""
         return f'{name} = {{ column = "{UNKNOWN}", unit = "{UNKNOWN}" }}  # FILL IN: one of the columns below{rate}'
     unit = _unit(table, column)
-    line = f"{name} = {_source(table, column, unit, clocks)}"
+    volts = name == "position" and _dimension(table, column) in units.ELECTRICAL
+    scale = f', scale = "{UNKNOWN}"' if volts else ""
+    line = f"{name} = {_source(table, column, unit, clocks, scale)}"
     notes = [] if unit else [f"FILL IN the unit: {_UNITS[name]}"]
+    notes += ['FILL IN the scale, like "20 V/m" or "200 count/mm"'] if volts else []
     if name == "time":
         with np.errstate(all="ignore"):  # stamps that are not finite are shown as they are
             notes.append(_clock_note(table, column, unit))
@@ -144,11 +149,11 @@ def _optional(table: Table, column: str, channel: str, clocks: Mapping[str, str]
     return f"{mark}{toml_key(channel)} = {_source(table, column, unit, clocks)}"
 
 
-def _source(table: Table, column: str, unit: str | None, clocks: Mapping[str, str]) -> str:
+def _source(table: Table, column: str, unit: str | None, clocks: Mapping[str, str], scale: str = "") -> str:
     """A column, its unit, and the clock that is its own by its name; one that the file gives it needs no words."""
     stamps = clocks.get(column) if column not in table.clocks else None
     time = "" if stamps is None else f", time = {_source(table, stamps, _unit(table, stamps), {})}"
-    return f"{{ column = {toml_text(column)}, unit = {toml_text(unit or UNKNOWN)}{time} }}"
+    return f"{{ column = {toml_text(column)}, unit = {toml_text(unit or UNKNOWN)}{scale}{time} }}"
 
 
 def _clock_note(table: Table, column: str, unit: str | None) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 from accelcal.data import (
     GRAVITY,
     NO_LABELS,
+    UNITS,
     Array,
     Channel,
     ChannelFilter,
@@ -224,6 +225,9 @@ def _channel(rig: Rig, name: str, source: Clock | Source, reference: str) -> str
     entries |= _filters(rig, name, reference)
     if name == "position":
         entries["resolution"] = _amount(rig.resolution, "m", "um")
+    if name == reference:
+        usual = {"position": "um", "velocity": "mm/s"}.get(name, "m/s^2")
+        entries["noise"] = _amount(rig.reading_noise, UNITS[name], usual)
     return _inline(entries)
 
 

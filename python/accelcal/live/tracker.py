@@ -133,12 +133,12 @@ def declared_noise(rig: Rig) -> tuple[float, float]:
             "live: the sidecar declares no noise of the sensor, and there is no model to tell it; write "
             '[sensor] noise = "250 ug/sqrt(Hz)" from its data sheet, or give --model'
         )
-    if not rig.resolution:
+    if not (rig.resolution or rig.reading_noise):
         raise RecordingError(
-            "live: the sidecar declares no resolution of the position, which tells its noise where there is no model; "
-            'write position = { column = "position", unit = "mm", resolution = "1 um" }, or give --model'
+            "live: the sidecar declares neither noise nor resolution of the position, and there is no model to tell "
+            'them; write position = { column = "position", unit = "mm", noise = "2 um" }, or give --model'
         )
-    return rig.sensor.noise**2 / 2.0, rig.resolution**2 / 12.0
+    return rig.sensor.noise**2 / 2.0, (rig.reading_noise or 0.0) ** 2 + (rig.resolution or 0.0) ** 2 / 12.0
 
 
 def _choice(model: str) -> FilterChoice:

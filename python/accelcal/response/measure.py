@@ -12,6 +12,7 @@ import numpy as np
 from accelcal._support.result import Storable
 from accelcal._support.values import immutable
 from accelcal.data import POSITION_ORDER, ChannelFilter, Recording, RecordingError, require_reference, usual_step
+from accelcal.diagnosis.left_out import without_wrong_readings
 from accelcal.estimation.estimate import estimate
 from accelcal.estimation.gauss_newton import NotIdentifiable
 from accelcal.model import Model
@@ -155,6 +156,8 @@ def frequency_response(
     >>> len(found.points), found.model.best.structure.name
     (16, 'one pole')
     """
+    if recording.reference is not None:
+        recording = without_wrong_readings(recording)
     used = recorded_reference(recording) if reference is None else reference
     _require_samples(recording, used)
     asked = None if frequencies is None else _valid(recording, frequencies)

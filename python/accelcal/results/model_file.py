@@ -201,7 +201,7 @@ _POSITIVE = (
     *(f"{level}.{key}" for level in _LEVELS for key in ("density", "reading")),
     *(f"rig.sensor.{key}" for key in ("noise", "range", "bias_instability", "random_walk")),
     *(f"{path}.{key}" for path in _FILTERS for key in ("cutoff", "rate")),
-    *("runs.noise.band", "rig.lowpass.cutoff", "rig.resolution", "rig.tolerance", "dwells.std"),
+    *("runs.noise.band", "rig.lowpass.cutoff", "rig.resolution", "rig.reading_noise", "rig.tolerance", "dwells.std"),
 )
 _NOT_NEGATIVE = (
     *("estimates.std", "estimates.run", "shapes.std", "runs.nis", "runs.readings", "runs.samples"),
@@ -209,7 +209,8 @@ _NOT_NEGATIVE = (
     *(f"{level}.{key}" for level in _LEVELS for key in ("density_std", "reading_std", "count")),
     *(f"runs.noise.noise.growth.{key}" for key in ("q", "r", "mean")),
     *(f"{spectrum}.{key}" for spectrum in _SPECTRA for key in ("f", "floor")),
-    *("rig.uncertainty.encoder_scale", "rig.uncertainty.level", "rig.uncertainty.misalignment", "rig.offset_tolerance"),
+    *(f"rig.uncertainty.{key}" for key in ("encoder_scale", "reference_zero", "level", "misalignment")),
+    "rig.offset_tolerance",
     *("noise_effects.std", "dwells.ratio", "dwells.scatter"),
 )
 RANGES: Mapping[str, tuple[float, float]] = {

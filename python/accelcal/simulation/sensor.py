@@ -253,6 +253,7 @@ def simulate(
     if reference != "position":
         rig = replace(rig, resolution=None)  # that of an encoder
     noise = READING_NOISE[reference] if position_noise is None else position_noise
+    rig = replace(rig, reading_noise=noise or None)
     reading = _readings(_read(motion, reference), t_position, position_rate, rig, noise, encoder_rng)
     accel = _channel("accel", t_accel, _converted(output, lsb, full_scale), "m/s²", missing, missing_rng)
     read = _channel(reference, t_position, reading, UNITS[reference], missing, missing_rng)

@@ -96,7 +96,8 @@ def power_of_motion(
     seconds : length of the record, s; the planned length by default.
     model : what is known already; the linear model by default.
     accel_rate, position_rate : Hz.
-    encoder_noise : standard deviation of a reading before it is rounded, m; one step of the encoder by default.
+    encoder_noise : standard deviation of a reading before it is rounded, m; by default as declared, else one step of
+        the encoder.
     alpha : family-wise false-alarm rate of `diagnose`.
 
     Raises
@@ -153,11 +154,12 @@ def planned_noise(rig: Rig, encoder_noise: float | None = None, *, name: str = "
             f"{name}: the noise density of the sensor is not declared, so nothing can be said of a planned motion. "
             'Write in the sidecar\n[sensor]\nnoise = "225 ug/sqrt(Hz)"'
         )
+    encoder_noise = rig.reading_noise if encoder_noise is None else encoder_noise
     if rig.resolution is None and encoder_noise is None:
         raise AccelcalError(
             f"{name}: neither resolution nor noise of the encoder are known, so nothing can be said of a planned "
             "motion. Write in the sidecar\n"
-            '[channels]\nposition = { column = "position_m", unit = "m", resolution = "1 um" }'
+            '[channels]\nposition = { column = "position_m", unit = "m", noise = "1 um" }'
         )
     step = rig.resolution or 0.0
     position_noise = step if encoder_noise is None else encoder_noise

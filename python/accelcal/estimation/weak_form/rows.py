@@ -63,6 +63,8 @@ RESOLVING = 0.05
 few samples, and of the noise nothing more is told."""
 TWICE_DIFFERENTIATED = 7
 """Degree of the splines through the readings whose second derivatives are taken."""
+SETTLED = 0.5
+"""Share of the memory of a high-pass after which its unknown state at a start is forgotten: nine time constants."""
 LOST = 1.5
 """Spacing of output samples, in their steps, beyond which no test function crosses it."""
 
@@ -88,7 +90,7 @@ class WeakRows:
         self._state: Callable[[], RunState | None] = lambda: state
         self.signals: Signals = state.signals
         run, values = state.run, state.values
-        if run.filters.blocking:
+        if run.filters.blocking and run.order == POSITION_ORDER:
             raise NoWeakForm("the output has passed a high-pass, whose state at the start is not known")
         if run.filters.acts and run.read is not None:
             raise NoWeakForm("the position is filtered, and only some of its readings are used")
@@ -190,7 +192,7 @@ class WeakRows:
         run = self.state.run
         if self.order != POSITION_ORDER:
             t, z = run.reference_readings
-            return t - self._clock, z
+            return t - self._clock, z - run.filters.blocked(t, z)
         if run.read is None:
             return run.t - self._clock, self.state.drive.z
         t, z = run.read
@@ -379,6 +381,9 @@ class WeakRows:
         used = run.t - self._clock
         spans.append(self._readings.around(used[again], used[again + 1], self.rate))
         whole = np.ones(self.splines.count, dtype=np.bool_)
+        if run.filters.blocking:  # where a high-pass has not forgotten a state that is not known
+            starts = t[np.append(0, np.flatnonzero(run.filters.gaps(t)))]
+            spans.append(np.column_stack([starts, starts + SETTLED * run.filters.settle]))
         for begin, end in np.concatenate(spans):
             whole[slice(*np.searchsorted(begins, [begin - self.splines.support, end]))] = False
         return whole
