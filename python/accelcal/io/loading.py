@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,7 +33,8 @@ from accelcal.data import (
     reference_among,
     units,
 )
-from accelcal.data.clocks import align, shifted, spacing
+from accelcal.data.clocks import Alignment, align, restamped, spacing
+from accelcal.data.rates import Rate
 from accelcal.data.orientation import HOLE, QUATERNION_TOLERANCE, rotated, turned, turning
 from accelcal.io import naming
 from accelcal.io.assign import ATTITUDE, Plan, assign, attitude_columns, in_seconds, in_si
@@ -43,6 +44,7 @@ from accelcal.io.sidecar import (
     Clock,
     Sidecar,
     Source,
+    declared_rate,
     has_sidecar,
     no_sidecar,
     read_sidecar,
@@ -220,13 +222,14 @@ def _of_gyroscope(
     return {**channels, first.name: first, second.name: second}, declared.rig, [finding]
 
 
-def joined(output: Recording, reference: Recording) -> Recording:
+def joined(output: Recording, reference: Recording, rates: Rates = (None, None)) -> Recording:
     """One recording of two loggers: the output of one, shifted onto the clock of the position of the other.
 
     Parameters
     ----------
     output : recording whose position is not used.
     reference : recording whose output is not used; filters and resolution of the position are those of its rig.
+    rates : that are declared in place of stamps.
 
     Raises
     ------
@@ -238,27 +241,110 @@ def joined(output: Recording, reference: Recording) -> Recording:
         position_filters=output.rig.position_filters or reference.rig.position_filters,
         resolution=reference.rig.resolution if output.rig.resolution is None else output.rig.resolution,
     )
-    delay = 0.0 if rig.lowpass is None else rig.lowpass.tau
-    name = f"{output.name} with {reference.name}"
-    recording = align(output.accel, reference.position, polarity=rig.polarity, delay=delay, name=name)
-    assumptions = tuple(assumption for assumption in rig.assumptions if assumption != ASSUMED_OFFSET_TOLERANCE)
-    drifted = 4.0 * recording.std + abs(recording.skew) * recording.overlap
-    free = max(rig.offset_tolerance, drifted, *(spacing(c) for c in (output.accel, reference.position)))
-    note = Finding(
-        "alignment", "accel", 1, recording.middle, recording.sentence, "warning" if recording.is_ambiguous else "note"
-    )
-    side = {key: shifted(channel, recording.shift) for key, channel in output.side.items()}
-    return replace(
+    both = replace(
         output,
-        accel=shifted(output.accel, recording.shift),
         position=reference.position,
-        rig=replace(rig, offset_tolerance=free, assumptions=assumptions),
-        side={**{key: channel for key, channel in reference.side.items() if key not in side}, **side},
-        name=name,
-        digest=hashlib.sha256(f"{output.digest} at {recording.shift!r} on {reference.digest}".encode()).hexdigest(),
-        findings=(note, *output.findings, *reference.findings),
+        rig=rig,
+        side={**{key: channel for key, channel in reference.side.items() if key not in output.side}, **output.side},
+        name=f"{output.name} with {reference.name}",
+        findings=(*output.findings, *reference.findings),
         position_steps=reference.position_steps,
         reference=reference.reference,
+    )
+    alignment = alignment_of(both)
+    digest = f"{output.digest} at {alignment.shift!r} on {reference.digest}"
+    return aligned(replace(both, digest=hashlib.sha256(digest.encode()).hexdigest()), alignment, rates, output.side)
+
+
+Rates = tuple[float | None, float | None]
+"""Rates that are declared for output and position in place of stamps, Hz."""
+
+
+def alignment_of(recording: Recording) -> Alignment:
+    """How the clock of the output lies upon that of the position.
+
+    Raises
+    ------
+    RecordingError
+        If they cannot be aligned.
+    """
+    rig = recording.rig
+    delay = 0.0 if rig.lowpass is None else rig.lowpass.tau
+    return align(recording.accel, recording.position, polarity=rig.polarity, delay=delay, name=recording.name)
+
+
+def aligned(recording: Recording, alignment: Alignment, rates: Rates, beside: Iterable[str]) -> Recording:
+    """A recording of two clocks on one: that of the position, unless the other is trusted.
+
+    Parameters
+    ----------
+    beside : side channels that are on the clock of the output.
+    """
+    accel, position, rig, first = recording.accel, recording.position, recording.rig, recording.accel.t[0]
+    assumptions = tuple(assumption for assumption in rig.assumptions if assumption != ASSUMED_OFFSET_TOLERANCE)
+    drifted = 4.0 * alignment.std + abs(alignment.skew) * alignment.overlap
+    free = max(rig.offset_tolerance, drifted, spacing(accel), spacing(position))
+    uncertainty, skew = rig.uncertainty, 0.0 if alignment.rate is None else float(alignment.rate.skew)
+    trusted = rig.trusted_clock or ("accel" if rates[1] and not rates[0] else "position")
+    if skew and not rig.trusted_clock and uncertainty.clock_rate is None:
+        uncertainty = replace(uncertainty, clock_rate=abs(skew))
+    stretch = 1.0 + skew if trusted == "accel" else 1.0
+
+    def onto_position(t: Array) -> Array:
+        return alignment.instants(t, first) * stretch
+
+    note = Finding(
+        "alignment",
+        "accel",
+        1,
+        alignment.middle,
+        f"{rate_sentence(alignment.rate, trusted, rates, bool(rig.trusted_clock))}{alignment.sentence}",
+        "warning" if alignment.is_ambiguous else "note",
+    )
+    return replace(
+        recording,
+        accel=restamped(accel, onto_position),
+        position=restamped(position, lambda t: t * stretch),
+        rig=replace(rig, offset_tolerance=free, assumptions=assumptions, uncertainty=uncertainty),
+        side={
+            key: restamped(channel, onto_position if key in beside else lambda t: t * stretch)
+            for key, channel in recording.side.items()
+        },
+        findings=(note, *recording.findings),
+        reference=recording.reference and restamped(recording.reference, lambda t: t * stretch),
+    )
+
+
+def rate_sentence(rate: Rate | None, trusted: str, rates: Rates, declared: bool) -> str:
+    """Which rate is not as declared, whose clock is trusted, and what k would be with the other; empty where both are
+    alike."""
+    if rate is None:
+        return ""
+    factor = 1.0 + rate.skew
+    nominal, true = (
+        (rates[0], rates[0] and rates[0] * factor)
+        if trusted == "position"
+        else (rates[1], rates[1] and rates[1] / factor)
+    )
+    what, other = ("sensor", "accel") if trusted == "position" else ("position", "position")
+    runs = (
+        f"the {what} runs at {true:.7g} Hz, not {nominal:.6g}"
+        if nominal and true
+        else f"the clock of the output runs by {abs(rate.skew):.4%} {'fast' if rate.skew > 0.0 else 'slow'}"
+    )
+    change = 2.0 * rate.skew if trusted == "position" else -2.0 * rate.skew
+    other = "accel" if trusted == "position" else "position"
+    open_question = (
+        ""
+        if declared
+        else (
+            f'; with the clock of {other} trusted instead, [clock] trusted = "{other}", k would be {change:+.2%} off this '
+            "one, which the budget of k holds until [clock] trusted is declared"
+        )
+    )
+    return (
+        f"{runs} (skew {rate.skew * 1e6:+.1f} ppm, standard deviation {rate.std * 1e6:.2g} ppm, correlation "
+        f"{rate.correlation:.3f}): the clock of {trusted} is trusted{open_question}; "
     )
 
 
@@ -443,7 +529,8 @@ def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None) 
                 f"{place}: this file has {what} of its own, in {recording.name}; expected the output in the first file "
                 "alone and the position in the second alone; give one file, or map its columns in a sidecar"
             )
-    return joined(first, other)
+    declared, of_position = _declared(output, rig)[0], _declared(position, None)[0]
+    return joined(first, other, (declared_rate(declared, "accel"), declared_rate(of_position, "position")))
 
 
 def recording_of(
@@ -476,9 +563,7 @@ def recording_of(
         text = f"position: not recorded; it is the integral of {reference.name}, from zero at the first reading"
         findings.append(Finding("integrated", "position", len(reference), 0.0, text))
     position = channels.pop("position", Channel("position", np.empty(0), np.empty(0), "m"))
-    if len(accel) and len(position):
-        quality.require_overlap(str(path), accel, position)
-    return Recording(
+    recording = Recording(
         accel=accel,
         position=position,
         rig=rig,
@@ -488,6 +573,26 @@ def recording_of(
         labels=declared.labels,
         reference=reference,
     )
+    clocks = {name: source.time for name, source in plan.sources.items()}
+    told_by = "position" if reference is None else reference.name
+    if len(accel) and clocks.get(told_by, clocks["accel"]) != clocks["accel"]:
+        beside = [name for name in channels if clocks.get(name) == clocks["accel"]]
+        recording = of_two_clocks(recording, declared, beside)
+    if len(accel) and len(position):
+        quality.require_overlap(str(path), recording.accel, recording.position)
+    return recording
+
+
+def of_two_clocks(recording: Recording, declared: Sidecar, beside: Iterable[str]) -> Recording:
+    """A recording of one file whose channels have clocks of their own, on one where their rates differ."""
+    try:
+        alignment = alignment_of(recording)
+    except RecordingError:
+        return recording
+    if alignment.rate is None:
+        return recording
+    rates = declared_rate(declared, "accel"), declared_rate(declared, "position")
+    return aligned(recording, alignment, rates, beside)
 
 
 def of_reference(where: str, reference: Channel) -> Channel:

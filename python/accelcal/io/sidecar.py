@@ -149,6 +149,13 @@ def _require_short_keys(text: str) -> None:
                 raise tomllib.TOMLDecodeError(f"{dots} dots in line {number}, expected a short key")
 
 
+def declared_rate(declared: Sidecar, channel: str) -> float | None:
+    """Rate that a sidecar declares for a channel without stamps, Hz; None where it has some."""
+    source = declared.channels.get(channel)
+    clock = (source and source.time) or declared.time
+    return None if clock is None or clock.column is not None else clock.rate
+
+
 def has_sidecar(path: Path) -> bool:
     """Whether there is a sidecar beside a recording file."""
     return is_there(sidecar_of(path))
@@ -591,7 +598,17 @@ KEYS: dict[str, dict[str, Key]] = {
             '"0 us"',
             "how far the clocks of accel and position may disagree",
             assumed=ASSUMED_OFFSET_TOLERANCE,
-        )
+        ),
+        "trusted": Key(
+            _one_of("position", "accel"),
+            "rig.trusted_clock",
+            about=(
+                '`"position"` or `"accel"`',
+                "whose clock runs at the true rate where the two differ: two recordings tell the ratio of their clocks "
+                "alone, and k changes by twice the difference",
+                "stamps before a declared rate, else the position; the difference is in the budget of k",
+            ),
+        ),
     },
     "channels": {
         "time": Key(_clock),
@@ -632,6 +649,17 @@ KEYS: dict[str, dict[str, Key]] = {
             "rad",
             about=("an angle", "standard uncertainty of the direction of the input axis", "the same"),
             example='"0.1 deg"',
+        ),
+        "clock_rate": Key(
+            _amount("ratio", "not negative"),
+            "rig.uncertainty.clock_rate",
+            "1",
+            about=(
+                'a ratio, as in `"50 ppm"`',
+                "relative standard uncertainty of the rate of the clock that is trusted, or of both where none is: "
+                "twice goes into k",
+                "none; where two rates differ and `[clock] trusted` is not declared, their difference",
+            ),
         ),
     },
     "run": {
@@ -839,6 +867,7 @@ def _rig(tables: Mapping[str, dict[str, Any]], *, turning: bool) -> Rig:
         resolution=resolution,
         uncertainty=Uncertainty(**tables["uncertainty"]),
         assumptions=tuple(sentence for sentence, declared in assumptions.items() if not declared),
+        trusted_clock=tables["clock"].pop("trusted", ""),
         **rig,
         **tables["clock"],
         **tables["judge"],

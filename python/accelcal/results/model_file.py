@@ -210,6 +210,7 @@ _NOT_NEGATIVE = (
     *(f"runs.noise.noise.growth.{key}" for key in ("q", "r", "mean")),
     *(f"{spectrum}.{key}" for spectrum in _SPECTRA for key in ("f", "floor")),
     *("rig.uncertainty.encoder_scale", "rig.uncertainty.level", "rig.uncertainty.misalignment", "rig.offset_tolerance"),
+    "rig.uncertainty.clock_rate",
     *("noise_effects.std", "dwells.ratio", "dwells.scatter"),
 )
 RANGES: Mapping[str, tuple[float, float]] = {
