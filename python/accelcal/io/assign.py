@@ -12,6 +12,7 @@ import numpy as np
 
 from accelcal._support.errors import OBEYED_IN_NAMES, visible
 from accelcal.data import QUATERNION, Array, Finding, RecordingError, Rig, reference_among, units
+from accelcal.data.stamps import BITS, FRAME_BITS, unwrapped
 from accelcal.io import naming
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
 from accelcal.io.table import MOST_CHANNEL_NAME, MOST_NAME, Column, Table
@@ -232,21 +233,44 @@ UNKNOWN = "?"
 """What a sidecar template puts where the user must fill in a unit."""
 
 
-def in_seconds(table: Table, plan: Plan, clock: Clock, column: Column) -> Column:
-    """Convert a column of stamps.
+def in_seconds(table: Table, plan: Plan, clock: Clock, column: Column) -> tuple[Column, list[Finding]]:
+    """Convert a column of stamps, or of the counter that takes their place; one that wraps is unwrapped.
 
     Parameters
     ----------
     column : values of shape (n,) in the unit of the file.
+
+    Returns
+    -------
+    The stamps in s, and a note on a counter that wraps.
 
     Raises
     ------
     RecordingError
         If the unit is missing, unknown, contradictory or not a time.
     """
-    assert clock.column is not None  # a clock without a rate names a column
-    unit = _unit(table, plan, "time", clock.column, clock.unit)
-    return Column(_conversion(table, clock.column, unit, "time").apply(column.values), column.present)
+    assert clock.column is not None  # a clock without a counter has a rate, or names a column
+    counts = clock.rate is not None
+    rows = np.arange(len(column.values)) if column.present is None else np.flatnonzero(column.present)
+    straight, wraps = unwrapped(column.values[rows], FRAME_BITS if counts else BITS)
+    if len(wraps):
+        values = column.values.copy()
+        values[rows] = straight
+        column = Column(values, column.present)
+    if clock.rate is not None:
+        first = column.values[rows[0]] if len(rows) else 0.0
+        stamps = Column((column.values - first) / clock.rate, column.present)
+    else:
+        unit = _unit(table, plan, "time", clock.column, clock.unit)
+        stamps = Column(_conversion(table, clock.column, unit, "time").apply(column.values), column.present)
+    if not len(wraps):
+        return stamps, []
+    k = int(rows[wraps[0]])
+    text = (
+        f'column "{clock.column}" counts to its end and starts anew {len(wraps)} times, first at {table.row(k)}: the '
+        "stamps go on from there as if it did not"
+    )
+    return stamps, [Finding("counter_wraps", "", len(wraps), float(stamps.values[k]), text)]
 
 
 def in_si(table: Table, plan: Plan, name: str, source: Source, rig: Rig, values: Array) -> tuple[Array, str]:

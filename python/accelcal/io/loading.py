@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -34,8 +35,8 @@ from accelcal.data import (
     units,
 )
 from accelcal.data.clocks import Alignment, align, restamped, spacing
-from accelcal.data.rates import Rate
 from accelcal.data.orientation import HOLE, QUATERNION_TOLERANCE, rotated, turned, turning
+from accelcal.data.rates import Rate
 from accelcal.io import naming
 from accelcal.io.assign import ATTITUDE, Plan, assign, attitude_columns, in_seconds, in_si
 from accelcal.io.files import open_regular, open_table
@@ -475,6 +476,7 @@ def load(
     position: str | Path | None = None,
     need_position: bool = True,
     need_accel: bool = True,
+    part: int | None = None,
 ) -> Recording:
     """Read a recording and check it.
 
@@ -486,6 +488,7 @@ def load(
         its clock (`accelcal.data.clocks`), and a finding says by how much and how ambiguous that is.
     need_position : accept a file without position when False; its position then has shape (0,).
     need_accel : accept a planned motion, position alone, when False; its output then has shape (0,).
+    part : of a file whose clock starts again, from 1.
 
     Returns
     -------
@@ -508,20 +511,22 @@ def load(
     [0.0, 0.001]
     """
     if position is not None:
-        return _of_two_loggers(Path(path), Path(position), rig)
+        return _of_two_loggers(Path(path), Path(position), rig, part)
     path = Path(path)
     table = open_table(path)
     declared, notes = _declared(path, rig)
-    recording = recording_of(table, declared, notes, need_position=need_position, need_accel=need_accel)
-    recording = replace(recording, digest=digest_of(path))
+    recording = recording_of(table, declared, notes, need_position=need_position, need_accel=need_accel, part=part)
+    whole = digest_of(path)
+    digest = whole if part is None else hashlib.sha256(f"{whole} part {part}".encode()).hexdigest()
+    recording = replace(recording, digest=digest)
     if declared.dwell is None or not declared.dwell.table:
         return recording
     return recording.with_dwells(load_dwell_table((declared.path or path).parent / declared.dwell.table))
 
 
-def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None) -> Recording:
+def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None, part: int | None) -> Recording:
     """The output of one file and the position of another, aligned."""
-    first, other = load(output, rig, need_position=False), load(position, need_accel=False)
+    first, other = load(output, rig, need_position=False, part=part), load(position, need_accel=False)
     for recording, channel, place in ((first, first.position, output), (other, other.accel, position)):
         if len(channel):
             what = "a position" if channel is first.position else "an output"
@@ -534,7 +539,13 @@ def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None) 
 
 
 def recording_of(
-    table: Table, declared: Sidecar, notes: list[Finding], *, need_position: bool = True, need_accel: bool = True
+    table: Table,
+    declared: Sidecar,
+    notes: list[Finding],
+    *,
+    need_position: bool = True,
+    need_accel: bool = True,
+    part: int | None = None,
 ) -> Recording:
     """The recording that a table holds, without its digest; parameters and errors are those of `load`."""
     path = table.path
@@ -543,7 +554,7 @@ def recording_of(
     plan, unused = assign(table, declared, required)
     findings, parts = notes + unused + asked(table, declared), parts_of_orientation(declared)
     channels = {}
-    for name, samples in _samples(table, plan, declared.rig):
+    for name, samples in _samples(table, plan, declared.rig, part, findings):
         if not len(samples.t) and name == "accel" and not need_accel:
             raise RecordingError(
                 f'{path}: column "{plan.sources[name].column}": every cell is empty, expected the output of the '
@@ -621,28 +632,44 @@ def _declared(path: Path, rig: str | Path | Rig | None) -> tuple[Sidecar, list[F
     return declared, [Finding("sidecar", "", 1, 0.0, text)]
 
 
-def _samples(table: Table, plan: Plan, rig: Rig) -> Iterator[tuple[str, quality.Samples]]:
-    """Yield each channel in SI, on the instants at which it was sampled."""
+def _samples(
+    table: Table, plan: Plan, rig: Rig, part: int | None, findings: list[Finding]
+) -> Iterator[tuple[str, quality.Samples]]:
+    """Yield each channel in SI, on the instants at which it was sampled; of one part where a clock starts again.
+
+    What is noticed of the clocks is added to the findings.
+    """
     wanted = [column for s in plan.sources.values() for column in (s.column, s.time and s.time.column) if column]
     raw = dict(table.read(list(dict.fromkeys(wanted))))
     clocks: dict[Clock, Column] = {}
+    sampled: dict[str, tuple[Column, NDArray[np.bool_] | None]] = {}
     for name, source in plan.sources.items():
         clock = source.time
         assert clock is not None  # _plan gave each source one
         y = raw[source.column]
-        if clock.rate is not None:
+        if clock.column is None:
+            assert clock.rate is not None
             stamps = Column(np.arange(len(y.values)) / clock.rate)
         else:
             if clock not in clocks:
-                clocks[clock] = in_seconds(table, plan, clock, raw[str(clock.column)])
+                clocks[clock], noticed = in_seconds(table, plan, clock, raw[clock.column])
+                findings += noticed
             stamps = clocks[clock]
         if len(stamps.values) != len(y.values):
             raise RecordingError(
                 f'{table.path}: {name}: column "{source.column}" has {len(y.values)} values but its time column '
                 f'"{clock.column}" has {len(stamps.values)}; give it its own: time = {{ column = "...", unit = "s" }}'
             )
-        rows = _kept(table, name, stamps, y)
-        values, unit = in_si(table, plan, name, source, rig, y.values if rows is None else y.values[rows])
+        sampled[name] = stamps, _kept(table, name, stamps, y)
+    chosen = _part(table, sampled, part)
+    for name, (stamps, rows) in sampled.items():
+        source = plan.sources[name]
+        if chosen is not None:
+            inside = np.zeros(len(stamps.values), dtype=np.bool_)
+            inside[chosen] = True
+            rows = inside if rows is None else rows & inside
+        y = raw[source.column].values
+        values, unit = in_si(table, plan, name, source, rig, y if rows is None else y[rows])
         yield (
             name,
             quality.Samples(
@@ -654,6 +681,51 @@ def _samples(table: Table, plan: Plan, rig: Rig) -> Iterator[tuple[str, quality.
                 row=table.row if rows is None else lambda i, rows=rows: table.row(int(np.flatnonzero(rows)[i])),  # type: ignore[misc]
             ),
         )
+
+
+def _part(
+    table: Table, sampled: Mapping[str, tuple[Column, NDArray[np.bool_] | None]], part: int | None
+) -> slice | None:
+    """Rows of a part of a file whose clock starts again; None for all of one whose clock does not.
+
+    Raises
+    ------
+    RecordingError
+        If it does and no part is asked for, or one that is not there; it names the parts.
+    """
+    restarts: set[int] = set()
+    lengths = {len(stamps.values) for stamps, _ in sampled.values()}
+    for stamps, rows in sampled.values():
+        taken = np.arange(len(stamps.values)) if rows is None else np.flatnonzero(rows)
+        restarts |= {int(row) for row in taken[1:][np.diff(stamps.values[taken]) < 0.0]}
+    if not restarts and part in (None, 1):
+        return None
+    edges = [0, *sorted(restarts), max(lengths)]
+    if part is not None and 1 <= part < len(edges) and len(lengths) == 1:
+        return slice(edges[part - 1], edges[part])
+    parts = list(pairwise(edges))
+    stamps = next(iter(sampled.values()))[0].values
+    named = [
+        f"part {number}, {table.row(begin)} to {table.row(end - 1)} ({units.instant(stamps[begin])} s to "
+        f"{units.instant(stamps[end - 1])} s)"
+        for number, (begin, end) in enumerate(parts, 1)
+        if end <= len(stamps)
+    ]
+    listed = "; ".join(named if len(named) <= MOST_PARTS else [*named[: MOST_PARTS - 1], "...", named[-1]])
+    if part is not None:
+        raise RecordingError(
+            f"{table.path}: --part {part}: the file has {len(parts)} parts: {listed}; give one of them"
+        )
+    begin = edges[1]
+    raise RecordingError(
+        f"{table.path}: the clock starts again at {table.row(begin)}: {stamps[begin]:.9g} s after "
+        f"{stamps[begin - 1]:.9g} s. The file holds {len(parts)} runs: {listed}. Write each to a file of its own: "
+        f"accelcal cut {table.path} --part 1 -o {table.path.stem}_1.csv"
+    )
+
+
+MOST_PARTS = 4
+"""Parts of a file that a sentence names."""
 
 
 def _kept(table: Table, name: str, stamps: Column, y: Column) -> NDArray[np.bool_] | None:

@@ -48,7 +48,7 @@ class Clock:
     column: str | None = None
     unit: str | None = None
     rate: float | None = None
-    """Hz; the first sample is at 0 s."""
+    """Hz; the first sample is at 0 s. Of the counter in `column` where that is given."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,10 +298,14 @@ def _nearest(key: str, keys: Mapping[str, Any]) -> str:
 
 
 def _clock(value: object) -> Clock:
-    values = _table(value, "", {"column": _text, "unit": _text, "rate": _amount("frequency", "positive")})
-    if ("column" in values) == ("rate" in values):
-        raise AccelcalError('expected either column = "..." with its unit, or rate = "1667 Hz"')
-    return Clock(**values)
+    checks = {"column": _text, "unit": _text, "counter": _text, "rate": _amount("frequency", "positive")}
+    values = _table(value, "", checks)
+    if ("column" in values) == ("rate" in values) or ("counter" in values and not values.keys() == {"counter", "rate"}):
+        raise AccelcalError(
+            'expected either column = "..." with its unit, or rate = "1667 Hz", with counter = "..." where a column '
+            "counts the samples"
+        )
+    return Clock(values.get("counter", values.get("column")), values.get("unit"), values.get("rate"))
 
 
 def _four_columns(value: object) -> tuple[str, ...]:
