@@ -12,7 +12,7 @@ import numpy as np
 
 from accelcal._support.errors import OBEYED_IN_NAMES, visible
 from accelcal.data import QUATERNION, Array, Finding, RecordingError, Rig, reference_among, units
-from accelcal.data.stamps import BITS, FRAME_BITS, unwrapped
+from accelcal.data.stamps import BITS, FRAME_BITS, packets, unwrapped
 from accelcal.io import naming
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
 from accelcal.io.table import MOST_CHANNEL_NAME, MOST_NAME, Column, Table
@@ -263,14 +263,31 @@ def in_seconds(table: Table, plan: Plan, clock: Clock, column: Column) -> tuple[
     else:
         unit = _unit(table, plan, "time", clock.column, clock.unit)
         stamps = Column(_conversion(table, clock.column, unit, "time").apply(column.values), column.present)
-    if not len(wraps):
-        return stamps, []
-    k = int(rows[wraps[0]])
+    findings = []
+    if len(wraps):
+        k = int(rows[wraps[0]])
+        text = (
+            f'column "{clock.column}" counts to its end and starts anew {len(wraps)} times, first at {table.row(k)}: '
+            "the stamps go on from there as if it did not"
+        )
+        findings.append(Finding("counter_wraps", "", len(wraps), float(stamps.values[k]), text))
+    behind = None if clock.rate is not None else packets(stamps.values[rows])
+    if behind is None:
+        return stamps, findings
+    first, shared = float(stamps.values[rows[0]]), [name for name, s in plan.sources.items() if s.time == clock]
+    values = stamps.values.copy()
+    values[rows] = behind.instants
+    steps = f", whose rate steps {behind.pieces - 1} times," if behind.pieces > 1 else ""
     text = (
-        f'column "{clock.column}" counts to its end and starts anew {len(wraps)} times, first at {table.row(k)}: the '
-        "stamps go on from there as if it did not"
+        f'column "{clock.column}" holds times of arrival, of {behind.samples} samples at a time, that scatter by '
+        f"{1e3 * behind.scatter:.2g} ms: one clock of {behind.rate:.6g} Hz{steps} goes through the earliest of them, "
+        "and its instants are used; how late the earliest were is not known, and is part of time_offset"
     )
-    return stamps, [Finding("counter_wraps", "", len(wraps), float(stamps.values[k]), text)]
+    common = 0.0 if {"accel", "position"} <= {*shared} else behind.scatter
+    return Column(values, stamps.present), [
+        *findings,
+        Finding("burst_stamps", "", len(rows), first, text, "warning", common=common),
+    ]
 
 
 def in_si(table: Table, plan: Plan, name: str, source: Source, rig: Rig, values: Array) -> tuple[Array, str]:
