@@ -299,12 +299,13 @@ def test_time_that_runs_backward_is_named_with_row_and_time(write):
     rows = "0.0,1,0\n0.2,1,0\n0.1,2,1\n0.3,1,3\n0.25,1,3\n"
     refused(
         write("t_s,accel_g,position_m\n" + rows),
-        "time of accel runs backward at row 4: 0.1 s after 0.2 s, and 1 times more. Sort the rows, or cut the file",
+        "the clock starts again at row 4: 0.1 s after 0.2 s. The file holds 3 runs: part 1, row 2 to row 3 (0 s to "
+        "0.2 s); part 2, row 4 to row 5 (0.1 s to 0.3 s); part 3, row 6 to row 6",
     )
 
 
 def test_row_is_counted_among_all_rows_when_cells_are_empty(write):
-    refused(write("t_s,accel_g,position_m\n0.0,,0\n0.2,1,0\n0.15,,\n0.1,2,1\n"), "runs backward at row 5")
+    refused(write("t_s,accel_g,position_m\n0.0,,0\n0.2,1,0\n0.15,,\n0.1,2,1\n"), "starts again at row 5")
 
 
 def test_single_sample_is_refused(write):

@@ -396,7 +396,7 @@ def budget(fit: Fit) -> Budget:
     -----
     With G the gravity along the stage axis, a level error d changes it by sqrt(g0² - G²) d - G d²/2; an input axis that
     is off by d has that share too, and cos d of the motion. An encoder scale error e enters a coefficient of a^n as
-    n e. What a joint fit has separated (tilt, misalignment, encoder_scale) is in the estimates already. Differences
+    n e, a relative error of the rate of the clock twice as much: a = p''. What a joint fit has separated (tilt, misalignment, encoder_scale) is in the estimates already. Differences
     between mountings and between days are in it as far as the fitted runs differ.
     """
     declared, separated = fit.rig.uncertainty, _separated(fit)
@@ -447,6 +447,8 @@ def _components(fit: Fit, e: Estimate) -> tuple[Component, ...]:
     if "encoder_scale" not in separated:
         components.append(Component("scale of the encoder", "B", ruler, "1", abs(n * size * ruler)))
     components.append(Component("misalignment of the input axis", "B", off, "rad", abs(n * size) * _second_order(off)))
+    if clock := declared.clock_rate:
+        components.append(Component("rate of the clock", "B", clock, "1", abs(2.0 * n * size * clock)))
     return tuple(components)
 
 

@@ -272,11 +272,17 @@ def print_written(*paths: Path | None) -> None:
             print_status(f"wrote {path}")
 
 
-def print_alignment(recording: Any) -> None:
-    """Print how the clocks of two loggers were aligned, where they were."""
-    for finding in recording.findings:
-        if finding.kind == "alignment":
-            print_status(f"{recording.name}: {finding.text}")
+def print_alignment(*recordings: Any) -> bool:
+    """Print how two clocks were aligned, where they were; whether any were."""
+    texts = [
+        f"{recording.name}: {finding.text}"
+        for recording in recordings
+        for finding in getattr(recording, "findings", ())
+        if finding.kind == "alignment"
+    ]
+    for text in texts:
+        print_status(text)
+    return bool(texts)
 
 
 def print_json(content: dict[str, Any], indent: int | None = 2) -> None:

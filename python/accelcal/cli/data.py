@@ -92,6 +92,9 @@ def cut(
     output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write: .csv or .parquet.")],
     only: Annotated[list[str] | None, typer.Option("--only", help="Keep FROM:TO in s.")] = None,
     without: Annotated[list[str] | None, typer.Option("--without", help="Exclude FROM:TO in s.")] = None,
+    part: Annotated[
+        int | None, typer.Option("--part", help="Part of a file whose clock starts again, from 1.", min=1)
+    ] = None,
     position: OfPosition = None,
     rig: Rig = None,
 ) -> None:
@@ -100,7 +103,7 @@ def cut(
     Example: [bold]accelcal cut run12.csv --without 42:60 -o train.csv[/bold]
     """
     with progress("cut") as report:
-        recording = io.load(run, rig, position=position)
+        recording = io.load(run, rig, position=position, part=part)
         print_alignment(recording)
         report(0.5)
         for text in only or ():

@@ -107,7 +107,7 @@ def fit(
     with progress("fit") as report:
         recordings = [load_run(path, rig) for path in runs] if position is None else [of_two(runs, position, rig)]
         if isinstance(engine, str):
-            base = chosen() if position is None else chosen().add("clock_skew")
+            base = chosen().add("clock_skew") if print_alignment(*recordings) else chosen()
             wanted, part = varying(base, vary or []), within(report, LOADED, 1.0)
             result = verbs.fit(recordings, wanted, start=begin, end=stop, band=width, method=engine, progress=part)
         elif len(recordings) != 1 or band is not None or isinstance(recordings[0], data.Dwells):
@@ -271,9 +271,7 @@ def of_two(runs: Sequence[Path], position: Path, rig: Path | None) -> data.Recor
     """Read the output of one file and the position of another, aligned."""
     if len(runs) != 1:
         raise UsageError(f"--position {position}: expected one file with the output, found {len(runs)}; give one")
-    recording = io.load(runs[0], rig, position=position)
-    print_alignment(recording)
-    return recording
+    return io.load(runs[0], rig, position=position)
 
 
 def load_run(path: Path, rig: Path | None) -> data.Recording | data.Dwells:

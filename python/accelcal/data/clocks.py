@@ -8,8 +8,8 @@ are known far better than any stamp, and take their place.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from accelcal.data import units
 from accelcal.data.arrays import Array, stretch_about
+from accelcal.data.rates import OPPOSITE, Rate, Search, search_rates
 from accelcal.data.recording import Channel, RecordingError
 
 FEWEST_STAMPS = 100
@@ -181,6 +182,10 @@ FEWEST = 64
 """Instants that they must have in common."""
 ALIKE = 0.3
 """Least correlation of two records of one motion."""
+SEARCHED = 0.5
+"""The same where the two are alike at no rate: the best of many shifts is more than one."""
+NEAR = 0.9
+"""Correlation at one rate of both clocks beyond which no other rate is tried."""
 AMBIGUOUS = 0.8
 """Height of the next-best peak, as a share of the best, beyond which a warning is due."""
 STRETCHES = 16
@@ -210,6 +215,12 @@ class Alignment:
     """The next-best alignment, s."""
     next_height: float
     """Height of its peak as a share of the best one."""
+    rate: Rate | None = None
+    """How the rates of the two differ, where that was corrected before; `skew` is what it left."""
+
+    def instants(self, t: Array, first: float) -> Array:
+        """Stamps of the output, (n,) s, on the clock of the position; `first` is that of its first sample."""
+        return t + self.shift if self.rate is None else first + (t - first) / (1.0 + self.rate.skew) + self.shift
 
     @property
     def is_ambiguous(self) -> bool:
@@ -231,19 +242,28 @@ class Alignment:
         return text
 
 
-def align(accel: Channel, position: Channel, *, polarity: float = 1.0, delay: float = 0.0, name: str = "") -> Alignment:
-    """Find the shift of the stamps of `accel` that lays it upon `position`.
+def align(
+    accel: Channel,
+    position: Channel,
+    *,
+    polarity: float = 1.0,
+    delay: float = 0.0,
+    name: str = "",
+    search: Search | None = None,
+) -> Alignment:
+    """Find the shift of the stamps of `accel` that lays it upon `position`, and their rate where no shift does.
 
     Parameters
     ----------
     polarity : -1 where the sensor is reversed on its stage.
     delay : of the declared filter of the output, s.
     name : for messages.
+    search : over the rates of the two, where it was made before.
 
     Raises
     ------
     RecordingError
-        If one of the two is too short, or no shift makes them alike.
+        If one of the two is too short, or no shift and no rate makes them alike.
     """
     for channel in (accel, position):
         if len(channel) < FEWEST:
@@ -252,14 +272,23 @@ def align(accel: Channel, position: Channel, *, polarity: float = 1.0, delay: fl
                 "record longer"
             )
     step = max(spacing(accel), spacing(position), *((c.t[-1] - c.t[0]) / MOST for c in (accel, position)))
-    a = polarity * _on_grid(accel, step)
     x = _on_grid(position, step)
-    if min(len(a), len(x)) < FEWEST:
-        raise RecordingError(f"{name}: fewer than {FEWEST} instants of both loggers; record a longer motion")
     second = np.zeros(len(x))
     second[1:-1] = (x[2:] - 2.0 * x[1:-1] + x[:-2]) / step**2
+    if search is not None and search.rate is not None and search.slips:
+        accel = replace(accel, t=accel.t[0] + (accel.t - accel.t[0]) / (1.0 + search.rate.skew))
+    a = polarity * _on_grid(accel, step)
+    if min(len(a), len(x)) < FEWEST:
+        raise RecordingError(f"{name}: fewer than {FEWEST} instants of both loggers; record a longer motion")
     a = a - np.mean(a)
-    peaks = _Peaks(*_shared(a, second, step), name)
+    about = search.rate if search is not None else None
+    peaks = _Peaks(*_shared(a, second, step), None if about is None or about.correlation < 0.0 else about.lag / step)
+    if search is None and not peaks.correlation > NEAR:
+        search = search_rates(a, second, step)
+        if search.rate is not None:
+            return align(accel, position, polarity=polarity, delay=delay, name=name, search=search)
+    if about is None or about.correlation < 0.0:
+        peaks.require_alike(name, search)
     to_shift = position.t[0] - accel.t[0] + delay
     late = _Stretches(*_coherent(a, second, step, peaks.lag), peaks)
     return Alignment(
@@ -268,16 +297,17 @@ def align(accel: Channel, position: Channel, *, polarity: float = 1.0, delay: fl
         middle=float(position.t[0] + late.middle * step),
         skew=float(late.slope),
         skew_std=float(late.slope_std),
-        correlation=peaks.correlation,
+        correlation=max(peaks.correlation, about.correlation) if about is not None else peaks.correlation,
         overlap=float(peaks.overlap * step),
         next_shift=float(to_shift - peaks.next_lag * step),
         next_height=peaks.next_height,
+        rate=search.rate if search is not None and search.slips else None,
     )
 
 
-def shifted(channel: Channel, by: float) -> Channel:
-    """A channel with its stamps moved, s."""
-    return Channel(channel.name, channel.t + by, channel.y, channel.unit)
+def restamped(channel: Channel, instants: Callable[[Array], Array]) -> Channel:
+    """A channel with other stamps, s."""
+    return replace(channel, t=instants(channel.t))
 
 
 def spacing(channel: Channel) -> float:
@@ -336,9 +366,9 @@ _TINY = float(np.finfo(float).tiny)
 
 
 class _Peaks:
-    """The best lag of `a` behind `b`, in steps, and the next-best."""
+    """The best lag of `a` behind `b`, in steps, and the next-best; the best one `about` a lag where that is known."""
 
-    def __init__(self, a: Array, b: Array, name: str) -> None:
+    def __init__(self, a: Array, b: Array, about: float | None = None) -> None:
         size = 1 << (len(a) + len(b)).bit_length()
         product = np.fft.irfft(np.conj(np.fft.rfft(b, size)) * np.fft.rfft(a, size), size)
         self.lags = np.arange(-len(b) + 1, len(a))
@@ -346,29 +376,42 @@ class _Peaks:
         common = np.minimum(len(b), len(a) - self.lags) - np.maximum(0, -self.lags)
         allowed = common >= max(FEWEST, LEAST_OVERLAP * min(len(a), len(b)))
         heights = np.where(allowed, heights, 0.0)
-        best = int(np.argmax(heights))
+        best = int(np.argmax(heights if about is None else -np.abs(self.lags - about)))
         self.lag, self.overlap = int(self.lags[best]), int(common[best])
         inner = slice(max(0, -self.lag), max(0, -self.lag) + self.overlap)
         outer = slice(max(0, self.lag), max(0, self.lag) + self.overlap)
         energy = float(np.sqrt(np.sum(b[inner] ** 2) * np.sum(a[outer] ** 2)))
         self.correlation = float(heights[best] / energy) if energy > 0.0 else 0.0
-        if -float(heights.min()) > 1.1 * float(heights[best]):
-            raise RecordingError(
-                f"{name}: the output is like the second derivative of the position with the other sign; declare in its "
-                'sidecar [rig] mount = "reversed" (or "normal"), or check the sense of the encoder'
-            )
-        if not self.correlation >= ALIKE:
-            raise RecordingError(
-                f"{name}: at no shift of the clocks is the output like the second derivative of the position "
-                f"(correlation {self.correlation:.2f}, expected at least {ALIKE}); check that both files are of one run"
-            )
+        self.is_opposite = about is None and -float(heights.min()) > OPPOSITE * float(heights[best])
         begin, end = stretch_about(heights > 0.0, best)
         self.reach = max(2, min(best - begin, end - best))
         outside = heights.copy()
         outside[begin : end + 1] = 0.0
         second = int(np.argmax(outside))
         self.next_lag = int(self.lags[second])
-        self.next_height = float(max(0.0, outside[second]) / heights[best])
+        self.next_height = float(max(0.0, outside[second]) / max(heights[best], _TINY))
+
+    def require_alike(self, name: str, search: Search | None) -> None:
+        """Refuse two channels that are not alike, or that are with the other sign; rates may have been searched.
+
+        Raises
+        ------
+        RecordingError
+            With the correlation.
+        """
+        least = ALIKE if search is None or search.rate else SEARCHED
+        if not (self.correlation >= least or (self.is_opposite and (search is None or search.rate))):
+            raise RecordingError(
+                f"{name}: at no shift of the clocks is the output like the second derivative of the position "
+                f"(correlation {self.correlation:.2f}, expected at least {least})"
+                f"{'' if search is None else f', and at no other rate: {search.sentence}'}; check that both files are "
+                "of one run, or record a longer motion that does not repeat"
+            )
+        if self.is_opposite:
+            raise RecordingError(
+                f"{name}: the output is like the second derivative of the position with the other sign; declare in its "
+                'sidecar [rig] mount = "reversed" (or "normal"), or check the sense of the encoder'
+            )
 
 
 class _Stretches:

@@ -248,7 +248,7 @@ def _require_order(samples: Samples) -> None:
         more = f", and {count - 1} times more" if count > 1 else ""
         raise RecordingError(
             f"{samples.file}: time of {samples.name} runs backward at {samples.row(i)}: "
-            f"{t[i]:.9g} s after {t[i - 1]:.9g} s{more}. Sort the rows, or cut the file at clock restarts."
+            f"{t[i]:.9g} s after {t[i - 1]:.9g} s{more}; expected each stamp after the one before."
         )
 
 

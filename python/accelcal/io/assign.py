@@ -23,6 +23,7 @@ from accelcal.data import (
     units,
 )
 from accelcal.data.recording import ORDERS
+from accelcal.data.stamps import BITS, FRAME_BITS, packets, unwrapped
 from accelcal.io import naming
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
 from accelcal.io.table import MOST_CHANNEL_NAME, MOST_NAME, Column, Table
@@ -243,21 +244,61 @@ UNKNOWN = "?"
 """What a sidecar template puts where the user must fill in a unit."""
 
 
-def in_seconds(table: Table, plan: Plan, clock: Clock, column: Column) -> Column:
-    """Convert a column of stamps.
+def in_seconds(table: Table, plan: Plan, clock: Clock, column: Column) -> tuple[Column, list[Finding]]:
+    """Convert a column of stamps, or of the counter that takes their place; one that wraps is unwrapped.
 
     Parameters
     ----------
     column : values of shape (n,) in the unit of the file.
+
+    Returns
+    -------
+    The stamps in s, and a note on a counter that wraps.
 
     Raises
     ------
     RecordingError
         If the unit is missing, unknown, contradictory or not a time.
     """
-    assert clock.column is not None  # a clock without a rate names a column
-    unit = stated_unit(table, plan, "time", clock.column, clock.unit)
-    return Column(_conversion(table, clock.column, unit, "time").apply(column.values), column.present)
+    assert clock.column is not None  # a clock without a counter has a rate, or names a column
+    counts = clock.rate is not None
+    rows = np.arange(len(column.values)) if column.present is None else np.flatnonzero(column.present)
+    straight, wraps = unwrapped(column.values[rows], FRAME_BITS if counts else BITS)
+    if len(wraps):
+        values = column.values.copy()
+        values[rows] = straight
+        column = Column(values, column.present)
+    if clock.rate is not None:
+        first = column.values[rows[0]] if len(rows) else 0.0
+        stamps = Column((column.values - first) / clock.rate, column.present)
+    else:
+        unit = stated_unit(table, plan, "time", clock.column, clock.unit)
+        stamps = Column(_conversion(table, clock.column, unit, "time").apply(column.values), column.present)
+    findings = []
+    if len(wraps):
+        k = int(rows[wraps[0]])
+        text = (
+            f'column "{clock.column}" counts to its end and starts anew {len(wraps)} times, first at {table.row(k)}: '
+            "the stamps go on from there as if it did not"
+        )
+        findings.append(Finding("counter_wraps", "", len(wraps), float(stamps.values[k]), text))
+    behind = None if clock.rate is not None else packets(stamps.values[rows])
+    if behind is None:
+        return stamps, findings
+    first, shared = float(stamps.values[rows[0]]), [name for name, s in plan.sources.items() if s.time == clock]
+    values = stamps.values.copy()
+    values[rows] = behind.instants
+    steps = f", whose rate steps {behind.pieces - 1} times," if behind.pieces > 1 else ""
+    text = (
+        f'column "{clock.column}" holds times of arrival, of {behind.samples} samples at a time, that scatter by '
+        f"{1e3 * behind.scatter:.2g} ms: one clock of {behind.rate:.6g} Hz{steps} goes through the earliest of them, "
+        "and its instants are used; how late the earliest were is not known, and is part of time_offset"
+    )
+    common = 0.0 if {"accel", "position"} <= {*shared} else behind.scatter
+    return Column(values, stamps.present), [
+        *findings,
+        Finding("burst_stamps", "", len(rows), first, text, "warning", common=common),
+    ]
 
 
 def in_si(table: Table, plan: Plan, name: str, source: Source, rig: Rig, values: Array) -> tuple[Array, str]:

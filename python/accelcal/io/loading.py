@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -35,8 +36,9 @@ from accelcal.data import (
     reference_among,
     units,
 )
-from accelcal.data.clocks import align, shifted, spacing
+from accelcal.data.clocks import Alignment, align, restamped, spacing
 from accelcal.data.orientation import HOLE, QUATERNION_TOLERANCE, rotated, turned, turning
+from accelcal.data.rates import Rate
 from accelcal.data.recording import Origin
 from accelcal.data.relation import ALIKE, relation
 from accelcal.io import naming
@@ -56,6 +58,7 @@ from accelcal.io.sidecar import (
     Clock,
     Sidecar,
     Source,
+    declared_rate,
     has_sidecar,
     no_sidecar,
     read_sidecar,
@@ -233,13 +236,14 @@ def _of_gyroscope(
     return {**channels, first.name: first, second.name: second}, declared.rig, [finding]
 
 
-def joined(output: Recording, reference: Recording) -> Recording:
+def joined(output: Recording, reference: Recording, rates: Rates = (None, None)) -> Recording:
     """One recording of two loggers: the output of one, shifted onto the clock of the position of the other.
 
     Parameters
     ----------
     output : recording whose position is not used.
     reference : recording whose output is not used; filters and resolution of the position are those of its rig.
+    rates : that are declared in place of stamps.
 
     Raises
     ------
@@ -252,29 +256,111 @@ def joined(output: Recording, reference: Recording) -> Recording:
         resolution=reference.rig.resolution if output.rig.resolution is None else output.rig.resolution,
         reading_noise=output.rig.reading_noise or reference.rig.reading_noise,
     )
-    delay = 0.0 if rig.lowpass is None else rig.lowpass.tau
-    name = f"{output.name} with {reference.name}"
-    recording = align(output.accel, reference.position, polarity=rig.polarity, delay=delay, name=name)
-    assumptions = tuple(assumption for assumption in rig.assumptions if assumption != ASSUMED_OFFSET_TOLERANCE)
-    drifted = 4.0 * recording.std + abs(recording.skew) * recording.overlap
-    free = max(rig.offset_tolerance, drifted, *(spacing(c) for c in (output.accel, reference.position)))
-    note = Finding(
-        "alignment", "accel", 1, recording.middle, recording.sentence, "warning" if recording.is_ambiguous else "note"
-    )
-    side = {key: shifted(channel, recording.shift) for key, channel in output.side.items()}
-    columns = {**reference.origin.columns, **output.origin.columns}
-    return replace(
+    both = replace(
         output,
-        origin=replace(output.origin, file="", columns=columns),
-        accel=shifted(output.accel, recording.shift),
+        origin=replace(output.origin, file="", columns={**reference.origin.columns, **output.origin.columns}),
         position=reference.position,
-        rig=replace(rig, offset_tolerance=free, assumptions=assumptions),
-        side={**{key: channel for key, channel in reference.side.items() if key not in side}, **side},
-        name=name,
-        digest=hashlib.sha256(f"{output.digest} at {recording.shift!r} on {reference.digest}".encode()).hexdigest(),
-        findings=(note, *output.findings, *reference.findings),
+        rig=rig,
+        side={**{key: channel for key, channel in reference.side.items() if key not in output.side}, **output.side},
+        name=f"{output.name} with {reference.name}",
+        findings=(*output.findings, *reference.findings),
         position_steps=reference.position_steps,
         reference=reference.reference,
+    )
+    alignment = alignment_of(both)
+    digest = f"{output.digest} at {alignment.shift!r} on {reference.digest}"
+    return aligned(replace(both, digest=hashlib.sha256(digest.encode()).hexdigest()), alignment, rates, output.side)
+
+
+Rates = tuple[float | None, float | None]
+"""Rates that are declared for output and position in place of stamps, Hz."""
+
+
+def alignment_of(recording: Recording) -> Alignment:
+    """How the clock of the output lies upon that of the position.
+
+    Raises
+    ------
+    RecordingError
+        If they cannot be aligned.
+    """
+    rig = recording.rig
+    delay = 0.0 if rig.lowpass is None else rig.lowpass.tau
+    return align(recording.accel, recording.position, polarity=rig.polarity, delay=delay, name=recording.name)
+
+
+def aligned(recording: Recording, alignment: Alignment, rates: Rates, beside: Iterable[str]) -> Recording:
+    """A recording of two clocks on one: that of the position, unless the other is trusted.
+
+    Parameters
+    ----------
+    beside : side channels that are on the clock of the output.
+    """
+    accel, position, rig, first = recording.accel, recording.position, recording.rig, recording.accel.t[0]
+    assumptions = tuple(assumption for assumption in rig.assumptions if assumption != ASSUMED_OFFSET_TOLERANCE)
+    drifted = 4.0 * alignment.std + abs(alignment.skew) * alignment.overlap
+    free = max(rig.offset_tolerance, drifted, spacing(accel), spacing(position))
+    uncertainty, skew = rig.uncertainty, 0.0 if alignment.rate is None else float(alignment.rate.skew)
+    trusted = rig.trusted_clock or ("accel" if rates[1] and not rates[0] else "position")
+    if skew and not rig.trusted_clock and uncertainty.clock_rate is None:
+        uncertainty = replace(uncertainty, clock_rate=abs(skew))
+    stretch = 1.0 + skew if trusted == "accel" else 1.0
+
+    def onto_position(t: Array) -> Array:
+        return alignment.instants(t, first) * stretch
+
+    note = Finding(
+        "alignment",
+        "accel",
+        1,
+        alignment.middle,
+        f"{rate_sentence(alignment.rate, trusted, rates, bool(rig.trusted_clock))}{alignment.sentence}",
+        "warning" if alignment.is_ambiguous else "note",
+    )
+    return replace(
+        recording,
+        accel=restamped(accel, onto_position),
+        position=restamped(position, lambda t: t * stretch),
+        rig=replace(rig, offset_tolerance=free, assumptions=assumptions, uncertainty=uncertainty),
+        side={
+            key: restamped(channel, onto_position if key in beside else lambda t: t * stretch)
+            for key, channel in recording.side.items()
+        },
+        findings=(note, *recording.findings),
+        reference=recording.reference and restamped(recording.reference, lambda t: t * stretch),
+    )
+
+
+def rate_sentence(rate: Rate | None, trusted: str, rates: Rates, declared: bool) -> str:
+    """Which rate is not as declared, whose clock is trusted, and what k would be with the other; empty where both are
+    alike."""
+    if rate is None:
+        return ""
+    factor = 1.0 + rate.skew
+    nominal, true = (
+        (rates[0], rates[0] and rates[0] * factor)
+        if trusted == "position"
+        else (rates[1], rates[1] and rates[1] / factor)
+    )
+    what, other = ("sensor", "accel") if trusted == "position" else ("position", "position")
+    runs = (
+        f"the {what} runs at {true:.7g} Hz, not {nominal:.6g}"
+        if nominal and true
+        else f"the clock of the output runs by {abs(rate.skew):.4%} {'fast' if rate.skew > 0.0 else 'slow'}"
+    )
+    change = 2.0 * rate.skew if trusted == "position" else -2.0 * rate.skew
+    other = "accel" if trusted == "position" else "position"
+    open_question = (
+        ""
+        if declared
+        else (
+            f'; with the clock of {other} trusted instead, [clock] trusted = "{other}", k would be {change:+.2%} off this '
+            "one, which the budget of k holds until [clock] trusted is declared"
+        )
+    )
+    return (
+        f"{runs} (skew {rate.skew * 1e6:+.1f} ppm, standard deviation {rate.std * 1e6:.2g} ppm, correlation "
+        f"{rate.correlation:.3f}): the clock of {trusted} is trusted{open_question}; "
     )
 
 
@@ -405,6 +491,7 @@ def load(
     position: str | Path | None = None,
     need_position: bool = True,
     need_accel: bool = True,
+    part: int | None = None,
 ) -> Recording:
     """Read a recording and check it.
 
@@ -416,6 +503,7 @@ def load(
         its clock (`accelcal.data.clocks`), and a finding says by how much and how ambiguous that is.
     need_position : accept a file without position when False; its position then has shape (0,).
     need_accel : accept a planned motion, position alone, when False; its output then has shape (0,).
+    part : of a file whose clock starts again, from 1.
 
     Returns
     -------
@@ -438,15 +526,17 @@ def load(
     [0.0, 0.001]
     """
     if position is not None:
-        return _of_two_loggers(Path(path), Path(position), rig)
+        return _of_two_loggers(Path(path), Path(position), rig, part)
     path = Path(path)
     table = open_table(path)
     declared, notes = _declared(path, rig)
     try:
-        recording = recording_of(table, declared, notes, need_position=need_position, need_accel=need_accel)
+        recording = recording_of(table, declared, notes, need_position=need_position, need_accel=need_accel, part=part)
     except RecordingError as error:
         raise RecordingError(f"{error}{sensitivity_shown(table, declared)}") from None
-    recording = replace(recording, digest=digest_of(path))
+    whole = digest_of(path)
+    digest = whole if part is None else hashlib.sha256(f"{whole} part {part}".encode()).hexdigest()
+    recording = replace(recording, digest=digest)
     if declared.dwell is None or not declared.dwell.table:
         return recording
     return recording.with_dwells(load_dwell_table((declared.path or path).parent / declared.dwell.table))
@@ -465,9 +555,9 @@ def sensitivity_shown(table: Table, declared: Sidecar) -> str:
     return ""
 
 
-def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None) -> Recording:
+def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None, part: int | None) -> Recording:
     """The output of one file and the position of another, aligned."""
-    first, other = load(output, rig, need_position=False), load(position, need_accel=False)
+    first, other = load(output, rig, need_position=False, part=part), load(position, need_accel=False)
     for recording, channel, place in ((first, first.position, output), (other, other.accel, position)):
         if len(channel):
             what = "a position" if channel is first.position else "an output"
@@ -475,11 +565,18 @@ def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None) 
                 f"{place}: this file has {what} of its own, in {recording.name}; expected the output in the first file "
                 "alone and the position in the second alone; give one file, or map its columns in a sidecar"
             )
-    return joined(first, other)
+    declared, of_position = _declared(output, rig)[0], _declared(position, None)[0]
+    return joined(first, other, (declared_rate(declared, "accel"), declared_rate(of_position, "position")))
 
 
 def recording_of(
-    table: Table, declared: Sidecar, notes: list[Finding], *, need_position: bool = True, need_accel: bool = True
+    table: Table,
+    declared: Sidecar,
+    notes: list[Finding],
+    *,
+    need_position: bool = True,
+    need_accel: bool = True,
+    part: int | None = None,
 ) -> Recording:
     """The recording that a table holds, without its digest; parameters and errors are those of `load`."""
     path = table.path
@@ -488,7 +585,7 @@ def recording_of(
     plan, unused = assign(table, declared, required)
     findings, parts = notes + unused + asked(table, declared), parts_of_orientation(declared)
     channels = {}
-    for name, samples in _samples(table, plan, declared.rig):
+    for name, samples in _samples(table, plan, declared.rig, part, findings):
         if not len(samples.t) and name == "accel" and not need_accel:
             raise RecordingError(
                 f'{path}: column "{plan.sources[name].column}": every cell is empty, expected the output of the '
@@ -508,9 +605,7 @@ def recording_of(
         text = f"position: not recorded; it is the integral of {reference.name}, from zero at the first reading"
         findings.append(Finding("integrated", "position", len(reference), 0.0, text))
     position = channels.pop("position", Channel("position", np.empty(0), np.empty(0), "m"))
-    if len(accel) and len(position):
-        quality.require_overlap(str(path), accel, position)
-    return Recording(
+    recording = Recording(
         accel=accel,
         position=position,
         rig=rig,
@@ -521,6 +616,26 @@ def recording_of(
         reference=reference,
         origin=origin_of(table, plan, declared),
     )
+    clocks = {name: source.time for name, source in plan.sources.items()}
+    told_by = "position" if reference is None else reference.name
+    if len(accel) and clocks.get(told_by, clocks["accel"]) != clocks["accel"]:
+        beside = [name for name in channels if clocks.get(name) == clocks["accel"]]
+        recording = of_two_clocks(recording, declared, beside)
+    if len(accel) and len(position):
+        quality.require_overlap(str(path), recording.accel, recording.position)
+    return recording
+
+
+def of_two_clocks(recording: Recording, declared: Sidecar, beside: Iterable[str]) -> Recording:
+    """A recording of one file whose channels have clocks of their own, on one where their rates differ."""
+    try:
+        alignment = alignment_of(recording)
+    except RecordingError:
+        return recording
+    if alignment.rate is None:
+        return recording
+    rates = declared_rate(declared, "accel"), declared_rate(declared, "position")
+    return aligned(recording, alignment, rates, beside)
 
 
 def origin_of(table: Table, plan: Plan, declared: Sidecar) -> Origin:
@@ -556,7 +671,7 @@ def other_outputs(recording: Recording) -> Iterator[tuple[str, str, Channel]]:
             read = (
                 ()
                 if column in taken or role == "time"
-                else _samples(table, Plan({"accel": source}, plan.sidecar), declared.rig)
+                else _samples(table, Plan({"accel": source}, plan.sidecar), declared.rig, None, [])
             )
             for _, samples in read:
                 if len(samples.t) > 1:
@@ -589,28 +704,44 @@ def _declared(path: Path, rig: str | Path | Rig | None) -> tuple[Sidecar, list[F
     return declared, [Finding("sidecar", "", 1, 0.0, text)]
 
 
-def _samples(table: Table, plan: Plan, rig: Rig) -> Iterator[tuple[str, quality.Samples]]:
-    """Yield each channel in SI, on the instants at which it was sampled."""
+def _samples(
+    table: Table, plan: Plan, rig: Rig, part: int | None, findings: list[Finding]
+) -> Iterator[tuple[str, quality.Samples]]:
+    """Yield each channel in SI, on the instants at which it was sampled; of one part where a clock starts again.
+
+    What is noticed of the clocks is added to the findings.
+    """
     wanted = [column for s in plan.sources.values() for column in (s.column, s.time and s.time.column) if column]
     raw = dict(table.read(list(dict.fromkeys(wanted))))
     clocks: dict[Clock, Column] = {}
+    sampled: dict[str, tuple[Column, NDArray[np.bool_] | None]] = {}
     for name, source in plan.sources.items():
         clock = source.time
         assert clock is not None  # _plan gave each source one
         y = raw[source.column]
-        if clock.rate is not None:
+        if clock.column is None:
+            assert clock.rate is not None
             stamps = Column(np.arange(len(y.values)) / clock.rate)
         else:
             if clock not in clocks:
-                clocks[clock] = in_seconds(table, plan, clock, raw[str(clock.column)])
+                clocks[clock], noticed = in_seconds(table, plan, clock, raw[clock.column])
+                findings += noticed
             stamps = clocks[clock]
         if len(stamps.values) != len(y.values):
             raise RecordingError(
                 f'{table.path}: {name}: column "{source.column}" has {len(y.values)} values but its time column '
                 f'"{clock.column}" has {len(stamps.values)}; give it its own: time = {{ column = "...", unit = "s" }}'
             )
-        rows = _kept(table, name, stamps, y)
-        values, unit = in_si(table, plan, name, source, rig, y.values if rows is None else y.values[rows])
+        sampled[name] = stamps, _kept(table, name, stamps, y)
+    chosen = _part(table, sampled, part)
+    for name, (stamps, rows) in sampled.items():
+        source = plan.sources[name]
+        if chosen is not None:
+            inside = np.zeros(len(stamps.values), dtype=np.bool_)
+            inside[chosen] = True
+            rows = inside if rows is None else rows & inside
+        y = raw[source.column].values
+        values, unit = in_si(table, plan, name, source, rig, y if rows is None else y[rows])
         yield (
             name,
             quality.Samples(
@@ -622,6 +753,51 @@ def _samples(table: Table, plan: Plan, rig: Rig) -> Iterator[tuple[str, quality.
                 row=table.row if rows is None else lambda i, rows=rows: table.row(int(np.flatnonzero(rows)[i])),  # type: ignore[misc]
             ),
         )
+
+
+def _part(
+    table: Table, sampled: Mapping[str, tuple[Column, NDArray[np.bool_] | None]], part: int | None
+) -> slice | None:
+    """Rows of a part of a file whose clock starts again; None for all of one whose clock does not.
+
+    Raises
+    ------
+    RecordingError
+        If it does and no part is asked for, or one that is not there; it names the parts.
+    """
+    restarts: set[int] = set()
+    lengths = {len(stamps.values) for stamps, _ in sampled.values()}
+    for stamps, rows in sampled.values():
+        taken = np.arange(len(stamps.values)) if rows is None else np.flatnonzero(rows)
+        restarts |= {int(row) for row in taken[1:][np.diff(stamps.values[taken]) < 0.0]}
+    if not restarts and part in (None, 1):
+        return None
+    edges = [0, *sorted(restarts), max(lengths)]
+    if part is not None and 1 <= part < len(edges) and len(lengths) == 1:
+        return slice(edges[part - 1], edges[part])
+    parts = list(pairwise(edges))
+    stamps = next(iter(sampled.values()))[0].values
+    named = [
+        f"part {number}, {table.row(begin)} to {table.row(end - 1)} ({units.instant(stamps[begin])} s to "
+        f"{units.instant(stamps[end - 1])} s)"
+        for number, (begin, end) in enumerate(parts, 1)
+        if end <= len(stamps)
+    ]
+    listed = "; ".join(named if len(named) <= MOST_PARTS else [*named[: MOST_PARTS - 1], "...", named[-1]])
+    if part is not None:
+        raise RecordingError(
+            f"{table.path}: --part {part}: the file has {len(parts)} parts: {listed}; give one of them"
+        )
+    begin = edges[1]
+    raise RecordingError(
+        f"{table.path}: the clock starts again at {table.row(begin)}: {stamps[begin]:.9g} s after "
+        f"{stamps[begin - 1]:.9g} s. The file holds {len(parts)} runs: {listed}. Write each to a file of its own: "
+        f"accelcal cut {table.path} --part 1 -o {table.path.stem}_1.csv"
+    )
+
+
+MOST_PARTS = 4
+"""Parts of a file that a sentence names."""
 
 
 def _kept(table: Table, name: str, stamps: Column, y: Column) -> NDArray[np.bool_] | None:

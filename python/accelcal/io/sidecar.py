@@ -49,7 +49,7 @@ class Clock:
     column: str | None = None
     unit: str | None = None
     rate: float | None = None
-    """Hz; the first sample is at 0 s."""
+    """Hz; the first sample is at 0 s. Of the counter in `column` where that is given."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +152,13 @@ def _require_short_keys(text: str) -> None:
             dots = re.sub(r"[0-9]\.[0-9]", "", line).count(".")
             if dots > _MOST_DOTS:
                 raise tomllib.TOMLDecodeError(f"{dots} dots in line {number}, expected a short key")
+
+
+def declared_rate(declared: Sidecar, channel: str) -> float | None:
+    """Rate that a sidecar declares for a channel without stamps, Hz; None where it has some."""
+    source = declared.channels.get(channel)
+    clock = (source and source.time) or declared.time
+    return None if clock is None or clock.column is not None else clock.rate
 
 
 def has_sidecar(path: Path) -> bool:
@@ -303,10 +310,14 @@ def _nearest(key: str, keys: Mapping[str, Any]) -> str:
 
 
 def _clock(value: object) -> Clock:
-    values = _table(value, "", {"column": _text, "unit": _text, "rate": _amount("frequency", "positive")})
-    if ("column" in values) == ("rate" in values):
-        raise AccelcalError('expected either column = "..." with its unit, or rate = "1667 Hz"')
-    return Clock(**values)
+    checks = {"column": _text, "unit": _text, "counter": _text, "rate": _amount("frequency", "positive")}
+    values = _table(value, "", checks)
+    if ("column" in values) == ("rate" in values) or ("counter" in values and not values.keys() == {"counter", "rate"}):
+        raise AccelcalError(
+            'expected either column = "..." with its unit, or rate = "1667 Hz", with counter = "..." where a column '
+            "counts the samples"
+        )
+    return Clock(values.get("counter", values.get("column")), values.get("unit"), values.get("rate"))
 
 
 def _four_columns(value: object) -> tuple[str, ...]:
@@ -629,7 +640,17 @@ KEYS: dict[str, dict[str, Key]] = {
             '"0 us"',
             "how far the clocks of accel and position may disagree",
             assumed=ASSUMED_OFFSET_TOLERANCE,
-        )
+        ),
+        "trusted": Key(
+            _one_of("position", "accel"),
+            "rig.trusted_clock",
+            about=(
+                '`"position"` or `"accel"`',
+                "whose clock runs at the true rate where the two differ: two recordings tell the ratio of their clocks "
+                "alone, and k changes by twice the difference",
+                "stamps before a declared rate, else the position; the difference is in the budget of k",
+            ),
+        ),
     },
     "channels": {
         "time": Key(_clock),
@@ -681,6 +702,17 @@ KEYS: dict[str, dict[str, Key]] = {
             "rad",
             about=("an angle", "standard uncertainty of the direction of the input axis", "the same"),
             example='"0.1 deg"',
+        ),
+        "clock_rate": Key(
+            _amount("ratio", "not negative"),
+            "rig.uncertainty.clock_rate",
+            "1",
+            about=(
+                'a ratio, as in `"50 ppm"`',
+                "relative standard uncertainty of the rate of the clock that is trusted, or of both where none is: "
+                "twice goes into k",
+                "none; where two rates differ and `[clock] trusted` is not declared, their difference",
+            ),
         ),
     },
     "run": {
@@ -894,6 +926,7 @@ def _rig(tables: Mapping[str, dict[str, Any]], *, turning: bool) -> Rig:
         reading_noise=noise,
         uncertainty=Uncertainty(**uncertainty),
         assumptions=tuple(sentence for sentence, declared in assumptions.items() if not declared),
+        trusted_clock=tables["clock"].pop("trusted", ""),
         **rig,
         **tables["clock"],
         **tables["judge"],

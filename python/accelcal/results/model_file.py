@@ -209,7 +209,7 @@ _NOT_NEGATIVE = (
     *(f"{level}.{key}" for level in _LEVELS for key in ("density_std", "reading_std", "count")),
     *(f"runs.noise.noise.growth.{key}" for key in ("q", "r", "mean")),
     *(f"{spectrum}.{key}" for spectrum in _SPECTRA for key in ("f", "floor")),
-    *(f"rig.uncertainty.{key}" for key in ("encoder_scale", "reference_zero", "level", "misalignment")),
+    *(f"rig.uncertainty.{key}" for key in ("clock_rate", "encoder_scale", "reference_zero", "level", "misalignment")),
     "rig.offset_tolerance",
     *("noise_effects.std", "dwells.ratio", "dwells.scatter"),
 )
