@@ -6,8 +6,10 @@ import hashlib
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +27,7 @@ from accelcal.data import (
     Dwells,
     DwellSetup,
     Finding,
+    Flags,
     Recording,
     RecordingError,
     Rig,
@@ -36,8 +39,9 @@ from accelcal.data import (
 from accelcal.data.clocks import align, shifted, spacing
 from accelcal.data.orientation import HOLE, QUATERNION_TOLERANCE, rotated, turned, turning
 from accelcal.io import naming
-from accelcal.io.assign import ATTITUDE, Plan, assign, attitude_columns, in_seconds, in_si
-from accelcal.io.files import open_regular, open_table
+from accelcal.io.assign import ATTITUDE, Plan, assign, attitude_columns, columns_of, fix, in_seconds, in_si, unit_of
+from accelcal.io.files import is_there, open_regular, open_table
+from accelcal.io.instants import DAY
 from accelcal.io.sidecar import (
     ASSUMED_OFFSET_TOLERANCE,
     Clock,
@@ -47,11 +51,18 @@ from accelcal.io.sidecar import (
     no_sidecar,
     read_sidecar,
     sidecar_of,
+    toml_text,
 )
 from accelcal.io.table import Column, Table
 
 MOST_GRAVITY = 1.5 * STANDARD_GRAVITY
 """Largest gravity along an axis that is one, m/s²: the acceleration of a turning axis may be part of it."""
+
+
+MOST_ASKED = 64
+"""Columns that are asked whether they tell the sources of the rows apart."""
+MOST_PARTS = 16
+"""Sources of the rows of one table."""
 
 
 def parts_of_orientation(declared: Sidecar) -> tuple[str, ...]:
@@ -435,6 +446,13 @@ def load(
 
 def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None) -> Recording:
     """The output of one file and the position of another, aligned."""
+    if is_there(position) and is_there(output) and position.samefile(output):  # two tables, each with its clock
+        both = load(output, rig)
+        nothing = np.empty(0)
+        return joined(
+            replace(both, position=Channel("position", nothing, nothing, "m")),
+            replace(both, accel=Channel("accel", nothing, nothing, "m/s^2"), side={}, findings=()),
+        )
     first, other = load(output, rig, need_position=False), load(position, need_accel=False)
     for recording, channel, place in ((first, first.position, output), (other, other.accel, position)):
         if len(channel):
@@ -465,8 +483,14 @@ def recording_of(
         if not len(samples.t) and name not in required:
             findings.append(Finding("empty", name, 0, 0.0, f"{name}: every cell is empty; the channel is left out"))
             continue
-        channels[name], noticed = quality.clean(samples, declared.rig)
+        try:
+            channels[name], noticed = quality.clean(samples, declared.rig)
+        except RecordingError:
+            if in_turn := _in_turn(table, plan, name):
+                raise RecordingError(in_turn) from None
+            raise
         findings += [] if name in parts else noticed
+    findings += table.notes
     channels, rig, noticed = with_orientation(str(path), channels, declared)
     findings += noticed
     accel = channels.pop("accel", Channel("accel", np.empty(0), np.empty(0), "m/s^2"))
@@ -518,19 +542,27 @@ def _declared(path: Path, rig: str | Path | Rig | None) -> tuple[Sidecar, list[F
 
 def _samples(table: Table, plan: Plan, rig: Rig) -> Iterator[tuple[str, quality.Samples]]:
     """Yield each channel in SI, on the instants at which it was sampled."""
-    wanted = [column for s in plan.sources.values() for column in (s.column, s.time and s.time.column) if column]
+    clocks = {source.time for source in plan.sources.values() if source.time is not None}
+    wanted = [source.column for source in plan.sources.values()]
+    for own in clocks:
+        wanted += columns_of(own)
+        table.orders.update({name: own.order for name in (own.column, own.date) if name and own.order})
     raw = dict(table.read(list(dict.fromkeys(wanted))))
-    clocks: dict[Clock, Column] = {}
+    instants: dict[Clock, Column] = {}
     for name, source in plan.sources.items():
         clock = source.time
         assert clock is not None  # _plan gave each source one
-        y = raw[source.column]
+        y, chosen = raw[source.column], _rows_where(table, source, name)
+        if chosen is not None:
+            y = Column(y.values[chosen], None if y.present is None else y.present[chosen])
         if clock.rate is not None:
             stamps = Column(np.arange(len(y.values)) / clock.rate)
         else:
-            if clock not in clocks:
-                clocks[clock] = in_seconds(table, plan, clock, raw[str(clock.column)])
-            stamps = clocks[clock]
+            if clock not in instants:
+                instants[clock] = _instants(table, plan, clock, raw)
+            stamps = instants[clock]
+            if chosen is not None and len(stamps.values) == len(chosen):
+                stamps = Column(stamps.values[chosen], None if stamps.present is None else stamps.present[chosen])
         if len(stamps.values) != len(y.values):
             raise RecordingError(
                 f'{table.path}: {name}: column "{source.column}" has {len(y.values)} values but its time column '
@@ -538,6 +570,7 @@ def _samples(table: Table, plan: Plan, rig: Rig) -> Iterator[tuple[str, quality.
             )
         rows = _kept(table, name, stamps, y)
         values, unit = in_si(table, plan, name, source, rig, y.values if rows is None else y.values[rows])
+        places = _places(chosen, rows)
         yield (
             name,
             quality.Samples(
@@ -546,9 +579,99 @@ def _samples(table: Table, plan: Plan, rig: Rig) -> Iterator[tuple[str, quality.
                 t=stamps.values if rows is None else stamps.values[rows],
                 y=values,
                 unit=unit,
-                row=table.row if rows is None else lambda i, rows=rows: table.row(int(np.flatnonzero(rows)[i])),  # type: ignore[misc]
+                row=table.row if places is None else lambda i, places=places: table.row(int(places[i])),  # type: ignore[misc]
             ),
         )
+
+
+def _places(chosen: Flags | None, rows: Flags | None) -> NDArray[np.intp] | None:
+    """Which rows of the file a channel has, from 0; None = all."""
+    if chosen is None:
+        return None if rows is None else np.flatnonzero(rows)
+    return np.flatnonzero(chosen) if rows is None else np.flatnonzero(chosen)[rows]
+
+
+def _rows_where(table: Table, source: Source, name: str) -> Flags | None:
+    """Which rows are those of a channel, (n,); None = all.
+
+    Raises
+    ------
+    RecordingError
+        If none is.
+    """
+    if source.where is None:
+        return None
+    column, value = source.where
+    if column not in table.columns:
+        raise RecordingError(
+            f'{table.path}: there is no column "{column}", which where names for {name}; columns are: '
+            f"{', '.join(table.columns)}"
+        )
+    labels = _labels(table, column)
+    chosen = labels == (str(value) if labels.dtype.kind == "U" else value)
+    if not np.any(chosen):
+        raise RecordingError(
+            f'{table.path}: {name}: no row has {units.shown(value)} in column "{column}"; correct where in the sidecar'
+        )
+    return np.asarray(chosen, dtype=np.bool_)
+
+
+def _labels(table: Table, column: str) -> NDArray[Any]:
+    """The cells of a column, numbers or texts, (n,)."""
+    return table.text(column) if column in table.texts else table.read([column])[column].values
+
+
+def _instants(table: Table, plan: Plan, clock: Clock, raw: Mapping[str, Column]) -> Column:
+    """The stamps of a clock, s: its column, on the day of a date, with a fraction of the second added."""
+    assert clock.column is not None  # a clock without a rate names a column
+    stamps = in_seconds(table, plan, clock, raw[clock.column])
+    if clock.date is not None:
+        day = raw[clock.date]
+        stamps = Column(stamps.values % DAY + day.values, _both(stamps.present, day.present))
+    if clock.fraction is not None:
+        rest = raw[clock.fraction.column]
+        more = in_seconds(table, plan, Clock(clock.fraction.column, clock.fraction.unit), rest)
+        stamps = Column(stamps.values + more.values, _both(stamps.present, rest.present))
+    return stamps
+
+
+def _both(one: Flags | None, other: Flags | None) -> Flags | None:
+    return other if one is None else one if other is None else one & other
+
+
+def _in_turn(table: Table, plan: Plan, name: str) -> str | None:
+    """The sentence on a column by whose values the rows fall into parts with rising stamps; None where none does so."""
+    source = plan.sources[name]
+    clock = source.time
+    if clock is None or clock.column is None or source.where is not None:
+        return None
+    stamps = columns_of(clock)
+    t = _instants(table, plan, clock, table.read(stamps)).values
+    if np.all(t[1:] > t[:-1]):
+        return None
+    for column in table.columns[:MOST_ASKED]:
+        if column in (source.column, *stamps):
+            continue
+        with suppress(RecordingError):
+            labels = _labels(table, column)
+            values, parts = np.unique(labels, return_inverse=True) if len(labels) == len(t) else (labels[:0], labels)
+            each = [t[parts == k] for k in range(len(values))] if 1 < len(values) <= MOST_PARTS else []
+            if each and all(len(part) > 1 and np.all(part[1:] > part[:-1]) for part in each):
+                texts = [toml_text(str(v)) if labels.dtype.kind == "U" else f"{v:g}" for v in values]
+                return (
+                    f"{table.path}: {name}: the rows belong to {len(values)} sources in turn: the stamps rise in the "
+                    f'rows with one value of column "{column}" ({", ".join(texts)}), and not in all rows together. '
+                    f"Say which is meant; {fix(plan.sidecar, _line_where(table, plan, name, column, texts[0]))}"
+                )
+    return None
+
+
+def _line_where(table: Table, plan: Plan, name: str, column: str, value: str) -> str:
+    """The lines of a sidecar that give a channel the rows with one value of a column."""
+    source = plan.sources[name]
+    where = f"where = {{ column = {toml_text(column)}, equals = {value} }}"
+    unit = source.unit or unit_of(table, source.column) or "..."
+    return f'[channels]\n{name} = {{ column = {toml_text(source.column)}, unit = "{unit}", {where} }}'
 
 
 def _kept(table: Table, name: str, stamps: Column, y: Column) -> NDArray[np.bool_] | None:

@@ -13,9 +13,8 @@ from accelcal.io import naming
 from accelcal.io.assign import UNKNOWN, discover, unit_of
 from accelcal.io.atomic import atomic_write
 from accelcal.io.files import open_table
-from accelcal.io.sidecar import KEYS, sidecar_of
+from accelcal.io.sidecar import KEYS, sidecar_of, toml_key, toml_text
 from accelcal.io.table import Table
-from accelcal.io.write import toml_key, toml_text
 
 
 def init(path: str | Path) -> str:
