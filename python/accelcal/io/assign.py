@@ -58,18 +58,22 @@ def assign(table: Table, declared: Sidecar, required: tuple[str, ...]) -> tuple[
         unasked = name in sources and name not in required
         if unasked and (sources[name].column == UNKNOWN or not _recorded(table, sources, name, declared.time)):
             del sources[name]
-    if "accel" not in sources and notes:  # one of the columns that nobody asked for may be the output
+    if (
+        "accel" not in sources and notes and not declared.channels
+    ):  # one of the columns that nobody asked for may be the output
         alone = "A planned motion has columns for time and position alone."
         raise RecordingError(f"{_absent(table, 'accel', sidecar, declared.channels)}\n{alone}")
     clock = declared.time or _common_clock(table, sources, sidecar)
     times = Counter(table.columns)
     for name, source in sources.items():
+        if times[source.column] != 1:
+            raise RecordingError(_wrong_column(table, name, source.column, sidecar))
         stamps = source.time or _stated(table, source.column, declared.time) or clock
         if stamps is None:
             raise RecordingError(_absent(table, "time", sidecar, declared.channels))
-        for column in (source.column, *columns_of(stamps)):
-            if times[column] != 1:
-                raise RecordingError(_wrong_column(table, name, column, sidecar))
+        wrong = next((column for column in columns_of(stamps) if times[column] != 1), None)
+        if wrong is not None:
+            raise RecordingError(_wrong_column(table, "time", wrong, sidecar))
         sources[name] = replace(source, time=stamps)
     return Plan(sources, sidecar), notes
 
@@ -198,23 +202,18 @@ def parts_of_instant(table: Table, time: str) -> Clock | None:
     """The clock of times of day beside which a column has the fraction of the second; None where none has."""
     if time not in table.stamps:
         return None
-    fractions = [column for column in table.columns if _is_fraction(naming.take_apart(column).base)]
+    named = {column: naming.take_apart(column) for column in table.columns}
+    fractions = [column for column, name in named.items() if name.base in naming.COUNTED and column != time]
     dates = [column for column in table.columns if column in table.stamps and column != time]
     if len(fractions) != 1:
         return None
-    unit = unit_of(table, fractions[0]) or naming.take_apart(fractions[0]).base
-    return Clock(time, date=dates[0] if len(dates) == 1 else None, fraction=Source(fractions[0], unit))
+    fraction = Source(fractions[0], unit_of(table, fractions[0]))
+    return Clock(time, date=dates[0] if len(dates) == 1 else None, fraction=fraction)
 
 
 def columns_of(clock: Clock) -> list[str]:
     """The columns from which the stamps of a clock are made."""
     return [name for name in (clock.date, clock.column, clock.fraction and clock.fraction.column) if name]
-
-
-def _is_fraction(base: str) -> bool:
-    """Whether the name of a column is a unit of time below a second."""
-    unit = units.conversion(base) if units.is_unit(base) else None
-    return unit is not None and unit.si == "s" and unit.factor < 1.0
 
 
 def clock_text(clock: Clock) -> str:

@@ -52,6 +52,8 @@ SUFFIXES = {
 }
 """Unit suffixes of column names, after an underscore; letter case counts."""
 
+COUNTED = {"millis": "ms", "micros": "us", "ms": "ms", "us": "us", "µs": "us", "ns": "ns"}
+"""Names that are a unit of time themselves."""
 _BRACKETS = re.compile(r"(?P<base>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*(?:\([^()]*\)[^()]*)*)\))\s*")
 _INDEX = re.compile(r"(?P<base>.*?)\s*[\[(](?P<index>\d+)[\])]")
 """A bare number in brackets, which is the place in an array and no unit."""
@@ -90,6 +92,8 @@ def take_apart(column: str) -> Named:
     if match and (match["square"] is not None or units.is_unit(match["round"])):
         base, brackets = match["base"], match["square"] if match["square"] is not None else match["round"]
     brackets = "1" if brackets == "-" else brackets
+    if base in COUNTED:
+        return Named(base + index, COUNTED[base], brackets)
     parts = base.split("_")
     for k in range(1, len(parts)):  # the longest suffix first: m_per_s2 before s2
         suffix = "_".join(parts[k:])
