@@ -5,9 +5,9 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 
 from accelcal.data import RecordingError, units
@@ -43,7 +43,9 @@ class Dialect:
     key: int
     """Place of the first column of numbers or instants: a row without one there is no reading."""
     cut: tuple[str, ...]
-    """Lines above the header that look like rows: the end of a table whose beginning was lost."""
+    """Lines above a header that is preceded by rows: the end of a row whose beginning was lost."""
+    named: bool
+    """Whether the columns have a header."""
 
 
 HEAD = 1 << 18
@@ -51,6 +53,7 @@ HEAD = 1 << 18
 LONGEST_LINE = 1 << 16
 """Bytes; a row of numbers is far shorter, a file without line ends is longer."""
 COMMENT = ("#", "%", "//")
+_COMMENT_BYTES = tuple(mark.encode() for mark in COMMENT)
 _LONGEST_NUMBER = 40  # characters of a cell; a longer one is no number and no stamp
 _NUMBER = {
     ".": re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE | re.ASCII),
@@ -66,7 +69,8 @@ _KINDS = {"rigid body", "rigid body marker", "marker", "bone", "bone marker", "t
 
 
 def decoded(line: bytes) -> str:
-    """A line as text, UTF-8 or Latin-1."""
+    """A line as text, UTF-8 or Latin-1, without a carriage return."""
+    line = line.removesuffix(b"\r")
     try:
         return line.decode("utf-8")
     except UnicodeDecodeError:
@@ -79,7 +83,7 @@ def lines_of(data: bytes, start: int = 0, end: int | None = None) -> Iterator[tu
     while start < last:
         stop = data.find(b"\n", start, last)
         stop = last if stop < 0 else stop
-        yield start, decoded(data[start : min(stop, start + LONGEST_LINE + 1)].removesuffix(b"\r"))
+        yield start, decoded(data[start : min(stop, start + LONGEST_LINE + 1)])
         start = stop + 1
 
 
@@ -114,72 +118,72 @@ def recognise(path: Path, data: bytes, start: int, end: int | None, *, whole: bo
     RecordingError
         If there are no rows of numbers, or header and rows do not agree.
     """
-    stop = len(data) if end is None else end
-    lines = list(lines_of(data, start, min(stop, start + HEAD)))
     skipped = data.count(b"\n", 0, start)
-    long = next((k for k, (_, text) in enumerate(lines, start=1) if len(text) > LONGEST_LINE), None)
-    if long is not None:
-        raise RecordingError(f"{path}: {too_long(skipped + long)}")
-    if stop > start + HEAD or not (whole or end is not None):
-        lines = lines[:-1]  # the last one is cut
-    content = [(i, text) for i, (_, text) in enumerate(lines) if text.strip(" \t,;|") and not text.startswith(COMMENT)]
-    tail = [text for _, text in content[-50:]]
+    lines = _first_lines(path, data, start, len(data) if end is None else end, whole or end is not None, skipped)
+    content = [k for k, line in enumerate(lines) if line.strip(b" \t,;|\r") and not line.startswith(_COMMENT_BYTES)]
+    tail = [decoded(lines[k]) for k in content[-50:]]
     delimiter, decimal, width = _separators(tail)
     if width > MOST_COLUMNS:
         raise RecordingError(
             f"{path}: {width} columns, expected at most {MOST_COLUMNS}; export those that are needed, one per channel."
         )
     numeric = _value_columns(tail, delimiter, decimal, width)
-    rows = (k for k, (_, text) in enumerate(content) if _is_data(text, delimiter, decimal, width, numeric))
+    rows = (n for n, k in enumerate(content) if _is_data(decoded(lines[k]), delimiter, decimal, width, numeric))
     first = next(rows, None)
     if first is None:
         raise RecordingError(
             f"{path}: no row of numbers among the first {len(lines)} lines; expected a header line, then one row per "
             "sample with comma, semicolon or tab between the cells."
         )
-    cut: list[str] = []
-    header_at = None if first else _header_below_cut(content, delimiter, decimal, width)
-    if header_at is not None:
-        begin = next((k for k in rows if k > header_at), None)
-        if begin is not None:
-            first, cut = begin, [content[k][1] for k in range(header_at)]
-    at, row = content[first]
-    above, last = content[first - 1] if first else (0, "")
-    hidden = _table_among(content[:first])
-    if hidden is not None:
-        raise RecordingError(f"{path}: {second_table(skipped + hidden + 1)}")
-    if any(is_value(cell, decimal) for cell in cells_in(last, delimiter)):
+    top = [decoded(lines[k]) for k in content[: first + _MOST_HEADER]]
+    below = None if first else _header_below_cut(top, delimiter, decimal, width)
+    after = None if below is None else next((n for n in rows if n > below), None)
+    first = after or first
+    at, above = content[first], content[first - 1] if first else 0
+    texts = [decoded(line) for line in lines[: at + 1]]
+    if (hidden := _table_among([texts[k] for k in content[: 0 if after else first]])) is not None:
+        raise RecordingError(f"{path}: {second_table(skipped + content[hidden] + 1)}")
+    if first and any(is_value(cell, decimal) for cell in cells_in(texts[above], delimiter)):
         raise RecordingError(
             f"{path}: row {skipped + above + 1} is neither a header nor like the rows of numbers below it: found "
-            f'"{last[:60]}", expected {width} cells; correct or delete this row.'
+            f'"{texts[above][:60]}", expected {width} cells; correct or delete this row.'
         )
-    header = _header(lines, [i for i, _ in content[:first]], at, delimiter, decimal, width)
-    names = header.names
-    if len(names) > width or (names and any(cells_in(row, delimiter)[len(names) :])):
+    header = _header(texts, content[:first], delimiter, decimal, width)
+    names, cells = header.names, cells_in(texts[at], delimiter)
+    if len(names) > width or (names and any(cells[len(names) :])):
         raise RecordingError(
             f"{path}: the header has {len(names)} columns but row {skipped + at + 1} has {width}; "
             "make them agree (a decimal comma needs semicolons between the cells)."
         )
     columns = tuple((names[k] if k < len(names) else "") or str(k + 1) for k in range(width))
     columns = tuple(f"{header.title or 'table 2'}.{name}" if name in taken else name for name in columns)
-    cells = cells_in(row, delimiter)
     timed = any(naming.role(naming.take_apart(name).base) == "time" for name in columns)
     begin = above + 1 if first and names else at  # rows without any reading may stand between header and first numbers
     return Dialect(
-        delimiter,
-        decimal,
-        width,
-        columns,
-        {columns[k]: unit for k, unit in enumerate(header.units[:width]) if unit},
-        None if timed else header.rate,
-        lines[begin][0],
-        end,
-        skipped + begin + 1,
-        frozenset(columns[k] for k, cell in enumerate(cells) if k < width and form_of(cell)),
-        frozenset(columns[k] for k in range(width) if k not in numeric),
-        min(numeric, default=0),
-        tuple(cut),
+        delimiter=delimiter,
+        decimal=decimal,
+        width=width,
+        columns=columns,
+        units={columns[k]: unit for k, unit in enumerate(header.units[:width]) if unit},
+        rate=None if timed else header.rate,
+        start=start + sum(len(line) + 1 for line in lines[:begin]),
+        end=end,
+        first_line=skipped + begin + 1,
+        stamps=frozenset(columns[k] for k, cell in enumerate(cells) if form_of(cell)),
+        texts=frozenset(columns[k] for k in range(width) if k not in numeric),
+        key=min(numeric, default=0),
+        cut=tuple(top[:below]) if after else (),
+        named=bool(names),
     )
+
+
+def _first_lines(path: Path, data: bytes, start: int, stop: int, whole: bool, skipped: int) -> list[bytes]:
+    """The first lines of a table, with their carriage returns, without one that is cut."""
+    lines = data[start : min(stop, start + HEAD)].split(b"\n")
+    long = next((k for k, line in enumerate(lines, start=1) if len(line) > LONGEST_LINE), None)
+    if long is not None:
+        raise RecordingError(f"{path}: {too_long(skipped + long)}")
+    return lines[:-1] if stop > start + HEAD or not whole or not lines[-1] else lines
 
 
 def too_long(number: int) -> str:
@@ -234,7 +238,7 @@ def are_rows(texts: list[str]) -> bool:
 
 def begins_table(data: bytes, at: int) -> bool:
     """Whether a header and rows of numbers begin at an offset."""
-    texts = [text for _, text in lines_of(data, at, at + HEAD)][: _MOST_HEADER + _ROWS]
+    texts = [text for _, text in islice(lines_of(data, at), _MOST_HEADER + _ROWS)]
     return bool(texts) and not _is_row(texts[0]) and are_rows(texts[-_ROWS:])
 
 
@@ -245,18 +249,16 @@ def _is_row(text: str) -> bool:
     return 2 * sum(is_value(cell, decimal) for cell in filled) > len(filled)
 
 
-def _table_among(content: Sequence[tuple[int, str]]) -> int | None:
+def _table_among(texts: list[str]) -> int | None:
     """The line after a table that stands among the lines above another one, counted from 0."""
-    texts = [text for _, text in content]
     ends = (k for k in range(_ROWS, len(texts)) if _is_row(texts[k - 1]) and not _is_row(texts[k]))
-    end = next((k for k in ends if are_rows(texts[k - _ROWS : k])), None)
-    return None if end is None else content[end][0]
+    return next((k for k in ends if are_rows(texts[k - _ROWS : k])), None)
 
 
-def _header_below_cut(content: Sequence[tuple[int, str]], delimiter: str, decimal: str, width: int) -> int | None:
+def _header_below_cut(texts: list[str], delimiter: str, decimal: str, width: int) -> int | None:
     """The header of a file that begins with the end of a row, or with words of its logger, counted from 0."""
-    for k in range(1, min(_MOST_HEADER, len(content))):
-        cells = cells_in(content[k][1], delimiter)
+    for k, text in enumerate(texts[1:], start=1):
+        cells = cells_in(text, delimiter)
         if len(cells) == width and all(cells) and not any(is_value(cell, decimal) for cell in cells):
             return k
     return None
@@ -274,16 +276,16 @@ class _Header:
     """The line that names the table."""
 
 
-def _header(
-    lines: list[tuple[int, str]], content: list[int], at: int, delimiter: str, decimal: str, width: int
-) -> _Header:
-    """Read the lines above the first row of numbers, which is line `at`.
+def _header(texts: list[str], content: list[int], delimiter: str, decimal: str, width: int) -> _Header:
+    """Read the lines above the first row of numbers, which is the last one.
 
     `content` are the lines above that are neither empty nor comments. A header that was written as a comment
     (numpy.savetxt does that) counts when nothing else can be one.
     """
-    plain = [_trimmed(cells_in(lines[i][1], delimiter)) for i in content]
-    commented = [_trimmed(cells_in(lines[i][1].lstrip("#%/ "), delimiter)) for i in range(at) if i not in content]
+    plain = [_trimmed(cells_in(texts[i], delimiter)) for i in content]
+    commented = [
+        _trimmed(cells_in(text.lstrip("#%/ "), delimiter)) for i, text in enumerate(texts[:-1]) if i not in content
+    ]
     stated = _stated(plain)
     rate = _rate(stated, plain)
     title = next((row[0] for row in plain if len(row) == 1 and not is_number(row[0], ".")), "")
@@ -306,7 +308,7 @@ def _header(
     labels = stated.get("y_unit_label")
     if labels is not None and not named:
         named = ["s" if names[0] == "X_Value" else "", *labels]
-        if cells_in(lines[at][1], delimiter)[0] == "":  # LabVIEW without a column of the time
+        if cells_in(texts[-1], delimiter)[0] == "":  # LabVIEW without a column of the time
             names = ["", *names[1:]]
     return _Header(names, named, rate, title)
 
