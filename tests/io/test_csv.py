@@ -111,7 +111,7 @@ FAULTS = [
         'row 2 is neither a header nor like the rows of numbers below it: found "0.0,0',
     ),
     (PLAIN.replace("0.0,0.5,", "ERR,ERR,"), "row 2 is neither a header nor like the rows of numbers below it"),
-    (PLAIN + "0.3,1\n", "row 5 has 2 cells where"),
+    (PLAIN + "0.3,1\n0.4,1,\n", "row 5 has 2 cells where"),
     ("# one\n\n" + PLAIN.replace("-1.5", "1.5.2"), 'row 5, column "accel_m_per_s2": found "1.5.2"'),
     (PLAIN.split("\n")[0] + "\n", "no row of numbers among the first 1 lines"),
     ("hello\nworld\n", "no row of numbers among the first 2 lines"),

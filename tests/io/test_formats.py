@@ -60,7 +60,7 @@ def test_mat_vectors_are_found_inside_structs(tmp_path):
 
     path = tmp_path / "run.mat"
     cells = np.empty(2, dtype=object)
-    cells[:] = [{"Data": ACCEL}, "text"]
+    cells[:] = [{"Data": [2.0 * a for a in ACCEL]}, "text"]
     savemat(path, {"run": {"x": VECTORS}, "Y": cells})
     sidecar(path, "run.x.")
     check(io.load(path))

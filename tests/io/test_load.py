@@ -204,7 +204,7 @@ def test_missing_column_is_named_with_the_nearest(write):
     [
         (
             "t_s,x_g,position_m",
-            "no column for accel; columns are: t_s, x_g, position_m. Name it like accel_m_per_s2, or write in",
+            'columns are: t_s, x_g, position_m. By its unit it may be "x_g" in g. Name it like accel_m_per_s2, or',
         ),
         ("t_s,accel_g,x_m", "no column for position"),
         ("x_s,accel_g,position_m", '# or, without a time column: rate = "1667 Hz"'),

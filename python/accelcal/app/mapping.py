@@ -13,7 +13,6 @@ import tomlkit
 
 from accelcal import io
 from accelcal.data import GRAVITY, GYROSCOPE, PLACE, QUATERNION, RecordingError, units
-from accelcal.io import naming
 from accelcal.io.files import open_regular, open_table
 from accelcal.io.sidecar import has_sidecar
 from accelcal.io.table import SIDECAR_BYTES
@@ -23,8 +22,6 @@ ESSENTIAL = ("time", "accel", "position")
 ORIENTATION = (GRAVITY, *GYROSCOPE, *PLACE, *QUATERNION)
 """What says how a body turns: gravity along the axis, a gyroscope, or place and attitude."""
 UNKNOWN = "?"
-KINDS = {"s": "time", "m/s^2": "accel", "V": "accel", "count": "accel", "m": "position"}
-"""Role of a column by the SI unit of its dimension."""
 ELECTRICAL = ("V", "count")
 """Units of an output that a scale turns into acceleration."""
 FIRST_BYTES, FIRST_LINES, FIRST_WIDTH = 8192, 8, 120
@@ -85,17 +82,7 @@ def choices(columns: Sequence[str], text: str, template: str) -> list[Choice]:
             (NOT_USED, ""),
         )
         options.append(Choice(column, channel, "" if unit == UNKNOWN else unit))
-    return _guessed(options) if text == template else options
-
-
-def _guessed(options: Sequence[Choice]) -> list[Choice]:
-    """Choices with a role for a column that is alone with its kind of unit: one in s, one in V, one in mm."""
-    free = set(ESSENTIAL) - {c.channel for c in options}
-    named = {c.column: naming.take_apart(c.column) for c in options if c.channel not in (*ESSENTIAL, *ORIENTATION)}
-    stated = {c.column: c.unit or n.brackets or n.suffix or "" for c in options if (n := named.get(c.column))}
-    kinds = {column: KINDS.get(_dimension(unit), "") for column, unit in stated.items()}
-    alone = {kind for kind in free if list(kinds.values()).count(kind) == 1}
-    return [Choice(c.column, kinds[c.column], stated[c.column]) if kinds.get(c.column) in alone else c for c in options]
+    return options
 
 
 def _dimension(unit: str) -> str:

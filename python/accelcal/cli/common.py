@@ -149,10 +149,10 @@ def writable_file(option: typer.CallbackParam, path: Path | None) -> Path | None
     from accelcal.io.atomic import is_stream, require_writable
 
     name = f"--{option.name} {path}"
-    if path.is_dir():
+    if os.path.isdir(path):  # unlike those of a path, these answer no for a name that no file can have
         exit_with(f"{name}: this is a folder; give a file name", USAGE)
-    folder = Path(os.path.realpath(path)).parent if path.is_symlink() else path.parent
-    if not folder.is_dir():
+    folder = Path(os.path.realpath(path)).parent if os.path.islink(path) else path.parent
+    if not os.path.isdir(folder):
         exit_with(f"{name}: there is no folder {folder}; create it first, or write elsewhere", USAGE)
     try:
         there = require_writable(path)
@@ -167,7 +167,7 @@ def writable_folder(option: typer.CallbackParam, path: Path | None) -> Path | No
     """Refuse a path that is a file or leads through one, before any work is done."""
     if path is not None:
         for part in (path, *path.parents):
-            if part.exists() and not part.is_dir():
+            if os.path.exists(part) and not os.path.isdir(part):
                 exit_with(f"--{option.name} {path}: {part} is a file; give a folder name", USAGE)
     return path
 

@@ -433,12 +433,20 @@ def normalise(unit: str) -> str:
         return unit  # which is no unit
     text = _SUPERSCRIPT.sub(lambda run: "^" + run[0].translate(_DIGITS), unit.strip().translate(_SYMBOLS))
     text = text.replace("_per_", "/").replace("**", "^")
+    text = _IN_WORDS.get(text.lower(), text)
     text = re.sub(r"√\(?([A-Za-z]+)\)?|sqrt\(([^()]*)\)|\brt([A-Z][a-z]*)", _root, text)
     return re.sub(r"(?<=[A-Za-z])([23])(?![\d.])", r"^\1", text)
 
 
 _QUANTITY = re.compile(r"\s*(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<unit>.*?)\s*", re.DOTALL)
 _SYMBOLS = str.maketrans({"µ": "u", "μ": "u", "·": "*", "×": "*", "−": "-", "°": "deg", "%": "percent"})
+_IN_WORDS = {
+    f"{prefix}{word}{plural}": f"{letter}{unit}"
+    for word, unit in (("second", "s"), ("meter", "m"), ("metre", "m"), ("volt", "V"))
+    for prefix, letter in (("", ""), ("milli", "m"), ("micro", "u"), ("nano", "n"), ("centi", "c"))
+    for plural in ("", "s")
+} | {"sec": "s", "msec": "ms", "usec": "us", "minutes": "min", "hours": "h", "inches": "inch", "degrees": "deg"}
+"""Units that exporters spell out, in lower case."""
 _SUPERSCRIPT = re.compile("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+")
 _DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _TEMPERATURES = {

@@ -112,7 +112,7 @@ def _cleaned(source: Source) -> Recording | None:
     recording = recording_of(source)
     try:
         require_usable(recording)
-        wrong = (
+        wrong: tuple[tuple[WrongKind, str, Stretches], ...] = (
             ("denied", "accel", denied(recording)),
             ("saturated", "accel", rail_hits(recording)),
             *stuck(source),

@@ -25,7 +25,7 @@ from accelcal.data import (
 from accelcal.data.recording import ORDERS
 from accelcal.data.stamps import BITS, FRAME_BITS, packets, unwrapped
 from accelcal.io import naming
-from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
+from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of, toml_text
 from accelcal.io.table import MOST_CHANNEL_NAME, MOST_NAME, Column, Table
 
 ATTITUDE = tuple(f"attitude.{name}" for name in QUATERNION)
@@ -67,20 +67,25 @@ def assign(table: Table, declared: Sidecar, required: tuple[str, ...]) -> tuple[
     for name in ("accel", "position"):
         if name in required and name not in sources and not (name == "position" and reference_among(sources)):
             raise RecordingError(_absent(table, name, sidecar, declared.channels))
-        if name in sources and name not in required and not _recorded(table, sources, name, declared.time):
+        unasked = name in sources and name not in required
+        if unasked and (sources[name].column == UNKNOWN or not _recorded(table, sources, name, declared.time)):
             del sources[name]
-    if "accel" not in sources and notes:  # one of the columns that nobody asked for may be the output
+    if (
+        "accel" not in sources and notes and not declared.channels
+    ):  # one of the columns that nobody asked for may be the output
         alone = "A planned motion has columns for time and position alone."
         raise RecordingError(f"{_absent(table, 'accel', sidecar, declared.channels)}\n{alone}")
     clock = declared.time or _common_clock(table, sources, sidecar)
     times = Counter(table.columns)
     for name, source in sources.items():
-        stamps = source.time or (None if declared.time else clock_in_file(table, source.column)) or clock
+        if times[source.column] != 1:
+            raise RecordingError(_wrong_column(table, name, source.column, sidecar))
+        stamps = source.time or _stated(table, source.column, declared.time) or clock
         if stamps is None:
             raise RecordingError(_absent(table, "time", sidecar, declared.channels))
-        for column in (source.column, stamps.column):
-            if column is not None and times[column] != 1:
-                raise RecordingError(_wrong_column(table, name, column, sidecar))
+        wrong = next((column for column in columns_of(stamps) if times[column] != 1), None)
+        if wrong is not None:
+            raise RecordingError(_wrong_column(table, "time", wrong, sidecar))
         sources[name] = replace(source, time=stamps)
     return Plan(sources, sidecar), notes
 
@@ -104,10 +109,21 @@ def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, 
                     + fix(sidecar, line(channel, column, "..."))
                 )
             sources[channel] = Source(column, time=own_clock)
-        elif not declared.channels:
+        elif column not in _of_clocks(declared):
             unused.append(column)
-    text = f"columns without a known unit are not used: {_listed(unused)}; declare them in [channels] to use them"
+    what = f"columns that {sidecar.name} does not name" if declared.channels else "columns without a known unit"
+    text = f"{what} are not used: {_listed(unused)}; declare them in [channels] to use them"
     return sources, [Finding("unused_columns", "", len(unused), 0.0, text)] if unused else []
+
+
+def _of_clocks(declared: Sidecar) -> set[str]:
+    """The columns that serve a sidecar as stamps, or tell rows apart."""
+    sources = [*declared.channels.values()]
+    clocks = [clock for clock in (declared.time, *(source.time for source in sources)) if clock is not None]
+    return {
+        *(column for clock in clocks for column in columns_of(clock)),
+        *(source.where[0] for source in sources if source.where is not None),
+    }
 
 
 def _require_name(table: Table, name: str, source: Source, sidecar: Path) -> None:
@@ -160,7 +176,15 @@ def discover(table: Table) -> dict[str, tuple[str, Clock | None]]:
 def clock_in_file(table: Table, column: str) -> Clock | None:
     """The stamps that a file itself gives a column."""
     stamps = table.clocks.get(column)
-    return None if stamps is None else Clock(column=stamps)
+    return None if stamps is None else Clock(rate=stamps) if isinstance(stamps, float) else Clock(column=stamps)
+
+
+def _stated(table: Table, column: str, declared: Clock | None) -> Clock | None:
+    """The clock that a file itself gives a column; a common one that is declared wins unless it is another column's."""
+    own = clock_in_file(table, column)
+    if declared is None or own is None or (own.column, own.rate) == (declared.column, declared.rate):
+        return None if declared else own
+    return own if (declared.column or declared.rate) in {*table.clocks.values()} else None
 
 
 def _common_clock(table: Table, sources: Mapping[str, Source], sidecar: Path) -> Clock | None:
@@ -173,7 +197,41 @@ def _common_clock(table: Table, sources: Mapping[str, Source], sidecar: Path) ->
         raise RecordingError(
             f"{table.path}: columns {names} can both be time; " + fix(sidecar, line("time", common[0], "..."))
         )
+    if common and (parts := parts_of_instant(table, common[0])) is not None:
+        listed = ", ".join(f'"{name}"' for name in columns_of(parts))
+        raise RecordingError(
+            f"{table.path}: the parts of an instant stand in several columns, {listed}; "
+            + fix(sidecar, f"[channels]\ntime = {clock_text(parts)}")
+        )
     return Clock(column=common[0]) if common else None
+
+
+def parts_of_instant(table: Table, time: str) -> Clock | None:
+    """The clock of times of day beside which a column has the fraction of the second; None where none has."""
+    if time not in table.stamps:
+        return None
+    named = {column: naming.take_apart(column) for column in table.columns}
+    fractions = [column for column, name in named.items() if name.base in naming.COUNTED and column != time]
+    dates = [column for column in table.columns if column in table.stamps and column != time]
+    if len(fractions) != 1:
+        return None
+    fraction = Source(fractions[0], unit_of(table, fractions[0]))
+    return Clock(time, date=dates[0] if len(dates) == 1 else None, fraction=fraction)
+
+
+def columns_of(clock: Clock) -> list[str]:
+    """The columns from which the stamps of a clock are made."""
+    return [name for name in (clock.date, clock.column, clock.fraction and clock.fraction.column) if name]
+
+
+def clock_text(clock: Clock) -> str:
+    """A clock as a sidecar has it."""
+    entries = {"column": clock.column, "unit": clock.unit, "date": clock.date}
+    text = ", ".join(f"{key} = {toml_text(value)}" for key, value in entries.items() if value)
+    if clock.fraction is not None:
+        rest = f"column = {toml_text(clock.fraction.column)}, unit = {toml_text(clock.fraction.unit or UNKNOWN)}"
+        text += f", fraction = {{ {rest} }}"
+    return f"{{ {text} }}"
 
 
 def _recorded(table: Table, sources: Mapping[str, Source], channel: str, clock: Clock | None) -> bool:
@@ -192,7 +250,7 @@ def unit_of(table: Table, column: str) -> str:
 
 def line(channel: str, column: str, unit: str) -> str:
     """Return the lines of a sidecar that declare one channel."""
-    return f'[channels]\n{channel} = {{ column = "{column}", unit = "{unit}" }}'
+    return f'[channels]\n{channel} = {{ column = {toml_text(column)}, unit = "{unit}" }}'
 
 
 def fix(sidecar: Path, lines: str) -> str:
@@ -215,17 +273,37 @@ _SHOWN = 40
 def _absent(table: Table, channel: str, sidecar: Path, declared: Iterable[str]) -> str:
     close = difflib.get_close_matches(channel, list(declared), n=1)
     hint = f' (the sidecar has "{close[0]}"; did you mean "{channel}"?)' if close else ""
-    lines = line(channel, "...", USUAL_UNIT[channel])
+    likely = candidates(table, channel)
+    lines = line(channel, *likely[0]) if likely else line(channel, "...", USUAL_UNIT[channel])
     if channel == "time":
         lines += '\n# or, without a time column: rate = "1667 Hz"'
     return (
         f"{table.path}: no column for {channel}{hint}; columns are: {_listed(table.columns)}. "
-        f"Name it like {'t_s' if channel == 'time' else naming.column_name(channel, USUAL_UNIT[channel])}, or "
-        + fix(sidecar, lines)
+        f"{_told(likely)}Name it like "
+        f"{'t_s' if channel == 'time' else naming.column_name(channel, USUAL_UNIT[channel])}, or {fix(sidecar, lines)}"
     )
 
 
+def candidates(table: Table, channel: str) -> list[tuple[str, str]]:
+    """Columns, with their units, that measure what a channel does and are not called otherwise."""
+    dimensions = {"time": ("s",), "accel": ("m/s^2", "V", "count"), "position": ("m",)}.get(channel, ())
+    stated = [(column, unit_of(table, column)) for column in table.columns]
+    return [
+        (column, unit) for column, unit in stated if units.is_unit(unit) and units.conversion(unit).si in dimensions
+    ]
+
+
+def _told(likely: Sequence[tuple[str, str]]) -> str:
+    """Columns that a channel may be, in a sentence of their own."""
+    names = [f'"{column}" in {unit}' for column, unit in likely]
+    return f"By its unit it may be {_listed(names)}. " if names else ""
+
+
 def _wrong_column(table: Table, channel: str, column: str, sidecar: Path) -> str:
+    if column == UNKNOWN:
+        return (
+            f"{sidecar}: channels.{channel}: the column is still to be filled in. {_told(candidates(table, channel))}"
+        )
     if column in table.columns:
         return f'{table.path}: {table.columns.count(column)} columns are called "{column}"; rename all but one.'
     close = difflib.get_close_matches(column, table.columns, n=1)

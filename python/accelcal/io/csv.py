@@ -1,47 +1,45 @@
-"""Text tables: the dialect is read off the first lines, and pyarrow reads the bulk."""
+"""Text tables: the dialect of each is read off its first lines, and pyarrow reads the bulk."""
 
 from __future__ import annotations
 
-import csv
 import re
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from datetime import datetime
-from itertools import islice
+from contextlib import suppress
+from dataclasses import replace
+from itertools import islice, takewhile
 from pathlib import Path
 from typing import Any
 
-from accelcal.data import RecordingError, units
-from accelcal.io.table import MOST_COLUMNS, Column, Table, from_arrow
+import numpy as np
+from numpy.typing import NDArray
 
-
-@dataclass(frozen=True, slots=True)
-class _Dialect:
-    """How the rows of one file are written."""
-
-    delimiter: str
-    decimal: str
-    width: int
-    """Cells per row."""
-    columns: tuple[str, ...]
-    """Column names; a column without one is called by its number, counted from 1."""
-    units: Mapping[str, str]
-    """From the unit row; empty when there is none."""
-    start: int
-    """Where the first row of numbers begins, in bytes."""
-    first_line: int
-    """The line number of that row, counted from 1."""
-    stamps: frozenset[str]
-    """Columns of date-time stamps."""
+from accelcal.data import Finding, RecordingError
+from accelcal.io import instants, naming
+from accelcal.io.dialect import (
+    COMMENT,
+    HEAD,
+    LONGEST_LINE,
+    Dialect,
+    are_rows,
+    begins_table,
+    cells_in,
+    is_number,
+    is_value,
+    lines_of,
+    recognise,
+    second_table,
+    too_long,
+)
+from accelcal.io.table import Column, Order, Table, from_arrow
 
 
 def open_csv(path: Path) -> Table:
     """Open a text table.
 
-    Preamble and comment lines (``#``, ``%``, ``//``), a unit row under the header, a byte-order mark, Latin-1, UTF-16,
-    comma, semicolon, tab or bar between cells, decimal comma, ISO 8601 stamps (they become seconds from the first),
-    quoted cells, trailing delimiters and empty lines are all understood. Nothing else is repaired.
+    Preamble and comment lines (``#``, ``%``, ``//``), several header rows, a unit row under the header, a byte-order
+    mark, Latin-1, UTF-16, comma, semicolon, tab or bar between cells, decimal comma, instants (they become seconds),
+    quoted cells, trailing delimiters, empty lines, the prefix of a serial monitor and a second table below an empty
+    line are all understood. Few lines that are no readings are left out and counted. Nothing else is repaired.
 
     Raises
     ------
@@ -49,208 +47,179 @@ def open_csv(path: Path) -> Table:
         If the file is not text or holds no rows of numbers.
     """
     with path.open("rb") as file:
-        head = file.read(_HEAD)
+        head = file.read(HEAD)
         whole = not file.read(1)
     head = _as_text_bytes(path, head)
-    dialect = _recognise(path, head, whole)
+    tables, data = _tables(path, head, whole=whole)
+    text = _Text(path, tables, data)
+    declared = {name: unit for dialect in tables for name, unit in dialect.units.items()}
+    stamps = frozenset().union(*(dialect.stamps for dialect in tables))
+    return Table(
+        path,
+        tuple(name for dialect in tables for name in dialect.columns),
+        text.read,
+        text.row,
+        declared | dict.fromkeys(stamps, "s"),
+        "the unit row",
+        {name: clock for dialect in tables for name, clock in _clocks(dialect, alone=len(tables) == 1)},
+        stamps,
+        frozenset().union(*(dialect.texts for dialect in tables)),
+        text.notes,
+        text.orders,
+        text.text,
+    )
 
-    def row(i: int) -> str:
-        number, _ = next(islice(_rows(_as_text_bytes(path, path.read_bytes()), dialect), i, None))
-        return f"row {number}"
 
-    declared = dict(dialect.units) | dict.fromkeys(dialect.stamps, "s")
-    return Table(path, dialect.columns, lambda names: _read(path, dialect, names), row, declared, "the unit row")
-
-
-_HEAD = 1 << 18  # bytes; a preamble and some hundred rows fit in
-_LONGEST_LINE = 1 << 16  # bytes; a row of numbers is far shorter, a file without line ends is longer
-_LONGEST_NUMBER = 40  # characters of a cell; a longer one is no number and no stamp
-_COMMENT = ("#", "%", "//")
-_NUMBER = {
-    ".": re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE | re.ASCII),
-    ",": re.compile(r"[+-]?(?:(?:\d+,?\d*|,\d+)(?:[eE][+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE | re.ASCII),
-}
-_STAMP = re.compile(r"\d{4}-\d\d-\d\d(?:[T ]\d\d:\d\d(?::\d\d(?:[.,]\d+)?)?)?(?:Z|[+-]\d\d:?\d\d)?", re.ASCII)
-_DIALECTS = [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), ("|", "."), ("|", ",")]
+_PREFIX = re.compile(rb"(?m)^(?:\d\d?:\d\d:\d\d(?:[.,]\d{1,9})? ?->|\[[0-9T:., /+-]{5,40}\]) ?")
+"""What a serial monitor puts in front of each line."""
+_SAMPLE = 1 << 12
+"""Bytes by which a prefix is told."""
+_LEFT_OUT = 0.01
+"""Share of lines without a number that may stand between the readings."""
+_AT_ENDS = 50
+"""Lines that are no readings at the beginning, or at the end."""
 
 
 def _as_text_bytes(path: Path, data: bytes) -> bytes:
-    """Return `data` as UTF-8 or Latin-1 without a byte-order mark; refuse what is not text."""
+    """Return `data` as UTF-8 or Latin-1 without byte-order mark and prefix of a monitor; refuse what is not text."""
     for mark, encoding in ((b"\xff\xfe", "utf-16-le"), (b"\xfe\xff", "utf-16-be")):
         if data.startswith(mark):
             data = data[2 : len(data) - len(data) % 2].decode(encoding, errors="replace").encode()
     data = data.removeprefix(b"\xef\xbb\xbf")
-    sample = data[:_LONGEST_LINE]
+    sample = data[:LONGEST_LINE]
     if b"\0" in sample or len(re.findall(rb"[\x01-\x08\x0e-\x1f]", sample)) > len(sample) // 100:
         raise RecordingError(
             f"{path}: this is not text but binary data of no known format; "
             "export the recording as CSV (UTF-8), Parquet, MAT, npz or HDF5."
         )
-    return data
+    sample = data[:_SAMPLE]
+    return _PREFIX.sub(b"", data) if 2 * len(_PREFIX.findall(sample)) > sample.count(b"\n") > 1 else data
 
 
-def _decode(line: bytes) -> str:
-    try:
-        return line.decode("utf-8")
-    except UnicodeDecodeError:
-        return line.decode("latin-1")
-
-
-def _lines(data: bytes, start: int = 0) -> Iterator[tuple[int, str]]:
-    """Yield (offset in bytes, text) of each line from `start` on, without its line end."""
-    while start < len(data):
-        end = data.find(b"\n", start)
-        end = len(data) if end < 0 else end
-        yield start, _decode(data[start : min(end, start + _LONGEST_LINE + 1)].removesuffix(b"\r"))
-        start = end + 1
-
-
-def _rows(data: bytes, dialect: _Dialect) -> Iterator[tuple[int, str]]:
-    """Yield (line number, text) of each row of numbers; the same lines that pyarrow is shown."""
-    for number, (_, text) in enumerate(_lines(data, dialect.start), start=dialect.first_line):
-        if not text.startswith(_COMMENT) and (text or dialect.width == 1):
-            yield number, text
-
-
-def _cells(text: str, delimiter: str) -> list[str]:
-    if '"' in text:
-        return [cell.strip() for cell in next(csv.reader([text.replace("\r", " ")], delimiter=delimiter))]
-    return [cell.strip() for cell in text.split(delimiter)]
-
-
-def _is_number(cell: str, decimal: str) -> bool:
-    return len(cell) <= _LONGEST_NUMBER and _NUMBER[decimal].fullmatch(cell) is not None
-
-
-def _is_stamp(cell: str) -> bool:
-    if len(cell) > _LONGEST_NUMBER:
-        return False
-    try:
-        datetime.fromisoformat(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return _STAMP.fullmatch(cell) is not None
-
-
-def _is_value(cell: str, decimal: str) -> bool:
-    return len(cell) <= _LONGEST_NUMBER and (_is_number(cell, decimal) or _STAMP.fullmatch(cell) is not None)
-
-
-def _recognise(path: Path, head: bytes, whole: bool) -> _Dialect:
-    """Read the dialect off the first bytes; `whole` says that there are no more."""
-    lines = list(_lines(head))
-    long = next((k for k, (_, text) in enumerate(lines, start=1) if len(text) > _LONGEST_LINE), None)
-    if long is not None:
-        raise RecordingError(f"{path}: {_too_long(long)}")
+def _tables(path: Path, head: bytes, *, whole: bool) -> tuple[list[Dialect], bytes]:
+    """The tables of a file, and all its bytes; each table but the first has a header of its own."""
+    starts, tables = _starts(head), list[Dialect]()
+    data = head
     if not whole:
-        lines = lines[:-1]  # the last one is cut
-    content = [(i, text) for i, (_, text) in enumerate(lines) if text.strip(" \t,;|") and not text.startswith(_COMMENT)]
-    tail = [text for _, text in content[-50:]]
-    delimiter, decimal, width = _separators(tail)
-    if width > MOST_COLUMNS:
-        raise RecordingError(
-            f"{path}: {width} columns, expected at most {MOST_COLUMNS}; export those that are needed, one per channel."
-        )
-    numeric = _value_columns(tail, delimiter, decimal, width)
-    first = next((k for k, (_, text) in enumerate(content) if _is_data(text, delimiter, decimal, width, numeric)), None)
-    if first is None:
-        raise RecordingError(
-            f"{path}: no row of numbers among the first {len(lines)} lines; expected a header line, then one row per "
-            "sample with comma, semicolon or tab between the cells."
-        )
-    at, row = content[first]
-    above, last = content[first - 1] if first else (0, "")
-    if any(_is_value(cell, decimal) for cell in _cells(last, delimiter)):
-        raise RecordingError(
-            f'{path}: row {above + 1} is neither a header nor like the rows of numbers below it: found "{last[:60]}", '
-            f"expected {width} cells; correct or delete this row."
-        )
-    names, unit_row = _header(lines, [i for i, _ in content[:first]], at, delimiter, width)
-    if len(names) > width:
-        raise RecordingError(
-            f"{path}: the header has {len(names)} columns but row {at + 1} has {width}; "
-            "make them agree (a decimal comma needs semicolons between the cells)."
-        )
-    columns = tuple((names[k] if k < len(names) else "") or str(k + 1) for k in range(width))
-    stamps = {columns[k] for k, cell in enumerate(_cells(row, delimiter)) if _STAMP.fullmatch(cell)}
-    declared = {columns[k]: unit for k, unit in enumerate(unit_row[:width]) if unit}
-    start = above + 1 if first and names else at  # rows without any reading may stand between header and first numbers
-    return _Dialect(delimiter, decimal, width, columns, declared, lines[start][0], start + 1, frozenset(stamps))
+        if not starts:  # what is no table is refused before all of it is read
+            tables.append(recognise(path, head, 0, None, whole=False, taken=()))
+        data = _as_text_bytes(path, path.read_bytes())
+        starts = _starts(data)
+    if tables and not starts:
+        return tables, data
+    tables = [recognise(path, data, 0, starts[0] if starts else None, whole=True, taken=())]
+    for start, end in zip(starts, [*starts[1:], None], strict=True):
+        with suppress(RecordingError):
+            own = recognise(path, data, start, end, whole=True, taken=())
+            if own.named and own.columns != tables[-1].columns:
+                taken = {name for dialect in tables for name in dialect.columns}
+                tables.append(recognise(path, data, start, end, whole=True, taken=taken))
+                continue
+        tables[-1] = replace(tables[-1], end=end)  # rows that go on below a message, or below their header again
+    return tables, data
 
 
-def _separators(rows: list[str]) -> tuple[str, str, int]:
-    """Choose delimiter and decimal mark under which most rows have the same width and most cells are numbers."""
-    best, chosen = 0.0, (",", ".", 1)
-    for delimiter, decimal in _DIALECTS:
-        split = [_cells(text, delimiter) for text in rows]
-        width = Counter(map(len, split)).most_common(1)[0][0] if split else 1
-        regular = [row for row in split if len(row) == width]
-        filled = [cell for row in regular for cell in row if cell]
-        share = sum(_is_value(cell, decimal) for cell in filled) / max(len(filled), 1)
-        score = share * len(regular) / max(len(rows), 1)
-        if width > 1 and score > best:
-            best, chosen = score, (delimiter, decimal, width)
-    return chosen
+def _starts(data: bytes) -> list[int]:
+    """Offsets at which a further table begins: below an empty line, with a header of its own."""
+    line_end = b"\r\n" if b"\r" in data[:_SAMPLE] else b"\n"
+    starts: list[int] = []
+    at = data.find(b"\n" + line_end)
+    while at >= 0:
+        begin = at + 1 + len(line_end)
+        above = [text for _, text in lines_of(data, max(0, at - _SAMPLE), at)][-10:]
+        if are_rows(above) and begins_table(data, begin):
+            starts.append(begin)
+        at = data.find(b"\n" + line_end, begin)
+    return starts
 
 
-def _value_columns(rows: list[str], delimiter: str, decimal: str, width: int) -> list[int]:
-    """Return the columns that hold numbers or stamps in most of the lower half of `rows`; the header is above."""
-    split = [row for row in [_cells(text, delimiter) for text in rows[len(rows) // 2 :]] if len(row) == width]
-    return [
-        k
-        for k in range(width)
-        if 2 * sum(_is_value(row[k], decimal) for row in split) > sum(1 for row in split if row[k])
-    ]
+def _clocks(dialect: Dialect, *, alone: bool) -> Iterator[tuple[str, str | float]]:
+    """The clock of each column that the file itself says: a stated rate, or the time in the same one of its tables."""
+    times = [name for name in dialect.columns if naming.role(naming.take_apart(name).base) == "time"]
+    clock = dialect.rate if not times else None if alone else times[0]
+    if clock is not None:
+        yield from ((name, clock) for name in dialect.columns if name not in times)
 
 
-def _is_data(text: str, delimiter: str, decimal: str, width: int, numeric: list[int]) -> bool:
-    cells = _cells(text, delimiter)
-    if len(cells) != width:
-        return False
-    filled = [cells[k] for k in numeric if cells[k]]
-    return 2 * sum(_is_value(cell, decimal) for cell in filled) > len(filled)
+class _Text:
+    """The rows of a text file, and which of its lines are no readings."""
 
+    def __init__(self, path: Path, tables: Sequence[Dialect], data: bytes) -> None:
+        self.path = path
+        self.tables = tables
+        self._opened: bytes | None = data
+        """The file as it was opened, for the first who reads it."""
+        self.left_out: dict[int, str] = {}
+        """Lines that are no readings, by their number from 1."""
+        self.notes: list[Finding] = []
+        self.orders: dict[str, Order] = {}
+        """Of day and month, by column."""
+        self._say([text for dialect in tables for text in dialect.cut], "above the header")
 
-def _header(
-    lines: list[tuple[int, str]], content: list[int], at: int, delimiter: str, width: int
-) -> tuple[list[str], list[str]]:
-    """Return column names and unit row from the lines above the first row of numbers, which is line `at`.
+    def row(self, i: int) -> str:
+        """Name the i-th row; of several tables, that of its own."""
+        if len(self.tables) > 1:
+            return f"row {i + 1} of its table"
+        number, _, _ = next(islice(self._rows(self._data(), self.tables[0]), i, None))
+        return f"row {number}"
 
-    `content` are the lines above that are neither empty nor comments. A header that was written as a comment
-    (numpy.savetxt does that) counts when nothing else can be one.
-    """
-    plain = [_trimmed(_cells(lines[i][1], delimiter)) for i in content]
-    commented = [_trimmed(_cells(lines[i][1].lstrip("#%/ "), delimiter)) for i in range(at) if i not in content]
-    rows = (
-        plain if plain and (len(plain[-1]) > 1 or width == 1) else [cells for cells in commented if len(cells) == width]
-    )
-    if not rows:
-        return [], []
-    if len(rows) > 1 and len(rows[-1]) <= len(rows[-2]) <= width and _is_unit_row(rows[-1]):
-        return rows[-2], [cell.strip("[]() ") if cell != "-" else "1" for cell in rows[-1]]
-    return rows[-1], []
+    def read(self, names: Sequence[str]) -> Mapping[str, Column]:
+        """Columns of numbers, instants in seconds."""
+        data, columns = self._data(), {}
+        for dialect in self.tables:
+            inside = [name for name in names if name in dialect.columns]
+            for name, cells in zip(inside, self._cells(data, dialect, inside) if inside else (), strict=True):
+                columns[name] = cells
+        return columns
 
+    def text(self, name: str) -> NDArray[np.str_]:
+        """A column of texts, (n,); an empty cell is an empty text."""
+        from pyarrow import compute
 
-def _trimmed(cells: list[str]) -> list[str]:
-    while cells and not cells[-1]:
-        cells = cells[:-1]
-    return cells
+        data = self._data()
+        dialect = next(dialect for dialect in self.tables if name in dialect.columns)
+        texts = compute.utf8_trim_whitespace(self._parsed(data, dialect, [name], as_text=True)[0])
+        return np.array([cell or "" for cell in texts.to_pylist()], dtype=np.str_)
 
+    def _data(self) -> bytes:
+        data, self._opened = self._opened, None
+        return data if data is not None else _as_text_bytes(self.path, self.path.read_bytes())
 
-def _is_unit_row(cells: list[str]) -> bool:
-    filled = [cell for cell in cells if cell]
-    return 2 * sum(cell == "-" or units.is_unit(cell.strip("[]() ")) for cell in filled) > len(filled)
+    def _rows(self, data: bytes, dialect: Dialect) -> Iterator[tuple[int, int, str]]:
+        """Yield (line number, offset, text) of each row of numbers; the same lines that pyarrow is shown."""
+        lines = enumerate(lines_of(data, dialect.start, dialect.end), start=dialect.first_line)
+        for number, (at, text) in lines:
+            if not text.startswith(COMMENT) and (text or dialect.width == 1) and number not in self.left_out:
+                yield number, at, text
 
+    def _cells(self, data: bytes, dialect: Dialect, names: Sequence[str]) -> list[Column]:
+        import pyarrow as pa
 
-def _read(path: Path, dialect: _Dialect, names: Sequence[str]) -> Mapping[str, Column]:
-    import pyarrow as pa
-    from pyarrow import csv as arrow_csv
+        for again in (False, True):
+            try:
+                cells = self._parsed(data, dialect, names)
+                return [
+                    instants.seconds(cell, self.orders.get(name)) if name in dialect.stamps else from_arrow(cell)
+                    for name, cell in zip(names, cells, strict=True)
+                ]
+            except pa.ArrowInvalid as error:
+                if again or not self._leave_out(data, dialect):
+                    fault = self._fault(data, dialect, names) or str(error)
+                    raise RecordingError(f"{self.path}: {fault}") from None
+        raise AssertionError
 
-    data = _as_text_bytes(path, path.read_bytes())
-    rows = _without_comments(data, dialect.start)
-    index = {name: str(place) for name, place in _places(dialect, names).items()}
-    types = {index[name]: pa.string() if name in dialect.stamps else pa.float64() for name in names}
-    try:
+    def _parsed(self, data: bytes, dialect: Dialect, names: Sequence[str], *, as_text: bool = False) -> list[Any]:
+        """The cells of columns as pyarrow arrays, (n,): texts where they are asked for or are instants."""
+        import pyarrow as pa
+        from pyarrow import csv as arrow_csv
+
+        if self.left_out:
+            rows: bytes | memoryview = "\n".join(text for _, _, text in self._rows(data, dialect)).encode()
+        else:
+            rows = _without_comments(data, dialect.start, dialect.end)
+        places = {name: str(dialect.columns.index(name)) for name in (*names, dialect.columns[dialect.key])}
+        plain = {name for name in places if name not in dialect.stamps and not (as_text and name in names)}
+        types = {place: pa.float64() if name in plain else pa.string() for name, place in places.items()}
         table = arrow_csv.read_csv(
             pa.BufferReader(pa.py_buffer(rows)),
             arrow_csv.ReadOptions(column_names=[str(k) for k in range(dialect.width)]),
@@ -264,65 +233,111 @@ def _read(path: Path, dialect: _Dialect, names: Sequence[str]) -> Mapping[str, C
                 check_utf8=False,
             ),
         )
-        columns = {}
-        for name in names:
-            cells = table.column(index[name]).combine_chunks()
-            columns[name] = from_arrow(_instants(cells) if name in dialect.stamps else cells)
-        return columns
-    except pa.ArrowInvalid as error:
-        raise RecordingError(f"{path}: {_fault(data, dialect, names) or error}") from None
+        return [table.column(places[name]).combine_chunks() for name in names]
 
+    def _leave_out(self, data: bytes, dialect: Dialect) -> bool:
+        """Leave out lines that are no readings, where they are few; False where there are none or too many.
 
-def _places(dialect: _Dialect, names: Sequence[str]) -> dict[str, int]:
-    """Where each of the named columns stands, from 0."""
-    every = {name: place for place, name in enumerate(dialect.columns)}
-    return {name: every[name] for name in names}
+        Raises
+        ------
+        RecordingError
+            If one of them is the header of another table.
+        """
+        rows = [(number, at, text, cells_in(text, dialect.delimiter)) for number, at, text in self._rows(data, dialect)]
+        broken = [not self._is_reading(cells, dialect) for _, _, _, cells in rows]
+        first = len(list(takewhile(bool, broken)))
+        last = len(rows) - len(list(takewhile(bool, reversed(broken))))
+        lost: dict[int, str] = {}
+        inside = 0
+        for k, (number, at, text, cells) in enumerate(rows):
+            if not broken[k]:
+                continue
+            if len(text) > LONGEST_LINE:
+                return False
+            words = not any(is_value(cell, dialect.decimal) for cell in cells)
+            at_end = k < first or k >= last
+            repeated = all(name.endswith(cell) for name, cell in zip(dialect.columns, cells, strict=False))
+            if words and not repeated and (len(cells) == 1 or all(cells)) and begins_table(data, at):
+                ahead = [cells_in(t, dialect.delimiter) for _, _, t, _ in rows[k + 1 : k + 4]]
+                if len(cells) == dialect.width or any(len(more) != dialect.width for more in ahead):
+                    raise RecordingError(f"{self.path}: {second_table(number)}")
+            if not words and not (at_end and len(cells) <= dialect.width):
+                return False
+            lost[number] = text
+            inside += not at_end
+        if not lost or inside > _LEFT_OUT * len(rows) or max(first, len(rows) - last) > _AT_ENDS or first >= len(rows):
+            return False
+        self.left_out |= lost
+        self._say(list(lost.values()), f"row{'s' * (len(lost) > 1)} {_some([str(number) for number in lost])}")
+        return True
+
+    def _is_reading(self, cells: list[str], dialect: Dialect) -> bool:
+        """Whether a row has all cells, and a number or nothing in the first column of numbers."""
+        if len(cells) != dialect.width:
+            return False
+        key = cells[dialect.key]
+        if dialect.columns[dialect.key] in dialect.stamps:
+            return not key or instants.form_of(key) is not None
+        return not key or is_value(key, dialect.decimal)
+
+    def _say(self, lines: Sequence[str], where: str) -> None:
+        """Note lines that were left out."""
+        if lines:
+            count = (
+                "1 line that is no reading is" if len(lines) == 1 else f"{len(lines)} lines that are no readings are"
+            )
+            text = (
+                f"{count} left out ({where}): {_some([chr(34) + line[:40] + chr(34) for line in dict.fromkeys(lines)])}"
+            )
+            self.notes.append(Finding("left_out_lines", "", len(lines), 0.0, text, "warning"))
+
+    def _fault(self, data: bytes, dialect: Dialect, names: Sequence[str]) -> str | None:
+        """Find the first row that cannot be read, slowly, and say what is wrong with it."""
+        places = {name: dialect.columns.index(name) for name in names}
+        short = [
+            number
+            for number, _, text in self._rows(data, dialect)
+            if len(text) <= LONGEST_LINE and len(cells_in(text, dialect.delimiter)) != dialect.width
+        ]
+        forms: dict[str, str | None] = {}
+        for number, at, text in self._rows(data, dialect):
+            if len(text) > LONGEST_LINE:
+                return too_long(number)
+            cells = cells_in(text, dialect.delimiter)
+            if len(cells) != dialect.width:
+                if begins_table(data, at):
+                    return second_table(number)
+                others = f", as in {len(short) - 1} more: {_some([str(n) for n in short[1:]])}" if short[1:] else ""
+                return (
+                    f"row {number} has {len(cells)} cells where the rows before have {dialect.width}{others}; "
+                    f"complete or delete {'these rows' if others else 'this row'}."
+                )
+            for name, place in places.items():
+                cell = cells[place]
+                stamp = name in dialect.stamps
+                form = forms.setdefault(name, instants.form_of(cell)) if stamp and cell else None
+                same = instants.is_instant(cell) and instants.form_of(cell) == form
+                if cell and not (same if stamp else is_number(cell, dialect.decimal)):
+                    expected = "an ISO 8601 date and time, or an instant like those before" if stamp else "a number"
+                    return (
+                        f'row {number}, column "{name}": found "{cell[:40]}", expected {expected}; '
+                        "correct the cell, or leave it empty if nothing was sampled."
+                    )
+        return None
 
 
 _BLANK = [" " * k for k in range(17)]
 
 
-def _without_comments(data: bytes, start: int) -> bytes | memoryview:
-    """Return `data` from `start` on, without the comment lines; a copy is made only when there are any."""
-    rows = memoryview(data)[start:]
-    if all(data.find(b"\n" + mark.encode(), max(start - 1, 0)) < 0 for mark in _COMMENT):
+def _some(items: Sequence[str]) -> str:
+    """The first few of several things in a sentence."""
+    return ", ".join(items[:3]) + (f" and {len(items) - 3} more" if len(items) > 3 else "")
+
+
+def _without_comments(data: bytes, start: int, end: int | None) -> bytes | memoryview:
+    """Return `data` between two offsets, without the comment lines; a copy is made only when there are any."""
+    rows = memoryview(data)[start:end]
+    marks = [mark.encode() for mark in COMMENT if mark[:1].encode() in data]  # one byte is looked for ten times as fast
+    if all(data.find(b"\n" + mark, max(start - 1, 0), end) < 0 for mark in marks):
         return rows
-    return re.sub(rb"(?m)^(?:" + "|".join(_COMMENT).encode() + rb")[^\n]*\n?", b"", rows)
-
-
-def _instants(cells: Any) -> Any:
-    """Turn ISO 8601 texts, a pyarrow array, into time stamps."""
-    import pyarrow as pa
-    from pyarrow import compute
-
-    texts = compute.replace_substring(compute.utf8_trim_whitespace(cells), ",", ".")
-    zoned = compute.any(compute.match_substring_regex(texts, r"(Z|[+-]\d\d:?\d\d)$")).as_py()
-    return texts.cast(pa.timestamp("ns", tz="UTC" if zoned else None))
-
-
-def _too_long(number: int) -> str:
-    return f"row {number} is longer than {_LONGEST_LINE} characters; export the file with one row per sample."
-
-
-def _fault(data: bytes, dialect: _Dialect, names: Sequence[str]) -> str | None:
-    """Find the first row that cannot be read, slowly, and say what is wrong with it."""
-    places = _places(dialect, names)
-    for number, text in _rows(data, dialect):
-        if len(text) > _LONGEST_LINE:
-            return _too_long(number)
-        cells = _cells(text, dialect.delimiter)
-        if len(cells) != dialect.width:
-            return (
-                f"row {number} has {len(cells)} cells where the rows before have {dialect.width}; "
-                "complete or delete this row."
-            )
-        for name, place in places.items():
-            cell = cells[place]
-            stamp = name in dialect.stamps
-            if cell and not (_is_stamp(cell) if stamp else _is_number(cell, dialect.decimal)):
-                expected = "an ISO 8601 date and time" if stamp else "a number"
-                return (
-                    f'row {number}, column "{name}": found "{cell[:40]}", expected {expected}; '
-                    "correct the cell, or leave it empty if nothing was sampled."
-                )
-    return None
+    return re.sub(rb"(?m)^(?:" + "|".join(COMMENT).encode() + rb")[^\n]*\n?", b"", rows)

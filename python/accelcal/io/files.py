@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import stat
 from collections.abc import Callable
 from pathlib import Path
 from typing import IO, TypeVar
 
 from accelcal.data import RecordingError
-from accelcal.io.decoding.known_formats import FORMATS, MARKS, SUFFIXES
+from accelcal.io.decoding.known_formats import EXPORTERS, FORMATS, MARKS, SUFFIXES
 from accelcal.io.table import Table
 
 Result = TypeVar("Result")
@@ -97,6 +98,9 @@ def open_table(path: Path) -> Table:
     head = _first_bytes(path)
     format_name = next((name for name, mark in MARKS.items() if mark.match(head)), None)
     suffix = path.suffix.lower()
+    foreign = (what for mark, what in EXPORTERS.items() if re.match(mark, head, re.DOTALL))
+    if format_name in (None, "npz") and suffix not in SUFFIXES and (what := next(foreign, None)) is not None:
+        raise RecordingError(f"{path}: this is {what}.")
     if format_name not in _ALLOWED.get(suffix, {format_name}):
         raise RecordingError(_mismatch(path, head, format_name))
 
@@ -117,7 +121,7 @@ def _allowed() -> dict[str, set[str | None]]:
     return names
 
 
-TEXTS = (".csv", ".txt", ".tsv")
+TEXTS = (".csv", ".txt", ".tsv", ".lvm")
 """Endings of text tables."""
 READABLE = (*TEXTS, *SUFFIXES)
 """Endings of all recordings."""

@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from accelcal.data import (
     Dwells,
     DwellSetup,
     Finding,
+    Flags,
     Recording,
     RecordingError,
     Rig,
@@ -47,12 +49,15 @@ from accelcal.io.assign import (
     Plan,
     assign,
     attitude_columns,
+    columns_of,
+    fix,
     in_seconds,
     in_si,
     stated_unit,
     unit_of,
 )
-from accelcal.io.files import open_regular, open_table
+from accelcal.io.files import is_there, open_regular, open_table
+from accelcal.io.instants import DAY
 from accelcal.io.sidecar import (
     ASSUMED_OFFSET_TOLERANCE,
     Clock,
@@ -63,11 +68,18 @@ from accelcal.io.sidecar import (
     no_sidecar,
     read_sidecar,
     sidecar_of,
+    toml_text,
 )
 from accelcal.io.table import Column, Table
 
 MOST_GRAVITY = 1.5 * STANDARD_GRAVITY
 """Largest gravity along an axis that is one, m/s²: the acceleration of a turning axis may be part of it."""
+
+
+MOST_ASKED = 64
+"""Columns that are asked whether they tell the sources of the rows apart."""
+MOST_PARTS = 16
+"""Sources of the rows of one table."""
 
 
 def parts_of_orientation(declared: Sidecar) -> tuple[str, ...]:
@@ -557,6 +569,13 @@ def sensitivity_shown(table: Table, declared: Sidecar) -> str:
 
 def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None, part: int | None) -> Recording:
     """The output of one file and the position of another, aligned."""
+    if is_there(position) and is_there(output) and position.samefile(output):  # two tables, each with its clock
+        both = load(output, rig, part=part)
+        nothing = np.empty(0)
+        return joined(
+            replace(both, position=Channel("position", nothing, nothing, "m")),
+            replace(both, accel=Channel("accel", nothing, nothing, "m/s^2"), side={}, findings=()),
+        )
     first, other = load(output, rig, need_position=False, part=part), load(position, need_accel=False)
     for recording, channel, place in ((first, first.position, output), (other, other.accel, position)):
         if len(channel):
@@ -594,8 +613,14 @@ def recording_of(
         if not len(samples.t) and name not in required:
             findings.append(Finding("empty", name, 0, 0.0, f"{name}: every cell is empty; the channel is left out"))
             continue
-        channels[name], noticed = quality.clean(samples, declared.rig)
+        try:
+            channels[name], noticed = quality.clean(samples, declared.rig)
+        except RecordingError:
+            if in_turn := _in_turn(table, plan, name):
+                raise RecordingError(in_turn) from None
+            raise
         findings += [] if name in parts else noticed
+    findings += table.notes
     channels, rig, noticed = with_orientation(str(path), channels, declared)
     findings += noticed
     accel = channels.pop("accel", Channel("accel", np.empty(0), np.empty(0), "m/s^2"))
@@ -711,37 +736,44 @@ def _samples(
 
     What is noticed of the clocks is added to the findings.
     """
-    wanted = [column for s in plan.sources.values() for column in (s.column, s.time and s.time.column) if column]
+    wanted = [source.column for source in plan.sources.values()]
+    for clock in {source.time for source in plan.sources.values() if source.time is not None}:
+        wanted += columns_of(clock)
+        table.orders.update({name: clock.order for name in (clock.column, clock.date) if name and clock.order})
     raw = dict(table.read(list(dict.fromkeys(wanted))))
-    clocks: dict[Clock, Column] = {}
-    sampled: dict[str, tuple[Column, NDArray[np.bool_] | None]] = {}
+    instants: dict[Clock, Column] = {}
+    sampled: dict[str, tuple[Array, Array, NDArray[np.intp] | None]] = {}
     for name, source in plan.sources.items():
-        clock = source.time
-        assert clock is not None  # _plan gave each source one
-        y = raw[source.column]
-        if clock.column is None:
-            assert clock.rate is not None
-            stamps = Column(np.arange(len(y.values)) / clock.rate)
+        own = source.time
+        assert own is not None  # _plan gave each source one
+        y, chosen = raw[source.column], _rows_where(table, source, name)
+        if chosen is not None:
+            y = Column(y.values[chosen], None if y.present is None else y.present[chosen])
+        if own.column is None:
+            assert own.rate is not None
+            stamps = Column(np.arange(len(y.values)) / own.rate)
         else:
-            if clock not in clocks:
-                clocks[clock], noticed = in_seconds(table, plan, clock, raw[clock.column])
+            if own not in instants:
+                instants[own], noticed = _instants(table, plan, own, raw)
                 findings += noticed
-            stamps = clocks[clock]
+            stamps = instants[own]
+            if chosen is not None and len(stamps.values) == len(chosen):
+                stamps = Column(stamps.values[chosen], None if stamps.present is None else stamps.present[chosen])
         if len(stamps.values) != len(y.values):
             raise RecordingError(
                 f'{table.path}: {name}: column "{source.column}" has {len(y.values)} values but its time column '
                 f'"{clock.column}" has {len(stamps.values)}; give it its own: time = {{ column = "...", unit = "s" }}'
             )
-        sampled[name] = stamps, _kept(table, name, stamps, y)
-    chosen = _part(table, sampled, part)
-    for name, (stamps, rows) in sampled.items():
-        source = plan.sources[name]
-        if chosen is not None:
-            inside = np.zeros(len(stamps.values), dtype=np.bool_)
-            inside[chosen] = True
-            rows = inside if rows is None else rows & inside
-        y = raw[source.column].values
-        values, unit = in_si(table, plan, name, source, rig, y if rows is None else y[rows])
+        kept = _kept(table, name, stamps, y)
+        rows = slice(None) if kept is None else kept
+        sampled[name] = stamps.values[rows], y.values[rows], _places(chosen, kept)
+    run = _part(table, sampled, part)
+    for name, (t, read, places) in sampled.items():
+        if run is not None:
+            places = np.arange(len(t)) if places is None else places
+            inside = slice(*np.searchsorted(places, run))
+            t, read, places = t[inside], read[inside], places[inside]
+        values, unit = in_si(table, plan, name, plan.sources[name], rig, read)
         yield (
             name,
             quality.Samples(
@@ -750,54 +782,147 @@ def _samples(
                 t=stamps.values if rows is None else stamps.values[rows],
                 y=values,
                 unit=unit,
-                row=table.row if rows is None else lambda i, rows=rows: table.row(int(np.flatnonzero(rows)[i])),  # type: ignore[misc]
+                row=table.row if places is None else lambda i, places=places: table.row(int(places[i])),  # type: ignore[misc]
             ),
         )
 
 
 def _part(
-    table: Table, sampled: Mapping[str, tuple[Column, NDArray[np.bool_] | None]], part: int | None
-) -> slice | None:
-    """Rows of a part of a file whose clock starts again; None for all of one whose clock does not.
+    table: Table, sampled: Mapping[str, tuple[Array, Array, NDArray[np.intp] | None]], part: int | None
+) -> tuple[int, int] | None:
+    """First row of a part of a file whose clock starts again, from 0, and the row behind it; None for all of one whose
+    clock does not.
 
     Raises
     ------
     RecordingError
         If it does and no part is asked for, or one that is not there; it names the parts.
     """
-    restarts: set[int] = set()
-    lengths = {len(stamps.values) for stamps, _ in sampled.values()}
-    for stamps, rows in sampled.values():
-        taken = np.arange(len(stamps.values)) if rows is None else np.flatnonzero(rows)
-        restarts |= {int(row) for row in taken[1:][np.diff(stamps.values[taken]) < 0.0]}
-    if not restarts and part in (None, 1):
+    again: dict[int, tuple[float, float]] = {}
+    last, ends = 0, (0.0, 0.0)
+    for t, _, places in sampled.values():
+        if len(t) == 0:
+            continue
+        for k in np.flatnonzero(np.diff(t) < 0.0) + 1:
+            again.setdefault(int(k if places is None else places[k]), (float(t[k - 1]), float(t[k])))
+        last, ends = max(last, int(len(t) if places is None else places[-1] + 1)), (float(t[0]), float(t[-1]))
+    if not again and part in (None, 1):
         return None
-    edges = [0, *sorted(restarts), max(lengths)]
-    if part is not None and 1 <= part < len(edges) and len(lengths) == 1:
-        return slice(edges[part - 1], edges[part])
-    parts = list(pairwise(edges))
-    stamps = next(iter(sampled.values()))[0].values
+    parts = list(pairwise([0, *sorted(again), last]))
+    if part is not None and 1 <= part <= len(parts):
+        return parts[part - 1]
+    edges = [ends[0], *(instant for row in sorted(again) for instant in again[row]), ends[1]]
     named = [
-        f"part {number}, {table.row(begin)} to {table.row(end - 1)} ({units.instant(stamps[begin])} s to "
-        f"{units.instant(stamps[end - 1])} s)"
+        f"part {number}, {table.row(begin)} to {table.row(end - 1)} ({units.instant(edges[2 * number - 2])} s to "
+        f"{units.instant(edges[2 * number - 1])} s)"
         for number, (begin, end) in enumerate(parts, 1)
-        if end <= len(stamps)
     ]
-    listed = "; ".join(named if len(named) <= MOST_PARTS else [*named[: MOST_PARTS - 1], "...", named[-1]])
+    listed = "; ".join(named if len(named) <= MOST_NAMED else [*named[: MOST_NAMED - 1], "...", named[-1]])
     if part is not None:
         raise RecordingError(
             f"{table.path}: --part {part}: the file has {len(parts)} parts: {listed}; give one of them"
         )
-    begin = edges[1]
+    begin = parts[1][0]
     raise RecordingError(
-        f"{table.path}: the clock starts again at {table.row(begin)}: {stamps[begin]:.9g} s after "
-        f"{stamps[begin - 1]:.9g} s. The file holds {len(parts)} runs: {listed}. Write each to a file of its own: "
+        f"{table.path}: the clock starts again at {table.row(begin)}: {edges[2]:.9g} s after {edges[1]:.9g} s. The "
+        f"file holds {len(parts)} runs: {listed}. Write each to a file of its own: "
         f"accelcal cut {table.path} --part 1 -o {table.path.stem}_1.csv"
     )
 
 
-MOST_PARTS = 4
+MOST_NAMED = 4
 """Parts of a file that a sentence names."""
+
+
+def _places(chosen: Flags | None, rows: Flags | None) -> NDArray[np.intp] | None:
+    """Which rows of the file a channel has, from 0; None = all."""
+    if chosen is None:
+        return None if rows is None else np.flatnonzero(rows)
+    return np.flatnonzero(chosen) if rows is None else np.flatnonzero(chosen)[rows]
+
+
+def _rows_where(table: Table, source: Source, name: str) -> Flags | None:
+    """Which rows are those of a channel, (n,); None = all.
+
+    Raises
+    ------
+    RecordingError
+        If none is.
+    """
+    if source.where is None:
+        return None
+    column, value = source.where
+    if column not in table.columns:
+        raise RecordingError(
+            f'{table.path}: there is no column "{column}", which where names for {name}; columns are: '
+            f"{', '.join(table.columns)}"
+        )
+    labels = _labels(table, column)
+    chosen = labels == (str(value) if labels.dtype.kind == "U" else value)
+    if not np.any(chosen):
+        raise RecordingError(
+            f'{table.path}: {name}: no row has {units.shown(value)} in column "{column}"; correct where in the sidecar'
+        )
+    return np.asarray(chosen, dtype=np.bool_)
+
+
+def _labels(table: Table, column: str) -> NDArray[Any]:
+    """The cells of a column, numbers or texts, (n,)."""
+    return table.text(column) if column in table.texts else table.read([column])[column].values
+
+
+def _instants(table: Table, plan: Plan, clock: Clock, raw: Mapping[str, Column]) -> tuple[Column, list[Finding]]:
+    """The stamps of a clock, s: its column, on the day of a date, with a fraction of the second added; and what was
+    noticed of them."""
+    assert clock.column is not None  # a clock without a counter has a rate, or names a column
+    stamps, noticed = in_seconds(table, plan, clock, raw[clock.column])
+    if clock.date is not None:
+        day = raw[clock.date]
+        stamps = Column(stamps.values % DAY + day.values, _both(stamps.present, day.present))
+    if clock.fraction is not None:
+        rest = raw[clock.fraction.column]
+        more, _ = in_seconds(table, plan, Clock(clock.fraction.column, clock.fraction.unit), rest)
+        stamps = Column(stamps.values + more.values, _both(stamps.present, rest.present))
+    return stamps, noticed
+
+
+def _both(one: Flags | None, other: Flags | None) -> Flags | None:
+    return other if one is None else one if other is None else one & other
+
+
+def _in_turn(table: Table, plan: Plan, name: str) -> str | None:
+    """The sentence on a column by whose values the rows fall into parts with rising stamps; None where none does so."""
+    source = plan.sources[name]
+    clock = source.time
+    if clock is None or clock.column is None or source.where is not None:
+        return None
+    stamps = columns_of(clock)
+    t = _instants(table, plan, clock, table.read(stamps))[0].values
+    if np.all(t[1:] > t[:-1]):
+        return None
+    for column in table.columns[:MOST_ASKED]:
+        if column in (source.column, *stamps):
+            continue
+        with suppress(RecordingError):
+            labels = _labels(table, column)
+            values, parts = np.unique(labels, return_inverse=True) if len(labels) == len(t) else (labels[:0], labels)
+            each = [t[parts == k] for k in range(len(values))] if 1 < len(values) <= MOST_PARTS else []
+            if each and all(len(part) > 1 and np.all(part[1:] > part[:-1]) for part in each):
+                texts = [toml_text(str(v)) if labels.dtype.kind == "U" else f"{v:g}" for v in values]
+                return (
+                    f"{table.path}: {name}: the rows belong to {len(values)} sources in turn: the stamps rise in the "
+                    f'rows with one value of column "{column}" ({", ".join(texts)}), and not in all rows together. '
+                    f"Say which is meant; {fix(plan.sidecar, _line_where(table, plan, name, column, texts[0]))}"
+                )
+    return None
+
+
+def _line_where(table: Table, plan: Plan, name: str, column: str, value: str) -> str:
+    """The lines of a sidecar that give a channel the rows with one value of a column."""
+    source = plan.sources[name]
+    where = f"where = {{ column = {toml_text(column)}, equals = {value} }}"
+    unit = source.unit or unit_of(table, source.column) or "..."
+    return f'[channels]\n{name} = {{ column = {toml_text(source.column)}, unit = "{unit}", {where} }}'
 
 
 def _kept(table: Table, name: str, stamps: Column, y: Column) -> NDArray[np.bool_] | None:

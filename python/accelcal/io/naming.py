@@ -9,7 +9,7 @@ from accelcal.data import units
 from accelcal.io.table import MOST_NAME
 
 ROLES = {
-    "time": ("t", "time", "timestamp"),
+    "time": ("t", "time", "timestamp", "x_value"),
     "accel": ("accel", "acceleration", "acc"),
     "position": ("position", "pos"),
     "temperature": ("temperature", "temp"),
@@ -33,6 +33,10 @@ SUFFIXES = {
     "mm_per_s": "mm/s",
     "mps2": "m/s^2",
     "mps": "m/s",
+    "m_s2": "m/s^2",
+    "m_s": "m/s",
+    "rad_s": "rad/s",
+    "deg_s": "deg/s",
 } | {
     unit: unit
     for family in (
@@ -48,7 +52,11 @@ SUFFIXES = {
 }
 """Unit suffixes of column names, after an underscore; letter case counts."""
 
+COUNTED = {"millis": "ms", "micros": "us", "ms": "ms", "us": "us", "µs": "us", "ns": "ns"}
+"""Names that are a unit of time themselves."""
 _BRACKETS = re.compile(r"(?P<base>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*(?:\([^()]*\)[^()]*)*)\))\s*")
+_INDEX = re.compile(r"(?P<base>.*?)\s*[\[(](?P<index>\d+)[\])]")
+"""A bare number in brackets, which is the place in an array and no unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,19 +80,26 @@ def take_apart(column: str) -> Named:
     Named(base='accel', suffix='m/s^2', brackets=None)
     >>> take_apart("Position [µm]")
     Named(base='Position', suffix=None, brackets='µm')
+    >>> take_apart("accel_m_s2[0]")
+    Named(base='accel_0', suffix='m/s^2', brackets=None)
     """
     if len(column) > MOST_NAME:
         return Named(column, None, None)
-    base, brackets = column.strip(), None
+    base, brackets, index = column.strip(), None, ""
+    if match := _INDEX.fullmatch(base):
+        base, index = match["base"], f"_{match['index']}"
     match = _BRACKETS.fullmatch(base)
     if match and (match["square"] is not None or units.is_unit(match["round"])):
         base, brackets = match["base"], match["square"] if match["square"] is not None else match["round"]
+    brackets = "1" if brackets == "-" else brackets
+    if base in COUNTED:
+        return Named(base + index, COUNTED[base], brackets)
     parts = base.split("_")
     for k in range(1, len(parts)):  # the longest suffix first: m_per_s2 before s2
         suffix = "_".join(parts[k:])
         if suffix in SUFFIXES:
-            return Named("_".join(parts[:k]), SUFFIXES[suffix], brackets)
-    return Named(base, None, brackets)
+            return Named("_".join(parts[:k]) + index, SUFFIXES[suffix], brackets)
+    return Named(base + index, None, brackets)
 
 
 def role(base: str) -> str | None:
@@ -110,6 +125,6 @@ def orientation_role(base: str) -> str | None:
 
 
 def column_name(channel: str, unit: str) -> str:
-    """Name a column so that `take_apart` gives back `channel` and `unit`."""
+    """Name a column so that `take_apart` gives back `channel` and `unit`; a pure number has the unit ``[-]``."""
     suffix = next((suffix for suffix, listed in SUFFIXES.items() if listed == unit), None)
-    return f"{channel}_{suffix}" if suffix else f"{channel} [{unit}]"
+    return f"{channel}_{suffix}" if suffix else f"{channel} [{'-' if unit == '1' else unit}]"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 import math
 import re
 import tomllib
@@ -37,7 +38,7 @@ from accelcal.data.orientation import Sense
 from accelcal.data.recording import days_of
 from accelcal.data.rig import KINDS, Pass, Uncertainty
 from accelcal.io.files import content_of, is_there, shown
-from accelcal.io.table import SIDECAR_BYTES
+from accelcal.io.table import SIDECAR_BYTES, Order
 
 ASSUMED_OFFSET_TOLERANCE = "offset_tolerance is not declared: the clocks are taken as meant to agree"
 
@@ -50,6 +51,12 @@ class Clock:
     unit: str | None = None
     rate: float | None = None
     """Hz; the first sample is at 0 s. Of the counter in `column` where that is given."""
+    date: str | None = None
+    """Column of the dates, where `column` has the times of day alone."""
+    fraction: Source | None = None
+    """Column of what is to be added to each stamp: the fraction of its second."""
+    order: Order | None = None
+    """Of day and month in the dates; None = as the dates themselves say."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +71,8 @@ class Source:
     """Of a column in V or counts; that of the accelerometer is the sensor's."""
     zero: float = 0.0
     """What it reads where the channel is 0, V or counts."""
+    where: tuple[str, float | str] | None = None
+    """The rows of a channel that shares its column with others: a column, and what it holds there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +168,16 @@ def declared_rate(declared: Sidecar, channel: str) -> float | None:
     source = declared.channels.get(channel)
     clock = (source and source.time) or declared.time
     return None if clock is None or clock.column is not None else clock.rate
+
+
+def toml_key(name: str) -> str:
+    """Return `name` as a TOML key, in quotes only if it needs them."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_text(name)
+
+
+def toml_text(value: str) -> str:
+    """Return `value` as a TOML string in quotes."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def has_sidecar(path: Path) -> bool:
@@ -309,15 +328,45 @@ def _nearest(key: str, keys: Mapping[str, Any]) -> str:
     return f'did you mean "{close[0]}"?' if close else "known keys here: " + ", ".join(keys)
 
 
+def _fraction(value: object) -> Source:
+    values = _table(value, "", {"column": _text, "unit": _text})
+    if len(values) < 2:
+        raise AccelcalError('column and unit are needed, e.g. { column = "us", unit = "us" }')
+    return Source(**values)
+
+
+def _where(value: object) -> tuple[str, float | str]:
+    values = _table(value, "", {"column": _text, "equals": _cell})
+    if len(values) < 2:
+        raise AccelcalError('column and equals are needed, e.g. { column = "I", equals = 0 }')
+    return values["column"], values["equals"]
+
+
+def _cell(value: object) -> float | str:
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise AccelcalError(f"found {units.shown(value)}, expected a number, or a text in quotes")
+    return value
+
+
+_CLOCK: dict[str, _Check] = {
+    "column": _text,
+    "unit": _text,
+    "rate": _amount("frequency", "positive"),
+    "date": _text,
+    "fraction": _fraction,
+    "order": _one_of("DMY", "MDY"),
+}
+
+
 def _clock(value: object) -> Clock:
-    checks = {"column": _text, "unit": _text, "counter": _text, "rate": _amount("frequency", "positive")}
-    values = _table(value, "", checks)
+    values = _table(value, "", {**_CLOCK, "counter": _text})
     if ("column" in values) == ("rate" in values) or ("counter" in values and not values.keys() == {"counter", "rate"}):
         raise AccelcalError(
             'expected either column = "..." with its unit, or rate = "1667 Hz", with counter = "..." where a column '
             "counts the samples"
         )
-    return Clock(values.get("counter", values.get("column")), values.get("unit"), values.get("rate"))
+    counter = {"column": values.pop("counter")} if "counter" in values else {}
+    return Clock(**values, **counter)
 
 
 def _four_columns(value: object) -> tuple[str, ...]:
@@ -347,7 +396,7 @@ def _attitude(value: object) -> Attitude:
     return Attitude(**values)
 
 
-_SOURCE: dict[str, _Check] = {"column": _text, "unit": _text, "time": _clock}
+_SOURCE: dict[str, _Check] = {"column": _text, "unit": _text, "time": _clock, "where": _where}
 _CORNER = (
     'fc and order are needed, e.g. {passes} = {{ kind = "{kind}", fc = "50 Hz", order = 4 }}, with the corner at -3 dB'
 )

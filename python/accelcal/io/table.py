@@ -5,12 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array, Flags
+
+if TYPE_CHECKING:
+    from accelcal.data.recording import Finding
+
+Order = Literal["DMY", "MDY"]
+"""What comes first in a date that does not begin with its year: the day or the month."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +27,11 @@ class Column:
     """(n,) in the unit of the file; meaningless where a cell is empty."""
     present: NDArray[np.bool_] | None = None
     """(n,) False where a cell is empty; None = no cell is."""
+
+
+def _no_texts(column: str) -> NDArray[np.str_]:
+    """A file without columns of texts has none to read."""
+    raise KeyError(column)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +49,18 @@ class Table:
     """Unit by column name, where the file itself declares one."""
     units_from: str = "the column metadata"
     """Where `units` were found, for messages."""
-    clocks: Mapping[str, str] = field(default_factory=dict)
-    """Column of stamps by column name, where the file itself says which belong together."""
+    clocks: Mapping[str, str | float] = field(default_factory=dict)
+    """Column of stamps, or rate in Hz, by column name, where the file itself says which belong together."""
+    stamps: frozenset[str] = frozenset()
+    """Columns that hold instants as texts."""
+    texts: frozenset[str] = frozenset()
+    """Columns that hold neither numbers nor instants."""
+    notes: list[Finding] = field(default_factory=list)
+    """What was noticed in the rows that have been read so far."""
+    orders: dict[str, Order] = field(default_factory=dict)
+    """Order of day and month in a column of dates, where the user says it; set before it is read."""
+    text: Callable[[str], NDArray[np.str_]] = _no_texts
+    """Reads one of the columns of texts, (n,)."""
 
 
 MOST_COLUMNS = 4096

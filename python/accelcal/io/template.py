@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Collection, Mapping
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 
 from accelcal.data import QUATERNION, RecordingError, units
 from accelcal.io import naming
-from accelcal.io.assign import UNKNOWN, discover, unit_of
+from accelcal.io.assign import (
+    UNKNOWN,
+    candidates,
+    clock_text,
+    columns_of,
+    discover,
+    parts_of_instant,
+    unit_of,
+)
 from accelcal.io.atomic import atomic_write
 from accelcal.io.files import open_table
-from accelcal.io.sidecar import KEYS, sidecar_of
+from accelcal.io.sidecar import KEYS, sidecar_of, toml_key, toml_text
 from accelcal.io.table import Table
-from accelcal.io.write import toml_key, toml_text
 
 
 def init(path: str | Path) -> str:
@@ -50,19 +59,33 @@ def template(path: str | Path) -> str:
     by_name = {column: channel for column, (channel, _) in assigned.items()}
     clocks = {column: clock.column for column, (_, clock) in assigned.items() if clock is not None and clock.column}
     alone = {column: channel for column, channel in by_name.items() if column not in {*clocks.values()}}
-    columns = {
-        name: next((column for column, channel in alone.items() if channel == name), None)
-        for name in ("time", "accel", "position")
-    }
+    copies = _copies(table)
+    columns: dict[str, str | None] = {}
+    for name in ("time", "accel", "position"):
+        called = next((column for column, channel in alone.items() if channel == name), None)
+        columns[name] = called or _only(table, name, {*columns.values(), *clocks.values(), *copies})
     roles = {naming.orientation_role(naming.take_apart(column).base): column for column in table.columns}
     turning = {column: role for role, column in roles.items() if role and column not in columns.values()}
-    taken = {*columns.values(), *clocks.values()}
-    others = [column for column in table.columns if column not in taken]
+    parts = None if columns["time"] is None else parts_of_instant(table, columns["time"])
+    taken = {*columns.values(), *clocks.values(), *(columns_of(parts) if parts else ())}
+    others = [column for column in dict.fromkeys(table.columns) if column not in taken and column not in copies]
     others = [column for column in others if turning.get(column) not in QUATERNION]
-    channels = [_required(table, name, column, clocks) for name, column in columns.items()]
+    channels = [
+        _required(table, name, column, clocks, called=by_name.get(column or "") == name)
+        for name, column in columns.items()
+    ]
+    if parts is not None:
+        channels[0] = f"time = {clock_text(parts)}"
     quaternion = ", ".join(toml_text(roles.get(name, name)) for name in QUATERNION)
     attitude = f'[channels.attitude]\n# columns = [{quaternion}]\n# maps = "sensor to ENU"      # or "ENU to sensor"'
-    lines = [_optional(table, column, turning.get(column) or by_name[column], clocks) for column in others]
+    missing = [name for name, column in columns.items() if column is None]
+    likely = {column for name in missing for column, _ in candidates(table, name)}
+    lines, keys = [f"# {column} is a copy of {copies[column]}" for column in copies if column not in taken], {*columns}
+    for column in others:
+        usual = turning.get(column) or by_name[column]
+        key = next(key for k in count(1) if (key := usual if k == 1 else f"{usual}_{k}") not in keys)
+        keys.add(key)
+        lines.append(_optional(table, column, key, clocks, column in likely))
     text = re.sub("^KEYS (.*)$", _examples, _TEXT, flags=re.MULTILINE)
     if _dimension(table, columns["accel"]) in ("V", "count"):
         text = re.sub("^# scale .*$", _SCALE_NEEDED, text, flags=re.MULTILINE)
@@ -125,7 +148,35 @@ def _dimension(table: Table, column: str | None) -> str | None:
     return units.conversion(unit).si if unit is not None else None
 
 
-def _required(table: Table, name: str, column: str | None, clocks: Mapping[str, str]) -> str:
+def _only(table: Table, name: str, taken: Collection[str | None]) -> str | None:
+    """The column that is alone in measuring what a channel does; None where none or several do."""
+    likely = [column for column, _ in candidates(table, name) if column not in taken]
+    return likely[0] if len(likely) == 1 else None
+
+
+def _copies(table: Table) -> dict[str, str]:
+    """Columns of numbers that repeat one before them exactly, and which."""
+    names = [name for name, times in Counter(table.columns).items() if times == 1 and name not in table.texts]
+    if len(names) > _MOST_COMPARED:
+        return {}
+    try:
+        read = table.read(names)
+    except RecordingError:  # it is told when the columns are used
+        return {}
+    first: dict[bytes, str] = {}
+    copies = {}
+    for name in names:
+        content = read[name].values.tobytes()
+        if len(content) and first.setdefault(content, name) != name and np.ptp(read[name].values) > 0:
+            copies[name] = first[content]
+    return copies
+
+
+_MOST_COMPARED = 64
+"""Columns that are compared with each other."""
+
+
+def _required(table: Table, name: str, column: str | None, clocks: Mapping[str, str], *, called: bool) -> str:
     if column is None:
         if name == "time" and table.clocks:
             return "# time: the columns below have stamps of their own in this file"
@@ -137,15 +188,18 @@ def _required(table: Table, name: str, column: str | None, clocks: Mapping[str, 
     line = f"{name} = {_source(table, column, unit, clocks, scale)}"
     notes = [] if unit else [f"FILL IN the unit: {_UNITS[name]}"]
     notes += ['FILL IN the scale, like "20 V/m" or "200 count/mm"'] if volts else []
+    if not called:
+        notes.append("by its unit alone: check that it is this one")
     if name == "time":
         with np.errstate(all="ignore"):  # stamps that are not finite are shown as they are
             notes.append(_clock_note(table, column, unit))
     return f"{line}  # {'; '.join(notes)}" if notes else line
 
 
-def _optional(table: Table, column: str, channel: str, clocks: Mapping[str, str]) -> str:
+def _optional(table: Table, column: str, channel: str, clocks: Mapping[str, str], likely: bool) -> str:
+    """The line of a further column; a comment where it needs words of the user, or may be a channel that is missing."""
     unit = _unit(table, column)
-    mark = "" if unit and not table.clocks else "# "
+    mark = "" if unit and not table.clocks and not likely and column not in table.stamps else "# "
     return f"{mark}{toml_key(channel)} = {_source(table, column, unit, clocks)}"
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import hashlib
 import io
-import json
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -39,7 +38,7 @@ from accelcal.io import naming
 from accelcal.io.atomic import Part, atomic, atomic_write, named
 from accelcal.io.files import content_of
 from accelcal.io.loading import digest_of
-from accelcal.io.sidecar import KEYS, Clock, Key, Source, sidecar_of
+from accelcal.io.sidecar import KEYS, Clock, Key, Source, sidecar_of, toml_key, toml_text
 from accelcal.io.table import SIDECAR_BYTES, cells_of
 
 if TYPE_CHECKING:
@@ -136,16 +135,6 @@ def _written(key: Key, holder: object) -> str | None:
     if key.unit == "1":
         return repr(float(value))
     return _amount(value, key.unit.format(rig.sensor.scale_unit), key.usual) if key.unit else toml_text(value)
-
-
-def toml_key(name: str) -> str:
-    """Return `name` as a TOML key, in quotes only if it needs them."""
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_text(name)
-
-
-def toml_text(value: str) -> str:
-    """Return `value` as a TOML string in quotes."""
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _channels(recording: Recording) -> list[Channel]:

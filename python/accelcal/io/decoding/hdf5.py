@@ -8,13 +8,16 @@ from typing import Any
 
 import h5py
 
-from accelcal.io.decoding.source import Entry, RefusedError, Source, is_vector, limited, numbers
+from accelcal.io.decoding.source import Entry, RefusedError, Source, is_vector, limited, numbers, require_no_objects
 from accelcal.io.table import MOST_DEPTH, MOST_NAME, Column
 
 
 def opened(path: str) -> Source:
     """Open a file: each numeric data set that is a vector is a column, named by its path (``run/accel``)."""
     file = h5py.File(Path(path).open("rb"), "r")  # noqa: SIM115  by this, and by no name, HDF5 reads: no other file opens
+
+    objects = [name for name in file if "MATLAB_object_decode" in file[name].attrs]
+    require_no_objects([] if all(name.startswith("#") for name in objects) else objects)
 
     def column(name: str) -> Column:
         item = file[name]

@@ -36,6 +36,16 @@ _OF_MESSAGES = "the definition of the messages"
 
 FORMATS = (
     Format("Parquet", (".parquet",), "parquet", "pyarrow", rb"PAR1", units_from="the column metadata"),
+    Format(
+        "xlsx",
+        (".xlsx", ".xlsm"),
+        "xlsx",
+        "python_calamine",
+        rb"PK\x03\x04.{26}(?:\[Content_Types\]|_rels/|docProps/|xl/)",
+        extra="xlsx",
+        units_from="the unit row",
+        title="an Excel workbook",
+    ),
     Format("npz", (".npz",), "npz", "numpy", rb"PK\x03\x04"),
     Format(
         "HDF5",
@@ -68,6 +78,25 @@ FORMATS = (
     Format("C3D", (".c3d",), "c3d", "c3d", rb"\x02P", "c3d", "the parameters of the file", unmarked=True),
 )
 """Each is known by its first bytes, in this order."""
+EXPORTERS = {
+    rb"PK\x03\x04.{26}(?:info\.txt|log\.bin|activity\.bin)": "a gt3x recording (ActiGraph); export its raw data as CSV "
+    "with ActiLife, or write them with read.gt3x of R",
+    rb"PK\x03\x04(?!.{26}.{1,300}?\.npy)|PK\x05\x06": "a ZIP archive; unpack it, and give the recording that is in it",
+    rb"ULog\x01\x12\x35": "a ULog of PX4; convert it with ulog2csv (pip install pyulog), and give the CSV of one topic",
+    rb".{0,200}H Product:Blackbox": "a Blackbox log (Betaflight, INAV); convert it to CSV with blackbox_decode",
+    rb"\xa3\x95\x80": "a DataFlash log of ArduPilot; convert it by mavlogdump.py --format csv (pip install pymavlink)",
+    rb"\x1a\x45\xdf\xa3": "an IDE recording (enDAQ, Midé); export it as CSV with enDAQ Lab",
+    rb"\xd0\xcf\x11\xe0": "an Excel workbook of before 2007; save it as .xlsx or CSV",
+    rb"MD\xfc\x03": "a CWA recording (Axivity); convert it to CSV with OmGui or cwa-convert",
+    rb"Device Identity\r?\n": "a recording of GENEActiv; convert it to CSV with the GENEActiv software",
+    rb"\x1f\x8b|7z\xbc\xaf|BZh|\xfd7zXZ|\x28\xb5\x2f\xfd|Rar!": "a compressed file; unpack it, and give what is in it",
+    rb"ARROW1|FEA1": "an Arrow or Feather file; write it as Parquet (pyarrow.parquet.write_table)",
+    rb"RIFF.{4}WAVE": "a WAV file, which has no unit; write its samples as CSV with a column of the time",
+    rb".{4}ftyp": "a video; extract its telemetry as CSV first (GoPro: gopro-telemetry)",
+    rb"SIMPLE  =": "a FITS file; write its table as CSV (astropy.table)",
+    rb"\x89PNG|%PDF|\xff\xd8\xff": "a picture or a document; give the recording itself",
+}
+"""What other files are, by the bytes with which they begin, and the tool that exports them."""
 MARKS = {file_format.name: re.compile(file_format.mark, re.DOTALL) for file_format in FORMATS}
 BY_NAME = {file_format.name: file_format for file_format in FORMATS}
 SUFFIXES = tuple(dict.fromkeys(suffix for file_format in FORMATS for suffix in file_format.suffixes))

@@ -17,6 +17,22 @@ class RefusedError(Exception):
     """A file that is whole and yet not read; the text says what was found, what was expected and the next step."""
 
 
+def require_no_objects(names: list[str]) -> None:
+    """Refuse a MATLAB file whose numbers are inside of objects.
+
+    Raises
+    ------
+    RefusedError
+        With the line of MATLAB that writes them as a table of text.
+    """
+    if names:
+        raise RefusedError(
+            f"{', '.join(names[:3])} in this file is an object of MATLAB, such as a table or timetable, whose layout "
+            f'MATLAB alone knows; write it there as CSV: writetimetable({names[0]}, "run.csv") for a timetable, '
+            f'writetable({names[0]}, "run.csv") for a table'
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class Entry:
     """One column, before its numbers are read."""
