@@ -109,11 +109,7 @@ def _of_clocks(declared: Sidecar) -> set[str]:
     sources = [*declared.channels.values()]
     clocks = [clock for clock in (declared.time, *(source.time for source in sources)) if clock is not None]
     return {
-        *(
-            column
-            for clock in clocks
-            for column in (clock.column, clock.date, clock.fraction and clock.fraction.column)
-        ),
+        *(column for clock in clocks for column in columns_of(clock)),
         *(source.where[0] for source in sources if source.where is not None),
     }
 
