@@ -1,4 +1,4 @@
-"""Tables as loggers, motion capture, serial monitors and spreadsheets write them: read right, or refused with the way out.
+"""Tables as loggers, motion capture, serial monitors and spreadsheets write them: read right, or refused.
 
 The files are written here by analytic motion; nothing of the package makes them.
 """
@@ -24,21 +24,25 @@ CASES = Path(os.environ.get("ACCELCAL_FIELD_CASES", "/nowhere"))
 
 
 class Motion:
-    """A sum of tones with rests at both ends; everything follows from its formula."""
+    """Tones that swell and fade, from rest to rest; everything follows from the formula."""
 
-    def __init__(self, seed, begin=0.0):
+    def __init__(self, seed):
         self.rng = np.random.default_rng(seed)
-        self.begin = begin
-        self.f = 2.0 * np.pi * np.array([0.43, 0.81, 1.37, 2.11])[:, None]
-        self.phase = self.rng.uniform(0.0, 6.0, (4, 1))
-        self.size = np.array([0.08, 0.03, 0.012, 0.006])[:, None]
+        self.f = 2.0 * np.pi * np.exp(self.rng.uniform(np.log(0.4), np.log(6.0), (8, 1)))
+        self.phase = self.rng.uniform(0.0, 6.0, (8, 1))
+        self.size = self.rng.uniform(0.3, 1.0, (8, 1)) / self.f**2
+        self.long = SECONDS / 7.0
 
     def position(self, t):
-        return (self.size * np.sin(self.f * (t - self.begin) + self.phase)).sum(axis=0) + 2e-5 * self.noise(t)
+        u = (t - 0.5 * SECONDS) / self.long
+        swell = np.exp(-0.5 * u**2)
+        return swell * (self.size * np.sin(self.f * t + self.phase)).sum(axis=0) + 2e-6 * self.noise(t)
 
     def output(self, t, k=K, bias=K0):
-        a = -(self.size * self.f**2 * np.sin(self.f * (t - self.begin) + self.phase)).sum(axis=0)
-        return bias + (1.0 + k) * a + 2e-3 * self.noise(t)
+        u = (t - 0.5 * SECONDS) / self.long
+        s, c = self.size * np.sin(self.f * t + self.phase), self.size * self.f * np.cos(self.f * t + self.phase)
+        a = -(self.f**2) * s - 2.0 * u / self.long * c + (u**2 - 1.0) / self.long**2 * s
+        return bias + (1.0 + k) * np.exp(-0.5 * u**2) * a.sum(axis=0) + 2e-3 * self.noise(t)
 
     def noise(self, t):
         return self.rng.standard_normal(len(t))
@@ -98,7 +102,7 @@ def test_a_number_in_brackets_is_an_index(tmp_path, form):
     rows = [f"{unit * a:.0f},{b:.9g},{-b / 3:.9g},{c:.9g},{c / 7:.9g}" for a, b, c in zip(t, y, p, strict=True)]
     path = write(tmp_path / "run.csv", [",".join(header), *rows])
     text = io.init(path)
-    assert re.search(r"^# position_1 = ", text, flags=re.MULTILINE)
+    assert re.search(r"^# pos(ition)?_1 = ", text, flags=re.MULTILINE)
     with pytest.raises(RecordingError, match="still to be filled in"):  # valid TOML, and what is asked for is told
         io.load(path)
     filled = text.replace(
@@ -148,14 +152,14 @@ def test_rows_of_a_header_are_joined_where_the_last_repeats(tmp_path, form):
     text = io.init(take)
     assert 'time = { column = "Time (Seconds)", unit = "Seconds" }' in text
     assert f'"Sled.Position.X" = {{ column = "Sled.Position.X", unit = "{form.get("unit", "Millimeters")}" }}' in text
-    t = stamps(200.0, SECONDS - 4.0)
-    lines = [f"{a + 51.2:.4f},{b / 9.80665:.7f}" for a, b in zip(t, motion.output(t + 2.0), strict=True)]
+    t = stamps(200.0, SECONDS + 4.0)
+    lines = [f"{a + 51.2:.4f},{b / 9.80665:.7f}" for a, b in zip(t, motion.output(t - 2.0), strict=True)]
     imu = write(tmp_path / "imu.csv", ["time_s,accel_g", *lines])
     said = refused(imu, position=take)
     assert "the column is still to be filled in. By its unit it may be" in said
     assert '"Sled.Position.X"' in said
-    sidecar(take, 'position = { column = "Sled.Position.X", unit = "m" }')
-    assert "says" in refused(imu, position=take) or form  # the file says another unit than the sidecar
+    sidecar(take, 'position = { column = "Sled.Position.X", unit = "cm" }')
+    assert 'says "cm"; correct one of the two' in refused(imu, position=take)
     sidecar(take, 'position = { column = "Sled.Position.X" }')
     recording = io.load(imu, position=take)
     assert len(recording.position) == round(100.0 * SECONDS) * 49 // 50
@@ -396,16 +400,15 @@ def test_the_order_of_day_and_month_is_asked_where_it_matters(tmp_path):
 def test_date_time_and_fraction_are_asked_for_and_added(tmp_path, fraction):
     t, motion = stamps(50.0), Motion(11)
     unit = {"us": 1e6, "Milliseconds": 1e3}[fraction]
-    name = {"us": "us", "Milliseconds": "fraction_ms"}[fraction]
     y = motion.output(t)
     rows = []
     for a, b, c in zip(t, y, motion.position(t), strict=True):
         second = int(np.floor(86385.0 + a + 1e-9))
         date, time = clock(second, "ymd").split(" ")
         rows.append(f"{date}\t{time[:8]}\t{unit * (86385.0 + a - second):.0f}\t{b:.7f}\t{1e3 * c:.5f}")
-    path = write(tmp_path / "run.csv", [f"Date\tTime\t{name}\tacc [m/s²]\tpos [mm]", *rows])
+    path = write(tmp_path / "run.csv", [f"Date\tTime\t{fraction}\tacc [m/s²]\tpos [mm]", *rows])
     said = refused(path)
-    assert f'the parts of an instant stand in several columns, "Date", "Time", "{name}"' in said
+    assert f'the parts of an instant stand in several columns, "Date", "Time", "{fraction}"' in said
     follow(path, said)
     recording = io.load(path)
     np.testing.assert_allclose(recording.accel.t - recording.accel.t[0], t, atol=1e-9)
@@ -469,20 +472,20 @@ def test_an_archive_is_no_npz(tmp_path, inside, said):
     assert said in refused(path)
 
 
+OPEN = "http://schemas.openxmlformats.org"
+OFFICE = f"{OPEN}/officeDocument/2006/relationships"
+SHEETS = f"{OPEN}/spreadsheetml/2006/main"
+KINDS = "application/vnd.openxmlformats"
 WORKBOOK = {
-    "[Content_Types].xml": '<?xml version="1.0"?><Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
-    '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
-    '<Default Extension="xml" ContentType="application/vnd.openxmlformats-officedocument.spreadsheetml.sheet.main+xml"/>'
-    "</Types>",
-    "_rels/.rels": '<?xml version="1.0"?><Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
-    '<Relationship Id="r1" Type="http://schemas.openxmlformats.org/officeDocument/2006/relationships/officeDocument" '
-    'Target="xl/workbook.xml"/></Relationships>',
-    "xl/workbook.xml": '<?xml version="1.0"?><workbook xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main" '
-    'xmlns:r="http://schemas.openxmlformats.org/officeDocument/2006/relationships"><sheets>'
+    "[Content_Types].xml": f'<Types xmlns="{OPEN}/package/2006/content-types">'
+    f'<Default Extension="rels" ContentType="{KINDS}-package.relationships+xml"/>'
+    f'<Default Extension="xml" ContentType="{KINDS}-officedocument.spreadsheetml.sheet.main+xml"/></Types>',
+    "_rels/.rels": f'<Relationships xmlns="{OPEN}/package/2006/relationships">'
+    f'<Relationship Id="r1" Type="{OFFICE}/officeDocument" Target="xl/workbook.xml"/></Relationships>',
+    "xl/workbook.xml": f'<workbook xmlns="{SHEETS}" xmlns:r="{OFFICE}"><sheets>'
     '<sheet name="Messung" sheetId="1" r:id="r1"/></sheets></workbook>',
-    "xl/_rels/workbook.xml.rels": '<?xml version="1.0"?><Relationships xmlns="http://schemas.openxmlformats.org/package/2006/'
-    'relationships"><Relationship Id="r1" Type="http://schemas.openxmlformats.org/officeDocument/2006/relationships/worksheet" '
-    'Target="worksheets/sheet1.xml"/></Relationships>',
+    "xl/_rels/workbook.xml.rels": f'<Relationships xmlns="{OPEN}/package/2006/relationships">'
+    f'<Relationship Id="r1" Type="{OFFICE}/worksheet" Target="worksheets/sheet1.xml"/></Relationships>',
 }
 """The parts of a workbook but its sheet."""
 
@@ -500,8 +503,8 @@ def workbook(path, rows):
     )
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in WORKBOOK.items():
-            archive.writestr(name, content)
-        sheet = f'<worksheet xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"><sheetData>{cells}</sheetData></worksheet>'
+            archive.writestr(name, f'<?xml version="1.0"?>{content}')
+        sheet = f'<worksheet xmlns="{SHEETS}"><sheetData>{cells}</sheetData></worksheet>'
         archive.writestr("xl/worksheets/sheet1.xml", f'<?xml version="1.0"?>{sheet}')
     return path
 
