@@ -210,8 +210,7 @@ def parts_of_instant(table: Table, time: str) -> Clock | None:
     """The clock of times of day beside which a column has the fraction of the second; None where none has."""
     if time not in table.stamps:
         return None
-    named = {column: naming.take_apart(column) for column in table.columns}
-    fractions = [column for column, name in named.items() if name.base in naming.COUNTED and column != time]
+    fractions = [column for column in table.columns if naming.take_apart(column).base.lower() in naming.COUNTED]
     dates = [column for column in table.columns if column in table.stamps and column != time]
     if len(fractions) != 1:
         return None

@@ -108,7 +108,7 @@ def _tables(path: Path, head: bytes, *, whole: bool) -> tuple[list[Dialect], byt
     if tables and not starts:
         return tables, data
     tables = [recognise(path, data, 0, starts[0] if starts else None, whole=True, taken=())]
-    for start, end in zip(starts, [*starts[1:], None], strict=True):
+    for start, end in zip(starts, [*starts, None][1:], strict=True):
         with suppress(RecordingError):
             own = recognise(path, data, start, end, whole=True, taken=())
             if own.named and own.columns != tables[-1].columns:

@@ -62,6 +62,10 @@ _NUMBER = {
 _DIALECTS = [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), ("|", "."), ("|", ",")]
 _ROWS = 10
 """Rows of numbers from which on lines are a table, and not a summary."""
+_END_OF_HEADER = b"***End_of_Header***"
+"""What LabVIEW writes below the header of a file, and again below that of its numbers."""
+_MOST_LABELS = 60
+"""Lines in which it stands."""
 _MOST_HEADER = 20
 """Lines above the rows of numbers of a second table."""
 _KINDS = {"rigid body", "rigid body marker", "marker", "bone", "bone marker", "type", "id"}
@@ -128,7 +132,9 @@ def recognise(path: Path, data: bytes, start: int, end: int | None, *, whole: bo
             f"{path}: {width} columns, expected at most {MOST_COLUMNS}; export those that are needed, one per channel."
         )
     numeric = _value_columns(tail, delimiter, decimal, width)
-    rows = (n for n, k in enumerate(content) if _is_data(decoded(lines[k]), delimiter, decimal, width, numeric))
+    ends = [n for n, k in enumerate(content[:_MOST_LABELS]) if lines[k].startswith(_END_OF_HEADER)][:2]
+    candidates = ((n, decoded(lines[content[n]])) for n in range(ends[-1] if ends else 0, len(content)))
+    rows = (n for n, text in candidates if _is_data(text, delimiter, decimal, width, numeric))
     first = next(rows, None)
     if first is None:
         raise RecordingError(

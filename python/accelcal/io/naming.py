@@ -52,8 +52,12 @@ SUFFIXES = {
 }
 """Unit suffixes of column names, after an underscore; letter case counts."""
 
-COUNTED = {"millis": "ms", "micros": "us", "ms": "ms", "us": "us", "µs": "us", "ns": "ns"}
-"""Names that are a unit of time themselves."""
+COUNTED = {
+    **dict.fromkeys(("ms", "millis", "milliseconds", "msec"), "ms"),
+    **dict.fromkeys(("us", "µs", "micros", "microseconds", "usec"), "us"),
+    **dict.fromkeys(("ns", "nanos", "nanoseconds", "nsec"), "ns"),
+}
+"""Names in lower case that are a unit of time themselves."""
 _BRACKETS = re.compile(r"(?P<base>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*(?:\([^()]*\)[^()]*)*)\))\s*")
 _INDEX = re.compile(r"(?P<base>.*?)\s*[\[(](?P<index>\d+)[\])]")
 """A bare number in brackets, which is the place in an array and no unit."""
@@ -92,8 +96,8 @@ def take_apart(column: str) -> Named:
     if match and (match["square"] is not None or units.is_unit(match["round"])):
         base, brackets = match["base"], match["square"] if match["square"] is not None else match["round"]
     brackets = "1" if brackets == "-" else brackets
-    if base in COUNTED:
-        return Named(base + index, COUNTED[base], brackets)
+    if base.lower() in COUNTED:
+        return Named(base + index, COUNTED[base.lower()], brackets)
     parts = base.split("_")
     for k in range(1, len(parts)):  # the longest suffix first: m_per_s2 before s2
         suffix = "_".join(parts[k:])
