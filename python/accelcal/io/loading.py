@@ -762,7 +762,7 @@ def _samples(
         if len(stamps.values) != len(y.values):
             raise RecordingError(
                 f'{table.path}: {name}: column "{source.column}" has {len(y.values)} values but its time column '
-                f'"{clock.column}" has {len(stamps.values)}; give it its own: time = {{ column = "...", unit = "s" }}'
+                f'"{own.column}" has {len(stamps.values)}; give it its own: time = {{ column = "...", unit = "s" }}'
             )
         kept = _kept(table, name, stamps, y)
         rows = slice(None) if kept is None else kept
@@ -779,7 +779,7 @@ def _samples(
             quality.Samples(
                 file=str(table.path),
                 name=name,
-                t=stamps.values if rows is None else stamps.values[rows],
+                t=t,
                 y=values,
                 unit=unit,
                 row=table.row if places is None else lambda i, places=places: table.row(int(places[i])),  # type: ignore[misc]
