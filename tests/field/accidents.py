@@ -245,8 +245,7 @@ def _fifo(r: Record) -> None:
 
 def _jitter(r: Record) -> None:
     r.clocks = 2
-    r.t_u = np.maximum.accumulate(r.t + r.rng.exponential(0.3 / r.rate, len(r.t)))
-    r.t_u += 1e-9 * np.arange(len(r.t))
+    r.t_u = np.sort(r.t + r.rng.exponential(0.3 / r.rate, len(r.t)))
 
 
 def _reversed(r: Record) -> None:
@@ -280,7 +279,7 @@ ACCIDENTS = {
     "encoder_zeroed": Accident(_encoder_zeroed, "position jumps|lost or gained|zeroed", ("encoder_step",)),
     "encoder_hung": Accident(_encoder_hung, "left out"),
     "repeated_stamps": Accident(_repeated(True), "row|repeat"),
-    "repeated_rows": Accident(_repeated(False), "relation|jump|delay|repeat|samples"),
+    "repeated_rows": Accident(_repeated(False), "repeat"),
     "swapped": Accident(_swapped, "relation"),
     "saturated": Accident(_saturated, "left out"),
     "idle": Accident(_idle, "left out"),
@@ -291,7 +290,7 @@ ACCIDENTS = {
     "lost_stamps": Accident(_lost(True), "gap|lost|no readings"),
     "lost_rows": Accident(_lost(False), "rate|clock|lost"),
     "daylight": Accident(_daylight_saving, "clock|no readings|gap|restart"),
-    "other_rate": Accident(_other_rate, "rate|sampl"),
+    "other_rate": Accident(_other_rate, "sampled at"),
     "junk": Accident(_junk, "left out"),
     "fifo": Accident(_fifo, "burst|packet|arriv|stamp"),
     "jitter": Accident(_jitter, "jitter|arriv|stamp"),

@@ -485,12 +485,61 @@ def _gaps(name: str, t: Array) -> list[Finding]:
     long = interval > 1.5 * usual + 3.0 * (high - low)
     if not long.any():
         return []
+    edges = np.flatnonzero(np.diff(long, prepend=False, append=False)).reshape(-1, 2)
+    slow = [
+        (a, b)
+        for a, b in edges[np.ptp(edges, axis=1) >= STEADY]
+        if np.ptp(np.quantile(interval[a:b], (0.05, 0.95))) < usual
+    ]
+    findings = [
+        Finding(
+            "other_rate",
+            name,
+            int(b - a),
+            float(t[a]),
+            f"{name}: sampled at {1.0 / np.median(interval[a:b]):.4g} Hz from t = {instant(t[a])} s to {instant(t[b])} s "
+            f"and at {1.0 / usual:.4g} Hz elsewhere; that part is used as it is",
+        )
+        for a, b in slow
+    ]
+    for a, b in slow:
+        long[a:b] = False
+    if not long.any():
+        return findings
+    interval = np.where(long, interval, 0.0)
     count, i, worst = int(np.count_nonzero(long)), int(np.argmax(long)), int(np.argmax(interval))
     text = (
         f"{name}: {count} gaps longer than {1.5 * usual + 3.0 * (high - low):.3g} s (usual interval {usual:.3g} s), "
         f"the longest {interval[worst]:.4g} s at t = {instant(t[worst])} s; they stay gaps"
     )
-    return [Finding("gap", name, count, float(t[i]), text)]
+    return [*findings, Finding("gap", name, count, float(t[i]), text)]
+
+
+STEADY = 64
+"""Long intervals of one length in a row, least, that are another rate and no gaps."""
+
+
+def repeated_rows(columns: Sequence[Array]) -> list[tuple[int, int]]:
+    """First row and row behind the last of blocks in which a table repeats the rows just before them, in order.
+
+    Parameters
+    ----------
+    columns : m of (n,) each. A motion that repeats itself exactly, more than once, is no block.
+    """
+    mark = sum(
+        (y * weight for y, weight in zip(columns, np.sqrt(np.arange(2.0, len(columns) + 2.0)), strict=True)), 0.0
+    )
+    order = np.argsort(mark, kind="stable")
+    again = np.diff(np.asarray(mark)[order], append=np.inf) == 0.0
+    lags = order[1:][again[:-1]] - order[:-1][again[:-1]]
+    blocks = []
+    counts = np.bincount(lags, minlength=1)
+    for lag in np.flatnonzero(counts >= np.maximum(STEADY // 4, np.arange(len(counts)) // 2)):
+        equal = np.all([y[lag:] == y[:-lag] for y in columns], axis=0)
+        for a, b in np.flatnonzero(np.diff(equal, prepend=False, append=False)).reshape(-1, 2):
+            if STEADY // 4 <= lag <= b - a < 2 * lag and len(np.unique(columns[0][a:b])) > lag // 2:
+                blocks.append((int(a) + lag, int(a) + 2 * lag))
+    return sorted(blocks)
 
 
 STILL_SPAN = 0.1

@@ -737,16 +737,20 @@ def _samples(
     What is noticed of the clocks is added to the findings.
     """
     wanted = [source.column for source in plan.sources.values()]
-    for clock in {source.time for source in plan.sources.values() if source.time is not None}:
+    clocks = {source.time for source in plan.sources.values() if source.time is not None and source.time.column}
+    for clock in clocks:
         wanted += columns_of(clock)
         table.orders.update({name: clock.order for name in (clock.column, clock.date) if name and clock.order})
     raw = dict(table.read(list(dict.fromkeys(wanted))))
+    once = None if clocks else _once(table, [raw[name].values for name in wanted], findings)
     instants: dict[Clock, Column] = {}
     sampled: dict[str, tuple[Array, Array, NDArray[np.intp] | None]] = {}
     for name, source in plan.sources.items():
         own = source.time
         assert own is not None  # _plan gave each source one
         y, chosen = raw[source.column], _rows_where(table, source, name)
+        if once is not None:
+            chosen = once if chosen is None else chosen & once
         if chosen is not None:
             y = Column(y.values[chosen], None if y.present is None else y.present[chosen])
         if own.column is None:
@@ -785,6 +789,26 @@ def _samples(
                 row=table.row if places is None else lambda i, places=places: table.row(int(places[i])),  # type: ignore[misc]
             ),
         )
+
+
+def _once(table: Table, columns: Sequence[Array], findings: list[Finding]) -> Flags | None:
+    """Which rows of a table without stamps do not repeat a block before them, (n,); None = all.
+
+    What is left out is added to the findings: repeated rows have no time of their own.
+    """
+    blocks = quality.repeated_rows(columns) if len({len(y) for y in columns}) == 1 else []
+    if not blocks:
+        return None
+    once = np.ones(len(columns[0]), dtype=np.bool_)
+    for begin, end in blocks:
+        once[begin:end] = False
+    begin, end = blocks[0]
+    text = (
+        f"{np.count_nonzero(~once)} rows repeat the rows before them ({len(blocks)} blocks, first {table.row(begin)} to "
+        f"{table.row(end - 1)}) and are left out"
+    )
+    findings.append(Finding("repeated_rows", "", int(np.count_nonzero(~once)), float(begin), text, "warning"))
+    return once
 
 
 def _part(
