@@ -24,7 +24,7 @@ from tests.field.accidents import ACCIDENTS, honest, shocks
 SIGMA = 4.0
 MOST_OFF = 2
 """Parameters beyond it, of all."""
-TOLD = 0.98
+LEAST_MENTIONED = 0.98
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,18 +73,18 @@ def outcome(trial: Trial) -> Outcome:
     return result
 
 
-def accused(one: Outcome) -> list[str]:
+def accused(case: Outcome) -> list[str]:
     """Names that are not in the record; a time offset is a matter of clocks."""
     names = {"none": (), "shocks": ("quadratic", "odd_quadratic", "scale_asymmetry", "cubic")}
-    right = ("time_offset", *(names[one["kind"]] if one["kind"] in names else ACCIDENTS[one["kind"]].names))
-    return [name for name in one["effects"] if name not in right]
+    right = ("time_offset", *(names[case["kind"]] if case["kind"] in names else ACCIDENTS[case["kind"]].names))
+    return [name for name in case["effects"] if name not in right]
 
 
-def told(one: Outcome) -> bool:
-    """Whether the accident is told; of a record without one, whether none is."""
-    if one["kind"] not in ACCIDENTS:
-        return not any("left out" in text or "suspect" in text for text in one["said"])
-    return any(re.search(ACCIDENTS[one["kind"]].told, text) for text in one["said"])
+def mentioned(case: Outcome) -> bool:
+    """Whether the accident is told; of a record without any, whether none is."""
+    if case["kind"] not in ACCIDENTS:
+        return not any("left out" in text or "suspect" in text for text in case["said"])
+    return any(re.search(ACCIDENTS[case["kind"]].message, text) for text in case["said"])
 
 
 def main() -> int:
@@ -100,25 +100,25 @@ def main() -> int:
     trials = [Trial(kind, number, options.seed) for number in range(options.records) for kind in kinds]
     outcomes = run_all(outcome, trials, options.out, options.workers)
     groups: dict[str, list[Outcome]] = defaultdict(list)
-    for one in sorted(outcomes, key=lambda one: str(one["key"])):
-        groups[one["kind"]].append(one)
-        errors = ", ".join(f"{name} {error:+.1f}" for name, error in one["errors"].items())
-        print(f"{one['key']}: {one['verdict']} {'+'.join(one['effects'])} [{errors}] told {told(one)}")
-        if not told(one) or accused(one) or any(abs(e) > SIGMA for e in one["errors"].values()):
-            print(*(f"    {text}" for text in one["said"]), sep="\n")
+    for case in sorted(outcomes, key=lambda case: str(case["key"])):
+        groups[case["kind"]].append(case)
+        errors = ", ".join(f"{name} {error:+.1f}" for name, error in case["errors"].items())
+        print(f"{case['key']}: {case['verdict']} {'+'.join(case['effects'])} [{errors}] mentioned {mentioned(case)}")
+        if not mentioned(case) or accused(case) or any(abs(e) > SIGMA for e in case["errors"].values()):
+            print(*(f"    {text}" for text in case["said"]), sep="\n")
     off = false = silent = total = 0
     for kind, members in groups.items():
-        beyond = sum(abs(e) > SIGMA for one in members for e in one["errors"].values())
-        names, mute = sum(bool(accused(one)) for one in members), sum(not told(one) for one in members)
+        beyond = sum(abs(e) > SIGMA for case in members for e in case["errors"].values())
+        names, mute = sum(bool(accused(case)) for case in members), sum(not mentioned(case) for case in members)
         print(
             f"{kind:16s} records {len(members):3d}  beyond {SIGMA:g} sigma {beyond:3d}  "
-            f"falsely named {names:3d}  untold {mute:3d}"
+            f"falsely named {names:3d}  silent {mute:3d}"
         )
         off, total, silent = off + beyond, total + len(members), silent + mute
         false += names > 1
     print(f"beyond {SIGMA:g} sigma: {off} (at most {MOST_OFF}); kinds with more than one false name: {false} (0)")
-    print(f"told: {total - silent} of {total} (at least {TOLD:.0%})")
-    return int(off > MOST_OFF or false > 0 or total - silent < TOLD * total)
+    print(f"mentioned: {total - silent} of {total} (at least {LEAST_MENTIONED:.0%})")
+    return int(off > MOST_OFF or false > 0 or total - silent < LEAST_MENTIONED * total)
 
 
 if __name__ == "__main__":

@@ -66,9 +66,9 @@ class Record:
             accel, position = accel + " }\n", self.reference + " }\n"
         else:
             columns = {"t1": self.t_u, "out": self.u, "t2": self.t_z, "pos": self.z}
-            own = '{ column = "t1", unit = "s" }' if self.stamped else f'{{ rate = "{self.rate:.9g} Hz" }}'
+            clock = '{ column = "t1", unit = "s" }' if self.stamped else f'{{ rate = "{self.rate:.9g} Hz" }}'
             time = ""
-            accel += f", time = {own} }}\n"
+            accel += f", time = {clock} }}\n"
             position = self.reference + ', time = { column = "t2", unit = "s" } }\n'
         rows = max(map(len, columns.values()))
         lines = [",".join(columns)]
@@ -121,9 +121,9 @@ def shocks(seed: int) -> Record:
     u = bias + (1.0 + scale) * late + quadratic * late**2 + sigma * rng.standard_normal(len(t))
     z = a + reference * rng.standard_normal(len(t))
     line = 'reference_acceleration = { column = "pos", unit = "m/s^2"'
-    made = Record(rng, rate, t, t, a, np.round(u, 2), np.round(z, 2), bias, scale, t.copy(), t.copy())
-    made.reference, made.delay, made.quadratic = line, delay, quadratic
-    return made
+    record = Record(rng, rate, t, t, a, np.round(u, 2), np.round(z, 2), bias, scale, t.copy(), t.copy())
+    record.reference, record.delay, record.quadratic = line, delay, quadratic
+    return record
 
 
 def _touched(r: Record) -> None:
@@ -212,8 +212,8 @@ def _aliased(r: Record) -> None:
 
 def _lost(stamped: bool) -> Callable[[Record], None]:
     def lose(r: Record) -> None:
-        kept = np.arange(len(r.t)) % 64 != int(r.rng.integers(64))
-        r.u, r.t_u = r.u[kept], r.t_u[kept]
+        left = np.arange(len(r.t)) % 64 != int(r.rng.integers(64))
+        r.u, r.t_u = r.u[left], r.t_u[left]
         r.clocks, r.stamped = 2, stamped
 
     return lose
@@ -227,8 +227,8 @@ def _daylight_saving(r: Record) -> None:
 
 def _other_rate(r: Record) -> None:
     k = r.middle(0.2, 0.4)
-    kept = np.concatenate([np.arange(0, k, 4), np.arange(k, len(r.t))])
-    r.u, r.z, r.t_u, r.t_z = r.u[kept], r.z[kept], r.t_u[kept], r.t_z[kept]
+    left = np.concatenate([np.arange(0, k, 4), np.arange(k, len(r.t))])
+    r.u, r.z, r.t_u, r.t_z = r.u[left], r.z[left], r.t_u[left], r.t_z[left]
 
 
 def _junk(r: Record) -> None:
@@ -264,7 +264,7 @@ class Accident:
     """One kind of accident."""
 
     plant: Callable[[Record], None]
-    told: str
+    message: str
     """What `check`, a fit, a verdict or a refusal must say, a regular expression over all sentences."""
     names: tuple[str, ...] = ()
     """Effects that are right."""

@@ -40,7 +40,7 @@ LEFT_OUT = {
 
 @pytest.mark.parametrize("seed", [71, 72])
 @pytest.mark.parametrize(("kind", "code"), LEFT_OUT.items())
-def test_wrong_readings_are_left_out_and_told(kind: str, code: str, seed: int, tmp_path: Path) -> None:
+def test_wrong_readings_are_left_out_and_said(kind: str, code: str, seed: int, tmp_path: Path) -> None:
     record = honest(seed)
     ACCIDENTS[kind].plant(record)
     recording = read(record, tmp_path)
