@@ -255,7 +255,7 @@ def test_a_long_table_gives_each_channel_its_rows(tmp_path, in_blocks):
     sidecar(
         path,
         'accel = { column = "value", unit = "m/s^2", where = { column = "quantity", equals = "acc" } }',
-        'position = { column = "value", unit = "m", where = { column = "quantity", equals = "Weg" } }',
+        'position = { column = "value", unit = "m", where = { equals = "Weg", column = "quantity" } }',
     )
     recording = io.load(path)
     np.testing.assert_allclose(recording.accel.y, y, atol=1e-8)

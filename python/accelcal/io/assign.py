@@ -66,13 +66,13 @@ def assign(table: Table, declared: Sidecar, required: tuple[str, ...]) -> tuple[
     clock = declared.time or _common_clock(table, sources, sidecar)
     times = Counter(table.columns)
     for name, source in sources.items():
-        if times[source.column] != 1:
-            raise RecordingError(_wrong_column(table, name, source.column, sidecar))
+        named = [source.column] if source.where is None else [source.column, source.where[0]]
+        if (wrong := next((column for column in named if times[column] != 1), None)) is not None:
+            raise RecordingError(_wrong_column(table, name, wrong, sidecar))
         stamps = source.time or _stated(table, source.column, declared.time) or clock
         if stamps is None:
             raise RecordingError(_absent(table, "time", sidecar, declared.channels))
-        wrong = next((column for column in columns_of(stamps) if times[column] != 1), None)
-        if wrong is not None:
+        if (wrong := next((column for column in columns_of(stamps) if times[column] != 1), None)) is not None:
             raise RecordingError(_wrong_column(table, "time", wrong, sidecar))
         sources[name] = replace(source, time=stamps)
     return Plan(sources, sidecar), notes

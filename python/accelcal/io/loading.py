@@ -602,11 +602,6 @@ def _rows_where(table: Table, source: Source, name: str) -> Flags | None:
     if source.where is None:
         return None
     column, value = source.where
-    if column not in table.columns:
-        raise RecordingError(
-            f'{table.path}: there is no column "{column}", which where names for {name}; columns are: '
-            f"{', '.join(table.columns)}"
-        )
     labels = _labels(table, column)
     chosen = labels == (str(value) if labels.dtype.kind == "U" else value)
     if not np.any(chosen):
