@@ -16,6 +16,7 @@ import accelcal
 from accelcal import io
 from accelcal.data.recording import RecordingError
 from tests.commands import accelcal as command
+from tests.io.recorders import workbook
 
 K, K0 = 0.013, 0.11
 """Planted error of the scale factor, and bias in m/s²."""
@@ -470,43 +471,6 @@ def test_an_archive_is_no_npz(tmp_path, inside, said):
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr(inside, "t_s,accel_g\n0,1\n")
     assert said in refused(path)
-
-
-OPEN = "http://schemas.openxmlformats.org"
-OFFICE = f"{OPEN}/officeDocument/2006/relationships"
-SHEETS = f"{OPEN}/spreadsheetml/2006/main"
-KINDS = "application/vnd.openxmlformats"
-WORKBOOK = {
-    "[Content_Types].xml": f'<Types xmlns="{OPEN}/package/2006/content-types">'
-    f'<Default Extension="rels" ContentType="{KINDS}-package.relationships+xml"/>'
-    f'<Default Extension="xml" ContentType="{KINDS}-officedocument.spreadsheetml.sheet.main+xml"/></Types>',
-    "_rels/.rels": f'<Relationships xmlns="{OPEN}/package/2006/relationships">'
-    f'<Relationship Id="r1" Type="{OFFICE}/officeDocument" Target="xl/workbook.xml"/></Relationships>',
-    "xl/workbook.xml": f'<workbook xmlns="{SHEETS}" xmlns:r="{OFFICE}"><sheets>'
-    '<sheet name="Messung" sheetId="1" r:id="r1"/></sheets></workbook>',
-    "xl/_rels/workbook.xml.rels": f'<Relationships xmlns="{OPEN}/package/2006/relationships">'
-    f'<Relationship Id="r1" Type="{OFFICE}/worksheet" Target="worksheets/sheet1.xml"/></Relationships>',
-}
-"""The parts of a workbook but its sheet."""
-
-
-def workbook(path, rows):
-    """A workbook of one sheet with texts and numbers."""
-    cells = "".join(
-        "<row>"
-        + "".join(
-            f'<c t="inlineStr"><is><t>{cell}</t></is></c>' if isinstance(cell, str) else f"<c><v>{cell!r}</v></c>"
-            for cell in row
-        )
-        + "</row>"
-        for row in rows
-    )
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in WORKBOOK.items():
-            archive.writestr(name, f'<?xml version="1.0"?>{content}')
-        sheet = f'<worksheet xmlns="{SHEETS}"><sheetData>{cells}</sheetData></worksheet>'
-        archive.writestr("xl/worksheets/sheet1.xml", f'<?xml version="1.0"?>{sheet}')
-    return path
 
 
 @pytest.mark.parametrize("unit_row", [False, True])

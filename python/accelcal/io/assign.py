@@ -90,7 +90,8 @@ def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, 
         essential = channel == "accel" or (channel == "position" and not moved)
         if channel == "time" or channel in declared.channels or column in mapped:
             continue
-        if essential or (not declared.channels and units.is_unit(unit_of(table, column))):
+        side = not declared.channels and column not in table.stamps and units.is_unit(unit_of(table, column))
+        if essential or side:
             if channel in sources:
                 raise RecordingError(
                     f'{table.path}: columns "{sources[channel].column}" and "{column}" can both be {channel}; '

@@ -165,13 +165,15 @@ def _copies(table: Table) -> dict[str, str]:
     copies = {}
     for name in names:
         content = read[name].values.tobytes()
-        if len(content) and first.setdefault(content, name) != name and np.ptp(read[name].values) > 0:
+        if first.setdefault(content, name) != name and len(np.unique(read[name].values)) > _FEWEST_VALUES:
             copies[name] = first[content]
     return copies
 
 
 _MOST_COMPARED = 64
 """Columns that are compared with each other."""
+_FEWEST_VALUES = 2
+"""Different values of a column of which another one is a copy; what never moves is alike by chance."""
 
 
 def _required(table: Table, name: str, column: str | None, clocks: Mapping[str, str], *, called: bool) -> str:
