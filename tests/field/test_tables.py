@@ -329,6 +329,16 @@ def test_a_header_with_fewer_names_than_cells_is_refused(tmp_path):
     assert "the header has 2 columns but row 2 has 3; make them agree" in refused(path)
 
 
+@pytest.mark.parametrize(("key", "stated"), [("Sampling rate [Hz];50", True), ("Baud rate;115200", False)])
+def test_a_key_row_states_the_rate_where_no_column_has_the_time(tmp_path, key, stated):
+    rows = [f"{k % 7};{k % 5}" for k in range(100)]
+    path = write(tmp_path / "run.csv", ["Logger 7", "4711", key, "", "accel_g;position_mm", *rows])
+    if stated:
+        assert io.load(path).accel.t[1] == pytest.approx(0.02)
+    else:
+        assert "no column for time" in refused(path)
+
+
 # Text files of LabVIEW
 
 

@@ -68,6 +68,10 @@ _MOST_LABELS = 60
 """Lines in which it stands."""
 _MOST_HEADER = 20
 """Lines above the rows of numbers of a second table."""
+_RATE = re.compile(
+    r"(?:(?:export|capture|camera|sampl\w*|frame|scan|acquisition|output|data) )*(?:rate|frequency)(?: [\[(]hz[\])])?"
+)
+"""Keys in lower case that state a rate; that of a line, in baud, is none."""
 _KINDS = {"rigid body", "rigid body marker", "marker", "bone", "bone marker", "type", "id"}
 """What a motion capture calls kinds of things: such a row of a header tells nothing that their names do not."""
 
@@ -293,7 +297,7 @@ def _header(texts: list[str], content: list[int], delimiter: str, decimal: str, 
         _trimmed(cells_in(text.lstrip("#%/ "), delimiter)) for i, text in enumerate(texts[:-1]) if i not in content
     ]
     stated = _stated(plain)
-    rate = _rate(stated, plain)
+    rate = _rate(stated, plain if any("Frame" in row for row in plain) else [])
     title = next((row[0] for row in plain if len(row) == 1 and not is_number(row[0], ".")), "")
     rows = (
         plain if plain and (len(plain[-1]) > 1 or width == 1) else [cells for cells in commented if len(cells) == width]
@@ -325,8 +329,8 @@ def _stated(rows: list[list[str]]) -> dict[str, list[str]]:
 
 
 def _rate(stated: Mapping[str, list[str]], rows: list[list[str]]) -> float | None:
-    """The rate in lines above a header, Hz: by its key, or by a number alone below the title of a table."""
-    named = [values[0] for key, values in stated.items() if key.removesuffix(" (hz)").endswith(("rate", "frequency"))]
+    """The rate in lines above a header, Hz: by its key, or by a number alone below the title of a motion capture."""
+    named = [values[0] for key, values in stated.items() if _RATE.fullmatch(key)]
     alone = [below[0] for row, below in pairwise(rows) if len(row) == len(below) == 1]
     steps = [f"{1.0 / float(step)!r}" for step in stated.get("delta_x", [])[:1] if is_number(step, ".") and float(step)]
     rates = [float(text) for text in (*alone, *named, *steps) if is_number(text, ".") and text]
