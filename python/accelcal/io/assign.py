@@ -58,9 +58,8 @@ def assign(table: Table, declared: Sidecar, required: tuple[str, ...]) -> tuple[
         unasked = name in sources and name not in required
         if unasked and (sources[name].column == UNKNOWN or not _recorded(table, sources, name, declared.time)):
             del sources[name]
-    if (
-        "accel" not in sources and notes and not declared.channels
-    ):  # one of the columns that nobody asked for may be the output
+    # One of the columns that nobody asked for may be the output.
+    if "accel" not in sources and notes and not declared.channels:
         alone = "A planned motion has columns for time and position alone."
         raise RecordingError(f"{_absent(table, 'accel', sidecar, declared.channels)}\n{alone}")
     clock = declared.time or _common_clock(table, sources, sidecar)
@@ -84,7 +83,7 @@ def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, 
     if declared.attitude is not None:
         sources |= {name: Source(column, "1", declared.attitude.time) for name, column in attitude_columns(declared)}
     mapped = {source.column for source in sources.values()}
-    unused = []
+    unused, served = [], _of_clocks(declared)
     for column, (channel, own_clock) in discover(table).items():
         moved = declared.attitude is not None or reference_among(declared.channels) is not None
         essential = channel == "accel" or (channel == "position" and not moved)
@@ -98,7 +97,7 @@ def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, 
                     + fix(sidecar, line(channel, column, "..."))
                 )
             sources[channel] = Source(column, time=own_clock)
-        elif column not in _of_clocks(declared):
+        elif column not in served:
             unused.append(column)
     what = f"columns that {sidecar.name} does not name" if declared.channels else "columns without a known unit"
     text = f"{what} are not used: {_listed(unused)}; declare them in [channels] to use them"
@@ -108,7 +107,8 @@ def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, 
 def _of_clocks(declared: Sidecar) -> set[str]:
     """The columns that serve a sidecar as stamps, or tell rows apart."""
     sources = [*declared.channels.values()]
-    clocks = [clock for clock in (declared.time, *(source.time for source in sources)) if clock is not None]
+    own = [source.time for source in (*sources, declared.attitude) if source is not None]
+    clocks = [clock for clock in (declared.time, *own) if clock is not None]
     return {
         *(column for clock in clocks for column in columns_of(clock)),
         *(source.where[0] for source in sources if source.where is not None),
