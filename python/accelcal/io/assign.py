@@ -107,8 +107,8 @@ def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, 
 def _of_clocks(declared: Sidecar) -> set[str]:
     """The columns that serve a sidecar as stamps, or tell rows apart."""
     sources = [*declared.channels.values()]
-    own = [source.time for source in (*sources, declared.attitude) if source is not None]
-    clocks = [clock for clock in (declared.time, *own) if clock is not None]
+    clocks_of = [source.time for source in (*sources, declared.attitude) if source is not None]
+    clocks = [clock for clock in (declared.time, *clocks_of) if clock is not None]
     return {
         *(column for clock in clocks for column in columns_of(clock)),
         *(source.where[0] for source in sources if source.where is not None),
@@ -170,10 +170,10 @@ def clock_in_file(table: Table, column: str) -> Clock | None:
 
 def _stated(table: Table, column: str, declared: Clock | None) -> Clock | None:
     """The clock that a file itself gives a column; a common one that is declared wins unless it is another column's."""
-    own = clock_in_file(table, column)
-    if declared is None or own is None or (own.column, own.rate) == (declared.column, declared.rate):
-        return None if declared else own
-    return own if (declared.column or declared.rate) in {*table.clocks.values()} else None
+    stamps = clock_in_file(table, column)
+    if declared is None or stamps is None or (stamps.column, stamps.rate) == (declared.column, declared.rate):
+        return None if declared else stamps
+    return stamps if (declared.column or declared.rate) in {*table.clocks.values()} else None
 
 
 def _common_clock(table: Table, sources: Mapping[str, Source], sidecar: Path) -> Clock | None:
@@ -267,7 +267,7 @@ def _absent(table: Table, channel: str, sidecar: Path, declared: Iterable[str]) 
         lines += '\n# or, without a time column: rate = "1667 Hz"'
     return (
         f"{table.path}: no column for {channel}{hint}; columns are: {_listed(table.columns)}. "
-        f"{_told(likely)}Name it like "
+        f"{_likely_text(likely)}Name it like "
         f"{'t_s' if channel == 'time' else naming.column_name(channel, USUAL_UNIT[channel])}, or {fix(sidecar, lines)}"
     )
 
@@ -281,7 +281,7 @@ def candidates(table: Table, channel: str) -> list[tuple[str, str]]:
     ]
 
 
-def _told(likely: Sequence[tuple[str, str]]) -> str:
+def _likely_text(likely: Sequence[tuple[str, str]]) -> str:
     """Columns that a channel may be, in a sentence of their own."""
     names = [f'"{column}" in {unit}' for column, unit in likely]
     return f"By its unit it may be {_listed(names)}. " if names else ""
@@ -289,9 +289,8 @@ def _told(likely: Sequence[tuple[str, str]]) -> str:
 
 def _wrong_column(table: Table, channel: str, column: str, sidecar: Path) -> str:
     if column == UNKNOWN:
-        return (
-            f"{sidecar}: channels.{channel}: the column is still to be filled in. {_told(candidates(table, channel))}"
-        )
+        hint = _likely_text(candidates(table, channel)).strip() or f"Columns are: {_listed(table.columns)}"
+        return f"{sidecar}: channels.{channel}: the column is still to be filled in. {hint}"
     if column in table.columns:
         return f'{table.path}: {table.columns.count(column)} columns are called "{column}"; rename all but one.'
     close = difflib.get_close_matches(column, table.columns, n=1)

@@ -102,18 +102,18 @@ def _tables(path: Path, head: bytes, *, whole: bool) -> tuple[list[Dialect], byt
     data = head
     if not whole:
         if not starts:  # what is no table is refused before all of it is read
-            tables.append(recognise(path, head, 0, None, whole=False, taken=()))
+            tables.append(recognise(path, head, 0, None, whole=False, reserved=()))
         data = _as_text_bytes(path, path.read_bytes())
         starts = _starts(data)
     if tables and not starts:
         return tables, data
-    tables = [recognise(path, data, 0, starts[0] if starts else None, whole=True, taken=())]
+    tables = [recognise(path, data, 0, starts[0] if starts else None, whole=True, reserved=())]
     for start, end in zip(starts, [*starts, None][1:], strict=True):
         with suppress(RecordingError):
-            own = recognise(path, data, start, end, whole=True, taken=())
-            if own.named and own.columns != tables[-1].columns:
-                taken = {name for dialect in tables for name in dialect.columns}
-                tables.append(recognise(path, data, start, end, whole=True, taken=taken))
+            table = recognise(path, data, start, end, whole=True, reserved=())
+            if table.named and table.columns != tables[-1].columns:
+                reserved = {name for dialect in tables for name in dialect.columns}
+                tables.append(recognise(path, data, start, end, whole=True, reserved=reserved))
                 continue
         tables[-1] = replace(tables[-1], end=end)  # rows that go on below a message, or below their header again
     return tables, data

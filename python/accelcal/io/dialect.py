@@ -112,14 +112,16 @@ def is_value(cell: str, decimal: str) -> bool:
     return is_number(cell, decimal) or form_of(cell) is not None
 
 
-def recognise(path: Path, data: bytes, start: int, end: int | None, *, whole: bool, taken: Collection[str]) -> Dialect:
+def recognise(
+    path: Path, data: bytes, start: int, end: int | None, *, whole: bool, reserved: Collection[str]
+) -> Dialect:
     """Read the dialect of the table between two offsets off its first lines.
 
     Parameters
     ----------
     data : the file, or its beginning.
     whole : whether the last line of `data` is not cut.
-    taken : names of the columns of tables above it, which its own do not repeat.
+    reserved : names of the columns of tables above it, which its own do not repeat.
 
     Raises
     ------
@@ -166,7 +168,7 @@ def recognise(path: Path, data: bytes, start: int, end: int | None, *, whole: bo
             "make them agree (a decimal comma needs semicolons between the cells)."
         )
     columns = tuple((names[k] if k < len(names) else "") or str(k + 1) for k in range(width))
-    columns = tuple(f"{header.title or 'table 2'}.{name}" if name in taken else name for name in columns)
+    columns = tuple(f"{header.title or 'table 2'}.{name}" if name in reserved else name for name in columns)
     timed = any(naming.role(naming.take_apart(name).base) == "time" for name in columns)
     begin = above + 1 if first and names else at  # rows without any reading may stand between header and first numbers
     return Dialect(
@@ -352,8 +354,8 @@ def _joined(rows: list[list[str]], decimal: str, width: int) -> tuple[list[str],
             break
         filled: list[str] = []
         for k in range(width):
-            own = cells[k] if k < len(cells) else ""
-            filled.append(own or (filled[-1] if k > first else ""))
+            cell = cells[k] if k < len(cells) else ""
+            filled.append(cell or (filled[-1] if k > first else ""))
         upper.insert(0, filled)
     kinds = [{row[k].lower() for row in upper} for k in range(width)]
     ranked = sorted(upper, key=lambda row: {cell.lower() for cell in row[first:] if cell} <= _KINDS)

@@ -544,9 +544,9 @@ def _samples(table: Table, plan: Plan, rig: Rig) -> Iterator[tuple[str, quality.
     """Yield each channel in SI, on the instants at which it was sampled."""
     clocks = {source.time for source in plan.sources.values() if source.time is not None}
     wanted = [source.column for source in plan.sources.values()]
-    for own in clocks:
-        wanted += columns_of(own)
-        table.orders.update({name: own.order for name in (own.column, own.date) if name and own.order})
+    for timing in clocks:
+        wanted += columns_of(timing)
+        table.orders.update({name: timing.order for name in (timing.column, timing.date) if name and timing.order})
     raw = dict(table.read(list(dict.fromkeys(wanted))))
     instants: dict[Clock, Column] = {}
     for name, source in plan.sources.items():
@@ -630,8 +630,8 @@ def _instants(table: Table, plan: Plan, clock: Clock, raw: Mapping[str, Column])
     return stamps
 
 
-def _both(one: Flags | None, other: Flags | None) -> Flags | None:
-    return other if one is None else one if other is None else one & other
+def _both(first: Flags | None, other: Flags | None) -> Flags | None:
+    return other if first is None else first if other is None else first & other
 
 
 def _in_turn(table: Table, plan: Plan, name: str) -> str | None:
@@ -650,8 +650,8 @@ def _in_turn(table: Table, plan: Plan, name: str) -> str | None:
         with suppress(RecordingError):
             labels = _labels(table, column)
             values, parts = np.unique(labels, return_inverse=True) if len(labels) == len(t) else (labels[:0], labels)
-            each = [t[parts == k] for k in range(len(values))] if 1 < len(values) <= MOST_PARTS else []
-            if each and all(len(part) > 1 and np.all(part[1:] > part[:-1]) for part in each):
+            stretches = [t[parts == k] for k in range(len(values))] if 1 < len(values) <= MOST_PARTS else []
+            if stretches and all(len(part) > 1 and np.all(part[1:] > part[:-1]) for part in stretches):
                 texts = [toml_text(str(v)) if labels.dtype.kind == "U" else f"{v:g}" for v in values]
                 return (
                     f"{table.path}: {name}: the rows belong to {len(values)} sources in turn: the stamps rise in the "

@@ -146,9 +146,9 @@ def _dimension(table: Table, column: str | None) -> str | None:
     return units.conversion(unit).si if unit is not None else None
 
 
-def _only(table: Table, name: str, taken: Collection[str | None]) -> str | None:
+def _only(table: Table, name: str, others: Collection[str | None]) -> str | None:
     """The column that is alone in measuring what a channel does; None where none or several do."""
-    likely = [column for column, _ in candidates(table, name) if column not in taken]
+    likely = [column for column, _ in candidates(table, name) if column not in others]
     return likely[0] if len(likely) == 1 else None
 
 
