@@ -16,6 +16,7 @@ import accelcal
 from accelcal import io
 from accelcal.data.recording import RecordingError
 from tests.commands import accelcal as command
+from tests.io.recorders import workbook
 
 K, K0 = 0.013, 0.11
 """Planted error of the scale factor, and bias in m/s²."""
@@ -255,7 +256,7 @@ def test_a_long_table_gives_each_channel_its_rows(tmp_path, in_blocks):
     sidecar(
         path,
         'accel = { column = "value", unit = "m/s^2", where = { column = "quantity", equals = "acc" } }',
-        'position = { column = "value", unit = "m", where = { column = "quantity", equals = "Weg" } }',
+        'position = { column = "value", unit = "m", where = { equals = "Weg", column = "quantity" } }',
     )
     recording = io.load(path)
     np.testing.assert_allclose(recording.accel.y, y, atol=1e-8)
@@ -326,6 +327,16 @@ def test_rows_that_are_damaged_inside_are_listed(tmp_path):
 def test_a_header_with_fewer_names_than_cells_is_refused(tmp_path):
     path = write(tmp_path / "run.csv", ["t_s,accel_g", *(f"{k / 50},{k % 7},{k % 5}" for k in range(100))])
     assert "the header has 2 columns but row 2 has 3; make them agree" in refused(path)
+
+
+@pytest.mark.parametrize(("key", "stated"), [("Sampling rate [Hz];50", True), ("Baud rate;115200", False)])
+def test_a_key_row_states_the_rate_where_no_column_has_the_time(tmp_path, key, stated):
+    rows = [f"{k % 7};{k % 5}" for k in range(100)]
+    path = write(tmp_path / "run.csv", ["Logger 7", "4711", key, "", "accel_g;position_mm", *rows])
+    if stated:
+        assert io.load(path).accel.t[1] == pytest.approx(0.02)
+    else:
+        assert "no column for time" in refused(path)
 
 
 # Text files of LabVIEW
@@ -470,43 +481,6 @@ def test_an_archive_is_no_npz(tmp_path, inside, said):
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr(inside, "t_s,accel_g\n0,1\n")
     assert said in refused(path)
-
-
-OPEN = "http://schemas.openxmlformats.org"
-OFFICE = f"{OPEN}/officeDocument/2006/relationships"
-SHEETS = f"{OPEN}/spreadsheetml/2006/main"
-KINDS = "application/vnd.openxmlformats"
-WORKBOOK = {
-    "[Content_Types].xml": f'<Types xmlns="{OPEN}/package/2006/content-types">'
-    f'<Default Extension="rels" ContentType="{KINDS}-package.relationships+xml"/>'
-    f'<Default Extension="xml" ContentType="{KINDS}-officedocument.spreadsheetml.sheet.main+xml"/></Types>',
-    "_rels/.rels": f'<Relationships xmlns="{OPEN}/package/2006/relationships">'
-    f'<Relationship Id="r1" Type="{OFFICE}/officeDocument" Target="xl/workbook.xml"/></Relationships>',
-    "xl/workbook.xml": f'<workbook xmlns="{SHEETS}" xmlns:r="{OFFICE}"><sheets>'
-    '<sheet name="Messung" sheetId="1" r:id="r1"/></sheets></workbook>',
-    "xl/_rels/workbook.xml.rels": f'<Relationships xmlns="{OPEN}/package/2006/relationships">'
-    f'<Relationship Id="r1" Type="{OFFICE}/worksheet" Target="worksheets/sheet1.xml"/></Relationships>',
-}
-"""The parts of a workbook but its sheet."""
-
-
-def workbook(path, rows):
-    """A workbook of one sheet with texts and numbers."""
-    cells = "".join(
-        "<row>"
-        + "".join(
-            f'<c t="inlineStr"><is><t>{cell}</t></is></c>' if isinstance(cell, str) else f"<c><v>{cell!r}</v></c>"
-            for cell in row
-        )
-        + "</row>"
-        for row in rows
-    )
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in WORKBOOK.items():
-            archive.writestr(name, f'<?xml version="1.0"?>{content}')
-        sheet = f'<worksheet xmlns="{SHEETS}"><sheetData>{cells}</sheetData></worksheet>'
-        archive.writestr("xl/worksheets/sheet1.xml", f'<?xml version="1.0"?>{sheet}')
-    return path
 
 
 @pytest.mark.parametrize("unit_row", [False, True])

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Callable, Mapping
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -185,6 +186,50 @@ def db3(path: Path, columns: Columns, units: Mapping[str, str], step: float) -> 
         shutil.move(str(next(folder.glob("*.db3"))), path)
 
 
+OPEN = "http://schemas.openxmlformats.org"
+OFFICE = f"{OPEN}/officeDocument/2006/relationships"
+SHEETS = f"{OPEN}/spreadsheetml/2006/main"
+KINDS = "application/vnd.openxmlformats"
+WORKBOOK = {
+    "[Content_Types].xml": f'<Types xmlns="{OPEN}/package/2006/content-types">'
+    f'<Default Extension="rels" ContentType="{KINDS}-package.relationships+xml"/>'
+    f'<Default Extension="xml" ContentType="{KINDS}-officedocument.spreadsheetml.sheet.main+xml"/></Types>',
+    "_rels/.rels": f'<Relationships xmlns="{OPEN}/package/2006/relationships">'
+    f'<Relationship Id="r1" Type="{OFFICE}/officeDocument" Target="xl/workbook.xml"/></Relationships>',
+    "xl/workbook.xml": f'<workbook xmlns="{SHEETS}" xmlns:r="{OFFICE}"><sheets>'
+    '<sheet name="Messung" sheetId="1" r:id="r1"/></sheets></workbook>',
+    "xl/_rels/workbook.xml.rels": f'<Relationships xmlns="{OPEN}/package/2006/relationships">'
+    f'<Relationship Id="r1" Type="{OFFICE}/worksheet" Target="worksheets/sheet1.xml"/></Relationships>',
+}
+"""The parts of a workbook but its sheet."""
+
+
+def workbook(path: Path, rows: Sequence[Sequence[str | float]]) -> Path:
+    """A workbook of one sheet with texts and numbers."""
+    cells = "".join(
+        "<row>"
+        + "".join(
+            f'<c t="inlineStr"><is><t>{cell}</t></is></c>' if isinstance(cell, str) else f"<c><v>{cell!r}</v></c>"
+            for cell in row
+        )
+        + "</row>"
+        for row in rows
+    )
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in WORKBOOK.items():
+            archive.writestr(name, f'<?xml version="1.0"?>{content}')
+        sheet = f'<worksheet xmlns="{SHEETS}"><sheetData>{cells}</sheetData></worksheet>'
+        archive.writestr("xl/worksheets/sheet1.xml", f'<?xml version="1.0"?>{sheet}')
+    return path
+
+
+def xlsx(path: Path, columns: Columns, units: Mapping[str, str], step: float) -> None:
+    """A sheet with a column of the time, and a row of units."""
+    stamps = [k * step for k in range(max(map(len, columns.values())))]
+    rows = zip(stamps, *([float(value) for value in y] for y in columns.values()), strict=True)
+    workbook(path, [["t_s", *columns], ["s", *(units.get(name, "") for name in columns)], *map(list, rows)])
+
+
 RECORDERS: dict[str, Callable[[Path, Columns, Mapping[str, str], float], None]] = {
     "tdms": tdms,
     "uff": uff,
@@ -194,6 +239,7 @@ RECORDERS: dict[str, Callable[[Path, Columns, Mapping[str, str], float], None]] 
     "mcap": mcap,
     "bag": bag,
     "db3": db3,
+    "xlsx": xlsx,
 }
 """Writers by the ending of their files."""
 IN_MESSAGES = {"mcap": "/{}.value", "bag": "/{}.accel.linear.x", "db3": "/{}.accel.linear.x"}

@@ -70,21 +70,20 @@ def assign(table: Table, declared: Sidecar, required: tuple[str, ...]) -> tuple[
         unasked = name in sources and name not in required
         if unasked and (sources[name].column == UNKNOWN or not _recorded(table, sources, name, declared.time)):
             del sources[name]
-    if (
-        "accel" not in sources and notes and not declared.channels
-    ):  # one of the columns that nobody asked for may be the output
+    # One of the columns that nobody asked for may be the output.
+    if "accel" not in sources and notes and not declared.channels:
         alone = "A planned motion has columns for time and position alone."
         raise RecordingError(f"{_absent(table, 'accel', sidecar, declared.channels)}\n{alone}")
     clock = declared.time or _common_clock(table, sources, sidecar)
     times = Counter(table.columns)
     for name, source in sources.items():
-        if times[source.column] != 1:
-            raise RecordingError(_wrong_column(table, name, source.column, sidecar))
+        named = [source.column] if source.where is None else [source.column, source.where[0]]
+        if (wrong := next((column for column in named if times[column] != 1), None)) is not None:
+            raise RecordingError(_wrong_column(table, name, wrong, sidecar))
         stamps = source.time or _stated(table, source.column, declared.time) or clock
         if stamps is None:
             raise RecordingError(_absent(table, "time", sidecar, declared.channels))
-        wrong = next((column for column in columns_of(stamps) if times[column] != 1), None)
-        if wrong is not None:
+        if (wrong := next((column for column in columns_of(stamps) if times[column] != 1), None)) is not None:
             raise RecordingError(_wrong_column(table, "time", wrong, sidecar))
         sources[name] = replace(source, time=stamps)
     return Plan(sources, sidecar), notes
@@ -96,20 +95,21 @@ def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, 
     if declared.attitude is not None:
         sources |= {name: Source(column, "1", declared.attitude.time) for name, column in attitude_columns(declared)}
     mapped = {source.column for source in sources.values()}
-    unused = []
+    unused, served = [], _of_clocks(declared)
     for column, (channel, own_clock) in discover(table).items():
         moved = declared.attitude is not None or reference_among(declared.channels) is not None
         essential = channel == "accel" or (channel == "position" and not moved)
         if channel == "time" or channel in declared.channels or column in mapped:
             continue
-        if essential or (not declared.channels and units.is_unit(unit_of(table, column))):
+        side = not declared.channels and column not in table.stamps and units.is_unit(unit_of(table, column))
+        if essential or side:
             if channel in sources:
                 raise RecordingError(
                     f'{table.path}: columns "{sources[channel].column}" and "{column}" can both be {channel}; '
                     + fix(sidecar, line(channel, column, "..."))
                 )
             sources[channel] = Source(column, time=own_clock)
-        elif column not in _of_clocks(declared):
+        elif column not in served:
             unused.append(column)
     what = f"columns that {sidecar.name} does not name" if declared.channels else "columns without a known unit"
     text = f"{what} are not used: {_listed(unused)}; declare them in [channels] to use them"
@@ -119,7 +119,8 @@ def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, 
 def _of_clocks(declared: Sidecar) -> set[str]:
     """The columns that serve a sidecar as stamps, or tell rows apart."""
     sources = [*declared.channels.values()]
-    clocks = [clock for clock in (declared.time, *(source.time for source in sources)) if clock is not None]
+    clocks_of = [source.time for source in (*sources, declared.attitude) if source is not None]
+    clocks = [clock for clock in (declared.time, *clocks_of) if clock is not None]
     return {
         *(column for clock in clocks for column in columns_of(clock)),
         *(source.where[0] for source in sources if source.where is not None),
@@ -181,10 +182,10 @@ def clock_in_file(table: Table, column: str) -> Clock | None:
 
 def _stated(table: Table, column: str, declared: Clock | None) -> Clock | None:
     """The clock that a file itself gives a column; a common one that is declared wins unless it is another column's."""
-    own = clock_in_file(table, column)
-    if declared is None or own is None or (own.column, own.rate) == (declared.column, declared.rate):
-        return None if declared else own
-    return own if (declared.column or declared.rate) in {*table.clocks.values()} else None
+    stamps = clock_in_file(table, column)
+    if declared is None or stamps is None or (stamps.column, stamps.rate) == (declared.column, declared.rate):
+        return None if declared else stamps
+    return stamps if (declared.column or declared.rate) in {*table.clocks.values()} else None
 
 
 def _common_clock(table: Table, sources: Mapping[str, Source], sidecar: Path) -> Clock | None:
@@ -278,7 +279,7 @@ def _absent(table: Table, channel: str, sidecar: Path, declared: Iterable[str]) 
         lines += '\n# or, without a time column: rate = "1667 Hz"'
     return (
         f"{table.path}: no column for {channel}{hint}; columns are: {_listed(table.columns)}. "
-        f"{_told(likely)}Name it like "
+        f"{_likely_text(likely)}Name it like "
         f"{'t_s' if channel == 'time' else naming.column_name(channel, USUAL_UNIT[channel])}, or {fix(sidecar, lines)}"
     )
 
@@ -292,7 +293,7 @@ def candidates(table: Table, channel: str) -> list[tuple[str, str]]:
     ]
 
 
-def _told(likely: Sequence[tuple[str, str]]) -> str:
+def _likely_text(likely: Sequence[tuple[str, str]]) -> str:
     """Columns that a channel may be, in a sentence of their own."""
     names = [f'"{column}" in {unit}' for column, unit in likely]
     return f"By its unit it may be {_listed(names)}. " if names else ""
@@ -300,9 +301,8 @@ def _told(likely: Sequence[tuple[str, str]]) -> str:
 
 def _wrong_column(table: Table, channel: str, column: str, sidecar: Path) -> str:
     if column == UNKNOWN:
-        return (
-            f"{sidecar}: channels.{channel}: the column is still to be filled in. {_told(candidates(table, channel))}"
-        )
+        hint = _likely_text(candidates(table, channel)).strip() or f"Columns are: {_listed(table.columns)}"
+        return f"{sidecar}: channels.{channel}: the column is still to be filled in. {hint}"
     if column in table.columns:
         return f'{table.path}: {table.columns.count(column)} columns are called "{column}"; rename all but one.'
     close = difflib.get_close_matches(column, table.columns, n=1)

@@ -102,18 +102,18 @@ def _tables(path: Path, head: bytes, *, whole: bool) -> tuple[list[Dialect], byt
     data = head
     if not whole:
         if not starts:  # what is no table is refused before all of it is read
-            tables.append(recognise(path, head, 0, None, whole=False, taken=()))
+            tables.append(recognise(path, head, 0, None, whole=False, reserved=()))
         data = _as_text_bytes(path, path.read_bytes())
         starts = _starts(data)
     if tables and not starts:
         return tables, data
-    tables = [recognise(path, data, 0, starts[0] if starts else None, whole=True, taken=())]
+    tables = [recognise(path, data, 0, starts[0] if starts else None, whole=True, reserved=())]
     for start, end in zip(starts, [*starts, None][1:], strict=True):
         with suppress(RecordingError):
-            own = recognise(path, data, start, end, whole=True, taken=())
-            if own.named and own.columns != tables[-1].columns:
-                taken = {name for dialect in tables for name in dialect.columns}
-                tables.append(recognise(path, data, start, end, whole=True, taken=taken))
+            table = recognise(path, data, start, end, whole=True, reserved=())
+            if table.named and table.columns != tables[-1].columns:
+                reserved = {name for dialect in tables for name in dialect.columns}
+                tables.append(recognise(path, data, start, end, whole=True, reserved=reserved))
                 continue
         tables[-1] = replace(tables[-1], end=end)  # rows that go on below a message, or below their header again
     return tables, data
@@ -273,12 +273,7 @@ class _Text:
 
     def _is_reading(self, cells: list[str], dialect: Dialect) -> bool:
         """Whether a row has all cells, and a number or nothing in the first column of numbers."""
-        if len(cells) != dialect.width:
-            return False
-        key = cells[dialect.key]
-        if dialect.columns[dialect.key] in dialect.stamps:
-            return not key or instants.form_of(key) is not None
-        return not key or is_value(key, dialect.decimal)
+        return len(cells) == dialect.width and (not cells[dialect.key] or is_value(cells[dialect.key], dialect.decimal))
 
     def _say(self, lines: Sequence[str], where: str) -> None:
         """Note lines that were left out."""
@@ -286,9 +281,8 @@ class _Text:
             count = (
                 "1 line that is no reading is" if len(lines) == 1 else f"{len(lines)} lines that are no readings are"
             )
-            text = (
-                f"{count} left out ({where}): {_some([chr(34) + line[:40] + chr(34) for line in dict.fromkeys(lines)])}"
-            )
+            some = _some([f'"{line[:40]}"' for line in dict.fromkeys(lines)])
+            text = f"{count} left out ({where}): {some}"
             self.notes.append(Finding("left_out_lines", "", len(lines), 0.0, text, "warning"))
 
     def _fault(self, data: bytes, dialect: Dialect, names: Sequence[str]) -> str | None:

@@ -68,6 +68,10 @@ _MOST_LABELS = 60
 """Lines in which it stands."""
 _MOST_HEADER = 20
 """Lines above the rows of numbers of a second table."""
+_RATE = re.compile(
+    r"(?:(?:export|capture|camera|sampl\w*|frame|scan|acquisition|output|data) )*(?:rate|frequency)(?: [\[(]hz[\])])?"
+)
+"""Keys in lower case that state a rate; that of a line, in baud, is none."""
 _KINDS = {"rigid body", "rigid body marker", "marker", "bone", "bone marker", "type", "id"}
 """What a motion capture calls kinds of things: such a row of a header tells nothing that their names do not."""
 
@@ -108,14 +112,16 @@ def is_value(cell: str, decimal: str) -> bool:
     return is_number(cell, decimal) or form_of(cell) is not None
 
 
-def recognise(path: Path, data: bytes, start: int, end: int | None, *, whole: bool, taken: Collection[str]) -> Dialect:
+def recognise(
+    path: Path, data: bytes, start: int, end: int | None, *, whole: bool, reserved: Collection[str]
+) -> Dialect:
     """Read the dialect of the table between two offsets off its first lines.
 
     Parameters
     ----------
     data : the file, or its beginning.
     whole : whether the last line of `data` is not cut.
-    taken : names of the columns of tables above it, which its own do not repeat.
+    reserved : names of the columns of tables above it, which its own do not repeat.
 
     Raises
     ------
@@ -162,7 +168,7 @@ def recognise(path: Path, data: bytes, start: int, end: int | None, *, whole: bo
             "make them agree (a decimal comma needs semicolons between the cells)."
         )
     columns = tuple((names[k] if k < len(names) else "") or str(k + 1) for k in range(width))
-    columns = tuple(f"{header.title or 'table 2'}.{name}" if name in taken else name for name in columns)
+    columns = tuple(f"{header.title or 'table 2'}.{name}" if name in reserved else name for name in columns)
     timed = any(naming.role(naming.take_apart(name).base) == "time" for name in columns)
     begin = above + 1 if first and names else at  # rows without any reading may stand between header and first numbers
     return Dialect(
@@ -293,7 +299,7 @@ def _header(texts: list[str], content: list[int], delimiter: str, decimal: str, 
         _trimmed(cells_in(text.lstrip("#%/ "), delimiter)) for i, text in enumerate(texts[:-1]) if i not in content
     ]
     stated = _stated(plain)
-    rate = _rate(stated, plain)
+    rate = _rate(stated, plain if any("Frame" in row for row in plain) else [])
     title = next((row[0] for row in plain if len(row) == 1 and not is_number(row[0], ".")), "")
     rows = (
         plain if plain and (len(plain[-1]) > 1 or width == 1) else [cells for cells in commented if len(cells) == width]
@@ -325,8 +331,8 @@ def _stated(rows: list[list[str]]) -> dict[str, list[str]]:
 
 
 def _rate(stated: Mapping[str, list[str]], rows: list[list[str]]) -> float | None:
-    """The rate in lines above a header, Hz: by its key, or by a number alone below the title of a table."""
-    named = [values[0] for key, values in stated.items() if key.removesuffix(" (hz)").endswith(("rate", "frequency"))]
+    """The rate in lines above a header, Hz: by its key, or by a number alone below the title of a motion capture."""
+    named = [values[0] for key, values in stated.items() if _RATE.fullmatch(key)]
     alone = [below[0] for row, below in pairwise(rows) if len(row) == len(below) == 1]
     steps = [f"{1.0 / float(step)!r}" for step in stated.get("delta_x", [])[:1] if is_number(step, ".") and float(step)]
     rates = [float(text) for text in (*alone, *named, *steps) if is_number(text, ".") and text]
@@ -348,8 +354,8 @@ def _joined(rows: list[list[str]], decimal: str, width: int) -> tuple[list[str],
             break
         filled: list[str] = []
         for k in range(width):
-            own = cells[k] if k < len(cells) else ""
-            filled.append(own or (filled[-1] if k > first else ""))
+            cell = cells[k] if k < len(cells) else ""
+            filled.append(cell or (filled[-1] if k > first else ""))
         upper.insert(0, filled)
     kinds = [{row[k].lower() for row in upper} for k in range(width)]
     ranked = sorted(upper, key=lambda row: {cell.lower() for cell in row[first:] if cell} <= _KINDS)

@@ -117,11 +117,7 @@ def _days(a: Array, b: Array, c: Array, order: Order) -> Array:
     """Days since 1970 of dates whose year comes first or last."""
     import pyarrow as pa
 
-    first = a[0] > 31
-    year, day = (a, c) if first else (c, a)
-    month = b
-    if not first and order == "MDY":
-        month, day = a, b
+    year, month, day = (a, b, c) if a[0] > 31 else (c, a, b) if order == "MDY" else (c, b, a)
     year = np.where(year < 100, year + 2000, year)
     if np.any((month < 1) | (month > 12) | (day < 1) | (day > 31)):
         raise pa.ArrowInvalid(f"a date has no such day or month in the order {order}")

@@ -738,35 +738,35 @@ def _samples(
     """
     wanted = [source.column for source in plan.sources.values()]
     clocks = {source.time for source in plan.sources.values() if source.time is not None and source.time.column}
-    for clock in clocks:
-        wanted += columns_of(clock)
-        table.orders.update({name: clock.order for name in (clock.column, clock.date) if name and clock.order})
+    for timing in clocks:
+        wanted += columns_of(timing)
+        table.orders.update({name: timing.order for name in (timing.column, timing.date) if name and timing.order})
     raw = dict(table.read(list(dict.fromkeys(wanted))))
     once = None if clocks else _once(table, [raw[name].values for name in wanted], findings)
     instants: dict[Clock, Column] = {}
     sampled: dict[str, tuple[Array, Array, NDArray[np.intp] | None]] = {}
     for name, source in plan.sources.items():
-        own = source.time
-        assert own is not None  # _plan gave each source one
+        clock = source.time
+        assert clock is not None  # _plan gave each source one
         y, chosen = raw[source.column], _rows_where(table, source, name)
         if once is not None:
             chosen = once if chosen is None else chosen & once
         if chosen is not None:
             y = Column(y.values[chosen], None if y.present is None else y.present[chosen])
-        if own.column is None:
-            assert own.rate is not None
-            stamps = Column(np.arange(len(y.values)) / own.rate)
+        if clock.column is None:
+            assert clock.rate is not None
+            stamps = Column(np.arange(len(y.values)) / clock.rate)
         else:
-            if own not in instants:
-                instants[own], noticed = _instants(table, plan, own, raw)
+            if clock not in instants:
+                instants[clock], noticed = _instants(table, plan, clock, raw)
                 findings += noticed
-            stamps = instants[own]
+            stamps = instants[clock]
             if chosen is not None and len(stamps.values) == len(chosen):
                 stamps = Column(stamps.values[chosen], None if stamps.present is None else stamps.present[chosen])
         if len(stamps.values) != len(y.values):
             raise RecordingError(
                 f'{table.path}: {name}: column "{source.column}" has {len(y.values)} values but its time column '
-                f'"{own.column}" has {len(stamps.values)}; give it its own: time = {{ column = "...", unit = "s" }}'
+                f'"{clock.column}" has {len(stamps.values)}; give it its clock: time = {{ column = "...", unit = "s" }}'
             )
         kept = _kept(table, name, stamps, y)
         rows = slice(None) if kept is None else kept
@@ -876,11 +876,6 @@ def _rows_where(table: Table, source: Source, name: str) -> Flags | None:
     if source.where is None:
         return None
     column, value = source.where
-    if column not in table.columns:
-        raise RecordingError(
-            f'{table.path}: there is no column "{column}", which where names for {name}; columns are: '
-            f"{', '.join(table.columns)}"
-        )
     labels = _labels(table, column)
     chosen = labels == (str(value) if labels.dtype.kind == "U" else value)
     if not np.any(chosen):
@@ -910,8 +905,8 @@ def _instants(table: Table, plan: Plan, clock: Clock, raw: Mapping[str, Column])
     return stamps, noticed
 
 
-def _both(one: Flags | None, other: Flags | None) -> Flags | None:
-    return other if one is None else one if other is None else one & other
+def _both(first: Flags | None, other: Flags | None) -> Flags | None:
+    return other if first is None else first if other is None else first & other
 
 
 def _in_turn(table: Table, plan: Plan, name: str) -> str | None:
@@ -930,8 +925,8 @@ def _in_turn(table: Table, plan: Plan, name: str) -> str | None:
         with suppress(RecordingError):
             labels = _labels(table, column)
             values, parts = np.unique(labels, return_inverse=True) if len(labels) == len(t) else (labels[:0], labels)
-            each = [t[parts == k] for k in range(len(values))] if 1 < len(values) <= MOST_PARTS else []
-            if each and all(len(part) > 1 and np.all(part[1:] > part[:-1]) for part in each):
+            stretches = [t[parts == k] for k in range(len(values))] if 1 < len(values) <= MOST_PARTS else []
+            if stretches and all(len(part) > 1 and np.all(part[1:] > part[:-1]) for part in stretches):
                 texts = [toml_text(str(v)) if labels.dtype.kind == "U" else f"{v:g}" for v in values]
                 return (
                     f"{table.path}: {name}: the rows belong to {len(values)} sources in turn: the stamps rise in the "

@@ -328,18 +328,16 @@ def _nearest(key: str, keys: Mapping[str, Any]) -> str:
     return f'did you mean "{close[0]}"?' if close else "known keys here: " + ", ".join(keys)
 
 
-def _fraction(value: object) -> Source:
-    values = _table(value, "", {"column": _text, "unit": _text})
-    if len(values) < 2:
-        raise AccelcalError('column and unit are needed, e.g. { column = "us", unit = "us" }')
-    return Source(**values)
+def _pair(example: str, **keys: _Check) -> _Check:
+    """Accept a table with two keys, both needed."""
 
+    def check(value: object) -> dict[str, Any]:
+        values = _table(value, "", keys)
+        if len(values) < len(keys):
+            raise AccelcalError(f"{' and '.join(keys)} are needed, e.g. {example}")
+        return {key: values[key] for key in keys}
 
-def _where(value: object) -> tuple[str, float | str]:
-    values = _table(value, "", {"column": _text, "equals": _cell})
-    if len(values) < 2:
-        raise AccelcalError('column and equals are needed, e.g. { column = "I", equals = 0 }')
-    return values["column"], values["equals"]
+    return check
 
 
 def _cell(value: object) -> float | str:
@@ -348,12 +346,14 @@ def _cell(value: object) -> float | str:
     return value
 
 
+_where = _pair('{ column = "I", equals = 0 }', column=_text, equals=_cell)
+_fraction = _pair('{ column = "us", unit = "us" }', column=_text, unit=_text)
 _CLOCK: dict[str, _Check] = {
     "column": _text,
     "unit": _text,
     "rate": _amount("frequency", "positive"),
     "date": _text,
-    "fraction": _fraction,
+    "fraction": lambda value: Source(**_fraction(value)),
     "order": _one_of("DMY", "MDY"),
 }
 
@@ -396,7 +396,12 @@ def _attitude(value: object) -> Attitude:
     return Attitude(**values)
 
 
-_SOURCE: dict[str, _Check] = {"column": _text, "unit": _text, "time": _clock, "where": _where}
+_SOURCE: dict[str, _Check] = {
+    "column": _text,
+    "unit": _text,
+    "time": _clock,
+    "where": lambda value: tuple(_where(value).values()),
+}
 _CORNER = (
     'fc and order are needed, e.g. {passes} = {{ kind = "{kind}", fc = "50 Hz", order = 4 }}, with the corner at -3 dB'
 )

@@ -512,6 +512,8 @@ def _require_lines(declared: Sidecar, source: str) -> None:
     for count, what in (
         (declared.attitude is not None, "[channels.attitude]"),
         (declared.time is not None and declared.time.rate is not None, "[channels] rate"),
+        (declared.time is not None and (declared.time.date or declared.time.fraction), "date and fraction of the time"),
+        (any(source.where for source in declared.channels.values()), "where"),
         (bool(set(declared.channels) - set(CHANNELS)), ", ".join(sorted(set(declared.channels) - set(CHANNELS)))),
     ):
         if count:

@@ -148,9 +148,9 @@ def _dimension(table: Table, column: str | None) -> str | None:
     return units.conversion(unit).si if unit is not None else None
 
 
-def _only(table: Table, name: str, taken: Collection[str | None]) -> str | None:
+def _only(table: Table, name: str, others: Collection[str | None]) -> str | None:
     """The column that is alone in measuring what a channel does; None where none or several do."""
-    likely = [column for column, _ in candidates(table, name) if column not in taken]
+    likely = [column for column, _ in candidates(table, name) if column not in others]
     return likely[0] if len(likely) == 1 else None
 
 
@@ -167,13 +167,15 @@ def _copies(table: Table) -> dict[str, str]:
     copies = {}
     for name in names:
         content = read[name].values.tobytes()
-        if len(content) and first.setdefault(content, name) != name and np.ptp(read[name].values) > 0:
+        if first.setdefault(content, name) != name and len(np.unique(read[name].values)) > _FEWEST_VALUES:
             copies[name] = first[content]
     return copies
 
 
 _MOST_COMPARED = 64
 """Columns that are compared with each other."""
+_FEWEST_VALUES = 2
+"""Different values of a column of which another one is a copy; what never moves is alike by chance."""
 
 
 def _required(table: Table, name: str, column: str | None, clocks: Mapping[str, str], *, called: bool) -> str:
