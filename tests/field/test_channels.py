@@ -241,7 +241,7 @@ def test_drop_outs_of_a_vibrometer_are_left_out(seed, tau, tmp_path):
 
 @pytest.mark.parametrize("mistake", UNITS)
 @pytest.mark.parametrize("kind", ["stage", "lift"])
-def test_a_wrong_unit_is_named_with_the_line_that_mends_it(mistake, kind, tmp_path):
+def test_a_wrong_unit_is_named_with_the_line_to_write(mistake, kind, tmp_path):
     made, line = wrong_unit(21, kind, mistake)
     path = made.write(tmp_path)
     said = suspicion(ac.load(path))
@@ -261,7 +261,7 @@ MISTAKES: dict[str, Callable[[int, str], tuple[object, str]]] = {
 
 
 @pytest.mark.parametrize(("name", "kind"), list(zip(MISTAKES, 5 * ["stage", "lift"], strict=True)))
-def test_a_mistake_is_told_by_check_and_fit_and_its_line_mends_it(name, kind, tmp_path):
+def test_check_and_fit_name_a_mistake_and_the_line_cures_it(name, kind, tmp_path):
     made, line = MISTAKES[name](31, kind)
     path = made.write(tmp_path)
     assert line in suspicion(ac.load(path))
@@ -362,7 +362,7 @@ def test_an_ordinary_sensor_is_not_accused(kind, k, tmp_path):
         ("18_factors", "time_unit.csv", "the unit of column tow_ms: s, not ms?"),
     ],
 )
-def test_the_shared_mistakes_are_told(name, file, said, tmp_path):
+def test_the_shared_mistakes_are_named(name, file, said, tmp_path):
     path = case(name, tmp_path) / file
     assert said in sentence(path)
     assert said in suspicion(ac.load(path))
