@@ -366,3 +366,18 @@ def test_the_shared_mistakes_are_named(name, file, said, tmp_path):
     path = case(name, tmp_path) / file
     assert said in sentence(path)
     assert said in suspicion(ac.load(path))
+
+
+def test_a_ratio_of_masses_is_accepted_by_one_line(tmp_path):
+    """The encoder of the impactor reads its nose against its body: 1 + k is the ratio of two masses."""
+    folder = Path(os.environ.get("ACCELCAL_REAL_DATA", "")) / "cyberdiver"
+    if not folder.is_dir():
+        pytest.skip("ACCELCAL_REAL_DATA is not set: real recordings are not at hand")
+    path = Path(shutil.copy(folder / "cyberdiver_ext_ret_trial1.csv", tmp_path / "run.csv"))
+    path.with_suffix(".toml").write_text(
+        f"[channels]\n{TIME}\n{ACCEL}\n{POSITION}\n".replace('"acc"', '"accel"').replace('"pos"', '"position"')
+    )
+    line = re.search(r"\[rig\] (ratio = [\d.]+)", sentence(path))
+    assert line is not None
+    assert float(line[1].split(" = ")[1]) == pytest.approx(0.227, abs=0.003)
+    assert "implausible" not in sentence(written(path, line[1]))
