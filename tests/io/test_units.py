@@ -91,7 +91,7 @@ def test_an_electrical_scale_is_read_either_way_up(text, kind, value, electrical
         ("0 mm/V", "length", "no electrical scale factor"),
     ],
 )
-def test_what_is_no_electrical_scale_is_told(text, kind, said):
+def test_what_is_no_electrical_scale_is_refused(text, kind, said):
     with pytest.raises(UnitError) as error:
         sensitivity(text, kind)
     assert said in str(error.value)

@@ -285,21 +285,24 @@ def stuck_positions(run: PreparedRun) -> Stretches:
 def lost_signal(recording: Recording) -> list[tuple[WrongKind, str, Stretches]]:
     """Readings of a velocity that jump away from the integral of the output and come back, as a few of them do.
 
-    What both show is taken off, so that an impact is none; the rest is compared with its neighbours, and a jump counts
-    that the acceleration about it cannot make.
+    What both show is taken off, and the rest is compared with its neighbours. A jump counts that a sudden change of the
+    output about it cannot make, as an impact leaves one where the channels are not quite simultaneous.
     """
     read, accel = recording.reference, recording.accel
     if read is None or read.name != VELOCITY or len(read) < FEWEST:
         return []
     u, step = accel.y - np.mean(accel.y), usual_step(read.t)
-    gained = np.concatenate([[0.0], np.cumsum(0.5 * (u[1:] + u[:-1]) * np.diff(accel.t))])
-    shown = recording.rig.polarity * np.interp(read.t, accel.t, gained)
+    shown = recording.rig.polarity * scipy.interpolate.CubicSpline(accel.t, u).antiderivative()(read.t)
     error, gain = interpolation_errors(read.t, read.y - shown)
-    largest = np.interp(read.t, accel.t, scipy.ndimage.maximum_filter1d(np.abs(u), 2 * LEFT_OUT_BESIDE + 1))
-    likely = LOST_SIGMA * local_spread(error / gain) + LOST_STEPS * step * largest
-    out = np.abs(error / gain) > likely
-    if not out.any() or np.mean(out) > DISTURBED_SHARE:
+    sudden = np.abs(interpolation_errors(accel.t, accel.y)[0])
+    largest = np.interp(read.t, accel.t, scipy.ndimage.maximum_filter1d(sudden, 2 * LEFT_OUT_BESIDE + 1))
+    likely = LOST_SIGMA * local_spread(error / gain)
+    near = widened(np.abs(error / gain) > likely + LOST_STEPS * step * largest, LEFT_OUT_BESIDE // 2)
+    if not near.any() or np.mean(near) > DISTURBED_SHARE:
         return []
+    v, motion = read.y[~near], shown[~near]  # of these the wrong ones: far from what lies around and the motion between
+    rest = read.y - shown * float(np.diff(v) @ np.diff(motion) / (np.diff(motion) @ np.diff(motion)))
+    out = np.abs(rest - scipy.interpolate.CubicSpline(read.t[~near], rest[~near])(read.t)) > likely
     return [("lost_signal", "reference", [(float(read.t[a]), float(read.t[b])) for a, b in runs_of_true(out, 1)])]
 
 

@@ -395,9 +395,9 @@ LOST_SIGMA = 10.0
 """Departure of a reading of velocity from its eight neighbours, over the usual one, that is a drop-out. White noise
 reaches six once in a thousand million readings, and its level changes along a record. [sigma;
 tests/field/test_channels.py]"""
-LOST_STEPS = 1.5
-"""Change of speed that the acceleration about a reading makes in so many of its steps, which a drop-out exceeds. A
-delay of one sample between the channels leaves one. [steps; tests/field/test_channels.py]"""
+LOST_STEPS = 4.0
+"""Change of speed that a sudden acceleration about a reading makes in so many of its steps, which a drop-out exceeds. A
+delay of one sample between the channels leaves one at an impact. [steps; tests/field/test_channels.py]"""
 STUCK_SAMPLES = 32
 """Equal readings in a row, while the other channel moves, that are a stuck channel. Fewer are quantisation.
 [samples; tests/diagnosis/test_left_out.py]"""

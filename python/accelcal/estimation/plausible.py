@@ -139,7 +139,7 @@ def causes(recording: Recording, share: float) -> Iterator[tuple[float, float, s
         electrical = unit in units.ELECTRICAL
         declared = [size for text, size in KNOWN[name].items() if unit and units.same_unit(text, unit)]
         for true, size in KNOWN[name].items():
-            for factor in (size, 1.0 / size) if electrical else [size / known for known in declared]:
+            for factor in (size, 1.0 / size) if electrical else [size / stated for stated in declared]:
                 left = share * factor**power
                 if factor == 1.0 or not power or not plausible(left):
                     continue

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -22,6 +22,7 @@ from accelcal.response.parametric import ResponseModel, fit_response
 from accelcal.response.sine import ALONE, Point, Reference, SineStep, explained, find_steps, may_be_stepped
 from accelcal.signals.processing import response
 from accelcal.signals.processing import response as gain_of
+from accelcal.signals.series import fill_gaps
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,6 +228,9 @@ def recorded_reference(recording: Recording) -> Reference:
     """What the recording was referred to, its position or a velocity or acceleration, behind its declared filters."""
     rig, read = recording.rig, recording.reference
     channel = recording.position if read is None else read
+    if read is not None and recording.left_out:  # few in a row: a spectral estimation wants even times
+        filled = fill_gaps(read.t, read.y, usual_step(read.t))
+        channel = replace(read, t=filled.t, y=filled.y)
     filters = gain_of(rig.position_filters, 1.0 / usual_step(channel.t))
     return Reference(channel, POSITION_ORDER if read is None else require_reference(read)[0], rig.polarity, filters)
 
