@@ -231,7 +231,7 @@ class Alignment:
     def sentence(self) -> str:
         """For people."""
         text = (
-            f"two loggers: the stamps of the output are shifted by {self.shift:+.6f} s (standard deviation "
+            f"two clocks: the stamps of the output are shifted by {self.shift:+.6f} s (standard deviation "
             f"{self.std:.1g} s at {units.instant(self.middle)} s) onto the clock of the position, correlation "
             f"{self.correlation:.3f} over {self.overlap:.4g} s in common, skew {self.skew * 1e6:+.1f} ppm (standard "
             f"deviation {self.skew_std * 1e6:.1g} ppm); the next-best alignment, {self.next_shift:+.4f} s, reaches "

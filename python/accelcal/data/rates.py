@@ -21,7 +21,7 @@ MOST_SKEW = 0.08
 """Largest difference of two rates that is sought: sensors run up to 7 % beside their data sheet."""
 LEAST_LIKE, MOST_LIKE = 0.6, 0.85
 """Correlation that two records of one motion reach at the right rate: at least the first, and above what chance gives
-among all rates and shifts as far as that is below the second. Unrelated motions stayed below 0.45 in `benches/rates`."""
+among all rates and shifts as far as that is below the second. Unrelated motions stay below 0.45 in `benches/rates`."""
 OPPOSITE = 1.1
 """By how much a relation with the other sign must be closer to be the one that is taken."""
 BY_CHANCE = 1e-4

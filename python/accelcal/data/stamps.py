@@ -127,7 +127,10 @@ def _clock_behind(t: Array, jumps: NDArray[np.intp]) -> Packets | None:
     ahead = np.pad(arrival, (0, AHEAD), constant_values=math.inf) - period * np.arange(len(arrival) + AHEAD)
     ahead = np.lib.stride_tricks.sliding_window_view(ahead, AHEAD + 1).min(axis=1) + period * np.arange(len(arrival))
     lost = np.maximum(np.rint((ahead[1:] - arrival[:-1]) / period) - 1.0, 0.0) * (between > 1.5 * period)
-    number = np.arange(len(t)) + n * np.concatenate([[0.0], np.cumsum(lost)])[np.searchsorted(ends, np.arange(len(t))).clip(0, len(lost))]
+    number = (
+        np.arange(len(t))
+        + n * np.concatenate([[0.0], np.cumsum(lost)])[np.searchsorted(ends, np.arange(len(t))).clip(0, len(lost))]
+    )
     x = number - number[ends[0]]
     y, pieces = _earliest(x[ends], arrival - arrival[0], STEADY * jitter)
     # beyond the last arrivals the clock goes on as it is there
