@@ -63,7 +63,8 @@ def outcome_of(trial: Trial) -> Outcome:
     outcome = {"key": trial.key, "kind": trial.kind, "skew": both.skew, "length": both.seconds}
     try:
         alignment = align(
-            Channel("accel", both.accel_t, both.accel, "m/s^2"), Channel("position", both.position_t, both.position, "m")
+            Channel("accel", both.accel_t, both.accel, "m/s^2"),
+            Channel("position", both.position_t, both.position, "m"),
         )
     except RecordingError as error:
         return {**outcome, "refused": str(error), "seconds": time.process_time() - begin}

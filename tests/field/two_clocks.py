@@ -84,13 +84,18 @@ def pair(
 
     def drawn() -> Motion:
         if few:
-            return Motion.of_tones(rng, 0.3, float(np.exp(rng.uniform(np.log(3.0), np.log(12.0)))), int(rng.integers(4, 9)))
+            return Motion.of_tones(
+                rng, 0.3, float(np.exp(rng.uniform(np.log(3.0), np.log(12.0)))), int(rng.integers(4, 9))
+            )
         low = rng.uniform(0.2, 1.0)
         return Motion.of_tones(rng, low, low * rng.uniform(3.0, 12.0), int(min(400, max(40, 0.5 * seconds))))
 
     motion = drawn()
     fast = motion.fastest
-    of_accel, of_position = rates or (min(1000.0, fast * rng.uniform(8.0, 40.0)), min(1000.0, fast * rng.uniform(6.0, 30.0)))
+    of_accel, of_position = rates or (
+        min(1000.0, fast * rng.uniform(8.0, 40.0)),
+        min(1000.0, fast * rng.uniform(6.0, 30.0)),
+    )
     if skew is None:
         skew = float(np.exp(rng.uniform(np.log(1e-4), np.log(0.08))) * rng.choice([-1.0, 1.0]))
     shift = seconds * rng.uniform(-0.1, 0.1) if rates is None else 0.0

@@ -182,7 +182,7 @@ FEWEST = 64
 """Instants that they must have in common."""
 ALIKE = 0.3
 """Least correlation of two records of one motion."""
-SEARCHED = 0.5
+SEARCHED = 0.7
 """The same where the two are alike at no rate: the best of many shifts is more than one."""
 NEAR = 0.9
 """Correlation at one rate of both clocks beyond which no other rate is tried."""

@@ -140,7 +140,7 @@ def require_usable(recording: Recording) -> None:
             i = int(np.argmax(t[1:] <= t[:-1])) + 1
             raise RecordingError(
                 f"{file}: time of {channel.name} does not rise at {samples.row(i)}: {t[i]:.9g} s after "
-                f"{t[i - 1]:.9g} s; expected each stamp after the one before. Keep one of the samples at the same time; "
+                f"{t[i - 1]:.9g} s; expected each stamp after the one before. Keep one of the samples at one time; "
                 "where the clock starts again, another recording begins."
             )
         require_pace(file, channel.name, t)

@@ -9,7 +9,7 @@ both recorded.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -47,9 +47,9 @@ CANDIDATES = 12
 """Rates that may grow."""
 ROUNDS = 4
 """Corrections of rate and shift at each length."""
-ENDS = 0.2
+ENDS = 0.3
 """Share of a record over which its ends fade in and out: a filter rings there."""
-SMOOTH = 16
+SMOOTH = 2
 """Frequencies to either side over which the power of what is left is averaged."""
 TONE = 0.95
 """Share of the power within one line beyond which a motion is one tone."""
@@ -108,9 +108,7 @@ def search_rates(a: Array, b: Array, step: float) -> Search:
     if not rates:
         return Search(None, said)
     rate = max(rates, key=lambda rate: max(rate.correlation, -rate.correlation / OPPOSITE) * math.sqrt(rate.overlap))
-    if enough < motion.top:
-        fast = motion.below(motion.top)
-        rate = fast.grown(rate.skew, (1.0 + rate.skew) * rate.lag / fast.step, 0.0, len(fast.b) - 1.0) or rate
+    rate = motion.refined(rate, a, b) or rate
     trials = tried * 2.0 * slow.per_instant * (len(slow.a) + len(slow.b))
     chance = math.sqrt(1.0 - (BY_CHANCE / trials) ** (1.0 / max(1.0, float(motion.lines[motion.top]))))
     least = max(LEAST_LIKE, min(MOST_LIKE, chance))
@@ -144,10 +142,18 @@ class _Motion:
         self.is_one_tone = bool(np.sum(held[max(0, best - width) : best + width + 1]) > TONE * power[-1] > 0.0)
         self.tone = float(self.f[best])
 
+    def refined(self, rate: Rate, a: Array, b: Array) -> Rate | None:
+        """A rate by the whole band, once both are at it: then the same frequencies pass for both."""
+        spline, (count, _) = scipy.interpolate.CubicSpline(np.arange(len(a)), a), self.lengths
+        again = _Motion(spline(np.arange(int((count - 1) / (1.0 + rate.skew)) + 1) * (1.0 + rate.skew)), b, self.step)
+        fast = again.below(again.top)
+        finer = fast.grown(0.0, rate.lag / fast.step, 0.0, len(fast.b) - 1.0)
+        return finer and replace(finer, skew=(1.0 + rate.skew) * (1.0 + finer.skew) - 1.0)
+
     def below(self, top: int) -> _Pair:
         """Both without what is faster than a frequency, on a grid that suits it."""
         wanted = PER_PERIOD * self.f[top] * self.size * self.step
-        count = min(self.size, scipy.fft.next_fast_len(int(wanted) + 2 * SMOOTH, real=True))
+        count = min(self.size, scipy.fft.next_fast_len(int(wanted) + 2 * FEWEST_INSTANTS, real=True))
         bins = min(count // 2, top + max(4, top // 8)) + 1
         fade = np.clip((bins - np.arange(bins)) / max(1, bins - 1 - top), 0.0, 1.0) * self.gain[:bins]
         step = self.step * self.size / count
@@ -246,7 +252,7 @@ class _Pair:
             last = min(len(self.b) - 1.0, (len(self.a) - 1.0 - shift) / (1.0 + skew))
             if begin <= first + 1.0 and end >= last - 1.0:
                 # The noise of what is left is as coloured as its own spectrum.
-                power = np.abs(scipy.fft.rfft(left * np.sqrt(fade / np.mean(fade)))) ** 2
+                power = np.abs(scipy.fft.rfft(left * fade)) ** 2 / float(np.mean(fade**2))
                 k = np.arange(len(power))
                 power = _means(power, k - SMOOTH, k + SMOOTH + 1)
                 row = np.abs(scipy.fft.rfft(gram[2] @ faded / size)) ** 2 * np.where(k > 0, 2.0, 1.0)

@@ -118,8 +118,8 @@ def rate_sentence(rate: Rate | None, trusted: str, rates: Rates, declared: bool)
     if nominal:
         runs = f"the {'sensor' if own else 'position'} runs at {nominal * factor:.7g} Hz, not {nominal:.6g}"
     doubt = (
-        f'; with the clock of {other}, [clock] trusted = "{other}", k would differ by {2.0 * (factor - 1.0):+.2%}, which '
-        "is in its budget until [clock] trusted is declared"
+        f'; with the clock of {other}, [clock] trusted = "{other}", k would differ by {2.0 * (factor - 1.0):+.2%}, '
+        "which is in its budget until [clock] trusted is declared"
     )
     return (
         f"{runs} (skew {rate.skew * 1e6:+.1f} ppm, standard deviation {rate.std * 1e6:.2g} ppm, correlation "
