@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
+from accelcal.data.arrays import Array, Places
 
 MOST_SKEW = 0.08
 """Largest difference of two rates that is sought: sensors run up to 7 % beside their data sheet."""
@@ -51,7 +51,7 @@ ENDS = 0.3
 """Share of a record over which its ends fade in and out: a filter rings there."""
 SMOOTH = 2
 """Frequencies to either side over which the power of what is left is averaged."""
-TONE = 0.95
+TONE = 0.98
 """Share of the power within one line beyond which a motion is one tone."""
 FEWEST_INSTANTS = 32
 
@@ -83,6 +83,8 @@ class Search:
     """What was tried, as part of a sentence."""
     slips: bool = False
     """Whether the clocks slip by more than the motion forgives."""
+    one_tone: bool = False
+    """Whether the motion is one tone, which no search tells anything about."""
 
 
 def search_rates(a: Array, b: Array, step: float) -> Search:
@@ -94,7 +96,9 @@ def search_rates(a: Array, b: Array, step: float) -> Search:
     """
     motion = _Motion(a, b, step)
     if motion.is_one_tone:
-        return Search(None, f"the motion is one tone, {motion.tone:.3g} Hz, which tells no rate of a clock")
+        return Search(
+            None, f"the motion is one tone, {motion.tone:.3g} Hz, which tells no rate of a clock", one_tone=True
+        )
     if not motion.top:
         return Search(None, "no frequency at which both move above their noise is left to compare rates by")
     enough = int(np.searchsorted(motion.lines[: motion.top], LINES[0]))
@@ -138,8 +142,10 @@ class _Motion:
         """How many frequencies up to each hold the motion, (bins,)."""
         self.top = int(np.searchsorted(power, POWER * power[-1]))
         """The fastest of them; 0 where there is none."""
-        best, width = int(np.argmax(held)), 4 * self.size // len(a)
-        self.is_one_tone = bool(np.sum(held[max(0, best - width) : best + width + 1]) > TONE * power[-1] > 0.0)
+        line = np.abs(scipy.fft.rfft((a - np.mean(a)) * np.hanning(len(a)), self.size)) ** 2 * inside
+        best, width = int(np.argmax(line)), 4 * self.size // len(a)
+        near = float(np.sum(line[max(0, best - width) : best + width + 1]))
+        self.is_one_tone = near > TONE * float(np.sum(line)) > 0.0
         self.tone = float(self.f[best])
 
     def refined(self, rate: Rate, a: Array, b: Array) -> Rate | None:
@@ -173,7 +179,7 @@ def _smoothed(power: Array) -> Array:
     return _means(power, np.floor(k / (1.0 + MOST_SKEW)), np.ceil(k * (1.0 + MOST_SKEW)) + 1.0)
 
 
-def _means(y: Array, low: Array, high: Array) -> Array:
+def _means(y: Array, low: Array | Places, high: Array | Places) -> Array:
     """Means of y[low:high], (n,)."""
     total = np.concatenate([[0.0], np.cumsum(y)])
     begin, end = (np.clip(edge, 0, len(y)).astype(np.intp) for edge in (low, high))
