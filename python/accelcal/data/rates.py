@@ -49,7 +49,7 @@ ROUNDS = 4
 """Corrections of rate and shift at each length."""
 ENDS = 0.3
 """Share of a record over which its ends fade in and out: a filter rings there."""
-SMOOTH = 2
+SMOOTH = 1
 """Frequencies to either side over which the power of what is left is averaged."""
 TONE = 0.98
 """Share of the power within one line beyond which a motion is one tone."""
