@@ -529,8 +529,8 @@ def _samples(
             inside = np.zeros(len(stamps.values), dtype=np.bool_)
             inside[chosen] = True
             rows = inside if rows is None else rows & inside
-        y = raw[source.column].values
-        values, unit = in_si(table, plan, name, source, rig, y if rows is None else y[rows])
+        cells = raw[source.column].values
+        values, unit = in_si(table, plan, name, source, rig, cells if rows is None else cells[rows])
         yield (
             name,
             quality.Samples(
@@ -565,12 +565,12 @@ def _part(
     if part is not None and 1 <= part < len(edges) and len(lengths) == 1:
         return slice(edges[part - 1], edges[part])
     parts = list(pairwise(edges))
-    stamps = next(iter(sampled.values()))[0].values
+    t = next(iter(sampled.values()))[0].values
     named = [
-        f"part {number}, {table.row(begin)} to {table.row(end - 1)} ({units.instant(stamps[begin])} s to "
-        f"{units.instant(stamps[end - 1])} s)"
+        f"part {number}, {table.row(begin)} to {table.row(end - 1)} ({units.instant(t[begin])} s to "
+        f"{units.instant(t[end - 1])} s)"
         for number, (begin, end) in enumerate(parts, 1)
-        if end <= len(stamps)
+        if end <= len(t)
     ]
     listed = "; ".join(named if len(named) <= MOST_PARTS else [*named[: MOST_PARTS - 1], "...", named[-1]])
     if part is not None:
@@ -579,8 +579,8 @@ def _part(
         )
     begin = edges[1]
     raise RecordingError(
-        f"{table.path}: the clock starts again at {table.row(begin)}: {stamps[begin]:.9g} s after "
-        f"{stamps[begin - 1]:.9g} s. The file holds {len(parts)} runs: {listed}. Write each to a file of its own: "
+        f"{table.path}: the clock starts again at {table.row(begin)}: {t[begin]:.9g} s after "
+        f"{t[begin - 1]:.9g} s. The file holds {len(parts)} runs: {listed}. Write each to a file of its own: "
         f"accelcal cut {table.path} --part 1 -o {table.path.stem}_1.csv"
     )
 
