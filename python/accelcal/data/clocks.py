@@ -399,9 +399,7 @@ class _Peaks:
         RecordingError
             With the correlation.
         """
-        least = ALIKE
-        if search is not None and not search.rate:
-            least = NEAR if search.one_tone else SEARCHED
+        least = ALIKE if search is None or search.rate else SEARCHED
         if not (self.correlation >= least or (self.is_opposite and (search is None or search.rate))):
             raise RecordingError(
                 f"{name}: at no shift of the clocks is the output like the second derivative of the position "

@@ -83,8 +83,6 @@ class Search:
     """What was tried, as part of a sentence."""
     slips: bool = False
     """Whether the clocks slip by more than the motion forgives."""
-    one_tone: bool = False
-    """Whether the motion is one tone, which no search tells anything about."""
 
 
 def search_rates(a: Array, b: Array, step: float) -> Search:
@@ -96,9 +94,7 @@ def search_rates(a: Array, b: Array, step: float) -> Search:
     """
     motion = _Motion(a, b, step)
     if motion.is_one_tone:
-        return Search(
-            None, f"the motion is one tone, {motion.tone:.3g} Hz, which tells no rate of a clock", one_tone=True
-        )
+        return Search(None, f"the motion is one tone, {motion.tone:.3g} Hz, which tells no rate of a clock")
     if not motion.top:
         return Search(None, "no frequency at which both move above their noise is left to compare rates by")
     enough = int(np.searchsorted(motion.lines[: motion.top], LINES[0]))
