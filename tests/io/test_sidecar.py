@@ -26,6 +26,7 @@ mount = "normal"              # normal | reversed | rolled
 gravity_along_axis = "0 m/s^2"
 [clock]
 offset_tolerance = "0 us"
+trusted = "position"
 [channels]
 time        = { column = "t", unit = "s" }            # or rate = "1667 Hz" when there is no time column
 accel       = { column = "accel", unit = "m/s^2", lowpass = { kind = "RC", fc = "159 Hz", tolerance = 0.0 } }
@@ -36,6 +37,7 @@ a_y         = { column = "a_y", unit = "m/s^2" }       # lateral acceleration; a
 encoder_scale = 1e-5
 level = "0.05 deg"
 misalignment = "0.1 deg"
+clock_rate = "50 ppm"
 [judge]
 tolerance = "1 mg"            # effects that contribute less are listed as below tolerance
 """
@@ -60,10 +62,11 @@ def test_complete_sidecar_is_read_in_si(tmp_path):
         "reference_zero": None,
         "level": pytest.approx(math.radians(0.05)),
         "misalignment": pytest.approx(math.radians(0.1)),
+        "clock_rate": pytest.approx(50e-6),
     }
     assert found.rig.tolerance == pytest.approx(1e-3 * G0, rel=1e-14)
     assert replace(found.rig, sensor=Sensor(), uncertainty=Uncertainty(), tolerance=None) == Rig(
-        gravity_along_axis=0.0, lowpass=LowPass(159.0, 0.0), resolution=1e-6
+        gravity_along_axis=0.0, trusted_clock="position", lowpass=LowPass(159.0, 0.0), resolution=1e-6
     )
     assert found.time == Clock(column="t", unit="s")
     assert found.channels["a_y"] == Source("a_y", "m/s^2")

@@ -63,7 +63,7 @@ def test_the_fit_takes_the_rest(tmp_path):
     accel, position = files(tmp_path, *Motion(3).channels())
     recording = accelcal.load(accel, position=position)
     (note,) = [finding for finding in recording.findings if finding.kind == "alignment"]
-    assert "two loggers: the stamps of the output are shifted by -37.2" in note.text
+    assert "two clocks: the stamps of the output are shifted by -37.2" in note.text
     assert "the next-best alignment" in note.text
     found = accelcal.fit(recording, Model.linear().add("clock_skew"))
     skew, late = found["clock_skew"], found["time_offset"]

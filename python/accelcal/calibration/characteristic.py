@@ -396,8 +396,9 @@ def budget(fit: Fit) -> Budget:
     -----
     With G the gravity along the stage axis, a level error d changes it by sqrt(g0² - G²) d - G d²/2; an input axis that
     is off by d has that share too, and cos d of the motion. An encoder scale error e enters a coefficient of a^n as
-    n e, a relative error of the rate of the clock twice as much: a = p''. What a joint fit has separated (tilt, misalignment, encoder_scale) is in the estimates already. Differences
-    between mountings and between days are in it as far as the fitted runs differ.
+    n e, and one of the rate of the clock as 2 n e. What a joint fit has separated (tilt, misalignment, encoder_scale)
+    is in the estimates already. Differences between mountings and between days are in it as far as the fitted runs
+    differ.
     """
     declared, separated = fit.rig.uncertainty, _separated(fit)
     needed = {

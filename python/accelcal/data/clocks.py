@@ -182,7 +182,7 @@ FEWEST = 64
 """Instants that they must have in common."""
 ALIKE = 0.3
 """Least correlation of two records of one motion."""
-SEARCHED = 0.5
+SEARCHED = 0.7
 """The same where the two are alike at no rate: the best of many shifts is more than one."""
 NEAR = 0.9
 """Correlation at one rate of both clocks beyond which no other rate is tried."""
@@ -231,7 +231,7 @@ class Alignment:
     def sentence(self) -> str:
         """For people."""
         text = (
-            f"two loggers: the stamps of the output are shifted by {self.shift:+.6f} s (standard deviation "
+            f"two clocks: the stamps of the output are shifted by {self.shift:+.6f} s (standard deviation "
             f"{self.std:.1g} s at {units.instant(self.middle)} s) onto the clock of the position, correlation "
             f"{self.correlation:.3f} over {self.overlap:.4g} s in common, skew {self.skew * 1e6:+.1f} ppm (standard "
             f"deviation {self.skew_std * 1e6:.1g} ppm); the next-best alignment, {self.next_shift:+.4f} s, reaches "

@@ -3,7 +3,7 @@
 ==================== ===================================================================================================
 not finite           error: an infinite or undefined reading is not a measurement
 not plausible        error: stamps beyond 1e13 s or closer than 1 ns, readings beyond 1e100
-backward stamps      error: there is no telling which of the samples are in the wrong place
+backward stamps      error: a clock that starts again makes two recordings (`accelcal.io.loading` names the parts)
 duplicate stamps     equal values: one is kept. Different values: their mean, while fewer than 1 % of the stamps are
                      concerned; beyond that the stamps are coarser than the sampling, which is an error
 held repeats         accelerations only: a logger faster than its sensor writes each reading again until the next one.
@@ -140,8 +140,8 @@ def require_usable(recording: Recording) -> None:
             i = int(np.argmax(t[1:] <= t[:-1])) + 1
             raise RecordingError(
                 f"{file}: time of {channel.name} does not rise at {samples.row(i)}: {t[i]:.9g} s after "
-                f"{t[i - 1]:.9g} s; "
-                "expected each stamp after the one before. Sort the samples, and keep one of those at the same time."
+                f"{t[i - 1]:.9g} s; expected each stamp after the one before. Keep one of the samples at one time; "
+                "where the clock starts again, another recording begins."
             )
         require_pace(file, channel.name, t)
     require_overlap(file, recording.accel, recording.position)

@@ -9,19 +9,19 @@ both recorded.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
+from accelcal.data.arrays import Array, Places
 
 MOST_SKEW = 0.08
 """Largest difference of two rates that is sought: sensors run up to 7 % beside their data sheet."""
 LEAST_LIKE, MOST_LIKE = 0.6, 0.85
 """Correlation that two records of one motion reach at the right rate: at least the first, and above what chance gives
-among all rates and shifts as far as that is below the second. Unrelated motions stayed below 0.45 in `benches/rates`."""
+among all rates and shifts as far as that is below the second. Unrelated motions stay below 0.45 in `benches/rates`."""
 OPPOSITE = 1.1
 """By how much a relation with the other sign must be closer to be the one that is taken."""
 BY_CHANCE = 1e-4
@@ -47,11 +47,11 @@ CANDIDATES = 12
 """Rates that may grow."""
 ROUNDS = 4
 """Corrections of rate and shift at each length."""
-ENDS = 0.2
+ENDS = 0.3
 """Share of a record over which its ends fade in and out: a filter rings there."""
-SMOOTH = 16
+SMOOTH = 1
 """Frequencies to either side over which the power of what is left is averaged."""
-TONE = 0.95
+TONE = 0.98
 """Share of the power within one line beyond which a motion is one tone."""
 FEWEST_INSTANTS = 32
 
@@ -108,9 +108,7 @@ def search_rates(a: Array, b: Array, step: float) -> Search:
     if not rates:
         return Search(None, said)
     rate = max(rates, key=lambda rate: max(rate.correlation, -rate.correlation / OPPOSITE) * math.sqrt(rate.overlap))
-    if enough < motion.top:
-        fast = motion.below(motion.top)
-        rate = fast.grown(rate.skew, (1.0 + rate.skew) * rate.lag / fast.step, 0.0, len(fast.b) - 1.0) or rate
+    rate = motion.refined(rate, a, b) or rate
     trials = tried * 2.0 * slow.per_instant * (len(slow.a) + len(slow.b))
     chance = math.sqrt(1.0 - (BY_CHANCE / trials) ** (1.0 / max(1.0, float(motion.lines[motion.top]))))
     least = max(LEAST_LIKE, min(MOST_LIKE, chance))
@@ -140,14 +138,24 @@ class _Motion:
         """How many frequencies up to each hold the motion, (bins,)."""
         self.top = int(np.searchsorted(power, POWER * power[-1]))
         """The fastest of them; 0 where there is none."""
-        best, width = int(np.argmax(held)), 4 * self.size // len(a)
-        self.is_one_tone = bool(np.sum(held[max(0, best - width) : best + width + 1]) > TONE * power[-1] > 0.0)
+        line = np.abs(scipy.fft.rfft((a - np.mean(a)) * np.hanning(len(a)), self.size)) ** 2 * inside
+        best, width = int(np.argmax(line)), 4 * self.size // len(a)
+        near = float(np.sum(line[max(0, best - width) : best + width + 1]))
+        self.is_one_tone = near > TONE * float(np.sum(line)) > 0.0
         self.tone = float(self.f[best])
+
+    def refined(self, rate: Rate, a: Array, b: Array) -> Rate | None:
+        """A rate by the whole band, once both are at it: then the same frequencies pass for both."""
+        spline, (count, _) = scipy.interpolate.CubicSpline(np.arange(len(a)), a), self.lengths
+        again = _Motion(spline(np.arange(int((count - 1) / (1.0 + rate.skew)) + 1) * (1.0 + rate.skew)), b, self.step)
+        fast = again.below(again.top)
+        finer = fast.grown(0.0, rate.lag / fast.step, 0.0, len(fast.b) - 1.0)
+        return finer and replace(finer, skew=(1.0 + rate.skew) * (1.0 + finer.skew) - 1.0)
 
     def below(self, top: int) -> _Pair:
         """Both without what is faster than a frequency, on a grid that suits it."""
         wanted = PER_PERIOD * self.f[top] * self.size * self.step
-        count = min(self.size, scipy.fft.next_fast_len(int(wanted) + 2 * SMOOTH, real=True))
+        count = min(self.size, scipy.fft.next_fast_len(int(wanted) + 2 * FEWEST_INSTANTS, real=True))
         bins = min(count // 2, top + max(4, top // 8)) + 1
         fade = np.clip((bins - np.arange(bins)) / max(1, bins - 1 - top), 0.0, 1.0) * self.gain[:bins]
         step = self.step * self.size / count
@@ -167,7 +175,7 @@ def _smoothed(power: Array) -> Array:
     return _means(power, np.floor(k / (1.0 + MOST_SKEW)), np.ceil(k * (1.0 + MOST_SKEW)) + 1.0)
 
 
-def _means(y: Array, low: Array, high: Array) -> Array:
+def _means(y: Array, low: Array | Places, high: Array | Places) -> Array:
     """Means of y[low:high], (n,)."""
     total = np.concatenate([[0.0], np.cumsum(y)])
     begin, end = (np.clip(edge, 0, len(y)).astype(np.intp) for edge in (low, high))
@@ -246,7 +254,7 @@ class _Pair:
             last = min(len(self.b) - 1.0, (len(self.a) - 1.0 - shift) / (1.0 + skew))
             if begin <= first + 1.0 and end >= last - 1.0:
                 # The noise of what is left is as coloured as its own spectrum.
-                power = np.abs(scipy.fft.rfft(left * np.sqrt(fade / np.mean(fade)))) ** 2
+                power = np.abs(scipy.fft.rfft(left * fade)) ** 2 / float(np.mean(fade**2))
                 k = np.arange(len(power))
                 power = _means(power, k - SMOOTH, k + SMOOTH + 1)
                 row = np.abs(scipy.fft.rfft(gram[2] @ faded / size)) ** 2 * np.where(k > 0, 2.0, 1.0)

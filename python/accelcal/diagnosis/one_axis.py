@@ -153,12 +153,13 @@ def require_one_axis(sources: Sequence[Source], *, start: float | None = None, e
             continue
         elsewhere = other_column(recording)
         worst = max((band for band in bands if band.observed < band.least), key=lambda band: band.segments)
+        searched = "".join(f". {note.text}" for note in recording.findings if note.kind == "rates_searched")
         raise RecordingError(
             f"{recording.name or 'recording'}: output and position are not one axis of one body: from "
             f"{worst.low:.3g} to {worst.high:.3g} Hz both move well above their noise, which would leave a coherence "
             f"of {worst.expected:.2f}, and it is {worst.observed:.2g}. No scale factor, mount or effect is read from "
             "them; check that both channels are of the same run and the same axis"
-            f"{': ' * bool(elsewhere)}{elsewhere}"
+            f"{': ' * bool(elsewhere)}{elsewhere}{searched}"
         )
 
 

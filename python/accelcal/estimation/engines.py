@@ -394,8 +394,9 @@ def weak_form(state: RunState) -> WeakRows:
         return WeakRows(state).held()
     except NoWeakForm as error:
         name = state.run.recording.name or "recording"
-        instead = "; fit it by the replay, --method replay" if state.run.order == POSITION_ORDER else ""
-        raise NoWeakForm(f"{name}: no weak form: {error}{instead}") from error
+        by_replay = "fit it by the replay: accelcal fit RUN --method replay"
+        way_out = by_replay if state.run.order == POSITION_ORDER else "use a record that is longer, or whole"
+        raise NoWeakForm(f"{name}: no weak form: {error}; {way_out}") from error
 
 
 def coloured_rows(spectrum: MeasuredSpectrum, sums: ColumnFilter | WeakRows, terms: Sequence[Term]) -> Rows:

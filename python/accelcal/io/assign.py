@@ -86,6 +86,21 @@ def assign(table: Table, declared: Sidecar, required: tuple[str, ...]) -> tuple[
         if (wrong := next((column for column in columns_of(stamps) if times[column] != 1), None)) is not None:
             raise RecordingError(_wrong_column(table, "time", wrong, sidecar))
         sources[name] = replace(source, time=stamps)
+    declarations = {(s.column, s.unit) for s in sources.values()}
+    declarations |= {(s.time.column, s.time.unit) for s in sources.values() if s.time and s.time.column}
+    notes += [
+        Finding(
+            "declared_unit",
+            "",
+            1,
+            0.0,
+            f'column "{column}" is read in {unit}, as declared, though its name says {other}',
+        )
+        for column, unit in sorted(declarations, key=str)
+        if unit not in (None, UNKNOWN) and column
+        for other in (naming.take_apart(column).suffix or naming.take_apart(column).brackets,)
+        if other and units.is_unit(other) and units.is_unit(unit) and not units.same_unit(unit, other)
+    ]
     return Plan(sources, sidecar), notes
 
 
@@ -433,12 +448,9 @@ def stated_unit(table: Table, plan: Plan, channel: str, column: str, declared: s
     stored = table.units.get(column)
     if stored is not None and declared not in (None, UNKNOWN) and not units.is_unit(stored):
         stored = None  # words that a file has for a unit cannot be corrected in it, and the user says what they mean
-    said = {
-        table.units_from: stored,
-        plan.sidecar.name: declared,
-        "the suffix of the column name": name.suffix,
-        "the bracket in the column name": name.brackets,
-    }
+    said = {table.units_from: stored, plan.sidecar.name: declared}
+    if declared is None:  # else the user says what the name means
+        said |= {"the suffix of the column name": name.suffix, "the bracket in the column name": name.brackets}
     stated = [(source, unit) for source, unit in said.items() if unit is not None]
     if not stated:
         raise RecordingError(

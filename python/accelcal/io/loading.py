@@ -1,11 +1,11 @@
-"""From a file to a recording: read, convert, check; two loggers joined; place and attitude of a body that turns."""
+"""From a file to a recording: read, convert, check; parts of a file; place and attitude of a body that turns."""
 
 from __future__ import annotations
 
 import hashlib
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
@@ -38,9 +38,7 @@ from accelcal.data import (
     reference_among,
     units,
 )
-from accelcal.data.clocks import Alignment, align, restamped, spacing
 from accelcal.data.orientation import HOLE, QUATERNION_TOLERANCE, rotated, turned, turning
-from accelcal.data.rates import Rate
 from accelcal.data.recording import Origin
 from accelcal.data.relation import ALIKE, relation
 from accelcal.io import naming
@@ -59,7 +57,6 @@ from accelcal.io.assign import (
 from accelcal.io.files import is_there, open_regular, open_table
 from accelcal.io.instants import DAY
 from accelcal.io.sidecar import (
-    ASSUMED_OFFSET_TOLERANCE,
     Clock,
     Sidecar,
     Source,
@@ -71,6 +68,7 @@ from accelcal.io.sidecar import (
     toml_text,
 )
 from accelcal.io.table import Column, Table
+from accelcal.io.two_clocks import joined, of_two_clocks
 
 MOST_GRAVITY = 1.5 * STANDARD_GRAVITY
 """Largest gravity along an axis that is one, m/s²: the acceleration of a turning axis may be part of it."""
@@ -246,134 +244,6 @@ def _of_gyroscope(
     )
     finding = Finding("turning", "gyroscope", len(t), float(t[0]), text)
     return {**channels, first.name: first, second.name: second}, declared.rig, [finding]
-
-
-def joined(output: Recording, reference: Recording, rates: Rates = (None, None)) -> Recording:
-    """One recording of two loggers: the output of one, shifted onto the clock of the position of the other.
-
-    Parameters
-    ----------
-    output : recording whose position is not used.
-    reference : recording whose output is not used; filters and resolution of the position are those of its rig.
-    rates : that are declared in place of stamps.
-
-    Raises
-    ------
-    RecordingError
-        If they cannot be aligned.
-    """
-    rig = replace(
-        output.rig,
-        position_filters=output.rig.position_filters or reference.rig.position_filters,
-        resolution=reference.rig.resolution if output.rig.resolution is None else output.rig.resolution,
-        reading_noise=output.rig.reading_noise or reference.rig.reading_noise,
-    )
-    both = replace(
-        output,
-        origin=replace(output.origin, file="", columns={**reference.origin.columns, **output.origin.columns}),
-        position=reference.position,
-        rig=rig,
-        side={**{key: channel for key, channel in reference.side.items() if key not in output.side}, **output.side},
-        name=f"{output.name} with {reference.name}",
-        findings=(*output.findings, *reference.findings),
-        position_steps=reference.position_steps,
-        reference=reference.reference,
-    )
-    alignment = alignment_of(both)
-    digest = f"{output.digest} at {alignment.shift!r} on {reference.digest}"
-    return aligned(replace(both, digest=hashlib.sha256(digest.encode()).hexdigest()), alignment, rates, output.side)
-
-
-Rates = tuple[float | None, float | None]
-"""Rates that are declared for output and position in place of stamps, Hz."""
-
-
-def alignment_of(recording: Recording) -> Alignment:
-    """How the clock of the output lies upon that of the position.
-
-    Raises
-    ------
-    RecordingError
-        If they cannot be aligned.
-    """
-    rig = recording.rig
-    delay = 0.0 if rig.lowpass is None else rig.lowpass.tau
-    return align(recording.accel, recording.position, polarity=rig.polarity, delay=delay, name=recording.name)
-
-
-def aligned(recording: Recording, alignment: Alignment, rates: Rates, beside: Iterable[str]) -> Recording:
-    """A recording of two clocks on one: that of the position, unless the other is trusted.
-
-    Parameters
-    ----------
-    beside : side channels that are on the clock of the output.
-    """
-    accel, position, rig, first = recording.accel, recording.position, recording.rig, recording.accel.t[0]
-    assumptions = tuple(assumption for assumption in rig.assumptions if assumption != ASSUMED_OFFSET_TOLERANCE)
-    drifted = 4.0 * alignment.std + abs(alignment.skew) * alignment.overlap
-    free = max(rig.offset_tolerance, drifted, spacing(accel), spacing(position))
-    uncertainty, skew = rig.uncertainty, 0.0 if alignment.rate is None else float(alignment.rate.skew)
-    trusted = rig.trusted_clock or ("accel" if rates[1] and not rates[0] else "position")
-    if skew and not rig.trusted_clock and uncertainty.clock_rate is None:
-        uncertainty = replace(uncertainty, clock_rate=abs(skew))
-    stretch = 1.0 + skew if trusted == "accel" else 1.0
-
-    def onto_position(t: Array) -> Array:
-        return alignment.instants(t, first) * stretch
-
-    note = Finding(
-        "alignment",
-        "accel",
-        1,
-        alignment.middle,
-        f"{rate_sentence(alignment.rate, trusted, rates, bool(rig.trusted_clock))}{alignment.sentence}",
-        "warning" if alignment.is_ambiguous else "note",
-    )
-    return replace(
-        recording,
-        accel=restamped(accel, onto_position),
-        position=restamped(position, lambda t: t * stretch),
-        rig=replace(rig, offset_tolerance=free, assumptions=assumptions, uncertainty=uncertainty),
-        side={
-            key: restamped(channel, onto_position if key in beside else lambda t: t * stretch)
-            for key, channel in recording.side.items()
-        },
-        findings=(note, *recording.findings),
-        reference=recording.reference and restamped(recording.reference, lambda t: t * stretch),
-    )
-
-
-def rate_sentence(rate: Rate | None, trusted: str, rates: Rates, declared: bool) -> str:
-    """Which rate is not as declared, whose clock is trusted, and what k would be with the other; empty where both are
-    alike."""
-    if rate is None:
-        return ""
-    factor = 1.0 + rate.skew
-    nominal, true = (
-        (rates[0], rates[0] and rates[0] * factor)
-        if trusted == "position"
-        else (rates[1], rates[1] and rates[1] / factor)
-    )
-    what, other = ("sensor", "accel") if trusted == "position" else ("position", "position")
-    runs = (
-        f"the {what} runs at {true:.7g} Hz, not {nominal:.6g}"
-        if nominal and true
-        else f"the clock of the output runs by {abs(rate.skew):.4%} {'fast' if rate.skew > 0.0 else 'slow'}"
-    )
-    change = 2.0 * rate.skew if trusted == "position" else -2.0 * rate.skew
-    other = "accel" if trusted == "position" else "position"
-    open_question = (
-        ""
-        if declared
-        else (
-            f'; with the clock of {other} trusted instead, [clock] trusted = "{other}", k would be {change:+.2%} off this '
-            "one, which the budget of k holds until [clock] trusted is declared"
-        )
-    )
-    return (
-        f"{runs} (skew {rate.skew * 1e6:+.1f} ppm, standard deviation {rate.std * 1e6:.2g} ppm, correlation "
-        f"{rate.correlation:.3f}): the clock of {trusted} is trusted{open_question}; "
-    )
 
 
 COLUMNS = ("attitude_deg", "mean", "std", "duration_s", "temperature_degC", "samples", "group")
@@ -645,22 +515,11 @@ def recording_of(
     told_by = "position" if reference is None else reference.name
     if len(accel) and clocks.get(told_by, clocks["accel"]) != clocks["accel"]:
         beside = [name for name in channels if clocks.get(name) == clocks["accel"]]
-        recording = of_two_clocks(recording, declared, beside)
+        rates = declared_rate(declared, "accel"), declared_rate(declared, told_by)
+        recording = of_two_clocks(recording, rates, beside)
     if len(accel) and len(position):
         quality.require_overlap(str(path), recording.accel, recording.position)
     return recording
-
-
-def of_two_clocks(recording: Recording, declared: Sidecar, beside: Iterable[str]) -> Recording:
-    """A recording of one file whose channels have clocks of their own, on one where their rates differ."""
-    try:
-        alignment = alignment_of(recording)
-    except RecordingError:
-        return recording
-    if alignment.rate is None:
-        return recording
-    rates = declared_rate(declared, "accel"), declared_rate(declared, "position")
-    return aligned(recording, alignment, rates, beside)
 
 
 def origin_of(table: Table, plan: Plan, declared: Sidecar) -> Origin:
@@ -766,7 +625,7 @@ def _samples(
         if len(stamps.values) != len(y.values):
             raise RecordingError(
                 f'{table.path}: {name}: column "{source.column}" has {len(y.values)} values but its time column '
-                f'"{clock.column}" has {len(stamps.values)}; give it its clock: time = {{ column = "...", unit = "s" }}'
+                f'"{clock.column}" has {len(stamps.values)}; give it its own: time = {{ column = "...", unit = "s" }}'
             )
         kept = _kept(table, name, stamps, y)
         rows = slice(None) if kept is None else kept

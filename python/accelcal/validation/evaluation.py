@@ -172,7 +172,7 @@ def compare(
     progress(1.0)
     return Evaluation(
         recording=recording_of(source).name,
-        one_step_rms=float(np.sqrt(np.mean(e[counts] ** 2))),
+        one_step_rms=ahead.one_step_rms,
         nis=None if fit.runs[0].noise.band is not None else float(np.mean(squares)),
         k_step_rms={k: ahead.k_step(k) for k in STEPS},
         **coasted(coasting),

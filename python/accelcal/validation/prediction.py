@@ -19,6 +19,7 @@ from accelcal.estimation.run import PreparedRun, Source, prepare, prepared, reco
 from accelcal.estimation.smoothing import corner_of, output_at, output_signals, uniform_times
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.processing import integral
+from accelcal.signals.series import HOLE_LEAST
 from accelcal.signals.signals import RESAMPLED, Signals
 from accelcal.validation.comparison import ReferenceNoise
 from accelcal.validation.dead_reckoning import MEMORY, DeadReckoning, Starts
@@ -332,13 +333,29 @@ class Prediction:
         reading = self.run.readings[ends]
         return Coasting(starts, ends, reading - frozen, reading - rezeroed, floor)
 
+    @cached_property
+    def steps(self) -> Flags:
+        """Readings that count, and that no gap of either channel lies before: what leads across one is no one step."""
+        run, t, stamps = self.run, self.run.t, self.run.whole.t
+        behind = np.diff(t, prepend=t[0]) > HOLE_LEAST * run.reading_step
+        gaps = np.flatnonzero(np.diff(stamps) > HOLE_LEAST * run.accel_step)
+        for begin, end in np.searchsorted(t, np.column_stack([stamps[gaps], stamps[gaps + 1]])):
+            behind[begin : end + 1] = True
+        steps: Flags = self.counts & ~behind
+        return steps if steps.any() else self.counts
+
+    @property
+    def one_step_rms(self) -> float:
+        """Rms error of the prediction of the next reading, m."""
+        return float(np.sqrt(np.mean(self.e[self.steps] ** 2)))
+
     def k_step(self, k: int) -> float | None:
         """Rms error of the prediction `k` readings ahead, m; None when the record is too short."""
         n = len(self.run.t)
         if n <= 4 * k:
             return None
         if k == 1:
-            return float(np.sqrt(np.mean(self.e[self.counts] ** 2)))
+            return self.one_step_rms
         at = np.arange(0, n - k)
         at = at[self.counts[at] & (self.breaks[at + k] == self.breaks[at])]
         if self.ahead is not None:

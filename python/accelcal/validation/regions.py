@@ -222,7 +222,7 @@ def scored(
         range=span,
         count=int(out.sum()),
         of=int(counted.sum()),
-        one_step=(rms(ahead.e[counted & ~out]), rms(ahead.e[out])),
+        one_step=(rms(ahead.e[counted & ~out & ahead.steps]), rms(ahead.e[out & ahead.steps])),
         coast={h: (rms(c.rezeroed[~leaves[h]]), rms(c.rezeroed[leaves[h]])) for h, c in coasting.items()},
         starts={h: (int(np.sum(~leaves[h])), int(np.sum(leaves[h]))) for h in coasting},
     )

@@ -1,0 +1,147 @@
+"""Two clocks made one: of two loggers, or of one file whose channels are stamped by clocks of different rates."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import replace
+
+from accelcal.data import Array, Finding, Recording, RecordingError
+from accelcal.data.clocks import Alignment, align, restamped, spacing
+from accelcal.data.rates import Rate
+from accelcal.io.sidecar import ASSUMED_OFFSET_TOLERANCE
+
+
+def joined(output: Recording, reference: Recording, rates: Rates = (None, None)) -> Recording:
+    """One recording of two loggers: the output of one, shifted onto the clock of the position of the other.
+
+    Parameters
+    ----------
+    output : recording whose position is not used.
+    reference : recording whose output is not used; filters and resolution of the position are those of its rig.
+    rates : that are declared in place of stamps.
+
+    Raises
+    ------
+    RecordingError
+        If they cannot be aligned.
+    """
+    rig = replace(
+        output.rig,
+        position_filters=output.rig.position_filters or reference.rig.position_filters,
+        resolution=reference.rig.resolution if output.rig.resolution is None else output.rig.resolution,
+        reading_noise=output.rig.reading_noise or reference.rig.reading_noise,
+    )
+    both = replace(
+        output,
+        origin=replace(output.origin, file="", columns={**reference.origin.columns, **output.origin.columns}),
+        position=reference.position,
+        rig=rig,
+        side={**{key: channel for key, channel in reference.side.items() if key not in output.side}, **output.side},
+        name=f"{output.name} with {reference.name}",
+        findings=(*output.findings, *reference.findings),
+        position_steps=reference.position_steps,
+        reference=reference.reference,
+    )
+    alignment = alignment_of(both)
+    digest = f"{output.digest} at {alignment.shift!r} on {reference.digest}"
+    return aligned(replace(both, digest=hashlib.sha256(digest.encode()).hexdigest()), alignment, rates, output.side)
+
+
+Rates = tuple[float | None, float | None]
+"""Rates that are declared for output and position in place of stamps, Hz."""
+
+
+def alignment_of(recording: Recording, sign: float = 1.0) -> Alignment:
+    """How the clock of the output lies upon that of the position; with `sign` -1 as if it were mounted otherwise.
+
+    Raises
+    ------
+    RecordingError
+        If they cannot be aligned.
+    """
+    rig = recording.rig
+    delay = 0.0 if rig.lowpass is None else rig.lowpass.tau
+    return align(recording.accel, recording.position, polarity=sign * rig.polarity, delay=delay, name=recording.name)
+
+
+def aligned(recording: Recording, alignment: Alignment, rates: Rates, beside: Iterable[str]) -> Recording:
+    """A recording of two clocks on one: that of the position, unless the other is trusted.
+
+    Parameters
+    ----------
+    beside : side channels that are on the clock of the output.
+    """
+    accel, position, rig, first = recording.accel, recording.position, recording.rig, recording.accel.t[0]
+    assumptions = tuple(assumption for assumption in rig.assumptions if assumption != ASSUMED_OFFSET_TOLERANCE)
+    drifted = 4.0 * alignment.std + abs(alignment.skew) * alignment.overlap
+    free = max(rig.offset_tolerance, drifted, spacing(accel), spacing(position))
+    uncertainty, skew = rig.uncertainty, 0.0 if alignment.rate is None else float(alignment.rate.skew)
+    trusted = rig.trusted_clock or ("accel" if rates[1] and not rates[0] else "position")
+    if skew and not rig.trusted_clock and uncertainty.clock_rate is None:
+        uncertainty = replace(uncertainty, clock_rate=abs(skew))
+    stretch = 1.0 + skew if trusted == "accel" else 1.0
+
+    def onto_position(t: Array) -> Array:
+        return alignment.instants(t, first) * stretch
+
+    note = Finding(
+        "alignment",
+        "accel",
+        1,
+        alignment.middle,
+        f"{rate_sentence(alignment.rate, trusted, rates, bool(rig.trusted_clock))}{alignment.sentence}",
+        "warning" if alignment.is_ambiguous else "note",
+    )
+    return replace(
+        recording,
+        accel=restamped(accel, onto_position),
+        position=restamped(position, lambda t: t * stretch),
+        rig=replace(rig, offset_tolerance=free, assumptions=assumptions, uncertainty=uncertainty),
+        side={
+            key: restamped(channel, onto_position if key in beside else lambda t: t * stretch)
+            for key, channel in recording.side.items()
+        },
+        findings=(note, *recording.findings),
+        reference=recording.reference and restamped(recording.reference, lambda t: t * stretch),
+    )
+
+
+def rate_sentence(rate: Rate | None, trusted: str, rates: Rates, declared: bool) -> str:
+    """Which rate is not as declared, whose clock is trusted, and what k would be with the other; empty where both are
+    alike."""
+    if rate is None:
+        return ""
+    own = trusted == "position"
+    nominal, factor, other = (
+        (rates[0], 1.0 + rate.skew, "accel") if own else (rates[1], 1.0 / (1.0 + rate.skew), "position")
+    )
+    runs = f"the clock of the output runs by {abs(rate.skew):.4%} {'fast' if rate.skew > 0.0 else 'slow'}"
+    if nominal:
+        runs = f"the {'sensor' if own else 'position'} runs at {nominal * factor:.7g} Hz, not {nominal:.6g}"
+    doubt = (
+        f'; with the clock of {other}, [clock] trusted = "{other}", k would differ by {2.0 * (factor - 1.0):+.2%}, '
+        "which is in its budget until [clock] trusted is declared"
+    )
+    return (
+        f"{runs} (skew {rate.skew * 1e6:+.1f} ppm, standard deviation {rate.std * 1e6:.2g} ppm, correlation "
+        f"{rate.correlation:.3f}): the clock of {trusted} is trusted{'' if declared else doubt}; "
+    )
+
+
+def of_two_clocks(recording: Recording, rates: Rates, beside: Iterable[str]) -> Recording:
+    """A recording of one file whose channels have clocks of their own, on one where their rates differ.
+
+    The sign is judged later, and so is whether they are alike at all.
+    """
+    refusals = []
+    for sign in (1.0, -1.0):
+        try:
+            alignment = alignment_of(recording, sign)
+        except RecordingError as error:
+            refusals.append(Finding("rates_searched", "accel", 1, 0.0, str(error)))
+            continue
+        if alignment.rate is None:
+            return recording
+        return aligned(recording, alignment, rates, beside)
+    return replace(recording, findings=(*recording.findings, *refusals[:1]))
