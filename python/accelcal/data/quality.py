@@ -497,8 +497,8 @@ def _gaps(name: str, t: Array) -> list[Finding]:
             name,
             int(b - a),
             float(t[a]),
-            f"{name}: sampled at {1.0 / np.median(interval[a:b]):.4g} Hz from t = {instant(t[a])} s to {instant(t[b])} s "
-            f"and at {1.0 / usual:.4g} Hz elsewhere; that part is used as it is",
+            f"{name}: sampled at {1.0 / np.median(interval[a:b]):.4g} Hz from t = {instant(t[a])} s to "
+            f"{instant(t[b])} s and at {1.0 / usual:.4g} Hz elsewhere; that part is used as it is",
         )
         for a, b in slow
     ]
@@ -538,7 +538,7 @@ def repeated_rows(columns: Sequence[Array]) -> list[tuple[int, int]]:
         equal = np.all([y[lag:] == y[:-lag] for y in columns], axis=0)
         for a, b in np.flatnonzero(np.diff(equal, prepend=False, append=False)).reshape(-1, 2):
             if STEADY // 4 <= lag <= b - a < 2 * lag and len(np.unique(columns[0][a:b])) > lag // 2:
-                blocks.append((int(a) + lag, int(a) + 2 * lag))
+                blocks.append((int(a + lag), int(a + 2 * lag)))
     return sorted(blocks)
 
 

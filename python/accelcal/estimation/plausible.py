@@ -12,8 +12,8 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from accelcal.data import ACCELERATION, STANDARD_GRAVITY, VELOCITY, Recording, Rig, units, usual_step
+from accelcal.data.clocks import THE_OUTPUT, relation
 from accelcal.data.recording import ORDERS
-from accelcal.data.relation import ALIKE, relation
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun
 from accelcal.io.loading import other_outputs
@@ -67,7 +67,7 @@ def suspicion(recording: Recording) -> str:
     rig, (slope, alike) = recording.rig, relation(recording.accel, recording.position)
     scale = rig.polarity * slope
     share = scale / (rig.ratio or 1.0)
-    if abs(alike) < ALIKE:
+    if abs(alike) < THE_OUTPUT:
         return other_column(recording)
     if REVERSED_SCALE[0] < share < REVERSED_SCALE[1]:
         return turned(recording, scale)
@@ -101,7 +101,7 @@ def mistaken(recording: Recording, scale: float) -> str:
 def other_column(recording: Recording) -> str:
     """The column in which the motion is, where that is not the declared output; empty where there is none."""
     slope, alike = relation(recording.accel, recording.position)
-    best, least = ("", "", 0.0), ALIKE
+    best, least = ("", "", 0.0), THE_OUTPUT
     for column, unit, channel in other_outputs(recording):
         tried, correlation = relation(channel, recording.position)
         if plausible(abs(tried)) and abs(correlation) > least:
@@ -185,7 +185,7 @@ def unusual(recording: Recording, factor: Mapping[str, float], order: int) -> fl
 
 def reversed_or_unrelated(recording: Recording, scale: float, std: float) -> str:
     """What is refused where the output runs against the encoder: a mount, or channels that are no one axis."""
-    coherent = abs(relation(recording.accel, recording.position)[1]) > ALIKE
+    coherent = abs(relation(recording.accel, recording.position)[1]) > THE_OUTPUT
     if coherent and REVERSED_SCALE[0] < scale / (recording.rig.ratio or 1.0) < REVERSED_SCALE[1]:
         return turned(recording, scale)
     cause = mistaken(recording, scale) if coherent else other_column(recording)

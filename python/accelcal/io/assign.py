@@ -22,8 +22,8 @@ from accelcal.data import (
     reference_among,
     units,
 )
+from accelcal.data.clocks import BITS, FRAME_BITS, packets, unwrapped
 from accelcal.data.recording import ORDERS
-from accelcal.data.stamps import BITS, FRAME_BITS, packets, unwrapped
 from accelcal.io import naming
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of, toml_text
 from accelcal.io.table import MOST_CHANNEL_NAME, MOST_NAME, Column, Table

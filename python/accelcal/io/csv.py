@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data import Finding, RecordingError
-from accelcal.io import instants, naming
+from accelcal.io import dialect as instants
+from accelcal.io import naming
 from accelcal.io.dialect import (
     COMMENT,
     HEAD,

@@ -38,9 +38,9 @@ from accelcal.data import (
     reference_among,
     units,
 )
+from accelcal.data.clocks import THE_OUTPUT, relation
 from accelcal.data.orientation import HOLE, QUATERNION_TOLERANCE, rotated, turned, turning
 from accelcal.data.recording import Origin
-from accelcal.data.relation import ALIKE, relation
 from accelcal.io import naming
 from accelcal.io.assign import (
     ATTITUDE,
@@ -54,8 +54,8 @@ from accelcal.io.assign import (
     stated_unit,
     unit_of,
 )
+from accelcal.io.dialect import DAY
 from accelcal.io.files import is_there, open_regular, open_table
-from accelcal.io.instants import DAY
 from accelcal.io.sidecar import (
     Clock,
     Sidecar,
@@ -431,7 +431,7 @@ def sensitivity_shown(table: Table, declared: Sidecar) -> str:
         with suppress(ValueError):
             recording = recording_of(table, replace(declared, rig=replace(declared.rig, sensor=sensor)), [])
             slope, correlation = relation(recording.accel, recording.position)
-            if abs(correlation) > ALIKE:
+            if abs(correlation) > THE_OUTPUT:
                 shown = declared.rig.polarity * slope * STANDARD_GRAVITY
                 return f'\nBy the motion of this recording it is about scale = "{shown:.4g} {output}/g"'
     return ""
@@ -663,8 +663,8 @@ def _once(table: Table, columns: Sequence[Array], findings: list[Finding]) -> Fl
         once[begin:end] = False
     begin, end = blocks[0]
     text = (
-        f"{np.count_nonzero(~once)} rows repeat the rows before them ({len(blocks)} blocks, first {table.row(begin)} to "
-        f"{table.row(end - 1)}) and are left out"
+        f"{np.count_nonzero(~once)} rows repeat the rows before them ({len(blocks)} blocks, first {table.row(begin)} "
+        f"to {table.row(end - 1)}) and are left out"
     )
     findings.append(Finding("repeated_rows", "", int(np.count_nonzero(~once)), float(begin), text, "warning"))
     return once
