@@ -529,7 +529,7 @@ def origin_of(table: Table, plan: Plan, declared: Sidecar) -> Origin:
         for name, source in plan.sources.items()
     }
     clock = plan.sources["accel"].time if "accel" in plan.sources else None
-    if clock is not None and clock.column is not None:
+    if clock is not None and clock.rate is None and clock.column is not None:
         columns["time"] = clock.column, stated_unit(table, plan, "time", clock.column, clock.unit)
     return Origin(str(table.path), str(declared.path or ""), columns)
 
@@ -627,10 +627,16 @@ def _samples(
                 f'{table.path}: {name}: column "{source.column}" has {len(y.values)} values but its time column '
                 f'"{clock.column}" has {len(stamps.values)}; give it its own: time = {{ column = "...", unit = "s" }}'
             )
-        kept = _kept(table, name, stamps, y)
-        rows = slice(None) if kept is None else kept
-        sampled[name] = stamps.values[rows], y.values[rows], _places(chosen, kept)
-    run = _part(table, sampled, part)
+        filled = _kept(table, name, stamps, y)
+        rows = slice(None) if filled is None else filled
+        sampled[name] = stamps.values[rows], y.values[rows], _places(chosen, filled)
+    try:
+        run = _part(table, sampled, part)
+    except RecordingError:
+        texts = (_in_turn(table, plan, name) for name in sampled)
+        if in_turn := next(filter(None, texts), None):
+            raise RecordingError(in_turn) from None
+        raise
     for name, (t, read, places) in sampled.items():
         if run is not None:
             places = np.arange(len(t)) if places is None else places

@@ -112,13 +112,13 @@ def rate_sentence(rate: Rate | None, trusted: str, rates: Rates, declared: bool)
     alike."""
     if rate is None:
         return ""
-    own = trusted == "position"
+    by_position = trusted == "position"
     nominal, factor, other = (
-        (rates[0], 1.0 + rate.skew, "accel") if own else (rates[1], 1.0 / (1.0 + rate.skew), "position")
+        (rates[0], 1.0 + rate.skew, "accel") if by_position else (rates[1], 1.0 / (1.0 + rate.skew), "position")
     )
     runs = f"the clock of the output runs by {abs(rate.skew):.4%} {'fast' if rate.skew > 0.0 else 'slow'}"
     if nominal:
-        runs = f"the {'sensor' if own else 'position'} runs at {nominal * factor:.7g} Hz, not {nominal:.6g}"
+        runs = f"the {'sensor' if by_position else 'position'} runs at {nominal * factor:.7g} Hz, not {nominal:.6g}"
     doubt = (
         f'; with the clock of {other}, [clock] trusted = "{other}", k would differ by {2.0 * (factor - 1.0):+.2%}, '
         "which is in its budget until [clock] trusted is declared"
