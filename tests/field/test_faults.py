@@ -49,6 +49,31 @@ def test_wrong_readings_are_left_out_and_said(kind: str, code: str, seed: int, t
     assert max(off(fit, record)) < SIGMA
 
 
+@pytest.mark.parametrize("seed", [76, 77])
+@pytest.mark.parametrize(
+    ("kind", "noticed"),
+    [("jitter", "scattered_stamps"), ("repeated_rows", "repeated_rows"), ("other_rate", "other_rate")],
+)
+def test_what_a_logger_does_to_rows_and_stamps_is_undone_or_said(
+    kind: str, noticed: str, seed: int, tmp_path: Path
+) -> None:
+    record = honest(seed)
+    ACCIDENTS[kind].plant(record)
+    recording = read(record, tmp_path)
+    assert noticed in {finding.kind for finding in recording.findings}
+    assert max(off(ac.fit(recording), record)) < SIGMA
+
+
+def test_samples_that_were_taken_unevenly_keep_their_stamps(tmp_path: Path) -> None:
+    record = honest(78)
+    at = np.sort(record.t + record.rng.uniform(-0.3, 0.3, len(record.t)) / record.rate)
+    record.u = np.interp(at, record.t, record.bias + (1.0 + record.scale_factor) * record.a)
+    record.t_u, record.clocks = at, 2
+    recording = read(record, tmp_path)
+    assert not any(finding.kind == "scattered_stamps" for finding in recording.findings)
+    assert np.allclose(recording.accel.t, at, atol=1e-6)
+
+
 @pytest.mark.parametrize("seed", range(81, 87))
 def test_an_honest_record_keeps_every_reading(seed: int, tmp_path: Path) -> None:
     record = honest(seed)

@@ -35,7 +35,7 @@ from accelcal.data import units
 from accelcal.data.arrays import Array
 from accelcal.data.clocks import FEWEST_STAMPS, rounding_std, stamp_grid, uniform_clock
 from accelcal.data.orientation import GRAVITY, LEVERS, PLACE, TURNED
-from accelcal.data.recording import Channel, Finding, Recording, RecordingError
+from accelcal.data.recording import ORDERS, Channel, Finding, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.data.units import instant
 
@@ -103,6 +103,9 @@ def clean(samples: Samples, rig: Rig) -> tuple[Channel, list[Finding]]:
     if len(t) < 2 and name in ("accel", "position"):
         raise RecordingError(_too_few(samples.file, name, len(t)))
     require_pace(samples.file, name, t)
+    if name in ("accel", "position", *ORDERS):
+        t, noticed = _unscattered(name, t, y)
+        findings += noticed
     if unit == "m/s^2":
         t, y, noticed = _without_held(name, t, y)
         findings += noticed
@@ -513,6 +516,37 @@ def _gaps(name: str, t: Array) -> list[Finding]:
         f"the longest {interval[worst]:.4g} s at t = {instant(t[worst])} s; they stay gaps"
     )
     return [*findings, Finding("gap", name, count, float(t[i]), text)]
+
+
+SCATTERED = 0.02
+"""Standard deviation of the intervals over the usual one from which a uniform clock is tried."""
+CLEARLY = 1.5
+"""By how much the mean square interpolation error must fall on the uniform clock."""
+
+
+def _unscattered(name: str, t: Array, y: Array) -> tuple[Array, list[Finding]]:
+    """Instants of one uniform clock in place of stamps that scatter about it, where the readings fit the clock better:
+    a host stamps samples when it comes to them."""
+    n = len(t)
+    if n < FEWEST_STAMPS or np.std(np.diff(t)) < SCATTERED * (t[-1] - t[0]) / (n - 1):
+        return t, []
+    index = np.arange(float(n))
+    step, first = np.polyfit(index, t - t[0], 1)
+    clock = t[0] + first + step * index
+    if np.max(np.abs(t - clock)) > 3.0 * step:
+        return t, []
+
+    def error(at: Array) -> float:
+        between = (at[1:-1] - at[:-2]) / np.maximum(at[2:] - at[:-2], CLOSEST)
+        return float(np.mean((y[1:-1] - y[:-2] - between * (y[2:] - y[:-2])) ** 2))
+
+    if error(t) < CLEARLY * error(clock):
+        return t, []
+    text = (
+        f"{name}: the stamps scatter by {1e3 * np.std(t - clock):.2g} ms about a clock of {1.0 / step:.6g} Hz, and the "
+        "readings fit the clock better: its instants are used; how late the stamps are is part of time_offset"
+    )
+    return clock, [Finding("scattered_stamps", name, n, float(t[0]), text, "warning")]
 
 
 STEADY = 64
