@@ -12,7 +12,7 @@ from accelcal.results import json as results_json
 
 @cache
 def validator(name: str) -> Any:
-    """Validator of a schema name such as accelcal/model/4."""
+    """Validator of a schema name such as accelcal/model/5."""
     content = results_json.schema(name.split("/")[1])
     jsonschema.Draft202012Validator.check_schema(content)
     return jsonschema.Draft202012Validator(content)

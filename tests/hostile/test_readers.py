@@ -310,7 +310,7 @@ TEXTS = {
     "quotes in rows": "a,b\n" + ('"' * 60_000 + ",1\n") * 20,
     "empty lines": "\n" * 2_000_000 + "1,2\n",
     "comments between rows": TABLE + "#,,,\n" * 300_000 + "9,x,9\n",
-    "a wrong row at the end": TABLE + "9,9,9\n" * 100_000 + "0,0\n",
+    "a wrong row at the end": TABLE + "9,9,9\n" * 100_000 + "0,0\n" + "9,9,9\n" * 100,
     "many columns": ",".join(["1"] * 5000) + "\n",
     "columns with units": ",".join(["t_s", "accel_g", "position_m", *(f"x{k}_V" for k in range(4000))]) + "\n"
     + (",".join(["1"] * 4003) + "\n") * 3,

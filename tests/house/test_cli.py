@@ -43,7 +43,7 @@ def test_fit_then_compare_gives_the_documented_json(folder):
     assert fitted.returncode == 0, fitted.stderr
     model = json.loads(fitted.stdout)
     assert json.loads((folder / "m.json").read_text()) == model
-    assert model["schema"] == "accelcal/model/4"
+    assert model["schema"] == "accelcal/model/5"
     assert [p["name"] for p in model["estimates"]] == ["bias", "scale_factor", "time_offset"]
     assert {"name", "symbol", "unit", "value", "std", "owner"} <= set(model["estimates"][0])
     assert {"runs", "rig", "version", "origins", "validity", "stands_for", "covariance"} <= set(model)

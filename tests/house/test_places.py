@@ -184,7 +184,7 @@ def test_a_covariance_that_belongs_to_another_model_is_refused(refused):
 
 def test_json_that_is_no_model_is_reported(refused):
     Path("m.json").write_text("{}")
-    assert 'the schema "accelcal/model/4", found none; make one with: accelcal fit' in refused(
+    assert 'the schema "accelcal/model/5", found none; make one with: accelcal fit' in refused(
         "export", "m.json", "--json", code=3
     )
 

@@ -251,8 +251,8 @@ class Rig:
     """Specific force at rest along the stage axis, m/s²; None = 0 when level, ±g0 when up or down."""
     offset_tolerance: float = 0.0
     """How far the two clocks may disagree without anyone being to blame, s."""
-    trusted_clock: Literal["", "position", "accel"] = ""
-    """Whose rate is right where the two differ; empty = not declared."""
+    trusted_clock: Literal["position", "accel"] | None = None
+    """Whose rate is right where the two differ; None = not declared."""
     lowpass: LowPass | None = None
     """Declared low-pass of the accelerometer channel where it is one RC; any other is in `output_filters`."""
     output_filters: tuple[ChannelFilter, ...] = ()

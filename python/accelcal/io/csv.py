@@ -127,6 +127,9 @@ def _starts(data: bytes) -> list[int]:
     at = data.find(b"\n" + line_end)
     while at >= 0:
         begin = at + 1 + len(line_end)
+        if data.startswith(line_end, begin):  # further empty lines
+            at += len(line_end)
+            continue
         above = [text for _, text in lines_of(data, max(0, at - _SAMPLE), at)][-10:]
         if are_rows(above) and begins_table(data, begin):
             starts.append(begin)

@@ -690,13 +690,13 @@ def _part(
     again: dict[int, tuple[float, float]] = {}
     last, ends = 0, (0.0, 0.0)
     for t, _, places in sampled.values():
-        if len(t) == 0:
+        if not len(t) or not np.all(np.isfinite(t)):
             continue
         for k in np.flatnonzero(np.diff(t) < 0.0) + 1:
             again.setdefault(int(k if places is None else places[k]), (float(t[k - 1]), float(t[k])))
         last, ends = max(last, int(len(t) if places is None else places[-1] + 1)), (float(t[0]), float(t[-1]))
-    if not again and part in (None, 1):
-        return None
+    if part in (None, 1) and not (again and is_there(table.path)):
+        return None  # of arrays `clean` says it
     parts = list(pairwise([0, *sorted(again), last]))
     if part is not None and 1 <= part <= len(parts):
         return parts[part - 1]

@@ -980,7 +980,7 @@ def _rig(tables: Mapping[str, dict[str, Any]], *, turning: bool) -> Rig:
         reading_noise=noise,
         uncertainty=Uncertainty(**uncertainty),
         assumptions=tuple(sentence for sentence, declared in assumptions.items() if not declared),
-        trusted_clock=tables["clock"].pop("trusted", ""),
+        trusted_clock=tables["clock"].pop("trusted", None),
         **rig,
         **tables["clock"],
         **tables["judge"],

@@ -27,7 +27,7 @@ from accelcal.model import OwnEffect, SideChannel, Term
 from accelcal.results.json_text import AGAIN, LONGEST_TEXT, ModelFileError, dumps, plain, read_json
 
 NAME = "accelcal/model/"
-MODEL_SCHEMA = f"{NAME}4"
+MODEL_SCHEMA = f"{NAME}5"
 """Of the files that are written."""
 PRESENT = int(MODEL_SCHEMA.removeprefix(NAME))
 MAKE = "make one with: accelcal fit RUN.csv -o MODEL.json"
@@ -177,7 +177,26 @@ def _filled(word: str, part: Mapping[str, Any], *keys: str) -> dict[str, Any]:
     return {key: word if value is None and (not keys or key in keys) else value for key, value in part.items()}
 
 
-STEPS: Mapping[int, Callable[[dict[str, Any]], dict[str, Any]]] = {2: from_2_to_3, 3: from_3_to_4}
+def from_4_to_5(content: dict[str, Any]) -> dict[str, Any]:
+    """Schema 5 has the noise of a reading, the ratio of a rig, whose clock is trusted, and their uncertainty.
+
+    Raises
+    ------
+    ModelFileError
+        If the content lacks a part that schema 4 has.
+    """
+    try:
+        rig = content["rig"]
+        unknown = {"clock_rate": None, "reference_zero": None, **rig["uncertainty"]}
+        new = {"trusted_clock": None, "reading_noise": None, "ratio": None, **rig, "uncertainty": unknown}
+    except (KeyError, TypeError) as error:
+        raise ModelFileError(
+            f"a part that a model file of schema 4 has is missing or of another kind ({error})"
+        ) from None
+    return {**content, "schema": f"{NAME}5", "rig": new}
+
+
+STEPS: Mapping[int, Callable[[dict[str, Any]], dict[str, Any]]] = {2: from_2_to_3, 3: from_3_to_4, 4: from_4_to_5}
 """From each older schema to the next."""
 
 

@@ -16,7 +16,8 @@ def opened(path: str) -> Source:
     """Open a file: each numeric data set that is a vector is a column, named by its path (``run/accel``)."""
     file = h5py.File(Path(path).open("rb"), "r")  # noqa: SIM115  by this, and by no name, HDF5 reads: no other file opens
 
-    objects = [name for name in file if "MATLAB_object_decode" in file[name].attrs]
+    here = (name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink))
+    objects = [name for name in here if "MATLAB_object_decode" in file[name].attrs]
     require_no_objects([] if all(name.startswith("#") for name in objects) else objects)
 
     def column(name: str) -> Column:
