@@ -291,7 +291,7 @@ def align(
         peaks.require_alike(name, search)
     to_shift = position.t[0] - accel.t[0] + delay
     late = _Stretches(*_coherent(a, second, step, peaks.lag), peaks)
-    return Alignment(
+    alignment = Alignment(
         shift=float(to_shift - late.lag * step),
         std=float(late.lag_std * step),
         middle=float(position.t[0] + late.middle * step),
@@ -303,6 +303,13 @@ def align(
         next_height=peaks.next_height,
         rate=search.rate if search is not None and search.slips else None,
     )
+    if alignment.rate is not None and alignment.is_ambiguous:
+        raise RecordingError(
+            f"{name}: the motion repeats, so that more than one rate and shift lay the output upon the position "
+            f"(correlation {alignment.correlation:.2f} at {alignment.rate.skew:+.2%}); record a motion that does not "
+            "repeat, or give both channels stamps of one clock"
+        )
+    return alignment
 
 
 def restamped(channel: Channel, instants: Callable[[Array], Array]) -> Channel:

@@ -55,6 +55,8 @@ FEWEST = 16
 """Samples of the output in a stretch, least, from which its noise is known."""
 SLOPE = 8
 """Readings on either side of a stretch that tell the speed there."""
+ALIKE = 0.9
+"""Correlation of what output and reference show of one motion, least, whatever the scale of either."""
 SINGLE = 2
 """Damaged readings that stand alone; about more of them some may lie that are no larger than the rest."""
 HIDDEN = (1.0, 0.25, 1.0 / 16.0)
@@ -173,8 +175,9 @@ def denied(recording: Recording) -> Stretches:
         both = np.column_stack([np.interp(x, t, moved), reference.y[rows]])
         claimed, shown = (both - powers @ np.linalg.lstsq(powers, both)[0]).T
         power, spare = float(claimed @ claimed) + 1e-300, len(x) - order - 4
-        share = abs(float(claimed @ shown)) / power
-        if share + DENIED_SIGMA * math.sqrt(float(shown @ shown) / power / spare) < DENIED_SHARE:
+        share, left = abs(float(claimed @ shown)) / power, float(shown @ shown) / power
+        alike = share > ALIKE * math.sqrt(left)  # a shock in another unit
+        if share + DENIED_SIGMA * math.sqrt(left / spare) < DENIED_SHARE and not alike:
             stretches.append((begin, end))
     return stretches
 

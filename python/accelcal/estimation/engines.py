@@ -314,6 +314,8 @@ MOST_OF_BOTH = 0.99
 """Largest share of either in the noise of two accelerations."""
 KNOWN_SHARE = 0.1
 """Standard deviation of the reference's share up to which it is taken as measured."""
+FEWEST_BLOCKS = 8
+"""Blocks that count alike, least, from whose scatter that is known."""
 COMMON_BLOCKS = 64
 """Blocks of a record over which that is measured, most."""
 READINGS_KNOWN = math.log(3.0)
@@ -378,6 +380,8 @@ def common_variance(rows: WeakRows) -> tuple[float, float]:
     if count < 2 or not np.all(power > 0.0):
         return 0.0, math.inf
     weight = 1.0 / (power * np.sum(1.0 / power))
+    if np.sum(weight**2) * FEWEST_BLOCKS > 1.0:  # one quiet part alone tells nothing of its own scatter
+        return 0.0, math.inf
     r = float(weight @ product)
     return r, math.sqrt(float(np.sum((weight * (product - r)) ** 2)))
 

@@ -601,7 +601,9 @@ def _samples(
         wanted += columns_of(timing)
         table.orders.update({name: timing.order for name in (timing.column, timing.date) if name and timing.order})
     raw = dict(table.read(list(dict.fromkeys(wanted))))
-    once = None if clocks else _once(table, [raw[name].values for name in wanted], findings)
+    once = (
+        None if clocks or "accel" not in plan.sources else _once(table, [raw[name].values for name in wanted], findings)
+    )
     instants: dict[Clock, Column] = {}
     sampled: dict[str, tuple[Array, Array, NDArray[np.intp] | None]] = {}
     for name, source in plan.sources.items():

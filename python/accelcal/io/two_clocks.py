@@ -6,6 +6,8 @@ import hashlib
 from collections.abc import Iterable
 from dataclasses import replace
 
+import numpy as np
+
 from accelcal.data import Array, Finding, Recording, RecordingError
 from accelcal.data.clocks import Alignment, align, restamped, spacing
 from accelcal.data.rates import Rate
@@ -80,30 +82,37 @@ def aligned(recording: Recording, alignment: Alignment, rates: Rates, beside: It
     trusted = rig.trusted_clock or ("accel" if rates[1] and not rates[0] else "position")
     if skew and not rig.trusted_clock and uncertainty.clock_rate is None:
         uncertainty = replace(uncertainty, clock_rate=abs(skew))
-    stretch = 1.0 + skew if trusted == "accel" else 1.0
+    begin, later = alignment.instants(np.array([first, first + 1.0]), first)
 
-    def onto_position(t: Array) -> Array:
-        return alignment.instants(t, first) * stretch
+    def of_output(t: Array) -> Array:
+        return t if trusted == "accel" else alignment.instants(t, first)
 
+    def of_position(t: Array) -> Array:
+        return first + (t - begin) / (later - begin) if trusted == "accel" else t
+
+    settled = bool(rig.trusted_clock or rig.uncertainty.clock_rate)
     note = Finding(
         "alignment",
         "accel",
         1,
         alignment.middle,
-        f"{rate_sentence(alignment.rate, trusted, rates, bool(rig.trusted_clock))}{alignment.sentence}",
+        f"{rate_sentence(alignment.rate, trusted, rates, settled)}{alignment.sentence}",
         "warning" if alignment.is_ambiguous else "note",
     )
     return replace(
         recording,
-        accel=restamped(accel, onto_position),
-        position=restamped(position, lambda t: t * stretch),
+        accel=restamped(accel, of_output),
+        position=restamped(position, of_position),
         rig=replace(rig, offset_tolerance=free, assumptions=assumptions, uncertainty=uncertainty),
         side={
-            key: restamped(channel, onto_position if key in beside else lambda t: t * stretch)
+            key: restamped(channel, of_output if key in beside else of_position)
             for key, channel in recording.side.items()
         },
         findings=(note, *recording.findings),
-        reference=recording.reference and restamped(recording.reference, lambda t: t * stretch),
+        position_steps=tuple(
+            replace(jump, time=float(of_position(np.array([jump.time]))[0])) for jump in recording.position_steps
+        ),
+        reference=recording.reference and restamped(recording.reference, of_position),
     )
 
 
