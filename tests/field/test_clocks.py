@@ -204,9 +204,9 @@ def test_a_clock_that_restarts_is_cut_as_the_sentence_says(tmp_path, monkeypatch
 def test_one_of_two_loggers_that_restarts_is_cut_as_the_sentence_says(tmp_path, monkeypatch, again, seed):
     monkeypatch.chdir(tmp_path)
     motion, rng = Motion.of_tones(np.random.default_rng(seed), 0.4, 6.0, 12), np.random.default_rng(seed)
-    ta, tp = np.arange(0.0, 60.0, 0.01), np.arange(0.0, 58.0, 0.02)
-    u = BIAS + (1.0 + K) * motion.acceleration(ta) + 2e-3 * rng.standard_normal(len(ta))
-    z = motion.position(tp) + 1e-6 * rng.standard_normal(len(tp))
+    ta, tp = np.arange(0.0, 60.0, 0.01), np.arange(0.0, 58.0, 0.01)
+    u = BIAS + (1.0 + K) * motion.acceleration(ta) + 5e-3 * rng.standard_normal(len(ta))
+    z = motion.position(tp) + 1e-5 * rng.standard_normal(len(tp))
     restarted = {"output": ta, "position": tp}[again]
     restarted[restarted > 49.99] -= 49.0
     Path("two runs").mkdir()
