@@ -80,6 +80,26 @@ def test_a_sensor_that_is_not_at_its_declared_rate(tmp_path, seed, skew, seconds
     assert fit.rig.uncertainty.clock_rate == pytest.approx(abs(float(found[3])) * 1e-6, rel=1e-3)
 
 
+@pytest.mark.parametrize(("seed", "true"), [(1, 102.0), (2, 97.0)])
+def test_a_file_given_as_both_loggers_says_which_declared_rate_is_wrong(tmp_path, seed, true):
+    both = pair(seed, skew=0.0, seconds=60.0, rates=(true, 100.0), tones=True)
+    rows = min(len(both.accel), len(both.position))
+    declared = (
+        f'{name} = {{ column = "{column}", unit = "{unit}", time = {{ rate = "100 Hz" }} }}\n'
+        for name, column, unit in (("accel", "u", "m/s^2"), ("position", "z", "m"))
+    )
+    path = table(
+        tmp_path / "run.csv", "u,z", both.accel[:rows], both.position[:rows], text="[channels]\n" + "".join(declared)
+    )
+    recording = io.load(path, position=path)
+    (rate,) = re.findall(r"the sensor runs at ([0-9.]+) Hz, not 100 ", note(recording, "alignment"))
+    assert float(rate) == pytest.approx(true, rel=1e-4)
+    within(accelcal.fit(recording, Model.linear().add("clock_skew")))
+    other = shared_rates(both, tmp_path / "lauf.csv", 100)
+    recording = io.load(other, position=other)
+    assert note(recording, "alignment") == note(io.load(other), "alignment")  # aligned once
+
+
 def test_the_other_clock_may_be_trusted(tmp_path):
     skew, true = 0.03, 300.0
     both = pair(4, skew=0.0, seconds=40.0, rates=(true, 200.0), tones=True)

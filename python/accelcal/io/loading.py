@@ -442,10 +442,13 @@ def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None, 
     """The output of one file and the position of another, aligned."""
     if is_there(position) and is_there(output) and position.samefile(output):  # two tables, each with its clock
         both = load(output, rig, part=part)
-        nothing = np.empty(0)
+        if any(finding.kind == "alignment" for finding in both.findings):
+            return both
+        nothing, declared = np.empty(0), _declared(output, rig)[0]
         return joined(
             replace(both, position=Channel("position", nothing, nothing, "m")),
             replace(both, accel=Channel("accel", nothing, nothing, "m/s^2"), side={}, findings=()),
+            (declared_rate(declared, "accel"), declared_rate(declared, "position")),
         )
     first, other = load(output, rig, need_position=False, part=part), load(position, need_accel=False)
     for recording, channel, place in ((first, first.position, output), (other, other.accel, position)):
