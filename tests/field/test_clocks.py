@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import shutil
 from pathlib import Path
 
@@ -77,6 +78,26 @@ def test_a_sensor_that_is_not_at_its_declared_rate(tmp_path, seed, skew, seconds
     within(fit)
     assert recording.accel.t[-1] == pytest.approx(both.accel_t[-1], abs=0.02)
     assert fit.rig.uncertainty.clock_rate == pytest.approx(abs(float(found[3])) * 1e-6, rel=1e-3)
+
+
+@pytest.mark.parametrize(("seed", "true"), [(1, 102.0), (2, 97.0)])
+def test_a_file_given_as_both_loggers_says_which_declared_rate_is_wrong(tmp_path, seed, true):
+    both = pair(seed, skew=0.0, seconds=60.0, rates=(true, 100.0), tones=True)
+    rows = min(len(both.accel), len(both.position))
+    declared = (
+        f'{name} = {{ column = "{column}", unit = "{unit}", time = {{ rate = "100 Hz" }} }}\n'
+        for name, column, unit in (("accel", "u", "m/s^2"), ("position", "z", "m"))
+    )
+    path = table(
+        tmp_path / "run.csv", "u,z", both.accel[:rows], both.position[:rows], text="[channels]\n" + "".join(declared)
+    )
+    recording = io.load(path, position=path)
+    (rate,) = re.findall(r"the sensor runs at ([0-9.]+) Hz, not 100 ", note(recording, "alignment"))
+    assert float(rate) == pytest.approx(true, rel=1e-4)
+    within(accelcal.fit(recording, Model.linear().add("clock_skew")))
+    other = shared_rates(both, tmp_path / "lauf.csv", 100)
+    recording = io.load(other, position=other)
+    assert note(recording, "alignment") == note(io.load(other), "alignment")  # aligned once
 
 
 def test_the_other_clock_may_be_trusted(tmp_path):
@@ -197,6 +218,37 @@ def test_a_clock_that_restarts_is_cut_as_the_sentence_says(tmp_path, monkeypatch
     absent = command("cut", "run.csv", "--part", "3", "-o", "c.csv")
     assert absent.returncode == 3
     assert "the file has 2 parts" in absent.stderr
+
+
+@pytest.mark.parametrize(("again", "seed"), [("output", 3), ("position", 4)])
+def test_one_of_two_loggers_that_restarts_is_cut_as_the_sentence_says(tmp_path, monkeypatch, again, seed):
+    monkeypatch.chdir(tmp_path)
+    motion, rng = Motion.of_tones(np.random.default_rng(seed), 0.4, 6.0, 12), np.random.default_rng(seed)
+    ta, tp = np.arange(0.0, 60.0, 0.01), np.arange(0.0, 58.0, 0.01)
+    u = BIAS + (1.0 + K) * motion.acceleration(ta) + 5e-3 * rng.standard_normal(len(ta))
+    z = motion.position(tp) + 1e-5 * rng.standard_normal(len(tp))
+    restarted = {"output": ta, "position": tp}[again]
+    restarted[restarted > 49.99] -= 49.0
+    Path("two runs").mkdir()
+    files = {"output": Path("two runs/a b.csv"), "position": Path("two runs/p q.csv")}
+    table(files["output"], "time_s,accel_m_per_s2", ta, u)
+    table(files["position"], "time_s,position_m", tp, z)
+    Path("my lab.toml").write_text('[rig]\naxis = "level"\n')
+    refused = command("fit", files["output"], "--position", files["position"], "--rig", "my lab.toml")
+    assert refused.returncode == 3
+    (printed,) = re.findall(r"accelcal (cut .* --part 1 -o .*)", refused.stderr)
+    assert ("--rig 'my lab.toml'" in printed) == (again == "output")
+    assert command(*shlex.split(printed)).returncode == 0
+    files[again] = Path(shlex.split(printed)[-1])
+    within(accelcal.fit(io.load(files["output"], position=files["position"]), Model.linear().add("clock_skew")))
+
+
+def test_a_part_without_output_and_position_is_refused(tmp_path):
+    t, u, z = moving(6, 20.0, 50.0)
+    path = table(tmp_path / "run.csv", "time_s,signal_g,weg_mm", np.mod(t, 10.0), u, z)
+    refused = command("cut", path, "--part", "1", "-o", tmp_path / "a.csv")
+    assert refused.returncode == 3
+    assert "no column for accel" in refused.stderr
 
 
 def arrivals(t, n, rng, late, within_packet):

@@ -429,6 +429,51 @@ def test_date_time_and_fraction_are_asked_for_and_added(tmp_path, fraction):
     assert len(io.load(path).accel) == len(t)
 
 
+LANGUAGES = {
+    "french": ("Date;Heure;us;acc [m/s²];pos [mm]", ";", 1e6),
+    "german": ("Uhrzeit,Datum,ms,acc [m/s²],pos [mm]", ",", 1e3),
+}
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_times_of_day_are_told_by_their_form(tmp_path, language):
+    header, mark, unit = LANGUAGES[language]
+    t, motion = stamps(200.0), Motion(13)
+    y = motion.output(t)
+    rows = []
+    for a, b, c in zip(t, y, motion.position(t), strict=True):
+        second = int(np.floor(86385.0 + a + 1e-9))
+        date, time = clock(second, "dmy").split(" ")
+        instant = [date, time[:8]] if language == "french" else [time[:8], date]
+        rows.append(mark.join([*instant, f"{unit * (86385.0 + a - second):.0f}", f"{b:.7f}", f"{1e3 * c:.5f}"]))
+    path = write(tmp_path / "run.csv", [header, *rows])
+    said = refused(path)
+    assert "the parts of an instant stand in several columns" in said
+    follow(path, said)
+    recording = io.load(path)
+    np.testing.assert_allclose(recording.accel.t - recording.accel.t[0], t, atol=1e-9)
+    assert not recording.side  # what serves the clock is no channel
+    assert_planted(accelcal.fit(recording))
+    io.sidecar_of(path).unlink()
+    assert "fraction = {" in io.init(path)
+    assert len(io.load(path).accel) == len(t)
+    alone = [mark.join(row.split(mark)[:2] + row.split(mark)[3:]) for row in [header, *rows]]
+    said = refused(write(tmp_path / "coarse.csv", alone))
+    assert f'time = {{ column = "{"Heure" if language == "french" else "Uhrzeit"}"' in said
+
+
+@pytest.mark.parametrize("header", ["时间（ms）,加速度（m/s²）,位移（mm）", "時刻［ms］,加速度［m/s²］,変位［mm］"])
+def test_full_width_brackets_hold_units(tmp_path, header):
+    t, motion = stamps(200.0), Motion(14)
+    y, p = motion.output(t), motion.position(t)
+    rows = [f"{1e3 * a:.0f},{b:.7f},{1e3 * c:.5f}" for a, b, c in zip(t, y, p, strict=True)]
+    path = write(tmp_path / "run.csv", [header, *rows])
+    assert "FILL IN" not in io.init(path).split("[channels]")[1].split("[uncertainty]")[0]
+    recording = io.load(path)
+    np.testing.assert_allclose(recording.accel.t, t, atol=1e-9)
+    assert_planted(accelcal.fit(recording))
+
+
 # First sidecars
 
 
@@ -486,7 +531,7 @@ def test_an_archive_is_no_npz(tmp_path, inside, said):
 @pytest.mark.parametrize("unit_row", [False, True])
 def test_a_workbook_is_read(tmp_path, unit_row):
     pytest.importorskip("python_calamine")
-    t, motion = stamps(50.0), Motion(13)
+    t, motion = stamps(200.0), Motion(13)
     y, p = motion.output(t), motion.position(t)
     header = [["t", "accel", "position"], ["s", "m/s^2", "m"]] if unit_row else [["t_s", "accel [m/s^2]", "position_m"]]
     numbers = [[float(cell) for cell in row] for row in zip(t, y, p, strict=True)]

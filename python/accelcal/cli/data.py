@@ -103,7 +103,11 @@ def cut(
     Example: [bold]accelcal cut run12.csv --without 42:60 -o train.csv[/bold]
     """
     with progress("cut") as report:
-        recording = io.load(run, rig, position=position, part=part)
+        whole = part is None  # a part may be that of one of two loggers
+        recording = io.load(run, rig, position=position, part=part, need_position=whole, need_accel=whole)
+        by_position = len(recording.position) > 0 or data.reference_among(recording.side) is not None
+        if not by_position and not len(recording.accel):
+            io.load(run, rig, part=part)  # says what is missing
         print_alignment(recording)
         report(0.5)
         for text in only or ():
@@ -113,7 +117,8 @@ def cut(
     if recording.dwells is not None:
         print_status(f"{recording.dwells.name} is not written: name it in the new sidecar, [dwell] table = ...")
     print_status(f"wrote {output} and {sidecar}")
-    suggest("check", output)
+    if by_position and len(recording.accel):
+        suggest("check", output)
 
 
 @app.command()

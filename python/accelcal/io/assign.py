@@ -26,7 +26,7 @@ from accelcal.data.clocks import BITS, FRAME_BITS, packets, unwrapped
 from accelcal.data.recording import ORDERS
 from accelcal.io import naming
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of, toml_text
-from accelcal.io.table import MOST_CHANNEL_NAME, MOST_NAME, Column, Table
+from accelcal.io.table import DATES, MOST_CHANNEL_NAME, MOST_NAME, Column, Table
 
 ATTITUDE = tuple(f"attitude.{name}" for name in QUATERNION)
 """Channels that a quaternion is read into."""
@@ -116,7 +116,9 @@ def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, 
         essential = channel == "accel" or (channel == "position" and not moved)
         if channel == "time" or channel in declared.channels or column in mapped:
             continue
-        side = not declared.channels and column not in table.stamps and units.is_unit(unit_of(table, column))
+        side = (
+            not declared.channels and column not in {*table.stamps, *served} and units.is_unit(unit_of(table, column))
+        )
         if essential or side:
             if channel in sources:
                 raise RecordingError(
@@ -213,7 +215,7 @@ def _common_clock(table: Table, sources: Mapping[str, Source], sidecar: Path) ->
         raise RecordingError(
             f"{table.path}: columns {names} can both be time; " + fix(sidecar, line("time", common[0], "..."))
         )
-    if common and (parts := parts_of_instant(table, common[0])) is not None:
+    if (parts := parts_of_instant(table, common[0] if common else None)) is not None:
         listed = ", ".join(f'"{name}"' for name in columns_of(parts))
         raise RecordingError(
             f"{table.path}: the parts of an instant stand in several columns, {listed}; "
@@ -222,16 +224,19 @@ def _common_clock(table: Table, sources: Mapping[str, Source], sidecar: Path) ->
     return Clock(column=common[0]) if common else None
 
 
-def parts_of_instant(table: Table, time: str) -> Clock | None:
-    """The clock of times of day beside which a column has the fraction of the second; None where none has."""
-    if time not in table.stamps:
-        return None
+def parts_of_instant(table: Table, time: str | None) -> Clock | None:
+    """The clock of times of day beside which a column has the fraction of the second; None where none has.
+
+    Parameters
+    ----------
+    time : the column that is called so; None = the one that holds times of day.
+    """
     fractions = [column for column in table.columns if naming.take_apart(column).base.lower() in naming.COUNTED]
-    dates = [column for column in table.columns if column in table.stamps and column != time]
-    if len(fractions) != 1:
+    times = [column for column, form in table.stamps.items() if form != DATES and time in (None, column)]
+    if len(fractions) != 1 or len(times) != 1:
         return None
-    fraction = Source(fractions[0], unit_of(table, fractions[0]))
-    return Clock(time, date=dates[0] if len(dates) == 1 else None, fraction=fraction)
+    fraction, dates = Source(fractions[0], unit_of(table, fractions[0])), {*table.stamps} - {*times}
+    return Clock(times[0], date=dates.pop() if len(dates) == 1 else None, fraction=fraction)
 
 
 def columns_of(clock: Clock) -> list[str]:
@@ -302,7 +307,7 @@ def _absent(table: Table, channel: str, sidecar: Path, declared: Iterable[str]) 
 def candidates(table: Table, channel: str) -> list[tuple[str, str]]:
     """Columns, with their units, that measure what a channel does and are not called otherwise."""
     dimensions = {"time": ("s",), "accel": ("m/s^2", "V", "count"), "position": ("m",)}.get(channel, ())
-    stated = [(column, unit_of(table, column)) for column in table.columns]
+    stated = [(column, unit_of(table, column)) for column in table.columns if table.stamps.get(column) != DATES]
     return [
         (column, unit) for column, unit in stated if units.is_unit(unit) and units.conversion(unit).si in dimensions
     ]

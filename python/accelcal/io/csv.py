@@ -54,7 +54,7 @@ def open_csv(path: Path) -> Table:
     tables, data = _tables(path, head, whole=whole)
     text = _Text(path, tables, data)
     declared = {name: unit for dialect in tables for name, unit in dialect.units.items()}
-    stamps = frozenset().union(*(dialect.stamps for dialect in tables))
+    stamps = {name: form for dialect in tables for name, form in dialect.stamps.items()}
     return Table(
         path,
         tuple(name for dialect in tables for name in dialect.columns),

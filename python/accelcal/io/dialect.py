@@ -18,7 +18,7 @@ import numpy as np
 from accelcal.data import RecordingError, units
 from accelcal.data.arrays import Array
 from accelcal.io import naming
-from accelcal.io.table import MOST_COLUMNS, Column, Order, from_arrow
+from accelcal.io.table import DATES, MOST_COLUMNS, Column, Order, from_arrow
 
 if TYPE_CHECKING:
     from accelcal.data.arrays import Flags
@@ -44,8 +44,8 @@ class Dialect:
     """Where the last ends; None = with the file."""
     first_line: int
     """The line number of the first row, counted from 1."""
-    stamps: frozenset[str]
-    """Columns of instants."""
+    stamps: Mapping[str, str]
+    """Columns of instants, and their form; that of dates alone is `DATES`."""
     texts: frozenset[str]
     """Columns that hold neither numbers nor instants."""
     key: int
@@ -189,7 +189,7 @@ def recognise(
         start=start + sum(len(line) + 1 for line in lines[:begin]),
         end=end,
         first_line=skipped + begin + 1,
-        stamps=frozenset(columns[k] for k, cell in enumerate(cells) if form_of(cell)),
+        stamps={columns[k]: form if ":" in cell else DATES for k, cell in enumerate(cells) if (form := form_of(cell))},
         texts=frozenset(columns[k] for k in range(width) if k not in numeric),
         key=min(numeric, default=0),
         cut=tuple(top[:below]) if after else (),

@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 import numpy as np
@@ -441,10 +442,13 @@ def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None, 
     """The output of one file and the position of another, aligned."""
     if is_there(position) and is_there(output) and position.samefile(output):  # two tables, each with its clock
         both = load(output, rig, part=part)
-        nothing = np.empty(0)
+        if any(finding.kind == "alignment" for finding in both.findings):
+            return both
+        nothing, declared = np.empty(0), _declared(output, rig)[0]
         return joined(
             replace(both, position=Channel("position", nothing, nothing, "m")),
             replace(both, accel=Channel("accel", nothing, nothing, "m/s^2"), side={}, findings=()),
+            (declared_rate(declared, "accel"), declared_rate(declared, "position")),
         )
     first, other = load(output, rig, need_position=False, part=part), load(position, need_accel=False)
     for recording, channel, place in ((first, first.position, output), (other, other.accel, position)):
@@ -633,7 +637,7 @@ def _samples(
         rows = slice(None) if filled is None else filled
         sampled[name] = stamps.values[rows], y.values[rows], _places(chosen, filled)
     try:
-        run = _part(table, sampled, part)
+        run = _part(table, sampled, part, plan.sidecar)
     except RecordingError:
         texts = (_in_turn(table, plan, name) for name in sampled)
         if in_turn := next(filter(None, texts), None):
@@ -679,7 +683,7 @@ def _once(table: Table, columns: Sequence[Array], findings: list[Finding]) -> Fl
 
 
 def _part(
-    table: Table, sampled: Mapping[str, tuple[Array, Array, NDArray[np.intp] | None]], part: int | None
+    table: Table, sampled: Mapping[str, tuple[Array, Array, NDArray[np.intp] | None]], part: int | None, sidecar: Path
 ) -> tuple[int, int] | None:
     """First row of a part of a file whose clock starts again, from 0, and the row behind it; None for all of one whose
     clock does not.
@@ -714,10 +718,11 @@ def _part(
             f"{table.path}: --part {part}: the file has {len(parts)} parts: {listed}; give one of them"
         )
     begin = parts[1][0]
+    rig = "" if sidecar == sidecar_of(table.path) else f" --rig {quote(str(sidecar))}"
     raise RecordingError(
         f"{table.path}: the clock starts again at {table.row(begin)}: {edges[2]:.9g} s after {edges[1]:.9g} s. The "
         f"file holds {len(parts)} runs: {listed}. Write each to a file of its own: "
-        f"accelcal cut {table.path} --part 1 -o {table.path.stem}_1.csv"
+        f"accelcal cut {quote(str(table.path))}{rig} --part 1 -o {quote(f'{table.path.stem}_1.csv')}"
     )
 
 

@@ -61,6 +61,8 @@ COUNTED = {
 _BRACKETS = re.compile(r"(?P<base>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*(?:\([^()]*\)[^()]*)*)\))\s*")
 _INDEX = re.compile(r"(?P<base>.*?)\s*[\[(](?P<index>\d+)[\])]")
 """A bare number in brackets, which is the place in an array and no unit."""
+_FULL_WIDTH = dict(zip(map(ord, "\uff08\uff09\uff3b\uff3d"), "()[]", strict=True))
+"""Brackets of East Asian keyboards."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +91,7 @@ def take_apart(column: str) -> Named:
     """
     if len(column) > MOST_NAME:
         return Named(column, None, None)
-    base, brackets, index = column.strip(), None, ""
+    base, brackets, index = column.strip().translate(_FULL_WIDTH), None, ""
     if match := _INDEX.fullmatch(base):
         base, index = match["base"], f"_{match['index']}"
     match = _BRACKETS.fullmatch(base)

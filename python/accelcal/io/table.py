@@ -15,6 +15,8 @@ from accelcal.data.arrays import Array, Flags
 if TYPE_CHECKING:
     from accelcal.data.recording import Finding
 
+DATES = "dates alone"
+"""The form of instants without a time of day."""
 Order = Literal["DMY", "MDY"]
 """What comes first in a date that does not begin with its year: the day or the month."""
 
@@ -51,8 +53,8 @@ class Table:
     """Where `units` were found, for messages."""
     clocks: Mapping[str, str | float] = field(default_factory=dict)
     """Column of stamps, or rate in Hz, by column name, where the file itself says which belong together."""
-    stamps: frozenset[str] = frozenset()
-    """Columns that hold instants as texts."""
+    stamps: Mapping[str, str] = field(default_factory=dict)
+    """Columns that hold instants as texts, and the form of each; that of dates alone is `DATES`."""
     texts: frozenset[str] = frozenset()
     """Columns that hold neither numbers nor instants."""
     notes: list[Finding] = field(default_factory=list)

@@ -66,7 +66,8 @@ def template(path: str | Path) -> str:
         columns[name] = called or _only(table, name, {*columns.values(), *clocks.values(), *copies})
     roles = {naming.orientation_role(naming.take_apart(column).base): column for column in table.columns}
     turning = {column: role for role, column in roles.items() if role and column not in columns.values()}
-    parts = None if columns["time"] is None else parts_of_instant(table, columns["time"])
+    if (parts := parts_of_instant(table, columns["time"])) is not None:
+        columns["time"] = parts.column
     taken = {*columns.values(), *clocks.values(), *(columns_of(parts) if parts else ())}
     others = [column for column in dict.fromkeys(table.columns) if column not in taken and column not in copies]
     others = [column for column in others if turning.get(column) not in QUATERNION]

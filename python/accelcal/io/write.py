@@ -139,7 +139,7 @@ def _written(key: Key, holder: object) -> str | None:
 
 def _channels(recording: Recording) -> list[Channel]:
     position = recording.position if recording.reference is None else recording.reference
-    return [recording.accel, *([position] if len(position) else []), *recording.side.values()]
+    return [*(channel for channel in (recording.accel, position) if len(channel)), *recording.side.values()]
 
 
 def _require_readable(recording: Recording, columns: Mapping[str, str]) -> None:
