@@ -252,6 +252,28 @@ def test_lost_samples_and_rounded_stamps_are_no_packets(tmp_path):
         assert not note(io.load(path), "burst_stamps")
 
 
+@pytest.mark.parametrize(
+    ("n", "rate", "packets", "gap", "spread", "wander"),
+    [
+        (256, 1000.0, 120, 0.03, 0.01, True),
+        (512, 2000.0, 100, 0.002, 0.0003, True),
+        (100, 50.0, 40, 58.0, 0.5, False),
+    ],
+)
+def test_a_logger_that_stops_to_write_has_true_stamps(tmp_path, n, rate, packets, gap, spread, wander):
+    rng = np.random.default_rng(n)
+    pauses = rng.uniform(-spread, spread, packets)
+    begins = np.arange(packets) * (n / rate + gap) + (np.cumsum(pauses) if wander else pauses)
+    t = np.round(np.repeat(begins - begins[0], n) + np.tile(np.arange(n) / rate, packets), 6)
+    motion = Motion.of_tones(rng, 0.4, min(4.0, rate / 30.0), 6)
+    u = BIAS + (1.0 + K) * motion.acceleration(t) + 0.005 * rng.standard_normal(len(t))
+    z = motion.position(t) + 1e-5 * rng.standard_normal(len(t))
+    recording = io.load(table(tmp_path / "run.csv", "t,u,z", t, u, z, text=TICKS.format(name="t", unit="s")))
+    assert not note(recording, "burst_stamps")
+    np.testing.assert_allclose(recording.accel.t, t, atol=1e-6)
+    within(accelcal.fit(recording))
+
+
 def test_a_counter_of_frames_is_a_clock(tmp_path):
     t, u, z = moving(8, 40.0, 100.0)
     frames, rng = np.mod(np.arange(len(t)) + 200.0, 2.0**16), np.random.default_rng(8)

@@ -759,7 +759,9 @@ def _instants(table: Table, plan: Plan, clock: Clock, raw: Mapping[str, Column])
     """The stamps of a clock, s: its column, on the day of a date, with a fraction of the second added; and what was
     noticed of them."""
     assert clock.column is not None  # a clock without a counter has a rate, or names a column
-    stamps, noticed = in_seconds(table, plan, clock, raw[clock.column])
+    measured = [plan.sources[name] for name in ("accel", "position") if name in plan.sources]
+    readings = [raw[s.column] for s in measured if s.time == clock and s.where is None and s.column in raw]
+    stamps, noticed = in_seconds(table, plan, clock, raw[clock.column], readings)
     if clock.date is not None:
         day = raw[clock.date]
         stamps = Column(stamps.values % DAY + day.values, _both(stamps.present, day.present))
