@@ -11,6 +11,7 @@ import pytest
 import accelcal
 from accelcal import io
 from accelcal.calibration.characteristic import budget
+from accelcal.data import clocks
 from accelcal.data.recording import RecordingError
 from accelcal.model import Model
 from accelcal.validation.evaluation import compare
@@ -197,6 +198,24 @@ def test_a_clock_that_restarts_is_cut_as_the_sentence_says(tmp_path, monkeypatch
     absent = command("cut", "run.csv", "--part", "3", "-o", "c.csv")
     assert absent.returncode == 3
     assert "the file has 2 parts" in absent.stderr
+
+
+@pytest.mark.parametrize(("seconds", "unit", "scale"), [(65.3, "s", 1.0), (65.4, "ms", 1e3), (16.7, "us", 1e6)])
+def test_two_runs_that_end_where_a_counter_would_are_no_wrap(tmp_path, seconds, unit, scale):
+    t, u, z = moving(6, seconds, 50.0)
+    stamps = np.rint(1e6 * np.concatenate([t, t])) / 1e6 * scale
+    u, z = np.concatenate([u, u[::-1]]), np.concatenate([z, z[::-1]])
+    path = table(tmp_path / "run.csv", "t,u,z", stamps, u, z, text=TICKS.format(name="t", unit=unit))
+    with pytest.raises(RecordingError, match=rf"starts again at row {len(t) + 2}: .* The file holds 2 runs"):
+        io.load(path)
+
+
+@pytest.mark.parametrize(("bits", "step"), [(16, 20.0), (24, 4000.0)])
+def test_samples_are_lost_where_a_counter_wraps(bits, step):
+    count = np.delete(3.0 + step * np.arange(1.5 * 2.0**bits // step), int(2.0**bits / step) + np.arange(-3, 4))
+    straight, wraps = clocks.unwrapped(np.mod(count, 2.0**bits))
+    assert len(wraps) == 1
+    np.testing.assert_array_equal(straight, count)
 
 
 def arrivals(t, n, rng, late, within_packet):

@@ -472,7 +472,8 @@ NEAR_TOP = 20.0
 def unwrapped(stamps: Array, bits: tuple[int, ...] = BITS) -> tuple[Array, NDArray[np.intp]]:
     """Stamps (n,) of a counter that wraps, as if it did not, and the first index behind each wrap.
 
-    A jump back by 2^k ticks, with the usual spacing behind it, or from one end of the counter to the other, is a wrap.
+    A jump back by 2^k ticks with the usual spacing behind it is a wrap. So is one from one end of the counter to the
+    other, beside such a wrap or in whole ticks; alone, and back to the first stamp of all, it may be a new start.
     """
     spacing = np.diff(stamps)
     back = np.flatnonzero(spacing < 0.0)
@@ -481,13 +482,16 @@ def unwrapped(stamps: Array, bits: tuple[int, ...] = BITS) -> tuple[Array, NDArr
     usual = float(np.median(spacing[spacing > 0.0]))
     before, behind = stamps[back], stamps[back + 1]
     best, size = np.zeros(len(back), dtype=np.bool_), 0.0
-    for ticks in (2.0**k / 10.0**m for k in bits for m in range(TICK_DECIMALS)):
+    is_whole = np.array_equal(stamps, np.rint(stamps))
+    for ticks, in_ticks in ((2.0**k / 10.0**m, is_whole and m == 0) for k in bits for m in range(TICK_DECIMALS)):
         if ticks < LEAST_TURN * usual:
             continue
         after = behind - before + ticks
         near = min(NEAR_TOP * usual, 0.1 * ticks)
         ends = [(before > top - near) & (behind < top - ticks + near) for top in (ticks, 0.5 * ticks)]
-        wraps = (np.abs(after - usual) < 0.5 * usual) | ((after > 0.0) & (ends[0] | ends[1]))
+        wraps = np.abs(after - usual) < 0.5 * usual
+        trusted = np.any(wraps) | (in_ticks & (behind != stamps[0]))
+        wraps |= (after > 0.0) & (ends[0] | ends[1]) & trusted
         if np.count_nonzero(wraps) > np.count_nonzero(best):
             best, size = wraps, ticks
     rows = back[best] + 1
