@@ -218,6 +218,23 @@ def test_samples_are_lost_where_a_counter_wraps(bits, step):
     np.testing.assert_array_equal(straight, count)
 
 
+@pytest.mark.parametrize(("rate", "moves"), [(200.0, ((1000, 1), (3000, 1), (4000, 1))), (50.0, ((700, 5),))])
+def test_rows_out_of_order_are_named_and_may_be_deleted(tmp_path, rate, moves):
+    t, u, z = moving(14, 40.0, rate)
+    order = np.arange(len(t))
+    for row, later in moves:
+        order[row : row + later + 1] = np.roll(order[row : row + later + 1], 1)
+    stray = np.flatnonzero(order < np.maximum.accumulate(order))
+    text = TICKS.format(name="t", unit="s")
+    path = table(tmp_path / "run.csv", "t,u,z", t[order], u[order], z[order], text=text)
+    with pytest.raises(RecordingError, match=rf"{len(stray)} rows are out of order: row {stray[0] + 2} \(") as refused:
+        io.load(path)
+    assert f"row {stray[-1] + 2} (" in str(refused.value)
+    assert "runs" not in str(refused.value)
+    rest = np.delete(order, stray)
+    within(accelcal.fit(io.load(table(path, "t,u,z", t[rest], u[rest], z[rest], text=text))))
+
+
 def arrivals(t, n, rng, late, within_packet):
     """Stamps of packets of n samples that arrive late."""
     last = t[n - 1 :: n]
