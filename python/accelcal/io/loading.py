@@ -695,13 +695,14 @@ def _part(
         if len(t) == 0:
             continue
         back = np.flatnonzero(np.diff(t) < 0.0) + 1
-        for k in back:
+        for k in back.tolist():
             again.setdefault(int(k if places is None else places[k]), (float(t[k - 1]), float(t[k])))
         if len(back):
             reached = np.maximum.accumulate(t)
             below = np.flatnonzero(np.diff(t < reached, prepend=False, append=False)).reshape(-1, 2)
-            for a, b in below[(np.ptp(below, axis=1) <= MOST_STRAYS) & (below[:, 1] < len(t))]:
-                for k in range(a, b):
+            short = below[(np.ptp(below, axis=1) <= MOST_STRAYS) & (below[:, 1] < len(t))]
+            for first, end in short.tolist():
+                for k in range(first, end):
                     row = int(k if places is None else places[k])
                     strays[row] = f"{table.row(row)} ({units.instant(t[k])} s after {units.instant(reached[k])} s)"
         last, ends = max(last, int(len(t) if places is None else places[-1] + 1)), (float(t[0]), float(t[-1]))
