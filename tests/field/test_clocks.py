@@ -289,17 +289,17 @@ def test_lost_samples_and_rounded_stamps_are_no_packets(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("n", "rate", "packets", "gap", "spread", "wander"),
+    ("n", "rate", "packets", "gap", "spread", "adds_up"),
     [
         (256, 1000.0, 120, 0.03, 0.01, True),
         (512, 2000.0, 100, 0.002, 0.0003, True),
         (100, 50.0, 40, 58.0, 0.5, False),
     ],
 )
-def test_a_logger_that_stops_to_write_has_true_stamps(tmp_path, n, rate, packets, gap, spread, wander):
+def test_a_logger_that_stops_to_write_has_true_stamps(tmp_path, n, rate, packets, gap, spread, adds_up):
     rng = np.random.default_rng(n)
     pauses = rng.uniform(-spread, spread, packets)
-    begins = np.arange(packets) * (n / rate + gap) + (np.cumsum(pauses) if wander else pauses)
+    begins = np.arange(packets) * (n / rate + gap) + (np.cumsum(pauses) if adds_up else pauses)
     t = np.round(np.repeat(begins - begins[0], n) + np.tile(np.arange(n) / rate, packets), 6)
     motion = Motion.of_tones(rng, 0.4, min(4.0, rate / 30.0), 6)
     u = BIAS + (1.0 + K) * motion.acceleration(t) + 0.005 * rng.standard_normal(len(t))
