@@ -12,6 +12,7 @@ import pytest
 import accelcal
 from accelcal import io
 from accelcal.calibration.characteristic import budget
+from accelcal.data import clocks
 from accelcal.data.recording import RecordingError
 from accelcal.model import Model
 from accelcal.validation.evaluation import compare
@@ -251,6 +252,41 @@ def test_a_part_without_output_and_position_is_refused(tmp_path):
     assert "no column for accel" in refused.stderr
 
 
+@pytest.mark.parametrize(("seconds", "unit", "scale"), [(65.3, "s", 1.0), (65.4, "ms", 1e3), (16.7, "us", 1e6)])
+def test_two_runs_that_end_where_a_counter_would_are_no_wrap(tmp_path, seconds, unit, scale):
+    t, u, z = moving(6, seconds, 50.0)
+    stamps = np.rint(1e6 * np.concatenate([t, t])) / 1e6 * scale
+    u, z = np.concatenate([u, u[::-1]]), np.concatenate([z, z[::-1]])
+    path = table(tmp_path / "run.csv", "t,u,z", stamps, u, z, text=TICKS.format(name="t", unit=unit))
+    with pytest.raises(RecordingError, match=rf"starts again at row {len(t) + 2}: .* The file holds 2 runs"):
+        io.load(path)
+
+
+@pytest.mark.parametrize(("bits", "step"), [(16, 20.0), (24, 4000.0)])
+def test_samples_are_lost_where_a_counter_wraps(bits, step):
+    count = np.delete(3.0 + step * np.arange(1.5 * 2.0**bits // step), int(2.0**bits / step) + np.arange(-3, 4))
+    straight, wraps = clocks.unwrapped(np.mod(count, 2.0**bits))
+    assert len(wraps) == 1
+    np.testing.assert_array_equal(straight, count)
+
+
+@pytest.mark.parametrize(("rate", "moves"), [(200.0, ((1000, 1), (3000, 1), (4000, 1))), (50.0, ((700, 5),))])
+def test_rows_out_of_order_are_named_and_may_be_deleted(tmp_path, rate, moves):
+    t, u, z = moving(14, 40.0, rate)
+    order = np.arange(len(t))
+    for row, later in moves:
+        order[row : row + later + 1] = np.roll(order[row : row + later + 1], 1)
+    stray = np.flatnonzero(order < np.maximum.accumulate(order))
+    text = TICKS.format(name="t", unit="s")
+    path = table(tmp_path / "run.csv", "t,u,z", t[order], u[order], z[order], text=text)
+    with pytest.raises(RecordingError, match=rf"{len(stray)} rows are out of order: row {stray[0] + 2} \(") as refused:
+        io.load(path)
+    assert f"row {stray[-1] + 2} (" in str(refused.value)
+    assert "runs" not in str(refused.value)
+    rest = np.delete(order, stray)
+    within(accelcal.fit(io.load(table(path, "t,u,z", t[rest], u[rest], z[rest], text=text))))
+
+
 def arrivals(t, n, rng, late, within_packet):
     """Stamps of packets of n samples that arrive late."""
     last = t[n - 1 :: n]
@@ -302,6 +338,28 @@ def test_lost_samples_and_rounded_stamps_are_no_packets(tmp_path):
             tmp_path / "run.csv", "t,u,z", stamps[rows], u[rows], z[rows], text=TICKS.format(name="t", unit="s")
         )
         assert not note(io.load(path), "burst_stamps")
+
+
+@pytest.mark.parametrize(
+    ("n", "rate", "packets", "gap", "spread", "adds_up"),
+    [
+        (256, 1000.0, 120, 0.03, 0.01, True),
+        (512, 2000.0, 100, 0.002, 0.0003, True),
+        (100, 50.0, 40, 58.0, 0.5, False),
+    ],
+)
+def test_a_logger_that_stops_to_write_has_true_stamps(tmp_path, n, rate, packets, gap, spread, adds_up):
+    rng = np.random.default_rng(n)
+    pauses = rng.uniform(-spread, spread, packets)
+    begins = np.arange(packets) * (n / rate + gap) + (np.cumsum(pauses) if adds_up else pauses)
+    t = np.round(np.repeat(begins - begins[0], n) + np.tile(np.arange(n) / rate, packets), 6)
+    motion = Motion.of_tones(rng, 0.4, min(4.0, rate / 30.0), 6)
+    u = BIAS + (1.0 + K) * motion.acceleration(t) + 0.005 * rng.standard_normal(len(t))
+    z = motion.position(t) + 1e-5 * rng.standard_normal(len(t))
+    recording = io.load(table(tmp_path / "run.csv", "t,u,z", t, u, z, text=TICKS.format(name="t", unit="s")))
+    assert not note(recording, "burst_stamps")
+    np.testing.assert_allclose(recording.accel.t, t, atol=1e-6)
+    within(accelcal.fit(recording))
 
 
 def test_a_counter_of_frames_is_a_clock(tmp_path):

@@ -64,7 +64,7 @@ def test_what_a_logger_does_to_rows_and_stamps_is_undone_or_said(
     assert max(off(ac.fit(recording), record)) < SIGMA
 
 
-def test_samples_that_were_taken_unevenly_keep_their_stamps(tmp_path: Path) -> None:
+def test_samples_at_uneven_instants_keep_their_stamps(tmp_path: Path) -> None:
     record = honest(78)
     at = np.sort(record.t + record.rng.uniform(-0.3, 0.3, len(record.t)) / record.rate)
     record.u = np.interp(at, record.t, record.bias + (1.0 + record.scale_factor) * record.a)

@@ -305,8 +305,12 @@ def test_time_that_runs_backward_is_named_with_row_and_time(write):
     rows = "0.0,1,0\n0.2,1,0\n0.1,2,1\n0.3,1,3\n0.25,1,3\n"
     refused(
         write("t_s,accel_g,position_m\n" + rows),
-        "the clock starts again at row 4: 0.1 s after 0.2 s. The file holds 3 runs: part 1, row 2 to row 3 (0 s to "
-        "0.2 s); part 2, row 4 to row 5 (0.1 s to 0.3 s); part 3, row 6 to row 6",
+        "1 row is out of order: row 4 (0.1 s after 0.2 s); its place is not known; correct or delete it",
+    )
+    refused(
+        write("t_s,accel_g,position_m\n" + rows.replace("0.1,2,1\n", "")),
+        "the clock starts again at row 5: 0.25 s after 0.3 s. The file holds 2 runs: part 1, row 2 to row 4 (0 s to "
+        "0.3 s); part 2, row 5 to row 5",
     )
 
 

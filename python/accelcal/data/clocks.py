@@ -8,7 +8,7 @@ are known far better than any stamp, and take their place.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 
@@ -479,7 +479,8 @@ NEAR_TOP = 20.0
 def unwrapped(stamps: Array, bits: tuple[int, ...] = BITS) -> tuple[Array, NDArray[np.intp]]:
     """Stamps (n,) of a counter that wraps, as if it did not, and the first index behind each wrap.
 
-    A jump back by 2^k ticks, with the usual spacing behind it, or from one end of the counter to the other, is a wrap.
+    A jump back by 2^k ticks with the usual spacing behind it is a wrap. So is one from one end of the counter to the
+    other, beside such a wrap or in whole ticks; alone, and back to the first stamp of all, it may be a new start.
     """
     spacing = np.diff(stamps)
     back = np.flatnonzero(spacing < 0.0)
@@ -488,13 +489,16 @@ def unwrapped(stamps: Array, bits: tuple[int, ...] = BITS) -> tuple[Array, NDArr
     usual = float(np.median(spacing[spacing > 0.0]))
     before, behind = stamps[back], stamps[back + 1]
     best, size = np.zeros(len(back), dtype=np.bool_), 0.0
-    for ticks in (2.0**k / 10.0**m for k in bits for m in range(TICK_DECIMALS)):
+    is_whole = np.array_equal(stamps, np.rint(stamps))
+    for ticks, in_ticks in ((2.0**k / 10.0**m, is_whole and m == 0) for k in bits for m in range(TICK_DECIMALS)):
         if ticks < LEAST_TURN * usual:
             continue
         after = behind - before + ticks
         near = min(NEAR_TOP * usual, 0.1 * ticks)
         ends = [(before > top - near) & (behind < top - ticks + near) for top in (ticks, 0.5 * ticks)]
-        wraps = (np.abs(after - usual) < 0.5 * usual) | ((after > 0.0) & (ends[0] | ends[1]))
+        wraps = np.abs(after - usual) < 0.5 * usual
+        trusted = np.any(wraps) | (in_ticks & (behind != stamps[0]))
+        wraps |= (after > 0.0) & (ends[0] | ends[1]) & trusted
         if np.count_nonzero(wraps) > np.count_nonzero(best):
             best, size = wraps, ticks
     rows = back[best] + 1
@@ -520,6 +524,11 @@ PACKET_STRETCHES = 24
 """Parts of a record of each of which the earliest arrival counts."""
 AHEAD = 8
 """Packets behind a late one by which the clock has caught up; where it has not, some were lost."""
+WIDEST = 16
+"""Most readings of a line on either side of the beginning of a packet."""
+BROKEN_AT, BROKEN = 0.9, 1.5
+"""Quantile of the steps between two such lines, and by how much those between packets are larger than those within one
+where readings are missing between them."""
 STEADY = 3.0
 """Departure of an earliest arrival from a slowly drifting clock, in scatters of an arrival, beyond which the rate has
 steps."""
@@ -541,11 +550,12 @@ class Packets:
     """Of the clock, one more than its rate has steps."""
 
 
-def packets(t: Array) -> Packets | None:
+def packets(t: Array, readings: Sequence[Array] = ()) -> Packets | None:
     """The clock behind stamps (n,) of packets; None where the stamps are not those of packets.
 
     Within a packet spacings are equal, and from one packet to the next they scatter. No packet comes early, so the
-    clock runs through the earliest arrival of each stretch of the record: offset, rate, and slow drift.
+    clock runs through the earliest arrival of each stretch of the record: offset, rate, and slow drift. Readings, (n,)
+    each, go on from packet to packet as they do within one; a logger that stops between true stamps misses some.
     """
     spacing = np.diff(t)
     if len(t) < FEWEST_PACKETS * SMALLEST or np.array_equal(spacing[1:], spacing[:-1]):
@@ -553,17 +563,19 @@ def packets(t: Array) -> Packets | None:
     usual = float(np.median(spacing))
     jumps = np.flatnonzero(np.abs(spacing - usual) > EVEN * abs(usual)) + 1  # the first sample behind each
     if not FEWEST_PACKETS <= len(jumps) <= len(t) / (SMALLEST - 0.5):
-        return _spread_packets(t, spacing)
-    return _clock_behind(t, jumps)
+        return _spread_packets(t, spacing, readings)
+    return _clock_behind(t, jumps, readings)
 
 
-def _spread_packets(t: Array, spacing: Array) -> Packets | None:
+def _spread_packets(t: Array, spacing: Array, readings: Sequence[Array]) -> Packets | None:
     """The same where the samples of each packet were spread evenly up to its arrival."""
     changes = np.flatnonzero(np.abs(np.diff(spacing)) > EVEN * float(np.median(np.abs(spacing)))) + 1
-    return _clock_behind(t, changes + 1) if FEWEST_PACKETS <= len(changes) <= len(t) / (SMALLEST - 0.5) else None
+    if not FEWEST_PACKETS <= len(changes) <= len(t) / (SMALLEST - 0.5):
+        return None
+    return _clock_behind(t, changes + 1, readings)
 
 
-def _clock_behind(t: Array, jumps: NDArray[np.intp]) -> Packets | None:
+def _clock_behind(t: Array, jumps: NDArray[np.intp], readings: Sequence[Array]) -> Packets | None:
     """The clock behind packets, of which some begin at `jumps`."""
     sizes, counts = np.unique(np.diff(jumps), return_counts=True)
     n = int(sizes[np.argmax(counts)])
@@ -579,6 +591,9 @@ def _clock_behind(t: Array, jumps: NDArray[np.intp]) -> Packets | None:
     ahead = np.pad(arrival, (0, AHEAD), constant_values=math.inf) - period * np.arange(len(arrival) + AHEAD)
     ahead = np.lib.stride_tricks.sliding_window_view(ahead, AHEAD + 1).min(axis=1) + period * np.arange(len(arrival))
     lost = np.maximum(np.rint((ahead[1:] - arrival[:-1]) / period) - 1.0, 0.0) * (between > 1.5 * period)
+    begins = ends[:-1][lost == 0.0] + 1
+    if any(_is_broken(y, begins, n) for y in readings):
+        return None
     number = (
         np.arange(len(t))
         + n * np.concatenate([[0.0], np.cumsum(lost)])[np.searchsorted(ends, np.arange(len(t))).clip(0, len(lost))]
@@ -591,6 +606,17 @@ def _clock_behind(t: Array, jumps: NDArray[np.intp]) -> Packets | None:
     instants = arrival[0] + np.interp(x, x[ends], y) + beyond
     mean = float(x[ends[-1]] / (y[-1] - y[0]))
     return Packets(n, instants, mean, float(np.std(arrival - arrival[0] - y)), pieces)
+
+
+def _is_broken(y: Array, begins: NDArray[np.intp], n: int) -> bool:
+    """Whether readings (n,) step where packets begin, by more than they do in the middle of packets."""
+    width = min(n // 2, WIDEST)
+    x = np.arange(width) + 0.5
+    line = np.linalg.pinv(np.vander(x, min(2, width)))[-1]  # from `width` readings to the line through them at x = 0
+    rows = begins[:, None] + np.arange(-width, width)
+    steps = np.abs([y[rows + k] @ np.concatenate([-line[::-1], line]) for k in (0, n // 2)])
+    between, within = np.quantile(steps, BROKEN_AT, axis=1)
+    return bool(between > BROKEN * within > 0.0)
 
 
 def _earliest(x: Array, y: Array, most: float) -> tuple[Array, int]:

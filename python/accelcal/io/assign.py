@@ -341,12 +341,15 @@ UNKNOWN = "?"
 """What a sidecar template puts where the user must fill in a unit."""
 
 
-def in_seconds(table: Table, plan: Plan, clock: Clock, column: Column) -> tuple[Column, list[Finding]]:
+def in_seconds(
+    table: Table, plan: Plan, clock: Clock, column: Column, readings: Sequence[Column] = ()
+) -> tuple[Column, list[Finding]]:
     """Convert a column of stamps, or of the counter that takes their place; one that wraps is unwrapped.
 
     Parameters
     ----------
     column : values of shape (n,) in the unit of the file.
+    readings : (n,) that have these stamps, by which times of arrival are told from true stamps.
 
     Returns
     -------
@@ -379,7 +382,8 @@ def in_seconds(table: Table, plan: Plan, clock: Clock, column: Column) -> tuple[
             "the stamps go on from there as if it did not"
         )
         findings.append(Finding("counter_wraps", "", len(wraps), float(stamps.values[k]), text))
-    behind = None if clock.rate is not None else packets(stamps.values[rows])
+    whole = [y.values[rows] for y in readings if y.present is None or y.present[rows].all()]
+    behind = None if clock.rate is not None else packets(stamps.values[rows], whole)
     if behind is None:
         return stamps, findings
     first, shared = float(stamps.values[rows[0]]), [name for name, s in plan.sources.items() if s.time == clock]

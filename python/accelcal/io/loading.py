@@ -691,18 +691,35 @@ def _part(
     Raises
     ------
     RecordingError
-        If it does and no part is asked for, or one that is not there; it names the parts.
+        If it does and no part is asked for, or one that is not there; it names the parts. If rows are out of order; it
+        names them.
     """
     again: dict[int, tuple[float, float]] = {}
+    strays: dict[int, str] = {}
     last, ends = 0, (0.0, 0.0)
     for t, _, places in sampled.values():
         if not len(t) or not np.all(np.isfinite(t)):
             continue
-        for k in np.flatnonzero(np.diff(t) < 0.0) + 1:
+        back = np.flatnonzero(np.diff(t) < 0.0) + 1
+        for k in back.tolist():
             again.setdefault(int(k if places is None else places[k]), (float(t[k - 1]), float(t[k])))
+        if len(back):
+            reached = np.maximum.accumulate(t)
+            below = np.flatnonzero(np.diff(t < reached, prepend=False, append=False)).reshape(-1, 2)
+            short = below[(np.ptp(below, axis=1) <= MOST_STRAYS) & (below[:, 1] < len(t))]
+            for first, end in short.tolist():
+                for k in range(first, end):
+                    row = int(k if places is None else places[k])
+                    strays[row] = f"{table.row(row)} ({units.instant(t[k])} s after {units.instant(reached[k])} s)"
         last, ends = max(last, int(len(t) if places is None else places[-1] + 1)), (float(t[0]), float(t[-1]))
     if part in (None, 1) and not (again and is_there(table.path)):
         return None  # of arrays `clean` says it
+    if strays:
+        are, them = "s are", "their order is not known; correct or delete them"
+        if len(strays) == 1:
+            are, them = " is", "its place is not known; correct or delete it"
+        named = [strays[row] for row in sorted(strays)]
+        raise RecordingError(f"{table.path}: {len(strays)} row{are} out of order: {_few(named, ', ')}; {them}")
     parts = list(pairwise([0, *sorted(again), last]))
     if part is not None and 1 <= part <= len(parts):
         return parts[part - 1]
@@ -712,7 +729,7 @@ def _part(
         f"{units.instant(edges[2 * number - 1])} s)"
         for number, (begin, end) in enumerate(parts, 1)
     ]
-    listed = "; ".join(named if len(named) <= MOST_NAMED else [*named[: MOST_NAMED - 1], "...", named[-1]])
+    listed = _few(named, "; ")
     if part is not None:
         raise RecordingError(
             f"{table.path}: --part {part}: the file has {len(parts)} parts: {listed}; give one of them"
@@ -727,7 +744,14 @@ def _part(
 
 
 MOST_NAMED = 4
-"""Parts of a file that a sentence names."""
+"""Parts or rows of a file that a sentence names."""
+MOST_STRAYS = 8
+"""Rows behind a step back of the clock within which it is further on than before: they are out of order."""
+
+
+def _few(named: list[str], between: str) -> str:
+    """The first of many in a sentence, and the last."""
+    return between.join(named if len(named) <= MOST_NAMED else [*named[: MOST_NAMED - 1], "...", named[-1]])
 
 
 def _places(chosen: Flags | None, rows: Flags | None) -> NDArray[np.intp] | None:
@@ -766,7 +790,9 @@ def _instants(table: Table, plan: Plan, clock: Clock, raw: Mapping[str, Column])
     """The stamps of a clock, s: its column, on the day of a date, with a fraction of the second added; and what was
     noticed of them."""
     assert clock.column is not None  # a clock without a counter has a rate, or names a column
-    stamps, noticed = in_seconds(table, plan, clock, raw[clock.column])
+    measured = [plan.sources[name] for name in ("accel", "position") if name in plan.sources]
+    readings = [raw[s.column] for s in measured if s.time == clock and s.where is None and s.column in raw]
+    stamps, noticed = in_seconds(table, plan, clock, raw[clock.column], readings)
     if clock.date is not None:
         day = raw[clock.date]
         stamps = Column(stamps.values % DAY + day.values, _both(stamps.present, day.present))

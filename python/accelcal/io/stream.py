@@ -494,7 +494,8 @@ class _Columns:
 
     def converted(self, rows: Array) -> Array:
         """Time, output and position in SI, (n, 3), of rows in the units of the lines."""
-        t = in_seconds(self.table, self.plan, self._clock(), Column(rows[:, 0]))[0].values
+        stamps, *readings = (Column(column) for column in rows.T)
+        t = in_seconds(self.table, self.plan, self._clock(), stamps, readings)[0].values
         accel, position = (
             in_si(self.table, self.plan, name, self.plan.sources[name], self.declared.rig, rows[:, i])[0]
             for i, name in enumerate(CHANNELS, 1)
