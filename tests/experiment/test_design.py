@@ -114,7 +114,7 @@ def test_a_plan_is_written_to_a_file_that_power_reads(tmp_path):
     made = accelcal("plan", "--effects", "quadratic,cubic", *LIMITS_GIVEN, "-o", "m.csv", "--json", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     content = json.loads(made.stdout)
-    assert content["schema"] == "accelcal/plan/4"
+    assert content["schema"] == "accelcal/plan/5"
     require_published(content)
     assert content["limits"]["stroke"] == 0.2
     with (tmp_path / "m.csv").open() as file:
@@ -138,7 +138,7 @@ def test_power_of_a_recording_and_its_refusals(tmp_path):
     seen = accelcal("power", "run.csv", "--json", cwd=tmp_path)
     assert seen.returncode == 0, seen.stderr
     content = json.loads(seen.stdout)
-    assert content["schema"] == "accelcal/power/4"
+    assert content["schema"] == "accelcal/power/5"
     require_published(content)
     (tmp_path / "bare.csv").write_text("t_s,position_m\n" + "".join(f"{k / 100},{k % 7}e-3\n" for k in range(100)))
     bare = accelcal("power", "bare.csv", cwd=tmp_path)

@@ -436,7 +436,7 @@ LANGUAGES = {
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_times_of_day_are_told_by_their_form(tmp_path, language):
+def test_times_of_day_are_distinguished_by_their_form(tmp_path, language):
     header, mark, unit = LANGUAGES[language]
     t, motion = stamps(200.0), Motion(13)
     y = motion.output(t)

@@ -55,7 +55,7 @@ def test_fit_then_compare_gives_the_documented_json(folder):
     compared = accelcal("compare", "m.json", "two.parquet", "--json", cwd=folder)
     assert compared.returncode == 0, compared.stderr
     seen = json.loads(compared.stdout)
-    assert seen["schema"] == "accelcal/comparison/4"
+    assert seen["schema"] == "accelcal/comparison/5"
     ((seen,),) = seen["seen"]
     for key in ("coast_rms", "coast_frozen_rms", "coast_floor"):
         assert set(seen[key]) == {"1.0", "5.0", "10.0"}

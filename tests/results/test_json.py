@@ -211,7 +211,7 @@ BIN = {"variable": "a", "unit": "m/s²", "edges": [0.0, 1.0], "mean": [1.0], "st
         ),
         ({"bins": [BIN | {"seen_at": [[1.0, 2.0], [3.0]]}]}, "expected rows of equal length"),
         ({"bins": [BIN | {"mean": [None]}]}, "mean: found [None], expected floats in lists, not null"),
-        ({"schema": "accelcal/model/4"}, "found 'accelcal/model/4', expected 'accelcal/evaluation/4'"),
+        ({"schema": "accelcal/model/5"}, "found 'accelcal/model/5', expected 'accelcal/evaluation/5'"),
     ],
 )
 def test_a_value_of_another_kind_is_refused_by_its_path(change: dict[str, Any], said: str) -> None:

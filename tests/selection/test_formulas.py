@@ -123,7 +123,7 @@ def test_a_formula_can_be_written_read_and_added(breakaway, tmp_path):
     done = CliRunner().invoke(app, [*command, "-o", str(source), "--json"])
     assert done.exit_code == 0, done.output
     content = json.loads(done.stdout)
-    assert content["schema"] == "accelcal/formulas/4"
+    assert content["schema"] == "accelcal/formulas/5"
     assert content["formulas"][0]["units"] == ["m/s²"]
     options = ["--effects-file", str(source), "--effect", "own_drag", "-o", str(tmp_path / "m2.json")]
     added = accelcal("add", *command[1:3], *options)  # another process, as for a user: here the name is known already

@@ -25,7 +25,7 @@ def delayed():
 
 def test_the_sentence_opens_with_what_was_found_and_left_speaks_of_the_last_model(delayed):
     content = results_json.content(delayed)
-    assert content["schema"] == "accelcal/improvement/4"
+    assert content["schema"] == "accelcal/improvement/5"
     require_published(content)
     assert content["effects"] == ["time_offset"]
     assert content["sentence"].startswith("time_offset was found (2")

@@ -180,6 +180,8 @@ LEAST_OVERLAP = 0.1
 """Share of the shorter record that the two must have in common."""
 FEWEST = 64
 """Instants that they must have in common."""
+BETTER = 0.5
+"""Share of what is missing to a correlation of one that another rate must gain: noise costs the same at any rate."""
 ALIKE = 0.3
 """Least correlation of two records of one motion."""
 SEARCHED = 0.7
@@ -285,8 +287,10 @@ def align(
     peaks = _Peaks(*_shared(a, second, step), None if about is None or about.correlation < 0.0 else about.lag / step)
     if search is None and not peaks.correlation > NEAR:
         search = search_rates(a, second, step)
-        if search.rate is not None:
+        least = peaks.correlation + BETTER * (1.0 - peaks.correlation)
+        if search.rate is not None and abs(search.rate.correlation) > least:
             return align(accel, position, polarity=polarity, delay=delay, name=name, search=search)
+        search = replace(search, rate=None)
     if about is None or about.correlation < 0.0:
         peaks.require_alike(name, search)
     to_shift = position.t[0] - accel.t[0] + delay

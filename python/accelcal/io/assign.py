@@ -382,7 +382,11 @@ def in_seconds(
             "the stamps go on from there as if it did not"
         )
         findings.append(Finding("counter_wraps", "", len(wraps), float(stamps.values[k]), text))
-    whole = [y.values[rows] for y in readings if y.present is None or y.present[rows].all()]
+    whole = [
+        y.values[rows]
+        for y in readings
+        if len(y.values) == len(column.values) and (y.present is None or y.present[rows].all())
+    ]
     behind = None if clock.rate is not None else packets(stamps.values[rows], whole)
     if behind is None:
         return stamps, findings

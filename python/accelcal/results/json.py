@@ -39,7 +39,7 @@ SCHEMAS: Mapping[str, str] = {
     "session": "app.state:Content",
 }
 """Result of each schema name: module and class."""
-VERSION = 4
+VERSION = 5
 """Of every schema: keys are the names of fields."""
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 WORDS = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
@@ -107,7 +107,7 @@ def read(kind: Any, stored: Any) -> Any:
 
 
 def schema_name(kind: Any) -> str:
-    """Name of the schema of a class, such as accelcal/diagnosis/4."""
+    """Name of the schema of a class, such as accelcal/diagnosis/5."""
     place = f"{kind.__module__.removeprefix('accelcal.')}:{kind.__qualname__}"
     names = {where: name for name, where in SCHEMAS.items()}
     return f"accelcal/{names.get(place, kind.__name__.lower())}/{VERSION}"

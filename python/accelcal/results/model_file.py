@@ -178,22 +178,13 @@ def _filled(word: str, part: Mapping[str, Any], *keys: str) -> dict[str, Any]:
 
 
 def from_4_to_5(content: dict[str, Any]) -> dict[str, Any]:
-    """Schema 5 has the noise of a reading, the ratio of a rig, whose clock is trusted, and their uncertainty.
-
-    Raises
-    ------
-    ModelFileError
-        If the content lacks a part that schema 4 has.
-    """
-    try:
-        rig = content["rig"]
+    """Schema 5 has the noise of a reading, the ratio of a rig, whose clock is trusted, and their uncertainty; what is
+    no rig stays for the check to refuse."""
+    rig = content.get("rig")
+    if isinstance(rig, dict) and isinstance(rig.get("uncertainty"), dict):
         unknown = {"clock_rate": None, "reference_zero": None, **rig["uncertainty"]}
-        new = {"trusted_clock": None, "reading_noise": None, "ratio": None, **rig, "uncertainty": unknown}
-    except (KeyError, TypeError) as error:
-        raise ModelFileError(
-            f"a part that a model file of schema 4 has is missing or of another kind ({error})"
-        ) from None
-    return {**content, "schema": f"{NAME}5", "rig": new}
+        rig = {"trusted_clock": None, "reading_noise": None, "ratio": None, **rig, "uncertainty": unknown}
+    return {**content, "schema": f"{NAME}5", "rig": rig}
 
 
 STEPS: Mapping[int, Callable[[dict[str, Any]], dict[str, Any]]] = {2: from_2_to_3, 3: from_3_to_4, 4: from_4_to_5}

@@ -34,7 +34,7 @@ def test_everything_is_written_from_one_calibration(folder):
     made = calibrate(model_file.load(folder / "m.json"), source="m.json")
     content = json.loads(done.stdout)
     assert content == results_json.content(made)
-    assert content["schema"] == "accelcal/export/4"
+    assert content["schema"] == "accelcal/export/5"
     assert (folder / "s.h").read_text() == header(made, "s.h")
     assert (folder / "s.rs").read_text() == module(made)
     assert "d.xml is a draft; missing: certificate.identifier" in done.stderr
