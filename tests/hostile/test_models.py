@@ -112,7 +112,7 @@ REPLACED: tuple[tuple[Path_, str, tuple[Any, ...]], ...] = (
     (
         ("schema",),
         "schema",
-        (*NOT_TEXTS[:5], *(f"accelcal/model/{n}" for n in ("0", "1", "5", "1e9")), "", "x"),
+        (*NOT_TEXTS[:5], *(f"accelcal/model/{n}" for n in ("0", "1", "6", "1e9")), "", "x"),
     ),
     (("version",), "", (*NOT_TEXTS, "99.0", "99.0.0", "0.2.0", "1", "x", "")),
     (("method",), "method", NOT_TEXTS),
