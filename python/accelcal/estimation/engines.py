@@ -310,8 +310,8 @@ def engine_named(method: Method | FilterChoice) -> Engine:
     return ForwardFilter(method) if isinstance(method, FilterChoice) else ENGINES[method]
 
 
-MOST_OF_BOTH = 0.99
-"""Largest share of either in the noise of two accelerations."""
+MOST_DECLARED, MOST_MEASURED = 0.9, 0.99
+"""Largest share of the sensor in the noise of two accelerations, as declared; of either, as measured."""
 KNOWN_SHARE = 0.1
 """Standard deviation of the reference's share up to which it is taken as measured."""
 FEWEST_BLOCKS = 8
@@ -353,18 +353,19 @@ def with_noise(rows: WeakRows, width: float = 0.3) -> WeakRows:
 def shared(rows: WeakRows) -> Noise:
     """Noise of the output and of a reference that is an acceleration, of which the innovations show the sum alone.
 
-    The reference's is what its readings and the innovations have in common, where that is known to a tenth of the sum:
-    parts at rest tell it. Otherwise the sensor has what is declared of it, if that is less than all, and half of the
-    sum where nothing is.
+    The sensor has what is declared of it, if that is less than all. Where nothing is, the reference has what its
+    readings and the innovations have in common, where that is known to a tenth of the sum: parts at rest tell it; and
+    half of the sum where it is not.
     """
     run, step = rows.state.run, rows.reading_step
     both = float(np.mean(rows.whitened**2)) * (rows.noise.q + rows.noise.r * step)
-    r, std = common_variance(rows)
-    declared = run.rig.sensor.noise
+    declared, most = run.rig.sensor.noise, MOST_DECLARED
     q = both / 2.0 if declared is None else 0.5 * (declared / rows.state.values.scale) ** 2
-    if std * step < KNOWN_SHARE * both:
-        q = max(both - r * step, (1.0 - MOST_OF_BOTH) * both)
-    q = min(q, MOST_OF_BOTH * both)
+    if declared is None:
+        r, std = common_variance(rows)
+        if std * step < KNOWN_SHARE * both:
+            q, most = max(both - r * step, (1.0 - MOST_MEASURED) * both), MOST_MEASURED
+    q = min(q, most * both)
     return replace(rows.noise, q=q, r=(both - q) / step)
 
 
