@@ -150,31 +150,33 @@ def _cleaned(source: Source) -> Recording | None:
 def denied(recording: Recording) -> Stretches:
     """Stretches of output far beyond the rest, of which the reference shows nothing: damaged packets, switching on.
 
-    Over each stretch and 16 readings of the reference on either side, the departure from a polynomial of what the
-    reference reads is regressed on that of the output in the stretch, integrated as often as makes it the same
-    quantity. A shock that the reference shows is kept, and so is one that hides in its noise.
+    Over each stretch and half of its length, or 16 readings of the reference, on either side, the departure from a
+    polynomial of what the reference reads is regressed on that of the output in the stretch, integrated as often as
+    makes it the same quantity. A shock that the reference shows is kept, and so is one that hides in its noise; beside
+    an acceleration nothing is judged.
     """
     accel, reference = recording.accel, recording.reference or recording.position
     order = POSITION_ORDER if recording.reference is None else require_reference(reference)[0]
     departure = np.abs(accel.y - np.median(accel.y))
-    far = departure > DENIED_RATIO * np.quantile(departure, 0.99)
+    # beside an acceleration a delay hides that two short pulses are alike
+    far = departure > (DENIED_RATIO * np.quantile(departure, 0.99) if order else math.inf)
     beside, stretches = FEWEST * usual_step(reference.t), []
     for a, b in runs_of_true(widened(far, LEFT_OUT_BESIDE), 1) if far.any() else []:
         at = accel.t[a : b + 1][far[a : b + 1]]
         begin, end = (float(at[0]), float(at[-1])) if len(at) <= SINGLE else (float(accel.t[a]), float(accel.t[b]))
-        about = slice(*np.searchsorted(accel.t, [begin - beside, end + beside]))
-        rows = slice(*np.searchsorted(reference.t, [begin - beside, end + beside]))
+        around = [begin - max(beside, 0.5 * (end - begin)), end + max(beside, 0.5 * (end - begin))]
+        about, rows = (slice(*np.searchsorted(channel.t, around)) for channel in (accel, reference))
         t, moved = accel.t[about], accel.y[about] - np.median(accel.y)
         moved[(t < begin) | (t > end)] = 0.0
-        for _ in range(order):
-            moved = np.concatenate([[0.0], np.cumsum(0.5 * (moved[1:] + moved[:-1]) * np.diff(t))])
-        x = reference.t[rows]
+        x, read = reference.t[rows], reference.y[rows]
         if len(x) < FEWEST:
             continue
+        for _ in range(order):
+            moved = np.concatenate([[0.0], np.cumsum(0.5 * (moved[1:] + moved[:-1]) * np.diff(t))])
         powers = np.vander((x - x[0]) / (x[-1] - x[0]), order + 3)
-        both = np.column_stack([np.interp(x, t, moved), reference.y[rows]])
+        both = np.column_stack([np.interp(x, t, moved), read])
         claimed, shown = (both - powers @ np.linalg.lstsq(powers, both)[0]).T
-        power, spare = float(claimed @ claimed) + 1e-300, len(x) - order - 4
+        power, spare = float(claimed @ claimed) + 1e-300, len(x) - powers.shape[1] - 1
         share, left = abs(float(claimed @ shown)) / power, float(shown @ shown) / power
         alike = share > ALIKE * math.sqrt(left)  # a shock in another unit
         if share + DENIED_SIGMA * math.sqrt(left / spare) < DENIED_SHARE and not alike:
