@@ -100,27 +100,27 @@ REFERENCES: dict[str, tuple[Callable[[object], np.ndarray], str]] = {
 
 @pytest.mark.parametrize("name", REFERENCES)
 def test_a_reference_in_volts_or_counts_is_read_through_its_scale(name, tmp_path):
-    made = moved(11, "stage", k=0.02)
+    record = moved(11, "stage", k=0.02)
     read, line = REFERENCES[name]
-    clean = read(made)
-    made.columns = {"t": made.t, "ref": clean + made.noise(1e-5 * float(np.std(clean))), "acc": made.output()}
-    made.declare(TIME, ACCEL, line)
-    fit = ac.fit(ac.load(made.write(tmp_path)))
+    clean = read(record)
+    record.columns = {"t": record.t, "ref": clean + record.noise(1e-5 * float(np.std(clean))), "acc": record.output()}
+    record.declare(TIME, ACCEL, line)
+    fit = ac.fit(ac.load(record.write(tmp_path)))
     assert off(fit, "scale_factor", 0.02) < 3.0
-    assert off(fit, "bias", made.bias) < 3.0 or name in ("back to back", "counts of g")
+    assert off(fit, "bias", record.bias) < 3.0 or name in ("back to back", "counts of g")
 
 
 def test_a_side_channel_in_volts_is_read_through_its_scale(tmp_path):
-    made = honest(3, "stage", 0.0)
-    made.columns |= {"lm35": 0.22 + 0.0 * made.t, "load": 1.0 + 0.5 * np.sin(made.t)}
-    made.declare(
+    record = honest(3, "stage", 0.0)
+    record.columns |= {"lm35": 0.22 + 0.0 * record.t, "load": 1.0 + 0.5 * np.sin(record.t)}
+    record.declare(
         TIME,
         ACCEL,
         POSITION,
         'temperature = { column = "lm35", unit = "V", scale = "10 mV/degC" }',
         'pressure = { column = "load", unit = "V", scale = "5 V/MPa", zero = "1 V" }',
     )
-    recording = ac.load(made.write(tmp_path))
+    recording = ac.load(record.write(tmp_path))
     assert recording.side["temperature"].unit == "degC"
     assert np.allclose(recording.side["temperature"].y, 22.0)
     assert np.allclose(recording.side["pressure"].y, 1e5 * np.sin(recording.side["pressure"].t), atol=1.0)
@@ -138,21 +138,21 @@ def test_a_side_channel_in_volts_is_read_through_its_scale(tmp_path):
     ],
 )
 def test_a_scale_that_does_not_fit_is_refused_with_what_fits(line, said, tmp_path):
-    made = honest(4, "stage")
-    made.declare(TIME, ACCEL, line)
+    record = honest(4, "stage")
+    record.declare(TIME, ACCEL, line)
     with pytest.raises(ac.RecordingError, match=re.escape(said)):
-        ac.load(made.write(tmp_path))
+        ac.load(record.write(tmp_path))
 
 
 @pytest.mark.parametrize("name", ["position", "velocity", "reference_acceleration"])
 def test_uncertainty_of_a_reference_enters_the_budget(name, tmp_path):
-    made, unit = moved(5, "shaker", k=0.01), {"position": "m", "velocity": "m/s"}.get(name, "m/s^2")
-    y = {"position": made.p, "velocity": made.v}.get(name, made.a)
-    made.columns = {"t": made.t, "ref": y + made.noise(1e-5 * float(np.std(y))), "acc": made.output()}
+    record, unit = moved(5, "shaker", k=0.01), {"position": "m", "velocity": "m/s"}.get(name, "m/s^2")
+    y = {"position": record.p, "velocity": record.v}.get(name, record.a)
+    record.columns = {"t": record.t, "ref": y + record.noise(1e-5 * float(np.std(y))), "acc": record.output()}
     zero = ', u_zero = "0.02 m/s^2"' if unit == "m/s^2" else ""
-    made.declare(TIME, ACCEL, f'{name} = {{ column = "ref", unit = "{unit}", u_scale = 2e-3{zero} }}')
-    made.lines["uncertainty"] = 'level = "0 deg"\nmisalignment = "0 deg"'
-    fit = ac.fit(ac.load(made.write(tmp_path)))
+    record.declare(TIME, ACCEL, f'{name} = {{ column = "ref", unit = "{unit}", u_scale = 2e-3{zero} }}')
+    record.lines["uncertainty"] = 'level = "0 deg"\nmisalignment = "0 deg"'
+    fit = ac.fit(ac.load(record.write(tmp_path)))
     combined = {line.estimate.name: line.combined for line in budget(fit).lines}
     assert combined["scale_factor"] == pytest.approx(np.hypot(fit["scale_factor"].std, 2e-3 * 1.01), rel=1e-3)
     assert combined["bias"] == pytest.approx(np.hypot(fit["bias"].std, 0.02 * 1.01 * bool(zero)), rel=1e-3)
@@ -188,24 +188,24 @@ def test_the_shared_references_in_volts(name, tmp_path):
 
 def vibrometer(seed: int, folder: Path, tau: float, drops: int = 0) -> tuple[Path, int]:
     """A record of a laser vibrometer beside a sensor behind an RC high-pass, and the stretches without signal."""
-    made = moved(seed, "shaker", k=0.01)
-    step = float(made.t[1] - made.t[0])
-    u = made.output()
+    record = moved(seed, "shaker", k=0.01)
+    step = float(record.t[1] - record.t[0])
+    u = record.output()
     if tau:
         c = 2.0 * tau / step
         u = lfilter([c / (c + 1.0), -c / (c + 1.0)], [1.0, (1.0 - c) / (1.0 + c)], u)
-    v = made.v + made.noise(2e-5)
-    places = np.sort(made.rng.choice(len(v) // 64 - 2, drops, replace=False)) * 64 + 64
+    v = record.v + record.noise(2e-5)
+    places = np.sort(record.rng.choice(len(v) // 64 - 2, drops, replace=False)) * 64 + 64
     for at in places:
-        v[at : at + made.rng.integers(1, 4)] += made.rng.choice([-1.0, 1.0]) * made.rng.uniform(0.1, 0.5)
-    made.columns = {"time": made.t, "ldv": 1e3 * v, "iepe": u}
+        v[at : at + record.rng.integers(1, 4)] += record.rng.choice([-1.0, 1.0]) * record.rng.uniform(0.1, 0.5)
+    record.columns = {"time": record.t, "ldv": 1e3 * v, "iepe": u}
     high = f', highpass = {{ kind = "RC", tau = "{tau} s" }}' if tau else ""
-    made.declare(
+    record.declare(
         TIME.replace('"t"', '"time"'),
         f'accel = {{ column = "iepe", unit = "m/s^2"{high} }}',
         'velocity = { column = "ldv", unit = "mm/s" }',
     )
-    return made.write(folder), len(places)
+    return record.write(folder), len(places)
 
 
 @pytest.mark.parametrize(("seed", "tau"), [(1, 0.16), (2, 0.5)])
@@ -242,8 +242,8 @@ def test_drop_outs_of_a_vibrometer_are_left_out(seed, tau, tmp_path):
 @pytest.mark.parametrize("mistake", UNITS)
 @pytest.mark.parametrize("kind", ["stage", "lift"])
 def test_a_wrong_unit_is_named_with_the_line_to_write(mistake, kind, tmp_path):
-    made, line = wrong_unit(21, kind, mistake)
-    path = made.write(tmp_path)
+    record, line = wrong_unit(21, kind, mistake)
+    path = record.write(tmp_path)
     said = suspicion(ac.load(path))
     assert line in said
     assert f"[channels] {line}" in said
@@ -262,19 +262,19 @@ MISTAKES: dict[str, Callable[[int, str], tuple[object, str]]] = {
 
 @pytest.mark.parametrize(("name", "kind"), list(zip(MISTAKES, 5 * ["stage", "lift"], strict=True)))
 def test_check_and_fit_name_a_mistake_and_the_line_cures_it(name, kind, tmp_path):
-    made, line = MISTAKES[name](31, kind)
-    path = made.write(tmp_path)
+    record, line = MISTAKES[name](31, kind)
+    path = record.write(tmp_path)
     assert line in suspicion(ac.load(path))
     assert line in sentence(path)
     fit = ac.fit(ac.load(written(path, line)))
     assert not any(note.code == "implausible_scale" for note in fit.remarks)
-    assert off(fit, "scale_factor", made.k) < 4.0
+    assert off(fit, "scale_factor", record.k) < 4.0
 
 
 @pytest.mark.parametrize(("sign", "declared"), [(1.0, False), (-1.0, True), (-1.0, False)])
 def test_the_motion_is_in_another_column(sign, declared, tmp_path):
-    made, line = wrong_axis(41, "stage", sign, declared)
-    path = made.write(tmp_path)
+    record, line = wrong_axis(41, "stage", sign, declared)
+    path = record.write(tmp_path)
     recording = ac.load(path)
     said = sentence(path)
     assert "the motion is in ay" in said
@@ -288,30 +288,30 @@ def test_the_motion_is_in_another_column(sign, declared, tmp_path):
     else:
         assert 'mount = "reversed"' in said
         written(written(path, line), 'mount = "reversed"')
-    assert off(ac.fit(ac.load(path)), "scale_factor", made.k) < 3.0
+    assert off(ac.fit(ac.load(path)), "scale_factor", record.k) < 3.0
 
 
 def test_side_channels_of_arrays_are_tried_as_well():
-    made = moved(43, "stage", k=0.02)
-    y, x = made.output(), 0.01 * made.output() + made.noise(1e-3)
+    record = moved(43, "stage", k=0.02)
+    y, x = record.output(), 0.01 * record.output() + record.noise(1e-3)
     recording = ac.Recording.from_arrays(
-        made.t, x, made.read(), units={"accel": "m/s^2", "position": "m", "a_y": "m/s^2"}, side={"a_y": y}
+        record.t, x, record.read(), units={"accel": "m/s^2", "position": "m", "a_y": "m/s^2"}, side={"a_y": y}
     )
     assert "the motion is in a_y (correlation 1.00), not in accel" in suspicion(recording)
 
 
 def test_weak_motion_with_another_sign_is_no_mount(tmp_path):
-    made = honest(51, "stage")
-    made.columns["acc"] = 0.1 - 0.1 * made.a + made.noise(1.0 * float(np.std(made.a)))
-    said = sentence(made.write(tmp_path))
+    record = honest(51, "stage")
+    record.columns["acc"] = 0.1 - 0.1 * record.a + record.noise(1.0 * float(np.std(record.a)))
+    said = sentence(record.write(tmp_path))
     assert "not one axis of one body" in said
     assert "mount =" not in said
     assert "unit of column" not in said
 
 
 def test_one_line_accepts_a_ratio_that_the_rig_makes(tmp_path):
-    made = honest(52, "stage", k=-0.773)
-    path = made.write(tmp_path)
+    record = honest(52, "stage", k=-0.773)
+    path = record.write(tmp_path)
     line = re.search(r"\[rig\] (ratio = [\d.]+)", sentence(path))
     assert line is not None
     fit = ac.fit(ac.load(written(path, line[1])))
@@ -323,10 +323,10 @@ def test_one_line_accepts_a_ratio_that_the_rig_makes(tmp_path):
 
 
 def test_an_undeclared_sensitivity_is_shown_by_the_motion(tmp_path):
-    made = honest(53, "shaker", k=0.0)
-    made.columns["acc"] = 1.65 + 0.0102 * made.columns["acc"]
-    made.declare(TIME, ACCEL.replace("m/s^2", "V"), POSITION)
-    path = made.write(tmp_path)
+    record = honest(53, "shaker", k=0.0)
+    record.columns["acc"] = 1.65 + 0.0102 * record.columns["acc"]
+    record.declare(TIME, ACCEL.replace("m/s^2", "V"), POSITION)
+    path = record.write(tmp_path)
     with pytest.raises(ac.RecordingError, match="no scale is declared") as refused:
         ac.load(path)
     line = re.search(

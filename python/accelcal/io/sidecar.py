@@ -514,8 +514,8 @@ def _scaled_source(kind: str | None = None, **further: _Check) -> _Check:
 
 def _reference(kind: str, **further: _Check) -> _Check:
     """What tells the motion: filters, noise of a reading and the uncertainty of its scale come beside it."""
-    told = {"noise": _amount(kind, "positive"), "u_scale": _amount("ratio", "not negative")}
-    return _scaled_source(kind, **told, **_FILTERED, **further)
+    reading_checks = {"noise": _amount(kind, "positive"), "u_scale": _amount("ratio", "not negative")}
+    return _scaled_source(kind, **reading_checks, **_FILTERED, **further)
 
 
 _PROVENANCE = ("text", "provenance", "left empty")
@@ -949,13 +949,13 @@ def _rig(tables: Mapping[str, dict[str, Any]], *, turning: bool) -> Rig:
     rig, channels = tables["rig"], tables["channels"]
     lowpass, output_filters = _of_output(channels)
     reference = reference_among(channels) or "position"
-    told = channels[reference][1] if reference in channels else {}
-    resolution, noise = told.get("resolution"), told.get("noise")
+    reading = channels[reference][1] if reference in channels else {}
+    resolution, noise = reading.get("resolution"), reading.get("noise")
     uncertainty = dict(tables["uncertainty"])
     for key, of_budget in (("u_scale", "encoder_scale"), ("u_zero", "reference_zero")):
-        if key in told and of_budget in uncertainty:
+        if key in reading and of_budget in uncertainty:
             raise _KeyError(f"channels.{reference}.{key}", f"uncertainty.{of_budget} is given as well; keep one")
-        uncertainty |= {of_budget: told[key]} if key in told else {}
+        uncertainty |= {of_budget: reading[key]} if key in reading else {}
     sensor = _sensor(tables["sensor"])
     assumptions = {
         KEYS["rig"]["axis"].assumed: "axis" in rig or GRAVITY in rig or GRAVITY in channels or turning,
