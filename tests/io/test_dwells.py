@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 import accelcal as ac
 from accelcal.cli import app
 from accelcal.io.dwells import rests
+from accelcal.results.json import VERSION
 from tests.schemas import require_published
 
 TABLE = """attitude_deg,mean,std,duration_s,temperature_degC,samples,group
@@ -218,7 +219,7 @@ def test_a_diagnosis_takes_dwells_alone_and_with_a_motion(table, tmp_path):
     alone = run("diagnose", tmp_path / "m.json", table, "--json")
     assert alone.exit_code == 0
     content = json.loads(alone.stdout)
-    assert content["schema"] == "accelcal/diagnosis-of-dwells/4"
+    assert content["schema"] == f"accelcal/diagnosis-of-dwells/{VERSION}"
     require_published(content)
     assert run("fit", tmp_path / "run.csv", "-o", tmp_path / "r.json").exit_code == 0
     both = run("diagnose", tmp_path / "r.json", tmp_path / "run.csv", table)
