@@ -64,6 +64,8 @@ class Pair:
     seconds: float
     fastest: float
     """Hz"""
+    shift: float
+    """Of the first instant of the position, behind that of the sensor, s of true time."""
 
 
 def pair(
@@ -104,4 +106,4 @@ def pair(
     other = motion if related else drawn()
     noise = 10.0 ** rng.uniform(-6.0, -4.0)
     position = other.position(read + shift) + noise * rng.standard_normal(len(read))
-    return Pair((1.0 + skew) * t, accel, read, position, skew, seconds, fast)
+    return Pair((1.0 + skew) * t, accel, read, position, skew, seconds, fast, shift)

@@ -181,7 +181,8 @@ LEAST_OVERLAP = 0.1
 FEWEST = 64
 """Instants that they must have in common."""
 BETTER = 0.5
-"""Share of what is missing to a correlation of one that another rate must gain: noise costs the same at any rate."""
+"""Share of what is missing to a correlation of one that another rate, or shift, must gain to be the better one: noise
+costs the same at any."""
 ALIKE = 0.3
 """Least correlation of two records of one motion."""
 SEARCHED = 0.7
@@ -226,8 +227,9 @@ class Alignment:
 
     @property
     def is_ambiguous(self) -> bool:
-        """Whether another alignment is nearly as good."""
-        return self.next_height > AMBIGUOUS
+        """Whether another alignment is nearly as good: as high, and the best one explains no more of what it misses."""
+        missing = 1.0 - self.next_height * self.correlation
+        return self.next_height > AMBIGUOUS and 1.0 - self.correlation > (1.0 - BETTER) * missing
 
     @property
     def sentence(self) -> str:
@@ -284,7 +286,9 @@ def align(
         raise RecordingError(f"{name}: fewer than {FEWEST} instants of both loggers; record a longer motion")
     a = a - np.mean(a)
     about = search.rate if search is not None else None
-    peaks = _Peaks(*_shared(a, second, step), None if about is None or about.correlation < 0.0 else about.lag / step)
+    lag = None if about is None or about.correlation < 0.0 else about.lag / step
+    both = _shared(a, second, step) if lag is None else _coherent(a, second, step, round(lag))
+    peaks = _Peaks(*both, lag)
     if search is None and not peaks.correlation > NEAR:
         search = search_rates(a, second, step)
         least = peaks.correlation + BETTER * (1.0 - peaks.correlation)
@@ -400,7 +404,8 @@ class _Peaks:
         outside[begin : end + 1] = 0.0
         second = int(np.argmax(outside))
         self.next_lag = int(self.lags[second])
-        self.next_height = float(max(0.0, outside[second]) / max(heights[best], _TINY))
+        here, there = heights[best] / common[best], outside[second] / common[second]
+        self.next_height = float(max(0.0, there) / max(here, _TINY))
 
     def require_alike(self, name: str, search: Search | None) -> None:
         """Refuse two channels that are not alike, or that are with the other sign; rates may have been searched.

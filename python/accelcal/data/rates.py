@@ -145,12 +145,18 @@ class _Motion:
         self.tone = float(self.f[best])
 
     def refined(self, rate: Rate, a: Array, b: Array) -> Rate | None:
-        """A rate by the whole band, once both are at it: then the same frequencies pass for both."""
-        spline, (count, _) = scipy.interpolate.CubicSpline(np.arange(len(a)), a), self.lengths
-        again = _Motion(spline(np.arange(int((count - 1) / (1.0 + rate.skew)) + 1) * (1.0 + rate.skew)), b, self.step)
+        """A rate by the whole band of what both recorded, once they are at it: then the same frequencies pass for both,
+        and their ends ring alike."""
+        lag, last = rate.lag / self.step, (len(a) - 1) / (1.0 + rate.skew)
+        at = np.arange(math.ceil(max(0.0, -lag)), int(min(len(b) - 1.0, last - lag)) + 1)
+        spline, fade = scipy.interpolate.CubicSpline(np.arange(len(a)), a), scipy.signal.windows.tukey(len(at), ENDS)
+        again = _Motion(fade * spline((at + lag) * (1.0 + rate.skew)), fade * b[at], self.step)
         fast = again.below(again.top)
-        finer = fast.grown(0.0, rate.lag / fast.step, 0.0, len(fast.b) - 1.0)
-        return finer and replace(finer, skew=(1.0 + rate.skew) * (1.0 + finer.skew) - 1.0)
+        finer = fast.grown(0.0, 0.0, 0.0, len(fast.b) - 1.0)
+        if finer is None:
+            return None
+        lag = (rate.lag - finer.skew * float(at[0]) * self.step) / (1.0 + finer.skew) + finer.lag
+        return replace(finer, skew=(1.0 + rate.skew) * (1.0 + finer.skew) - 1.0, lag=lag)
 
     def below(self, top: int) -> _Pair:
         """Both without what is faster than a frequency, on a grid that suits it."""
@@ -240,7 +246,6 @@ class _Pair:
                 faded = (fade[:, None] * columns).T
                 gram = np.linalg.pinv(faded @ columns)
                 size, late, slip = gram @ (faded @ y)
-                left = y - columns @ (size, late, slip)
                 like = float(x @ y) / math.sqrt(max(float(x @ x) * float(y @ y), 1e-300))
                 if not abs(slip) < MOST_SKEW * abs(size):
                     return None
@@ -253,8 +258,12 @@ class _Pair:
             first = max(0.0, -shift / (1.0 + skew))
             last = min(len(self.b) - 1.0, (len(self.a) - 1.0 - shift) / (1.0 + skew))
             if begin <= first + 1.0 and end >= last - 1.0:
-                # The noise of what is left is as coloured as its own spectrum.
-                power = np.abs(scipy.fft.rfft(left * fade)) ** 2 / float(np.mean(fade**2))
+                # What both differ in by a gain that changes with frequency, as interpolation has it, moves neither rate
+                # nor lag. The noise of what else is left is as coloured as its own spectrum.
+                second = np.gradient(slope)
+                both = fade[:, None] * np.column_stack([columns, second, np.gradient(np.gradient(second))])
+                left = fade * y - both @ np.linalg.lstsq(both, fade * y, rcond=None)[0]
+                power = np.abs(scipy.fft.rfft(left)) ** 2 / float(np.mean(fade**2))
                 k = np.arange(len(power))
                 power = _means(power, k - SMOOTH, k + SMOOTH + 1)
                 row = np.abs(scipy.fft.rfft(gram[2] @ faded / size)) ** 2 * np.where(k > 0, 2.0, 1.0)
