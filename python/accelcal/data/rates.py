@@ -51,6 +51,8 @@ ENDS = 0.3
 """Share of a record over which its ends fade in and out: a filter rings there."""
 SMOOTH = 1
 """Frequencies to either side over which the power of what is left is averaged."""
+LEAST_FREE = 0.1
+"""Share of a frequency that the columns leave, least, from which its noise is taken."""
 TONE = 0.98
 """Share of the power within one line beyond which a motion is one tone."""
 FEWEST_INSTANTS = 32
@@ -258,16 +260,17 @@ class _Pair:
             first = max(0.0, -shift / (1.0 + skew))
             last = min(len(self.b) - 1.0, (len(self.a) - 1.0 - shift) / (1.0 + skew))
             if begin <= first + 1.0 and end >= last - 1.0:
-                # What both differ in by a gain that changes with frequency, as interpolation has it, moves neither rate
-                # nor lag. The noise of what else is left is as coloured as its own spectrum.
+                # A gain that changes with frequency, as interpolation has it, moves neither rate nor lag. The noise of
+                # what else is left is as coloured as its own spectrum, but for what the columns take away.
                 second = np.gradient(slope)
-                both = fade[:, None] * np.column_stack([columns, second, np.gradient(np.gradient(second))])
-                left = fade * y - both @ np.linalg.lstsq(both, fade * y, rcond=None)[0]
-                power = np.abs(scipy.fft.rfft(left)) ** 2 / float(np.mean(fade**2))
+                both = np.column_stack([columns, second, np.gradient(np.gradient(second))])
+                basis, left = scipy.linalg.orth(fade[:, None] * both), fade * y
+                power = np.abs(scipy.fft.rfft(left - basis @ (basis.T @ left))) ** 2 / float(np.mean(fade**2))
+                taken = np.sum(np.abs(scipy.fft.rfft(basis, axis=0)) ** 2, axis=1) / len(at)
                 k = np.arange(len(power))
-                power = _means(power, k - SMOOTH, k + SMOOTH + 1)
+                power, free = (_means(part, k - SMOOTH, k + SMOOTH + 1) for part in (power, 1.0 - taken))
                 row = np.abs(scipy.fft.rfft(gram[2] @ faded / size)) ** 2 * np.where(k > 0, 2.0, 1.0)
-                std = math.sqrt(float(row @ power)) / len(at) * (1.0 + skew)
+                std = math.sqrt(float(row @ (power / np.maximum(free, LEAST_FREE)))) / len(at) * (1.0 + skew)
                 return Rate(skew, std, like, len(at) * self.step, shift * self.step / (1.0 + skew))
             middle, length = 0.5 * (begin + end), end - begin
             begin, end = max(first, middle - length), min(last, middle + length)
