@@ -27,7 +27,7 @@ from tests.field.two_clocks import pair
 LONGEST = 10.0
 """Processor time for 20 minutes at 1 kHz, s."""
 SLIP = 0.5
-"""Periods of the fastest motion by which clocks may slip over a record, or be off in its middle, where both are right."""
+"""Periods of the fastest motion by which clocks may slip over a record, or be off in its middle, where all is right."""
 
 
 @dataclass(frozen=True)

@@ -153,6 +153,10 @@ KINDS: dict[str, Kind] = {
         "beside",
         "{effect} was not added: it would contribute {size:.3g} {unit}, more than the {limit} of {most:.3g} {unit}",
     ),
+    "implausible_beside": Kind(
+        "beside",
+        "{effect} was not added: beside it 1 + k = {scale:.4g}, which no working sensor has",
+    ),
     "undetermined": Kind(
         "beside",
         "{effect} was not added: beside the other parameters it explains no more than chance (gain {gain:.2g} for "

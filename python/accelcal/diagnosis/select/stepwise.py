@@ -371,6 +371,8 @@ class StepwiseSelection:
             scan = judged.verdict.scan
             note = implausible(name, judged.verdict.sizes.get(name), [run.recording for run in fitted.runs])
             note = note or unconfirmed(name, judged.verdict.fit, self.current.verdict.scan.examined, self.alpha)
+            for beside in (beside for beside in judged.verdict.remarks if beside.code == "implausible_scale"):
+                note = note or remark("implausible_beside", effect=name, scale=beside.values["scale"])
             if not scan.enough:
                 note = remark("too_short_with", effect=name, blocks=scan.blocks, least=VERDICT_LEAST_BLOCKS)
             if note is None:
@@ -428,6 +430,7 @@ REASONS = {
     "validation_rises": "the error on left-out blocks rises with it",
     "validation_not_better": "the error on left-out blocks does not fall with it",
     "implausible": "it would be larger than is physically possible",
+    "implausible_beside": "the scale factor beside it would be that of no working sensor",
     "undetermined": "beside the other parameters it explains no more than chance",
     "unconfirmed": "the fit with it does not confirm it",
     "too_short_with": "the record is too short for a verdict on the model with it",
