@@ -109,7 +109,9 @@ def search_rates(a: Array, b: Array, step: float) -> Search:
     rates = [rate for candidate in first if (rate := slow.grown(*candidate)) is not None]
     if not rates:
         return Search(None, said)
-    rate = max(rates, key=_gain)
+    likes = [max(rate.correlation, -rate.correlation / OPPOSITE) for rate in rates]
+    gains = [-rate.overlap * math.log(max(1.0 - like**2, 1e-12)) for rate, like in zip(rates, likes, strict=True)]
+    rate = rates[int(np.argmax(gains))]  # the likeliest
     rate = motion.refined(rate, a, b) or rate
     trials = tried * 2.0 * slow.per_instant * (len(slow.a) + len(slow.b))
     chance = math.sqrt(1.0 - (BY_CHANCE / trials) ** (1.0 / max(1.0, float(motion.lines[motion.top]))))
@@ -118,12 +120,6 @@ def search_rates(a: Array, b: Array, step: float) -> Search:
     if abs(rate.correlation) < least:
         return Search(None, f"{said}, expected {least:.2f}")
     return Search(rate, said, bool(abs(rate.skew) * rate.overlap * motion.f[motion.top] > SLIP))
-
-
-def _gain(rate: Rate) -> float:
-    """Log-likelihood that a rate gains over two unrelated records, up to a factor."""
-    like = max(rate.correlation, -rate.correlation / OPPOSITE)
-    return -rate.overlap * math.log(max(1.0 - like**2, 1e-12))
 
 
 class _Motion:
