@@ -13,7 +13,7 @@ import accelcal
 from accelcal import io
 from accelcal.calibration.characteristic import budget
 from accelcal.data import clocks
-from accelcal.data.recording import RecordingError
+from accelcal.data.recording import Channel, RecordingError
 from accelcal.model import Model
 from accelcal.validation.evaluation import compare
 from tests.commands import accelcal as command
@@ -134,6 +134,30 @@ def test_two_loggers_at_different_rates(tmp_path, seed, skew, sign):
     recording = io.load(output, position=encoder)
     assert "the clock of the output runs by" in note(recording, "alignment")
     within(accelcal.fit(recording, Model.linear().add("clock_skew")), bias=sign * BIAS)
+
+
+@pytest.mark.parametrize("seed", [6011, 6019, 6041, 8035])
+def test_a_motion_of_few_tones_has_one_rate_and_one_shift(seed):
+    both = pair(seed)
+    alignment = aligned(both)
+    assert alignment.rate is not None
+    middle = 0.5 * both.seconds
+    late = alignment.instants(np.array([(1.0 + both.skew) * (both.shift + middle)]), 0.0)[0] - middle
+    assert abs(late) * both.fastest < 0.05
+    assert abs(alignment.rate.skew - both.skew) * both.seconds * both.fastest < 0.05
+
+
+def aligned(both):
+    return clocks.align(
+        Channel("accel", both.accel_t, both.accel, "m/s^2"), Channel("position", both.position_t, both.position, "m")
+    )
+
+
+def test_a_rate_is_off_by_its_standard_deviation():
+    pairs = [pair(5000 + seed, skew=(-1.0) ** seed * 0.004 * (seed + 1), seconds=40.0) for seed in range(16)]
+    rates = [aligned(both).rate for both in pairs]
+    z = [(rate.skew - both.skew) / rate.std for rate, both in zip(rates, pairs, strict=True)]
+    assert 0.65 < np.sqrt(np.mean(np.square(z))) < 1.5
 
 
 def test_what_is_alike_at_no_rate_says_which_were_tried(tmp_path):

@@ -131,3 +131,13 @@ def test_two_accelerometers_share_their_noise_as_measured(seed: int, tmp_path: P
     diagnosis = ac.diagnose(fit, recording)
     assert diagnosis.verdict == "adequate"
     assert not any("random_walk" in name or "gauss_markov" in name for name in diagnosis.effects)
+
+
+def test_no_effect_takes_the_place_of_the_scale_factor(tmp_path: Path) -> None:
+    record = shocks(1009)  # eight readings in each: hysteresis would take a third of the scale factor
+    improvement = ac.improve(ac.load(record.write(tmp_path / "run.csv")))
+    assert improvement.effects == ("time_offset",)
+    assert "1 + k = 0.6" in " ".join(improvement.diagnosis.notes)
+    assert "was not added: beside it" in " ".join(improvement.diagnosis.notes)
+    assert "range setting" not in improvement.sentence
+    assert improvement.best["scale_factor"].value == pytest.approx(record.scale_factor, abs=5e-3)

@@ -228,8 +228,9 @@ class Alignment:
     @property
     def is_ambiguous(self) -> bool:
         """Whether another alignment is nearly as good: as high, and the best one explains no more of what it misses."""
-        missing = 1.0 - self.next_height * self.correlation
-        return self.next_height > AMBIGUOUS and 1.0 - self.correlation > (1.0 - BETTER) * missing
+        return self.next_height > AMBIGUOUS and (
+            1.0 - self.correlation > (1.0 - BETTER) * (1.0 - self.next_height * self.correlation)
+        )
 
     @property
     def sentence(self) -> str:
@@ -287,8 +288,7 @@ def align(
     a = a - np.mean(a)
     about = search.rate if search is not None else None
     lag = None if about is None or about.correlation < 0.0 else about.lag / step
-    both = _shared(a, second, step) if lag is None else _coherent(a, second, step, round(lag))
-    peaks = _Peaks(*both, lag)
+    peaks = _Peaks(*(_shared(a, second, step) if lag is None else _coherent(a, second, step, round(lag))), lag)
     if search is None and not peaks.correlation > NEAR:
         search = search_rates(a, second, step)
         least = peaks.correlation + BETTER * (1.0 - peaks.correlation)
@@ -404,8 +404,7 @@ class _Peaks:
         outside[begin : end + 1] = 0.0
         second = int(np.argmax(outside))
         self.next_lag = int(self.lags[second])
-        here, there = heights[best] / common[best], outside[second] / common[second]
-        self.next_height = float(max(0.0, there) / max(here, _TINY))
+        self.next_height = float(outside[second] * common[best] / max(heights[best] * common[second], _TINY))
 
     def require_alike(self, name: str, search: Search | None) -> None:
         """Refuse two channels that are not alike, or that are with the other sign; rates may have been searched.

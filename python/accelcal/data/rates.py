@@ -109,9 +109,9 @@ def search_rates(a: Array, b: Array, step: float) -> Search:
     rates = [rate for candidate in first if (rate := slow.grown(*candidate)) is not None]
     if not rates:
         return Search(None, said)
-    likes = [max(rate.correlation, -rate.correlation / OPPOSITE) for rate in rates]
-    gains = [-rate.overlap * math.log(max(1.0 - like**2, 1e-12)) for rate, like in zip(rates, likes, strict=True)]
-    rate = rates[int(np.argmax(gains))]  # the likeliest
+    rate = min(  # the likeliest
+        rates, key=lambda r: r.overlap * math.log1p(1e-12 - max(r.correlation, -r.correlation / OPPOSITE) ** 2)
+    )
     rate = motion.refined(rate, a, b) or rate
     trials = tried * 2.0 * slow.per_instant * (len(slow.a) + len(slow.b))
     chance = math.sqrt(1.0 - (BY_CHANCE / trials) ** (1.0 / max(1.0, float(motion.lines[motion.top]))))
