@@ -35,7 +35,7 @@ from accelcal.diagnosis.search.hypotheses import lacks_its_position, may_be_refi
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.select.curve_formulas import FormulaSet, formulas_of
 from accelcal.diagnosis.select.improvement import Improvement, Step, nested_fits
-from accelcal.diagnosis.select.stepwise import SearchBudget, StepwiseSelection
+from accelcal.diagnosis.select.stepwise import SearchBudget, StepwiseSelection, solve
 from accelcal.diagnosis.verdict import Diagnosis, verdict_on
 from accelcal.effects import Effect, find, side_channels
 from accelcal.estimation.engines import Method, engine_named
@@ -631,8 +631,8 @@ def improve(
     ----------
     recordings : one or several runs to learn from.
     holdout : held-out run on which the errors are computed; by default the last of three runs or more whose axis and
-        mount another one has, else the last 30 % of the first, which then is not fitted. It takes no part in what is
-        added; the verdict is on all runs.
+        mount another one has, else the last 30 % of the first, which no step is fitted to, only the last model in the
+        end. It takes no part in what is added; the verdict is on all runs.
     most : most effects to add.
     extra : users' effects to consider besides the built-in ones; by default all that are registered (`load_effects`,
         `effect`, `from_expression`), with () none.
@@ -691,7 +691,11 @@ def improve(
     steps = compared_steps(selection, begin, test, *span)
     notes = [*broken, *(unseen.remarks("held out, ") if unseen is not None else ()), *heldout_rises(steps)]
     last = replace(verdict, dropped=rejected, remarks=(*verdict.remarks, *notes))
-    return Improvement(tuple(steps), last, tuple(selection.history.classes), selection.examined, holdout is None)
+    best = steps[-1].fit
+    if unseen is None:  # the held-out end has done its work: the model is that of the whole record
+        whole = clean_fit(original, lambda these: solve(best.model, these, stretch, finish))
+        best = replace(result(whole.solution), tilt=best.tilt)
+    return Improvement(tuple(steps), best, last, tuple(selection.history.classes), selection.examined, holdout is None)
 
 
 def compared_steps(

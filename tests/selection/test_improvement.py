@@ -44,6 +44,13 @@ def test_a_diagnosis_says_the_delay_as_well(delayed):
     assert delayed.diagnosis.left.startswith("Nothing is missing")
 
 
+def test_the_last_model_is_fitted_to_the_held_out_end_as_well(delayed):
+    whole, last = delayed.best, delayed.steps[-1].fit
+    assert (whole.runs[0].end, last.runs[0].end) == (pytest.approx(40.0, abs=0.1), pytest.approx(28.0, abs=0.1))
+    assert whole["scale_factor"].std < last["scale_factor"].std
+    assert delayed.diagnosis.fit["bias"] == last["bias"]
+
+
 def test_few_blocks_need_more_than_a_normal_deviate_to_name_a_delay():
     # Nine blocks: eight degrees of freedom, 8.5 standard deviations at the level where a normal deviate needs 4.3.
     delay = 2.6e-4

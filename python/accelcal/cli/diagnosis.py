@@ -136,7 +136,7 @@ def improve(
             progress=report,
             on_step=steps.append,
         )
-    deliver(improvement, printing.show_improvement, output, json, improvement.diagnosis.fit)
+    deliver(improvement, printing.show_improvement, output, json, improvement.best)
     if not json:
         suggest("report", output, runs[0], *held_out(holdout), "-o", f"{runs[0].stem}.html")
 

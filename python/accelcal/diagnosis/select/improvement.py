@@ -56,6 +56,8 @@ class Improvement(Result):
     derived: ClassVar[tuple[str, ...]] = ("verdict", "sentence", "effects", "found", "left", "importance", "changes")
 
     steps: tuple[Step, ...]
+    best: Fit
+    """The last model, which has every effect that was found, fitted to all but a recording that is held out."""
     diagnosis: Diagnosis
     """Of the last model."""
     classes: tuple[Confounded, ...]
@@ -66,11 +68,6 @@ class Improvement(Result):
 
     def __repr__(self) -> str:
         return f"Improvement({' + '.join(('base', *self.effects))}; {self.sentence})"
-
-    @property
-    def best(self) -> Fit:
-        """The fit of the last step, which has every effect that was found."""
-        return self.steps[-1].fit
 
     @property
     def found(self) -> tuple[Finding, ...]:
