@@ -69,15 +69,19 @@ def outcome(trial: Trial) -> Outcome:
             if any("implausible" in text for text in said):
                 errors = {}  # they are not the sensor's, and that is said
             result |= {"errors": errors, "effects": list(improvement.effects), "verdict": last.verdict}
+            if trial.kind == "shocks":
+                result["classes"] = {group.effect: list(group.members) for group in improvement.classes}
     result["said"] = [text.replace(folder, "") for text in said]
     return result
 
 
 def accused(case: Outcome) -> list[str]:
-    """Names that are not in the record; a time offset is a matter of clocks."""
+    """Names that are not in the record; a time offset is a matter of clocks. Shocks to one side do not tell a K2 from
+    what else bends a scale factor: there its class counts."""
     names = {"none": (), "shocks": ("quadratic", "odd_quadratic", "scale_asymmetry", "cubic")}
     right = ("time_offset", *(names[case["kind"]] if case["kind"] in names else ACCIDENTS[case["kind"]].names))
-    return [name for name in case["effects"] if name not in right]
+    classes = case.get("classes", {})
+    return [name for name in case["effects"] if not {name, *classes.get(name, ())}.intersection(right)]
 
 
 def mentioned(case: Outcome) -> bool:
