@@ -630,16 +630,14 @@ def improve(
     Parameters
     ----------
     recordings : one or several runs to learn from.
-    holdout : held-out run on which the errors are computed; by default the last of three runs or more whose axis and
-        mount another one has, else the last 30 % of the first, which no step is fitted to, only the last model in the
-        end. It takes no part in what is added; the verdict is on all runs.
+    holdout : held-out run on which errors are computed, no part in what is added; by default the last of three runs or
+        more whose axis and mount another one has, else the last 30 % of the first, to which only `best` is fitted.
     most : most effects to add.
-    extra : users' effects to consider besides the built-in ones; by default all that are registered (`load_effects`,
-        `effect`, `from_expression`), with () none.
+    extra : users' effects to consider besides the built-in ones; by default all that are registered, with () none.
     alpha : family-wise false-alarm rate.
     start, end : s, optional; only this part of the recordings is used.
     progress : called with the share of the work that is done.
-    on_step : called with each model as soon as it is fitted, so that what there is can be kept where the work is ended.
+    on_step : called with each model as soon as it is fitted, to be kept where the work is ended.
 
     Returns
     -------
@@ -654,8 +652,7 @@ def improve(
     --------
     >>> import numpy as np
     >>> import accelcal as ac
-    >>> truth = {"bias": 0.05, "cubic": 1e-3}
-    >>> rng = np.random.default_rng(1)
+    >>> truth, rng = {"bias": 0.05, "cubic": 1e-3}, np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
     >>> ac.improve(made.recording, most=1).effects
     ('cubic',)
