@@ -565,18 +565,10 @@ def packets(t: Array, readings: Sequence[Array] = ()) -> Packets | None:
     if len(t) < FEWEST_PACKETS * SMALLEST or np.array_equal(spacing[1:], spacing[:-1]):
         return None
     usual = float(np.median(spacing))
-    jumps = np.flatnonzero(np.abs(spacing - usual) > EVEN * abs(usual)) + 1  # the first sample behind each
-    if not FEWEST_PACKETS <= len(jumps) <= len(t) / (SMALLEST - 0.5):
-        return _spread_packets(t, spacing, readings)
-    return _clock_behind(t, jumps, readings)
-
-
-def _spread_packets(t: Array, spacing: Array, readings: Sequence[Array]) -> Packets | None:
-    """The same where the samples of each packet were spread evenly up to its arrival."""
-    changes = np.flatnonzero(np.abs(np.diff(spacing)) > EVEN * float(np.median(np.abs(spacing)))) + 1
-    if not FEWEST_PACKETS <= len(changes) <= len(t) / (SMALLEST - 0.5):
-        return None
-    return _clock_behind(t, changes + 1, readings)
+    apart = np.flatnonzero(np.abs(spacing - usual) > EVEN * abs(usual)) + 1  # the first sample behind each
+    even = np.flatnonzero(np.abs(np.diff(spacing)) > EVEN * float(np.median(np.abs(spacing)))) + 2  # up to its arrival
+    jumps = next((j for j in (apart, even) if FEWEST_PACKETS <= len(j) <= len(t) / (SMALLEST - 0.5)), None)
+    return None if jumps is None else _clock_behind(t, jumps, readings)
 
 
 def _clock_behind(t: Array, jumps: NDArray[np.intp], readings: Sequence[Array]) -> Packets | None:
@@ -615,12 +607,80 @@ def _clock_behind(t: Array, jumps: NDArray[np.intp], readings: Sequence[Array]) 
 def _is_broken(y: Array, begins: NDArray[np.intp], n: int) -> bool:
     """Whether readings (n,) step where packets begin, by more than they do in the middle of packets."""
     width = min(n // 2, WIDEST)
-    x = np.arange(width) + 0.5
-    line = np.linalg.pinv(np.vander(x, min(2, width)))[-1]  # from `width` readings to the line through them at x = 0
+    step = _across(width, min(2, width))[0]
     rows = begins[:, None] + np.arange(-width, width)
-    steps = np.abs([y[rows + k] @ np.concatenate([-line[::-1], line]) for k in (0, n // 2)])
+    steps = np.abs([y[rows + k] @ step for k in (0, n // 2)])
     between, within = np.quantile(steps, BROKEN_AT, axis=1)
     return bool(between > BROKEN * within > 0.0)
+
+
+def _across(width: int, terms: int) -> tuple[Array, Array]:
+    """Weights of `width` readings on either side of a place for the step between the polynomials through them there,
+    and for their mean slope, per row; (2 width,) each. Such a polynomial has so many terms."""
+    fit = np.linalg.pinv(np.vander(np.arange(width) + 0.5, terms))
+    value, slope = fit[-1], 0.5 * fit[-2] if terms > 1 else 0.0 * fit[-1]
+    return np.concatenate([-value[::-1], value]), np.concatenate([-slope[::-1], slope])
+
+
+LOST_WIDTHS = (4, 8, 16)
+"""Rows on either side of a place that are asked whether some are missing there."""
+CLEAR_STEP = 5.0
+"""Step, in its standard deviations, that noise does not make."""
+MOST_LOST = 8
+"""Rows lost in one place: beyond, a polynomial does not tell their number."""
+FEWEST_LOST, LOST_SHARE = 8, 0.9
+"""Clear steps, least, and share of them, that are the way of whole rows."""
+WAY_OFF = 0.2
+"""Departure from that way, as a share of it, beside noise: the speed is not quite steady."""
+LOST_GAIN = 8.0
+"""Gain of log-likelihood from which on rows are missing in a place, once it is clear that some are somewhere."""
+LONGEST_PERIOD = 1024
+"""Rows from one that is lost to the next, where they are lost in step with a buffer."""
+
+
+def lost_rows(columns: Sequence[Array]) -> NDArray[np.intp] | None:
+    """How many rows are missing before each row of columns, (n,) each, that have no stamps; None where none is.
+
+    The readings of a motion step there by what they change by over so many rows, however fast that is; missed counts
+    have one size, a shock has any. Rows that are lost one in so many are filled in where the motion hides them, too.
+    """
+    n, parts, reach = len(columns[0]), [], 0
+    if n < FEWEST_STAMPS:
+        return None
+    for y in columns:
+        tried = []
+        for width in LOST_WIDTHS:
+            step, slope = (np.convolve(y, weights[::-1], "valid") for weights in _across(width, 3))
+            moves = np.abs(slope) >= 0.3 * float(np.sqrt(np.mean(slope**2)))
+            noise = float(np.median(np.abs(step[moves]))) / 0.6745
+            tried.append((noise / max(float(np.median(np.abs(slope[moves]))), _TINY), noise, width, step, slope))
+        _, noise, width, *both = min(tried, key=lambda item: item[0])
+        if noise > 0.0:
+            parts.append(np.pad(np.array(both) / noise, ((0, 0), (width, width - 1))))
+            reach = max(reach, 2 * width + 1)
+    if not parts:
+        return None
+    steps, slopes = np.array(parts).swapaxes(0, 1)  # (columns, n) each, of the place before a row
+    power, way = np.sum(steps**2, axis=0), np.sum(slopes**2, axis=0)
+    clear = np.flatnonzero(power > CLEAR_STEP**2)
+    if len(clear) < FEWEST_LOST:
+        return None
+    clear = clear[power[clear] == scipy.ndimage.maximum_filter1d(power, reach)[clear]]
+    count = np.clip(np.rint(np.sum(steps * slopes, axis=0) / np.maximum(way, _TINY)), 1.0, MOST_LOST)
+    left = np.sum((steps - count * slopes) ** 2, axis=0)
+    whole = np.sqrt(left[clear]) < CLEAR_STEP + WAY_OFF * count[clear] * np.sqrt(way[clear])
+    if np.count_nonzero(whole) < max(FEWEST_LOST, LOST_SHARE * len(clear)):
+        return None
+    gain = 0.5 * (power - left)
+    rows = np.flatnonzero((gain == scipy.ndimage.maximum_filter1d(gain, reach)) & (gain > LOST_GAIN))
+    single, periods = np.sum(steps * slopes, axis=0) - 0.5 * way, range(max(LOST_WIDTHS), min(LONGEST_PERIOD, n // 8))
+    combs = [single[: n - n % period].reshape(-1, period).sum(axis=0) for period in periods]
+    best = int(np.argmax([np.max(comb) for comb in combs]))
+    if np.max(combs[best]) > np.sum(gain[rows]):
+        rows, count = np.arange(int(np.argmax(combs[best])), n, periods[best]), np.ones(n)
+    lost = np.zeros(n, dtype=np.intp)
+    lost[rows[rows > 0]] = count[rows[rows > 0]]
+    return lost
 
 
 def _earliest(x: Array, y: Array, most: float) -> tuple[Array, int]:

@@ -531,8 +531,8 @@ def _unscattered(name: str, t: Array, y: Array) -> tuple[Array, list[Finding]]:
     if n < FEWEST_STAMPS or np.std(np.diff(t)) < SCATTERED * (t[-1] - t[0]) / (n - 1):
         return t, []
     index = np.arange(float(n))
-    step, first = np.polyfit(index, t - t[0], 1)
-    clock = t[0] + first + step * index
+    clock, std = latest_clock(index, t)
+    step = (clock[-1] - clock[0]) / (n - 1)
     if np.max(np.abs(t - clock)) > 3.0 * step:
         return t, []
 
