@@ -614,6 +614,59 @@ def _is_broken(y: Array, begins: NDArray[np.intp], n: int) -> bool:
     return bool(between > BROKEN * within > 0.0)
 
 
+def steady_clock(t: Array) -> Array:
+    """Instants (n,) s of the uniform clock about which stamps scatter: through all of them, or through the earliest
+    where those scatter less, for a host is late and never early."""
+    index, late = np.arange(float(len(t))), t - t[0]
+    clock = np.polynomial.Polynomial.fit(index, late, 1)
+    begins = np.arange(0, len(t), -(-len(t) // PACKET_STRETCHES))
+    first = np.array([begin + int(np.argmin(part)) for begin, part in _parts(late - clock(index), begins)])
+    early = np.polynomial.Polynomial.fit(first, late[first], 1)
+    if np.std((late - early(index))[first]) * math.sqrt(len(t)) < np.std(late - clock(index)) * math.sqrt(len(first)):
+        clock = early
+    return np.asarray(t[0] + clock(index))
+
+
+SLEWED, MOST_SLEWED = 5e-5, 0.02
+"""Change of rate of a clock that is set right by a network: less is a crystal's, more another rate of the samples."""
+ONE_SIZE = 0.1
+"""Range of that change, as a share of it: what drifts has no one size."""
+MOST_PARTS = 64
+"""Parts of a record whose rates are compared."""
+
+
+def slewed(t: Array) -> tuple[list[tuple[int, int]], Array, float]:
+    """Stretches, first and last sample, in which the clock of stamps (n,) s runs at another rate, by one size, s/s; the
+    instants, (n,) s, of the samples by the rate elsewhere; and that size. No stretch where there is none.
+
+    Samples are paced by a crystal, which drifts and does not jump.
+    """
+    count = min(MOST_PARTS, len(t) // FEWEST_STAMPS)
+    if count < STEADY_PARTS:
+        return [], t, 0.0
+    edges = np.linspace(0, len(t) - 1, count + 1).astype(int)
+    pace = np.diff(t[edges]) / np.diff(edges)
+    skew = pace / np.median(pace) - 1.0
+    apart = np.abs(skew) > max(SLEWED, STEADY_PARTS * float(np.median(np.abs(skew))))
+    if not apart.any() or np.max(np.diff(t)) > 1.5 * float(np.median(pace)):
+        return [], t, 0.0
+    runs = np.flatnonzero(np.diff(apart, prepend=False, append=False)).reshape(-1, 2)
+    inner = [skew[a + 1 : b - 1] for a, b in runs]
+    sizes, steady = np.concatenate(inner), np.convolve(apart, np.ones(3), "same") == 0.0
+    size = float(np.median(sizes)) if min(map(len, inner)) > 0 else math.inf
+    if 2 * np.count_nonzero(apart) > count or not abs(size) < MOST_SLEWED or np.ptp(sizes) > ONE_SIZE * abs(size):
+        return [], t, 0.0
+    return (
+        [(int(edges[a]), int(edges[b])) for a, b in runs],
+        t[0] + float(np.mean(pace[steady])) * np.arange(len(t)),
+        size,
+    )
+
+
+STEADY_PARTS = 8
+"""Parts, least, of which a rate is told; and scatters of their rates beyond which one of them is apart."""
+
+
 def _across(width: int, terms: int) -> tuple[Array, Array]:
     """Weights of `width` readings on either side of a place for the step between the polynomials through them there,
     and for their mean slope, per row; (2 width,) each. Such a polynomial has so many terms."""

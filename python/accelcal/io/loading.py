@@ -709,9 +709,7 @@ def _with_lost_rows(plan: Plan, sampled: dict[str, Sampled], findings: list[Find
         findings.append(Finding("lost_rows", names[0], count, first, text, "warning"))
 
 
-def _part(
-    table: Table, sampled: Mapping[str, Sampled], part: int | None, sidecar: Path
-) -> tuple[int, int] | None:
+def _part(table: Table, sampled: Mapping[str, Sampled], part: int | None, sidecar: Path) -> tuple[int, int] | None:
     """First row of a part of a file whose clock starts again, from 0, and the row behind it; None for all of one whose
     clock does not.
 
