@@ -533,6 +533,8 @@ WIDEST = 16
 BROKEN_AT, BROKEN = 0.9, 1.5
 """Quantile of the steps between two such lines, and by how much those between packets are larger than those within one
 where readings are missing between them."""
+MISSED = 4.0
+"""Mean product of step and slope, in its standard deviations, beyond which readings are missing there."""
 STEADY = 3.0
 """Departure of an earliest arrival from a slowly drifting clock, in scatters of an arrival, beyond which the rate has
 steps."""
@@ -607,11 +609,12 @@ def _clock_behind(t: Array, jumps: NDArray[np.intp], readings: Sequence[Array]) 
 def _is_broken(y: Array, begins: NDArray[np.intp], n: int) -> bool:
     """Whether readings (n,) step where packets begin, by more than they do in the middle of packets."""
     width = min(n // 2, WIDEST)
-    step = _across(width, min(2, width))[0]
     rows = begins[:, None] + np.arange(-width, width)
-    steps = np.abs([y[rows + k] @ step for k in (0, n // 2)])
-    between, within = np.quantile(steps, BROKEN_AT, axis=1)
-    return bool(between > BROKEN * within > 0.0)
+    steps, slopes = (np.array([y[rows + k] @ w for k in (0, n // 2)]) for w in _across(width, min(2, width)))
+    between, within = np.quantile(np.abs(steps), BROKEN_AT, axis=1)
+    missed = np.subtract(*(steps * slopes))  # of noise, and of what is alike at both places, the mean is 0
+    clear = float(np.mean(missed)) * math.sqrt(len(missed)) > MISSED * float(np.std(missed))
+    return bool(between > BROKEN * within > 0.0 or clear)
 
 
 def steady_clock(t: Array) -> Array:
@@ -622,9 +625,11 @@ def steady_clock(t: Array) -> Array:
     begins = np.arange(0, len(t), -(-len(t) // PACKET_STRETCHES))
     first = np.array([begin + int(np.argmin(part)) for begin, part in _parts(late - clock(index), begins)])
     early = np.polynomial.Polynomial.fit(first, late[first], 1)
-    if np.std((late - early(index))[first]) * math.sqrt(len(t)) < np.std(late - clock(index)) * math.sqrt(len(first)):
-        clock = early
-    return np.asarray(t[0] + clock(index))
+    scatters = (
+        np.std((late - early(index))[first]) / math.sqrt(len(first)),
+        np.std(late - clock(index)) / math.sqrt(len(t)),
+    )
+    return np.asarray(t[0] + (early if scatters[0] < scatters[1] else clock)(index))
 
 
 SLEWED, MOST_SLEWED = 5e-5, 0.02
@@ -648,13 +653,16 @@ def slewed(t: Array) -> tuple[list[tuple[int, int]], Array, float]:
     pace = np.diff(t[edges]) / np.diff(edges)
     skew = pace / np.median(pace) - 1.0
     apart = np.abs(skew) > max(SLEWED, STEADY_PARTS * float(np.median(np.abs(skew))))
-    if not apart.any() or np.max(np.diff(t)) > 1.5 * float(np.median(pace)):
-        return [], t, 0.0
     runs = np.flatnonzero(np.diff(apart, prepend=False, append=False)).reshape(-1, 2)
-    inner = [skew[a + 1 : b - 1] for a, b in runs]
-    sizes, steady = np.concatenate(inner), np.convolve(apart, np.ones(3), "same") == 0.0
-    size = float(np.median(sizes)) if min(map(len, inner)) > 0 else math.inf
-    if 2 * np.count_nonzero(apart) > count or not abs(size) < MOST_SLEWED or np.ptp(sizes) > ONE_SIZE * abs(size):
+    sizes = [skew[a + 1 : b - 1] for a, b in runs] or [skew[:0]]
+    size = float(np.median(np.concatenate(sizes))) if min(map(len, sizes)) > 0 else math.inf
+    steady = np.convolve(apart, np.ones(3), "same") == 0.0
+    if (
+        2 * np.count_nonzero(apart) > count
+        or not abs(size) < MOST_SLEWED
+        or np.ptp(np.concatenate(sizes)) > ONE_SIZE * abs(size)
+        or np.max(np.diff(t)) > 1.5 * float(np.median(pace))
+    ):
         return [], t, 0.0
     return (
         [(int(edges[a]), int(edges[b])) for a, b in runs],
@@ -697,43 +705,41 @@ def lost_rows(columns: Sequence[Array]) -> NDArray[np.intp] | None:
     The readings of a motion step there by what they change by over so many rows, however fast that is; missed counts
     have one size, a shock has any. Rows that are lost one in so many are filled in where the motion hides them, too.
     """
-    n, parts, reach = len(columns[0]), [], 0
+    n = len(columns[0])
     if n < FEWEST_STAMPS:
         return None
-    for y in columns:
-        tried = []
-        for width in LOST_WIDTHS:
-            step, slope = (np.convolve(y, weights[::-1], "valid") for weights in _across(width, 3))
-            moves = np.abs(slope) >= 0.3 * float(np.sqrt(np.mean(slope**2)))
-            noise = float(np.median(np.abs(step[moves]))) / 0.6745
-            tried.append((noise / max(float(np.median(np.abs(slope[moves]))), _TINY), noise, width, step, slope))
-        _, noise, width, *both = min(tried, key=lambda item: item[0])
-        if noise > 0.0:
-            parts.append(np.pad(np.array(both) / noise, ((0, 0), (width, width - 1))))
-            reach = max(reach, 2 * width + 1)
-    if not parts:
-        return None
-    steps, slopes = np.array(parts).swapaxes(0, 1)  # (columns, n) each, of the place before a row
-    power, way = np.sum(steps**2, axis=0), np.sum(slopes**2, axis=0)
+    tried = [np.array([_steps(y, width) for y in columns]) for width in LOST_WIDTHS]
+    best = int(np.argmax([np.mean(parts[:, 1] ** 2) for parts in tried]))
+    parts, reach = tried[best], 2 * LOST_WIDTHS[best] + 1
+    (power, both), (_, way) = np.einsum("cin,cjn->ijn", parts, parts)
     clear = np.flatnonzero(power > CLEAR_STEP**2)
     if len(clear) < FEWEST_LOST:
         return None
     clear = clear[power[clear] == scipy.ndimage.maximum_filter1d(power, reach)[clear]]
-    count = np.clip(np.rint(np.sum(steps * slopes, axis=0) / np.maximum(way, _TINY)), 1.0, MOST_LOST)
-    left = np.sum((steps - count * slopes) ** 2, axis=0)
-    whole = np.sqrt(left[clear]) < CLEAR_STEP + WAY_OFF * count[clear] * np.sqrt(way[clear])
+    count = np.clip(np.rint(both / np.maximum(way, _TINY)), 1.0, MOST_LOST)
+    gain = count * both - 0.5 * count**2 * way
+    left = np.sqrt(np.maximum(power - 2.0 * gain, 0.0))
+    whole = left[clear] < CLEAR_STEP + WAY_OFF * (count * np.sqrt(way))[clear]
     if np.count_nonzero(whole) < max(FEWEST_LOST, LOST_SHARE * len(clear)):
         return None
-    gain = 0.5 * (power - left)
     rows = np.flatnonzero((gain == scipy.ndimage.maximum_filter1d(gain, reach)) & (gain > LOST_GAIN))
-    single, periods = np.sum(steps * slopes, axis=0) - 0.5 * way, range(max(LOST_WIDTHS), min(LONGEST_PERIOD, n // 8))
+    single, periods = both - 0.5 * way, range(max(LOST_WIDTHS), min(LONGEST_PERIOD, n // 8))
     combs = [single[: n - n % period].reshape(-1, period).sum(axis=0) for period in periods]
     best = int(np.argmax([np.max(comb) for comb in combs]))
     if np.max(combs[best]) > np.sum(gain[rows]):
-        rows, count = np.arange(int(np.argmax(combs[best])), n, periods[best]), np.ones(n)
+        rows, count = np.arange(int(np.argmax(combs[best])) or periods[best], n, periods[best]), np.ones(n)
     lost = np.zeros(n, dtype=np.intp)
-    lost[rows[rows > 0]] = count[rows[rows > 0]]
+    lost[rows] = count[rows]
     return lost
+
+
+def _steps(y: Array, width: int) -> Array:
+    """Step and mean slope of readings (n,) before each of them, (2, n), over the noise of the step where they move; 0
+    where they have none."""
+    pair = np.array([np.convolve(y, weights[::-1], "valid") for weights in _across(width, 3)])
+    size = np.abs(pair)
+    noise = float(np.median(size[0][size[1] >= 0.3 * math.sqrt(np.mean(size[1] ** 2))])) / 0.6745
+    return np.pad(pair / (noise or math.inf), ((0, 0), (width, width - 1)))
 
 
 def _earliest(x: Array, y: Array, most: float) -> tuple[Array, int]:

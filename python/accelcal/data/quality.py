@@ -104,10 +104,9 @@ def clean(samples: Samples, rig: Rig) -> tuple[Channel, list[Finding]]:
         raise RecordingError(_too_few(samples.file, name, len(t)))
     require_pace(samples.file, name, t)
     if name in ("accel", "position", *ORDERS):
-        t, noticed = _unscattered(name, t, y)
-        findings += noticed
-        t, noticed = _counted_through(name, t)
-        findings += noticed
+        for better in (_unscattered, _counted_through):
+            t, noticed = better(name, t, y)
+            findings += noticed
     if unit == "m/s^2":
         t, y, noticed = _without_held(name, t, y)
         findings += noticed
@@ -550,7 +549,7 @@ def _unscattered(name: str, t: Array, y: Array) -> tuple[Array, list[Finding]]:
     return clock, [Finding("scattered_stamps", name, n, float(t[0]), text, "warning")]
 
 
-def _counted_through(name: str, t: Array) -> tuple[Array, list[Finding]]:
+def _counted_through(name: str, t: Array, _: Array) -> tuple[Array, list[Finding]]:
     """Instants of the count of samples in place of stamps of a clock that was slewed."""
     stretches, clock, skew = slewed(t)
     if not stretches:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
@@ -16,8 +16,7 @@ from accelcal import _core
 from accelcal._support.values import listing
 from accelcal.data import Array, Channel, Flags, PositionStep, Recording, instant
 from accelcal.data.orientation import HOLE
-from accelcal.data.recording import LeftOut
-from accelcal.diagnosis.left_out import runs_of_true
+from accelcal.diagnosis.left_out import runs_of_true, without
 from accelcal.diagnosis.policy import (
     BREAK_BAND_RATIO,
     BREAK_EXPLAINED,
@@ -687,13 +686,9 @@ def without_other_scale(columns: RelationColumns) -> Recording | None:
         if 2 * (end - begin) > K:
             begin, end, scale = end, begin + K, 1.0 / scale
         recording = columns.run.recording
-        accel = recording.accel
         blocks = widened(np.isin(np.arange(K), np.arange(begin, end) % K), EDGE_BLOCKS)
-        out = blocks[np.clip(np.searchsorted(relation.edges, accel.t, "right") - 1, 0, K - 1)]
-        spans = tuple((float(accel.t[a]), float(accel.t[b])) for a, b in runs_of_true(out, 1))
-        item = LeftOut("other_scale", "accel", int(np.count_nonzero(out)), len(accel), spans, 1.0 / band, scale)
-        cleaned = replace(accel, t=accel.t[~out], y=accel.y[~out])
-        return replace(recording, accel=cleaned, left_out=(*recording.left_out, item))
+        out = blocks[np.clip(np.searchsorted(relation.edges, recording.accel.t, "right") - 1, 0, K - 1)]
+        return without(recording, "accel", out, "other_scale", 1.0 / band, scale)
     return None
 
 
