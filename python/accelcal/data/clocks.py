@@ -690,7 +690,7 @@ CLEAR_STEP = 5.0
 MOST_LOST = 8
 """Rows lost in one place: beyond, a polynomial does not tell their number."""
 FEWEST_LOST, LOST_SHARE = 8, 0.9
-"""Clear steps, least, and share of them, that are the way of whole rows."""
+"""Clear steps, least, and share of them, that are the way of whole rows; share of their gain of one row in so many."""
 WAY_OFF = 0.2
 """Departure from that way, as a share of it, beside noise: the speed is not quite steady."""
 LOST_GAIN = 8.0
@@ -726,7 +726,7 @@ def lost_rows(columns: Sequence[Array]) -> NDArray[np.intp] | None:
     single, periods = both - 0.5 * way, range(max(LOST_WIDTHS), min(LONGEST_PERIOD, n // 8))
     combs = [single[: n - n % period].reshape(-1, period).sum(axis=0) for period in periods]
     best = int(np.argmax([np.max(comb) for comb in combs]))
-    if np.max(combs[best]) > np.sum(gain[rows]):
+    if np.max(combs[best]) > LOST_SHARE * np.sum(gain[rows]):
         rows, count = np.arange(int(np.argmax(combs[best])) or periods[best], n, periods[best]), np.ones(n)
     lost = np.zeros(n, dtype=np.intp)
     lost[rows] = count[rows]
