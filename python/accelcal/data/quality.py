@@ -11,8 +11,8 @@ held repeats         accelerations only: a logger faster than its sensor writes 
                      stamped at the logger's next tick; where the sensor's clock is uniform, its instants are used
 rounded stamps       warning: stamps on a grid of which the spacing is no multiple. Where one uniform clock explains all
                      of them, its instants are used, else the stamps are kept
-late, slewed stamps  warning: stamps of a host that scatter about a uniform clock which the readings fit better, and stamps
-                     of a clock whose rate is changed for a while by one size. The instants of the clock are used
+late, slewed stamps  warning: stamps of a host that scatter about a uniform clock which the readings fit better, and
+                     those of a clock whose rate is another for a while. The instants of the clock are used
 lost rows            warning: of channels without stamps whose readings step by what they change by in whole rows. Gaps
                      are left in their place (`accelcal.data.clocks`)
 position repeats     mentioned, kept: an encoder at rest repeats its count
