@@ -632,12 +632,11 @@ def steady_clock(t: Array) -> Array:
     return np.asarray(t[0] + (early if scatters[0] < scatters[1] else clock)(index))
 
 
-SLEWED, MOST_SLEWED = 5e-5, 0.02
-"""Change of rate of a clock that is set right by a network: less is a crystal's, more another rate of the samples."""
-ONE_SIZE = 0.1
-"""Range of that change, as a share of it: what drifts has no one size."""
-MOST_PARTS = 64
-"""Parts of a record whose rates are compared."""
+SLEWED, MOST_SLEWED, ONE_SIZE = 5e-5, 0.02, 0.1
+"""Change of rate of a clock that is set right by a network: less is a crystal's, more another rate of the samples; and
+its range, as a share of it: what drifts has no one size."""
+MOST_PARTS, STEADY_PARTS = 64, 8
+"""Parts of a record whose rates are compared, most and least; one of them is apart beyond as many of their scatters."""
 
 
 def slewed(t: Array) -> tuple[list[tuple[int, int]], Array, float]:
@@ -671,10 +670,6 @@ def slewed(t: Array) -> tuple[list[tuple[int, int]], Array, float]:
     )
 
 
-STEADY_PARTS = 8
-"""Parts, least, of which a rate is told; and scatters of their rates beyond which one of them is apart."""
-
-
 def _across(width: int, terms: int) -> tuple[Array, Array]:
     """Weights of `width` readings on either side of a place for the step between the polynomials through them there,
     and for their mean slope, per row; (2 width,) each. Such a polynomial has so many terms."""
@@ -685,18 +680,15 @@ def _across(width: int, terms: int) -> tuple[Array, Array]:
 
 LOST_WIDTHS = (4, 8, 16)
 """Rows on either side of a place that are asked whether some are missing there."""
-CLEAR_STEP = 5.0
-"""Step, in its standard deviations, that noise does not make."""
-MOST_LOST = 8
-"""Rows lost in one place: beyond, a polynomial does not tell their number."""
-FEWEST_LOST, LOST_SHARE = 8, 0.9
-"""Clear steps, least, and share of them, that are the way of whole rows; share of their gain of one row in so many."""
-WAY_OFF = 0.2
-"""Departure from that way, as a share of it, beside noise: the speed is not quite steady."""
-LOST_GAIN = 8.0
-"""Gain of log-likelihood from which on rows are missing in a place, once it is clear that some are somewhere."""
-LONGEST_PERIOD = 1024
-"""Rows from one that is lost to the next, where they are lost in step with a buffer."""
+CLEAR_STEP, LOST_GAIN = 5.0, 8.0
+"""Step, in its standard deviations, that noise does not make; gain of log-likelihood from which on rows are missing in
+a place once it is clear that some are somewhere."""
+FEWEST_LOST, LOST_SHARE, WAY_OFF = 8, 0.9, 0.2
+"""Clear steps, least, and share of them, that are the way of whole rows, and of their gain that one row in so many has;
+departure from that way, as a share of it, beside noise: the speed is not quite steady."""
+MOST_LOST, LONGEST_PERIOD = 8, 1024
+"""Rows lost in one place, beyond which a polynomial does not tell their number; rows from one that is lost to the next,
+where they are lost in step with a buffer."""
 
 
 def lost_rows(columns: Sequence[Array]) -> NDArray[np.intp] | None:
