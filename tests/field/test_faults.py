@@ -97,7 +97,7 @@ def test_rows_lost_one_in_so_many_are_put_back_in_time(seed: int, tmp_path: Path
     assert max(off(ac.fit(recording), record)) < SIGMA
 
 
-def test_lost_rows_are_told_from_what_is_none() -> None:
+def test_lost_rows_are_distinguished_from_what_is_none() -> None:
     for seed in (71, 73, 75):
         record = honest(seed)
         rng, n = record.rng, len(record.t)

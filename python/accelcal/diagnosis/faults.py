@@ -664,8 +664,8 @@ def without_other_scale(columns: RelationColumns) -> Recording | None:
             continue
         sums = np.cumsum(np.pad(gram, ((1, 0), (0, 0), (0, 0))), axis=0)
         windows = sums[RELATION_LEAST_BLOCKS:] - sums[:-RELATION_LEAST_BLOCKS]
-        own, held = _solve(windows)[:, 0], unexplained(windows)[1] > RELATION_EXPLAINED
-        apart = runs_of_true(held & _is_other(own, float(np.median(own[held]))) if held.any() else held, 1)
+        scales, held = _solve(windows)[:, 0], unexplained(windows)[1] > RELATION_EXPLAINED
+        apart = runs_of_true(held & _is_other(scales, float(np.median(scales[held]))) if held.any() else held, 1)
         begin, end, scale = max(apart, key=lambda run: run[1] - run[0], default=(0, 0))[0], 0, 0.0
         for way in (1, -1) if apart else ():  # from its beginning to its end, and back, around the end of the record
             splits = _Splits.of(np.roll(gram, -begin, axis=0)[::way])
