@@ -662,8 +662,7 @@ def without_other_scale(columns: RelationColumns) -> Recording | None:
         gram, K = relation.gram, len(relation.gram)
         if K < 2 * RELATION_LEAST_BLOCKS:
             continue
-        sums = np.cumsum(np.pad(gram, ((1, 0), (0, 0), (0, 0))), axis=0)
-        windows = sums[RELATION_LEAST_BLOCKS:] - sums[:-RELATION_LEAST_BLOCKS]
+        windows = np.lib.stride_tricks.sliding_window_view(gram, RELATION_LEAST_BLOCKS, axis=0).sum(axis=-1)
         scales, held = _solve(windows)[:, 0], unexplained(windows)[1] > RELATION_EXPLAINED
         apart = runs_of_true(held & _is_other(scales, float(np.median(scales[held]))) if held.any() else held, 1)
         begin, end, scale = max(apart, key=lambda run: run[1] - run[0], default=(0, 0))[0], 0, 0.0
