@@ -678,8 +678,8 @@ def _across(width: int, terms: int) -> tuple[Array, Array]:
     return np.concatenate([-value[::-1], value]), np.concatenate([-slope[::-1], slope])
 
 
-LOST_WIDTHS = (4, 8, 16)
-"""Rows on either side of a place that are asked whether some are missing there."""
+LOST_WIDTHS, THINNED = (4, 8, 16), 8
+"""Rows on either side of a place that are asked whether some are missing there; one in so many tells the noise."""
 CLEAR_STEP, LOST_GAIN = 5.0, 8.0
 """Step, in its standard deviations, that noise does not make; gain of log-likelihood from which on rows are missing in
 a place once it is clear that some are somewhere."""
@@ -729,7 +729,7 @@ def _steps(y: Array, width: int) -> Array:
     """Step and mean slope of readings (n,) before each of them, (2, n), over the noise of the step where they move; 0
     where they have none."""
     pair = np.array([np.convolve(y, weights[::-1], "valid") for weights in _across(width, 3)])
-    size = np.abs(pair)
+    size = np.abs(pair[:, ::THINNED])
     noise = float(np.median(size[0][size[1] >= 0.3 * math.sqrt(np.mean(size[1] ** 2))])) / 0.6745
     return np.pad(pair / (noise or math.inf), ((0, 0), (width, width - 1)))
 
