@@ -13,32 +13,17 @@ import re
 import sys
 import tempfile
 from collections import defaultdict
-from dataclasses import dataclass
 from pathlib import Path
 
 import accelcal as ac
 from accelcal.verbs import improve
-from benches.outcomes import Outcome, run_all
+from benches.outcomes import Outcome, Trial, run_all
 from tests.field.accidents import ACCIDENTS, honest, shocks
 
 SIGMA = 4.0
 MOST_OFF = 2
 """Parameters beyond it, of all."""
 LEAST_MENTIONED = 0.98
-
-
-@dataclass(frozen=True, slots=True)
-class Trial:
-    """One record."""
-
-    kind: str
-    number: int
-    seed: int
-
-    @property
-    def key(self) -> str:
-        """Identifier under which its outcome is kept."""
-        return f"{self.kind}/{self.seed}/{self.number}"
 
 
 def outcome(trial: Trial) -> Outcome:

@@ -9,15 +9,14 @@ from __future__ import annotations
 import argparse
 import os
 import tempfile
-import traceback
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import accelcal as ac
-from benches.outcomes import Outcome, run_all
+from benches.outcomes import Outcome, Trial, guarded, run_all
 from tests.diagnosis.search.axes import Hidden, sideways, vertical
 
 SIDEWAYS = ("cross_axis", "cross_axis", "cross_axis_z", "")
@@ -27,42 +26,21 @@ SIGMA = 4.0
 """Standard deviations within which a size, the bias and the scale factor are right."""
 
 
-@dataclass(frozen=True)
-class Trial:
-    """One record."""
-
-    kind: str
-    number: int
-    seed: int
-
-    @property
-    def key(self) -> str:
-        """Identifier under which its outcome is kept."""
-        return f"{self.kind}-{self.number}-{self.seed}"
-
-    def made(self, folder: Path) -> tuple[Hidden, str]:
-        """The record, and what is hidden in it."""
-        seed = 1000 * self.seed + self.number
-        if self.kind == "sideways":
-            hidden = SIDEWAYS[self.number % len(SIDEWAYS)]
-            return sideways(seed, folder, hidden=hidden), hidden
-        hidden, shaker = VERTICAL[self.number % len(VERTICAL)]
-        d = STRENGTHS[self.number % len(STRENGTHS)]
-        return vertical(seed, folder, hidden=hidden, shaker=shaker, d=d), hidden
-
-
-def guarded(trial: Trial) -> Outcome:
-    """Outcome of a trial; an exception is a wrong one."""
-    try:
-        return outcome_of(trial)
-    except Exception:
-        return {"key": trial.key, "kind": trial.kind, "right": False, "error": traceback.format_exc()}
+def planted(trial: Trial, folder: Path) -> tuple[Hidden, str]:
+    """The record of a trial, and what is hidden in it."""
+    seed = 1000 * trial.seed + trial.number
+    if trial.kind == "sideways":
+        hidden = SIDEWAYS[trial.number % len(SIDEWAYS)]
+        return sideways(seed, folder, hidden=hidden), hidden
+    hidden, shaker = VERTICAL[trial.number % len(VERTICAL)]
+    d = STRENGTHS[trial.number % len(STRENGTHS)]
+    return vertical(seed, folder, hidden=hidden, shaker=shaker, d=d), hidden
 
 
 def outcome_of(trial: Trial) -> Outcome:
     """What `improve` says of a record beside what is in it."""
     with tempfile.TemporaryDirectory() as folder:
-        made, hidden = trial.made(Path(folder))
+        made, hidden = planted(trial, Path(folder))
         found = ac.improve(made.recording)
     names = [name for name in found.effects if name != "time_offset"]
     members = [list(group.members) for group in found.classes if group.effect in names]
@@ -106,7 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("build/axes"))
     chosen = parser.parse_args(arguments)
     trials = [Trial(kind, number, chosen.seed) for kind in ("sideways", "vertical") for number in range(chosen.records)]
-    outcomes = run_all(guarded, trials, chosen.out / "axes.jsonl", chosen.workers, null)
+    outcomes = run_all(partial(guarded, outcome_of), trials, chosen.out / "axes.jsonl", chosen.workers, null)
     held = True
     for kind in ("sideways", "vertical"):
         of_kind = [outcome for outcome in outcomes if outcome["kind"] == kind]

@@ -9,42 +9,19 @@ from __future__ import annotations
 import argparse
 import os
 import tempfile
-import traceback
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import accelcal as ac
 from accelcal.estimation.plausible import suspicion
-from benches.outcomes import Outcome, run_all
+from benches.outcomes import Outcome, Trial, guarded, run_all
 from tests.field.rigs import MOTIONS, honest, mistaken
 
 ACCUSED = ("implausible", "gravity", "runs against", "not one axis", "the motion is in")
 """Words of the sentences on a mistake."""
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One record."""
-
-    kind: str
-    number: int
-    seed: int
-
-    @property
-    def key(self) -> str:
-        """Identifier under which its outcome is kept."""
-        return f"{self.kind}-{self.number}-{self.seed}"
-
-
-def guarded(trial: Trial) -> Outcome:
-    """Outcome of a trial; an exception is a wrong one."""
-    try:
-        return outcome_of(trial)
-    except Exception:
-        return {"key": trial.key, "kind": trial.kind, "right": False, "error": traceback.format_exc()}
 
 
 def outcome_of(trial: Trial) -> Outcome:
@@ -93,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     counts = {"mistake": chosen.records, "honest": chosen.honest}
     trials = [Trial(kind, number, chosen.seed) for kind, count in counts.items() for number in range(count)]
-    outcomes = run_all(guarded, trials, chosen.out / "mistakes.jsonl", chosen.workers)
+    outcomes = run_all(partial(guarded, outcome_of), trials, chosen.out / "mistakes.jsonl", chosen.workers)
     held = True
     for kind, count in counts.items():
         of_kind = [outcome for outcome in outcomes if outcome["kind"] == kind]

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import traceback
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 from unittest.mock import patch
@@ -24,6 +26,28 @@ class Keyed(Protocol):
     @property
     def key(self) -> str:
         """Identifier under which its outcome is kept."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One record of a bench."""
+
+    kind: str
+    number: int
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Identifier under which its outcome is kept."""
+        return f"{self.kind}-{self.number}-{self.seed}"
+
+
+def guarded(run: Callable[[Trial], Outcome], trial: Trial) -> Outcome:
+    """Outcome of a trial; an exception is a wrong one."""
+    try:
+        return run(trial)
+    except Exception:
+        return {"key": trial.key, "kind": trial.kind, "right": False, "error": traceback.format_exc()}
 
 
 AnyTrial = TypeVar("AnyTrial", bound=Keyed)

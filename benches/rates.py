@@ -10,9 +10,8 @@ from __future__ import annotations
 import argparse
 import os
 import time
-import traceback
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -21,35 +20,13 @@ import numpy as np
 
 from accelcal.data import Channel, RecordingError
 from accelcal.data.clocks import align
-from benches.outcomes import Outcome, run_all
+from benches.outcomes import Outcome, Trial, guarded, run_all
 from tests.field.two_clocks import pair
 
 LONGEST = 10.0
 """Processor time for 20 minutes at 1 kHz, s."""
 SLIP = 0.5
 """Periods of the fastest motion by which clocks may slip over a record, or be off in its middle, where all is right."""
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One pair."""
-
-    kind: str
-    number: int
-    seed: int
-
-    @property
-    def key(self) -> str:
-        """Identifier under which its outcome is kept."""
-        return f"{self.kind}-{self.number}-{self.seed}"
-
-
-def guarded(trial: Trial) -> Outcome:
-    """Outcome of a trial; an exception is a wrong one."""
-    try:
-        return outcome_of(trial)
-    except Exception:
-        return {"key": trial.key, "kind": trial.kind, "error": traceback.format_exc()}
 
 
 def outcome_of(trial: Trial) -> Outcome:
@@ -94,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     trials = [Trial(kind, number, chosen.seed) for kind in ("related", "unrelated") for number in range(chosen.records)]
     trials.append(Trial("long", 0, chosen.seed))
-    outcomes = run_all(guarded, trials, chosen.out / "rates.jsonl", chosen.workers)
+    outcomes = run_all(partial(guarded, outcome_of), trials, chosen.out / "rates.jsonl", chosen.workers)
     related = [outcome for outcome in outcomes if outcome["kind"] == "related"]
     accepted = [outcome for outcome in related if "rate" in outcome]
     z = np.array([(outcome["rate"] - outcome["skew"]) / outcome["std"] for outcome in accepted])

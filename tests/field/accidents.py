@@ -139,6 +139,11 @@ def _range_changed(first: float, last: float) -> Callable[[Record], None]:
     return change
 
 
+def _range_for_a_while(r: Record) -> None:
+    k = r.middle(0.3, 0.6)
+    r.u[k : k + len(r.u) // 7] *= 0.5
+
+
 def _clock_stepped(r: Record) -> None:
     r.clocks = 2
     r.t_u[r.middle() :] += 0.25
@@ -274,6 +279,7 @@ ACCIDENTS = {
     "touched": Accident(_touched, "disturbed the record between"),
     "range_early": Accident(_range_changed(0.1, 0.2), "left out"),
     "range_late": Accident(_range_changed(0.85, 0.93), "left out"),
+    "range_while": Accident(_range_for_a_while, "left out"),
     "clock_stepped": Accident(_clock_stepped, "clock|delay|relation|no readings|gap"),
     "clock_slewed": Accident(_clock_slewed, "clock|delay|rate", ("clock_skew", "time_offset_drift")),
     "encoder_zeroed": Accident(_encoder_zeroed, "position jumps|lost or gained|zeroed", ("encoder_step",)),

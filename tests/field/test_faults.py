@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
+from accelcal.data.clocks import lost_rows, packets, slewed
 from accelcal.diagnosis.evidence import examine
 from tests.commands import accelcal
 from tests.field.accidents import ACCIDENTS, Record, honest, shocks
@@ -32,6 +33,7 @@ LEFT_OUT = {
     "junk": "denied",
     "range_early": "other_scale",
     "range_late": "other_scale",
+    "range_while": "other_scale",
     "idle": "stuck",
     "encoder_hung": "stuck",
     "saturated": "saturated",
@@ -52,7 +54,13 @@ def test_wrong_readings_are_left_out_and_said(kind: str, code: str, seed: int, t
 @pytest.mark.parametrize("seed", [76, 77])
 @pytest.mark.parametrize(
     ("kind", "noticed"),
-    [("jitter", "scattered_stamps"), ("repeated_rows", "repeated_rows"), ("other_rate", "other_rate")],
+    [
+        ("jitter", "scattered_stamps"),
+        ("repeated_rows", "repeated_rows"),
+        ("other_rate", "other_rate"),
+        ("lost_rows", "lost_rows"),
+        ("clock_slewed", "slewed_stamps"),
+    ],
 )
 def test_what_a_logger_does_to_rows_and_stamps_is_undone_or_said(
     kind: str, noticed: str, seed: int, tmp_path: Path
@@ -62,6 +70,72 @@ def test_what_a_logger_does_to_rows_and_stamps_is_undone_or_said(
     recording = read(record, tmp_path)
     assert noticed in {finding.kind for finding in recording.findings}
     assert max(off(ac.fit(recording), record)) < SIGMA
+
+
+@pytest.mark.parametrize("seed", [71, 72])
+@pytest.mark.parametrize("kind", ["jitter", "clock_slewed"])
+def test_samples_are_counted_where_a_clock_is_late_or_slewed(kind: str, seed: int, tmp_path: Path) -> None:
+    """A line through all stamps of a host is off by its rate, 2e-7 to 1e-6, which is 6 to 9 standard deviations."""
+    record = honest(seed)
+    ACCIDENTS[kind].plant(record)
+    late = read(record, tmp_path).accel.t - record.t
+    assert np.ptp(late) < 2e-6
+    assert abs(late[0]) < 1e-5
+
+
+@pytest.mark.parametrize("seed", [71, 72])
+def test_rows_lost_one_in_so_many_are_put_back_in_time(seed: int, tmp_path: Path) -> None:
+    """Of both channels, whose rate alone is declared."""
+    record = honest(seed)
+    left = (np.arange(len(record.t)) + 11) % 50 != 0
+    record.u, record.z, record.stamped = record.u[left], record.z[left], False
+    recording = read(record, tmp_path)
+    gone = next(finding for finding in recording.findings if finding.kind == "lost_rows")
+    assert gone.count == np.count_nonzero(~left)
+    for channel in (recording.accel, recording.position):
+        assert np.allclose(channel.t, record.t[left], atol=1e-9)
+    assert max(off(ac.fit(recording), record)) < SIGMA
+
+
+def test_lost_rows_are_distinguished_from_what_is_none() -> None:
+    for seed in (71, 73, 75):
+        record = honest(seed)
+        rng, n = record.rng, len(record.t)
+        gone = np.zeros(n, dtype=bool)
+        gone[rng.choice(n - 10, n // 500, replace=False)] = True
+        lost = lost_rows([record.u[~gone], record.z[~gone]])
+        assert lost is not None
+        assert 0.7 * np.count_nonzero(gone) < np.sum(lost) <= np.count_nonzero(gone)
+        missed_counts = record.z + 2e-5 * np.cumsum(rng.random(n) < 2e-3)
+        knocked = record.u + np.where(rng.random(n) < 1e-3, 0.3, 0.0) * rng.choice([-1.0, 1.0], n)
+        shock = shocks(seed)
+        for columns in ([record.u, record.z], [missed_counts], [knocked], [shock.u, shock.z], [np.round(record.u, 1)]):
+            assert lost_rows(columns) is None
+
+
+def test_an_oscillator_that_drifts_is_not_slewed() -> None:
+    t = np.arange(50_000) / 1000.0
+    for drift in (1.5e-3 * (1.0 - np.exp(-t / 5.0)), 1e-5 * t**2, 1e-3 * np.sin(t / 5.0), 1e-3 * np.rint(t)):
+        assert not slewed(t + drift)[0]
+
+
+@pytest.mark.parametrize(("rate", "samples"), [(1000.0, 16), (500.0, 16), (2000.0, 32)])
+def test_bursts_of_noisy_readings_are_no_packets(rate: float, samples: int) -> None:
+    """Readings are missing in gaps of 10 ms, and noise hides any one of them."""
+    rng = np.random.default_rng(int(rate))
+    begins = np.cumsum(samples / rate + 1e-2 * rng.uniform(0.5, 1.5, int(60.0 * rate / samples)))
+    t = (begins[:, None] + np.arange(samples) / rate).ravel()
+    size, w = np.array([0.03, 1e-3]), 2.0 * np.pi * np.array([0.31, 3.7])
+    z = np.sin(np.outer(t, w)) @ size + 1e-3 * rng.standard_normal(len(t))
+    u = -np.sin(np.outer(t, w)) @ (size * w**2) + 0.3 * rng.standard_normal(len(t))
+    assert packets(t, [u, z]) is None
+
+
+@pytest.mark.parametrize("seed", [7002, 7003])
+def test_a_touch_lasts_seconds_in_a_short_record_too(seed: int, tmp_path: Path) -> None:
+    record = honest(seed)
+    ACCIDENTS["touched"].plant(record)
+    assert "disturbed" in {note.code for note in ac.fit(read(record, tmp_path)).remarks}
 
 
 def test_samples_at_uneven_instants_keep_their_stamps(tmp_path: Path) -> None:

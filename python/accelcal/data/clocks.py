@@ -537,6 +537,8 @@ WIDEST = 16
 BROKEN_AT, BROKEN = 0.9, 1.5
 """Quantile of the steps between two such lines, and by how much those between packets are larger than those within one
 where readings are missing between them."""
+MISSED = 4.0
+"""Mean product of step and slope, in its standard deviations, beyond which readings are missing there."""
 STEADY = 3.0
 """Departure of an earliest arrival from a slowly drifting clock, in scatters of an arrival, beyond which the rate has
 steps."""
@@ -569,18 +571,10 @@ def packets(t: Array, readings: Sequence[Array] = ()) -> Packets | None:
     if len(t) < FEWEST_PACKETS * SMALLEST or np.array_equal(spacing[1:], spacing[:-1]):
         return None
     usual = float(np.median(spacing))
-    jumps = np.flatnonzero(np.abs(spacing - usual) > EVEN * abs(usual)) + 1  # the first sample behind each
-    if not FEWEST_PACKETS <= len(jumps) <= len(t) / (SMALLEST - 0.5):
-        return _spread_packets(t, spacing, readings)
-    return _clock_behind(t, jumps, readings)
-
-
-def _spread_packets(t: Array, spacing: Array, readings: Sequence[Array]) -> Packets | None:
-    """The same where the samples of each packet were spread evenly up to its arrival."""
-    changes = np.flatnonzero(np.abs(np.diff(spacing)) > EVEN * float(np.median(np.abs(spacing)))) + 1
-    if not FEWEST_PACKETS <= len(changes) <= len(t) / (SMALLEST - 0.5):
-        return None
-    return _clock_behind(t, changes + 1, readings)
+    apart = np.flatnonzero(np.abs(spacing - usual) > EVEN * abs(usual)) + 1  # the first sample behind each
+    even = np.flatnonzero(np.abs(np.diff(spacing)) > EVEN * float(np.median(np.abs(spacing)))) + 2  # up to its arrival
+    jumps = next((j for j in (apart, even) if FEWEST_PACKETS <= len(j) <= len(t) / (SMALLEST - 0.5)), None)
+    return None if jumps is None else _clock_behind(t, jumps, readings)
 
 
 def _clock_behind(t: Array, jumps: NDArray[np.intp], readings: Sequence[Array]) -> Packets | None:
@@ -619,12 +613,129 @@ def _clock_behind(t: Array, jumps: NDArray[np.intp], readings: Sequence[Array]) 
 def _is_broken(y: Array, begins: NDArray[np.intp], n: int) -> bool:
     """Whether readings (n,) step where packets begin, by more than they do in the middle of packets."""
     width = min(n // 2, WIDEST)
-    x = np.arange(width) + 0.5
-    line = np.linalg.pinv(np.vander(x, min(2, width)))[-1]  # from `width` readings to the line through them at x = 0
     rows = begins[:, None] + np.arange(-width, width)
-    steps = np.abs([y[rows + k] @ np.concatenate([-line[::-1], line]) for k in (0, n // 2)])
-    between, within = np.quantile(steps, BROKEN_AT, axis=1)
-    return bool(between > BROKEN * within > 0.0)
+    steps, slopes = (np.array([y[rows + k] @ w for k in (0, n // 2)]) for w in _across(width, min(2, width)))
+    between, within = np.quantile(np.abs(steps), BROKEN_AT, axis=1)
+    missed = np.subtract(*(steps * slopes))  # of noise, and of what is alike at both places, the mean is 0
+    clear = float(np.mean(missed)) * math.sqrt(len(missed)) > MISSED * float(np.std(missed))
+    return bool(between > BROKEN * within > 0.0 or clear)
+
+
+def steady_clock(t: Array) -> Array:
+    """Instants (n,) s of the uniform clock about which stamps scatter: through all of them, or through the earliest
+    where those scatter less, for a host is late and never early."""
+    index, late = np.arange(float(len(t))), t - t[0]
+    clock = np.polynomial.Polynomial.fit(index, late, 1)
+    begins = np.arange(0, len(t), -(-len(t) // PACKET_STRETCHES))
+    first = np.array([begin + int(np.argmin(part)) for begin, part in _parts(late - clock(index), begins)])
+    early = np.polynomial.Polynomial.fit(first, late[first], 1)
+    scatters = (
+        np.std((late - early(index))[first]) / math.sqrt(len(first)),
+        np.std(late - clock(index)) / math.sqrt(len(t)),
+    )
+    return np.asarray(t[0] + (early if scatters[0] < scatters[1] else clock)(index))
+
+
+SLEWED, MOST_SLEWED, ONE_SIZE = 5e-5, 0.02, 0.1
+"""Change of rate of a clock that is set right by a network: less is a crystal's, more another rate of the samples; and
+its range, as a share of it: what drifts has no one size."""
+MOST_PARTS, STEADY_PARTS = 64, 8
+"""Parts of a record whose rates are compared, most and least; one of them is apart beyond as many of their scatters."""
+
+
+def slewed(t: Array) -> tuple[list[tuple[int, int]], Array, float]:
+    """Stretches, first and last sample, in which the clock of stamps (n,) s runs at another rate, by one size, s/s; the
+    instants, (n,) s, of the samples by the rate elsewhere; and that size. No stretch where there is none.
+
+    Samples are paced by a crystal, which drifts and does not jump.
+    """
+    count = min(MOST_PARTS, len(t) // FEWEST_STAMPS)
+    if count < STEADY_PARTS:
+        return [], t, 0.0
+    edges = np.linspace(0, len(t) - 1, count + 1).astype(int)
+    pace = np.diff(t[edges]) / np.diff(edges)
+    skew = pace / np.median(pace) - 1.0
+    apart = np.abs(skew) > max(SLEWED, STEADY_PARTS * float(np.median(np.abs(skew))))
+    runs = np.flatnonzero(np.diff(apart, prepend=False, append=False)).reshape(-1, 2)
+    sizes = [skew[a + 1 : b - 1] for a, b in runs] or [skew[:0]]
+    size = float(np.median(np.concatenate(sizes))) if min(map(len, sizes)) > 0 else math.inf
+    steady = np.convolve(apart, np.ones(3), "same") == 0.0
+    if (
+        2 * np.count_nonzero(apart) > count
+        or not abs(size) < MOST_SLEWED
+        or np.ptp(np.concatenate(sizes)) > ONE_SIZE * abs(size)
+        or np.max(np.diff(t)) > 1.5 * float(np.median(pace))
+    ):
+        return [], t, 0.0
+    return (
+        [(int(edges[a]), int(edges[b])) for a, b in runs],
+        t[0] + float(np.mean(pace[steady])) * np.arange(len(t)),
+        size,
+    )
+
+
+def _across(width: int, terms: int) -> tuple[Array, Array]:
+    """Weights of `width` readings on either side of a place for the step between the polynomials through them there,
+    and for their mean slope, per row; (2 width,) each. Such a polynomial has so many terms."""
+    fit = np.linalg.pinv(np.vander(np.arange(width) + 0.5, terms))
+    value, slope = fit[-1], 0.5 * fit[-2] if terms > 1 else 0.0 * fit[-1]
+    return np.concatenate([-value[::-1], value]), np.concatenate([-slope[::-1], slope])
+
+
+LOST_WIDTHS, THINNED = (4, 8, 16), 8
+"""Rows on either side of a place that are asked whether some are missing there; one in so many tells the noise."""
+CLEAR_STEP, LOST_GAIN = 5.0, 8.0
+"""Step, in its standard deviations, that noise does not make; gain of log-likelihood from which on rows are missing in
+a place once it is clear that some are somewhere."""
+FEWEST_LOST, LOST_SHARE, WAY_OFF = 8, 0.9, 0.2
+"""Clear steps, least, and share of them, that are the way of whole rows, and of their gain that one row in so many has;
+departure from that way, as a share of it, beside noise: the speed is not quite steady."""
+MOST_LOST, LONGEST_PERIOD = 8, 1024
+"""Rows lost in one place, beyond which a polynomial does not tell their number; rows from one that is lost to the next,
+where they are lost in step with a buffer."""
+
+
+def lost_rows(columns: Sequence[Array]) -> NDArray[np.intp] | None:
+    """How many rows are missing before each row of columns, (n,) each, that have no stamps; None where none is.
+
+    The readings of a motion step there by what they change by over so many rows, however fast that is; missed counts
+    have one size, a shock has any. Rows that are lost one in so many are filled in where the motion hides them, too.
+    """
+    n = len(columns[0])
+    if n < FEWEST_STAMPS:
+        return None
+    tried = [np.array([_steps(y, width) for y in columns]) for width in LOST_WIDTHS]
+    best = int(np.argmax([np.mean(parts[:, 1] ** 2) for parts in tried]))
+    parts, reach = tried[best], 2 * LOST_WIDTHS[best] + 1
+    (power, both), (_, way) = np.einsum("cin,cjn->ijn", parts, parts)
+    clear = np.flatnonzero(power > CLEAR_STEP**2)
+    if len(clear) < FEWEST_LOST:
+        return None
+    clear = clear[power[clear] == scipy.ndimage.maximum_filter1d(power, reach)[clear]]
+    count = np.clip(np.rint(both / np.maximum(way, _TINY)), 1.0, MOST_LOST)
+    gain = count * both - 0.5 * count**2 * way
+    left = np.sqrt(np.maximum(power - 2.0 * gain, 0.0))
+    whole = left[clear] < CLEAR_STEP + WAY_OFF * (count * np.sqrt(way))[clear]
+    if np.count_nonzero(whole) < max(FEWEST_LOST, LOST_SHARE * len(clear)):
+        return None
+    rows = np.flatnonzero((gain == scipy.ndimage.maximum_filter1d(gain, reach)) & (gain > LOST_GAIN))
+    single, periods = both - 0.5 * way, range(max(LOST_WIDTHS), min(LONGEST_PERIOD, n // 8))
+    combs = [single[: n - n % period].reshape(-1, period).sum(axis=0) for period in periods]
+    best = int(np.argmax([np.max(comb) for comb in combs]))
+    if np.max(combs[best]) > LOST_SHARE * np.sum(gain[rows]):
+        rows, count = np.arange(int(np.argmax(combs[best])) or periods[best], n, periods[best]), np.ones(n)
+    lost = np.zeros(n, dtype=np.intp)
+    lost[rows] = count[rows]
+    return lost
+
+
+def _steps(y: Array, width: int) -> Array:
+    """Step and mean slope of readings (n,) before each of them, (2, n), over the noise of the step where they move; 0
+    where they have none."""
+    pair = np.array([np.convolve(y, weights[::-1], "valid") for weights in _across(width, 3)])
+    size = np.abs(pair[:, ::THINNED])
+    noise = float(np.median(size[0][size[1] >= 0.3 * math.sqrt(np.mean(size[1] ** 2))])) / 0.6745
+    return np.pad(pair / (noise or math.inf), ((0, 0), (width, width - 1)))
 
 
 def _earliest(x: Array, y: Array, most: float) -> tuple[Array, int]:

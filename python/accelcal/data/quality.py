@@ -11,6 +11,10 @@ held repeats         accelerations only: a logger faster than its sensor writes 
                      stamped at the logger's next tick; where the sensor's clock is uniform, its instants are used
 rounded stamps       warning: stamps on a grid of which the spacing is no multiple. Where one uniform clock explains all
                      of them, its instants are used, else the stamps are kept
+late, slewed stamps  warning: stamps of a host that scatter about a uniform clock which the readings fit better, and
+                     those of a clock whose rate is another for a while. The instants of the clock are used
+lost rows            warning: of channels without stamps whose readings step by what they change by in whole rows. Gaps
+                     are left in their place (`accelcal.data.clocks`)
 position repeats     mentioned, kept: an encoder at rest repeats its count
 clipping             warning, kept here: readings at the declared range, or piled up at the extreme; the former are
                      left out before anything is estimated (`accelcal.diagnosis.left_out`)
@@ -33,7 +37,7 @@ from numpy.typing import NDArray
 from accelcal._support.values import listing
 from accelcal.data import units
 from accelcal.data.arrays import Array
-from accelcal.data.clocks import FEWEST_STAMPS, rounding_std, stamp_grid, uniform_clock
+from accelcal.data.clocks import FEWEST_STAMPS, rounding_std, slewed, stamp_grid, steady_clock, uniform_clock
 from accelcal.data.orientation import GRAVITY, LEVERS, PLACE, TURNED
 from accelcal.data.recording import ORDERS, Channel, Finding, Recording, RecordingError
 from accelcal.data.rig import Rig
@@ -104,8 +108,9 @@ def clean(samples: Samples, rig: Rig) -> tuple[Channel, list[Finding]]:
         raise RecordingError(_too_few(samples.file, name, len(t)))
     require_pace(samples.file, name, t)
     if name in ("accel", "position", *ORDERS):
-        t, noticed = _unscattered(name, t, y)
-        findings += noticed
+        for better in (_unscattered, _counted_through):
+            t, noticed = better(name, t, y)
+            findings += noticed
     if unit == "m/s^2":
         t, y, noticed = _without_held(name, t, y)
         findings += noticed
@@ -530,9 +535,8 @@ def _unscattered(name: str, t: Array, y: Array) -> tuple[Array, list[Finding]]:
     n = len(t)
     if n < FEWEST_STAMPS or np.std(np.diff(t)) < SCATTERED * (t[-1] - t[0]) / (n - 1):
         return t, []
-    index = np.arange(float(n))
-    step, first = np.polyfit(index, t - t[0], 1)
-    clock = t[0] + first + step * index
+    clock = steady_clock(t)
+    step = float(clock[-1] - clock[0]) / (n - 1)
     if np.max(np.abs(t - clock)) > 3.0 * step:
         return t, []
 
@@ -547,6 +551,20 @@ def _unscattered(name: str, t: Array, y: Array) -> tuple[Array, list[Finding]]:
         "readings fit the clock better: its instants are used; how late the stamps are is part of time_offset"
     )
     return clock, [Finding("scattered_stamps", name, n, float(t[0]), text, "warning")]
+
+
+def _counted_through(name: str, t: Array, _: Array) -> tuple[Array, list[Finding]]:
+    """Instants of the count of samples in place of stamps of a clock that was slewed."""
+    stretches, clock, skew = slewed(t)
+    if not stretches:
+        return t, []
+    a, b = stretches[0][0], stretches[-1][1]
+    text = (
+        f"{name}: the clock of the stamps runs {1e6 * abs(skew):.0f} ppm {'fast' if skew > 0.0 else 'slow'} between "
+        f"t = {instant(t[a])} s and {instant(t[b])} s and keeps its rate elsewhere, as one does that a network sets "
+        f"right; the samples are counted at {(len(t) - 1) / float(clock[-1] - clock[0]):.7g} Hz in its place"
+    )
+    return clock, [Finding("slewed_stamps", name, b - a, float(t[a]), text, "warning")]
 
 
 STEADY = 64

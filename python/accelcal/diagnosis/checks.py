@@ -21,6 +21,7 @@ from accelcal.diagnosis.policy import (
     CLEAR_LOG_EVIDENCE,
     COHERENCE_LEAST_SHARE,
     DATA_SHEET_NOISE_RATIO,
+    DISTURBED_SECONDS,
     DISTURBED_SHARE,
     DISTURBED_STRETCHES,
     DRIFT_BAND,
@@ -251,7 +252,8 @@ def disturbed(
     rest = np.ones(len(t), dtype=np.bool_)
     for begin, end in high:
         rest[begin:end] = False
-    few = len(high) <= DISTURBED_STRETCHES and np.mean(rest) >= 1.0 - DISTURBED_SHARE
+    longest = max(DISTURBED_SHARE * len(t) * step, DISTURBED_SECONDS * len(high))
+    few = len(high) <= DISTURBED_STRETCHES and float(np.sum(~rest)) * step <= longest < 0.5 * len(t) * step
     if not (few and high) or float(np.mean(slow[rest] ** 2)) > usual**2:
         return ()
     tail = 0.5 / band  # what is below the limit there still adds up to a jump of the position over the hole

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
@@ -16,8 +16,7 @@ from accelcal import _core
 from accelcal._support.values import listing
 from accelcal.data import Array, Channel, Flags, PositionStep, Recording, instant
 from accelcal.data.orientation import HOLE
-from accelcal.data.recording import LeftOut
-from accelcal.diagnosis.left_out import runs_of_true
+from accelcal.diagnosis.left_out import runs_of_true, without
 from accelcal.diagnosis.policy import (
     BREAK_BAND_RATIO,
     BREAK_EXPLAINED,
@@ -43,7 +42,7 @@ from accelcal.estimation.readings import spikes
 from accelcal.estimation.remarks import Remark, Value, remark
 from accelcal.estimation.run import PreparedRun, Source, prepared
 from accelcal.estimation.values import Noise, Values
-from accelcal.signals.series import LOCAL, local_spread, running_median
+from accelcal.signals.series import LOCAL, local_spread, running_median, widened
 
 BANDS_PER_DECADE = 4
 """Bands between the slowest that the record resolves and a tenth of the encoder's rate."""
@@ -651,43 +650,56 @@ def _split(relation: BandRelation) -> float | None:
 
 def without_other_scale(columns: RelationColumns) -> Recording | None:
     """The recording without the shorter part of the output, where its scale factor differs from that of the rest by
-    more than any effect of a sensor: a range, a gain or a sign was changed, or one channel by another; None where it
-    does not.
+    more than any effect of a sensor: a range, a gain or a sign was changed, for good or for a while, or one channel by
+    another; None where it does not.
 
     Parameters
     ----------
     columns : of every reading of it.
     """
-    run = columns.run
     for band in columns.bands:
         relation = columns.in_band(band)
-        K = len(relation.gram)
+        gram, K = relation.gram, len(relation.gram)
         if K < 2 * RELATION_LEAST_BLOCKS:
             continue
-        splits = _Splits.of(relation.gram)
-        before, behind = (_solve(sums)[:, 0] for sums in splits.sums)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = before / behind  # the columns make the encoder's reading of the output: the inverse of its scale
-            by_output = [
-                c**2 * sums[:, 0, 0] / sums[:, 4, 4] for c, sums in zip((before, behind), splits.sums, strict=True)
-            ]
-        holds = (np.minimum(*splits.explained) > RELATION_EXPLAINED) & (np.minimum(*by_output) > BREAK_EXPLAINED)
-        best = splits.best(holds & ~((ratio > 1.0 / OTHER_SCALE) & (ratio < OTHER_SCALE)) & (np.arange(1, K) <= K - 4))
-        if best is None:
+        windows = np.lib.stride_tricks.sliding_window_view(gram, RELATION_LEAST_BLOCKS, axis=0).sum(axis=-1)
+        scales, held = _solve(windows)[:, 0], unexplained(windows)[1] > RELATION_EXPLAINED
+        apart = runs_of_true(held & _is_other(scales, float(np.median(scales[held]))) if held.any() else held, 1)
+        begin, end, scale = max(apart, key=lambda run: run[1] - run[0], default=(0, 0))[0], 0, 0.0
+        for way in (1, -1) if apart else ():  # from its beginning to its end, and back, around the end of the record
+            splits = _Splits.of(np.roll(gram, -begin, axis=0)[::way])
+            inside, rest = (_solve(part)[:, 0] for part in splits.sums)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                by_output = [
+                    c**2 * part[:, 0, 0] / part[:, 4, 4] for c, part in zip((inside, rest), splits.sums, strict=True)
+                ]
+            holds = (np.minimum(*splits.explained) > RELATION_EXPLAINED) & (np.minimum(*by_output) > BREAK_EXPLAINED)
+            best = splits.best(holds & _is_other(inside, rest) & (np.arange(1, K) <= K - 4))
+            if best is None:
+                scale = 0.0
+                break
+            begin, end = begin + way * (best + 1), begin
+            scale = float(rest[best] / inside[best])  # the columns make the encoder's reading of the output
+        if not scale:
             continue
-        interval = (relation.edges[max(0, best - 1)], relation.edges[min(K, best + 4)])
-        at = relation.departure(_solve(splits.sums[0][best]), float(splits.power[0][best]), interval)
-        recording, late = run.recording, at - run.t[0] > 0.5 * (run.t[-1] - run.t[0])
-        accel, reach = recording.accel, 1.0 / band
-        out = accel.t >= at - reach if late else accel.t <= at + reach
-        gone = accel.t[out]
-        scale = float(ratio[best] if late else 1.0 / ratio[best])
-        item = LeftOut(
-            "other_scale", "accel", len(gone), len(accel), ((float(gone[0]), float(gone[-1])),), reach, scale
-        )
-        cleaned = replace(accel, t=accel.t[~out], y=accel.y[~out])
-        return replace(recording, accel=cleaned, left_out=(*recording.left_out, item))
+        if 2 * (end - begin) > K:
+            begin, end, scale = end, begin + K, 1.0 / scale
+        recording = columns.run.recording
+        blocks = widened(np.isin(np.arange(K), np.arange(begin, end) % K), EDGE_BLOCKS)
+        out = blocks[np.clip(np.searchsorted(relation.edges, recording.accel.t, "right") - 1, 0, K - 1)]
+        return without(recording, "accel", out, "other_scale", 1.0 / band, scale)
     return None
+
+
+EDGE_BLOCKS = 2
+"""Blocks beside a part with another scale factor that are left out, too: so well is its edge known."""
+
+
+def _is_other(scale: Array, than: Array | float) -> Flags:
+    """Whether the ratio of two scale factors is more than an effect of a sensor makes, or has the other sign."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = scale / than
+    return np.asarray(~((ratio > 1.0 / OTHER_SCALE) & (ratio < OTHER_SCALE)))
 
 
 __dir__ = listing(globals())

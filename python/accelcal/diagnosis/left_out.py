@@ -122,7 +122,7 @@ def _cleaned(source: Source) -> Recording | None:
         )
     except ValueError:
         return None
-    rig, left, gone = recording.rig, recording, []
+    rig, left = recording.rig, recording
     for kind, name, stretches in wrong:
         channel: Channel = getattr(left, name)
         step, filters = usual_step(channel.t), rig.output_filters if name == "accel" else rig.position_filters
@@ -137,14 +137,21 @@ def _cleaned(source: Source) -> Recording | None:
             continue
         if len(channel) - np.count_nonzero(out) < 2:
             return None
-        spans = tuple((float(channel.t[a]), float(channel.t[b])) for a, b in runs_of_true(out, 1))
-        gone.append(LeftOut(kind, channel.name, int(np.count_nonzero(out)), len(channel), spans, reach))
-        cleaned = replace(channel, t=channel.t[~out], y=channel.y[~out])
-        changed: dict[str, Any] = {name: cleaned}
-        if name == "reference":
-            changed["position"] = integrated(cleaned)
-        left = replace(left, **changed)
-    return replace(left, left_out=tuple(gone)) if gone else None
+        left = without(left, name, out, kind, reach)
+    return left if left.left_out else None
+
+
+def without(
+    recording: Recording, name: str, out: Flags, kind: WrongKind, reach: float, scale: float = 1.0
+) -> Recording:
+    """The recording without some samples of a channel, (n,), with a note on them; `scale` is theirs over the rest's."""
+    channel: Channel = getattr(recording, name)
+    spans = tuple((float(channel.t[a]), float(channel.t[b])) for a, b in runs_of_true(out, 1))
+    item = LeftOut(kind, channel.name, int(np.count_nonzero(out)), len(channel), spans, reach, scale)
+    changed: dict[str, Any] = {name: replace(channel, t=channel.t[~out], y=channel.y[~out])}
+    if name == "reference":
+        changed["position"] = integrated(changed[name])
+    return replace(recording, left_out=(*recording.left_out, item), **changed)
 
 
 def denied(recording: Recording) -> Stretches:

@@ -335,6 +335,9 @@ bodies and structures turn. [Hz; tests/diagnosis/test_turning.py]"""
 DISTURBED_SHARE = 0.05
 """Share of a record up to which the stretches count as disturbed that hold all of a slow residual. What lasts longer
 is the sensor's, or a tilt. [share; tests/diagnosis/test_turning.py]"""
+DISTURBED_SECONDS = 4.0
+"""Length of such a stretch that counts as disturbed whatever its share. A hand on a cable takes as long in a short
+record as in a long one. [s; tests/diagnosis/test_turning.py]"""
 DISTURBED_STRETCHES = 3
 """Such stretches at most. More are no accident but happen again and again. [stretches;
 tests/diagnosis/test_turning.py]"""

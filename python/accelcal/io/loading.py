@@ -39,9 +39,9 @@ from accelcal.data import (
     reference_among,
     units,
 )
-from accelcal.data.clocks import THE_OUTPUT, relation
+from accelcal.data.clocks import THE_OUTPUT, lost_rows, relation
 from accelcal.data.orientation import HOLE, QUATERNION_TOLERANCE, rotated, turned, turning
-from accelcal.data.recording import Origin
+from accelcal.data.recording import UNITS, Origin
 from accelcal.io import naming
 from accelcal.io.assign import (
     ATTITUDE,
@@ -75,6 +75,8 @@ MOST_GRAVITY = 1.5 * STANDARD_GRAVITY
 """Largest gravity along an axis that is one, m/s²: the acceleration of a turning axis may be part of it."""
 
 
+Sampled = tuple[Array, Array, NDArray[np.intp] | None]
+"""Stamps, s, and readings of a channel, and its rows in the file from 0, (n,) each; None = all."""
 MOST_ASKED = 64
 """Columns that are asked whether they tell the sources of the rows apart."""
 MOST_PARTS = 16
@@ -609,7 +611,7 @@ def _samples(
         None if clocks or "accel" not in plan.sources else _once(table, [raw[name].values for name in wanted], findings)
     )
     instants: dict[Clock, Column] = {}
-    sampled: dict[str, tuple[Array, Array, NDArray[np.intp] | None]] = {}
+    sampled: dict[str, Sampled] = {}
     for name, source in plan.sources.items():
         clock = source.time
         assert clock is not None  # _plan gave each source one
@@ -636,6 +638,7 @@ def _samples(
         filled = _kept(table, name, stamps, y)
         rows = slice(None) if filled is None else filled
         sampled[name] = stamps.values[rows], y.values[rows], _places(chosen, filled)
+    _with_lost_rows(plan, sampled, findings)
     try:
         run = _part(table, sampled, part, plan.sidecar)
     except RecordingError:
@@ -682,9 +685,31 @@ def _once(table: Table, columns: Sequence[Array], findings: list[Finding]) -> Fl
     return once
 
 
-def _part(
-    table: Table, sampled: Mapping[str, tuple[Array, Array, NDArray[np.intp] | None]], part: int | None, sidecar: Path
-) -> tuple[int, int] | None:
+def _with_lost_rows(plan: Plan, sampled: dict[str, Sampled], findings: list[Finding]) -> None:
+    """Leave a gap in channels without stamps where rows were lost, and add that to the findings."""
+    alike: dict[tuple[Clock | None, int], list[str]] = {}
+    for name in sampled.keys() & {"accel", *UNITS}:
+        alike.setdefault((plan.sources[name].time, len(sampled[name][0])), []).append(name)
+    for (clock, n), names in alike.items():
+        t = sampled[names[0]][0]
+        if clock is None or clock.rate is None or clock.column or n < 2 or (t[-1] - t[0]) * clock.rate > n - 0.5:
+            continue
+        lost = lost_rows([sampled[name][1] for name in names])
+        if lost is None:
+            continue
+        for name in names:
+            sampled[name] = t + np.cumsum(lost) / clock.rate, *sampled[name][1:]
+        count, first = int(np.sum(lost)), float(t[np.argmax(lost > 0)])
+        text = (
+            f"{' and '.join(sorted(names))}: {count} rows ({count / (n + count):.2%}) were lost before the file was "
+            f"written (first at t = {units.instant(first)} s): the readings step there by what they change by in whole "
+            f"rows, however fast; gaps are left in their place, at {clock.rate:.6g} Hz as declared. Record a counter "
+            "with each row: where a motion is slow, a loss may hide"
+        )
+        findings.append(Finding("lost_rows", names[0], count, first, text, "warning"))
+
+
+def _part(table: Table, sampled: Mapping[str, Sampled], part: int | None, sidecar: Path) -> tuple[int, int] | None:
     """First row of a part of a file whose clock starts again, from 0, and the row behind it; None for all of one whose
     clock does not.
 
