@@ -22,9 +22,9 @@ from accelcal.data.recording import with_dwells
 from accelcal.diagnosis.checks import slow_residual, stretches_of
 from accelcal.diagnosis.clean_fit import RejectedReadings, clean_fit
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
-from accelcal.diagnosis.evidence import Evidence, Examined, TimeSpan, examine, largest_wave
+from accelcal.diagnosis.evidence import Evidence, largest_wave
+from accelcal.diagnosis.examined import Examined, TimeSpan, examine
 from accelcal.diagnosis.findings import Confounded, in_model
-from accelcal.diagnosis.left_out import left_out_sentences
 from accelcal.diagnosis.noise.fitted import noise_scores, require_noise_shown, with_noise_effects
 from accelcal.diagnosis.noise.noise_test import POSITION_JUMPS
 from accelcal.diagnosis.noise.run_all import run_outlier_tests
@@ -899,7 +899,7 @@ def compare_models(
     part, (begin, finish) = examined.source, examined.span
     progress(0.1)
 
-    gone = left_out_sentences(part.recording, begin, finish)
+    gone = tuple(note.sentence for note in examined.remarks())
 
     def compared(number: int, fit: Fit) -> Evaluation:
         share = within(progress, 0.1 + 0.7 * number / len(fits), 0.1 + 0.7 * (number + 1) / len(fits))
@@ -952,7 +952,7 @@ def judged_runs(examined: Sequence[Examined]) -> tuple[list[PreparedRun], TimeSp
 
 
 def used_runs(examined: Sequence[Examined]) -> tuple[list[PreparedRun], list[Remark]]:
-    """Runs up to their first breaks, and the remarks on breaks and on what was left out."""
+    """Runs up to their first breaks, and the remarks on what was noticed in them."""
     return [item.part for item in examined], [note for item in examined for note in item.remarks()]
 
 

@@ -142,7 +142,7 @@ def test_a_touched_cable_is_a_stretch_and_no_tilt(instants, tmp_path, monkeypatc
     # The command of the sentence works, and what it writes is judged without it.
     monkeypatch.chdir(tmp_path)
     write_recording(made, tmp_path / "run.csv")
-    command = note.sentence.partition("a file without it: accelcal ")[2].split()
+    command = note.sentence.partition("a file without that: accelcal ")[2].split()
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 0, result.output
     rest = ac.load(tmp_path / "run_cut.csv")

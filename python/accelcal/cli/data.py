@@ -54,33 +54,30 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
 
     Example: [bold]accelcal check run12.csv[/bold]
     """
-    from accelcal.diagnosis.faults import usable, without_other_scale
-    from accelcal.diagnosis.left_out import left_out_sentences, without_wrong_readings
+    from accelcal.diagnosis.examined import Examined
     from accelcal.estimation.plausible import suspicion
+    from accelcal.estimation.run import recording_of
 
     with progress("check") as report:
         recording = io.load(run, rig)
         data.quality.require_varying(recording)
         report(0.6)
-        whole = without_wrong_readings(recording)
+        examined = Examined(recording)
         try:
-            part = usable(whole)
-            rest = without_other_scale(part.columns)
-            whole, part = (rest, usable(rest)) if rest else (whole, part)
-            breaks = list(part.breaks)
-        except data.RecordingError:  # too short to look for one: the summary says how long it is
-            breaks = []
+            noticed, breaks = examined.remarks(), list(examined.breaks)
+        except data.RecordingError:  # too short to look for any: the summary says how long it is
+            noticed, breaks = [], []
         report(0.9)
-        gone = list(left_out_sentences(whole))
-        suspect = [text for text in [suspicion(whole)] if text]
-        content = {"breaks_s": breaks, "left_out": gone, "suspect": suspect} if json else {}
+        gone = [note.sentence for note in noticed]
+        suspect = [text for text in [suspicion(recording_of(examined.stepped[0]))] if text]
+        content = {"breaks_s": breaks, "faults": gone, "suspect": suspect} if json else {}
         content = {**data.quality.describe(recording), **content} if json else {}
         text = "" if json else data.quality.summarise(recording)
     if json:
         print_json(content)
         return
     say_line(text)
-    for text in (*gone, *suspect, *words.broken(breaks)):
+    for text in (*gone, *suspect):
         say_line(f"suspect data: {text}")
     suggest("fit", run, "-o", f"{run.stem}.json")
 

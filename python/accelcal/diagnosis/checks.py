@@ -9,13 +9,13 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import scipy
 
 from accelcal.data import ACCELERATION, DERIVED, STANDARD_GRAVITY, Array, Recording, Rig, instant, usual_step
 from accelcal.diagnosis.evidence import Evidence, noise_ratio
+from accelcal.diagnosis.left_out import cut_without
 from accelcal.diagnosis.noise.noise_test import LINE
 from accelcal.diagnosis.policy import (
     CLEAR_LOG_EVIDENCE,
@@ -94,7 +94,7 @@ def turning_sensor(e: Evidence) -> Iterator[Remark]:
             yield from slow.remark("tilt_or_drift")
         return
     if left.stretches and all(note.code != "disturbed" for note in e.stretch.remarks):
-        yield left.apart(recording.name)
+        yield left.apart(recording)
         return
     wandering = [finding for finding in scan if finding.effect in FOLLOW_TIME & DRIFTS]
     code = "turning_sensor"
@@ -128,7 +128,7 @@ def slow_residual(fit: Fit, run: PreparedRun, *, stretches: bool = True) -> Iter
     t, residual, _ = accel_residual(ahead, band)
     slow = SlowResidual.of(recording, (t, residual), band)
     if slow.stretches and stretches:
-        yield slow.apart(recording.name)
+        yield slow.apart(recording)
     else:
         yield from slow.remark("slow_residual")
 
@@ -172,19 +172,16 @@ class SlowResidual:
         if self.rms > self.ordinary and degrees <= TURNING_MOST_DEGREES:
             yield remark(code, tilt_deg=degrees, rms=self.rms, band=self.band, bias_instability=self.ordinary)
 
-    def apart(self, name: str) -> Remark:
-        """The remark on its stretches, with the command that cuts them out of a file of this name."""
+    def apart(self, recording: Recording) -> Remark:
+        """The remark on its stretches in a recording, with the command that cuts them out."""
         pieces = [(instant(begin), instant(end)) for begin, end in self.stretches]
-        file = Path(name or "FILE")
         values: dict[str, Value] = {
             "stretches": " ".join(f"{begin}:{end}" for begin, end in pieces),
             "between": " and ".join(f"between {begin} and {end} s" for begin, end in pieces),
             "rms": self.rms,
             "band": self.band,
             "bias_instability": self.ordinary,
-            "without": " ".join(f"--without {begin}:{end}" for begin, end in pieces),
-            "file": str(file),
-            "cut": f"{file.stem}_cut{file.suffix}",
+            "cut": cut_without(recording, self.stretches),
         }
         return remark("disturbed", **values)
 

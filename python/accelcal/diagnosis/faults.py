@@ -251,13 +251,14 @@ def faults(recording: Recording, run: PreparedRun, columns: RelationColumns | No
     return tuple(sorted(inside, key=lambda f: f.time))
 
 
-def fault_remarks(listed: Sequence[Fault], length: float) -> tuple[Remark, ...]:
+def fault_remarks(listed: Sequence[Fault], length: float, name: str) -> tuple[Remark, ...]:
     """One remark for each fault, or one for all of a kind and channel where there are many.
 
     Parameters
     ----------
     listed : in order of time.
     length : of the record, s.
+    name : of the record.
     """
     groups: dict[tuple[Kind, str], list[Fault]] = {}
     for fault in listed:
@@ -266,6 +267,7 @@ def fault_remarks(listed: Sequence[Fault], length: float) -> tuple[Remark, ...]:
     for (kind, channel), members in groups.items():
         longest = max(members, key=lambda fault: abs(fault.size))
         values: dict[str, Value] = {
+            "recording": name,
             "channel": channel,
             "count": len(members),
             "longest": longest.size,
@@ -281,7 +283,7 @@ def fault_remarks(listed: Sequence[Fault], length: float) -> tuple[Remark, ...]:
                 singly |= {"longest": fault.size, "time": fault.time}
                 if kind in LASTING:
                     singly["share"] = 100.0 * fault.size / length
-                remarks.append(Remark(kind, fault.sentence, dict(singly)))
+                remarks.append(Remark(kind, f"{name}: {fault.sentence}", dict(singly)))
     return tuple(remarks)
 
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
+from shlex import quote
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from accelcal.data import (
     Channel,
     Flags,
     Recording,
+    instant,
     integrated,
     require_reference,
     require_usable,
@@ -63,6 +66,11 @@ HIDDEN = (1.0, 0.25, 1.0 / 16.0)
 """What an output that repeats one count may hide of a reference of so many derivatives less, over the count and the
 length of the stretch to that power: its departure from a polynomial of that degree stays below."""
 
+MOST_CUT = 4
+"""Stretches that a command is spelled out for."""
+MILLISECOND = 1e-3
+"""To which an instant is printed, s."""
+
 Stretches = list[tuple[float, float]]
 """First and last instant of each stretch, s."""
 
@@ -97,6 +105,7 @@ def left_out_remarks(
             end=gap.stretches[-1][1],
             reach=gap.reach,
             scale=gap.scale,
+            cut=cut_without(recording, gap.stretches),
         )
         for recording in recordings
         for gap in recording.left_out
@@ -104,9 +113,14 @@ def left_out_remarks(
     ]
 
 
-def left_out_sentences(recording: Recording, start: float | None = None, end: float | None = None) -> tuple[str, ...]:
-    """The same of one recording, as sentences."""
-    return tuple(note.sentence for note in left_out_remarks([recording], "", start, end))
+def cut_without(recording: Recording, stretches: Sequence[tuple[float, float]]) -> str:
+    """The clause with the command that writes a file without these stretches, s; empty where they are too many."""
+    if len(stretches) > MOST_CUT:
+        return ""
+    name = recording.name or "FILE"
+    parts = " ".join(f"--without {instant(a - MILLISECOND)}:{instant(b + MILLISECOND)}" for a, b in stretches)
+    given = recording.origin.given or quote(name)
+    return f"; a file without that: accelcal cut {given} {parts} -o {quote(f'{Path(name).stem}_cut.csv')}"
 
 
 def _cleaned(source: Source) -> Recording | None:
