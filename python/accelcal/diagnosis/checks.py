@@ -248,7 +248,7 @@ def disturbed(
     rest = np.ones(len(t), dtype=np.bool_)
     for begin, end in high:
         rest[begin:end] = False
-    few = len(high) <= DISTURBED_STRETCHES and np.mean(rest) >= 1.0 - DISTURBED_SHARE
+    few = len(high) <= DISTURBED_STRETCHES and np.mean((slow > usual) & ~rest) <= DISTURBED_SHARE
     if not (few and high) or float(np.mean(slow[rest] ** 2)) > usual**2:
         return ()
     tail = 0.5 / band  # what is below the limit there still adds up to a jump of the position over the hole

@@ -17,7 +17,6 @@ from accelcal._support.values import listing
 from accelcal.data import Array, Channel, Flags, PositionStep, Recording, instant
 from accelcal.data.orientation import HOLE
 from accelcal.data.recording import LeftOut
-from accelcal.diagnosis.left_out import runs_of_true
 from accelcal.diagnosis.policy import (
     BREAK_BAND_RATIO,
     BREAK_EXPLAINED,
@@ -43,7 +42,7 @@ from accelcal.estimation.readings import spikes
 from accelcal.estimation.remarks import Remark, Value, remark
 from accelcal.estimation.run import PreparedRun, Source, prepared
 from accelcal.estimation.values import Noise, Values
-from accelcal.signals.series import LOCAL, local_spread, running_median
+from accelcal.signals.series import LOCAL, local_spread, running_median, runs_of_true
 
 BANDS_PER_DECADE = 4
 """Bands between the slowest that the record resolves and a tenth of the encoder's rate."""
@@ -392,12 +391,15 @@ def position_steps(columns: RelationColumns) -> list[PositionStep]:
     matched = np.correlate(residual, step, "full")[PULSE - 1 :] / np.linalg.norm(step)
     single = np.correlate(residual, spike, "full")[PULSE - 1 :] / np.linalg.norm(spike)
     score = np.abs(matched) / local_spread(matched)
-    chance = np.minimum(1.0, 2.0 * len(score) * scipy.special.stdtr(0.7 * LOCAL, -score))
+    high = np.flatnonzero(score > SURELY_CHANCE)
+    if not len(high):
+        return []
+    chance = dict(zip(high, 2.0 * len(score) * scipy.special.stdtr(0.7 * LOCAL, -score[high]), strict=True))
     noise = float(np.median(np.abs(residual))) / 0.6745
     behind_gap = np.diff(t, prepend=t[0]) > HOLE * run.reading_step
     jumps: list[PositionStep] = []
     last = -PULSE
-    for k in (int(k) for k in np.flatnonzero((chance < FAULT_ALPHA) & ~behind_gap)):
+    for k in (int(k) for k in high if chance[k] < FAULT_ALPHA and not behind_gap[k]):
         neighbours = slice(max(0, k - PULSE), k + PULSE)
         if k - last < PULSE or np.max(np.abs(matched[neighbours])) > abs(matched[k]):
             continue
@@ -414,6 +416,8 @@ def position_steps(columns: RelationColumns) -> list[PositionStep]:
     return jumps
 
 
+SURELY_CHANCE = 7.0
+"""Score that chance reaches somewhere in the shortest record more often than `FAULT_ALPHA`."""
 PULSE = 16
 """Readings that a fast filter needs to forget a step."""
 

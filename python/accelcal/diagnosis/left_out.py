@@ -23,7 +23,6 @@ from accelcal.data import (
     VELOCITY,
     Array,
     Channel,
-    Flags,
     Recording,
     instant,
     integrated,
@@ -52,7 +51,7 @@ from accelcal.estimation.channel_filters import ChannelFilters
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of
 from accelcal.signals.processing import FORGOTTEN, memory
-from accelcal.signals.series import interpolation_errors, interpolation_spread, local_spread, widened
+from accelcal.signals.series import interpolation_errors, interpolation_spread, local_spread, runs_of_true, widened
 
 FEWEST = 16
 """Samples of the output in a stretch, least, from which its noise is known."""
@@ -329,12 +328,6 @@ def _departure_from_polynomial(t: Array, y: Array, degree: int) -> float:
     """Peak-to-peak departure of a stretch from a polynomial."""
     x = t - t[0]
     return float(np.ptp(y - np.polynomial.Polynomial.fit(x, y, degree)(x)))
-
-
-def runs_of_true(flags: Flags, least: int) -> list[tuple[int, int]]:
-    """First and last index of each run of true flags of at least this length."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= least]
 
 
 __dir__ = listing(globals())

@@ -332,7 +332,7 @@ tests/diagnosis/test_turning.py]"""
 DRIFT_BAND = 0.1
 """Frequency up to which a residual may be a bias that wanders. A bias drifts with temperature and age, more slowly than
 bodies and structures turn. [Hz; tests/diagnosis/test_turning.py]"""
-DISTURBED_SHARE = 0.05
+DISTURBED_SHARE = 0.08
 """Share of a record up to which the stretches count as disturbed that hold all of a slow residual. What lasts longer
 is the sensor's, or a tilt. [share; tests/diagnosis/test_turning.py]"""
 DISTURBED_STRETCHES = 3
