@@ -33,6 +33,7 @@ from accelcal.data import (
 from accelcal.data.recording import LeftOut, WrongKind
 from accelcal.diagnosis.policy import (
     DENIED_RATIO,
+    DENIED_ROUGH,
     DENIED_SHARE,
     DENIED_SIGMA,
     DISTURBED_SHARE,
@@ -59,6 +60,8 @@ SLOPE = 8
 """Readings on either side of a stretch that tell the speed there."""
 ALIKE = 0.9
 """Correlation of what output and reference show of one motion, least, whatever the scale of either."""
+ROUGHLY_ALL = 0.5
+"""Share of rough readings, least, in a stretch of junk."""
 SINGLE = 2
 """Damaged readings that stand alone; about more of them some may lie that are no larger than the rest."""
 HIDDEN = (1.0, 0.25, 1.0 / 16.0)
@@ -161,7 +164,8 @@ def _cleaned(source: Source) -> Recording | None:
 
 
 def denied(recording: Recording) -> Stretches:
-    """Stretches of output far beyond the rest, of which the reference shows nothing: damaged packets, switching on.
+    """Stretches of output far beyond the rest, or far rougher, of which the reference shows nothing: damaged packets,
+    switching on.
 
     Over each stretch and half of its length, or 16 readings of the reference, on either side, the departure from a
     polynomial of what the reference reads is regressed on that of the output in the stretch, integrated as often as
@@ -173,6 +177,9 @@ def denied(recording: Recording) -> Stretches:
     departure = np.abs(accel.y - np.median(accel.y))
     # beside an acceleration a delay hides that two short pulses are alike
     far = departure > (DENIED_RATIO * np.quantile(departure, 0.99) if order else math.inf)
+    change = np.abs(np.diff(accel.y, 3, prepend=accel.y[:3])) if order and len(far) > FEWEST else np.zeros(len(far))
+    rough = change > DENIED_ROUGH * (np.quantile(change, 0.99) or math.inf)
+    far |= rough
     beside, stretches = FEWEST * usual_step(reference.t), []
     for a, b in runs_of_true(widened(far, LEFT_OUT_BESIDE), 1) if far.any() else []:
         at = accel.t[a : b + 1][far[a : b + 1]]
@@ -192,7 +199,9 @@ def denied(recording: Recording) -> Stretches:
         power, spare = float(claimed @ claimed) + 1e-300, len(x) - powers.shape[1] - 1
         share, left = abs(float(claimed @ shown)) / power, float(shown @ shown) / power
         alike = share > ALIKE * math.sqrt(left)  # a shock in another unit
-        if share + DENIED_SIGMA * math.sqrt(left / spare) < DENIED_SHARE and not alike:
+        # junk as fast as the samples hides in the noise of a position; where a record begins or ends it is no shock
+        junk = (a == 0 or b == len(far) - 1) and np.mean(rough[a : b + 1]) > ROUGHLY_ALL
+        if (junk or share + DENIED_SIGMA * math.sqrt(left / spare) < DENIED_SHARE) and not alike:
             stretches.append((begin, end))
     return stretches
 
