@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, cast
 
@@ -107,6 +109,7 @@ def cut(
             io.load(run, rig, part=part)  # says what is missing
         print_alignment(recording)
         report(0.5)
+        recording = replace(recording, findings=handed_on(recording))
         for text in only or ():
             recording = recording.part(*time_range(text, "--only"))
         recording = recording.without(*(time_range(text, "--without") for text in without or ()))
@@ -116,6 +119,21 @@ def cut(
     print_status(f"wrote {output} and {sidecar}")
     if by_position and len(recording.accel):
         suggest("check", output)
+
+
+def handed_on(recording: data.Recording) -> tuple[data.Finding, ...]:
+    """What a part of a recording should know of it: warnings, what is uncertain of its clocks, and what was noticed."""
+    from accelcal.diagnosis.examined import Examined
+
+    listed = [finding for finding in recording.findings if finding.severity == "warning" or finding.common]
+    with suppress(data.RecordingError):
+        for note in Examined(recording).remarks():
+            values = {"channel": "", "count": 1} | note.values
+            text = note.sentence.partition("; a file without that: ")[0]
+            listed.append(data.Finding(note.code, values["channel"], values["count"], values["time"], text))
+    return tuple(
+        replace(finding, text=f"before the cut: {finding.text.removeprefix('before the cut: ')}") for finding in listed
+    )
 
 
 @app.command()
@@ -195,7 +213,9 @@ def write_recording(recording: data.Recording, path: Path) -> Path:
     sidecar = io.sidecar_of(path)
     with io.together():
         columns = write(recording, path)
-        io.write_sidecar(recording.rig, columns, sidecar, labels=recording.labels, mark=mark_of(path))
+        io.write_sidecar(
+            recording.rig, columns, sidecar, labels=recording.labels, noticed=recording.findings, mark=mark_of(path)
+        )
     return sidecar
 
 

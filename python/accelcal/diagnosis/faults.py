@@ -42,7 +42,7 @@ from accelcal.estimation.readings import spikes
 from accelcal.estimation.remarks import Remark, Value, remark
 from accelcal.estimation.run import PreparedRun, Source, prepared
 from accelcal.estimation.values import Noise, Values
-from accelcal.signals.series import LOCAL, local_spread, running_median, runs_of_true
+from accelcal.signals.series import LOCAL, local_spread, running_median, runs_of_true, widened
 
 BANDS_PER_DECADE = 4
 """Bands between the slowest that the record resolves and a tenth of the encoder's rate."""
@@ -581,6 +581,8 @@ def impact(run: PreparedRun) -> float:
     filtered = running_median(u, IMPACT_SAMPLES, "edge")
     excess = np.abs(u - filtered)
     pair = np.minimum(excess[1:], excess[:-1])
+    spacing = np.diff(t)
+    pair[widened(spacing > HOLE * np.median(spacing), IMPACT_SAMPLES)] = 0.0  # over a gap the motion goes on
     hit = int(np.argmax(pair))
     if hit < 4 * LOCAL:
         return math.inf  # too little before it to know what is usual

@@ -177,9 +177,9 @@ def denied(recording: Recording) -> Stretches:
     departure = np.abs(accel.y - np.median(accel.y))
     # beside an acceleration a delay hides that two short pulses are alike
     far = departure > (DENIED_RATIO * np.quantile(departure, 0.99) if order else math.inf)
-    change = np.abs(np.diff(accel.y, 3, prepend=accel.y[:3])) if order and len(far) > FEWEST else np.zeros(len(far))
+    change = np.concatenate([np.zeros(3), np.abs(np.diff(accel.y, 3))])[: len(far)] if order else np.zeros(len(far))
     rough = change > DENIED_ROUGH * (np.quantile(change, 0.99) or math.inf)
-    far |= rough
+    far |= rough & ~widened(far, LEFT_OUT_BESIDE)
     beside, stretches = FEWEST * usual_step(reference.t), []
     for a, b in runs_of_true(widened(far, LEFT_OUT_BESIDE), 1) if far.any() else []:
         at = accel.t[a : b + 1][far[a : b + 1]]

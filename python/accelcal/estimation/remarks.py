@@ -75,8 +75,8 @@ KINDS: dict[str, Kind] = {
     "denied": Kind(
         "data",
         "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, stretches: {stretches}, from t = "
-        "{time:.6g} s to {end:.6g} s) are left out: they lie far beyond all others, or jump far more, and the reference "
-        "shows no such motion; check supply, cable and damaged packets{cut}",
+        "{time:.6g} s to {end:.6g} s) are left out: they lie far beyond all others, or jump far more, and the "
+        "reference shows no such motion; check supply, cable and damaged packets{cut}",
     ),
     "saturated": Kind(
         "data",

@@ -504,6 +504,8 @@ def recording_of(
         text = f"position: not recorded; it is the integral of {reference.name}, from zero at the first reading"
         findings.append(Finding("integrated", "position", len(reference), 0.0, text))
     position = channels.pop("position", Channel("position", np.empty(0), np.empty(0), "m"))
+    anew = {(finding.kind, finding.channel) for finding in findings}
+    findings += [finding for finding in declared.noticed if (finding.kind, finding.channel) not in anew]
     recording = Recording(
         accel=accel,
         position=position,
