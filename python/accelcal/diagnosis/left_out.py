@@ -19,6 +19,7 @@ import scipy
 
 from accelcal._support.values import listing
 from accelcal.data import (
+    ACCELERATION,
     POSITION_ORDER,
     VELOCITY,
     Array,
@@ -33,10 +34,10 @@ from accelcal.data import (
 from accelcal.data.recording import LeftOut, WrongKind
 from accelcal.diagnosis.policy import (
     DENIED_RATIO,
-    DENIED_ROUGH,
     DENIED_SHARE,
     DENIED_SIGMA,
     DISTURBED_SHARE,
+    JUNK_RATIO,
     LEFT_OUT_BESIDE,
     LOST_SIGMA,
     LOST_STEPS,
@@ -60,8 +61,8 @@ SLOPE = 8
 """Readings on either side of a stretch that tell the speed there."""
 ALIKE = 0.9
 """Correlation of what output and reference show of one motion, least, whatever the scale of either."""
-ROUGHLY_ALL = 0.5
-"""Share of rough readings, least, in a stretch of junk."""
+MOSTLY = 0.5
+"""Share of wild readings, least, in a stretch of junk."""
 SINGLE = 2
 """Damaged readings that stand alone; about more of them some may lie that are no larger than the rest."""
 HIDDEN = (1.0, 0.25, 1.0 / 16.0)
@@ -131,7 +132,7 @@ def _cleaned(source: Source) -> Recording | None:
     try:
         require_usable(recording)
         wrong: tuple[tuple[WrongKind, str, Stretches], ...] = (
-            ("denied", "accel", denied(recording)),
+            ("denied", "accel", [*junk(recording), *denied(recording)]),
             ("saturated", "accel", rail_hits(recording)),
             *stuck(source),
             *lost_signal(recording),
@@ -164,8 +165,7 @@ def _cleaned(source: Source) -> Recording | None:
 
 
 def denied(recording: Recording) -> Stretches:
-    """Stretches of output far beyond the rest, or far rougher, of which the reference shows nothing: damaged packets,
-    switching on.
+    """Stretches of output far beyond the rest, of which the reference shows nothing: damaged packets, switching on.
 
     Over each stretch and half of its length, or 16 readings of the reference, on either side, the departure from a
     polynomial of what the reference reads is regressed on that of the output in the stretch, integrated as often as
@@ -177,9 +177,6 @@ def denied(recording: Recording) -> Stretches:
     departure = np.abs(accel.y - np.median(accel.y))
     # beside an acceleration a delay hides that two short pulses are alike
     far = departure > (DENIED_RATIO * np.quantile(departure, 0.99) if order else math.inf)
-    change = np.concatenate([np.zeros(3), np.abs(np.diff(accel.y, 3))])[: len(far)] if order else np.zeros(len(far))
-    rough = change > DENIED_ROUGH * (np.quantile(change, 0.99) or math.inf)
-    far |= rough & ~widened(far, LEFT_OUT_BESIDE)
     beside, stretches = FEWEST * usual_step(reference.t), []
     for a, b in runs_of_true(widened(far, LEFT_OUT_BESIDE), 1) if far.any() else []:
         at = accel.t[a : b + 1][far[a : b + 1]]
@@ -199,11 +196,29 @@ def denied(recording: Recording) -> Stretches:
         power, spare = float(claimed @ claimed) + 1e-300, len(x) - powers.shape[1] - 1
         share, left = abs(float(claimed @ shown)) / power, float(shown @ shown) / power
         alike = share > ALIKE * math.sqrt(left)  # a shock in another unit
-        # junk as fast as the samples hides in the noise of a position; where a record begins or ends it is no shock
-        junk = (a == 0 or b == len(far) - 1) and np.mean(rough[a : b + 1]) > ROUGHLY_ALL
-        if (junk or share + DENIED_SIGMA * math.sqrt(left / spare) < DENIED_SHARE) and not alike:
+        if share + DENIED_SIGMA * math.sqrt(left / spare) < DENIED_SHARE and not alike:
             stretches.append((begin, end))
     return stretches
+
+
+def junk(recording: Recording) -> Stretches:
+    """Stretches at the begin and the end of the output that jump far more than the rest: a sensor that is switched on.
+
+    They may be no larger than the motion, and as fast as the samples they hide in the noise of a position.
+    """
+    accel, read = recording.accel, recording.reference
+    if read is not None and read.name == ACCELERATION:  # a record of shocks may begin with one
+        return []
+    change = np.abs(np.diff(accel.y, 3))
+    wild = change > JUNK_RATIO * (np.quantile(change, 0.99) or math.inf) if len(change) else change > 0.0
+    if not (wild[:FEWEST].any() or wild[-FEWEST:].any()):
+        return []
+    runs = runs_of_true(widened(wild, LEFT_OUT_BESIDE), FEWEST)
+    return [
+        (float(accel.t[a]), float(accel.t[b + 3]))
+        for a, b in runs
+        if (a == 0 or b == len(wild) - 1) and np.mean(wild[a : b + 1]) > MOSTLY
+    ]
 
 
 def rail_hits(recording: Recording) -> Stretches:
