@@ -19,7 +19,7 @@ from accelcal._support.threads import one_thread
 from accelcal._support.values import listing
 from accelcal.data import DERIVED, Dwells, Recording, RecordingError
 from accelcal.data.recording import with_dwells
-from accelcal.diagnosis.checks import slow_residual, stretches_of
+from accelcal.diagnosis.checks import disturbance, slow_residual, stretches_of
 from accelcal.diagnosis.clean_fit import RejectedReadings, clean_fit
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
 from accelcal.diagnosis.evidence import Evidence, largest_wave
@@ -689,7 +689,11 @@ def improve(
         test, more = clean_holdout(selection.fits[0][1].model, test, *span)
         rejected = (*rejected, *more)
     steps = compared_steps(selection, begin, test, *span)
-    notes = [*broken, *(unseen.remarks("held out, ") if unseen is not None else ()), *heldout_rises(steps)]
+    notes = [*broken, *(unseen.remarks("held out, ") if unseen is not None else ())]
+    if unseen is not None and (disturbed := disturbance(steps[-1].heldout, test.recording, "held out, ")):
+        notes.append(disturbed)
+        steps = compared_steps(selection, begin, without_stretches([test], disturbed)[0], *span)
+    notes += heldout_rises(steps)
     last = replace(verdict, dropped=rejected, remarks=(*verdict.remarks, *notes))
     return Improvement(tuple(steps), last, tuple(selection.history.classes), selection.examined, holdout is None)
 
@@ -910,6 +914,9 @@ def compare_models(
         return replace(result, noise_scores=scores, breaks=examined.breaks[:1], left_out=gone)
 
     evaluations = [compared(number, fit) for number, fit in enumerate(fits)]
+    if disturbed := disturbance(evaluations[0], part.recording):
+        part, gone = without_stretches([part], disturbed)[0], (*gone, disturbed.sentence)
+        evaluations = [compared(number, fit) for number, fit in enumerate(fits)]
     least = noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
     progress(1.0)
     return tuple(replace(result, noise_floor=least) for result in evaluations)

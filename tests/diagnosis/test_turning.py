@@ -129,7 +129,7 @@ def test_a_touched_cable_is_a_stretch_and_no_tilt(instants, tmp_path, monkeypatc
     made = rig_of_tones(2, touched(*instants))
     found = ac.fit(made)
     assert found.tilt == 0.0
-    assert found.remarks[0].sentence.startswith("Something disturbed the record between ")
+    assert found.remarks[0].sentence.startswith("run.csv: something disturbed the record between ")
     judged = ac.improve(made, holdout=made)
     assert (judged.verdict, judged.effects) == ("adequate", ())
     note = next(remark for remark in judged.diagnosis.remarks if remark.code == "disturbed")

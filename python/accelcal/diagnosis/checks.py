@@ -133,6 +133,13 @@ def slow_residual(fit: Fit, run: PreparedRun, *, stretches: bool = True) -> Iter
         yield from slow.remark("slow_residual")
 
 
+def disturbance(evaluation: Evaluation, recording: Recording, place: str = "") -> Remark | None:
+    """The remark on stretches of a recording that something disturbed, by the residual of a model that was not fitted
+    to it; None where there are none."""
+    slow = SlowResidual.of(recording, evaluation.accel_residual, evaluation.band)
+    return slow.apart(recording, place) if slow.stretches and not gravity_is_recorded(recording) else None
+
+
 @dataclass(frozen=True, slots=True)
 class SlowResidual:
     """A residual up to the frequency of a turning sensor, as far as noise does not explain it."""
@@ -172,10 +179,12 @@ class SlowResidual:
         if self.rms > self.ordinary and degrees <= TURNING_MOST_DEGREES:
             yield remark(code, tilt_deg=degrees, rms=self.rms, band=self.band, bias_instability=self.ordinary)
 
-    def apart(self, recording: Recording) -> Remark:
-        """The remark on its stretches in a recording, with the command that cuts them out."""
+    def apart(self, recording: Recording, place: str = "") -> Remark:
+        """The remark on its stretches in a recording, with the command that cuts them out; `place` stands before its
+        name."""
         pieces = [(instant(begin), instant(end)) for begin, end in self.stretches]
         values: dict[str, Value] = {
+            "recording": f"{place}{recording.name or 'recording'}",
             "stretches": " ".join(f"{begin}:{end}" for begin, end in pieces),
             "between": " and ".join(f"between {begin} and {end} s" for begin, end in pieces),
             "rms": self.rms,
@@ -248,7 +257,8 @@ def disturbed(
     rest = np.ones(len(t), dtype=np.bool_)
     for begin, end in high:
         rest[begin:end] = False
-    few = len(high) <= DISTURBED_STRETCHES and np.mean((slow > usual) & ~rest) <= DISTURBED_SHARE
+    lasting = max(usual, 0.1 * float(np.max(slow)))  # below it the low-pass spreads what is short
+    few = len(high) <= DISTURBED_STRETCHES and np.mean((slow > lasting) & ~rest) <= DISTURBED_SHARE
     if not (few and high) or float(np.mean(slow[rest] ** 2)) > usual**2:
         return ()
     tail = 0.5 / band  # what is below the limit there still adds up to a jump of the position over the hole

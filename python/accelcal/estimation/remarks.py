@@ -115,9 +115,9 @@ KINDS: dict[str, Kind] = {
     "dropped_samples": Kind("data", "{recording}: {channel}: samples were lost without a trace in the time stamps"),
     "disturbed": Kind(
         "data",
-        "Something disturbed the record {between}: the residual below {band:.2g} Hz, {rms:.2g} m/s² rms where a bias "
-        "instability of {bias_instability:.2g} m/s² is ordinary, lives there alone. That is left out, and the rest is "
-        "judged{cut}",
+        "{recording}: something disturbed the record {between}: the residual below {band:.2g} Hz, {rms:.2g} m/s² rms "
+        "where a bias instability of {bias_instability:.2g} m/s² is ordinary, lives there alone. That is left out, and "
+        "the rest is judged{cut}",
     ),
     "tilt_or_drift": Kind(
         "beside",
