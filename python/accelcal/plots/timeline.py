@@ -13,6 +13,7 @@ from accelcal.data import Array, Channel, Recording, instant
 from accelcal.data.quality import rest
 from accelcal.diagnosis.examined import examine
 from accelcal.diagnosis.faults import Fault
+from accelcal.diagnosis.left_out import MILLISECOND
 from accelcal.effects import spelled
 from accelcal.estimation.remarks import Remark
 from accelcal.estimation.tracks import Shape, Track
@@ -40,10 +41,12 @@ if TYPE_CHECKING:
     from accelcal.live.session import LiveHistory
 
 TIME = Axis("time", "s")
-MOST = 400
-"""Stretches of rest that are shaded, the longest ones."""
+MOST = 100
+"""Stretches of a kind that are marked, of rest the longest ones."""
 LEFT_OUT = "left out"
 """Name of the first stretch of readings that are known to be wrong; the others have none."""
+SHORTEST = 2e-3
+"""Share of the time axis as which a shorter stretch is drawn."""
 SIDE = 3
 """Side channels that are drawn, temperature first."""
 CHOSEN = "chosen"
@@ -84,7 +87,7 @@ def marks(recording: Recording) -> Marks:
     """
     of_record = examine(recording)
     part, clean = of_record.usable, of_record.source.recording
-    gone = tuple(stretch for item in clean.left_out for stretch in item.stretches)
+    gone = tuple((a - MILLISECOND, b + MILLISECOND) for item in clean.left_out for a, b in item.stretches)
     noticed = tuple(of_record.remarks())
     return Marks(part.start, part.end, part.breaks, of_record.faults, tuple(rest(clean)), gone, noticed)
 
@@ -97,7 +100,8 @@ def timeline(recording: Recording, marked: Marks) -> Figure:
     recording : whole.
     marked : from `marks`.
     """
-    position, accel = recording.position, recording.accel
+    recording = recording.without(*marked.left_out[:MOST])
+    position, accel, shortest = recording.position, recording.accel, SHORTEST * (marked.end - marked.start)
     factor, unit = prefixed("m", position.y)
     above: list[Mark] = [Line(position.t, position.y * factor, "position", "measured", COLUMNS)]
     below: list[Mark] = [Line(accel.t, accel.y, "output", "residual", COLUMNS)]
@@ -122,7 +126,10 @@ def timeline(recording: Recording, marked: Marks) -> Figure:
         shared_x=True,
         stretches=(
             *(Stretch(begin, end, role="grid") for begin, end in longest),
-            *(Stretch(*span, "" if k else LEFT_OUT, "fault") for k, span in enumerate(marked.left_out[:MOST])),
+            *(
+                Stretch(a, max(b, a + shortest), "" if k else LEFT_OUT, "fault")
+                for k, (a, b) in enumerate(marked.left_out[:MOST])
+            ),
         ),
     )
 
