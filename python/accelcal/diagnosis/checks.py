@@ -170,7 +170,8 @@ class SlowResidual:
             return cls(recording.rig, rms, 0.0, min(TURNING_BAND, highest), limit, ())
         t, residual = residual_at
         drifting = low_pass(residual, 1.0 / float(np.median(np.diff(t))), DRIFT_BAND)
-        faster, apart = excess((t, residual - drifting), highest, floor), disturbed(residual_at, highest, floor, limit)
+        faster, length = excess((t, residual - drifting), highest, floor), float(np.ptp(recording.accel.t))
+        apart = disturbed(residual_at, highest, floor, limit, length)
         return cls(recording.rig, rms, faster, min(TURNING_BAND, highest), limit, apart)
 
     def remark(self, code: str) -> Iterator[Remark]:
@@ -236,7 +237,7 @@ def excess(residual_at: tuple[Array, Array], highest: float, floor: float) -> fl
 
 
 def disturbed(
-    residual_at: tuple[Array, Array], highest: float, floor: float, limit: float
+    residual_at: tuple[Array, Array], highest: float, floor: float, limit: float, length: float
 ) -> tuple[tuple[float, float], ...]:
     """Begin and end of the few stretches without which a slow residual is within `limit`, s; empty where it is spread
     over the record.
@@ -245,6 +246,7 @@ def disturbed(
     ----------
     residual_at, highest, floor : as of `excess`.
     limit : m/s² rms.
+    length : of the record, s; a residual lacks its ends.
     """
     t, residual = residual_at
     step, band = float(np.median(np.diff(t))), min(TURNING_BAND, highest)
@@ -258,7 +260,10 @@ def disturbed(
     for begin, end in high:
         rest[begin:end] = False
     lasting = max(usual, 0.1 * float(np.max(slow)))  # below it the low-pass spreads what is short
-    few = len(high) <= DISTURBED_STRETCHES and np.mean((slow > lasting) & ~rest) <= DISTURBED_SHARE
+    few = (
+        len(high) <= DISTURBED_STRETCHES
+        and np.count_nonzero((slow > lasting) & ~rest) * step <= DISTURBED_SHARE * length
+    )
     if not (few and high) or float(np.mean(slow[rest] ** 2)) > usual**2:
         return ()
     tail = 0.5 / band  # what is below the limit there still adds up to a jump of the position over the hole
