@@ -23,7 +23,7 @@ from accelcal.diagnosis.checks import disturbance, slow_residual, stretches_of
 from accelcal.diagnosis.clean_fit import RejectedReadings, clean_fit
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
 from accelcal.diagnosis.evidence import Evidence, largest_wave
-from accelcal.diagnosis.examined import Examined, TimeSpan, examine
+from accelcal.diagnosis.faults import Examined, TimeSpan, examine
 from accelcal.diagnosis.findings import Confounded, in_model
 from accelcal.diagnosis.noise.fitted import noise_scores, require_noise_shown, with_noise_effects
 from accelcal.diagnosis.noise.noise_test import POSITION_JUMPS
@@ -688,23 +688,20 @@ def improve(
     if rejected:
         test, more = clean_holdout(selection.fits[0][1].model, test, *span)
         rejected = (*rejected, *more)
-    steps = compared_steps(selection, begin, test, *span)
-    notes = [*broken, *(unseen.remarks("held out, ") if unseen is not None else ())]
-    if unseen is not None and (disturbed := disturbance(steps[-1].heldout, test.recording, "held out, ")):
-        notes.append(disturbed)
-        steps = compared_steps(selection, begin, without_stretches([test], disturbed)[0], *span)
-    notes += heldout_rises(steps)
+    steps, disturbed = compared_steps(selection, begin, test, *span, seen=unseen is None)
+    notes = [*broken, *(unseen.remarks("held out, ") if unseen is not None else ()), *disturbed, *heldout_rises(steps)]
     last = replace(verdict, dropped=rejected, remarks=(*verdict.remarks, *notes))
     return Improvement(tuple(steps), last, tuple(selection.history.classes), selection.examined, holdout is None)
 
 
 def compared_steps(
-    selection: StepwiseSelection, begin: float, test: PreparedRun, start: float | None, end: float | None
-) -> list[Step]:
-    """Every model of a selection on the data it was fitted to, from `begin` on, s, and on held-out data in a part."""
+    selection: StepwiseSelection, begin: float, test: PreparedRun, start: float | None, end: float | None, seen: bool
+) -> tuple[list[Step], list[Remark]]:
+    """Every model of a selection on the data it was fitted to, from `begin` on, s, and on held-out data in a part,
+    without what disturbed them unless they have been `seen`; the remark on that."""
     ruler, first = Ruler.of([fit for _, fit in selection.fits]), selection.fits[0][1]
     floor, train = noise_floor(ruler, first, test, start=start, end=end), selection.current.fitted.runs[0]
-    return [
+    steps = [
         Step(
             names,
             fit,
@@ -713,6 +710,9 @@ def compared_steps(
         )
         for names, fit in selection.fits
     ]
+    if seen or not (disturbed := disturbance(steps[-1].heldout, test.recording, "held out, ")):
+        return steps, []
+    return compared_steps(selection, begin, without_stretches([test], disturbed)[0], start, end, True)[0], [disturbed]
 
 
 def heldout_rises(steps: Sequence[Step]) -> list[Remark]:

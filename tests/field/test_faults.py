@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal.diagnosis.examined import examine
+from accelcal.diagnosis.faults import examine
 from tests.commands import accelcal
 from tests.field.accidents import ACCIDENTS, Record, honest, shocks
 

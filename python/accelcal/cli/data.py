@@ -56,7 +56,7 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
 
     Example: [bold]accelcal check run12.csv[/bold]
     """
-    from accelcal.diagnosis.examined import Examined
+    from accelcal.diagnosis.faults import Examined
     from accelcal.estimation.plausible import suspicion
     from accelcal.estimation.run import recording_of
 
@@ -123,7 +123,7 @@ def cut(
 
 def handed_on(recording: data.Recording) -> tuple[data.Finding, ...]:
     """What a part of a recording should know of it: warnings, what is uncertain of its clocks, and what was noticed."""
-    from accelcal.diagnosis.examined import Examined
+    from accelcal.diagnosis.faults import Examined
 
     listed = [finding for finding in recording.findings if finding.severity == "warning" or finding.common]
     with suppress(data.RecordingError):

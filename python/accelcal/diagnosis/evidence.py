@@ -13,7 +13,7 @@ from scipy import special
 from accelcal._support.progress import within
 from accelcal.data import Recording
 from accelcal.diagnosis.clean_fit import CleanFit
-from accelcal.diagnosis.examined import TimeSpan
+from accelcal.diagnosis.faults import TimeSpan
 from accelcal.diagnosis.findings import sizes_of
 from accelcal.diagnosis.independent_estimate import differences
 from accelcal.diagnosis.noise.noise_test import LINE, POSITION_WAVE, STEPS, VIBRATION, NoiseTest

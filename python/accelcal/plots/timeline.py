@@ -11,8 +11,7 @@ import numpy as np
 from accelcal._support.errors import AccelcalError
 from accelcal.data import Array, Channel, Recording, instant
 from accelcal.data.quality import rest
-from accelcal.diagnosis.examined import examine
-from accelcal.diagnosis.faults import Fault
+from accelcal.diagnosis.faults import Fault, examine
 from accelcal.diagnosis.left_out import MILLISECOND
 from accelcal.effects import spelled
 from accelcal.estimation.remarks import Remark

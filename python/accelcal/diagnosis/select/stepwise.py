@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from accelcal.diagnosis.clean_fit import CHANNEL_OF, CleanFit, clean_fit
 from accelcal.diagnosis.evidence import DELAY_CLASS, DELAY_EXPERIMENT, Evidence, delay_is_significant
-from accelcal.diagnosis.examined import TimeSpan
+from accelcal.diagnosis.faults import TimeSpan
 from accelcal.diagnosis.findings import Confounded, explained_gain, with_findings
 from accelcal.diagnosis.policy import (
     NAMED_ALTERNATIVES,
