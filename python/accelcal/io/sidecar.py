@@ -528,7 +528,7 @@ def _noticed(value: object) -> tuple[Finding, ...]:
         for finding in findings:
             check_fields(finding)
     except (TypeError, ValueError):
-        raise AccelcalError(f"found {shown(value)}, expected what accelcal cut writes; delete the key") from None
+        raise AccelcalError("expected what accelcal cut writes; delete the key") from None
     return findings
 
 
