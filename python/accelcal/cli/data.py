@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated, Any, cast
 
 import typer
 
@@ -128,7 +128,7 @@ def handed_on(recording: data.Recording) -> tuple[data.Finding, ...]:
     listed = [finding for finding in recording.findings if finding.severity == "warning" or finding.common]
     with suppress(data.RecordingError):
         for note in Examined(recording).remarks():
-            values = {"channel": "", "count": 1} | note.values
+            values: dict[str, Any] = {"channel": "", "count": 1, **note.values}
             text = note.sentence.partition("; a file without that: ")[0]
             listed.append(data.Finding(note.code, values["channel"], values["count"], values["time"], text))
     return tuple(
