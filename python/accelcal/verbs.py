@@ -19,12 +19,12 @@ from accelcal._support.threads import one_thread
 from accelcal._support.values import listing
 from accelcal.data import DERIVED, Dwells, Recording, RecordingError
 from accelcal.data.recording import with_dwells
-from accelcal.diagnosis.checks import slow_residual, stretches_of
+from accelcal.diagnosis.checks import disturbance, slow_residual, stretches_of
 from accelcal.diagnosis.clean_fit import RejectedReadings, clean_fit
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
-from accelcal.diagnosis.evidence import Evidence, Examined, TimeSpan, examine, largest_wave
+from accelcal.diagnosis.evidence import Evidence, largest_wave
+from accelcal.diagnosis.faults import Examined, TimeSpan, examine
 from accelcal.diagnosis.findings import Confounded, in_model
-from accelcal.diagnosis.left_out import left_out_sentences
 from accelcal.diagnosis.noise.fitted import noise_scores, require_noise_shown, with_noise_effects
 from accelcal.diagnosis.noise.noise_test import POSITION_JUMPS
 from accelcal.diagnosis.noise.run_all import run_outlier_tests
@@ -685,8 +685,8 @@ def improve(
     if rejected:
         test, more = clean_holdout(selection.fits[0][1].model, test, *span)
         rejected = (*rejected, *more)
-    steps = compared_steps(selection, begin, test, *span)
-    notes = [*broken, *(unseen.remarks("held out, ") if unseen is not None else ()), *heldout_rises(steps)]
+    steps, disturbed = compared_steps(selection, begin, test, *span, seen=unseen is None)
+    notes = [*broken, *(unseen.remarks("held out, ") if unseen is not None else ()), *disturbed, *heldout_rises(steps)]
     last = replace(verdict, dropped=rejected, remarks=(*verdict.remarks, *notes))
     best = steps[-1].fit
     if unseen is None:  # the held-out end has done its work: the model is that of the whole record
@@ -696,12 +696,13 @@ def improve(
 
 
 def compared_steps(
-    selection: StepwiseSelection, begin: float, test: PreparedRun, start: float | None, end: float | None
-) -> list[Step]:
-    """Every model of a selection on the data it was fitted to, from `begin` on, s, and on held-out data in a part."""
+    selection: StepwiseSelection, begin: float, test: PreparedRun, start: float | None, end: float | None, seen: bool
+) -> tuple[list[Step], list[Remark]]:
+    """Every model of a selection on the data it was fitted to, from `begin` on, s, and on held-out data in a part,
+    without what disturbed them unless they have been `seen`; the remark on that."""
     ruler, first = Ruler.of([fit for _, fit in selection.fits]), selection.fits[0][1]
     floor, train = noise_floor(ruler, first, test, start=start, end=end), selection.current.fitted.runs[0]
-    return [
+    steps = [
         Step(
             names,
             fit,
@@ -710,6 +711,9 @@ def compared_steps(
         )
         for names, fit in selection.fits
     ]
+    if seen or not (disturbed := disturbance(steps[-1].heldout, test.recording, "held out, ")):
+        return steps, []
+    return compared_steps(selection, begin, without_stretches([test], disturbed)[0], start, end, True)[0], [disturbed]
 
 
 def heldout_rises(steps: Sequence[Step]) -> list[Remark]:
@@ -900,7 +904,7 @@ def compare_models(
     part, (begin, finish) = examined.source, examined.span
     progress(0.1)
 
-    gone = left_out_sentences(part.recording, begin, finish)
+    gone = tuple(note.sentence for note in examined.remarks())
 
     def compared(number: int, fit: Fit) -> Evaluation:
         share = within(progress, 0.1 + 0.7 * number / len(fits), 0.1 + 0.7 * (number + 1) / len(fits))
@@ -911,6 +915,9 @@ def compare_models(
         return replace(result, noise_scores=scores, breaks=examined.breaks[:1], left_out=gone)
 
     evaluations = [compared(number, fit) for number, fit in enumerate(fits)]
+    if disturbed := disturbance(evaluations[0], part.recording):
+        part, gone = without_stretches([part], disturbed)[0], (*gone, disturbed.sentence)
+        evaluations = [compared(number, fit) for number, fit in enumerate(fits)]
     least = noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
     progress(1.0)
     return tuple(replace(result, noise_floor=least) for result in evaluations)
@@ -953,7 +960,7 @@ def judged_runs(examined: Sequence[Examined]) -> tuple[list[PreparedRun], TimeSp
 
 
 def used_runs(examined: Sequence[Examined]) -> tuple[list[PreparedRun], list[Remark]]:
-    """Runs up to their first breaks, and the remarks on breaks and on what was left out."""
+    """Runs up to their first breaks, and the remarks on what was noticed in them."""
     return [item.part for item in examined], [note for item in examined for note in item.remarks()]
 
 

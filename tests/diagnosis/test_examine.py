@@ -7,7 +7,7 @@ import numpy as np
 
 import accelcal as ac
 from accelcal.data import Recording
-from accelcal.diagnosis.evidence import MOST_RECORDINGS, examine
+from accelcal.diagnosis.faults import MOST_RECORDINGS, examine
 from accelcal.simulation import ADXL105_RIG, simulate
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.data.recording import Channel, Recording
-from accelcal.diagnosis.evidence import Examined
+from accelcal.diagnosis.faults import Examined
 from accelcal.diagnosis.noise.noise_test import POSITION_JUMPS
 from accelcal.estimation.estimate import estimate
 from accelcal.simulation import CXL02_RIG

@@ -17,7 +17,7 @@ def gaps(count, length=0.1):
 
 
 def test_many_gaps_are_one_remark_with_count_share_and_the_longest():
-    (said,) = fault_remarks(gaps(130, 1e-3), 1000.0)
+    (said,) = fault_remarks(gaps(130, 1e-3), 1000.0, "run")
     longest, total = 0.130, 1e-3 * 130 * 131 / 2
     assert said.code == "dropout"
     assert said.values["count"] == 130
@@ -29,10 +29,10 @@ def test_many_gaps_are_one_remark_with_count_share_and_the_longest():
 
 def test_few_gaps_have_their_own_sentences_and_other_channels_their_own_remark():
     few = gaps(LISTED_SINGLY)
-    assert [r.sentence for r in fault_remarks(few, 10.0)] == [f.sentence for f in few]
+    assert [r.sentence for r in fault_remarks(few, 10.0, "run")] == [f"run: {f.sentence}" for f in few]
     other = [Fault("dropout", "accel", 0.5, 0.2, "gap of the output")]
-    assert [r.values["channel"] for r in fault_remarks([*gaps(5), *other], 10.0)] == ["position", "accel"]
-    assert fault_remarks([], 10.0) == ()
+    assert [r.values["channel"] for r in fault_remarks([*gaps(5), *other], 10.0, "run")] == ["position", "accel"]
+    assert fault_remarks([], 10.0, "run") == ()
 
 
 def test_every_code_is_explained_and_its_sentence_has_its_values():

@@ -129,7 +129,7 @@ def test_a_touched_cable_is_a_stretch_and_no_tilt(instants, tmp_path, monkeypatc
     made = rig_of_tones(2, touched(*instants))
     found = ac.fit(made)
     assert found.tilt == 0.0
-    assert found.remarks[0].sentence.startswith("Something disturbed the record between ")
+    assert found.remarks[0].sentence.startswith("run.csv: something disturbed the record between ")
     judged = ac.improve(made, holdout=made)
     assert (judged.verdict, judged.effects) == ("adequate", ())
     note = next(remark for remark in judged.diagnosis.remarks if remark.code == "disturbed")
@@ -142,7 +142,7 @@ def test_a_touched_cable_is_a_stretch_and_no_tilt(instants, tmp_path, monkeypatc
     # The command of the sentence works, and what it writes is judged without it.
     monkeypatch.chdir(tmp_path)
     write_recording(made, tmp_path / "run.csv")
-    command = note.sentence.partition("a file without it: accelcal ")[2].split()
+    command = note.sentence.partition("a file without that: accelcal ")[2].split()
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 0, result.output
     rest = ac.load(tmp_path / "run_cut.csv")

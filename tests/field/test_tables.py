@@ -241,6 +241,21 @@ def test_a_column_that_tells_sensors_apart_is_offered(tmp_path):
     assert 'no row has 7 in column "I"' in refused(path, need_position=False)
 
 
+def test_a_text_that_tells_sensors_apart_is_offered(tmp_path):
+    t, motion = stamps(80.0), Motion(15)
+    one, other = motion.output(t), motion.output(t, -0.03, 0.4)
+    both = (("arriba", one), ("abajo", other))
+    rows = [f"{1e3 * a:.4f};{name};{y[k] / 9.80665:.8f}" for k, a in enumerate(t) for name, y in both]
+    path = write(tmp_path / "sensores.csv", ["tiempo_ms;sensor;acel_g", *rows])
+    rail = [f"{a:.4f},{1e3 * b:.5f}" for a, b in zip(t, motion.position(t), strict=True)]
+    write(tmp_path / "regla.csv", ["t_s,position_mm", *rail])
+    sidecar(path, 'time = { column = "tiempo_ms", unit = "ms" }', 'accel = { column = "acel_g", unit = "g" }')
+    said = refused(path, need_position=False)
+    assert 'with one value of column "sensor" ("abajo", "arriba")' in said
+    follow(path, said.replace('equals = "abajo"', 'equals = "arriba"'))
+    assert_planted(accelcal.fit(io.load(path, position=tmp_path / "regla.csv")))
+
+
 @pytest.mark.parametrize("in_blocks", [False, True], ids=["in turn", "one after the other"])
 def test_a_long_table_gives_each_channel_its_rows(tmp_path, in_blocks):
     t, motion = stamps(50.0), Motion(6)
@@ -602,3 +617,14 @@ def test_tables_of_matlab_are_named_with_the_line_to_write(name):
     said = refused(path)
     assert 'writetimetable(run, "run.csv")' in said
     assert "damaged" not in said
+
+
+@pytest.mark.parametrize(("variable", "kind"), [("Messung", "timetable"), ("ensayo", "table")])
+def test_an_object_of_matlab_73_is_named_with_the_line_to_write(variable, kind, tmp_path):
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "lauf.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file.create_group("#refs#")["0b"] = np.arange(9.0)
+        item = file.create_dataset(variable, data=np.array([[3707764736, 2, 1, 1, 1, 1]], dtype=np.uint32))
+        item.attrs["MATLAB_class"], item.attrs["MATLAB_object_decode"] = np.bytes_(kind), np.int32(3)
+    assert f'writetimetable({variable}, "run.csv")' in refused(path)

@@ -3,7 +3,7 @@
 import pytest
 
 import accelcal as ac
-from accelcal.diagnosis.evidence import Examined
+from accelcal.diagnosis.faults import Examined
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.diagnosis.select.stepwise import SearchBudget, StepwiseSelection
 from tests.selection.test_cross_validation import record

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal.diagnosis.evidence import Examined
-from accelcal.diagnosis.faults import RelationColumns, position_steps
+from accelcal.diagnosis.faults import Examined, RelationColumns, position_steps
 from accelcal.estimation.run import prepare
 from accelcal.io import load
 from accelcal.validation import evaluation

@@ -59,7 +59,9 @@ def marked(run: Run) -> list[tuple[float, float, str]]:
 def data(run: Run, theme: ThemeName) -> Picture:
     """The recording with its marks, ready for brushing."""
     assert run.recording is not None
-    figure = timeline.linked(run.recording, marked=marked(run))
+    gone = run.marks.left_out[: timeline.MOST] if run.marks is not None else ()
+    names = [(*span, "" if k else timeline.LEFT_OUT) for k, span in enumerate(gone)]
+    figure = timeline.linked(run.recording.without(*gone), marked=[*marked(run), *names])
     first, *rest = figure.panels
     breaks = [Level(at, role="other", upright=True, text=f"break at {instant(at)} s") for at in run.breaks]
     figure = replace(figure, panels=(replace(first, marks=(*first.marks, *breaks)), *rest), key="")

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated, Any, cast
 
 import typer
 
@@ -54,33 +56,30 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
 
     Example: [bold]accelcal check run12.csv[/bold]
     """
-    from accelcal.diagnosis.faults import usable, without_other_scale
-    from accelcal.diagnosis.left_out import left_out_sentences, without_wrong_readings
+    from accelcal.diagnosis.faults import Examined
     from accelcal.estimation.plausible import suspicion
+    from accelcal.estimation.run import recording_of
 
     with progress("check") as report:
         recording = io.load(run, rig)
         data.quality.require_varying(recording)
         report(0.6)
-        whole = without_wrong_readings(recording)
+        examined = Examined(recording)
         try:
-            part = usable(whole)
-            rest = without_other_scale(part.columns)
-            whole, part = (rest, usable(rest)) if rest else (whole, part)
-            breaks = list(part.breaks)
-        except data.RecordingError:  # too short to look for one: the summary says how long it is
-            breaks = []
+            noticed, breaks = examined.remarks(), list(examined.breaks)
+        except data.RecordingError:  # too short to look for any: the summary says how long it is
+            noticed, breaks = [], []
         report(0.9)
-        gone = list(left_out_sentences(whole))
-        suspect = [text for text in [suspicion(whole)] if text]
-        content = {"breaks_s": breaks, "left_out": gone, "suspect": suspect} if json else {}
+        gone = [note.sentence for note in noticed]
+        suspect = [text for text in [suspicion(recording_of(examined.stepped[0]))] if text]
+        content = {"breaks_s": breaks, "faults": gone, "suspect": suspect} if json else {}
         content = {**data.quality.describe(recording), **content} if json else {}
         text = "" if json else data.quality.summarise(recording)
     if json:
         print_json(content)
         return
     say_line(text)
-    for text in (*gone, *suspect, *words.broken(breaks)):
+    for text in (*gone, *suspect):
         say_line(f"suspect data: {text}")
     suggest("fit", run, "-o", f"{run.stem}.json")
 
@@ -110,6 +109,7 @@ def cut(
             io.load(run, rig, part=part)  # says what is missing
         print_alignment(recording)
         report(0.5)
+        recording = replace(recording, findings=handed_on(recording))
         for text in only or ():
             recording = recording.part(*time_range(text, "--only"))
         recording = recording.without(*(time_range(text, "--without") for text in without or ()))
@@ -119,6 +119,21 @@ def cut(
     print_status(f"wrote {output} and {sidecar}")
     if by_position and len(recording.accel):
         suggest("check", output)
+
+
+def handed_on(recording: data.Recording) -> tuple[data.Finding, ...]:
+    """What a part of a recording should know of it: warnings, what is uncertain of its clocks, and what was noticed."""
+    from accelcal.diagnosis.faults import Examined
+
+    listed = [finding for finding in recording.findings if finding.severity == "warning" or finding.common]
+    with suppress(data.RecordingError):
+        for note in Examined(recording).remarks():
+            values: dict[str, Any] = {"channel": "", "count": 1, **note.values}
+            text = note.sentence.partition("; a file without that: ")[0]
+            listed.append(data.Finding(note.code, values["channel"], values["count"], values["time"], text))
+    return tuple(
+        replace(finding, text=f"before the cut: {finding.text.removeprefix('before the cut: ')}") for finding in listed
+    )
 
 
 @app.command()
@@ -198,7 +213,9 @@ def write_recording(recording: data.Recording, path: Path) -> Path:
     sidecar = io.sidecar_of(path)
     with io.together():
         columns = write(recording, path)
-        io.write_sidecar(recording.rig, columns, sidecar, labels=recording.labels, mark=mark_of(path))
+        io.write_sidecar(
+            recording.rig, columns, sidecar, labels=recording.labels, noticed=recording.findings, mark=mark_of(path)
+        )
     return sidecar
 
 

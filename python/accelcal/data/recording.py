@@ -207,6 +207,8 @@ class Origin:
     """Path; empty where the channels were arrays."""
     sidecar: str = ""
     """Path of what was read beside it; empty where there was none."""
+    given: str = ""
+    """What a command is given to read it, as a shell takes it; empty where the channels were arrays."""
     columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """Column and unit by channel, those of the stamps of the output as "time"."""
 

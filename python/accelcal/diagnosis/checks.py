@@ -9,13 +9,13 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import scipy
 
 from accelcal.data import ACCELERATION, DERIVED, STANDARD_GRAVITY, Array, Recording, Rig, instant, usual_step
 from accelcal.diagnosis.evidence import Evidence, noise_ratio
+from accelcal.diagnosis.left_out import cut_without
 from accelcal.diagnosis.noise.noise_test import LINE
 from accelcal.diagnosis.policy import (
     CLEAR_LOG_EVIDENCE,
@@ -95,7 +95,7 @@ def turning_sensor(e: Evidence) -> Iterator[Remark]:
             yield from slow.remark("tilt_or_drift")
         return
     if left.stretches and all(note.code != "disturbed" for note in e.stretch.remarks):
-        yield left.apart(recording.name)
+        yield left.apart(recording)
         return
     wandering = [finding for finding in scan if finding.effect in FOLLOW_TIME & DRIFTS]
     code = "turning_sensor"
@@ -129,9 +129,16 @@ def slow_residual(fit: Fit, run: PreparedRun, *, stretches: bool = True) -> Iter
     t, residual, _ = accel_residual(ahead, band)
     slow = SlowResidual.of(recording, (t, residual), band)
     if slow.stretches and stretches:
-        yield slow.apart(recording.name)
+        yield slow.apart(recording)
     else:
         yield from slow.remark("slow_residual")
+
+
+def disturbance(evaluation: Evaluation, recording: Recording, place: str = "") -> Remark | None:
+    """The remark on stretches of a recording that something disturbed, by the residual of a model that was not fitted
+    to it; None where there are none."""
+    slow = SlowResidual.of(recording, evaluation.accel_residual, evaluation.band)
+    return slow.apart(recording, place) if slow.stretches and not gravity_is_recorded(recording) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +171,8 @@ class SlowResidual:
             return cls(recording.rig, rms, 0.0, min(TURNING_BAND, highest), limit, ())
         t, residual = residual_at
         drifting = low_pass(residual, 1.0 / float(np.median(np.diff(t))), DRIFT_BAND)
-        faster, apart = excess((t, residual - drifting), highest, floor), disturbed(residual_at, highest, floor, limit)
+        faster, length = excess((t, residual - drifting), highest, floor), float(np.ptp(recording.accel.t))
+        apart = disturbed(residual_at, highest, floor, limit, length)
         return cls(recording.rig, rms, faster, min(TURNING_BAND, highest), limit, apart)
 
     def remark(self, code: str) -> Iterator[Remark]:
@@ -173,19 +181,18 @@ class SlowResidual:
         if self.rms > self.ordinary and degrees <= TURNING_MOST_DEGREES:
             yield remark(code, tilt_deg=degrees, rms=self.rms, band=self.band, bias_instability=self.ordinary)
 
-    def apart(self, name: str) -> Remark:
-        """The remark on its stretches, with the command that cuts them out of a file of this name."""
+    def apart(self, recording: Recording, place: str = "") -> Remark:
+        """The remark on its stretches in a recording, with the command that cuts them out; `place` stands before its
+        name."""
         pieces = [(instant(begin), instant(end)) for begin, end in self.stretches]
-        file = Path(name or "FILE")
         values: dict[str, Value] = {
+            "recording": f"{place}{recording.name or 'recording'}",
             "stretches": " ".join(f"{begin}:{end}" for begin, end in pieces),
             "between": " and ".join(f"between {begin} and {end} s" for begin, end in pieces),
             "rms": self.rms,
             "band": self.band,
             "bias_instability": self.ordinary,
-            "without": " ".join(f"--without {begin}:{end}" for begin, end in pieces),
-            "file": str(file),
-            "cut": f"{file.stem}_cut{file.suffix}",
+            "cut": cut_without(recording, self.stretches),
         }
         return remark("disturbed", **values)
 
@@ -231,7 +238,7 @@ def excess(residual_at: tuple[Array, Array], highest: float, floor: float) -> fl
 
 
 def disturbed(
-    residual_at: tuple[Array, Array], highest: float, floor: float, limit: float
+    residual_at: tuple[Array, Array], highest: float, floor: float, limit: float, length: float
 ) -> tuple[tuple[float, float], ...]:
     """Begin and end of the few stretches without which a slow residual is within `limit`, s; empty where it is spread
     over the record.
@@ -240,6 +247,7 @@ def disturbed(
     ----------
     residual_at, highest, floor : as of `excess`.
     limit : m/s² rms.
+    length : of the record, s; a residual lacks its ends.
     """
     t, residual = residual_at
     step, band = float(np.median(np.diff(t))), min(TURNING_BAND, highest)
@@ -252,8 +260,10 @@ def disturbed(
     rest = np.ones(len(t), dtype=np.bool_)
     for begin, end in high:
         rest[begin:end] = False
-    longest = max(DISTURBED_SHARE * len(t) * step, DISTURBED_SECONDS * len(high))
-    few = len(high) <= DISTURBED_STRETCHES and float(np.sum(~rest)) * step <= longest < 0.5 * len(t) * step
+    lasting = max(usual, 0.1 * float(np.max(slow)))  # below it the low-pass spreads what is short
+    seconds = np.count_nonzero((slow > lasting) & ~rest) * step
+    longest = max(DISTURBED_SHARE * length, DISTURBED_SECONDS * len(high))
+    few = len(high) <= DISTURBED_STRETCHES and seconds <= longest < 0.5 * length
     if not (few and high) or float(np.mean(slow[rest] ** 2)) > usual**2:
         return ()
     tail = 0.5 / band  # what is below the limit there still adds up to a jump of the position over the hole

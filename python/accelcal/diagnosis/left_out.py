@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
+from shlex import quote
 from typing import Any
 
 import numpy as np
@@ -17,12 +19,14 @@ import scipy
 
 from accelcal._support.values import listing
 from accelcal.data import (
+    ACCELERATION,
     POSITION_ORDER,
     VELOCITY,
     Array,
     Channel,
     Flags,
     Recording,
+    instant,
     integrated,
     require_reference,
     require_usable,
@@ -34,6 +38,7 @@ from accelcal.diagnosis.policy import (
     DENIED_SHARE,
     DENIED_SIGMA,
     DISTURBED_SHARE,
+    JUNK_RATIO,
     LEFT_OUT_BESIDE,
     LOST_SIGMA,
     LOST_STEPS,
@@ -49,7 +54,7 @@ from accelcal.estimation.channel_filters import ChannelFilters
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of
 from accelcal.signals.processing import FORGOTTEN, memory
-from accelcal.signals.series import interpolation_errors, interpolation_spread, local_spread, widened
+from accelcal.signals.series import interpolation_errors, interpolation_spread, local_spread, runs_of_true, widened
 
 FEWEST = 16
 """Samples of the output in a stretch, least, from which its noise is known."""
@@ -57,11 +62,18 @@ SLOPE = 8
 """Readings on either side of a stretch that tell the speed there."""
 ALIKE = 0.9
 """Correlation of what output and reference show of one motion, least, whatever the scale of either."""
+MOSTLY = 0.5
+"""Share of wild readings, least, in a stretch of junk."""
 SINGLE = 2
 """Damaged readings that stand alone; about more of them some may lie that are no larger than the rest."""
 HIDDEN = (1.0, 0.25, 1.0 / 16.0)
 """What an output that repeats one count may hide of a reference of so many derivatives less, over the count and the
 length of the stretch to that power: its departure from a polynomial of that degree stays below."""
+
+MOST_CUT = 4
+"""Stretches that a command is spelled out for."""
+MILLISECOND = 1e-3
+"""To which an instant is printed, s."""
 
 Stretches = list[tuple[float, float]]
 """First and last instant of each stretch, s."""
@@ -97,6 +109,7 @@ def left_out_remarks(
             end=gap.stretches[-1][1],
             reach=gap.reach,
             scale=gap.scale,
+            cut=cut_without(recording, gap.stretches),
         )
         for recording in recordings
         for gap in recording.left_out
@@ -104,9 +117,14 @@ def left_out_remarks(
     ]
 
 
-def left_out_sentences(recording: Recording, start: float | None = None, end: float | None = None) -> tuple[str, ...]:
-    """The same of one recording, as sentences."""
-    return tuple(note.sentence for note in left_out_remarks([recording], "", start, end))
+def cut_without(recording: Recording, stretches: Sequence[tuple[float, float]]) -> str:
+    """The clause with the command that writes a file without these stretches, s; empty where they are too many."""
+    if len(stretches) > MOST_CUT:
+        return ""
+    name = recording.name or "FILE"
+    parts = " ".join(f"--without {instant(a - MILLISECOND)}:{instant(b + MILLISECOND)}" for a, b in stretches)
+    given = recording.origin.given or quote(name)
+    return f"; a file without that: accelcal cut {given} {parts} -o {quote(f'{Path(name).stem}_cut.csv')}"
 
 
 def _cleaned(source: Source) -> Recording | None:
@@ -115,7 +133,7 @@ def _cleaned(source: Source) -> Recording | None:
     try:
         require_usable(recording)
         wrong: tuple[tuple[WrongKind, str, Stretches], ...] = (
-            ("denied", "accel", denied(recording)),
+            ("denied", "accel", [*junk(recording), *denied(recording)]),
             ("saturated", "accel", rail_hits(recording)),
             *stuck(source),
             *lost_signal(recording),
@@ -189,6 +207,26 @@ def denied(recording: Recording) -> Stretches:
         if share + DENIED_SIGMA * math.sqrt(left / spare) < DENIED_SHARE and not alike:
             stretches.append((begin, end))
     return stretches
+
+
+def junk(recording: Recording) -> Stretches:
+    """Stretches at the begin and the end of the output that jump far more than the rest: a sensor that is switched on.
+
+    They may be no larger than the motion, and as fast as the samples they hide in the noise of a position.
+    """
+    accel, read = recording.accel, recording.reference
+    if read is not None and read.name == ACCELERATION:  # a record of shocks may begin with one
+        return []
+    change = np.abs(np.diff(accel.y, 3))
+    wild = change > JUNK_RATIO * (np.quantile(change, 0.99) or math.inf) if len(change) else change > 0.0
+    if not (wild[:FEWEST].any() or wild[-FEWEST:].any()):
+        return []
+    runs = runs_of_true(widened(wild, LEFT_OUT_BESIDE), FEWEST)
+    return [
+        (float(accel.t[a]), float(accel.t[b + 3]))
+        for a, b in runs
+        if (a == 0 or b == len(wild) - 1) and np.mean(wild[a : b + 1]) > MOSTLY
+    ]
 
 
 def rail_hits(recording: Recording) -> Stretches:
@@ -322,12 +360,6 @@ def _departure_from_polynomial(t: Array, y: Array, degree: int) -> float:
     """Peak-to-peak departure of a stretch from a polynomial."""
     x = t - t[0]
     return float(np.ptp(y - np.polynomial.Polynomial.fit(x, y, degree)(x)))
-
-
-def runs_of_true(flags: Flags, least: int) -> list[tuple[int, int]]:
-    """First and last index of each run of true flags of at least this length."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= least]
 
 
 __dir__ = listing(globals())

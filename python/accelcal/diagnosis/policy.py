@@ -388,6 +388,9 @@ tests/diagnosis/test_left_out.py]"""
 DENIED_RATIO = 3.0
 """Departure of the output from its median over that of which 1 % of its readings are beyond, least, where the
 reference is asked. What is smaller is left to the tests of outliers. [ratio; tests/field/test_faults.py]"""
+JUNK_RATIO = 10.0
+"""Third difference of the output where a record begins or ends, over that of which 1 % are beyond, least, in junk of a
+sensor that is switched on. White noise reaches twice. [ratio; tests/field/test_faults.py]"""
 DENIED_SIGMA = 4.0
 """Standard deviations that are added to the share that the reference shows before it is judged. A shock in its noise
 is then kept. [standard deviations; tests/field/test_faults.py]"""

@@ -482,11 +482,6 @@ def result(solution: Solution) -> Fit:
     estimates, covariance_of_means, spreads = over_runs(solution)
     called = [name_of(run) for run in runs]
     remarks = [
-        remark("glitches_left_out", recording=name, count=run.left_out)
-        for name, run in zip(called, runs, strict=True)
-        if run.left_out
-    ]
-    remarks += [
         remark("imposed_band", recording=name, band=b)
         for name, b in zip(called, solution.chosen, strict=False)
         if b is not None

@@ -59,63 +59,65 @@ KINDS: dict[str, Kind] = {
     ),
     "dropout": Kind(
         "data",
-        "{channel}: {count} gaps without readings, {share:.2g} % of the record together, the longest {longest:.3g} s "
-        "from t = {time:.6g} s on",
+        "{recording}: {channel}: {count} gaps without readings, {share:.2g} % of the record together, the "
+        "longest {longest:.3g} s from t = {time:.6g} s on",
     ),
     "glitch": Kind(
-        "data", "{channel}: the reading jumps and returns {count} times, by at most {longest:.3g} m at t = {time:.6g} s"
+        "data",
+        "{recording}: {channel}: the reading jumps and returns {count} times, by at most {longest:.3g} m at t = "
+        "{time:.6g} s; such readings are left out",
     ),
     "rail_hit": Kind(
         "data",
-        "{channel}: the output saturates {count} times, {share:.2g} % of the record together, for {longest:.2g} s at "
-        "most from t = {time:.6g} s on",
+        "{recording}: {channel}: the output saturates {count} times, {share:.2g} % of the record together, for "
+        "{longest:.2g} s at most from t = {time:.6g} s on",
     ),
     "denied": Kind(
         "data",
         "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, stretches: {stretches}, from t = "
-        "{time:.6g} s to {end:.6g} s) are left out: they lie far beyond all others, and the reference shows no such "
-        "motion; check supply, cable and damaged packets",
+        "{time:.6g} s to {end:.6g} s) are left out: they lie far beyond all others, or jump far more, and the "
+        "reference shows no such motion; check supply, cable and damaged packets{cut}",
     ),
     "saturated": Kind(
         "data",
         "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, stretches: {stretches}, from t = "
         "{time:.6g} s to {end:.6g} s) are left out: the output is at the limit of its range there, where a smaller "
-        "motion or a wider range would keep them",
+        "motion or a wider range would keep them{cut}",
     ),
     "stuck": Kind(
         "data",
         "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, stretches: {stretches}, from t = "
         "{time:.6g} s to {end:.6g} s) are left out: they repeat one value while the other channel moves; check range, "
-        "cable, supply and logger",
+        "cable, supply and logger{cut}",
     ),
     "other_scale": Kind(
         "data",
         "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, from t = {time:.6g} s to {end:.6g} s) are "
         "left out: the output is {scale:.3g} times there what the same motion makes in the rest; look for a range, a "
-        "gain or a wiring that was changed",
+        "gain or a wiring that was changed{cut}",
     ),
     "lost_signal": Kind(
         "data",
         "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, stretches: {stretches}, from t = "
         "{time:.6g} s to {end:.6g} s) are left out: they jump away from the motion that the output shows and come "
-        "back, as a vibrometer does that loses its signal; check its focus and the reflecting surface",
+        "back, as a vibrometer does that loses its signal; check its focus and the reflecting surface{cut}",
     ),
     "position_step": Kind(
         "data",
-        "{channel}: the reading jumps {count} times and stays: missed counts; the largest jump is {longest:.3g} m at "
-        "t = {time:.6g} s",
+        "{recording}: {channel}: the reading jumps {count} times and stays: missed counts; the largest jump is "
+        "{longest:.3g} m at t = {time:.6g} s",
     ),
     "break": Kind(
         "data",
         "{recording}: from t = {time:.6g} s on no relation of output and position holds; only the part before it is "
-        "used",
+        "used{cut}",
     ),
-    "dropped_samples": Kind("data", "{channel}: samples were lost without a trace in the time stamps"),
+    "dropped_samples": Kind("data", "{recording}: {channel}: samples were lost without a trace in the time stamps"),
     "disturbed": Kind(
         "data",
-        "Something disturbed the record {between}: the residual below {band:.2g} Hz, {rms:.2g} m/s² rms where a bias "
-        "instability of {bias_instability:.2g} m/s² is ordinary, lives there alone. That is left out, and the rest is "
-        "judged; a file without it: accelcal cut {file} {without} -o {cut}",
+        "{recording}: something disturbed the record {between}: the residual below {band:.2g} Hz, {rms:.2g} m/s² rms "
+        "where a bias instability of {bias_instability:.2g} m/s² is ordinary, lives there alone. That is left out, and "
+        "the rest is judged{cut}",
     ),
     "tilt_or_drift": Kind(
         "beside",
@@ -204,7 +206,6 @@ KINDS: dict[str, Kind] = {
         "rocks",
     ),
     "outliers_rejected": Kind("beside", "{recording}: {count} of {of} readings of {channel} were rejected as outliers"),
-    "glitches_left_out": Kind("beside", "{recording}: {count} readings jump away and come back; left out"),
     "imposed_band": Kind(
         "beside",
         "{recording}: the noise is not white up to the crossover; the encoder is trusted up to {band:.3g} Hz only, "

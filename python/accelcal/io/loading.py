@@ -506,6 +506,8 @@ def recording_of(
         text = f"position: not recorded; it is the integral of {reference.name}, from zero at the first reading"
         findings.append(Finding("integrated", "position", len(reference), 0.0, text))
     position = channels.pop("position", Channel("position", np.empty(0), np.empty(0), "m"))
+    anew = {(finding.kind, finding.channel) for finding in findings}
+    findings += [finding for finding in declared.noticed if (finding.kind, finding.channel) not in anew]
     recording = Recording(
         accel=accel,
         position=position,
@@ -537,7 +539,12 @@ def origin_of(table: Table, plan: Plan, declared: Sidecar) -> Origin:
     clock = plan.sources["accel"].time if "accel" in plan.sources else None
     if clock is not None and clock.rate is None and clock.column is not None:
         columns["time"] = clock.column, stated_unit(table, plan, "time", clock.column, clock.unit)
-    return Origin(str(table.path), str(declared.path or ""), columns)
+    return Origin(str(table.path), str(declared.path or ""), given(table.path, declared.path), columns)
+
+
+def given(path: Path, sidecar: Path | None) -> str:
+    """What a command is given to read a file with a sidecar, as a shell takes it."""
+    return quote(str(path)) + (f" --rig {quote(str(sidecar))}" if sidecar not in (None, sidecar_of(path)) else "")
 
 
 def other_outputs(recording: Recording) -> Iterator[tuple[str, str, Channel]]:
@@ -760,11 +767,10 @@ def _part(table: Table, sampled: Mapping[str, Sampled], part: int | None, sideca
             f"{table.path}: --part {part}: the file has {len(parts)} parts: {listed}; give one of them"
         )
     begin = parts[1][0]
-    rig = "" if sidecar == sidecar_of(table.path) else f" --rig {quote(str(sidecar))}"
     raise RecordingError(
         f"{table.path}: the clock starts again at {table.row(begin)}: {edges[2]:.9g} s after {edges[1]:.9g} s. The "
         f"file holds {len(parts)} runs: {listed}. Write each to a file of its own: "
-        f"accelcal cut {quote(str(table.path))}{rig} --part 1 -o {quote(f'{table.path.stem}_1.csv')}"
+        f"accelcal cut {given(table.path, sidecar)} --part 1 -o {quote(f'{table.path.stem}_1.csv')}"
     )
 
 

@@ -103,7 +103,7 @@ def from_columns(columns: Mapping[str, ArrayLike], units: Mapping[str, str], rig
     require_roles(table, where)
     require_lengths(numbers, where)
     recording = recording_of(table, Sidecar(rig=Rig() if rig is None else rig), [])
-    origin = replace(recording.origin, file="")
+    origin = replace(recording.origin, file="", given="")
     return replace(recording, name=name, digest=digest_of(numbers, given), origin=origin)
 
 

@@ -14,6 +14,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, Literal
 
+from accelcal._support.arguments import check_fields
 from accelcal._support.errors import AccelcalError
 from accelcal.data import (
     ACCELERATION,
@@ -25,6 +26,7 @@ from accelcal.data import (
     VELOCITY,
     ChannelFilter,
     DwellSetup,
+    Finding,
     LowPass,
     RecordingError,
     Rig,
@@ -101,6 +103,8 @@ class Sidecar:
     """Direction of the input axis in axes of the sensor, of length 1."""
     labels: RunLabels = NO_LABELS
     """When, how mounted, by whom."""
+    noticed: tuple[Finding, ...] = ()
+    """What was noticed in the recording that this is a part of."""
     dwell: DwellSetup | None = None
     """What is declared of dwells; None without that table."""
 
@@ -175,9 +179,9 @@ def toml_key(name: str) -> str:
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_text(name)
 
 
-def toml_text(value: str) -> str:
-    """Return `value` as a TOML string in quotes."""
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+def toml_text(value: str | float) -> str:
+    """Return `value` as a TOML string in quotes, or as a number."""
+    return json.dumps(value, ensure_ascii=False, default=int).replace("\x7f", "\\u007f")
 
 
 def has_sidecar(path: Path) -> bool:
@@ -518,6 +522,16 @@ def _reference(kind: str, **further: _Check) -> _Check:
     return _scaled_source(kind, **reading_checks, **_FILTERED, **further)
 
 
+def _noticed(value: object) -> tuple[Finding, ...]:
+    try:
+        findings = tuple(Finding(**entry) for entry in value)  # type: ignore[attr-defined]
+        for finding in findings:
+            check_fields(finding)
+    except (TypeError, ValueError):
+        raise AccelcalError("expected what accelcal cut writes; delete the key") from None
+    return findings
+
+
 _PROVENANCE = ("text", "provenance", "left empty")
 
 
@@ -790,6 +804,15 @@ KEYS: dict[str, dict[str, Key]] = {
             ),
         ),
         "operator": Key(_text, "run.operator", about=("text", "the same for the operator", "not tried")),
+        "noticed": Key(
+            _noticed,
+            "noticed",
+            about=(
+                "what `accelcal cut` writes",
+                "what was noticed in the recording that this is a part of; what it says of clocks counts in the budget",
+                "the file is a whole recording",
+            ),
+        ),
     },
     "dwell": {
         "attitude": Key(
@@ -878,6 +901,7 @@ def _sidecar(content: Mapping[str, Any], path: Path) -> Sidecar:
             channels={name: source for name, (source, _) in channels.items()},
             attitude=attitude,
             input_axis=input_axis,
+            noticed=tables["run"].pop("noticed", ()),
             labels=RunLabels(**tables["run"]),
             dwell=_dwell(tables["dwell"]) if "dwell" in content else None,
         )

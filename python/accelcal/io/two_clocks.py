@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable
 from dataclasses import replace
+from shlex import quote
 
 import numpy as np
 
@@ -36,7 +37,12 @@ def joined(output: Recording, reference: Recording, rates: Rates = (None, None))
     )
     both = replace(
         output,
-        origin=replace(output.origin, file="", columns={**reference.origin.columns, **output.origin.columns}),
+        origin=replace(
+            output.origin,
+            file="",
+            given=f"{output.origin.given} --position {quote(reference.origin.file)}",
+            columns={**reference.origin.columns, **output.origin.columns},
+        ),
         position=reference.position,
         rig=rig,
         side={**{key: channel for key, channel in reference.side.items() if key not in output.side}, **output.side},

@@ -8,6 +8,7 @@ import io
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict
 from datetime import UTC, datetime
 from operator import attrgetter
 from pathlib import Path
@@ -24,6 +25,7 @@ from accelcal.data import (
     Channel,
     ChannelFilter,
     DwellSetup,
+    Finding,
     Flags,
     Recording,
     RecordingError,
@@ -97,6 +99,7 @@ def write_sidecar(
     path: str | Path,
     dwell: DwellSetup | None = None,
     labels: RunLabels = NO_LABELS,
+    noticed: tuple[Finding, ...] = (),
     mark: Callable[[str], str] = str,
 ) -> None:
     """Write what is declared of a rig and of the columns of its file; reading it gives the same rig.
@@ -108,10 +111,11 @@ def write_sidecar(
     path : the sidecar to write; replaced if it exists.
     dwell : what it says of a table of dwells.
     labels : when, how mounted and by whom the run was made.
+    noticed : in the recording that the file is a part of.
     mark : gives the text that is written from that which declares all this.
     """
     reference = reference_among(channels) or "position"
-    holder = SimpleNamespace(rig=rig, dwell=dwell or DwellSetup(), run=labels)
+    holder = SimpleNamespace(rig=rig, dwell=dwell or DwellSetup(), run=labels, noticed=noticed)
     tables = {name: {key: _written(entry, holder) for key, entry in keys.items()} for name, keys in KEYS.items()}
     if GRAVITY in channels:  # gravity along the axis is not declared twice
         tables["rig"][GRAVITY] = None
@@ -128,8 +132,11 @@ def _written(key: Key, holder: object) -> str | None:
     """A value as a sidecar has it; None where it is not declared, or written elsewhere."""
     value = attrgetter(key.at)(holder) if key.at else None
     rig = attrgetter("rig")(holder)
-    if value is None or value == "" or key.assumed in rig.assumptions:
+    if value is None or value in ("", ()) or key.assumed in rig.assumptions:
         return None
+    if isinstance(value, tuple):
+        entries = (", ".join(f"{name} = {toml_text(y)}" for name, y in asdict(item).items()) for item in value)
+        return "[\n" + "".join(f"  {{ {entry} }},\n" for entry in entries) + "]"
     if key.unit == "date":
         return datetime.fromtimestamp(value * 86400.0, UTC).isoformat()
     if key.unit == "1":

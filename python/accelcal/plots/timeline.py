@@ -11,9 +11,8 @@ import numpy as np
 from accelcal._support.errors import AccelcalError
 from accelcal.data import Array, Channel, Recording, instant
 from accelcal.data.quality import rest
-from accelcal.diagnosis.evidence import examine
-from accelcal.diagnosis.faults import Fault, fault_remarks
-from accelcal.diagnosis.left_out import left_out_remarks
+from accelcal.diagnosis.faults import Fault, examine
+from accelcal.diagnosis.left_out import MILLISECOND
 from accelcal.effects import spelled
 from accelcal.estimation.remarks import Remark
 from accelcal.estimation.tracks import Shape, Track
@@ -41,8 +40,12 @@ if TYPE_CHECKING:
     from accelcal.live.session import LiveHistory
 
 TIME = Axis("time", "s")
-MOST = 400
-"""Stretches of rest that are shaded, the longest ones."""
+MOST = 100
+"""Stretches of a kind that are marked, of rest the longest ones."""
+LEFT_OUT = "left out"
+"""Name of the first stretch of readings that are known to be wrong; the others have none."""
+SHORTEST = 2e-3
+"""Share of the time axis as which a shorter stretch is drawn."""
 SIDE = 3
 """Side channels that are drawn, temperature first."""
 CHOSEN = "chosen"
@@ -66,13 +69,11 @@ class Marks:
     """Used part."""
     breaks: tuple[float, ...]
     faults: tuple[Fault, ...]
-    rest: tuple[tuple[float, float], ...]
-    left_out: tuple[Remark, ...] = ()
-
-    @property
-    def remarks(self) -> tuple[Remark, ...]:
-        """What is left out, and the faults as remarks, many of one kind as one."""
-        return (*self.left_out, *fault_remarks(self.faults, self.end - self.start))
+    rest: tuple[Window, ...]
+    left_out: tuple[Window, ...] = ()
+    """Stretches of readings that are known to be wrong."""
+    remarks: tuple[Remark, ...] = ()
+    """What every command lists of it."""
 
 
 def marks(recording: Recording) -> Marks:
@@ -85,8 +86,9 @@ def marks(recording: Recording) -> Marks:
     """
     of_record = examine(recording)
     part, clean = of_record.usable, of_record.source.recording
-    gone = tuple(left_out_remarks([clean], "", *of_record.span))
-    return Marks(part.start, part.end, part.breaks, of_record.faults, tuple(rest(clean)), gone)
+    gone = tuple((a - MILLISECOND, b + MILLISECOND) for item in clean.left_out for a, b in item.stretches)
+    noticed = tuple(of_record.remarks())
+    return Marks(part.start, part.end, part.breaks, of_record.faults, tuple(rest(clean)), gone, noticed)
 
 
 def timeline(recording: Recording, marked: Marks) -> Figure:
@@ -97,7 +99,8 @@ def timeline(recording: Recording, marked: Marks) -> Figure:
     recording : whole.
     marked : from `marks`.
     """
-    position, accel = recording.position, recording.accel
+    recording = recording.without(*marked.left_out[:MOST])
+    position, accel, shortest = recording.position, recording.accel, SHORTEST * (marked.end - marked.start)
     factor, unit = prefixed("m", position.y)
     above: list[Mark] = [Line(position.t, position.y * factor, "position", "measured", COLUMNS)]
     below: list[Mark] = [Line(accel.t, accel.y, "output", "residual", COLUMNS)]
@@ -110,7 +113,7 @@ def timeline(recording: Recording, marked: Marks) -> Figure:
     longest = sorted(marked.rest, key=lambda stretch: stretch[0] - stretch[1])[:MOST]
     text = ", ".join(
         f"{len(stretches)} {what}{'s'[: len(stretches) != 1]}" if stretches else f"no {what}"
-        for stretches, what in ((marked.breaks, "break"), (marked.faults, "fault"))
+        for stretches, what in ((marked.breaks, "break"), ((*marked.left_out, *marked.faults), "fault"))
     )
     return Figure(
         (
@@ -120,7 +123,13 @@ def timeline(recording: Recording, marked: Marks) -> Figure:
         f"Used from {instant(marked.start)} s to {instant(marked.end)} s: {text}",
         "shaded: at rest" if marked.rest else "",
         shared_x=True,
-        stretches=tuple(Stretch(begin, end, role="grid") for begin, end in longest),
+        stretches=(
+            *(Stretch(begin, end, role="grid") for begin, end in longest),
+            *(
+                Stretch(a, max(b, a + shortest), "" if k else LEFT_OUT, "fault")
+                for k, (a, b) in enumerate(marked.left_out[:MOST])
+            ),
+        ),
     )
 
 

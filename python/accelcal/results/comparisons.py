@@ -11,7 +11,7 @@ from accelcal.data import MICRO_G, instant
 from accelcal.diagnosis.select.improvement import Improvement
 from accelcal.results.diagnoses import VERDICTS
 from accelcal.results.table import Column, Row, Table, as_sentence, require, table
-from accelcal.results.words import broken, decimal, length, number, percent, prefixed, probability, typeset, with_unit
+from accelcal.results.words import decimal, length, number, percent, prefixed, probability, typeset, with_unit
 from accelcal.validation.comparison import ONLY_WHITE, SOURCES, Evaluation, NoiseFloor, Outside, Region, SensorNoise
 from accelcal.validation.differences import Comparison, HeldOutChange, headline_horizon, quoted_error, verdict_of
 from accelcal.validation.noise_floor import Ruler
@@ -268,7 +268,7 @@ def fall(steps: Sequence[Evaluation], h: float | None, where: str = "") -> str:
 
 def suspect(*several: Evaluation) -> list[str]:
     """Readings that are left out, and breaks, of each recording."""
-    return [text for evaluation in several for text in (*evaluation.left_out, *broken(evaluation.breaks))]
+    return [text for evaluation in several for text in evaluation.left_out]
 
 
 def error_reduction(

@@ -44,12 +44,15 @@ def _(fit: Fit, which: str = "") -> Table:
         sentence=f"{len(fit.free)} parameters from {' and '.join(made_from)}{agreement}.",
         columns=PARAMETER_COLUMNS,
         rows=parameter_rows(fit, in_full=which == "coefficients"),
-        alarms=tuple(f"{note.sentence}." for note in fit.remarks if note.code == "slow_residual"),
+        alarms=(
+            *(f"Suspect data: {note.sentence}." for note in fit.remarks if note.place == "data"),
+            *(f"{note.sentence}." for note in fit.remarks if note.code == "slow_residual"),
+        ),
         notes=(
             *(f"{effect.name}: {effect.sentence}." for effect in fit.noise_effects),
             *(f"{spread.name} by run: {by_run(fit, spread.runs)}." for spread in fit.spreads),
             *(as_sentence(note) for run in fit.runs for note in noise_notes(run.noise)),
-            *(f"{note.sentence}." for note in fit.remarks if note.code != "slow_residual"),
+            *(f"{note.sentence}." for note in fit.remarks if note.place != "data" and note.code != "slow_residual"),
         ),
         about={"name": names},
     )

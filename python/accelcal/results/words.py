@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
 
 import numpy as np
 
 from accelcal._support.values import listing
-from accelcal.data import Array, instant, usual_unit
+from accelcal.data import Array, usual_unit
 from accelcal.effects import CATALOGUE, spelled, static_terms
 
 
@@ -230,14 +229,6 @@ def label(quantity: str, unit: str) -> str:
     """
     shown = unit.replace("degC", "°C").replace("^2", "²").replace("^3", "³")
     return f"{quantity} ({shown or 'no unit given'})"
-
-
-def broken(breaks: Sequence[float]) -> list[str]:
-    """A sentence for each instant from which no relation of the channels holds, s."""
-    return [
-        f"from t = {instant(at)} s on no relation of output and position holds; only the part before is used"
-        for at in breaks
-    ]
 
 
 __dir__ = listing(globals())

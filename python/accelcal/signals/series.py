@@ -79,6 +79,12 @@ def local_spread(y: Array) -> Array:
     return np.asarray(np.maximum(spreads, max(whole, 1e-300))[index])
 
 
+def runs_of_true(flags: Flags, least: int) -> list[tuple[int, int]]:
+    """First and last index of each run of true flags of at least this length."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= least]
+
+
 def grid_step(y: Array) -> float:
     """Spacing of the values of a quantised channel; 0 when they do not lie on a grid that is used repeatedly."""
     levels = np.unique(y)

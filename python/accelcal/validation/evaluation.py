@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from accelcal._support.errors import AccelcalError
-from accelcal.data import GRAVITY, POSITION_ORDER, Array
+from accelcal.data import GRAVITY, POSITION_ORDER, Array, Flags
 from accelcal.estimation.drive import DriveIntegrals, drive
 from accelcal.estimation.engines import ENGINES, sums_of
 from accelcal.estimation.estimate import Fit, require_band, settled_state
@@ -18,6 +18,7 @@ from accelcal.estimation.run import PreparedRun, Source, recording_of
 from accelcal.estimation.smoothing import output_at, side_channels_at
 from accelcal.estimation.values import Noise
 from accelcal.signals.processing import ORDER, derivative, low_pass, spectral_density
+from accelcal.signals.series import runs_of_true
 from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import BINS, HORIZONS, Bins, Coast, Evaluation, ReferenceNoise, Spectrum
 from accelcal.validation.noise_floor import Ruler
@@ -283,7 +284,8 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
     # one spline at a time: each holds six arrays of its own
     driven = smoothed_drive(ahead)
     missed = driven.z - accumulated(driven, np.diff(run.t, prepend=run.t[0]))[1]
-    residual = -values.scale * rig.polarity * second_derivative(smoothed(without_steps(missed, run)), step)
+    missed = bridged(run.t, without_steps(missed, run), driven.restart, 1.0 / band)
+    residual = -values.scale * rig.polarity * second_derivative(smoothed(missed), step)
     del missed
     p = smoothed(without_steps(run.z, run))
     a = second_derivative(p, step)
@@ -349,6 +351,20 @@ def without_steps(y: Array, run: PreparedRun) -> Array:
     behind = np.searchsorted(run.t, run.restarts)
     jumps[behind] = y[behind] - y[behind - 1]
     return np.asarray(y - np.cumsum(jumps))
+
+
+def bridged(t: Array, y: Array, missing: Flags, beside: float) -> Array:
+    """A series (n,) whose pieces, parted where the output is missing, go on along the line through `beside` seconds of
+    the one before: a low-pass would spread the motion that nobody integrated."""
+    y = y.copy()
+    for a, b in runs_of_true(missing, 2):
+        first, last = np.searchsorted(t, [t[a] - beside, t[b] + beside])
+        if min(a - first, last - b) < 2:
+            continue
+        before, behind = (np.polyfit(t[rows] - t[b], y[rows], 1) for rows in (slice(first, a), slice(b, last)))
+        y[b:] -= np.polyval(behind - before, t[b:] - t[b])
+        y[a:b] = np.polyval(before, t[a:b] - t[b])
+    return y
 
 
 def second_derivative(y: Array, step: float) -> Array:

@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from accelcal.diagnosis.clean_fit import CHANNEL_OF, CleanFit, clean_fit
-from accelcal.diagnosis.evidence import DELAY_CLASS, DELAY_EXPERIMENT, Evidence, TimeSpan, delay_is_significant
+from accelcal.diagnosis.evidence import DELAY_CLASS, DELAY_EXPERIMENT, Evidence, delay_is_significant
+from accelcal.diagnosis.faults import TimeSpan
 from accelcal.diagnosis.findings import Confounded, explained_gain, with_findings
 from accelcal.diagnosis.policy import (
     NAMED_ALTERNATIVES,
