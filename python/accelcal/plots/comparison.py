@@ -33,7 +33,7 @@ from accelcal.plots.residuals import autocorrelation, histogram, regions
 from accelcal.plots.timeline import TIME, overlay
 from accelcal.results.words import grouped, length, prefixed
 from accelcal.validation.comparison import Evaluation
-from accelcal.validation.differences import Comparison, headline_horizon, quoted_error
+from accelcal.validation.differences import Comparison, headline_horizon
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawn
@@ -118,7 +118,7 @@ def drift_headline(comparison: Evaluation) -> str:
         return "Unaided drift: the record is too short"
     floor = comparison.drift_floors.get(horizon)
     beside = "" if floor is None else f", noise floor {length(floor)}"
-    return f"Unaided drift after {horizon:g} s: {length(quoted_error(comparison, horizon))} rms{beside}"
+    return f"Unaided drift after {horizon:g} s: {length(comparison.coast_rms[horizon] or 0.0)} rms{beside}"
 
 
 def one_step(comparison: Evaluation, *, previous: Evaluation | None = None) -> Figure:

@@ -24,6 +24,7 @@ from accelcal.plots.figure import (
     Tiles,
     candidate_groups,
     error_reduction_sentence,
+    ruled,
     sentence,
     share_text,
 )
@@ -117,7 +118,7 @@ def error_reduction(comparison: Comparison, *, lacking: int = 0) -> Figure:
     lacking : number of models at the end that have effects which the model itself lacks.
     """
     floor, errors = comparison.floor, np.array(comparison.errors)
-    factor, unit = formatting.prefixed("m", errors, floor.value)
+    factor, unit = ruled(comparison)
     errors = errors * factor
     ends = [(around.low, around.high) if around else (np.nan, np.nan) for around in comparison.intervals]
     low, high = np.array(ends).T * factor
@@ -135,6 +136,8 @@ def error_reduction(comparison: Comparison, *, lacking: int = 0) -> Figure:
         top,
     )
     said = "noise alone, with 95 % prediction interval"
+    if comparison.headline.band is not None:
+        said = "limit of detection"
     level = Level(floor.value * factor, floor.low * factor, floor.high * factor, said, "floor")
     names = [spelled(name) for name in comparison.names]
     models = Axis("model", range=(-0.6, len(names) - 0.4), ticks=(range(len(names)), names), grid=False)

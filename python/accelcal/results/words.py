@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from accelcal._support.values import listing
-from accelcal.data import Array, instant, usual_unit
+from accelcal.data import MICRO_G, Array, instant, usual_unit
 from accelcal.effects import CATALOGUE, spelled, static_terms
 
 
@@ -206,6 +206,21 @@ def length(metres: float) -> str:
     """
     factor, unit = prefixed("m", metres)
     return typeset(f"{metres * factor:.3g} {unit}")
+
+
+def error_size(value: float, unit: str, full_scale: float | None = None) -> str:
+    """A size of an error: a length; of an acceleration in mg, in SI and in per cent of the full scale, m/s².
+
+    Examples
+    --------
+    >>> error_size(0.0313, "m/s²", 19.6133), error_size(7.2e-4, "m/s²"), error_size(2e-6, "m")
+    ('3.19 mg (31.3 mm/s², 0.16 % FS)', '0.0734 mg (720 µm/s²)', '2 µm')
+    """
+    if unit == "m":
+        return length(value)
+    factor, prefixed_unit = prefixed(unit, value)
+    share = "" if full_scale is None else f", {number(100.0 * value / full_scale, 2)} % FS"
+    return f"{number(value / (1e3 * MICRO_G), 3)} mg ({number(value * factor, 3)} {prefixed_unit}{share})"
 
 
 def percent(value: float) -> str:

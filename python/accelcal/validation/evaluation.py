@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from accelcal._support.errors import AccelcalError
 from accelcal.data import GRAVITY, POSITION_ORDER, Array
@@ -221,8 +222,20 @@ def accel_side(ahead: Prediction, fit: Fit, band: float | None) -> tuple[dict[st
         "worst": worst_sentence(regions, sum(len(b.mean) for b in bins)),
         "worst_regions": regions,
         "remarks": beyond(fit, motion),
+        "motion": motion.at(thinned(t, run.reading_step, band)) if bins else None,
     }
     return fields, t, motion
+
+
+PER_PERIOD = 6.0
+"""Samples in a period of the band of a residual that is projected."""
+
+
+def thinned(t: Array, step: float, band: float) -> NDArray[np.intp]:
+    """Rows of a uniform grid with holes, t (n,) s, `PER_PERIOD` in a period of a band, Hz."""
+    return np.flatnonzero(
+        np.rint((t - t[0]) / step).astype(np.intp) % max(1, int(1.0 / (PER_PERIOD * band * step))) == 0
+    )
 
 
 def nodes_apart(ruler: Ruler, source: Source, start: float | None, end: float | None) -> float:
