@@ -13,6 +13,7 @@ from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find, spelled
 from accelcal.plots.figure import (
+    CANDIDATES,
     Axis,
     Bars,
     Figure,
@@ -29,6 +30,9 @@ from accelcal.plots.figure import (
     share_text,
 )
 from accelcal.results import words as formatting
+from accelcal.results.comparisons import quoted
+from accelcal.validation import systematic
+from accelcal.validation.comparison import Evaluation
 from accelcal.validation.differences import Comparison
 
 
@@ -68,14 +72,15 @@ def signature_correlation(power: Power) -> SignatureCorrelation:
     return SignatureCorrelation(tuple(rows), G[np.ix_(sets, sets)] / np.outer(size, size))
 
 
-def ranking(diagnosis: Diagnosis) -> Figure:
+def ranking(diagnosis: Diagnosis, most: int = CANDIDATES) -> Figure:
     """Draw equivalent standard deviations of each candidate; significant ones filled, confounded ones in brackets.
 
     Parameters
     ----------
     diagnosis : from `accelcal.diagnose`.
+    most : candidates that are drawn.
     """
-    groups = candidate_groups(diagnosis)
+    groups = candidate_groups(diagnosis, most)
     headline = f"Candidate effects: {diagnosis.scan.examined} examined"
     if not groups:
         return sentence(headline, "No candidate could be tested on this record.")
@@ -130,8 +135,8 @@ def error_reduction(comparison: Comparison, *, lacking: int = 0) -> Figure:
         low,
         high,
         [
-            "\n".join([f"{e:.3g} {unit}", *share_text(comparison, i).split(", ")]).rstrip()
-            for i, e in enumerate(errors.tolist())
+            "\n".join([quoted(comparison.headline, e).split(" (")[0], *share_text(comparison, i).split(", ")]).rstrip()
+            for i, e in enumerate(comparison)
         ],
         top,
     )
@@ -145,6 +150,54 @@ def error_reduction(comparison: Comparison, *, lacking: int = 0) -> Figure:
     of_session = "a part of the fitted run, which does not reveal set-up and slow-drift errors"
     unseen = of_session if comparison.same_run else "another recording"
     return Figure((Panel((bars, level), models, size),), error_reduction_sentence(comparison), f"unseen data: {unseen}")
+
+
+def added_variable(diagnosis: Diagnosis, evaluation: Evaluation | None = None, effect: str = "") -> Figure:
+    """Draw what the model leaves of the output against the best candidate, and against its best rival.
+
+    From both all is taken off that the model takes up. A right effect lies on a line through its estimated size; noise
+    alone would lie on the abscissa.
+
+    Parameters
+    ----------
+    diagnosis : from `accelcal.diagnose`.
+    evaluation : of the same model on held-out data; by default what the diagnosis was made from.
+    effect : the candidate; by default the best one.
+    """
+    judged = evaluation or diagnosis.heldout or diagnosis.where
+    where = "on held-out data" if judged is not diagnosis.where else "on the fitted data"
+    panels = []
+    for called, candidate in zip(("", "best rival: "), leading(diagnosis, effect), strict=False):
+        drawn = systematic.added_variable(
+            judged, diagnosis.fit, find(candidate.effect), candidate.shape, candidate.estimate
+        )
+        if drawn is None:
+            continue
+        factor, unit = formatting.prefixed("m/s²", drawn.x, drawn.y)
+        ends = np.array([drawn.x[0], drawn.x[-1]])
+        marks = (
+            Level(0.0),
+            Line(ends * factor, ends * drawn.slope * factor, "line through all samples", "model", solid=True),
+            Points(
+                drawn.x * factor, drawn.y * factor, "mean error of the output", "measured", 2.0 * drawn.std * factor
+            ),
+        )
+        title = f"{called}{spelled(candidate.effect)}: {100.0 * drawn.explained:.0f} % of the systematic error"
+        x = Axis("its contribution, the rest taken off", unit, few=True)
+        panels.append(Panel(marks, x, Axis("error of the output", unit), title))
+    if not panels:
+        return sentence("Error against the effect", "No candidate is a function of the motion.")
+    return Figure(tuple(panels), f"Error of the output {where} against the effect, ± 2 σ", columns=2)
+
+
+def leading(diagnosis: Diagnosis, effect: str = "") -> list[Candidate]:
+    """A candidate, by default the best, and the best one that is not confounded with it."""
+    candidates = diagnosis.scan.candidates
+    first = next((c for c in candidates if c.effect == (effect or c.effect)), None)
+    if first is None:
+        return []
+    rival = next((c for c in candidates if c.effect not in (*first.members, first.effect)), None)
+    return [first] if rival is None else [first, rival]
 
 
 MOST_SIZES, MOST_SIGNATURES = 50, 20

@@ -449,7 +449,8 @@ def error_reduction_sentence(comparison: Comparison) -> str:
 def ruled(comparison: Comparison) -> tuple[float, str]:
     """Factor and unit in which the errors of a comparison are drawn: mg, or metres with a prefix."""
     if comparison.headline.unit == "m/s²":
-        return 1.0 / (1e3 * MICRO_G), "mg"
+        large = max(comparison.errors) >= 100.0 * MICRO_G
+        return (1.0 / (1e3 * MICRO_G), "mg") if large else (1.0 / MICRO_G, "µg")
     return formatting.prefixed("m", np.array(comparison.errors), comparison.floor.value)
 
 

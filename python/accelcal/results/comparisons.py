@@ -15,6 +15,7 @@ from accelcal.results.words import (
     broken,
     decimal,
     error_size,
+    in_g,
     length,
     number,
     percent,
@@ -157,7 +158,7 @@ def quoted(measure: Measure, evaluation: Evaluation, full_scale: float | None = 
     """The error of a model, rms; below the limit of detection its bound."""
     size = error_size(measure.error(evaluation), measure.unit, full_scale)
     interval = measure.interval(evaluation)
-    return f"at most {size}" if measure.band is not None and interval is not None and interval.low == 0.0 else size
+    return f"≤ {size}" if measure.band is not None and interval is not None and interval.low == 0.0 else size
 
 
 def floor_of(measure: Measure, evaluation: Evaluation) -> str:
@@ -366,8 +367,8 @@ def systematic_text(row: Row) -> str:
     """Systematic error in mg with its 95 % interval, or the bound below the limit of detection."""
     if row.get("systematic") is None:
         return ""
-    value, low, high = (number(row[f"systematic{end}"] / (1e3 * MICRO_G), 3) for end in ("", "_low", "_high"))
-    return f"{value} mg ({low} to {high})" if row["systematic_low"] > 0.0 else f"≤ {high} mg"
+    value, low, high = (in_g(row[f"systematic{end}"]) for end in ("", "_low", "_high"))
+    return f"{value} ({low} to {high})" if row["systematic_low"] > 0.0 else f"≤ {high}"
 
 
 def step_text(row: Row) -> str:

@@ -7,8 +7,8 @@ without memory, the differences of the models at hand. Equations: docs/derivatio
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -16,9 +16,10 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal.data import Array
-from accelcal.effects import BUILT_IN, is_local
+from accelcal.effects import BUILT_IN, Effect, is_local
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.values import Noise
+from accelcal.signals.processing import low_pass
 from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import Evaluation, NoiseFloor, Resolved, SensorNoise
 from accelcal.validation.evaluation import predicted_density, thinned
@@ -31,6 +32,9 @@ BLOCK = 1 << 15
 """Samples that are projected together."""
 NEGLIGIBLE = 1e-7
 """Directions whose share of the power of all is less are none."""
+APART = 1e-3
+"""Share of the power of a difference of two models from which what no function resolves of it is a direction: less is
+the noise of the readings, times the difference of the scale factors."""
 
 
 def with_resolved(
@@ -62,6 +66,75 @@ def with_resolved(
     sensor = None if floor.sensor.is_limit else floor.sensor
     parts = resolve(errors, place // every, motion, step * every, partial(density, noise=ruler.noise), sensor)
     return tuple(replace(e, resolved=(part,)) for e, part in zip(evaluations, parts, strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class AddedVariable:
+    """What is left of an output against an effect, both without what the model takes up (added-variable plot)."""
+
+    x: Array
+    """Mean contribution of the effect at its estimated size in each bin, (bins,) m/s²."""
+    y: Array
+    """Mean error of the output in each bin, (bins,) m/s²."""
+    std: Array
+    """Of `y` under noise alone, (bins,) m/s²."""
+    slope: float
+    """Of all samples; 1 where the effect has the estimated size here too."""
+    slope_std: float
+    explained: float
+    """Share of the mean square of the systematic error."""
+
+
+PLACES = 24
+"""Bins of an added-variable plot."""
+
+
+def added_variable(
+    evaluation: Evaluation, fit: Fit, effect: Effect, shape: Mapping[str, float], sizes: Sequence[float]
+) -> AddedVariable | None:
+    """Compare what a model leaves of the output with one effect that it lacks.
+
+    Parameters
+    ----------
+    evaluation : of the model on a recording.
+    fit : the model.
+    effect, shape, sizes : what it lacks, with its shape parameters and the estimate of each coefficient.
+
+    Returns
+    -------
+    None where the effect is no function of the motion, or the record too short.
+    """
+    motion, reference = evaluation.motion, evaluation.reference_noise
+    if motion is None or reference is None or effect.port not in ("output", "position"):
+        return None
+    t, residual = evaluation.accel_residual
+    step, band = float(np.min(np.diff(t))), evaluation.band
+    rows = thinned(t, step, band)
+    step, scale = float(np.min(np.diff(t[rows]))), abs(fit.values().scale)
+
+    def inside(y: Array) -> Array:
+        return low_pass(np.nan_to_num(y), 1.0 / step, band)
+
+    # of a curve in its coarse form the leading coefficients are estimated
+    column = effect.column(motion, **shape).reshape(len(rows), -1)[:, : len(sizes)] @ np.asarray(sizes)
+    if effect.port == "position":
+        column = -scale * motion.rig.polarity * np.gradient(np.gradient(column, step), step)
+    terms = [np.ones(len(rows)), motion.a, motion.jerk]
+    terms += [term.column(motion) for term in fit.values().terms if term.effect.port == "output"]
+    base = np.stack([inside(term) for term in terms], axis=1)
+    base /= np.maximum(np.linalg.norm(base, axis=0), np.finfo(float).tiny)
+    both = np.stack([residual[rows] / scale, inside(column) / scale], axis=1)
+    y, x = (both - base @ np.linalg.lstsq(base, both, rcond=NEGLIGIBLE)[0]).T
+    density = partial(predicted_density, noise=fit.noise(), scale=1.0, reference=reference, band=band)
+    (part,) = resolve(y[None], np.rint((t[rows] - t[0]) / step).astype(np.intp), motion, step, density, None)
+    power, white = float(x @ x), float(density(np.zeros(1))[0]) / (2.0 * step)
+    slope = float(x @ y) / power
+    above = float(part.coordinates @ part.coordinates) - float(np.trace(part.covariance))
+    place = np.argsort(np.argsort(x, kind="stable")) * PLACES // len(x)
+    count = np.bincount(place, minlength=PLACES)
+    middle, mean = (np.bincount(place, values, PLACES) / count for values in (x, y))
+    explained = max(0.0, slope**2 * power - white) / above if above > 0.0 else 0.0
+    return AddedVariable(middle, mean, np.sqrt(white / count), slope, math.sqrt(white / power), min(1.0, explained))
 
 
 def resolve(
@@ -106,9 +179,16 @@ def resolve(
     centred = centre @ gram @ centre.T
     own, before = np.diag(centred), np.diag(gram)
     scale = np.where(own > NEGLIGIBLE * before, 1.0 / np.sqrt(np.where(own > 0.0, own, 1.0)), 0.0)
+    scale[size - len(errors) + 1 :] = 0.0
     values, vectors = np.linalg.eigh(scale[:, None] * centred * scale)
     some = values > NEGLIGIBLE * values[-1]
-    directions = (vectors[:, some] / np.sqrt(values[some])).T * scale @ centre
+    within = (vectors[:, some] / np.sqrt(values[some])).T * scale
+    for model in range(size - len(errors) + 1, size):
+        beyond = np.eye(size)[model] - centred[model] @ within.T @ within
+        power_beyond = beyond @ centred @ beyond
+        if power_beyond > APART * own[model]:
+            within = np.concatenate([within, beyond[None] / np.sqrt(power_beyond)])
+    directions = within @ centre
     coordinates, covariance = directions @ products, directions @ noise @ directions.T
     rest = np.sum(errors**2, axis=1) - products[0] ** 2 / gram[0, 0] - np.sum(coordinates**2, axis=0)
     # the mean over frequencies, the two at the ends counted once
