@@ -88,7 +88,12 @@ def hide(name: str, seed: int) -> Hidden:
         if math.isfinite(limits.get(name, math.inf)) and not effect.family and effect.port != "noise"
     ]
     # a random one is of the sensor or the rig, not of one record, so that the other record shows what it takes away
-    drawn = [n for n in possible if find(n).port == "output" and find(n).width == 1 and not of_one_record(find(n))]
+    drawn = [
+        name
+        for name in possible
+        if find(name).port == "output" and find(name).width == 1
+        if not (of_one_record(find(name)) or find(name).traits.delay_class)
+    ]
     effect = find(drawn[int(rng.integers(len(drawn)))] if name == "random" else name)
     if effect.name not in possible:
         why = "acts on noise alone" if effect.port == "noise" else "does not show on these records"

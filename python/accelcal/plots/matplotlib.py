@@ -111,9 +111,11 @@ def page(
     look = theme_of(theme)
     canvas = new_figure(*A4_LANDSCAPE, look)
     half = (len(parts) + 1) // 2
-    for row, place in zip(canvas.subfigures(2, 1, hspace=0.03), (slice(half), slice(half, None)), strict=True):
-        several = np.ravel(row.subfigures(1, len(parts[place]), wspace=0.03, width_ratios=widths[place] or None))
-        for part, figure in zip(several.flat, parts[place], strict=True):
+    several = np.asarray(canvas.subfigures(2, 1, hspace=0.03)).flat
+    for row, place in zip(several, (slice(half), slice(half, None)), strict=True):
+        shares = widths[place] or None
+        columns = np.atleast_1d(np.asarray(row.subfigures(1, len(parts[place]), wspace=0.03, width_ratios=shares)))
+        for part, figure in zip(columns, parts[place], strict=True):
             draw_into(part, figure, look, NORMAL)
     write_headline(canvas, headline, look, LARGE)
     return canvas
