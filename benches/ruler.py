@@ -19,9 +19,9 @@ import numpy as np
 import accelcal as ac
 from accelcal.data import Array
 from accelcal.signals.signals import Signals
-from accelcal.validation.comparison import SensorNoise, SystematicError
+from accelcal.validation.comparison import Resolved, SensorNoise, SystematicError
 from accelcal.validation.differences import systematic_change, verdict_of
-from accelcal.validation.systematic import resolve
+from accelcal.validation.systematic import Grid, dictionary, resolve
 from benches.outcomes import Outcome, run_all
 
 RATE, BAND, DENSITY = 200.0, 30.0, 9.8e-4
@@ -64,10 +64,22 @@ def noise(rng: np.random.Generator, n: int) -> Array:
     return np.asarray(np.fft.irfft(white * np.sqrt(power), 2 * n)[:n])
 
 
+def grid_of(s: Signals) -> Grid:
+    """Every sample of a motion."""
+    every = np.arange(len(s.t))
+    return Grid(every, every, 1, 1.0 / RATE, BAND)
+
+
+def resolved(s: Signals, *errors: Array, sensor: SensorNoise | None = None) -> tuple[Resolved, ...]:
+    """Errors of some models in the directions that a motion resolves."""
+    grid = grid_of(s)
+    return resolve(np.array(errors), grid, np.stack(list(dictionary(s, grid))), density, sensor)
+
+
 def shape(s: Signals, function: Callable[[Signals], Array]) -> Array:
     """A function of the motion without what set-up and scale factor take up, rms 1."""
-    base = np.stack([np.ones_like(s.t), s.a], axis=1)
-    e = function(s)
+    inside = grid_of(s).inside
+    base, e = np.stack([np.ones_like(s.t), inside(s.a)], axis=1), inside(function(s))
     e = e - base @ np.linalg.lstsq(base, e, rcond=None)[0]
     return np.asarray(e / np.sqrt(np.mean(e**2)))
 
@@ -90,10 +102,10 @@ def outcome(world: World) -> Outcome:
     """What is estimated in one world, in limits of detection."""
     rng = np.random.default_rng((world.seed, world.number, *map(ord, world.level)))
     s = motion(rng, float(rng.uniform(20.0, 60.0)))
-    n, place, sensor = len(s.t), np.arange(len(s.t)), SensorNoise(DENSITY, 0.0, "declared")
-    present = noise(rng, n)
+    sensor = SensorNoise(DENSITY, 0.0, "declared")
+    present = noise(rng, len(s.t))
     name = list(ERRORS)[world.number % len(ERRORS)]
-    (silent,) = resolve(present[None], place, s, 1.0 / RATE, density, sensor)
+    (silent,) = resolved(s, present)
     limit = SystematicError.of([silent])
     assert limit is not None
     if world.level == "bump":
@@ -107,7 +119,7 @@ def outcome(world: World) -> Outcome:
     elif world.level == "false":
         other = shape(s, list(ERRORS.values())[(world.number + 3) % len(ERRORS)])
         models = [present, present + 2.0 * float(rng.normal()) * DENSITY / np.sqrt(2.0 * s.t[-1]) * other]
-    parts = resolve(np.array(models), place, s, 1.0 / RATE, density, sensor)
+    parts = resolved(s, *models, sensor=sensor)
     estimate = SystematicError.of(parts[:1])
     assert estimate is not None
     change = systematic_change(parts[:1], parts[1:]) if len(parts) > 1 else None

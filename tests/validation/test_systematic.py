@@ -10,8 +10,8 @@ from accelcal.effects import find
 from accelcal.simulation import CXL02_RIG
 from accelcal.validation.comparison import Resolved, SystematicError
 from accelcal.validation.differences import systematic_change, verdict_of
-from accelcal.validation.systematic import added_variable, resolve
-from benches.ruler import DENSITY, ERRORS, LEVELS, RATE, World, density, motion, noise, outcome, shape
+from accelcal.validation.systematic import added_variable
+from benches.ruler import DENSITY, ERRORS, LEVELS, RATE, World, motion, noise, outcome, resolved, shape
 
 
 def test_intervals_and_bounds_hold_in_closed_form() -> None:
@@ -31,7 +31,7 @@ def test_power_of_the_noise_that_is_left_in_would_be_an_error() -> None:
     # The twin: without the subtraction of what noise has in the directions, no interval holds an error of zero.
     rng = np.random.default_rng(4)
     s = motion(rng, 40.0)
-    (part,) = resolve(noise(rng, len(s.t))[None], np.arange(len(s.t)), s, 1.0 / RATE, density, None)
+    (part,) = resolved(s, noise(rng, len(s.t)))
     naive = float(np.sqrt(part.coordinates @ part.coordinates / part.samples))
     estimate = SystematicError.of([part])
     assert estimate is not None
@@ -61,10 +61,10 @@ def test_models_that_differ_by_their_noise_alone_make_no_direction() -> None:
     # Readings over another scale factor: the difference is the noise itself, and would be resolved whole.
     rng = np.random.default_rng(5)
     s = motion(rng, 40.0)
-    present, place = noise(rng, len(s.t)), np.arange(len(s.t))
+    present = noise(rng, len(s.t))
     error = 1e-3 * shape(s, ERRORS["cubic"])
-    alone, _ = resolve(np.stack([error + present, 1.0001 * present]), place, s, 1.0 / RATE, density, None)
-    (single,) = resolve((error + present)[None], place, s, 1.0 / RATE, density, None)
+    alone, _ = resolved(s, error + present, 1.0001 * present)
+    (single,) = resolved(s, error + present)
     assert np.linalg.norm(alone.coordinates) == pytest.approx(np.linalg.norm(single.coordinates), rel=0.02)
 
 

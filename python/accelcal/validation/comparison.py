@@ -461,7 +461,7 @@ class Evaluation(Result):
     the position that it integrates to are no white noise. Else None."""
 
     motion: Annotated[Signals | None, NotStored("accelcal.compare makes it from the recording")] = None
-    """At some six samples in a period of the band."""
+    """Smoothed, on a uniform grid from the first reading to the last, on the clock of the model."""
     resolved: Annotated[tuple[Resolved, ...], SERIES] = ()
     """One for each recording; none where the record is too short."""
 

@@ -7,7 +7,7 @@ without memory, the differences of the models at hand. Equations: docs/derivatio
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -21,15 +21,15 @@ from accelcal.estimation.estimate import Fit
 from accelcal.estimation.values import Noise
 from accelcal.signals.processing import low_pass
 from accelcal.signals.signals import Signals
-from accelcal.validation.comparison import Evaluation, NoiseFloor, Resolved, SensorNoise
-from accelcal.validation.evaluation import predicted_density, thinned
+from accelcal.validation.comparison import Evaluation, NoiseFloor, ReferenceNoise, Resolved, SensorNoise
+from accelcal.validation.evaluation import PER_PERIOD, predicted_density
 from accelcal.validation.noise_floor import Ruler
 from accelcal.validation.regions import variables_of
 
 KNOTS, COARSE = 8, 5
 """Knots of a function of one variable, and of the coefficient of acceleration or velocity as a function of one."""
 BLOCK = 1 << 15
-"""Samples that are projected together."""
+"""Samples whose noise is projected together."""
 NEGLIGIBLE = 1e-7
 """Directions whose share of the power of all is less are none."""
 APART = 1e-3
@@ -49,23 +49,52 @@ def with_resolved(
     floor : noise of the sensor.
     """
     first = evaluations[0]
-    motion, reference = first.motion, first.reference_noise
-    same = all(len(evaluation.accel_residual[0]) == len(first.accel_residual[0]) for evaluation in evaluations)
-    if motion is None or reference is None or not same:
+    lengths = {len(evaluation.accel_residual[0]) for evaluation in evaluations}
+    if first.motion is None or first.reference_noise is None or len(lengths) > 1:
         return tuple(evaluations)
-    t, scales = first.accel_residual[0], [abs(fit.values().scale) for fit in fits]
-    step = float(np.min(np.diff(t)))
-    rows = thinned(t, step, first.band)
-    errors = np.array([e.accel_residual[1][rows] / scale for e, scale in zip(evaluations, scales, strict=True)])
-    place = np.rint((t[rows] - t[rows[0]]) / step).astype(np.intp)
-    every = max(1, int(np.gcd.reduce(place)))
-
-    def density(f: Array, noise: Noise) -> Array:
-        return predicted_density(f, noise, 1.0, reference, first.band)
-
+    grid = Grid.of(first, fits[0])
+    scales = [abs(fit.values().scale) for fit in fits]
+    errors = [e.accel_residual[1][grid.rows] / scale for e, scale in zip(evaluations, scales, strict=True)]
+    density = partial(density_of, noise=ruler.noise, reference=first.reference_noise, band=first.band)
+    columns = np.stack(list(dictionary(first.motion, grid)))
     sensor = None if floor.sensor.is_limit else floor.sensor
-    parts = resolve(errors, place // every, motion, step * every, partial(density, noise=ruler.noise), sensor)
+    parts = resolve(np.array(errors), grid, columns, density, sensor)
     return tuple(replace(e, resolved=(part,)) for e, part in zip(evaluations, parts, strict=True))
+
+
+def density_of(f: Array, noise: Noise, reference: ReferenceNoise, band: float) -> Array:
+    """One-sided noise density of a corrected output at frequencies (n,) Hz, (n,) (m/s²)²/Hz."""
+    return predicted_density(f, noise, 1.0, reference, band)
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Samples of a residual that are projected, on every so many-th time of the grid of its motion."""
+
+    rows: NDArray[np.intp]
+    """Of the residual, rising, (n,)."""
+    at: NDArray[np.intp]
+    """Of the motion, at the same times, (n,)."""
+    every: int
+    """Greatest spacing of the times, in those of the motion."""
+    step: float
+    """Spacing of the motion, s."""
+    band: float
+    """Hz."""
+
+    @classmethod
+    def of(cls, evaluation: Evaluation, fit: Fit) -> Grid:
+        """Some six samples in a period of the band."""
+        assert evaluation.motion is not None
+        step, (t, _) = evaluation.motion.step, evaluation.accel_residual
+        place = (t - fit.origins.t - evaluation.motion.t[0]) / step
+        every = max(1, int(1.0 / (PER_PERIOD * evaluation.band * step)))
+        rows = np.flatnonzero(np.abs(place / every - np.rint(place / every)) < 0.25 * np.median(np.diff(place)) / every)
+        return cls(rows, np.rint(place[rows]).astype(np.intp), every, step, evaluation.band)
+
+    def inside(self, y: Array) -> Array:
+        """A function of the motion below the band, at the samples, (n,)."""
+        return low_pass(np.nan_to_num(y), 1.0 / self.step, self.band)[self.at]
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,27 +136,21 @@ def added_variable(
     motion, reference = evaluation.motion, evaluation.reference_noise
     if motion is None or reference is None or effect.port not in ("output", "position"):
         return None
-    t, residual = evaluation.accel_residual
-    step, band = float(np.min(np.diff(t))), evaluation.band
-    rows = thinned(t, step, band)
-    step, scale = float(np.min(np.diff(t[rows]))), abs(fit.values().scale)
-
-    def inside(y: Array) -> Array:
-        return low_pass(np.nan_to_num(y), 1.0 / step, band)
-
+    grid, scale = Grid.of(evaluation, fit), abs(fit.values().scale)
     # of a curve in its coarse form the leading coefficients are estimated
-    column = effect.column(motion, **shape).reshape(len(rows), -1)[:, : len(sizes)] @ np.asarray(sizes)
+    column = effect.column(motion, **shape).reshape(len(motion.t), -1)[:, : len(sizes)] @ np.asarray(sizes)
     if effect.port == "position":
-        column = -scale * motion.rig.polarity * np.gradient(np.gradient(column, step), step)
-    terms = [np.ones(len(rows)), motion.a, motion.jerk]
+        inside = low_pass(column, 1.0 / grid.step, grid.band)
+        column = -scale * motion.rig.polarity * np.gradient(np.gradient(inside, grid.step), grid.step)
+    terms = [np.ones(len(motion.t)), motion.a, motion.jerk]
     terms += [term.column(motion) for term in fit.values().terms if term.effect.port == "output"]
-    base = np.stack([inside(term) for term in terms], axis=1)
+    base = np.stack([grid.inside(term) for term in terms], axis=1)
     base /= np.maximum(np.linalg.norm(base, axis=0), np.finfo(float).tiny)
-    both = np.stack([residual[rows] / scale, inside(column) / scale], axis=1)
+    both = np.stack([evaluation.accel_residual[1][grid.rows], grid.inside(column)], axis=1) / scale
     y, x = (both - base @ np.linalg.lstsq(base, both, rcond=NEGLIGIBLE)[0]).T
-    density = partial(predicted_density, noise=fit.noise(), scale=1.0, reference=reference, band=band)
-    (part,) = resolve(y[None], np.rint((t[rows] - t[0]) / step).astype(np.intp), motion, step, density, None)
-    power, white = float(x @ x), float(density(np.zeros(1))[0]) / (2.0 * step)
+    density = partial(density_of, noise=fit.noise(), reference=reference, band=evaluation.band)
+    (part,) = resolve(y[None], grid, np.stack(list(dictionary(motion, grid))), density, None)
+    power, white = float(x @ x), float(density(np.zeros(1))[0]) / (2.0 * grid.every * grid.step)
     slope = float(x @ y) / power
     above = float(part.coordinates @ part.coordinates) - float(np.trace(part.covariance))
     place = np.argsort(np.argsort(x, kind="stable")) * PLACES // len(x)
@@ -138,42 +161,31 @@ def added_variable(
 
 
 def resolve(
-    errors: Array,
-    place: NDArray[np.intp],
-    motion: Signals,
-    step: float,
-    density: Callable[[Array], Array],
-    sensor: SensorNoise | None,
+    errors: Array, grid: Grid, functions: Array, density: Callable[[Array], Array], sensor: SensorNoise | None
 ) -> tuple[Resolved, ...]:
     """Errors of several models in the directions that a record resolves.
 
     Parameters
     ----------
     errors : of the corrected output, (models, n) m/s².
-    place : of each sample on a uniform grid, rising, (n,).
-    motion : at the samples.
-    step : of the grid, s.
+    grid : of the samples.
+    functions : of time and motion, below the band, (m, n).
     density : one-sided noise density of the errors at frequencies (k,) Hz, (k,) (m/s²)²/Hz, but for its level: that is
         what is measured in no direction.
     sensor : noise of the sensor where it is known otherwise, for the bound on what no direction resolves.
     """
-    columns_at, n = dictionary(motion), errors.shape[1]
-    size = 1 + len(columns_at(slice(0, 1))) + len(errors) - 1
-    gram, noise, products = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, len(errors)))
+    # the set-up, which stands beside, comes first; the differences of the models are the effects at hand
+    columns = np.concatenate([np.ones((1, errors.shape[1])), functions, errors[1:] - errors[0]])
+    size, n, step = len(columns), errors.shape[1], grid.every * grid.step
+    gram, products, noise = columns @ columns.T, columns @ errors.T, np.zeros((size, size))
     for begin in range(0, n, BLOCK):
-        rows = slice(begin, min(n, begin + BLOCK))
-        # the set-up, which stands beside, comes first; the differences of the models are the effects at hand
-        columns = np.concatenate(
-            [np.ones((1, rows.stop - begin)), columns_at(rows), errors[1:, rows] - errors[0, rows]]
-        )
-        at = place[rows] - place[begin]
+        rows = slice(begin, begin + BLOCK)
+        at = (grid.at[rows] - grid.at[begin]) // grid.every
         padded = np.zeros((size, scipy.fft.next_fast_len(2 * (int(at[-1]) + 1), real=True)))
-        padded[:, at] = columns
+        padded[:, at] = columns[:, rows]
         power = density(scipy.fft.rfftfreq(padded.shape[1], step)) / (2.0 * step)
         coloured = scipy.fft.irfft(np.sqrt(power) * scipy.fft.rfft(padded), padded.shape[1])
-        gram += columns @ columns.T
         noise += coloured @ coloured.T
-        products += columns @ errors[:, rows].T
     centre = np.eye(size)
     centre[:, 0] -= gram[0] / gram[0, 0]
     centred = centre @ gram @ centre.T
@@ -205,35 +217,23 @@ def resolve(
     )
 
 
-def dictionary(motion: Signals) -> Callable[[slice], Array]:
-    """Functions of time and of the motion at a stretch of samples, (m, n)."""
-    variables = [y for name, (y, _) in variables_of(motion).items() if name != "time"]
-    spans = [(y, *np.nanquantile(y, [0.001, 0.999])) for y in variables if np.isfinite(y).any()]
-    single = [(y, low, high, KNOTS) for y, low, high in spans if high > low]
-    single.append((motion.t, motion.t[0], motion.t[-1], KNOTS))
-    carried = [motion.t, motion.p, motion.v, *motion.side.values()]
-    effects = [
-        effect
-        for effect in BUILT_IN
-        if effect.port == "output" and not effect.shapes and effect.width == 1 and is_local(effect)
-        if all(name in motion.side for name in effect.needs)
-    ]
-
-    def columns(rows: slice) -> Array:
-        every = [hats(y[rows], low, high, knots) for y, low, high, knots in single]
-        for y in carried:
-            low, high = np.nanquantile(y, [0.001, 0.999])
-            if high > low:
-                functions = hats(y[rows], low, high, COARSE)
-                every += [motion.a[rows] * functions, motion.v[rows] * functions]
-        stretch = motion.part(rows)
-        every += [effect.column(stretch)[None] for effect in effects]
-        return np.nan_to_num(np.concatenate(every))
-
-    return columns
+def dictionary(motion: Signals, grid: Grid) -> Iterator[Array]:
+    """Functions of time and of the motion, (n,) each at the samples of a grid."""
+    for y, _ in variables_of(motion).values():
+        yield from map(grid.inside, hats(y, KNOTS))
+    for y in (motion.t, motion.p, motion.v, *motion.side.values()):
+        for hat in hats(y, COARSE):
+            yield grid.inside(motion.a * hat)
+            yield grid.inside(motion.v * hat)
+    for effect in BUILT_IN:
+        plain = effect.port == "output" and not effect.shapes and effect.width == 1 and is_local(effect)
+        if plain and all(name in motion.side for name in effect.needs):
+            yield grid.inside(effect.column(motion))
 
 
-def hats(y: Array, low: float, high: float, knots: int) -> Array:
-    """Piecewise linear functions of a variable (n,), one for each of several equidistant knots, (knots, n)."""
-    place = np.clip((y - low) / (high - low), 0.0, 1.0) * (knots - 1)
-    return np.maximum(0.0, 1.0 - np.abs(place - np.arange(knots)[:, None]))
+def hats(y: Array, knots: int) -> Iterator[Array]:
+    """Piecewise linear functions of a variable (n,), one for each of some equidistant knots; none of a constant."""
+    low, high = np.nanquantile(y, [0.001, 0.999]) if np.isfinite(y).any() else (0.0, 0.0)
+    if high > low:
+        place = np.clip((y - low) / (high - low), 0.0, 1.0) * (knots - 1)
+        yield from (np.maximum(0.0, 1.0 - np.abs(place - knot)) for knot in range(knots))
