@@ -29,7 +29,7 @@ def main() -> None:
         for line in recordings[1].splitlines():
             subprocess.run([sys.executable, "-m", *shlex.split(line)], check=True)
         exec(compile(example[1], "README.md", "exec"), {})
-        shutil.copy("error-reduction.png", DOCS / "static")
+        shutil.copy("loop.png", DOCS / "static")
 
 
 if __name__ == "__main__":

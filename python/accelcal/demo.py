@@ -8,15 +8,18 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
-from accelcal._support.values import listing
-from accelcal.data import Array, Channel, Recording, Rig
+from accelcal._support.values import face, listing
+from accelcal.data import Array, Recording, Rig
 from accelcal.diagnosis.search.scan import scan
-from accelcal.effects import CATALOGUE, Effect, find
+from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.effects import CATALOGUE, Effect, find, of_one_record
 from accelcal.effects.building_blocks import lagged
+from accelcal.estimation.estimate import Fit
 from accelcal.estimation.gauss_newton import iterate
 from accelcal.estimation.run import prepare
 from accelcal.io import atomic_write
@@ -24,12 +27,22 @@ from accelcal.model import Model
 from accelcal.signals.signals import Origins, Signals
 from accelcal.simulation.motion import Motion
 from accelcal.simulation.sensor import CXL02_RIG, Simulated, simulate
+from accelcal.validation.comparison import ONE_SIDED
+from accelcal.validation.differences import Comparison
+from accelcal.verbs import add, compare, diagnose, fit
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 """Base parameters of every hidden-effect demo."""
 SECONDS = 60.0
 STRENGTH = 5.0
-"""A hidden effect is this many times the smallest detectable one of the record."""
+"""A hidden effect is at least this many times the smallest detectable one: some 30 standard deviations."""
+LIMITS = 8.0
+"""Systematic error of the other recording under the base model, at least, in about its limits of detection."""
+DIRECTIONS = 100.0
+"""That a record resolves, about."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,22 +83,31 @@ def hide(name: str, seed: int) -> Hidden:
     state = iterate(Model.linear(), [run], [None]).states[0]
     limits = scan([state], Model.linear()).detection_limits
     possible = [
-        n
-        for n, effect in CATALOGUE.items()
-        if math.isfinite(limits.get(n, math.inf))
-        and not effect.family
-        and effect.port == "output"
-        and effect.width == 1
+        name
+        for name, effect in CATALOGUE.items()
+        if math.isfinite(limits.get(name, math.inf)) and not effect.family and effect.port != "noise"
     ]
-    effect = find(possible[int(rng.integers(len(possible)))] if name == "random" else name)
+    # a random one is of the sensor or the rig, not of one record, so that the other record shows what it takes away
+    drawn = [
+        name
+        for name in possible
+        if find(name).port == "output" and find(name).width == 1
+        if not (of_one_record(find(name)) or find(name).traits.delay_class)
+    ]
+    effect = find(drawn[int(rng.integers(len(drawn)))] if name == "random" else name)
     if effect.name not in possible:
-        raise AccelcalError(f"{effect.name!r} cannot be hidden in this demo; choose one of {', '.join(possible)}")
+        why = "acts on noise alone" if effect.port == "noise" else "does not show on these records"
+        raise AccelcalError(f"{effect.name!r} cannot be hidden, it {why}; choose one of {', '.join(possible)}")
     shape = {key: float(rng.choice(declared.grid(state.signals))) for key, declared in effect.shapes.items()}
-    size = float(rng.choice([1.0] if effect.traits.positive else [-1.0, 1.0])) * STRENGTH * limits[effect.name]
     origins = run.origins
+    error = systematic_error(simulated_runs[1], effect, shape, origins)
+    density = CXL02_RIG.sensor.noise or 0.0
+    limit = math.sqrt(ONE_SIDED * math.sqrt(2.0 * DIRECTIONS) * density**2 / (2.0 * SECONDS))
+    size = max(STRENGTH * limits[effect.name], LIMITS * limit / error if error > 0.0 else 0.0)
+    size *= float(rng.choice([1.0] if effect.traits.positive else [-1.0, 1.0]))
     return Hidden(
-        with_effect(simulated_runs[0], effect, size, shape, origins),
-        with_effect(simulated_runs[1], effect, size, shape, origins),
+        with_effect(simulated_runs[0], effect, size, shape, origins, seed),
+        with_effect(simulated_runs[1], effect, size, shape, origins, seed + 1),
         effect.name,
         size,
         shape,
@@ -93,16 +115,32 @@ def hide(name: str, seed: int) -> Hidden:
 
 
 def with_effect(
-    simulated: Simulated, effect: Effect, size: float, shape: Mapping[str, float], origins: Origins
+    simulated: Simulated, effect: Effect, size: float, shape: Mapping[str, float], origins: Origins, seed: int = 0
 ) -> Recording:
-    """The recording with an effect of the sensor added in front of the low-pass."""
+    """The recording with an effect in front of the low-pass of the sensor, or in the readings of the position."""
     recording, rig = simulated.recording, simulated.recording.rig
-    accel = recording.accel
-    s = exact_signals(simulated.truth.motion, accel.t, rig, origins)
-    added = size * effect.column(s, **shape)
+    channel = recording.position if effect.port == "position" else recording.accel
+    s = exact_signals(simulated.truth.motion, channel.t, rig, origins)
+    columns = effect.column(s, **shape).reshape(len(s.t), -1)
+    weights = np.random.default_rng(seed).standard_normal(columns.shape[1])
+    if effect.port != "process":
+        weights /= np.linalg.norm(weights)
+    added = size * (columns @ (np.ones(1) if columns.shape[1] == 1 and effect.port != "process" else weights))
+    if effect.port == "position":
+        return replace(recording, position=replace(channel, y=channel.y + added))
     if rig.lowpass is not None:
         added = lagged(added, rig.lowpass.tau, s.step, float(added[0]))
-    return replace(recording, accel=Channel(accel.name, accel.t, accel.y + added, accel.unit))
+    return replace(recording, accel=replace(channel, y=channel.y + added))
+
+
+def systematic_error(simulated: Simulated, effect: Effect, shape: Mapping[str, float], origins: Origins) -> float:
+    """Rms error that one unit of an effect leaves beside bias, scale factor and delay; 0 where it is not at the sensor
+    or has several coefficients."""
+    if effect.port != "output" or effect.width > 1:
+        return 0.0
+    s = exact_signals(simulated.truth.motion, simulated.recording.accel.t, simulated.recording.rig, origins)
+    base, column = np.stack([np.ones_like(s.t), s.a, s.jerk], axis=1), effect.column(s, **shape)
+    return float(np.std(column - base @ np.linalg.lstsq(base, column, rcond=None)[0]))
 
 
 def exact_signals(motion: Motion, t: Array, rig: Rig, origins: Origins) -> Signals:
@@ -118,6 +156,63 @@ def exact_signals(motion: Motion, t: Array, rig: Rig, origins: Origins) -> Signa
         bias=TRUTH["bias"],
         rig=rig,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """The loop on two recordings of one rig: compare, see, learn, add, watch the error fall."""
+
+    hidden: Hidden
+    fit: Fit
+    """Of the base model."""
+    diagnosis: Diagnosis
+    named: str
+    """The effect that was added: of several that explain it as well the one with the least error on the held-out
+    recording; empty where none was named."""
+    better: Fit
+    """With it."""
+    comparison: Comparison
+    """Of both on the held-out recording."""
+
+    def plot(self, *, theme: Literal["light", "dark"] = "light") -> Figure:
+        """Draw the five steps on one page.
+
+        Raises
+        ------
+        MissingExtra
+            If matplotlib is not installed.
+        """
+        figure: Figure = face("plots").loop(self.diagnosis, self.comparison, theme=theme)
+        return figure
+
+
+def loop(effect: str = "random", seed: int = 1, hidden: Hidden | None = None) -> Loop:
+    """Run the loop on a rig with a hidden effect.
+
+    Parameters
+    ----------
+    effect : to hide, "random" or "none".
+    seed : of everything random.
+    hidden : recordings that were made before.
+
+    Examples
+    --------
+    >>> from accelcal import demo
+    >>> demo.loop("cubic").named
+    'cubic'
+    """
+    hidden = hidden or hide(effect, seed)
+    first = fit(hidden.train)
+    diagnosis = diagnose(first, hidden.train)
+    named = next((name for name in diagnosis.effects if name not in first.model.effects), "")
+    if not named:
+        return Loop(hidden, first, diagnosis, "", first, compare(first, hidden.holdout))
+    tied = next((group.members for group in diagnosis.classes if named in group.members), (named,))
+    grown = [add(first, hidden.train, name) for name in tied]
+    several = compare([first, *grown], hidden.holdout)
+    best = min(range(len(tied)), key=lambda number: several.errors[number + 1])
+    pair = compare([first, grown[best]], hidden.holdout) if len(tied) > 1 else several
+    return Loop(hidden, first, diagnosis, tied[best], grown[best], pair)
 
 
 def seal(hidden: Hidden, path: Path) -> None:

@@ -14,8 +14,8 @@ from typing import Any, overload
 
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
+from accelcal._support.process import one_thread
 from accelcal._support.progress import within
-from accelcal._support.threads import one_thread
 from accelcal._support.values import listing
 from accelcal.data import DERIVED, Dwells, Recording, RecordingError
 from accelcal.data.recording import with_dwells
@@ -60,6 +60,7 @@ from accelcal.validation import evaluation
 from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Evaluation
 from accelcal.validation.differences import Comparison, best_step, names_of
 from accelcal.validation.noise_floor import Ruler, noise_floor
+from accelcal.validation.systematic import with_resolved
 
 MOST_EFFECTS = 3
 """Effects that `improve` adds at most by default."""
@@ -702,14 +703,13 @@ def compared_steps(
     without what disturbed them unless they have been `seen`; the remark on that."""
     ruler, first = Ruler.of([fit for _, fit in selection.fits]), selection.fits[0][1]
     floor, train = noise_floor(ruler, first, test, start=start, end=end), selection.current.fitted.runs[0]
+    fits = [fit for _, fit in selection.fits]
+    unseen = [
+        replace(evaluation.compare(fit, test, start=start, end=end, ruler=ruler), noise_floor=floor) for fit in fits
+    ]
     steps = [
-        Step(
-            names,
-            fit,
-            evaluation.compare(fit, train, start=begin, end=selection.split, ruler=ruler),
-            replace(evaluation.compare(fit, test, start=start, end=end, ruler=ruler), noise_floor=floor),
-        )
-        for names, fit in selection.fits
+        Step(names, fit, evaluation.compare(fit, train, start=begin, end=selection.split, ruler=ruler), heldout)
+        for (names, fit), heldout in zip(selection.fits, with_resolved(unseen, fits, ruler, floor), strict=True)
     ]
     if seen or not (disturbed := disturbance(steps[-1].heldout, test.recording, "held out, ")):
         return steps, []
@@ -920,7 +920,7 @@ def compare_models(
         evaluations = [compared(number, fit) for number, fit in enumerate(fits)]
     least = noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
     progress(1.0)
-    return tuple(replace(result, noise_floor=least) for result in evaluations)
+    return with_resolved([replace(result, noise_floor=least) for result in evaluations], fits, ruler, least)
 
 
 @checked

@@ -247,7 +247,8 @@ def test_regions_come_in_the_order_of_what_they_explain(example, defined):
     shares = [share for _, share in found]
     assert shares == sorted(shares, reverse=True)
     assert found[0][0].variable == "acceleration"  # a cubic is a function of acceleration
-    assert {"time", "position", "velocity", "acceleration", "jerk", "time since reversal"} == {
+    recent = {"recent velocity", "recent acceleration", "distance since reversal"}
+    assert recent | {"time", "position", "velocity", "acceleration", "jerk", "time since reversal"} == {
         b.variable for b, _ in found
     }
     titles = [panel.title.split(":")[0] for panel in defined["regions"].panels]
@@ -402,10 +403,10 @@ def test_falling_draws_errors_floor_and_shares(example, drawn, defined):
     np.testing.assert_allclose(bars.y, np.array(example.nested.errors) * factor, rtol=1e-12)  # one product
     intervals = [(i.low * factor, i.high * factor) for i in example.nested.intervals]
     np.testing.assert_allclose(np.column_stack([bars.low, bars.high]), intervals, rtol=1e-12)
-    line = named(figure, "noise alone, with 95 % prediction interval")
+    line = named(figure, "limit of detection")
     expected = np.array([floor.value, floor.low, floor.high]) * factor
     np.testing.assert_allclose((line.at, line.low, line.high), expected, rtol=1e-12)
-    assert f"{100 * example.nested.shares[1]:.0f} % of the excess" in bars.text[1]
+    assert f"{100 * example.nested.shares[1]:.0f} % of its power" in bars.text[1]
     assert "declared noise density" in figure.headline
     assert example.nested.errors[1] < 0.6 * example.nested.errors[0]
     content = drawn["light"]["error_reduction"]
@@ -419,7 +420,8 @@ def test_a_base_at_the_floor_explains_nothing(example):
     last = example.nested[1]
     high = RmsInterval(1.0, 0.5, 2.0)
     loud = replace(last.noise_floor, drift=dict.fromkeys(last.noise_floor.drift, high))
-    poor = Comparison(example.nested.fits[1:], ("base",), ("run",), ((replace(last, noise_floor=loud),),))
+    short = replace(last, noise_floor=loud, resolved=())
+    poor = Comparison(example.nested.fits[1:], ("base",), ("run",), ((short,),))
     assert (poor.shares, poor.at_floor) == ((None,), (True,))
 
 

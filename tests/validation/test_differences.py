@@ -23,6 +23,7 @@ from accelcal.validation.differences import (
     ModelDifference,
     PairedStretches,
     headline_horizon,
+    heldout_change,
     stretch_count,
     verdict_of,
 )
@@ -92,7 +93,8 @@ def test_the_right_model_is_better_and_by_how_much(paired: Comparison) -> None:
     assert one.pooled is not None
     low, high = one.pooled.percent_interval
     assert low < one.pooled.percent < high < 0.0
-    assert one.sentence.startswith("base + quadratic + cubic is better than base: drift after ")
+    assert one.sentence.startswith("base + quadratic + cubic is better than base: systematic error smaller by ")
+    assert one.pooled.measure == "systematic error"
     assert paired.paired_horizon == max(h for h in (1.0, 5.0, 10.0) if stretch_count(paired.seen[0][0], h) >= 5)
     assert len(one.recordings) == 2
     assert all(change is not None for change in one.recordings)
@@ -100,13 +102,15 @@ def test_the_right_model_is_better_and_by_how_much(paired: Comparison) -> None:
 
 def test_pooled_stretches_are_those_of_all_recordings(paired: Comparison) -> None:
     (one,) = paired.differences
+    drift = next(change for change in one.horizons if change.measure == "drift after 1 s")
+    each = [change for seen in paired.seen if (change := heldout_change(*seen, 1.0)) is not None]
+    assert drift.stretches == sum(change.stretches for change in each)
+    drifts = [len(seen[0].drifts[1.0][0]) for seen in paired.seen]
+    samples = [seen[0].resolved[0].samples for seen in paired.seen]
     assert one.pooled is not None
-    each = [change for change in one.recordings if change is not None]
-    assert one.pooled.stretches == sum(change.stretches for change in each)
-    counts = [len(seen[0].drifts[1.0][0]) for seen in paired.seen]
-    for side in ("before", "after"):
-        squares = [getattr(change, side) ** 2 for change in each]
-        assert getattr(one.pooled, side) == pytest.approx(np.sqrt(np.average(squares, weights=counts)))
+    for pooled, several, counts in ((drift, each, drifts), (one.pooled, one.recordings, samples)):
+        squares = [change.before**2 for change in several if change is not None]
+        assert pooled.before == pytest.approx(np.sqrt(np.average(squares, weights=counts)))
 
 
 def test_a_model_is_no_better_than_itself(fits: list[ac.Fit], runs: list[ac.Recording]) -> None:
@@ -185,9 +189,10 @@ def test_mistakes_are_said(fits: list[ac.Fit], runs: list[ac.Recording]) -> None
 def test_frame_and_summary_have_the_numbers_of_the_difference(paired: Comparison) -> None:
     frame, (one,) = paired.to_dataframe("changes"), paired.differences
     assert one.pooled is not None
-    assert frame.index.tolist() == [one.name] * 3
-    assert frame["percent"].iloc[-1] == one.pooled.percent
-    assert (frame["low"].iloc[-1], frame["high"].iloc[-1]) == one.pooled.percent_interval
+    assert frame.index.tolist() == [one.name] * 4
+    shown = frame[frame["measure"] == "systematic error"].iloc[-1]
+    assert shown["percent"] == one.pooled.percent
+    assert (shown["low"], shown["high"]) == one.pooled.percent_interval
     assert "is better than base" in str(paired)
 
 

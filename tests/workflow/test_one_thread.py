@@ -9,7 +9,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import accelcal as ac
-from accelcal._support.threads import one_thread
+from accelcal._support.process import one_thread
 from accelcal.estimation.estimate import estimate
 from accelcal.simulation import CXL02_RIG
 from accelcal.verbs import diagnose

@@ -83,6 +83,9 @@ def test_too_few_stretches_give_no_standard_error(table):
     assert heldout_change(history[0], history[1], 10.0) is None
     change = heldout_change(history[0], history[1])
     assert change is not None
+    assert change.measure == "systematic error"
+    change = heldout_change(*(dataclasses.replace(seen, resolved=()) for seen in history[:2]))
+    assert change is not None
     assert change.measure == "drift after 1 s"
     assert change.sigma < -2.0
 

@@ -12,13 +12,18 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
+from functools import wraps
+from threading import current_thread, main_thread
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 from accelcal._support import stopping
 
 if TYPE_CHECKING:  # a command starts without them
     import subprocess
     from concurrent.futures import ProcessPoolExecutor
+
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
 
 GRACE = 2.0
 """Time that the child has to clean up and to end by itself, s; a second signal ends it at once."""
@@ -212,3 +217,22 @@ def end(process: subprocess.Popen[bytes], owner: int, *, group: bool = False, pa
                 pipe.close()
     with suppress(TimeoutExpired):
         process.wait(patience) if patience else process.wait()
+
+
+def one_thread(function: Callable[Given, Found]) -> Callable[Given, Found]:
+    """A function during which linear algebra runs in one thread; afterwards in as many as before.
+
+    Called in the main thread alone: the limit is one for the whole process, and threads that overlap would not restore
+    the former limit.
+    """
+
+    @wraps(function)
+    def limited(*args: Given.args, **options: Given.kwargs) -> Found:
+        if current_thread() is not main_thread():
+            return function(*args, **options)
+        from threadpoolctl import threadpool_limits  # a command starts without it
+
+        with threadpool_limits(1, "blas"):
+            return function(*args, **options)
+
+    return limited

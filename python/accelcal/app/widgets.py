@@ -22,10 +22,10 @@ from accelcal.data import instant
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
 from accelcal.plots import diagnosis, plotly, residuals, timeline
-from accelcal.plots.figure import Bars, Figure, Level, Line, ThemeName, share_text
-from accelcal.results import words as formatting
+from accelcal.plots.figure import Bars, Figure, Level, Line, ThemeName, ruled, share_text
+from accelcal.results.comparisons import quoted
 from accelcal.validation.comparison import Evaluation
-from accelcal.validation.differences import Comparison, quoted_error
+from accelcal.validation.differences import Comparison
 
 MARKERS = ("o", "s", "D", "^", "P", "X")
 """Of the held-out recordings."""
@@ -101,7 +101,8 @@ def falling(state: State, theme: ThemeName) -> Picture:
     compared = path_of(state)
     figure = diagnosis.error_reduction(compared)
     (panel,) = figure.panels
-    sizes = [formatting.length(error) for error in compared.errors]
+    measure, (factor, _) = compared.headline, ruled(compared)
+    sizes = [quoted(measure, evaluation) for evaluation in compared]
     names = [
         f"{spelled(step.label)}: {size}\n{share_text(compared, i)}"
         for i, (step, size) in enumerate(zip(state.path, sizes, strict=True))
@@ -109,9 +110,8 @@ def falling(state: State, theme: ThemeName) -> Picture:
     marks = [replace(m, text=()) if isinstance(m, Bars) else m for m in panel.marks]  # text would sit on the noise line
     several, top = len(state.unseen_runs), panel.y.range[1] if panel.y.range else 0.0
     if several > 1:
-        factor, _ = formatting.prefixed("m", np.array(compared.errors), compared.floor.value)
         for run, evaluations, marker in zip(state.unseen_runs, compared.seen, itertools.cycle(MARKERS)):
-            errors = np.array([quoted_error(evaluation, compared.horizon) for evaluation in evaluations])
+            errors = np.array([measure.error(evaluation) for evaluation in evaluations])
             marks.append(Line(np.arange(float(len(errors))), errors * factor, run.name, "ink", marker=marker))
             top = max(top, 1.1 * float(np.max(errors)) * factor)
     panel = replace(

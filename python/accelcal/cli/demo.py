@@ -8,24 +8,25 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from accelcal.cli import printing
 from accelcal.cli.common import (
     Json,
     UsageError,
     app,
     print_json,
     progress,
+    say,
     say_line,
     suggest,
     with_exit_codes,
     writable_folder,
 )
-from accelcal.cli.data import truth_text, write_recording
-from accelcal.cli.lazy import catalogue, io, model_file, plots, results_json, sensors, verbs, words
+from accelcal.cli.data import write_recording
+from accelcal.cli.lazy import catalogue, drawing, model_file, results_json, words
 from accelcal.cli.overwriting import require_replaceable
 
 if TYPE_CHECKING:
     from accelcal.demo import Hidden
+    from accelcal.estimation.estimate import Fit
 
 
 @app.command()
@@ -35,66 +36,54 @@ def demo(
         Path, typer.Option("-o", "--output", help="Folder to write into.", callback=writable_folder)
     ] = Path("demo"),
     seed: Annotated[int, typer.Option("--seed", help="Random seed.", min=0)] = 1,
-    effect: Annotated[
-        str | None, typer.Option("--effect", help="Hide this effect (or random, or none) and let improve find it.")
-    ] = None,
+    effect: Annotated[str, typer.Option("--effect", help="The effect to hide: a name, random or none.")] = "random",
 ) -> None:
-    """Show the main steps: simulate two recordings, fit the first, compare with the second, plot.
+    """Show the loop: hide an effect in two recordings, compare, see, learn, add, and watch the error fall.
 
-    With --effect, hide an effect, store the answer in a file, and find the effect from the data.
+    The answer is sealed in a file and opened at the end.
 
     Example: [bold]accelcal demo --effect random --seed 3 -o demo[/bold]
     """
     paths = [output / "run1.csv", output / "run2.csv"]
-    for path in (*paths, output / ("m.json" if effect is None else "best.json")):
+    models = [output / "m.json", output / "best.json"]
+    for path in (*paths, *models):
         require_replaceable(path, f"--output {output}: ", paths)
-    if effect is not None:
-        demo_hidden(effect, output, seed)
-        return
-    import numpy as np
+    from accelcal.demo import hide, loop, seal
 
-    truth = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
     began = time.perf_counter()
-    seeds = np.random.SeedSequence(seed).spawn(2)
-    for path, number in zip(paths, seeds, strict=True):
-        rng = np.random.default_rng(number)
-        simulated = sensors.simulate("interleaved", seconds=60.0, rig=sensors.ADXL105_RIG, parameters=truth, rng=rng)
-        write_recording(simulated.recording, path)
-        count = len(simulated.recording.accel)
-        say_line(f"simulated {path}: 60 s, {count} output samples; true values: {truth_text(truth)}")
-    say_line(f"\n$ accelcal fit {paths[0]} -o {output / 'm.json'}")
-    first = io.load(paths[0])
-    with progress("fit") as report:
-        fitted = verbs.fit(first, progress=report)
-    model_file.save(fitted, output / "m.json")
-    printing.show_fit(fitted, first)
-    say_line(f"\n$ accelcal compare {output / 'm.json'} {paths[1]} --plots {output}")
-    with progress("compare") as report:
-        comparison = verbs.compare(fitted, io.load(paths[1]), progress=report)
-    printing.show_comparison(comparison)
-    for path in plots.write(comparison, output):
-        say_line(f"wrote {path}")
-    say_line(f"\nThis took {time.perf_counter() - began:.1f} s.")
-    suggest("demo", "--effect", "random", "-o", output)
-
-
-def demo_hidden(effect: str, output: Path, seed: int) -> None:
-    """Hide an effect in two recordings and find it with `improve`."""
-    from accelcal.demo import hide, seal
-
     hidden = hide(effect, seed)
-    paths = [output / "run1.csv", output / "run2.csv"]
     for path, recording in zip(paths, (hidden.train, hidden.holdout), strict=True):
         write_recording(recording, path)
     seal(hidden, output / "answer.json")
-    say_line(f"{paths[0]} and {paths[1]} may contain a hidden effect; the answer is in {output / 'answer.json'}.")
-    say_line(f"\n$ accelcal improve {paths[0]} --holdout {paths[1]} -o {output / 'best.json'}")
-    with progress("improve") as report:
-        improvement = verbs.improve(hidden.train, holdout=hidden.holdout, progress=report)
-    model_file.save(improvement.diagnosis.fit, output / "best.json")
-    printing.show_improvement(improvement)
-    say_line(f"\nFound: {', '.join(improvement.effects) or 'nothing'}. Hidden: {hidden_text(hidden)}.")
-    suggest("report", output / "best.json", paths[0], "--holdout", paths[1], "-o", output / "report.html")
+    say_line(f"{paths[0]} and {paths[1]}: one rig, 60 s each; an effect may be hidden, answer in {output}/answer.json.")
+    with progress("loop"):
+        steps = loop(hidden=hidden)
+    evaluation = steps.comparison.seen[0][0]
+
+    def verb(name: str, command: str, text: str) -> None:
+        say_line(f"\n{name}  $ accelcal {command}")
+        say(text)
+
+    model_file.save(steps.fit, models[0])
+    verb("fit", f"fit {paths[0]} -o {models[0]}", values(steps.fit))
+    verb("compare", f"compare {models[0]} {paths[1]}", evaluation.table().sentence)
+    verb("see", f"compare {models[0]} {paths[1]} --plots {output}", f"Largest residual: {evaluation.worst}.")
+    verb("learn", f"diagnose {models[0]} {paths[0]}", steps.diagnosis.table().sentence)
+    if steps.named:
+        model_file.save(steps.better, models[1])
+        verb("add", f"add {models[0]} {paths[0]} --effect {steps.named} -o {models[1]}", values(steps.better))
+        verb("watch", f"compare {' '.join(map(str, models))} {paths[1]}", steps.comparison.table().sentence)
+    say_line(f"\nHidden: {hidden_text(hidden)}. Named: {steps.named or 'nothing'}.")
+    drawing.save(steps.plot(), output / "demo.png")
+    say_line(f"wrote {output / 'demo.png'}; this took {time.perf_counter() - began:.1f} s.")
+    suggest(
+        "report", models[1] if steps.named else models[0], paths[0], "--holdout", paths[1], "-o", output / "report.html"
+    )
+
+
+def values(fit: Fit) -> str:
+    """The parameters of a fit in one line."""
+    return ", ".join(f"{e.symbol} {words.amount(e.value, e.std, e.unit)}" for e in fit.estimates)
 
 
 def hidden_text(hidden: Hidden) -> str:

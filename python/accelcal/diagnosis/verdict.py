@@ -105,16 +105,23 @@ class Diagnosis(Result):
     def __repr__(self) -> str:
         return f"Diagnosis({self.verdict}: {self.sentence})"
 
-    def plot(self, *, theme: Literal["light", "dark"] = "light") -> Figure:
-        """Draw the candidates with what each explains, see `accelcal.plots.ranking`.
+    def plot(
+        self, figure: Literal["ranking", "added_variable"] = "ranking", *, theme: Literal["light", "dark"] = "light"
+    ) -> Figure:
+        """Draw the candidates with what each explains, or the error against the best of them and its rival.
+
+        Parameters
+        ----------
+        figure : a function of `accelcal.plots`.
+        theme : "light" or "dark".
 
         Raises
         ------
         MissingExtra
             If matplotlib is not installed.
         """
-        figure: Figure = face("plots").ranking(self, theme=theme)
-        return figure
+        drawn: Figure = getattr(face("plots"), figure)(self, theme=theme)
+        return drawn
 
     @property
     def suspect(self) -> tuple[str, ...]:

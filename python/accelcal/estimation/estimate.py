@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
+from accelcal._support.process import one_thread
 from accelcal._support.result import Result
-from accelcal._support.threads import one_thread
 from accelcal._support.values import face, immutable
 from accelcal.data import (
     DERIVED,

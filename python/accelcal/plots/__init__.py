@@ -9,16 +9,18 @@ from typing import Any
 from accelcal._support.errors import MissingExtra
 from accelcal._support.values import face
 from accelcal.plots import comparison, diagnosis, model, residuals, response, timeline
-from accelcal.plots.comparison import overview, write
+from accelcal.plots.comparison import loop, overview, write
 from accelcal.plots.matplotlib import still
 
 __all__ = [
     "MissingExtra",
     "accel_residual",
+    "added_variable",
     "autocorrelation",
     "coasting",
     "error_reduction",
     "histogram",
+    "loop",
     "nonlinearity",
     "one_step",
     "overlay",
@@ -33,6 +35,7 @@ __all__ = [
 ]
 
 accel_residual = still(comparison.accel_residual)
+added_variable = still(diagnosis.added_variable)
 autocorrelation = still(residuals.autocorrelation)
 coasting = still(comparison.coasting)
 error_reduction = still(diagnosis.error_reduction)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from accelcal.data import instant
+from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.estimation.estimate import Fit
 from accelcal.plots import matplotlib
-from accelcal.plots.diagnosis import error_reduction
+from accelcal.plots.diagnosis import added_variable, error_reduction, ranking
 from accelcal.plots.figure import (
     COLUMNS,
     TWO_SIDED_95,
@@ -30,10 +32,11 @@ from accelcal.plots.figure import (
 )
 from accelcal.plots.model import nonlinearity, parameters
 from accelcal.plots.residuals import autocorrelation, histogram, regions
-from accelcal.plots.timeline import TIME, overlay
+from accelcal.plots.timeline import TIME, closely, overlay
+from accelcal.results.comparisons import quoted
 from accelcal.results.words import grouped, length, prefixed
 from accelcal.validation.comparison import Evaluation
-from accelcal.validation.differences import Comparison, headline_horizon, quoted_error
+from accelcal.validation.differences import Comparison, headline_horizon
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawn
@@ -118,7 +121,7 @@ def drift_headline(comparison: Evaluation) -> str:
         return "Unaided drift: the record is too short"
     floor = comparison.drift_floors.get(horizon)
     beside = "" if floor is None else f", noise floor {length(floor)}"
-    return f"Unaided drift after {horizon:g} s: {length(quoted_error(comparison, horizon))} rms{beside}"
+    return f"Unaided drift after {horizon:g} s: {length(comparison.coast_rms[horizon] or 0.0)} rms{beside}"
 
 
 def one_step(comparison: Evaluation, *, previous: Evaluation | None = None) -> Figure:
@@ -196,6 +199,35 @@ def overview(fit: Fit, comparison: Evaluation, *, theme: ThemeName = "light") ->
     """
     parts = (simulated(comparison), coasting(comparison), one_step(comparison), regions(comparison, 2))
     return matplotlib.page(parts, summary_sentence(fit, comparison), theme)
+
+
+def loop(diagnosis: Diagnosis, comparison: Comparison, *, theme: ThemeName = "light") -> Drawn:
+    """Draw one page: measured and modelled, where it fails, the candidates, the evidence, the error before and after.
+
+    Parameters
+    ----------
+    diagnosis : of the model that lacks an effect.
+    comparison : of that model and of the one with the effect, on held-out data.
+    theme : "light" or "dark".
+
+    Raises
+    ------
+    MissingExtra
+        If matplotlib is not installed.
+    """
+    lacking = comparison.seen[0][0]
+    added = [name for name in comparison.fits[-1].model.added if name not in diagnosis.fit.model.added]
+    parts = (
+        replace(closely([(comparison.names[0], lacking)]), headline="1  Measured and modelled, held-out data"),
+        replace(regions(lacking, 1), headline="2  Where the model fails", note="", legend=False),
+        replace(ranking(diagnosis, 6), headline=f"3  Candidates, of {diagnosis.scan.examined}", note="", legend=False),
+        replace(added_variable(diagnosis, lacking, *added[:1]), headline="4  Error against the effect, held-out data"),
+        replace(error_reduction(comparison), headline="5  The error before and after"),
+    )
+    measure, full_scale = comparison.headline, comparison.fits[0].rig.sensor.range
+    errors = " → ".join(quoted(measure, evaluation, full_scale) for evaluation in comparison)
+    text = f"{comparison.names[-1]}, on unseen data: {measure.name} {errors} rms"
+    return matplotlib.page(parts, text, theme, (4.0, 3.0, 4.0, 7.0, 4.0))
 
 
 def write(comparison: Comparison, directory: str | Path, *, theme: ThemeName = "light") -> list[Path]:

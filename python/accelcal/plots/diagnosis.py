@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +11,10 @@ from accelcal.data import Array
 from accelcal.diagnosis.experiment import DriftBandwidth, Power
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
-from accelcal.effects import find, spelled
+from accelcal.effects import Effect, find, spelled
+from accelcal.estimation.estimate import Fit
 from accelcal.plots.figure import (
+    CANDIDATES,
     Axis,
     Bars,
     Figure,
@@ -24,10 +26,14 @@ from accelcal.plots.figure import (
     Tiles,
     candidate_groups,
     error_reduction_sentence,
+    ruled,
     sentence,
     share_text,
 )
 from accelcal.results import words as formatting
+from accelcal.results.comparisons import quoted
+from accelcal.validation import systematic
+from accelcal.validation.comparison import Evaluation
 from accelcal.validation.differences import Comparison
 
 
@@ -67,14 +73,15 @@ def signature_correlation(power: Power) -> SignatureCorrelation:
     return SignatureCorrelation(tuple(rows), G[np.ix_(sets, sets)] / np.outer(size, size))
 
 
-def ranking(diagnosis: Diagnosis) -> Figure:
+def ranking(diagnosis: Diagnosis, most: int = CANDIDATES) -> Figure:
     """Draw equivalent standard deviations of each candidate; significant ones filled, confounded ones in brackets.
 
     Parameters
     ----------
     diagnosis : from `accelcal.diagnose`.
+    most : candidates that are drawn.
     """
-    groups = candidate_groups(diagnosis)
+    groups = candidate_groups(diagnosis, most)
     headline = f"Candidate effects: {diagnosis.scan.examined} examined"
     if not groups:
         return sentence(headline, "No candidate could be tested on this record.")
@@ -117,7 +124,7 @@ def error_reduction(comparison: Comparison, *, lacking: int = 0) -> Figure:
     lacking : number of models at the end that have effects which the model itself lacks.
     """
     floor, errors = comparison.floor, np.array(comparison.errors)
-    factor, unit = formatting.prefixed("m", errors, floor.value)
+    factor, unit = ruled(comparison)
     errors = errors * factor
     ends = [(around.low, around.high) if around else (np.nan, np.nan) for around in comparison.intervals]
     low, high = np.array(ends).T * factor
@@ -129,12 +136,14 @@ def error_reduction(comparison: Comparison, *, lacking: int = 0) -> Figure:
         low,
         high,
         [
-            "\n".join([f"{e:.3g} {unit}", *share_text(comparison, i).split(", ")]).rstrip()
-            for i, e in enumerate(errors.tolist())
+            "\n".join([quoted(comparison.headline, e).split(" (")[0], *share_text(comparison, i).split(", ")]).rstrip()
+            for i, e in enumerate(comparison)
         ],
         top,
     )
     said = "noise alone, with 95 % prediction interval"
+    if comparison.headline.band is not None:
+        said = "limit of detection"
     level = Level(floor.value * factor, floor.low * factor, floor.high * factor, said, "floor")
     names = [spelled(name) for name in comparison.names]
     models = Axis("model", range=(-0.6, len(names) - 0.4), ticks=(range(len(names)), names), grid=False)
@@ -142,6 +151,79 @@ def error_reduction(comparison: Comparison, *, lacking: int = 0) -> Figure:
     of_session = "a part of the fitted run, which does not reveal set-up and slow-drift errors"
     unseen = of_session if comparison.same_run else "another recording"
     return Figure((Panel((bars, level), models, size),), error_reduction_sentence(comparison), f"unseen data: {unseen}")
+
+
+def added_variable(diagnosis: Diagnosis, evaluation: Evaluation | None = None, effect: str = "") -> Figure:
+    """Draw what the model leaves of the output against the best candidate, and against its best rival.
+
+    From both all is taken off that the model takes up. A right effect lies on a line through its estimated size; noise
+    alone would lie on the abscissa.
+
+    Parameters
+    ----------
+    diagnosis : from `accelcal.diagnose`.
+    evaluation : of the same model on held-out data; by default what the diagnosis was made from.
+    effect : the candidate; by default the best one.
+    """
+    judged = evaluation or diagnosis.heldout or diagnosis.where
+    where = "on held-out data" if judged is not diagnosis.where else "on the fitted data"
+    several = zip(("", "best rival: "), leading(diagnosis, effect), strict=False)
+    panels = [
+        against(f"{called}{spelled(c.effect)}", judged, diagnosis.fit, find(c.effect), c.shape, c.estimate)
+        for called, c in several
+    ]
+    return evidence(panels, f"Error of the output {where} against the effect, ± 2 σ")
+
+
+def added_variables(comparison: Comparison) -> Figure:
+    """Draw what each model of a growing series leaves of the output against the effect that the next one adds.
+
+    Parameters
+    ----------
+    comparison : of a base, then one more effect at a time.
+    """
+    panels, evaluations = list[Panel | None](), comparison.seen[0]
+    for before, fit, better in zip(evaluations, comparison.fits, comparison.fits[1:], strict=False):
+        values = better.values()
+        for name in better.model.effects[len(fit.model.effects) :]:
+            terms = [term for term in values.terms if term.effect.name == name]
+            sizes = [values.by_name[term.name] for term in terms]
+            panels.append(against(spelled(name), before, fit, find(name), terms[0].shape, sizes))
+    return evidence(panels, "Error of the output on unseen data against each effect, before it is added, ± 2 σ")
+
+
+def evidence(panels: Sequence[Panel | None], headline: str) -> Figure:
+    """A figure of the panels that there are."""
+    drawn = tuple(panel for panel in panels if panel is not None)
+    return Figure(drawn, headline, columns=2) if drawn else sentence(headline, "No effect is a function of the motion.")
+
+
+def against(
+    name: str, evaluation: Evaluation, fit: Fit, effect: Effect, shape: Mapping[str, float], sizes: Sequence[float]
+) -> Panel | None:
+    """Panel of the error of a model against an effect that it lacks; None where that is no function of the motion."""
+    drawn = systematic.added_variable(evaluation, fit, effect, shape, sizes)
+    if drawn is None:
+        return None
+    factor, unit = formatting.prefixed("m/s²", drawn.x, drawn.y)
+    ends = np.array([drawn.x[0], drawn.x[-1]]) * factor
+    marks = (
+        Level(0.0),
+        Line(ends, ends * drawn.slope, "line through all samples", "model", solid=True),
+        Points(drawn.x * factor, drawn.y * factor, "mean error of the output", "measured", 2.0 * drawn.std * factor),
+    )
+    title = f"{name}: {100.0 * drawn.explained:.0f} % of the systematic error"
+    return Panel(marks, Axis("its contribution, the rest taken off", unit, few=True), Axis("error", unit), title)
+
+
+def leading(diagnosis: Diagnosis, effect: str = "") -> list[Candidate]:
+    """A candidate, by default the best, and the best one that is not confounded with it."""
+    candidates = diagnosis.scan.candidates
+    first = next((c for c in candidates if c.effect == (effect or c.effect)), None)
+    if first is None:
+        return []
+    rival = next((c for c in candidates if c.effect not in (*first.members, first.effect)), None)
+    return [first] if rival is None else [first, rival]
 
 
 MOST_SIZES, MOST_SIGNATURES = 50, 20

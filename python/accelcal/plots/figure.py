@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal._support.errors import AccelcalError
-from accelcal.data import Array
+from accelcal.data import MICRO_G, Array
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.results import words as formatting
-from accelcal.results.comparisons import source_of_noise
+from accelcal.results.comparisons import fall, source_of_noise
 from accelcal.results.words import grouped, label
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.differences import Comparison
@@ -441,33 +441,31 @@ def imposed_band_note(comparison: Evaluation) -> str:
 
 def error_reduction_sentence(comparison: Comparison) -> str:
     """The error of the first and of the last model in one sentence."""
-    errors = comparison.errors
-    text = f"{formatting.length(errors[0])}"
-    if len(errors) > 1:
-        text += f" → {formatting.length(errors[-1])}"
-    measure = comparison.measure[:1].upper() + comparison.measure[1:]
-    return f"{measure}: {text}; {floor_sentence(comparison)}"
+    full_scale = comparison.fits[0].rig.sensor.range
+    source = source_of_noise(comparison.noise_floor.sensor)
+    return f"{fall(list(comparison), full_scale=full_scale)[:-1]} ({source})"
 
 
-def floor_sentence(comparison: Comparison) -> str:
-    """The noise floor with its interval and its source."""
-    floor = comparison.floor
-    ends = f"{formatting.length(floor.low)} to {formatting.length(floor.high)}"
-    return f"noise alone {ends} ({source_of_noise(comparison.noise_floor.sensor)})"
+def ruled(comparison: Comparison) -> tuple[float, str]:
+    """Factor and unit in which the errors of a comparison are drawn: mg, or metres with a prefix."""
+    if comparison.headline.unit == "m/s²":
+        large = max(comparison.errors) >= 100.0 * MICRO_G
+        return (1.0 / (1e3 * MICRO_G), "mg") if large else (1.0 / MICRO_G, "µg")
+    return formatting.prefixed("m", np.array(comparison.errors), comparison.floor.value)
 
 
 def share_text(comparison: Comparison, number: int) -> str:
     """What a step did to the error: the part of the excess over noise that it removes, and whether that is all."""
     share = comparison.shares[number]
     if number and comparison.at_floor[number] and comparison.at_floor[number - 1]:
-        return "within the noise"
+        return "not detectable"
     if share is None:
-        return "within the noise" if comparison.at_floor[number] else ""
+        return "not detectable" if comparison.at_floor[number] else ""
     if share < 0.0:
         return "error rises"
     if comparison.at_floor[number]:
-        return f"{round(100.0 * min(share, 1.0))} % of the excess explained, down to the noise"
-    return f"{min(round(100.0 * share), 99)} % of the excess explained"
+        return f"{round(100.0 * min(share, 1.0))} % of its power explained, down to the noise"
+    return f"{min(round(100.0 * share), 99)} % of its power explained"
 
 
 def candidate_groups(diagnosis: Diagnosis, most: int = CANDIDATES) -> list[list[Candidate]]:

@@ -104,13 +104,19 @@ def draw(figure: data.Figure, theme: ThemeName = "light") -> Figure:
     return canvas
 
 
-def page(parts: Sequence[data.Figure], headline: str, theme: ThemeName = "light") -> Figure:
-    """Draw four figures on one page, A4 landscape, under a sentence of its own."""
+def page(
+    parts: Sequence[data.Figure], headline: str, theme: ThemeName = "light", widths: Sequence[float] = ()
+) -> Figure:
+    """Draw some figures in two rows on one page, A4 landscape, under a sentence of its own; by default equally wide."""
     look = theme_of(theme)
     canvas = new_figure(*A4_LANDSCAPE, look)
-    several = np.asarray(canvas.subfigures(2, 2, wspace=0.03, hspace=0.03)).flat
-    for part, figure in zip(several, parts, strict=True):
-        draw_into(part, figure, look, NORMAL)
+    half = (len(parts) + 1) // 2
+    several = np.asarray(canvas.subfigures(2, 1, hspace=0.03)).flat
+    for row, place in zip(several, (slice(half), slice(half, None)), strict=True):
+        shares = widths[place] or None
+        columns = np.atleast_1d(np.asarray(row.subfigures(1, len(parts[place]), wspace=0.03, width_ratios=shares)))
+        for part, figure in zip(columns, parts[place], strict=True):
+            draw_into(part, figure, look, NORMAL)
     write_headline(canvas, headline, look, LARGE)
     return canvas
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeVar
 
+from accelcal._support.process import one_thread
 from accelcal._support.progress import within
-from accelcal._support.threads import one_thread
 from accelcal.calibration.characteristic import Application, Budget, budget, example
 from accelcal.data import Recording, describe
 from accelcal.diagnosis.experiment.detectability import Power
@@ -191,6 +191,12 @@ def entries(c: Content) -> Iterator[Entry]:
     model = [("this calibration", c.judged)]
     caption = f"{c.judged.recording or 'Recording'}, {use_of(c)}. Residual: measured − simulated."
     yield Entry("overlay", "first", caption, partial(timeline.overlay, model), partial(timeline.closely, model))
+    if c.nested is not None and len(c.nested) > 1:
+        said = "Both without what the model before takes up; a right effect lies on a line of slope 1."
+        yield _both("evidence", "first", said, partial(diagnosis.added_variables, c.nested))
+    elif c.diagnosis.verdict in ("named", "tied"):
+        said = "Both without what the model takes up; a right effect lies on a line."
+        yield _both("evidence", "first", said, partial(diagnosis.added_variable, c.diagnosis))
     said = (
         "Ordered by evidence, free coefficients penalised. Filled: significant; bracketed: confounded on this record."
     )

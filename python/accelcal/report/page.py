@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from accelcal._core import __version__
 from accelcal._support.errors import optional
 from accelcal._support.locks import scratch_folder
-from accelcal._support.threads import one_thread
+from accelcal._support.process import one_thread
 from accelcal.calibration.agreement import BEYOND_BY_CHANCE, LIMIT, Agreement, ComparedParameter
 from accelcal.calibration.characteristic import budget
 from accelcal.effects import spelled

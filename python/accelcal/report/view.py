@@ -16,7 +16,7 @@ from accelcal.estimation.estimate import tied_sum
 from accelcal.estimation.noise import NoiseEffect, NoiseReport
 from accelcal.estimation.run_fit import RunFit
 from accelcal.model import Estimate
-from accelcal.plots.figure import error_reduction_sentence, floor_sentence, share_text
+from accelcal.plots.figure import error_reduction_sentence, share_text
 from accelcal.plots.response import (
     FIT_HEAD,
     LINEARITY_HEAD,
@@ -28,6 +28,7 @@ from accelcal.plots.response import (
     response_sentences,
 )
 from accelcal.report.content import Content
+from accelcal.results.comparisons import fall
 from accelcal.results.diagnoses import VERDICTS, contribution
 from accelcal.results.table import Column, Row, Table, as_view
 from accelcal.results.tables import parameter_rows
@@ -35,6 +36,7 @@ from accelcal.results.words import (
     about,
     amount,
     at_full_scale,
+    error_size,
     grouped,
     label,
     length,
@@ -47,7 +49,6 @@ from accelcal.results.words import (
     with_unit,
 )
 from accelcal.validation.comparison import ONLY_WHITE
-from accelcal.validation.differences import headline_horizon, quoted_error
 
 MOST_PARAMETERS, MOST_LIMITS, MOST_FILES = 12, 8, 4
 """Rows of the first page; the details show all."""
@@ -318,10 +319,7 @@ def summary(content: Content) -> list[str]:
     held_out = "a held-out part of the fitted recording" if content.is_part else "a held-out recording"
     kind = held_out if content.unseen else "the fitted recording"
     lines = []
-    h = headline_horizon(evaluation)
-    if h is not None:
-        floor = f"; {floor_sentence(content.nested)}" if content.nested and content.nested.horizon == h else ""
-        lines.append(f"Unaided drift after {h:g} s on {kind}: {length(quoted_error(evaluation, h))} rms{floor}.")
+    lines.append(fall([evaluation], f" on {kind}", content.fit.rig.sensor.range))
     lines += [f"{score.sentence[:1].upper()}{score.sentence[1:]}." for score in evaluation.noise_scores]
     lines.append(
         f"One-step prediction error: {length(evaluation.one_step_rms)} rms. "
@@ -422,6 +420,7 @@ def falling(content: Content) -> dict[str, Any] | None:
     nested = content.nested
     if nested is None:
         return None
+    unit = nested.headline.unit
     return {
         "sentence": f"{error_reduction_sentence(nested)}; {ONLY_WHITE}",
         "same_run": nested.same_run,
@@ -430,9 +429,9 @@ def falling(content: Content) -> dict[str, Any] | None:
             {
                 "model": name,
                 "error": error,
-                "shown": length(error),
+                "shown": error_size(error, unit),
                 "in_model": number < len(nested) - content.lacking,
-                "around": "" if around is None else f"{length(around.low)} to {length(around.high)}",
+                "around": "" if around is None else " to ".join(error_size(e, unit) for e in (around.low, around.high)),
                 "share": share_text(nested, number),
             }
             for number, (name, error, around) in enumerate(

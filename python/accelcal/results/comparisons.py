@@ -11,9 +11,20 @@ from accelcal.data import MICRO_G, instant
 from accelcal.diagnosis.select.improvement import Improvement
 from accelcal.results.diagnoses import VERDICTS
 from accelcal.results.table import Column, Row, Table, as_sentence, require, table
-from accelcal.results.words import decimal, length, number, percent, prefixed, probability, typeset, with_unit
+from accelcal.results.words import (
+    decimal,
+    error_size,
+    in_g,
+    length,
+    number,
+    percent,
+    prefixed,
+    probability,
+    typeset,
+    with_unit,
+)
 from accelcal.validation.comparison import ONLY_WHITE, SOURCES, Evaluation, NoiseFloor, Outside, Region, SensorNoise
-from accelcal.validation.differences import Comparison, HeldOutChange, headline_horizon, quoted_error, verdict_of
+from accelcal.validation.differences import Comparison, HeldOutChange, Measure, verdict_of
 from accelcal.validation.noise_floor import Ruler
 
 
@@ -24,7 +35,7 @@ def _(evaluation: Evaluation, which: str = "") -> Table:
         return regions(("", evaluation.recording, evaluation))
     return Table(
         title=f"Model against {evaluation.recording or 'recording'}",
-        sentence=drift_sentence(evaluation),
+        sentence=fall([evaluation]),
         columns=(
             Column("horizon", "unaided drift after", lambda r: f"{r['horizon']:g} s", "s"),
             length_column("drift", "bias re-estimated"),
@@ -142,18 +153,21 @@ def span_of(floor: NoiseFloor | None, horizon: float | None, key: str) -> Row:
     return {} if spread is None else {f"{key}_low": spread.low, f"{key}_high": spread.high}
 
 
-def drift_sentence(evaluation: Evaluation) -> str:
-    """The drift that is quoted first and its noise floor."""
-    h = headline_horizon(evaluation)
-    if h is None:
-        return f"Simulation error {length(evaluation.simulated_rms)} rms; too short for a drift."
-    return f"Unaided drift after {h:g} s: {length(quoted_error(evaluation, h))} rms{floor_of(evaluation, h)}."
+def quoted(measure: Measure, evaluation: Evaluation, full_scale: float | None = None) -> str:
+    """The error of a model, rms; below the limit of detection its bound."""
+    size = error_size(measure.error(evaluation), measure.unit, full_scale)
+    interval = measure.interval(evaluation)
+    return f"≤ {size}" if measure.band is not None and interval is not None and interval.low == 0.0 else size
 
 
-def floor_of(evaluation: Evaluation, horizon: float | None) -> str:
-    """Errors that noise of the sensor alone would give, as the end of a sentence."""
-    spread = None if evaluation.noise_floor is None else evaluation.noise_floor.at(horizon)
-    return "" if spread is None else f"; noise alone {length(spread.low)} to {length(spread.high)}"
+def floor_of(measure: Measure, evaluation: Evaluation) -> str:
+    """What noise of the sensor alone would give, as the end of a sentence."""
+    spread = measure.floor(evaluation)
+    if spread is None:
+        return ""
+    if measure.band is not None:
+        return f"; limit of detection {error_size(spread.high, measure.unit)}"
+    return f"; noise alone {length(spread.low)} to {length(spread.high)}"
 
 
 def floor_notes(floor: NoiseFloor | None) -> list[str]:
@@ -236,7 +250,10 @@ def _(result: Comparison, which: str = "") -> Table:
         parts,
         result.ruler,
         sentence=" ".join(
-            [fall(parts[0][1], result.horizon), *(as_sentence(typeset(d.sentence)) for d in differences)]
+            [
+                fall(parts[0][1], full_scale=result.fits[0].rig.sensor.range),
+                *(as_sentence(typeset(d.sentence)) for d in differences),
+            ]
         ),
         alarms=[f"Suspect data: {text}" for text in suspect(*(evaluations[-1] for evaluations in result.seen))],
     )
@@ -253,17 +270,23 @@ def _(result: Improvement, which: str = "") -> Table:
         [("", steps, [None, *result.changes])],
         Ruler.of([step.fit for step in result.steps]),
         sentence=typeset(result.sentence),
-        notes=[fall(steps, headline_horizon(*steps), " on held-out data"), *map(as_sentence, last.notes)],
+        notes=[fall(steps, " on held-out data", result.best.rig.sensor.range), *map(as_sentence, last.notes)],
         alarms=[f"Suspect data: {text}" for text in last.suspect]
         + [f"Held out: {text}" for text in suspect(steps[-1])],
     )
 
 
-def fall(steps: Sequence[Evaluation], h: float | None, where: str = "") -> str:
+def fall(steps: Sequence[Evaluation], where: str = "", full_scale: float | None = None) -> str:
     """The quoted error of the first and of the last model, and what noise alone gives."""
-    measure = "Simulation error" if h is None else f"Unaided drift after {h:g} s"
-    errors = " → ".join(length(quoted_error(evaluation, h)) for evaluation in (steps[0], steps[-1])[: len(steps)])
-    return f"{measure}{where}: {errors}{floor_of(steps[0], h)}."
+    measure = Measure.of(steps)
+    errors = " → ".join(quoted(measure, evaluation, full_scale) for evaluation in (steps[0], steps[-1])[: len(steps)])
+    systematic = steps[-1].systematic
+    bound = (
+        ""
+        if systematic is None
+        else f"; what no projection resolves is at most {error_size(systematic.unresolved, 'm/s²')}"
+    )
+    return f"{measure.name[:1].upper()}{measure.name[1:]}{where}: {errors} rms{floor_of(measure, steps[0])}{bound}."
 
 
 def suspect(*several: Evaluation) -> list[str]:
@@ -283,10 +306,7 @@ def error_reduction(
 ) -> Table:
     """Errors of several models, one row each, and a row for noise alone: over all recordings, then on each of them."""
     steps = parts[0][1]
-    h, horizons = (
-        headline_horizon(*(evaluation for _, every, _ in parts for evaluation in every)),
-        list(steps[0].coast_rms),
-    )
+    measure, horizons = Measure.of([e for _, every, _ in parts for e in every]), list(steps[0].coast_rms)
     rows: list[Row] = []
     errors: list[float] = []
     changed = next((change.measure for _, _, changes in parts for change in changes if change is not None), "")
@@ -295,6 +315,9 @@ def error_reduction(
             {
                 "model": name,
                 "recording": recording,
+                "systematic": None if evaluation.systematic is None else evaluation.systematic.rms,
+                "systematic_low": None if evaluation.systematic is None else evaluation.systematic.low,
+                "systematic_high": None if evaluation.systematic is None else evaluation.systematic.high,
                 **{f"drift_{k:g}s": evaluation.coast_rms[k] for k in horizons},
                 "simulation": evaluation.simulated_rms,
                 "one_step": evaluation.one_step_rms,
@@ -303,20 +326,21 @@ def error_reduction(
             }
             for name, evaluation, change in zip(names, every, changes, strict=True)
         ]
-        errors += [quoted_error(evaluation, h) for evaluation in every]
+        errors += [measure.error(evaluation) for evaluation in every]
         if (floor := every[0].noise_floor) is not None:
             alone: dict[str, Any] = {"model": "noise alone", "recording": recording}
             for k in horizons:
                 alone |= {f"drift_{k:g}s": every[0].drift_floors[k], **span_of(floor, k, f"drift_{k:g}s")}
             rows.append(alone | {"simulation": floor.simulated.value, **span_of(floor, None, "simulation")})
             errors.append(0.0)
-    longest = max(errors) or 1.0
+    longest = max((error for error in errors if math.isfinite(error)), default=0.0) or 1.0
     return Table(
         title=title,
         sentence=sentence,
         columns=(
             Column("model", "model"),
             *([Column("recording", "recording", lambda r: r["recording"] or "all")] if len(parts) > 1 else []),
+            *([Column("systematic", "systematic error", systematic_text, "m/s²")] if measure.band is not None else []),
             *(length_column(f"drift_{k:g}s", f"drift, {k:g} s") for k in horizons),
             length_column("simulation", "simulation"),
             Column("one_step", "one step", lambda r: length_text(r, "one_step") if "one_step" in r else "", "m"),
@@ -336,6 +360,14 @@ def error_reduction(
         bars=tuple(error / longest for error in errors),
         about={"name": steps[0].recording},
     )
+
+
+def systematic_text(row: Row) -> str:
+    """Systematic error in mg with its 95 % interval, or the bound below the limit of detection."""
+    if row.get("systematic") is None:
+        return ""
+    value, low, high = (in_g(row[f"systematic{end}"]) for end in ("", "_low", "_high"))
+    return f"{value} ({low} to {high})" if row["systematic_low"] > 0.0 else f"≤ {high}"
 
 
 def step_text(row: Row) -> str:
@@ -400,7 +432,7 @@ def error_text(row: Row, key: str) -> str:
     """An error in its unit."""
     if row.get(key) is None:
         return "–"
-    return length(row[key]) if row["unit"] == "m" else number(row[key])
+    return number(row[key]) if row["unit"] == "1" else error_size(row[key], row["unit"])
 
 
 def change_text(row: Row) -> str:

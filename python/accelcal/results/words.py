@@ -8,7 +8,7 @@ import re
 import numpy as np
 
 from accelcal._support.values import listing
-from accelcal.data import Array, usual_unit
+from accelcal.data import MICRO_G, Array, usual_unit
 from accelcal.effects import CATALOGUE, spelled, static_terms
 
 
@@ -205,6 +205,33 @@ def length(metres: float) -> str:
     """
     factor, unit = prefixed("m", metres)
     return typeset(f"{metres * factor:.3g} {unit}")
+
+
+def error_size(value: float, unit: str, full_scale: float | None = None) -> str:
+    """A size of an error: a length; of an acceleration in mg, in SI and in per cent of the full scale, m/s².
+
+    Examples
+    --------
+    >>> error_size(0.0313, "m/s²", 19.6133), error_size(7.2e-4, "m/s²"), error_size(2e-6, "m")
+    ('3.19 mg (31.3 mm/s², 0.16 % FS)', '73.4 µg (720 µm/s²)', '2 µm')
+    """
+    if unit == "m":
+        return length(value)
+    factor, prefixed_unit = prefixed(unit, value)
+    share = "" if full_scale is None else f", {number(100.0 * value / full_scale, 2)} % FS"
+    return f"{in_g(value)} ({number(value * factor, 3)} {prefixed_unit}{share})"
+
+
+def in_g(value: float) -> str:
+    """An acceleration in mg, or in µg where it is smaller than a tenth of one.
+
+    Examples
+    --------
+    >>> in_g(0.0313), in_g(7.2e-4)
+    ('3.19 mg', '73.4 µg')
+    """
+    size, unit = (1e3 * MICRO_G, "mg") if value >= 100.0 * MICRO_G else (MICRO_G, "µg")
+    return f"{number(value / size, 3)} {unit}"
 
 
 def percent(value: float) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
 
@@ -15,6 +15,7 @@ from accelcal._support.values import face, immutable
 from accelcal.data import Array, Recording, Rig, instant, quality
 from accelcal.estimation.noise import REMARKED_BEYOND, NoiseScore
 from accelcal.estimation.values import Noise
+from accelcal.signals.signals import Signals
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -314,6 +315,75 @@ class NoiseFloor:
         return self.simulated if horizon is None else self.drift.get(horizon)
 
 
+TWO_SIDED, ONE_SIDED = 1.959964, 1.644854
+"""Standard deviations that hold 95 of 100 values, between two limits and below one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Resolved:
+    """The error of a corrected output in the directions that a record resolves, and noise in them."""
+
+    coordinates: Array
+    """Of the error, along orthonormal directions, (m,) m/s²."""
+    covariance: Array
+    """Of their noise, (m, m) (m/s²)²."""
+    rest: float
+    """Sum of the squares of what lies in no direction, (m/s²)²."""
+    noise_in_rest: float
+    """Its expectation under the noise of the sensor alone, (m/s²)²; 0 where only an upper limit of that is known."""
+    rest_std: float
+    """Standard deviation of the difference of the two under noise alone, (m/s²)²."""
+    samples: int
+
+
+@dataclass(frozen=True, slots=True)
+class SystematicError:
+    """Rms systematic error of a corrected output over the motion of a record.
+
+    The square of what noise alone gives in a direction is known and taken off, so the mean square is unbiased. Its
+    interval solves (D - x)² = z² (2 tr W² + 4 x w), D what is left, W the covariance of noise in the directions, w that
+    along the error.
+    """
+
+    rms: float
+    """m/s²; 0 where noise alone gives as much."""
+    low: float
+    high: float
+    """Its 95 % interval, m/s²; below the limit of detection 0, and the bound that holds in 95 of 100 records."""
+    detection_limit: float
+    """Noise alone exceeds it in 5 of 100 records, m/s²."""
+    unresolved: float
+    """Upper 95 % bound of the rms error that no direction resolves, m/s²."""
+
+    @property
+    def detected(self) -> bool:
+        """Whether the error is larger than its limit of detection."""
+        return self.rms > self.detection_limit
+
+    @classmethod
+    def of(cls, parts: Sequence[Resolved]) -> SystematicError | None:
+        """Error over all recordings, each sample of which counts the same; None where there are none."""
+        n = sum(part.samples for part in parts)
+        energy = sum(float(part.coordinates @ part.coordinates) for part in parts)
+        if not energy > 0.0:
+            return None
+        spread = 2.0 * sum(float(np.sum(part.covariance**2)) for part in parts)
+        above = energy - sum(float(np.trace(part.covariance)) for part in parts)
+        along = sum(float(part.coordinates @ part.covariance @ part.coordinates) for part in parts) / energy
+        unresolved = max(0.0, sum(part.rest - part.noise_in_rest for part in parts))
+        unresolved += ONE_SIDED * math.sqrt(sum(part.rest_std**2 for part in parts))
+
+        def limit(z: float) -> float:
+            """Rms of which the estimate is z standard deviations away."""
+            middle = above + 2.0 * z**2 * along
+            root = math.sqrt(max(0.0, middle**2 - above**2 + z**2 * spread))
+            return math.sqrt(max(0.0, middle + math.copysign(root, z)) / n)
+
+        least, rms = math.sqrt(ONE_SIDED * math.sqrt(spread) / n), math.sqrt(max(0.0, above) / n)
+        low, high = (limit(-TWO_SIDED), limit(TWO_SIDED)) if rms > least else (0.0, limit(ONE_SIDED))
+        return cls(rms, low, high, least, math.sqrt(max(0.0, unresolved) / n))
+
+
 @immutable
 @dataclass(frozen=True, slots=True)
 class Evaluation(Result):
@@ -331,7 +401,7 @@ class Evaluation(Result):
     [1.0, 5.0, 10.0]
     """
 
-    derived: ClassVar[tuple[str, ...]] = ("fit_percent", "drift_floors")
+    derived: ClassVar[tuple[str, ...]] = ("fit_percent", "drift_floors", "systematic")
 
     recording: str
     one_step_rms: float
@@ -389,6 +459,16 @@ class Evaluation(Result):
     innovations: Annotated[tuple[Array, Array] | None, SERIES] = None
     """Of the weak form, over their standard deviations: time (s), (n,). Where the reference is no position: errors of
     the position that it integrates to are no white noise. Else None."""
+
+    motion: Annotated[Signals | None, NotStored("accelcal.compare makes it from the recording")] = None
+    """Smoothed, on a uniform grid from the first reading to the last, on the clock of the model."""
+    resolved: Annotated[tuple[Resolved, ...], SERIES] = ()
+    """One for each recording; none where the record is too short."""
+
+    @property
+    def systematic(self) -> SystematicError | None:
+        """Systematic error of the corrected output below `band`; None where the record is too short."""
+        return SystematicError.of(self.resolved)
 
     @property
     def normalised(self) -> tuple[Array, Array]:

@@ -17,7 +17,15 @@ from accelcal._support.result import Result
 from accelcal._support.values import face, immutable
 from accelcal.data import Array
 from accelcal.estimation.estimate import Fit
-from accelcal.validation.comparison import Evaluation, FigureName, NoiseFloor, RmsInterval
+from accelcal.validation.comparison import (
+    TWO_SIDED,
+    Evaluation,
+    FigureName,
+    NoiseFloor,
+    Resolved,
+    RmsInterval,
+    SystematicError,
+)
 from accelcal.validation.noise_floor import Ruler
 from accelcal.validation.prediction import rms
 
@@ -75,10 +83,52 @@ def headline_horizon(*evaluations: Evaluation) -> float | None:
     return max(sure, default=min(allowed, default=None))
 
 
-def quoted_error(evaluation: Evaluation, horizon: float | None) -> float:
-    """Rms unaided drift over a horizon, or the free-running error for None, m; NaN where there is none."""
-    value = evaluation.simulated_rms if horizon is None else evaluation.coast_rms.get(horizon)
-    return math.nan if value is None else value
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """The error that is quoted first: the systematic one of the corrected output, else the drift."""
+
+    band: float | None
+    """Of the systematic error, Hz; None where a record is too short for it."""
+    horizon: float | None
+    """Time without position, s, after which the drift is quoted; None: too short, the free-running error is."""
+
+    @classmethod
+    def of(cls, evaluations: Sequence[Evaluation]) -> Measure:
+        """The error that is quoted of comparisons that are shown together."""
+        resolved = all(evaluation.resolved for evaluation in evaluations)
+        band = min(evaluation.band for evaluation in evaluations) if resolved else None
+        return cls(band, headline_horizon(*evaluations))
+
+    @property
+    def name(self) -> str:
+        """Name of the error, for people."""
+        if self.band is not None:
+            return f"systematic error of the output below {self.band:.3g} Hz"
+        return "free-running error" if self.horizon is None else f"unaided drift after {self.horizon:g} s"
+
+    @property
+    def unit(self) -> Literal["m/s²", "m"]:
+        """Of the error."""
+        return "m" if self.band is None else "m/s²"
+
+    def error(self, evaluation: Evaluation) -> float:
+        """Rms error; below the limit of detection its upper bound, NaN where there is none."""
+        if self.band is not None and (systematic := evaluation.systematic) is not None:
+            return systematic.rms if systematic.detected else systematic.high
+        value = evaluation.simulated_rms if self.horizon is None else evaluation.coast_rms.get(self.horizon)
+        return math.nan if value is None else value
+
+    def interval(self, evaluation: Evaluation) -> RmsInterval | None:
+        """The error with its 95 % interval; None where there are too few start points."""
+        if self.band is not None and (systematic := evaluation.systematic) is not None:
+            return RmsInterval(systematic.rms, systematic.low, systematic.high)
+        return drift_spread(evaluation, self.horizon)
+
+    def floor(self, evaluation: Evaluation) -> RmsInterval | None:
+        """What noise alone gives: up to the limit of detection, or drifts of so many records; None where unknown."""
+        if self.band is not None and (systematic := evaluation.systematic) is not None:
+            return RmsInterval(systematic.detection_limit, 0.0, systematic.detection_limit)
+        return None if evaluation.noise_floor is None else evaluation.noise_floor.at(self.horizon)
 
 
 APART = 4.0
@@ -117,6 +167,7 @@ def pooled(several: Sequence[Evaluation]) -> Evaluation:
         left_out=tuple(text for evaluation in several for text in evaluation.left_out),
         noise_scores=tuple(score for evaluation in several for score in evaluation.noise_scores),
         noise_floor=pooled_floor(several, readings),
+        resolved=tuple(part for evaluation in several for part in evaluation.resolved),
     )
 
 
@@ -193,6 +244,8 @@ class HeldOutChange:
     """m, or 1 for errors over their predicted standard deviation."""
     ratio_std: float
     """Standard error of the logarithm of the ratio of the mean squares."""
+    interval: tuple[float, float] | None = None
+    """Of the second error given the first, where it is not from the scatter between stretches; the same unit."""
 
     @property
     def sigma(self) -> float:
@@ -208,6 +261,8 @@ class HeldOutChange:
     @property
     def percent_std(self) -> float:
         """Its standard error, in percent."""
+        if self.interval is not None and self.before > 0.0:
+            return 50.0 * (self.interval[1] - self.interval[0]) / (TWO_SIDED * self.before)
         return 50.0 * self.after / self.before * self.ratio_std if self.before > 0.0 else math.inf
 
     @property
@@ -216,6 +271,9 @@ class HeldOutChange:
 
         It is symmetric in the logarithm of the ratio, so that no error falls by more than all of it.
         """
+        if self.interval is not None and self.before > 0.0:
+            low, high = self.interval
+            return 100.0 * (low / self.before - 1.0), 100.0 * (high / self.before - 1.0)
         if not (self.before > 0.0 and self.after > 0.0):
             return -100.0, math.inf
         reach = 0.5 * float(scipy.special.stdtrit(self.stretches - 1, 0.975)) * self.ratio_std
@@ -298,18 +356,43 @@ def paired_stretches(before: Evaluation, after: Evaluation, horizon: float | Non
     return PairedStretches.of("one-step error", t, e1, e2, span / ONE_STEP_PARTS, unit="1")
 
 
+def systematic_change(before: Sequence[Resolved], after: Sequence[Resolved]) -> HeldOutChange | None:
+    """Change of the systematic error between two models of one table; None where it is not resolved.
+
+    The difference of the mean squares is (e1 - e2)'(e1 + e2) in the directions, in which the difference of the models
+    is one: the noise of both is the same, and its own power is not in it.
+    """
+    first, second = SystematicError.of(before), SystematicError.of(after)
+    if first is None or second is None:
+        return None
+    n, rise, variance = sum(part.samples for part in before), 0.0, 0.0
+    for one, other in zip(before, after, strict=True):
+        apart = other.coordinates - one.coordinates
+        rise += float(apart @ (one.coordinates + other.coordinates))
+        variance += 4.0 * float(apart @ one.covariance @ apart)
+    square, std = first.rms**2 + rise / n, math.sqrt(variance) / n
+    ends = [math.sqrt(max(0.0, square + sign * TWO_SIDED * std)) for sign in (-1.0, 1.0)]
+    # where little is left its own interval is the narrower one
+    low, high = min(ends, [second.low, second.high], key=lambda span: span[1] - span[0])
+    return HeldOutChange("systematic error", first.rms, second.rms, std, 0, "m/s²", math.inf, (low, high))
+
+
 def heldout_change(before: Evaluation, after: Evaluation, horizon: float | None = None) -> HeldOutChange | None:
-    """Change of the drift from one comparison to another on the same data.
+    """Change of the error from one comparison to another on the same data.
 
     Parameters
     ----------
     before, after : comparisons under one ruler.
-    horizon : s; by default the longest one for which the data hold enough independent windows.
+    horizon : s; the drift after it. By default the systematic error where that surely changes, else the drift at the
+        longest horizon for which the data hold enough independent windows.
 
     Returns
     -------
     The change of the drift; of the one-step error where no horizon is short enough; None where that is too short too.
     """
+    systematic = None if horizon is not None else systematic_change(before.resolved, after.resolved)
+    if systematic is not None and verdict_of(systematic) != "undecided":
+        return systematic
     tried = (*sorted(before.drifts, reverse=True), None) if horizon is None else (horizon,)
     several = (paired_stretches(before, after, h) for h in tried)
     changes = (stretches.change() for stretches in several if stretches is not None)
@@ -389,7 +472,7 @@ class ModelDifference:
         if change is None:
             return f"{unknown}the recordings are too short for an interval"
         low, high = change.percent_interval
-        based = f"paired over {change.stretches} stretches"
+        based = f"paired over {change.stretches} stretches" if change.stretches else "paired, sample by sample"
         if verdict == "undecided":
             span = f"95 % interval {low:+.3g} to {high:+.3g} %"
             text = f"{unknown}{change.measure} {change.percent:+.3g} % ({span}), {based}"
@@ -490,12 +573,19 @@ class Comparison(Result):
 
     def _difference(self, k: int) -> ModelDifference:
         several = self._stretches(k, self.paired_horizon)
+        alone = [systematic_change(row[0].resolved, row[k].resolved) for row in self.seen]
+        together = systematic_change(self[0].resolved, self[k].resolved)
+        if together is not None and verdict_of(together) == "undecided":
+            together, alone = None, [None for _ in alone]
         every = [change_over(self._stretches(k, h)) for h in sorted(self.seen[0][0].drifts)]
         return ModelDifference(
             self.names[k],
             self.names[0],
-            change_over(several),
-            tuple(None if stretches is None else stretches.change() for stretches in several),
+            together or change_over(several),
+            tuple(
+                by_row or (None if stretches is None else stretches.change())
+                for by_row, stretches in zip(alone, several, strict=True)
+            ),
             tuple(change for change in every if change is not None),
         )
 
@@ -504,30 +594,24 @@ class Comparison(Result):
         return [paired_stretches(evaluations[0], evaluations[k], horizon) for evaluations in self.seen]
 
     @property
-    def horizon(self) -> float | None:
-        """Time without position, s, after which the drift is quoted; None: too short, the free-running error is."""
-        return headline_horizon(*(evaluation for evaluations in self.seen for evaluation in evaluations))
-
-    @property
-    def measure(self) -> str:
-        """Name of the error that is quoted."""
-        return "free-running error" if self.horizon is None else f"unaided drift after {self.horizon:g} s"
+    def headline(self) -> Measure:
+        """The error that is quoted."""
+        return Measure.of([evaluation for evaluations in self.seen for evaluation in evaluations])
 
     @property
     def errors(self) -> tuple[float, ...]:
-        """Rms unaided drift (or free-running error) of each model over all recordings, m."""
-        horizon = self.horizon
-        return tuple(quoted_error(evaluation, horizon) for evaluation in self)
+        """Rms error of each model over all recordings, in the unit of `headline`; below its limit of detection the
+        bound."""
+        return tuple(map(self.headline.error, self))
 
     @property
     def intervals(self) -> tuple[RmsInterval | None, ...]:
-        """Each error with its interval over the start points, m; None where there are too few."""
-        horizon = self.horizon
-        return tuple(drift_spread(evaluation, horizon) for evaluation in self)
+        """Each error with its interval; None where there are too few start points."""
+        return tuple(map(self.headline.interval, self))
 
     @property
     def noise_floor(self) -> NoiseFloor:
-        """Errors that noise of the sensor alone would give: one floor for all models."""
+        """Drifts that noise of the sensor alone would give: one floor for all models."""
         floor = self[0].noise_floor
         if floor is None:
             raise AccelcalError("the models were evaluated without a noise floor; accelcal.compare draws one for all")
@@ -535,22 +619,29 @@ class Comparison(Result):
 
     @property
     def floor(self) -> RmsInterval:
-        """The floor under `errors`, with the interval for records of this length, m."""
-        return self.noise_floor.at(self.horizon) or self.noise_floor.simulated
+        """What noise alone gives instead of `errors`, with the interval for records of this length."""
+        return self.headline.floor(self[0]) or self.noise_floor.simulated
 
     @property
     def shares(self) -> tuple[float | None, ...]:
-        """Share of the first model's mean square above the floor that each step removes; None for the first model, or
-        when noise alone may give an error as large as its error."""
+        """Share of the first model's mean square above noise that each step removes; None for the first model, or when
+        noise alone may give an error as large as its error."""
+        headline, intervals = self.headline, self.intervals
         squares, floor = [error**2 for error in self.errors], self.floor
-        if self.noise_floor.sensor.is_limit or not self.errors[0] > floor.high:
-            return (None,) * len(squares)
         above = squares[0] - floor.value**2
+        if headline.band is not None:
+            squares = [0.0 if interval is None else interval.value**2 for interval in intervals]
+            above = squares[0]
+        limited = headline.band is None and self.noise_floor.sensor.is_limit
+        if limited or not self.errors[0] > floor.high or self.at_floor[0]:
+            return (None,) * len(squares)
         return (None, *((before - after) / above for before, after in itertools.pairwise(squares)))
 
     @property
     def at_floor(self) -> tuple[bool, ...]:
         """Whether noise alone may give the error of each model; never where only an upper limit of it is known."""
+        if self.headline.band is not None:
+            return tuple(interval is not None and interval.low == 0.0 for interval in self.intervals)
         resolved, high = not self.noise_floor.sensor.is_limit, self.floor.high
         return tuple(resolved and error <= high for error in self.errors)
 

@@ -222,8 +222,21 @@ def accel_side(ahead: Prediction, fit: Fit, band: float | None) -> tuple[dict[st
         "worst": worst_sentence(regions, sum(len(b.mean) for b in bins)),
         "worst_regions": regions,
         "remarks": beyond(fit, motion),
+        "motion": motion_of(ahead, band) if bins else None,
     }
     return fields, t, motion
+
+
+PER_PERIOD = 6.0
+"""Samples in a period of the fastest motion on which effects are evaluated."""
+
+
+def motion_of(ahead: Prediction, band: float) -> Signals:
+    """Smoothed motion of a run on a uniform grid from its first reading on, which resolves it and a band, Hz."""
+    run = ahead.run
+    signals = settled_state(run, ahead.values, ahead.noise).signals
+    every = max(1, int(1.0 / (PER_PERIOD * max(band, signals.cutoff) * run.reading_step)))
+    return signals.resampled(np.arange(run.t[0], run.t[-1], every * run.reading_step) - run.origins.t)
 
 
 def nodes_apart(ruler: Ruler, source: Source, start: float | None, end: float | None) -> float:

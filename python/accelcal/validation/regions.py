@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal.data import Array, Flags, instant
-from accelcal.effects.building_blocks import since_reversal
+from accelcal.effects.building_blocks import lagged, since_reversal
 from accelcal.estimation.estimate import Fit
 from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import BINS, Bins, Outside, Region
@@ -121,6 +121,37 @@ def worst_stretches(t: Array, residual: Array) -> list[tuple[float, float]]:
     return [(float(t[several[i][0]]), float(t[several[i][-1]])) for i in ranked if power[i] > limit]
 
 
+RECENT = 0.5
+"""Time constant of the recent size of a variable, s."""
+
+
+def variables_of(motion: Signals) -> dict[str, tuple[Array, str]]:
+    """What an error may depend on, (n,) each, with its unit: time, motion, what came before, side channels."""
+    since = since_reversal(motion)
+    turned = np.arange(len(since)) - np.rint(np.nan_to_num(since) / motion.step).astype(np.intp)
+    side = {name: (y, "") for name, y in motion.side.items()}
+    if "temperature" in side:
+        side["temperature rate"] = (np.gradient(motion.temperature, motion.t), "K/s")
+    return {
+        "time": (motion.t, "s"),
+        "position": (motion.p, "m"),
+        "velocity": (motion.v, "m/s"),
+        "acceleration": (motion.a, "m/s²"),
+        "jerk": (motion.jerk, "m/s³"),
+        "recent velocity": (recent_size(motion.v, motion.step), "m/s"),
+        "recent acceleration": (recent_size(motion.a, motion.step), "m/s²"),
+        "time since reversal": (since, "s"),
+        "distance since reversal": (np.where(np.isfinite(since), np.abs(motion.p - motion.p[turned]), np.nan), "m"),
+        **side,
+    }
+
+
+def recent_size(y: Array, step: float) -> Array:
+    """Mean magnitude of a variable (n,) over the last moments."""
+    size = np.abs(y)
+    return lagged(size, RECENT, step, float(np.mean(size)))
+
+
 def bin_residual(ahead: Prediction, t: Array, residual: Array, motion: Signals, band: float) -> list[Bins]:
     """Mean residual against time and every variable of the motion."""
     run, noise = ahead.run, ahead.noise
@@ -128,17 +159,11 @@ def bin_residual(ahead: Prediction, t: Array, residual: Array, motion: Signals, 
     density = (2.0 * noise.usual.q + slow) * ahead.values.scale**2  # one-sided, of the output
     # The mean of T seconds of noise with that density has variance density/(2 T).
     step = run.reading_step
-    variables = {
-        "time": (t, "s"),
-        "position": (motion.p + run.origins.p, "m"),
-        "velocity": (motion.v, "m/s"),
-        "acceleration": (motion.a, "m/s²"),
-        "jerk": (motion.jerk, "m/s³"),
-        "time since reversal": (since_reversal(motion), "s"),
-        **{name: (y + run.origins.of(name), run.recording.side[name].unit) for name, y in motion.side.items()},
-    }
+    origins = {"time": run.origins.t, "position": run.origins.p, **{name: run.origins.of(name) for name in motion.side}}
+    units = {name: run.recording.side[name].unit for name in motion.side if name in run.recording.side}
     bins = []
-    for name, (x, unit) in variables.items():
+    for name, (y, unit) in variables_of(motion).items():
+        x, unit = y + origins.get(name, 0.0), units.get(name, unit)
         finite = np.isfinite(x)
         if not finite.any():
             continue

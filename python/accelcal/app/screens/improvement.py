@@ -35,11 +35,10 @@ from accelcal.plots.response import (
 from accelcal.report.view import size_text
 from accelcal.response import FrequencyResponse
 from accelcal.response.export import draft_response, to_csv
-from accelcal.results import words as formatting
+from accelcal.results.comparisons import quoted
 from accelcal.results.diagnoses import VERDICTS, contribution
-from accelcal.results.words import probability, readable
+from accelcal.results.words import error_size, probability, readable
 from accelcal.validation.comparison import ONLY_WHITE, Evaluation
-from accelcal.validation.differences import quoted_error
 from accelcal.validation.regions import worst_stretches
 
 
@@ -229,11 +228,13 @@ def error(page: Page) -> None:
     state = page.bench.state
     compared = widgets.path_of(state)
     with ui.row().classes("numbers"):
-        figure("current error", compared.errors[-1], "error")
-        if len(compared.errors) > 1:
-            figure("previous error", compared.errors[-2], "before")
-        figure("noise alone", compared.floor.value, "floor")
-    ui.label(f"{compared.measure[:1].upper()}{compared.measure[1:]}, on {held_out(state)}.").classes("note")
+        for name, evaluation, mark in (("current error", -1, "error"), ("previous error", -2, "before")):
+            if len(compared) >= -evaluation:
+                shown = quoted(compared.headline, compared[evaluation])
+                figure(name, compared.errors[evaluation], mark, shown)
+        alone = "noise alone" if compared.headline.band is None else "limit of detection"
+        figure(alone, compared.floor.value, "floor", error_size(compared.floor.value, compared.headline.unit))
+    ui.label(f"{compared.headline.name[:1].upper()}{compared.headline.name[1:]}, on {held_out(state)}.").classes("note")
     ui.label(f"{ONLY_WHITE[:1].upper()}{ONLY_WHITE[1:]}.").classes("note")
     model.errors_by_run(page)
     widgets.lines(compared[-1].not_carried)
@@ -259,10 +260,10 @@ def noise_scores(state: State) -> list[str]:
     ]
 
 
-def figure(name: str, value: float, mark: str) -> None:
+def figure(name: str, value: float, mark: str, shown: str) -> None:
     """A number with its name; the page holds all its digits."""
     with ui.element("div").classes("number"):
-        ui.label(formatting.length(value)).classes("large").props(f"data-number={mark} data-value={value!r}")
+        ui.label(shown).classes("large").props(f"data-number={mark} data-value={value!r}")
         ui.label(name).classes("note")
 
 
@@ -355,12 +356,12 @@ def tree(page: Page) -> None:
     for step in state.steps:
         depth[step.key] = depth[step.parent] + 1
         children.setdefault(step.parent, []).append(step)
-    horizon = widgets.path_of(state).horizon
+    measure = widgets.path_of(state).headline
 
     def line(step: Step) -> None:
-        value = quoted_error(step.heldout, horizon)
+        short = math.isnan(measure.error(step.heldout))
         here = step.key == state.current
-        text = f"{step.label.replace('_', ' ')} · {'too short' if math.isnan(value) else formatting.length(value)}"
+        text = f"{step.label.replace('_', ' ')} · {'too short' if short else quoted(measure, step.heldout)}"
         button = ui.button(text, icon="radio_button_checked" if here else "radio_button_unchecked", color=None)
         button.on_click(lambda: page.change(lambda: bench.look_at(step.key)))
         button.props(f"flat no-caps align=left aria-pressed={'true' if here else 'false'}").classes("node")

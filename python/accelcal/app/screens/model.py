@@ -22,10 +22,10 @@ from accelcal.estimation.dwell_fit import DwellFit
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.noise import NoiseEffect
 from accelcal.model import Estimate
-from accelcal.results.comparisons import density
-from accelcal.results.words import amount, length, number, plain, probability, with_unit
+from accelcal.results.comparisons import density, quoted
+from accelcal.results.words import amount, error_size, number, plain, probability, with_unit
 from accelcal.validation.comparison import Evaluation
-from accelcal.validation.differences import headline_horizon, quoted_error
+from accelcal.validation.differences import Measure
 
 
 def errors_by_run(page: Page) -> None:
@@ -50,12 +50,12 @@ def errors_by_run(page: Page) -> None:
 def error_row(state: State, number: int | None, name: str) -> list[widgets.Cell]:
     """Errors of the models on the path on one recording, and what noise alone would give."""
     compared = widgets.path_of(state, number)
-    horizon = widgets.path_of(state).horizon
+    measure = widgets.path_of(state).headline
     evaluations = [step.heldout if number is None else step.heldouts[number] for step in state.path]
-    floor = compared.noise_floor.at(horizon) or compared.floor
+    floor = measure.floor(evaluations[0]) or compared.floor
     bias = "" if number is None else amount(*evaluations[-1].setup_bias, "m/s²")
-    errors_by_run = [quoted_error(evaluation, horizon) for evaluation in evaluations]
-    return [name, *("too short" if math.isnan(e) else length(e) for e in errors_by_run), length(floor.value), bias]
+    sizes = ["too short" if math.isnan(measure.error(e)) else quoted(measure, e) for e in evaluations]
+    return [name, *sizes, error_size(floor.value, measure.unit), bias]
 
 
 def fitted(page: Page) -> None:
@@ -251,9 +251,8 @@ def errors(page: Page, pair: tuple[str, str]) -> None:
 
 def own_error(evaluation: Evaluation) -> str:
     """The error of a model on its own held-out data, in words."""
-    horizon = headline_horizon(evaluation)
-    called = "free-running error" if horizon is None else f"drift after {horizon:g} s"
-    return f"{called} {length(quoted_error(evaluation, horizon))}"
+    measure = Measure.of([evaluation])
+    return f"{measure.name} {quoted(measure, evaluation)}"
 
 
 def show(page: Page) -> None:

@@ -16,8 +16,8 @@ import numpy as np
 
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
+from accelcal._support.process import one_thread
 from accelcal._support.result import NotStored, Result
-from accelcal._support.threads import one_thread
 from accelcal.data import Array, Rig
 from accelcal.diagnosis.experiment.detectability import Detectability, Power, evidence_of, rules_for
 from accelcal.diagnosis.experiment.planned_motion import ACCEL_RATE, POSITION_RATE, planned_noise, planned_state

@@ -1,0 +1,99 @@
+"""The systematic error of the output: unbiased, with intervals that hold, and bounds where noise is as large."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal.effects import find
+from accelcal.simulation import CXL02_RIG
+from accelcal.validation.comparison import Resolved, SystematicError
+from accelcal.validation.differences import systematic_change, verdict_of
+from accelcal.validation.systematic import added_variable
+from benches.ruler import DENSITY, ERRORS, LEVELS, RATE, World, motion, noise, outcome, resolved, shape
+
+
+def test_intervals_and_bounds_hold_in_closed_form() -> None:
+    # 60 two-sided intervals of 95 %: fewer than 51 have a chance of 2e-3; 60 bounds of 95 %: fewer than 51 as well.
+    worlds = [World(level, number, 11) for level in LEVELS for number in range(20)]
+    cases = [outcome(world) for world in worlds]
+    large = [case for case in cases if LEVELS[case["level"]] >= 2.0]
+    small = [case for case in cases if LEVELS[case["level"]] <= 1.0]
+    held = sum(case["low"] <= case["truth"] <= case["high"] for case in large)
+    bounded = sum(case["truth"] <= case["high"] for case in small)
+    print(f"{held} of {len(large)} intervals, {bounded} of {len(small)} bounds hold")
+    assert held >= 51
+    assert bounded >= 51
+
+
+def test_power_of_the_noise_that_is_left_in_would_be_an_error() -> None:
+    # The twin: without the subtraction of what noise has in the directions, no interval holds an error of zero.
+    rng = np.random.default_rng(4)
+    s = motion(rng, 40.0)
+    (part,) = resolved(s, noise(rng, len(s.t)))
+    naive = float(np.sqrt(part.coordinates @ part.coordinates / part.samples))
+    estimate = SystematicError.of([part])
+    assert estimate is not None
+    assert naive > 1.5 * estimate.detection_limit
+    assert estimate.high < naive
+
+
+def test_a_false_effect_is_no_improvement_and_a_right_one_is() -> None:
+    for level, verdict in (("right", {"better"}), ("false", {"undecided", "worse"})):
+        assert {outcome(World(level, number, 12))["verdict"] for number in range(8)} <= verdict
+
+
+def test_recordings_count_by_their_samples() -> None:
+    one = Resolved(np.array([3.0, 0.0]), 0.01 * np.eye(2), 1.0, 1.0, 0.1, 100)
+    other = Resolved(np.array([0.0, 1.0]), 0.01 * np.eye(2), 1.0, 1.0, 0.1, 300)
+    both = SystematicError.of([one, other])
+    assert both is not None
+    assert both.rms == pytest.approx(np.sqrt((9.0 + 1.0 - 0.04) / 400.0))
+    assert SystematicError.of([]) is None
+    change = systematic_change([one], [Resolved(np.array([1.0, 0.0]), 0.01 * np.eye(2), 1.0, 1.0, 0.1, 100)])
+    assert change is not None
+    assert change.after < change.before
+    assert verdict_of(change) == "better"
+
+
+def test_models_that_differ_by_their_noise_alone_make_no_direction() -> None:
+    # Readings over another scale factor: the difference is the noise itself, and would be resolved whole.
+    rng = np.random.default_rng(5)
+    s = motion(rng, 40.0)
+    present = noise(rng, len(s.t))
+    error = 1e-3 * shape(s, ERRORS["cubic"])
+    alone, _ = resolved(s, error + present, 1.0001 * present)
+    (single,) = resolved(s, error + present)
+    assert np.linalg.norm(alone.coordinates) == pytest.approx(np.linalg.norm(single.coordinates), rel=0.02)
+
+
+def test_error_falls_on_another_recording_and_lies_on_the_line_of_the_effect() -> None:
+    rng = np.random.default_rng(6)
+    truth = {"bias": 0.05, "scale_factor": 0.01, "cubic": 2e-3}
+    train, other = (
+        ac.simulate("interleaved", seconds=40.0, rig=CXL02_RIG, parameters=truth, rng=rng).recording for _ in range(2)
+    )
+    base = ac.fit(train)
+    better = ac.add(base, train, "cubic")
+    before, after = ac.compare([base, better], other)
+    assert before.systematic is not None
+    assert after.systematic is not None
+    assert before.systematic.detected
+    assert after.systematic.high < before.systematic.low / 3.0
+    drawn = added_variable(before, base, find("cubic"), {}, [better["cubic"].value])
+    rival = added_variable(before, base, find("quadratic"), {}, [1e-3])
+    assert drawn is not None
+    assert rival is not None
+    assert drawn.slope == pytest.approx(1.0, abs=5.0 * drawn.slope_std)
+    assert drawn.explained > 0.9
+    assert rival.explained < 0.2
+    assert added_variable(before, base, find("bias_random_walk"), {"start": 0.0, "length": 40.0}, [1.0]) is None
+
+
+def test_density_of_the_noise_is_the_declared_one() -> None:
+    y = np.concatenate([noise(np.random.default_rng(seed), 8000) for seed in range(10)])
+    f = np.fft.rfftfreq(len(y), 1.0 / RATE)
+    low = (f > 0.5) & (f < 20.0)
+    power = 2.0 * np.abs(np.fft.rfft(y)[low]) ** 2 / (RATE * len(y))
+    assert np.mean(power) == pytest.approx(DENSITY**2, rel=0.1)
