@@ -11,7 +11,7 @@ RUN_TESTS := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= MALLOC_TRIM_THRESHO
 BESIDE := slow or outside or statistics
 
 .NOTPARALLEL:
-.PHONY: help demo docs pages paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-accidents bench-mistakes bench-rates bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response
+.PHONY: help demo docs pages paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-accidents bench-mistakes bench-rates bench-ruler bench-loop bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -150,6 +150,12 @@ bench-mistakes: $(STAMP) ## Read records whose units, ranges, columns, signs or 
 
 bench-rates: $(STAMP) ## Align pairs of recorders whose clocks run at different rates; minutes, restartable.
 	$(BIN)/python -m benches.rates
+
+bench-ruler: $(STAMP) ## Estimate the systematic error in 2500 worlds whose error is known in closed form; minutes, restartable.
+	$(BIN)/python -m benches.ruler
+
+bench-loop: $(STAMP) ## Run the loop of the demo on 20 hidden effects; minutes, restartable.
+	$(BIN)/python -m benches.loop
 
 bench-left-out: $(STAMP) ## Read records with saturated bursts; minutes, restartable.
 	$(BIN)/python -m benches.left_out
