@@ -5,6 +5,7 @@ What is shown lives in `accelcal.results`, which is imported when a result is sh
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_type_hints
 
@@ -34,11 +35,15 @@ class Storable:
     __slots__ = ()
     derived: ClassVar[tuple[str, ...]] = ()
     """Properties that JSON holds beside the fields."""
+    counterparts: ClassVar[Mapping[str, str]] = {}
+    """What stands for an attribute that objects of other packages have, as code."""
 
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
             kind = type(self)
+            if name in kind.counterparts:
+                raise AttributeError(f"{kind.__name__} has no {name!r}; its counterpart is {kind.counterparts[name]}")
             if name not in getattr(kind, "__dataclass_fields__", ()):
                 return object.__getattribute__(self, name)  # raises what it raised
             mark = get_type_hints(kind, include_extras=True)[name].__metadata__[0]

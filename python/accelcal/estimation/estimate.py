@@ -102,6 +102,16 @@ class Fit(Result):
     """
 
     derived: ClassVar[tuple[str, ...]] = ("electrical", "stands_for")
+    counterparts: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("params", "coef_", "best_values", "x"), "fit.estimates, or fit[name].value and .std"),
+        **dict.fromkeys(("covar", "cov_params", "pcov"), "fit.covariance"),
+        **dict.fromkeys(("chisqr", "redchi"), "accelcal.compare(fit, recording)[0].nis, 1 when noise and model agree"),
+        **dict.fromkeys(("score", "rsquared", "r2"), "accelcal.compare(fit, recording)[0].fit_percent"),
+        **dict.fromkeys(("ci_report", "conf_interval", "conf_int"), "fit.table(), whose rows hold 95 % intervals"),
+        "eval_uncertainty": "accelcal.report, which draws the uncertainty of every curve",
+        "summary": "fit.fit_report()",
+        "llf": "fit.log_likelihood",
+    }
 
     model: Model
     estimates: tuple[Estimate, ...]
@@ -226,6 +236,35 @@ class Fit(Result):
     def log_likelihood(self) -> float:
         """Innovation log-likelihood of all runs; dwells are not in it."""
         return sum(run.log_likelihood for run in self.runs)
+
+    @property
+    def aic(self) -> float:
+        """Akaike's information criterion, of coefficients and the two noises of each run."""
+        return 2.0 * (len(self.covariance) + 2 * len(self.runs)) - 2.0 * self.log_likelihood
+
+    @property
+    def bic(self) -> float:
+        """Bayesian information criterion, of as many readings as the fit has used."""
+        readings = sum(run.readings for run in self.runs)
+        return math.log(readings) * (len(self.covariance) + 2 * len(self.runs)) - 2.0 * self.log_likelihood
+
+    def predict(self, recording: Recording) -> tuple[Array, Array]:
+        """Output that the model gives for the motion that the reference tells: times (n,) s, output (n,) m/s².
+
+        Below the band in which the reference is better than the sensor.
+        """
+        evaluation = face("verbs").compare(self, recording)[0]
+        t, residual = evaluation.accel_residual
+        return t, evaluation.measured - residual
+
+    def residual(self, recording: Recording) -> tuple[Array, Array]:
+        """Measured output less what the model gives, in the same band: times (n,) s, residual (n,) m/s²."""
+        t, residual = face("verbs").compare(self, recording)[0].accel_residual
+        return t, residual
+
+    def fit_report(self) -> str:
+        """The table of the fit as text."""
+        return str(self)
 
     def values(self, run: int | None = None) -> Values:
         """Coefficients as they apply to one run of the fit; by default as far as is known of any other run: the means

@@ -1,0 +1,53 @@
+"""Habits from lmfit, statsmodels and scikit-learn on a fit: what is there, and what stands for the rest."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal.simulation import CXL02_RIG
+
+
+@pytest.fixture(scope="module")
+def fitted() -> tuple[ac.Fit, ac.Fit, ac.Recording]:
+    truth = {"bias": 0.05, "cubic": 2e-3}
+    run = ac.simulate(
+        "interleaved", seconds=20.0, rig=CXL02_RIG, parameters=truth, rng=np.random.default_rng(3)
+    ).recording
+    base = ac.fit(run)
+    return base, ac.add(base, run, "cubic"), run
+
+
+def test_criteria_prefer_the_right_model(fitted: tuple[ac.Fit, ac.Fit, ac.Recording]) -> None:
+    base, cubic, _ = fitted
+    assert cubic.aic < base.aic
+    assert cubic.bic < base.bic
+    one_more = 2.0 * (cubic.log_likelihood - base.log_likelihood)
+    assert base.aic - cubic.aic == pytest.approx(one_more - 2.0)
+    assert base.bic - cubic.bic == pytest.approx(one_more - math.log(sum(run.readings for run in base.runs)))
+
+
+def test_prediction_and_residual_add_up_to_the_output(fitted: tuple[ac.Fit, ac.Fit, ac.Recording]) -> None:
+    base, cubic, run = fitted
+    t, predicted = cubic.predict(run)
+    again, left = cubic.residual(run)
+    evaluation = ac.compare(cubic, run)[0]
+    assert np.array_equal(t, again)
+    np.testing.assert_allclose(predicted + left, evaluation.measured, rtol=0.0, atol=1e-12)
+    assert np.std(left) < np.std(base.residual(run)[1])
+    assert "cubic" in cubic.fit_report()
+
+
+@pytest.mark.parametrize(
+    ("name", "instead"), [("params", "fit.estimates"), ("covar", "fit.covariance"), ("score", "fit_percent")]
+)
+def test_a_name_of_another_package_names_its_counterpart(
+    fitted: tuple[ac.Fit, ac.Fit, ac.Recording], name: str, instead: str
+) -> None:
+    with pytest.raises(AttributeError, match=f"has no '{name}'; its counterpart is .*{instead}"):
+        getattr(fitted[0], name)
+    with pytest.raises(AttributeError, match="has no attribute 'nonsense'"):
+        fitted[0].nonsense  # noqa: B018
