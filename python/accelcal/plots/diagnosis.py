@@ -141,9 +141,8 @@ def error_reduction(comparison: Comparison, *, lacking: int = 0) -> Figure:
         ],
         top,
     )
-    said = "noise alone, with 95 % prediction interval"
-    if comparison.headline.band is not None:
-        said = "limit of detection"
+    said = comparison.headline.alone
+    said += ", with 95 % prediction interval" if comparison.headline.band is None else ""
     level = Level(floor.value * factor, floor.low * factor, floor.high * factor, said, "floor")
     names = [spelled(name) for name in comparison.names]
     models = Axis("model", range=(-0.6, len(names) - 0.4), ticks=(range(len(names)), names), grid=False)

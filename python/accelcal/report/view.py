@@ -422,7 +422,7 @@ def falling(content: Content) -> dict[str, Any] | None:
         return None
     unit = nested.headline.unit
     return {
-        "sentence": f"{error_reduction_sentence(nested)}; {ONLY_WHITE}",
+        "sentence": error_reduction_sentence(nested) + (f"; {ONLY_WHITE}" if unit == "m" else ""),
         "same_run": nested.same_run,
         "floor": nested.floor.value,
         "rows": [

@@ -111,6 +111,11 @@ class Measure:
         """Of the error."""
         return "m" if self.band is None else "m/s²"
 
+    @property
+    def alone(self) -> str:
+        """Name of what noise alone gives, for people."""
+        return "noise alone" if self.band is None else "limit of detection"
+
     def error(self, evaluation: Evaluation) -> float:
         """Rms error; below the limit of detection its upper bound, NaN where there is none."""
         if self.band is not None and (systematic := evaluation.systematic) is not None:
@@ -478,10 +483,10 @@ class ModelDifference:
             text = f"{unknown}{change.measure} {change.percent:+.3g} % ({span}), {based}"
         else:
             word, least, most = ("smaller", -high, -low) if verdict == "better" else ("larger", low, high)
-            text = (
-                f"{self.name} is {verdict} than {self.first}: {change.measure} {word} by {abs(change.percent):.3g} % "
-                f"(95 % interval {least:.3g} to {most:.3g} %), {based}"
-            )
+            size = f"{abs(change.percent):.3g} % (95 % interval {least:.3g} to {most:.3g} %)"
+            if low <= -100.0:  # nothing is left that noise would not give
+                size = f"at least {least:.3g} % (95 %)"
+            text = f"{self.name} is {verdict} than {self.first}: {change.measure} {word} by {size}, {based}"
         return f"{text}; the recordings disagree" if self.disagree else text
 
 

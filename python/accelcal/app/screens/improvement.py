@@ -232,10 +232,15 @@ def error(page: Page) -> None:
             if len(compared) >= -evaluation:
                 shown = quoted(compared.headline, compared[evaluation])
                 figure(name, compared.errors[evaluation], mark, shown)
-        alone = "noise alone" if compared.headline.band is None else "limit of detection"
-        figure(alone, compared.floor.value, "floor", error_size(compared.floor.value, compared.headline.unit))
+        figure(
+            compared.headline.alone,
+            compared.floor.value,
+            "floor",
+            error_size(compared.floor.value, compared.headline.unit),
+        )
     ui.label(f"{compared.headline.name[:1].upper()}{compared.headline.name[1:]}, on {held_out(state)}.").classes("note")
-    ui.label(f"{ONLY_WHITE[:1].upper()}{ONLY_WHITE[1:]}.").classes("note")
+    if compared.headline.band is None:
+        ui.label(f"{ONLY_WHITE[:1].upper()}{ONLY_WHITE[1:]}.").classes("note")
     model.errors_by_run(page)
     widgets.lines(compared[-1].not_carried)
     widgets.lines(noise_scores(state))

@@ -34,7 +34,8 @@ def errors_by_run(page: Page) -> None:
     held = state.unseen_runs
     if len(held) < 2 or state.step is None:
         return
-    titles = ["held out", *(spelled(step.label) for step in state.path), "noise alone", "bias less that of the fit"]
+    alone = widgets.path_of(state).headline.alone
+    titles = ["held out", *(spelled(step.label) for step in state.path), alone, "bias less that of the fit"]
     rows = [error_row(state, number, run.name) for number, run in enumerate(held)]
     widgets.table(titles, [*rows, error_row(state, None, "together")], "Error on each held-out recording")
     names = {number: run.name for number, run in enumerate(held)}
