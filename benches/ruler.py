@@ -73,7 +73,7 @@ def grid_of(s: Signals) -> Grid:
 def resolved(s: Signals, *errors: Array, sensor: SensorNoise | None = None) -> tuple[Resolved, ...]:
     """Errors of some models in the directions that a motion resolves."""
     grid = grid_of(s)
-    return resolve(np.array(errors), grid, np.stack(list(dictionary(s, grid))), density, sensor)
+    return resolve(np.array(errors), grid, dictionary(s, grid), density, sensor)
 
 
 def shape(s: Signals, function: Callable[[Signals], Array]) -> Array:

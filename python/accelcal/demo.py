@@ -6,6 +6,7 @@ import base64
 import json
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -23,7 +24,7 @@ from accelcal.estimation.estimate import Fit
 from accelcal.estimation.gauss_newton import iterate
 from accelcal.estimation.run import prepare
 from accelcal.io import atomic_write
-from accelcal.model import Model
+from accelcal.model import BASE, Model
 from accelcal.signals.signals import Origins, Signals
 from accelcal.simulation.motion import Motion
 from accelcal.simulation.sensor import CXL02_RIG, Simulated, simulate
@@ -97,6 +98,7 @@ def hide(name: str, seed: int) -> Hidden:
     effect = find(drawn[int(rng.integers(len(drawn)))] if name == "random" else name)
     if effect.name not in possible:
         why = "acts on noise alone" if effect.port == "noise" else "does not show on these records"
+        why = "belongs to every model" if effect.name in BASE else why
         raise AccelcalError(f"{effect.name!r} cannot be hidden, it {why}; choose one of {', '.join(possible)}")
     shape = {key: float(rng.choice(declared.grid(state.signals))) for key, declared in effect.shapes.items()}
     origins = run.origins
@@ -208,11 +210,16 @@ def loop(effect: str = "random", seed: int = 1, hidden: Hidden | None = None) ->
     if not named:
         return Loop(hidden, first, diagnosis, "", first, compare(first, hidden.holdout))
     tied = next((group.members for group in diagnosis.classes if named in group.members), (named,))
-    grown = [add(first, hidden.train, name) for name in tied]
-    several = compare([first, *grown], hidden.holdout)
-    best = min(range(len(tied)), key=lambda number: several.errors[number + 1])
-    pair = compare([first, grown[best]], hidden.holdout) if len(tied) > 1 else several
-    return Loop(hidden, first, diagnosis, tied[best], grown[best], pair)
+    grown = dict[str, Fit]()
+    for name in tied:
+        with suppress(AccelcalError):  # some effects are accounted for already, as jumps of the position are
+            grown[name] = add(first, hidden.train, name)
+    several = compare([first, *grown.values()], hidden.holdout)
+    if not grown:
+        return Loop(hidden, first, diagnosis, "", first, several)
+    best = min(grown, key=lambda name: several.errors[1 + list(grown).index(name)])
+    pair = compare([first, grown[best]], hidden.holdout) if len(grown) > 1 else several
+    return Loop(hidden, first, diagnosis, best, grown[best], pair)
 
 
 def seal(hidden: Hidden, path: Path) -> None:

@@ -452,7 +452,7 @@ def add(
     >>> abs(better["cubic"].value - 1e-3) < 4 * better["cubic"].std
     True
     """
-    runs, broken = used_runs([examine(source) for source in runs_of(recordings)])
+    runs, broken = used_runs([examine(source) for source in runs_of(recordings)], fit)
     several = [run.recording for run in runs]
     for recording in several:  # their channels are effects by name
         side_channels([(name, channel.unit) for name, channel in recording.side.items() if name not in DERIVED])
@@ -570,7 +570,7 @@ def drop(
     >>> ac.drop(cubic, made.recording, "cubic").model.added
     ()
     """
-    runs, broken = used_runs([examine(recording) for recording in runs_of(recordings)])
+    runs, broken = used_runs([examine(recording) for recording in runs_of(recordings)], fit)
     model = model_in_motion(fit).drop(*names)
     origins, engine = fit.origins, fit.engine
     left, _ = fitted(model, runs, within(progress, 0.0, 0.9), origins=origins, engine=engine)
@@ -602,7 +602,7 @@ def run_values(fit: Fit, recordings: Sequence[Recording | Dwells]) -> RunValues:
     >>> bool(run_values(ac.fit([one, two]), [one, two]).p_values.min() > 1e-4)
     True
     """
-    runs, _ = used_runs([examine(recording) for recording in runs_of(recordings)])
+    runs, _ = used_runs([examine(recording) for recording in runs_of(recordings)], fit)
     states = restored_states(fit, runs)
     if states is None:
         states = solve_runs(model_in_motion(fit), runs, origins=fit.origins, engine=fit.engine).states
@@ -686,7 +686,7 @@ def improve(
     if rejected:
         test, more = clean_holdout(selection.fits[0][1].model, test, *span)
         rejected = (*rejected, *more)
-    steps, disturbed = compared_steps(selection, begin, test, *span, seen=unseen is None)
+    steps, disturbed = compared_steps(selection, begin, test, *span, clean=unseen is None)
     notes = [*broken, *(unseen.remarks("held out, ") if unseen is not None else ()), *disturbed, *heldout_rises(steps)]
     last = replace(verdict, dropped=rejected, remarks=(*verdict.remarks, *notes))
     best = steps[-1].fit
@@ -697,10 +697,10 @@ def improve(
 
 
 def compared_steps(
-    selection: StepwiseSelection, begin: float, test: PreparedRun, start: float | None, end: float | None, seen: bool
+    selection: StepwiseSelection, begin: float, test: PreparedRun, start: float | None, end: float | None, clean: bool
 ) -> tuple[list[Step], list[Remark]]:
     """Every model of a selection on the data it was fitted to, from `begin` on, s, and on held-out data in a part,
-    without what disturbed them unless they have been `seen`; the remark on that."""
+    without what disturbed them unless they are `clean`; the remark on that."""
     ruler, first = Ruler.of([fit for _, fit in selection.fits]), selection.fits[0][1]
     floor, train = noise_floor(ruler, first, test, start=start, end=end), selection.current.fitted.runs[0]
     fits = [fit for _, fit in selection.fits]
@@ -711,7 +711,7 @@ def compared_steps(
         Step(names, fit, evaluation.compare(fit, train, start=begin, end=selection.split, ruler=ruler), heldout)
         for (names, fit), heldout in zip(selection.fits, with_resolved(unseen, fits, ruler, floor), strict=True)
     ]
-    if seen or not (disturbed := disturbance(steps[-1].heldout, test.recording, "held out, ")):
+    if clean or not (disturbed := disturbance(steps[-1].heldout, test.recording, "held out, ")):
         return steps, []
     return compared_steps(selection, begin, without_stretches([test], disturbed)[0], start, end, True)[0], [disturbed]
 
@@ -792,7 +792,7 @@ def nested(
             f"{', '.join(name for name, _ in fit.sources)}: no longer in memory; give what the fit was made from: "
             "accelcal.nested(fit, recordings)"
         )
-    runs, _ = used_runs([examine(recording, start, end) for recording in runs_of(recordings)])
+    runs, _ = used_runs([examine(recording, start, end) for recording in runs_of(recordings)], fit)
     grown = nested_fits(fit, runs, start=start, end=end)
     *smaller, last = grown.fits
     return (*smaller, replace(last, remarks=(*last.remarks, *grown.remarks)))
@@ -915,7 +915,8 @@ def compare_models(
         return replace(result, noise_scores=scores, breaks=examined.breaks[:1], left_out=gone)
 
     evaluations = [compared(number, fit) for number, fit in enumerate(fits)]
-    if disturbed := disturbance(evaluations[0], part.recording):
+    # a model that lacks an effect leaves it here and there
+    if disturbed := disturbance(min(evaluations, key=lambda each: each.accel_rms), part.recording):
         part, gone = without_stretches([part], disturbed)[0], (*gone, disturbed.sentence)
         evaluations = [compared(number, fit) for number, fit in enumerate(fits)]
     least = noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
@@ -959,9 +960,14 @@ def judged_runs(examined: Sequence[Examined]) -> tuple[list[PreparedRun], TimeSp
     return [first.judged, *runs], first.stretch, broken
 
 
-def used_runs(examined: Sequence[Examined]) -> tuple[list[PreparedRun], list[Remark]]:
-    """Runs up to their first breaks, and the remarks on what was noticed in them."""
-    return [item.part for item in examined], [note for item in examined for note in item.remarks()]
+def used_runs(examined: Sequence[Examined], fit: Fit | None = None) -> tuple[list[PreparedRun], list[Remark]]:
+    """Runs up to their first breaks, without the stretches that a fit to them has left out as disturbed, and the
+    remarks on what was noticed in them."""
+    runs, notes = [item.part for item in examined], [note for item in examined for note in item.remarks()]
+    disturbed = [note for note in ([] if fit is None else fit.remarks) if note.code == "disturbed"]
+    if fit is None or not (disturbed and fit.runs) or fit.runs[0].session != runs[0].recording.session:
+        return runs, notes
+    return without_stretches(runs, disturbed[0]), [*disturbed[:1], *notes]
 
 
 __dir__ = listing(globals())

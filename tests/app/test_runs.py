@@ -18,7 +18,7 @@ from accelcal.cli import app as command_line
 from accelcal.estimation.noise import NoiseScore
 from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
-from accelcal.validation.differences import headline_horizon, pooled
+from accelcal.validation.differences import pooled
 from tests.commands import python
 
 NAMES = ("run0.csv", "run1.csv", "run2.csv", "dwells.csv")
@@ -159,7 +159,7 @@ def test_sentences_say_what_is_held_out(grown):
         "Held out (run2.csv)",
     ]
     pool = state.step.heldout
-    assert own_error(pool).startswith(f"drift after {headline_horizon(pool):g} s ")
+    assert own_error(pool).startswith(f"systematic error of the output below {pool.band:.3g} Hz ")
 
 
 def test_the_report_command_is_of_a_recording_though_dwells_come_first(grown):

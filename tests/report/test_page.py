@@ -129,9 +129,8 @@ def test_the_falling_error_falls_on_the_page(lacking, complete):
         nested = content.nested
         assert nested.names == ("base", "+ cubic")
         assert nested.errors[1] < 0.6 * nested.errors[0]  # the cubic is 40 sigma; noise moves each by a tenth
-        assert nested.shares[1] == pytest.approx(
-            (nested.errors[0] ** 2 - nested.errors[1] ** 2) / (nested.errors[0] ** 2 - nested.floor.value**2), rel=1e-12
-        )
+        before, after = (interval.value for interval in nested.intervals)
+        assert nested.shares[1] == pytest.approx(1.0 - (after / before) ** 2, rel=1e-12)
     assert (lacking.lacking, complete.lacking) == (1, 0)
     assert not lacking.nested.same_run
     assert complete.nested.same_run
@@ -171,7 +170,7 @@ def test_what_a_diagnosis_says_beside_its_verdict_is_on_the_page(lacking):
 
 def test_page_sizes(pages):
     assert len(pages["lacking"].encode()) < 7e6
-    assert len(pages["light"].encode()) < 1e6
+    assert len(pages["light"].encode()) < 1.25e6
 
 
 def test_pdf_has_pages(lacking, tmp_path):

@@ -92,7 +92,7 @@ def test_the_right_model_is_better_and_by_how_much(paired: Comparison) -> None:
     assert one.verdict == "better"
     assert one.pooled is not None
     low, high = one.pooled.percent_interval
-    assert low < one.pooled.percent < high < 0.0
+    assert low <= one.pooled.percent < high < 0.0
     assert one.sentence.startswith("base + quadratic + cubic is better than base: systematic error smaller by ")
     assert one.pooled.measure == "systematic error"
     assert paired.paired_horizon == max(h for h in (1.0, 5.0, 10.0) if stretch_count(paired.seen[0][0], h) >= 5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,7 +22,7 @@ from accelcal.cli.common import (
     writable_folder,
 )
 from accelcal.cli.data import write_recording
-from accelcal.cli.lazy import catalogue, drawing, model_file, results_json, words
+from accelcal.cli.lazy import catalogue, drawing, io, model_file, results_json, words
 from accelcal.cli.overwriting import require_replaceable
 
 if TYPE_CHECKING:
@@ -55,6 +56,7 @@ def demo(
     for path, recording in zip(paths, (hidden.train, hidden.holdout), strict=True):
         write_recording(recording, path)
     seal(hidden, output / "answer.json")
+    hidden = replace(hidden, train=io.load(paths[0]), holdout=io.load(paths[1]))
     say_line(f"{paths[0]} and {paths[1]}: one rig, 60 s each; an effect may be hidden, answer in {output}/answer.json.")
     with progress("loop"):
         steps = loop(hidden=hidden)
@@ -73,7 +75,11 @@ def demo(
         model_file.save(steps.better, models[1])
         verb("add", f"add {models[0]} {paths[0]} --effect {steps.named} -o {models[1]}", values(steps.better))
         verb("watch", f"compare {' '.join(map(str, models))} {paths[1]}", steps.comparison.table().sentence)
-    say_line(f"\nHidden: {hidden_text(hidden)}. Named: {steps.named or 'nothing'}.")
+    classes = {name for group in steps.diagnosis.classes for name in group.members}
+    tied = (
+        ", which this record does not tell from it" if steps.named and hidden.effect in classes - {steps.named} else ""
+    )
+    say_line(f"\nHidden: {hidden_text(hidden)}. Named: {steps.named or 'nothing'}{tied}.")
     drawing.save(steps.plot(), output / "demo.png")
     say_line(f"wrote {output / 'demo.png'}; this took {time.perf_counter() - began:.1f} s.")
     suggest(

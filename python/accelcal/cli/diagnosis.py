@@ -85,7 +85,8 @@ def diagnose(
         return
     if comparison is not None:
         diagnosis = replace(diagnosis, heldout=comparison[0])
-    others = [r.name for r in recordings if r.digest not in {fitted_run.digest for fitted_run in fitted.runs}]
+    made_from = {key for run in fitted.runs for key in (run.digest, run.session)}
+    others = [r.name for r in recordings if not {r.digest, r.session} & made_from]
     if others:
         print_status(
             f"{', '.join(others)} is not what {model} was fitted to: all coefficients were estimated again on it"
@@ -336,7 +337,7 @@ def compare(
     output: Output = None,
     json: Json = False,
 ) -> None:
-    """Compare models with recordings: unaided drift, one-step prediction errors, residuals by region.
+    """Compare models with recordings: systematic error, unaided drift, one-step errors, residuals by region.
 
     Each of several models is compared with the first on the same recordings: whether it is better, by how much, and
     the interval of that.

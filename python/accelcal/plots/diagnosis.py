@@ -92,8 +92,8 @@ def ranking(diagnosis: Diagnosis, most: int = CANDIDATES) -> Figure:
     for group in groups:
         end = begin + len(group) - 1
         if len(group) > 1:
-            x, y = np.array([1.18, 1.2, 1.2, 1.18]) * top, np.repeat([begin - 0.3, end + 0.3], 2)
-            brackets += [Line(x, y, role="other", solid=True), Text(1.22 * top, 0.5 * (begin + end), "confounded")]
+            x, y = np.array([1.33, 1.36, 1.36, 1.33]) * top, np.repeat([begin - 0.3, end + 0.3], 2)
+            brackets += [Line(x, y, role="other", solid=True), Text(1.39 * top, 0.5 * (begin + end), "confounded")]
         begin = end + 1
     bars = Bars(
         snr,
@@ -104,7 +104,7 @@ def ranking(diagnosis: Diagnosis, most: int = CANDIDATES) -> Figure:
         hover=[f"{c.snr:.1f} σ, family-wise p {c.p_value:.2g}: {_amount(c)}" for c in flat],
     )
     names = Axis(range=(len(flat) - 0.4, -0.6), ticks=(range(len(flat)), [spelled(c.effect) for c in flat]), grid=False)
-    significance = Axis("significance", "equivalent standard deviations", range=(0.0, 1.45 * top))
+    significance = Axis("significance", "σ", range=(0.0, 1.9 * top))
     panel = Panel((bars, *brackets), significance, names, height=20.0 + 30.0 * len(flat))
     return Figure((panel,), headline, f"family-wise false-alarm rate {diagnosis.alpha:g}")
 
@@ -216,12 +216,12 @@ def against(
 
 
 def leading(diagnosis: Diagnosis, effect: str = "") -> list[Candidate]:
-    """A candidate, by default the best, and the best one that is not confounded with it."""
+    """A candidate, by default the best, and the best other one that is no curve, which would hold both."""
     candidates = diagnosis.scan.candidates
     first = next((c for c in candidates if c.effect == (effect or c.effect)), None)
     if first is None:
         return []
-    rival = next((c for c in candidates if c.effect not in (*first.members, first.effect)), None)
+    rival = next((c for c in candidates if c is not first and not find(c.effect).family), None)
     return [first] if rival is None else [first, rival]
 
 

@@ -28,7 +28,7 @@ from accelcal.plots.response import (
     response_sentences,
 )
 from accelcal.report.content import Content
-from accelcal.results.comparisons import fall
+from accelcal.results.comparisons import fall, quoted
 from accelcal.results.diagnoses import VERDICTS, contribution
 from accelcal.results.table import Column, Row, Table, as_view
 from accelcal.results.tables import parameter_rows
@@ -272,8 +272,8 @@ METHOD = (
     "residual; both noise levels are estimated by maximum likelihood.",
     "An effect is named if it explains more than the best of all alternatives would explain by chance; effects that "
     "explain as much within a stated margin are reported as confounded.",
-    "Error reduction is measured as unaided drift: position is withheld, and the position predicted from the "
-    "accelerometer alone is compared with the encoder on data that the fit has not used.",
+    "Error reduction is measured by the systematic error of the corrected output on data that the fit has not used: "
+    "its rms where the reference is better than the sensor, less the power of noise; unaided drift stands beside it.",
 )
 
 
@@ -319,7 +319,10 @@ def summary(content: Content) -> list[str]:
     held_out = "a held-out part of the fitted recording" if content.is_part else "a held-out recording"
     kind = held_out if content.unseen else "the fitted recording"
     lines = []
-    lines.append(fall([evaluation], f" on {kind}", content.fit.rig.sensor.range))
+    steps = [evaluation]
+    if content.nested is not None:
+        steps = list(content.nested)[: len(content.nested) - content.lacking]
+    lines.append(fall(steps, f" on {kind}", content.fit.rig.sensor.range))
     lines += [f"{score.sentence[:1].upper()}{score.sentence[1:]}." for score in evaluation.noise_scores]
     lines.append(
         f"One-step prediction error: {length(evaluation.one_step_rms)} rms. "
@@ -429,13 +432,13 @@ def falling(content: Content) -> dict[str, Any] | None:
             {
                 "model": name,
                 "error": error,
-                "shown": error_size(error, unit),
+                "shown": quoted(nested.headline, evaluation),
                 "in_model": number < len(nested) - content.lacking,
                 "around": "" if around is None else " to ".join(error_size(e, unit) for e in (around.low, around.high)),
                 "share": share_text(nested, number),
             }
-            for number, (name, error, around) in enumerate(
-                zip(nested.names, nested.errors, nested.intervals, strict=True)
+            for number, (name, error, around, evaluation) in enumerate(
+                zip(nested.names, nested.errors, nested.intervals, nested, strict=True)
             )
         ],
     }

@@ -55,7 +55,7 @@ def _(evaluation: Evaluation, which: str = "") -> Table:
             for h in evaluation.coast_rms
         ),
         alarms=tuple(f"Suspect data: {text}" for text in suspect(evaluation)),
-        notes=(*floor_notes(evaluation.noise_floor), *comparison_notes(evaluation)),
+        notes=(*unresolved_note(evaluation), *floor_notes(evaluation.noise_floor), *comparison_notes(evaluation)),
         about={"name": evaluation.recording},
     )
 
@@ -280,13 +280,18 @@ def fall(steps: Sequence[Evaluation], where: str = "", full_scale: float | None 
     """The quoted error of the first and of the last model, and what noise alone gives."""
     measure = Measure.of(steps)
     errors = " → ".join(quoted(measure, evaluation, full_scale) for evaluation in (steps[0], steps[-1])[: len(steps)])
-    systematic = steps[-1].systematic
-    bound = (
-        ""
-        if systematic is None
-        else f"; what no projection resolves is at most {error_size(systematic.unresolved, 'm/s²')}"
-    )
-    return f"{measure.name[:1].upper()}{measure.name[1:]}{where}: {errors} rms{floor_of(measure, steps[0])}{bound}."
+    return f"{measure.name[:1].upper()}{measure.name[1:]}{where}: {errors} rms{floor_of(measure, steps[0])}."
+
+
+def unresolved_note(evaluation: Evaluation) -> list[str]:
+    """What the systematic error leaves out, and what counts as such."""
+    if (systematic := evaluation.systematic) is None:
+        return []
+    size = error_size(systematic.unresolved, "m/s²")
+    return [
+        "Systematic error: functions of time and motion, errors of the fitted parameters among them; noise that is not "
+        f"white counts as one. What is no such function, as a narrow bump, may reach {size} rms."
+    ]
 
 
 def suspect(*several: Evaluation) -> list[str]:
@@ -351,6 +356,7 @@ def error_reduction(
         alarms=tuple(alarms),
         notes=(
             *notes,
+            *unresolved_note(steps[-1]),
             *floor_notes(steps[0].noise_floor),
             ruler_note(ruler, steps[0].band),
             *(as_sentence(score.sentence) for score in steps[-1].noise_scores),
@@ -432,7 +438,11 @@ def error_text(row: Row, key: str) -> str:
     """An error in its unit."""
     if row.get(key) is None:
         return "–"
-    return number(row[key]) if row["unit"] == "1" else error_size(row[key], row["unit"])
+    if row["unit"] == "1":
+        return number(row[key])
+    if key == "after" and row["unit"] == "m/s²" and row["low"] <= -100.0:
+        return f"≤ {error_size(row['before'] * (1.0 + row['high'] / 100.0), 'm/s²')}"
+    return error_size(row[key], row["unit"])
 
 
 def change_text(row: Row) -> str:

@@ -349,7 +349,8 @@ class SystematicError:
     """m/s²; 0 where noise alone gives as much."""
     low: float
     high: float
-    """Its 95 % interval, m/s²; below the limit of detection 0, and the bound that holds in 95 of 100 records."""
+    """Its 95 % interval, m/s²; below the limit of detection 0, and the bound that holds in 95 of 100 records or more,
+    never less than that limit."""
     detection_limit: float
     """Noise alone exceeds it in 5 of 100 records, m/s²."""
     unresolved: float
@@ -380,7 +381,7 @@ class SystematicError:
             return math.sqrt(max(0.0, middle + math.copysign(root, z)) / n)
 
         least, rms = math.sqrt(ONE_SIDED * math.sqrt(spread) / n), math.sqrt(max(0.0, above) / n)
-        low, high = (limit(-TWO_SIDED), limit(TWO_SIDED)) if rms > least else (0.0, limit(ONE_SIDED))
+        low, high = (limit(-TWO_SIDED), limit(TWO_SIDED)) if rms > least else (0.0, max(least, limit(ONE_SIDED)))
         return cls(rms, low, high, least, math.sqrt(max(0.0, unresolved) / n))
 
 

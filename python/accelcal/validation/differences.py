@@ -172,7 +172,9 @@ def pooled(several: Sequence[Evaluation]) -> Evaluation:
         left_out=tuple(text for evaluation in several for text in evaluation.left_out),
         noise_scores=tuple(score for evaluation in several for score in evaluation.noise_scores),
         noise_floor=pooled_floor(several, readings),
-        resolved=tuple(part for evaluation in several for part in evaluation.resolved),
+        resolved=tuple(part for evaluation in several for part in evaluation.resolved)
+        if all(evaluation.resolved for evaluation in several)
+        else (),
     )
 
 
@@ -371,10 +373,10 @@ def systematic_change(before: Sequence[Resolved], after: Sequence[Resolved]) -> 
     if first is None or second is None:
         return None
     n, rise, variance = sum(part.samples for part in before), 0.0, 0.0
-    for one, other in zip(before, after, strict=True):
-        apart = other.coordinates - one.coordinates
-        rise += float(apart @ (one.coordinates + other.coordinates))
-        variance += 4.0 * float(apart @ one.covariance @ apart)
+    for former, later in zip(before, after, strict=True):
+        apart = later.coordinates - former.coordinates
+        rise += float(apart @ (former.coordinates + later.coordinates))
+        variance += 4.0 * float(apart @ former.covariance @ apart)
     square, std = first.rms**2 + rise / n, math.sqrt(variance) / n
     ends = [math.sqrt(max(0.0, square + sign * TWO_SIDED * std)) for sign in (-1.0, 1.0)]
     # where little is left its own interval is the narrower one
@@ -580,6 +582,8 @@ class Comparison(Result):
         several = self._stretches(k, self.paired_horizon)
         alone = [systematic_change(row[0].resolved, row[k].resolved) for row in self.seen]
         together = systematic_change(self[0].resolved, self[k].resolved)
+        if together is None:  # a recording is too short for it
+            alone = [None for _ in alone]
         if together is not None and verdict_of(together) == "undecided":
             together, alone = None, [None for _ in alone]
         every = [change_over(self._stretches(k, h)) for h in sorted(self.seen[0][0].drifts)]

@@ -22,7 +22,7 @@ from accelcal.signals.series import runs_of_true
 from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import BINS, HORIZONS, Bins, Coast, Evaluation, ReferenceNoise, Spectrum
 from accelcal.validation.noise_floor import Ruler
-from accelcal.validation.prediction import Coasting, Prediction, accumulated, left_out, rms
+from accelcal.validation.prediction import MOST_STEPS, Coasting, Prediction, accumulated, left_out, rms
 from accelcal.validation.regions import beyond, bin_residual, outside, worst_regions, worst_sentence
 
 
@@ -324,7 +324,7 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
     inside = np.zeros(len(t), dtype=np.bool_)
     inside[edge : len(t) - edge] = True
     inside &= t >= ahead.since
-    for hole in np.flatnonzero((np.diff(run.t) > 8.0 * step) | ahead.drive.restart[1:]):
+    for hole in np.flatnonzero((np.diff(run.t) > MOST_STEPS * step) | ahead.drive.restart[1:]):
         near = slice(*np.searchsorted(t, [run.t[hole] - 1.0 / band, run.t[hole + 1] + 1.0 / band]))
         inside[near] = False
     return t[inside], residual[inside], motion.at(inside)

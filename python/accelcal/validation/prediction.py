@@ -84,6 +84,10 @@ WARM_UP = 5.0
 """Seconds before the first start point; a quarter of shorter records."""
 
 
+MOST_STEPS = 8.0
+"""Steps from one reading to the next beyond which there is a hole."""
+
+
 @dataclass(frozen=True, slots=True)
 class Coasting:
     """Errors of predictions over one horizon, start point by start point."""
@@ -238,7 +242,7 @@ class Prediction:
         beside them stand for more time than one step, and noise averages out the less.
         """
         run, noise = self.run, self.noise.usual
-        weight = np.gradient(run.t)
+        weight = np.minimum(np.gradient(run.t), MOST_STEPS * run.reading_step)  # nothing is integrated over a hole
         lost = float(weight @ weight) / (run.reading_step * float(np.sum(weight)))
         radians, output = 2.0 * np.pi * run.crossover(noise), 2.0 * noise.q * lost
         if run.order == 0:

@@ -22,14 +22,14 @@ from accelcal.estimation.values import Noise
 from accelcal.signals.processing import low_pass
 from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import Evaluation, NoiseFloor, ReferenceNoise, Resolved, SensorNoise
-from accelcal.validation.evaluation import PER_PERIOD, predicted_density
+from accelcal.validation.evaluation import EDGE, PER_PERIOD, predicted_density
 from accelcal.validation.noise_floor import Ruler
 from accelcal.validation.regions import variables_of
 
 KNOTS, COARSE = 8, 5
 """Knots of a function of one variable, and of the coefficient of acceleration or velocity as a function of one."""
-BLOCK = 1 << 15
-"""Samples whose noise is projected together."""
+BLOCK, BLOCKS = 1 << 14, 8
+"""Samples that are projected together, and stretches of as many into which a long record is cut."""
 NEGLIGIBLE = 1e-7
 """Directions whose share of the power of all is less are none."""
 APART = 1e-3
@@ -56,7 +56,7 @@ def with_resolved(
     scales = [abs(fit.values().scale) for fit in fits]
     errors = [e.accel_residual[1][grid.rows] / scale for e, scale in zip(evaluations, scales, strict=True)]
     density = partial(density_of, noise=ruler.noise, reference=first.reference_noise, band=first.band)
-    columns = np.stack(list(dictionary(first.motion, grid)))
+    columns = dictionary(first.motion, grid)
     sensor = None if floor.sensor.is_limit else floor.sensor
     parts = resolve(np.array(errors), grid, columns, density, sensor)
     return tuple(replace(e, resolved=(part,)) for e, part in zip(evaluations, parts, strict=True))
@@ -84,17 +84,32 @@ class Grid:
 
     @classmethod
     def of(cls, evaluation: Evaluation, fit: Fit) -> Grid:
-        """Some six samples in a period of the band."""
+        """Some six samples in a period of the band, none beside a hole; of a long record stretches spread over it."""
         assert evaluation.motion is not None
-        step, (t, _) = evaluation.motion.step, evaluation.accel_residual
+        step, band, (t, _) = evaluation.motion.step, evaluation.band, evaluation.accel_residual
         place = (t - fit.origins.t - evaluation.motion.t[0]) / step
-        every = max(1, int(1.0 / (PER_PERIOD * evaluation.band * step)))
-        rows = np.flatnonzero(np.abs(place / every - np.rint(place / every)) < 0.25 * np.median(np.diff(place)) / every)
-        return cls(rows, np.rint(place[rows]).astype(np.intp), every, step, evaluation.band)
+        apart = float(np.median(np.diff(place)))
+        every = max(1, int(1.0 / (PER_PERIOD * band * step)))
+        used = np.abs(place / every - np.rint(place / every)) < 0.25 * apart / every
+        for hole in np.flatnonzero(np.diff(place) > 1.5 * apart):
+            used[slice(*np.searchsorted(t, [t[hole] - EDGE / band, t[hole + 1] + EDGE / band]))] = False
+        rows = np.flatnonzero(used)
+        if len(rows) > BLOCKS * BLOCK:
+            begins = np.linspace(0, len(rows) - BLOCK, BLOCKS).astype(np.intp)
+            rows = rows[(begins[:, None] + np.arange(BLOCK)).ravel()]
+        return cls(rows, np.rint(place[rows]).astype(np.intp), every, step, band)
 
     def inside(self, y: Array) -> Array:
         """A function of the motion below the band, at the samples, (n,)."""
         return low_pass(np.nan_to_num(y), 1.0 / self.step, self.band)[self.at]
+
+    def blocks(self, length: int) -> Iterator[tuple[slice, Grid]]:
+        """Stretches of a motion of so many samples, and the samples in each on the grid of that stretch."""
+        margin = math.ceil(2.0 * EDGE / (self.band * self.step))
+        for begin in range(0, len(self.at), BLOCK):
+            at = self.at[begin : begin + BLOCK]
+            first = max(0, int(at[0]) - margin)
+            yield slice(first, min(length, int(at[-1]) + margin + 1)), replace(self, at=at - first)
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,15 +164,16 @@ def added_variable(
     both = np.stack([evaluation.accel_residual[1][grid.rows], grid.inside(column)], axis=1) / scale
     y, x = (both - base @ np.linalg.lstsq(base, both, rcond=NEGLIGIBLE)[0]).T
     density = partial(density_of, noise=fit.noise(), reference=reference, band=evaluation.band)
-    (part,) = resolve(y[None], grid, np.stack(list(dictionary(motion, grid))), density, None)
-    power, white = float(x @ x), float(density(np.zeros(1))[0]) / (2.0 * grid.every * grid.step)
+    (part,) = resolve(y[None], grid, dictionary(motion, grid), density, None)
+    power = float(x @ x)
     slope = float(x @ y) / power
     above = float(part.coordinates @ part.coordinates) - float(np.trace(part.covariance))
     place = np.argsort(np.argsort(x, kind="stable")) * PLACES // len(x)
-    count = np.bincount(place, minlength=PLACES)
-    middle, mean = (np.bincount(place, values, PLACES) / count for values in (x, y))
-    explained = max(0.0, slope**2 * power - white) / above if above > 0.0 else 0.0
-    return AddedVariable(middle, mean, np.sqrt(white / count), slope, math.sqrt(white / power), min(1.0, explained))
+    bins = (place == np.arange(PLACES)[:, None]).astype(float)
+    bins /= np.sum(bins, axis=1, keepdims=True)
+    *variances, along = np.diag(noise_in(np.vstack([bins, x / power]), grid, density))
+    explained = max(0.0, (slope**2 - along) * power) / above if above > 0.0 else 0.0
+    return AddedVariable(bins @ x, bins @ y, np.sqrt(variances), slope, math.sqrt(along), min(1.0, explained))
 
 
 def resolve(
@@ -177,20 +193,14 @@ def resolve(
     # the set-up, which stands beside, comes first; the differences of the models are the effects at hand
     columns = np.concatenate([np.ones((1, errors.shape[1])), functions, errors[1:] - errors[0]])
     size, n, step = len(columns), errors.shape[1], grid.every * grid.step
-    gram, products, noise = columns @ columns.T, columns @ errors.T, np.zeros((size, size))
-    for begin in range(0, n, BLOCK):
-        rows = slice(begin, begin + BLOCK)
-        at = (grid.at[rows] - grid.at[begin]) // grid.every
-        padded = np.zeros((size, scipy.fft.next_fast_len(2 * (int(at[-1]) + 1), real=True)))
-        padded[:, at] = columns[:, rows]
-        power = density(scipy.fft.rfftfreq(padded.shape[1], step)) / (2.0 * step)
-        coloured = scipy.fft.irfft(np.sqrt(power) * scipy.fft.rfft(padded), padded.shape[1])
-        noise += coloured @ coloured.T
+    gram, products, noise = columns @ columns.T, columns @ errors.T, noise_in(columns, grid, density)
+    power = density(scipy.fft.rfftfreq(2 * BLOCK, step)) / (2.0 * step)
     centre = np.eye(size)
     centre[:, 0] -= gram[0] / gram[0, 0]
     centred = centre @ gram @ centre.T
-    own, before = np.diag(centred), np.diag(gram)
-    scale = np.where(own > NEGLIGIBLE * before, 1.0 / np.sqrt(np.where(own > 0.0, own, 1.0)), 0.0)
+    varying = np.diag(centred)
+    some = varying > NEGLIGIBLE * np.diag(gram)
+    scale = np.where(some, 1.0 / np.sqrt(np.where(some, varying, 1.0)), 0.0)
     scale[size - len(errors) + 1 :] = 0.0
     values, vectors = np.linalg.eigh(scale[:, None] * centred * scale)
     some = values > NEGLIGIBLE * values[-1]
@@ -198,7 +208,7 @@ def resolve(
     for model in range(size - len(errors) + 1, size):
         beyond = np.eye(size)[model] - centred[model] @ within.T @ within
         power_beyond = beyond @ centred @ beyond
-        if power_beyond > APART * own[model]:
+        if power_beyond > APART * varying[model]:
             within = np.concatenate([within, beyond[None] / np.sqrt(power_beyond)])
     directions = within @ centre
     coordinates, covariance = directions @ products, directions @ noise @ directions.T
@@ -212,28 +222,62 @@ def resolve(
         low = density(np.zeros(1))[0]
         beside = expected * sensor.density**2 / low
         std = beside * math.hypot(std / expected, 2.0 * sensor.std / sensor.density)
+    covariance = np.ascontiguousarray(covariance)
     return tuple(
-        Resolved(coordinates[:, k], level * covariance, float(rest[k]), beside, std, n) for k in range(len(errors))
+        Resolved(np.ascontiguousarray(coordinates[:, k]), level * covariance, float(rest[k]), beside, std, n)
+        for k in range(len(errors))
     )
 
 
-def dictionary(motion: Signals, grid: Grid) -> Iterator[Array]:
-    """Functions of time and of the motion, (n,) each at the samples of a grid."""
-    for y, _ in variables_of(motion).values():
-        yield from map(grid.inside, hats(y, KNOTS))
-    for y in (motion.t, motion.p, motion.v, *motion.side.values()):
-        for hat in hats(y, COARSE):
-            yield grid.inside(motion.a * hat)
-            yield grid.inside(motion.v * hat)
-    for effect in BUILT_IN:
-        plain = effect.port == "output" and not effect.shapes and effect.width == 1 and is_local(effect)
-        if plain and all(name in motion.side for name in effect.needs):
-            yield grid.inside(effect.column(motion))
+def noise_in(columns: Array, grid: Grid, density: Callable[[Array], Array]) -> Array:
+    """Covariance of the sums of noise along some columns (m, n), (m, m)."""
+    total = np.zeros((len(columns), len(columns)))
+    for begin in range(0, columns.shape[1], BLOCK):
+        rows = slice(begin, begin + BLOCK)
+        at = (grid.at[rows] - grid.at[begin]) // grid.every
+        padded = np.zeros((len(columns), scipy.fft.next_fast_len(2 * (int(at[-1]) + 1), real=True)))
+        padded[:, at] = columns[:, rows]
+        step = grid.every * grid.step
+        power = density(scipy.fft.rfftfreq(padded.shape[1], step)) / (2.0 * step)
+        coloured = scipy.fft.irfft(np.sqrt(power) * scipy.fft.rfft(padded), padded.shape[1])
+        total += coloured @ coloured.T
+    return total
 
 
-def hats(y: Array, knots: int) -> Iterator[Array]:
-    """Piecewise linear functions of a variable (n,), one for each of some equidistant knots; none of a constant."""
+def dictionary(motion: Signals, grid: Grid) -> Array:
+    """Functions of time and of the motion at the samples of a grid, (m, n)."""
+    variables = [y for y, _ in variables_of(motion).values()]
+    single = [(y, *ends) for y in variables if (ends := span(y)) is not None]
+    carried = [
+        (y, *ends) for y in (motion.t, motion.p, motion.v, *motion.side.values()) if (ends := span(y)) is not None
+    ]
+    effects = [
+        effect
+        for effect in BUILT_IN
+        if effect.port == "output" and not effect.shapes and effect.width == 1 and is_local(effect)
+        if all(name in motion.side for name in effect.needs)
+    ]
+
+    def within(rows: slice, part: Grid) -> Iterator[Array]:
+        for y, low, high in single:
+            yield from map(part.inside, hats(y[rows], low, high, KNOTS))
+        for y, low, high in carried:
+            for hat in hats(y[rows], low, high, COARSE):
+                yield part.inside(motion.a[rows] * hat)
+                yield part.inside(motion.v[rows] * hat)
+        stretch = motion.part(rows)
+        yield from (part.inside(effect.column(stretch)) for effect in effects)
+
+    return np.concatenate([np.stack(list(within(*block))) for block in grid.blocks(len(motion.t))], axis=1)
+
+
+def span(y: Array) -> tuple[float, float] | None:
+    """Usual range of a variable; None of a constant."""
     low, high = np.nanquantile(y, [0.001, 0.999]) if np.isfinite(y).any() else (0.0, 0.0)
-    if high > low:
-        place = np.clip((y - low) / (high - low), 0.0, 1.0) * (knots - 1)
-        yield from (np.maximum(0.0, 1.0 - np.abs(place - knot)) for knot in range(knots))
+    return (float(low), float(high)) if high > low else None
+
+
+def hats(y: Array, low: float, high: float, knots: int) -> Iterator[Array]:
+    """Piecewise linear functions of a variable (n,), one for each of some equidistant knots."""
+    place = np.clip((y - low) / (high - low), 0.0, 1.0) * (knots - 1)
+    yield from (np.maximum(0.0, 1.0 - np.abs(place - knot)) for knot in range(knots))
