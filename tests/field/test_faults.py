@@ -138,6 +138,19 @@ def test_a_touch_lasts_seconds_in_a_short_record_too(seed: int, tmp_path: Path) 
     assert "disturbed" in {note.code for note in ac.fit(read(record, tmp_path)).remarks}
 
 
+def test_what_a_fit_leaves_out_is_left_out_with_another_effect_too(tmp_path: Path) -> None:
+    record = honest(71)
+    ACCIDENTS["touched"].plant(record)
+    recording = read(record, tmp_path)
+    base = ac.fit(recording)
+    assert "disturbed" in {note.code for note in base.remarks}
+    added = ac.add(base, recording, "cubic")
+    for fit in (added, ac.drop(added, recording, "cubic")):
+        assert "disturbed" in {note.code for note in fit.remarks}
+        assert fit.runs[0].readings == base.runs[0].readings
+        assert fit.noise().q == pytest.approx(base.noise().q, rel=0.2)
+
+
 def test_samples_at_uneven_instants_keep_their_stamps(tmp_path: Path) -> None:
     record = honest(78)
     at = np.sort(record.t + record.rng.uniform(-0.3, 0.3, len(record.t)) / record.rate)

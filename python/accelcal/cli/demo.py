@@ -76,9 +76,8 @@ def demo(
         verb("add", f"add {models[0]} {paths[0]} --effect {steps.named} -o {models[1]}", values(steps.better))
         verb("watch", f"compare {' '.join(map(str, models))} {paths[1]}", steps.comparison.table().sentence)
     classes = {name for group in steps.diagnosis.classes for name in group.members}
-    tied = (
-        ", which this record does not tell from it" if steps.named and hidden.effect in classes - {steps.named} else ""
-    )
+    confounded = steps.named and hidden.effect in classes - {steps.named}
+    tied = ", which this record does not tell from it" if confounded else ""
     say_line(f"\nHidden: {hidden_text(hidden)}. Named: {steps.named or 'nothing'}{tied}.")
     drawing.save(steps.plot(), output / "demo.png")
     say_line(f"wrote {output / 'demo.png'}; this took {time.perf_counter() - began:.1f} s.")

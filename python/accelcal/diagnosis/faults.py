@@ -697,8 +697,11 @@ def without_other_scale(columns: RelationColumns) -> Recording | None:
             continue
         if 2 * (end - begin) > K:
             begin, end, scale = end, begin + K, 1.0 / scale
-        recording = columns.run.recording
-        blocks = widened(np.isin(np.arange(K), np.arange(begin, end) % K), EDGE_BLOCKS)
+        recording, within = columns.run.recording, np.arange(begin, end) % K
+        thirds = _solve(np.stack([gram[part].sum(axis=0) for part in np.array_split(within, 3)]))[:, 0]
+        if np.any(_is_other(thirds, float(np.median(thirds)))):  # a disturbance that is added has no scale of its own
+            continue
+        blocks = widened(np.isin(np.arange(K), within), EDGE_BLOCKS)
         out = blocks[np.clip(np.searchsorted(relation.edges, recording.accel.t, "right") - 1, 0, K - 1)]
         return without(recording, "accel", out, "other_scale", 1.0 / band, scale)
     return None
