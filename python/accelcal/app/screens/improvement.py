@@ -268,7 +268,7 @@ def noise_scores(state: State) -> list[str]:
 def figure(name: str, value: float, mark: str, shown: str) -> None:
     """A number with its name; the page holds all its digits."""
     with ui.element("div").classes("number"):
-        ui.label(shown).classes("large").props(f"data-number={mark} data-value={value!r}")
+        ui.label(shown.partition(" (")[0]).classes("large").props(f"data-number={mark} data-value={value!r}")
         ui.label(name).classes("note")
 
 
