@@ -224,9 +224,9 @@ def loop(diagnosis: Diagnosis, comparison: Comparison, *, theme: ThemeName = "li
         replace(added_variable(diagnosis, lacking, *added[:1]), headline="4  Error against the effect, held-out data"),
         replace(error_reduction(comparison), headline="5  The error before and after"),
     )
-    measure, full_scale = comparison.headline, comparison.fits[0].rig.sensor.range
-    errors = " → ".join(quoted(measure, evaluation, full_scale) for evaluation in comparison)
-    text = f"{comparison.names[-1]}, on unseen data: {measure.name} {errors} rms"
+    measure = comparison.headline
+    errors = " → ".join(quoted(measure, evaluation).split(" (")[0] for evaluation in comparison)
+    text = f"{comparison.names[-1]}: {measure.name} {errors} rms on unseen data"
     return matplotlib.page(parts, text, theme, (4.0, 3.0, 4.0, 7.0, 4.0))
 
 

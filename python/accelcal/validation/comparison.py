@@ -334,6 +334,8 @@ class Resolved:
     rest_std: float
     """Standard deviation of the difference of the two under noise alone, (m/s²)²."""
     samples: int
+    level: float = 1.0
+    """Power of the noise that is measured in no direction, over what was assumed."""
 
 
 @dataclass(frozen=True, slots=True)

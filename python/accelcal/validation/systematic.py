@@ -171,7 +171,7 @@ def added_variable(
     place = np.argsort(np.argsort(x, kind="stable")) * PLACES // len(x)
     bins = (place == np.arange(PLACES)[:, None]).astype(float)
     bins /= np.sum(bins, axis=1, keepdims=True)
-    *variances, along = np.diag(noise_in(np.vstack([bins, x / power]), grid, density))
+    *variances, along = part.level * np.diag(noise_in(np.vstack([bins, x / power]), grid, density))
     explained = max(0.0, (slope**2 - along) * power) / above if above > 0.0 else 0.0
     return AddedVariable(bins @ x, bins @ y, np.sqrt(variances), slope, math.sqrt(along), min(1.0, explained))
 
@@ -224,7 +224,7 @@ def resolve(
         std = beside * math.hypot(std / expected, 2.0 * sensor.std / sensor.density)
     covariance = np.ascontiguousarray(covariance)
     return tuple(
-        Resolved(np.ascontiguousarray(coordinates[:, k]), level * covariance, float(rest[k]), beside, std, n)
+        Resolved(np.ascontiguousarray(coordinates[:, k]), level * covariance, float(rest[k]), beside, std, n, level)
         for k in range(len(errors))
     )
 
