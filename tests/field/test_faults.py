@@ -138,6 +138,22 @@ def test_a_touch_lasts_seconds_in_a_short_record_too(seed: int, tmp_path: Path) 
     assert "disturbed" in {note.code for note in ac.fit(read(record, tmp_path)).remarks}
 
 
+@pytest.mark.parametrize("seed", range(61, 65))
+def test_a_logger_that_runs_before_the_stage_is_homed(seed: int, tmp_path: Path) -> None:
+    # A second of readings within the range of the sensor, and a position that counts from nowhere.
+    record = honest(seed)
+    early, before = record.t < record.t[0] + 1.0, record.t_z < record.t_z[0] + 1.0
+    size = float(np.max(np.abs(record.u)))
+    record.u[early] = record.rng.uniform(-size, size, np.count_nonzero(early))
+    steps = record.rng.standard_normal(np.count_nonzero(before))
+    record.z[before] = record.z[before][-1] + 5e-3 * np.cumsum(steps) / np.sqrt(len(steps))
+    recording = read(record, tmp_path)
+    (gap,) = (gap for gap in examine(recording).source.recording.left_out if gap.kind == "unrelated")
+    assert gap.stretches[0][0] == pytest.approx(record.t[0], abs=0.2)
+    assert 0.8 < gap.stretches[-1][1] - record.t[0] < 2.5
+    assert max(off(ac.fit(recording), record)) < SIGMA
+
+
 def test_what_a_fit_leaves_out_is_left_out_with_another_effect_too(tmp_path: Path) -> None:
     record = honest(71)
     ACCIDENTS["touched"].plant(record)

@@ -213,9 +213,10 @@ class Origin:
     """Column and unit by channel, those of the stamps of the output as "time"."""
 
 
-WrongKind = Literal["denied", "saturated", "stuck", "other_scale", "lost_signal"]
+WrongKind = Literal["denied", "saturated", "stuck", "other_scale", "unrelated", "lost_signal"]
 """Far beyond the rest while the reference shows nothing; at the limit of its range; one value repeated while the other
-channel moves; of another scale factor than the rest; or a drop-out of a vibrometer."""
+channel moves; of another scale factor than the rest; before any relation to the reference; or a drop-out of a
+vibrometer."""
 
 
 @dataclass(frozen=True, slots=True)

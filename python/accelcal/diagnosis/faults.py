@@ -39,6 +39,7 @@ from accelcal.diagnosis.policy import (
     RELATION_LEAST_BLOCKS,
     STEP_LEAST_COUNTS,
     STEP_PULSE_SHARE,
+    UNRELATED_EXPLAINED,
     WHOLE_SAMPLE_TOLERANCE,
 )
 from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
@@ -365,6 +366,9 @@ def with_position_steps(run: PreparedRun) -> tuple[PreparedRun, RelationColumns 
     for _ in range(MOST_STEP_SEARCHES):
         try:
             columns = RelationColumns(run.complete)
+            if (related := without_unrelated_start(columns)) is not None:
+                run = run.anew(related)
+                continue
             jumps = columns.steps if counted else ()
             rest = None if jumps else without_other_scale(columns)
             if jumps:
@@ -659,6 +663,32 @@ def _split(relation: BandRelation) -> float | None:
         return None
     interval = (edges[max(0, best - 1)], edges[min(K, best + 4)])
     return relation.departure(held, float(power[best]), interval)
+
+
+def without_unrelated_start(columns: RelationColumns) -> Recording | None:
+    """The recording without the output with which it begins, where no relation to the position holds as behind it: the
+    logger ran before the stage was homed, or the sensor was mounted; None where one does.
+
+    Parameters
+    ----------
+    columns : of every reading of it.
+    """
+    for band in columns.bands:
+        relation = columns.in_band(band)
+        gram, K = relation.gram[::-1], len(relation.gram)
+        if K < 2 * RELATION_LEAST_BLOCKS:
+            continue
+        splits = _Splits.of(gram)
+        lost = (splits.explained[1] < UNRELATED_EXPLAINED) & (splits.power[1] > BREAK_POWER_RATIO * splits.power[0])
+        best = splits.best(lost & (splits.explained[0] > RELATION_EXPLAINED) & (np.arange(1, K) >= K // 2))
+        if best is None:
+            continue
+        held = _solve(splits.sums[0][best])
+        if np.median(relation.power(gram[best + 1 :], held)) < BREAK_POWER_RATIO * splits.power[0][best]:
+            continue
+        recording, end = columns.run.recording, relation.edges[K - best - 1 + EDGE_BLOCKS]
+        return without(recording, "accel", recording.accel.t < end, "unrelated", 1.0 / band, 0.0)
+    return None
 
 
 def without_other_scale(columns: RelationColumns) -> Recording | None:

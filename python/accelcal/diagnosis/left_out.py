@@ -109,7 +109,7 @@ def left_out_remarks(
             end=gap.stretches[-1][1],
             reach=gap.reach,
             scale=gap.scale,
-            cut=cut_without(recording, gap.stretches),
+            cut=cut_without(recording, [stretch for item in recording.left_out for stretch in item.stretches]),
         )
         for recording in recordings
         for gap in recording.left_out
@@ -119,10 +119,16 @@ def left_out_remarks(
 
 def cut_without(recording: Recording, stretches: Sequence[tuple[float, float]]) -> str:
     """The clause with the command that writes a file without these stretches, s; empty where they are too many."""
-    if len(stretches) > MOST_CUT:
+    spans = list[tuple[float, float]]()
+    for a, b in sorted((a - MILLISECOND, b + MILLISECOND) for a, b in stretches):
+        if spans and a <= spans[-1][1]:
+            spans[-1] = (spans[-1][0], max(b, spans[-1][1]))
+        else:
+            spans.append((a, b))
+    if len(spans) > MOST_CUT:
         return ""
     name = recording.name or "FILE"
-    parts = " ".join(f"--without {instant(a - MILLISECOND)}:{instant(b + MILLISECOND)}" for a, b in stretches)
+    parts = " ".join(f"--without {instant(a)}:{instant(b)}" for a, b in spans)
     given = recording.origin.given or quote(name)
     return f"; a file without that: accelcal cut {given} {parts} -o {quote(f'{Path(name).stem}_cut.csv')}"
 

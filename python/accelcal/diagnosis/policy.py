@@ -284,6 +284,9 @@ tests/diagnosis/test_change_points.py]"""
 RELATION_EXPLAINED = 0.95
 """Share of the encoder's power that a relation explains where it holds. Bias, scale and delay alone explain more on
 a good record. [share; tests/diagnosis/test_change_points.py]"""
+UNRELATED_EXPLAINED = 0.3
+"""Share of the begin of a record that its best linear relation explains, below which it is left out. Random readings
+have a tenth, a range that was changed within it more than half. [share; tests/field/test_faults.py]"""
 BREAK_EXPLAINED = 0.80
 """Share of the encoder's power that no relation may explain after a break. A relation with another scale factor is
 no break. [share; tests/diagnosis/test_change_points.py]"""

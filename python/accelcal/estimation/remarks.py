@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from accelcal._support.errors import AccelcalError
+
 Place = Literal["verdict", "data", "beside"]
 """Where it is printed: in the sentence of the verdict, as suspect data before it, or beside it."""
 Value = float | int | str
@@ -95,6 +97,12 @@ KINDS: dict[str, Kind] = {
         "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, from t = {time:.6g} s to {end:.6g} s) are "
         "left out: the output is {scale:.3g} times there what the same motion makes in the rest; look for a range, a "
         "gain or a wiring that was changed{cut}",
+    ),
+    "unrelated": Kind(
+        "data",
+        "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, from t = {time:.6g} s to {end:.6g} s) are "
+        "left out: until then output and reference do not move together, behind it they do; start the record when the "
+        "stage is homed and the sensor is mounted{cut}",
     ),
     "lost_signal": Kind(
         "data",
@@ -254,6 +262,10 @@ class Remark:
     sentence: str
     values: Mapping[str, Value]
     """Its numbers in SI, by name."""
+
+    def __post_init__(self) -> None:
+        if self.code not in KINDS:
+            raise AccelcalError(f"remark {self.code!r} is of no known kind")
 
     @property
     def place(self) -> Place:

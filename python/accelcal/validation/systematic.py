@@ -30,6 +30,8 @@ KNOTS, COARSE = 8, 5
 """Knots of a function of one variable, and of the coefficient of acceleration or velocity as a function of one."""
 BLOCK, BLOCKS = 1 << 14, 8
 """Samples that are projected together, and stretches of as many into which a long record is cut."""
+LEAST_SAMPLES = 500
+"""Fewer do not tell an error in a hundred directions from noise."""
 NEGLIGIBLE = 1e-7
 """Directions whose share of the power of all is less are none."""
 APART = 1e-3
@@ -53,6 +55,8 @@ def with_resolved(
     if first.motion is None or first.reference_noise is None or len(lengths) > 1:
         return tuple(evaluations)
     grid = Grid.of(first, fits[0])
+    if len(grid.rows) < LEAST_SAMPLES:
+        return tuple(evaluations)
     scales = [abs(fit.values().scale) for fit in fits]
     errors = [e.accel_residual[1][grid.rows] / scale for e, scale in zip(evaluations, scales, strict=True)]
     density = partial(density_of, noise=ruler.noise, reference=first.reference_noise, band=first.band)
@@ -152,6 +156,8 @@ def added_variable(
     if motion is None or reference is None or effect.port not in ("output", "position"):
         return None
     grid, scale = Grid.of(evaluation, fit), abs(fit.values().scale)
+    if len(grid.rows) < LEAST_SAMPLES:
+        return None
     # of a curve in its coarse form the leading coefficients are estimated
     column = effect.column(motion, **shape).reshape(len(motion.t), -1)[:, : len(sizes)] @ np.asarray(sizes)
     if effect.port == "position":
