@@ -88,12 +88,13 @@ def hide(name: str, seed: int) -> Hidden:
         for name, effect in CATALOGUE.items()
         if math.isfinite(limits.get(name, math.inf)) and not effect.family and effect.port != "noise"
     ]
-    # a random one is of the sensor or the rig, not of one record, so that the other record shows what it takes away
+    # a random one is of the sensor or the rig, not of one record, so that the other record shows what it takes away;
+    # a few clipped samples would be outliers
     drawn = [
         name
         for name in possible
         if find(name).port == "output" and find(name).width == 1
-        if not (of_one_record(find(name)) or find(name).traits.delay_class)
+        if not (of_one_record(find(name)) or find(name).traits.delay_class or find(name).traits.clips_at)
     ]
     effect = find(drawn[int(rng.integers(len(drawn)))] if name == "random" else name)
     if effect.name not in possible:
