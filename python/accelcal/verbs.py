@@ -916,7 +916,7 @@ def compare_models(
 
     evaluations = [compared(number, fit) for number, fit in enumerate(fits)]
     # a model that lacks an effect leaves it here and there
-    if disturbed := disturbance(min(evaluations, key=lambda each: each.accel_rms), part.recording):
+    if disturbed := disturbance(min(evaluations, key=lambda result: result.accel_rms), part.recording):
         part, gone = without_stretches([part], disturbed)[0], (*gone, disturbed.sentence)
         evaluations = [compared(number, fit) for number, fit in enumerate(fits)]
     least = noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)

@@ -9,8 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from accelcal._support.errors import AccelcalError
-
 Place = Literal["verdict", "data", "beside"]
 """Where it is printed: in the sentence of the verdict, as suspect data before it, or beside it."""
 Value = float | int | str
@@ -262,10 +260,6 @@ class Remark:
     sentence: str
     values: Mapping[str, Value]
     """Its numbers in SI, by name."""
-
-    def __post_init__(self) -> None:
-        if self.code not in KINDS:
-            raise AccelcalError(f"remark {self.code!r} is of no known kind")
 
     @property
     def place(self) -> Place:

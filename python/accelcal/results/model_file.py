@@ -22,6 +22,7 @@ from accelcal.effects.own import probe
 from accelcal.effects.processes import side_channel_scale
 from accelcal.estimation.drive import LEAST_SCALE
 from accelcal.estimation.estimate import Fit
+from accelcal.estimation.remarks import KINDS
 from accelcal.io import atomic_write
 from accelcal.model import OwnEffect, SideChannel, Term
 from accelcal.results.json_text import AGAIN, LONGEST_TEXT, ModelFileError, dumps, plain, read_json
@@ -256,6 +257,9 @@ def require_consistent(fit: Fit) -> None:
     ModelFileError
         Naming the path to the leaf that is out of range or contradicts the others, and what is expected.
     """
+    unknown = [note.code for note in fit.remarks if note.code not in KINDS]
+    if unknown:
+        raise ModelFileError(f"remarks: code is {unknown[0]!r}; expected one of docs/loop.md")
     for check in (_leaves, _once, _runs, _parameters, _fixed, _shapes, _spans, _spreads, _noise, _rig, _dwells):
         for where, sentence in check(fit):
             raise ModelFileError(f"{where}: {sentence}")
