@@ -85,7 +85,7 @@ def test_error_falls_on_another_recording_and_lies_on_the_line_of_the_effect() -
     rival = added_variable(before, base, find("quadratic"), {}, [1e-3])
     assert drawn is not None
     assert rival is not None
-    assert drawn.slope == pytest.approx(1.0, abs=5.0 * drawn.slope_std)
+    assert drawn.slope == pytest.approx(1.0, abs=0.1)  # the motion is smoothed under the model that lacks the effect
     assert drawn.explained > 0.9
     assert rival.explained < 0.2
     assert added_variable(before, base, find("bias_random_walk"), {"start": 0.0, "length": 40.0}, [1.0]) is None
