@@ -103,12 +103,12 @@ def test_the_right_model_is_better_and_by_how_much(paired: Comparison) -> None:
 def test_pooled_stretches_are_those_of_all_recordings(paired: Comparison) -> None:
     (one,) = paired.differences
     drift = next(change for change in one.horizons if change.measure == "drift after 1 s")
-    each = [change for seen in paired.seen if (change := heldout_change(*seen, 1.0)) is not None]
-    assert drift.stretches == sum(change.stretches for change in each)
+    by_recording = [change for seen in paired.seen if (change := heldout_change(*seen, 1.0)) is not None]
+    assert drift.stretches == sum(change.stretches for change in by_recording)
     drifts = [len(seen[0].drifts[1.0][0]) for seen in paired.seen]
     samples = [seen[0].resolved[0].samples for seen in paired.seen]
     assert one.pooled is not None
-    for pooled, several, counts in ((drift, each, drifts), (one.pooled, one.recordings, samples)):
+    for pooled, several, counts in ((drift, by_recording, drifts), (one.pooled, one.recordings, samples)):
         squares = [change.before**2 for change in several if change is not None]
         assert pooled.before == pytest.approx(np.sqrt(np.average(squares, weights=counts)))
 

@@ -45,13 +45,13 @@ def test_a_false_effect_is_no_improvement_and_a_right_one_is() -> None:
 
 
 def test_recordings_count_by_their_samples() -> None:
-    one = Resolved(np.array([3.0, 0.0]), 0.01 * np.eye(2), 1.0, 1.0, 0.1, 100)
-    other = Resolved(np.array([0.0, 1.0]), 0.01 * np.eye(2), 1.0, 1.0, 0.1, 300)
-    both = SystematicError.of([one, other])
+    short = Resolved(np.array([3.0, 0.0]), 0.01 * np.eye(2), 1.0, 1.0, 0.1, 100)
+    long = Resolved(np.array([0.0, 1.0]), 0.01 * np.eye(2), 1.0, 1.0, 0.1, 300)
+    both = SystematicError.of([short, long])
     assert both is not None
     assert both.rms == pytest.approx(np.sqrt((9.0 + 1.0 - 0.04) / 400.0))
     assert SystematicError.of([]) is None
-    change = systematic_change([one], [Resolved(np.array([1.0, 0.0]), 0.01 * np.eye(2), 1.0, 1.0, 0.1, 100)])
+    change = systematic_change([short], [Resolved(np.array([1.0, 0.0]), 0.01 * np.eye(2), 1.0, 1.0, 0.1, 100)])
     assert change is not None
     assert change.after < change.before
     assert verdict_of(change) == "better"

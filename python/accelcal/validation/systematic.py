@@ -7,7 +7,7 @@ without memory, the differences of the models at hand. Equations: docs/derivatio
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -252,11 +252,8 @@ def noise_in(columns: Array, grid: Grid, density: Callable[[Array], Array]) -> A
 
 def dictionary(motion: Signals, grid: Grid) -> Array:
     """Functions of time and of the motion at the samples of a grid, (m, n)."""
-    variables = [y for y, _ in variables_of(motion).values()]
-    single = [(y, *ends) for y in variables if (ends := span(y)) is not None]
-    carried = [
-        (y, *ends) for y in (motion.t, motion.p, motion.v, *motion.side.values()) if (ends := span(y)) is not None
-    ]
+    single = spans(y for y, _ in variables_of(motion).values())
+    carried = spans((motion.t, motion.p, motion.v, *motion.side.values()))
     effects = [
         effect
         for effect in BUILT_IN
@@ -277,10 +274,10 @@ def dictionary(motion: Signals, grid: Grid) -> Array:
     return np.concatenate([np.stack(list(within(*block))) for block in grid.blocks(len(motion.t))], axis=1)
 
 
-def span(y: Array) -> tuple[float, float] | None:
-    """Usual range of a variable; None of a constant."""
-    low, high = np.nanquantile(y, [0.001, 0.999]) if np.isfinite(y).any() else (0.0, 0.0)
-    return (float(low), float(high)) if high > low else None
+def spans(several: Iterable[Array]) -> list[tuple[Array, float, float]]:
+    """Variables (n,) each that change, with their usual range."""
+    usual = [(y, *np.nanquantile(y, [0.001, 0.999])) for y in several if np.isfinite(y).any()]
+    return [(y, float(low), float(high)) for y, low, high in usual if high > low]
 
 
 def hats(y: Array, low: float, high: float, knots: int) -> Iterator[Array]:
