@@ -233,4 +233,4 @@ def test_the_command_says_the_same(
     assert "a.json is given twice" in call("a.json", "a.json", "0.csv", code=2)
     capsys.readouterr()
     show_comparison(paired)
-    assert "is better than base: drift after 1 s smaller by" in " ".join(capsys.readouterr().out.split())
+    assert "is better than base: systematic error smaller by" in " ".join(capsys.readouterr().out.split())
