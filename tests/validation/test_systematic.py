@@ -11,12 +11,12 @@ from accelcal.simulation import CXL02_RIG
 from accelcal.validation.comparison import Resolved, SystematicError
 from accelcal.validation.differences import systematic_change, verdict_of
 from accelcal.validation.systematic import added_variable
-from benches.ruler import DENSITY, ERRORS, LEVELS, RATE, World, motion, noise, outcome, resolved, shape
+from benches.ruler import DENSITY, ERRORS, LEVELS, RATE, Case, motion, noise, outcome, resolved, shape
 
 
 def test_intervals_and_bounds_hold_in_closed_form() -> None:
     # 60 two-sided intervals of 95 %: fewer than 51 have a chance of 2e-3; 60 bounds of 95 %: fewer than 51 as well.
-    worlds = [World(level, number, 11) for level in LEVELS for number in range(20)]
+    worlds = [Case(level, number, 11) for level in LEVELS for number in range(20)]
     cases = [outcome(world) for world in worlds]
     large = [case for case in cases if LEVELS[case["level"]] >= 2.0]
     small = [case for case in cases if LEVELS[case["level"]] <= 1.0]
@@ -41,17 +41,17 @@ def test_power_of_the_noise_that_is_left_in_would_be_an_error() -> None:
 
 def test_a_false_effect_is_no_improvement_and_a_right_one_is() -> None:
     for level, verdict in (("right", {"better"}), ("false", {"undecided", "worse"})):
-        assert {outcome(World(level, number, 12))["verdict"] for number in range(8)} <= verdict
+        assert {outcome(Case(level, number, 12))["verdict"] for number in range(8)} <= verdict
 
 
 def test_recordings_count_by_their_samples() -> None:
-    short = Resolved(np.array([3.0, 0.0]), 0.01 * np.eye(2), 1.0, 1.0, 0.1, 100)
-    long = Resolved(np.array([0.0, 1.0]), 0.01 * np.eye(2), 1.0, 1.0, 0.1, 300)
+    short = Resolved(np.array([3.0, 0.0]), 0.01 * np.eye(2), 0.0, 1.0, 1.0, 0.1, 100)
+    long = Resolved(np.array([0.0, 1.0]), 0.01 * np.eye(2), 0.0, 1.0, 1.0, 0.1, 300)
     both = SystematicError.of([short, long])
     assert both is not None
     assert both.rms == pytest.approx(np.sqrt((9.0 + 1.0 - 0.04) / 400.0))
     assert SystematicError.of([]) is None
-    change = systematic_change([short], [Resolved(np.array([1.0, 0.0]), 0.01 * np.eye(2), 1.0, 1.0, 0.1, 100)])
+    change = systematic_change([short], [Resolved(np.array([1.0, 0.0]), 0.01 * np.eye(2), 0.0, 1.0, 1.0, 0.1, 100)])
     assert change is not None
     assert change.after < change.before
     assert verdict_of(change) == "better"

@@ -327,6 +327,8 @@ class Resolved:
     """Of the error, along orthonormal directions, (m,) m/s²."""
     covariance: Array
     """Of their noise, (m, m) (m/s²)²."""
+    trace_std: float
+    """Standard deviation of its trace, because the level of the noise is measured, (m/s²)²."""
     rest: float
     """Sum of the squares of what lies in no direction, (m/s²)²."""
     noise_in_rest: float
@@ -334,8 +336,6 @@ class Resolved:
     rest_std: float
     """Standard deviation of the difference of the two under noise alone, (m/s²)²."""
     samples: int
-    level: float = 1.0
-    """Power of the noise that is measured in no direction, over what was assumed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -370,7 +370,7 @@ class SystematicError:
         energy = sum(float(part.coordinates @ part.coordinates) for part in parts)
         if not energy > 0.0:
             return None
-        spread = 2.0 * sum(float(np.sum(part.covariance**2)) for part in parts)
+        spread = sum(2.0 * float(np.sum(part.covariance**2)) + part.trace_std**2 for part in parts)
         above = energy - sum(float(np.trace(part.covariance)) for part in parts)
         along = sum(float(part.coordinates @ part.covariance @ part.coordinates) for part in parts) / energy
         unresolved = max(0.0, sum(part.rest - part.noise_in_rest for part in parts))

@@ -26,12 +26,16 @@ from accelcal.validation.evaluation import EDGE, PER_PERIOD, predicted_density
 from accelcal.validation.noise_floor import Ruler
 from accelcal.validation.regions import variables_of
 
+Density = Callable[[Array], Array]
+"""One-sided density of noise, (k,) (m/s²)²/Hz, at frequencies (k,) Hz."""
 KNOTS, COARSE = 8, 5
 """Knots of a function of one variable, and of the coefficient of acceleration or velocity as a function of one."""
 BLOCK, BLOCKS = 1 << 14, 8
 """Samples that are projected together, and stretches of as many into which a long record is cut."""
 LEAST_SAMPLES = 500
 """Fewer do not tell an error in a hundred directions from noise."""
+OCTAVES, LEAST_IN_OCTAVE = 12, 30.0
+"""Octaves in which noise is measured, the last one beyond half the band, and values in no direction in one at least."""
 NEGLIGIBLE = 1e-7
 """Directions whose share of the power of all is less are none."""
 APART = 1e-3
@@ -60,9 +64,8 @@ def with_resolved(
     scales = [abs(fit.values().scale) for fit in fits]
     errors = [e.accel_residual[1][grid.rows] / scale for e, scale in zip(evaluations, scales, strict=True)]
     density = partial(density_of, noise=ruler.noise, reference=first.reference_noise, band=first.band)
-    columns = dictionary(first.motion, grid)
     sensor = None if floor.sensor.is_limit else floor.sensor
-    parts = resolve(np.array(errors), grid, columns, density, sensor)
+    parts, _ = resolve(np.array(errors), grid, dictionary(first.motion, grid), density, sensor)
     return tuple(replace(e, resolved=(part,)) for e, part in zip(evaluations, parts, strict=True))
 
 
@@ -170,37 +173,35 @@ def added_variable(
     both = np.stack([evaluation.accel_residual[1][grid.rows], grid.inside(column)], axis=1) / scale
     y, x = (both - base @ np.linalg.lstsq(base, both, rcond=NEGLIGIBLE)[0]).T
     density = partial(density_of, noise=fit.noise(), reference=reference, band=evaluation.band)
-    (part,) = resolve(y[None], grid, dictionary(motion, grid), density, None)
+    (part,), noise = resolve(y[None], grid, dictionary(motion, grid), density, None)
     power = float(x @ x)
     slope = float(x @ y) / power
     above = float(part.coordinates @ part.coordinates) - float(np.trace(part.covariance))
     place = np.argsort(np.argsort(x, kind="stable")) * PLACES // len(x)
     bins = (place == np.arange(PLACES)[:, None]).astype(float)
     bins /= np.sum(bins, axis=1, keepdims=True)
-    *variances, along = part.level * np.diag(noise_in(np.vstack([bins, x / power]), grid, density))
+    *variances, along = np.diag(noise_in(np.vstack([bins, x / power]), grid, noise.density))
     explained = max(0.0, (slope**2 - along) * power) / above if above > 0.0 else 0.0
     return AddedVariable(bins @ x, bins @ y, np.sqrt(variances), slope, math.sqrt(along), min(1.0, explained))
 
 
 def resolve(
-    errors: Array, grid: Grid, functions: Array, density: Callable[[Array], Array], sensor: SensorNoise | None
-) -> tuple[Resolved, ...]:
-    """Errors of several models in the directions that a record resolves.
+    errors: Array, grid: Grid, functions: Array, density: Density, sensor: SensorNoise | None
+) -> tuple[tuple[Resolved, ...], MeasuredNoise]:
+    """Errors of several models in the directions that a record resolves, and the noise that was measured.
 
     Parameters
     ----------
     errors : of the corrected output, (models, n) m/s².
     grid : of the samples.
     functions : of time and motion, below the band, (m, n).
-    density : one-sided noise density of the errors at frequencies (k,) Hz, (k,) (m/s²)²/Hz, but for its level: that is
-        what is measured in no direction.
+    density : assumed of the noise of the errors, but for its levels: these are measured in no direction.
     sensor : noise of the sensor where it is known otherwise, for the bound on what no direction resolves.
     """
     # the set-up, which stands beside, comes first; the differences of the models are the effects at hand
     columns = np.concatenate([np.ones((1, errors.shape[1])), functions, errors[1:] - errors[0]])
     size, n, step = len(columns), errors.shape[1], grid.every * grid.step
-    gram, products, noise = columns @ columns.T, columns @ errors.T, noise_in(columns, grid, density)
-    power = density(scipy.fft.rfftfreq(2 * BLOCK, step)) / (2.0 * step)
+    gram = columns @ columns.T
     centre = np.eye(size)
     centre[:, 0] -= gram[0] / gram[0, 0]
     centred = centre @ gram @ centre.T
@@ -216,37 +217,90 @@ def resolve(
         power_beyond = beyond @ centred @ beyond
         if power_beyond > APART * varying[model]:
             within = np.concatenate([within, beyond[None] / np.sqrt(power_beyond)])
-    directions = within @ centre
-    coordinates, covariance = directions @ products, directions @ noise @ directions.T
-    rest = np.sum(errors**2, axis=1) - products[0] ** 2 / gram[0, 0] - np.sum(coordinates**2, axis=0)
+    directions = np.concatenate([np.eye(size)[:1] / math.sqrt(gram[0, 0]), within @ centre]) @ columns
+    del columns, functions
+    coordinates = errors @ directions.T
+    rests = np.sum(errors**2, axis=1) - np.sum(coordinates**2, axis=1)
+    best = int(np.argmin(rests))
+    noise = MeasuredNoise.of(errors[best] - coordinates[best] @ directions, directions, grid, density)
+    covariance = noise_in(directions[1:], grid, noise.density)
+    power = density(scipy.fft.rfftfreq(2 * BLOCK, step)) / (2.0 * step)
     # the mean over frequencies, the two at the ends counted once
-    variance, square = (float(np.mean(np.r_[y, y[1:-1]])) for y in (power, power**2))
-    expected = n * variance - noise[0, 0] / gram[0, 0] - float(np.trace(covariance))
-    level = float(np.min(rest)) / expected
-    beside, std = 0.0, math.sqrt(2.0 * n * square)
+    beside, std = 0.0, math.sqrt(2.0 * n * float(np.mean(np.r_[power, power[1:-1]] ** 2)))
     if sensor is not None:
-        low = density(np.zeros(1))[0]
-        beside = expected * sensor.density**2 / low
-        std = beside * math.hypot(std / expected, 2.0 * sensor.std / sensor.density)
-    covariance = np.ascontiguousarray(covariance)
+        beside = noise.expected * sensor.density**2 / density(np.zeros(1))[0]
+        std = beside * math.hypot(std / noise.expected, 2.0 * sensor.std / sensor.density)
     return tuple(
-        Resolved(np.ascontiguousarray(coordinates[:, k]), level * covariance, float(rest[k]), beside, std, n, level)
-        for k in range(len(errors))
-    )
+        Resolved(c[1:].copy(), covariance, noise.trace_std, float(rest), beside, std, n)
+        for c, rest in zip(coordinates, rests, strict=True)
+    ), noise
 
 
-def noise_in(columns: Array, grid: Grid, density: Callable[[Array], Array]) -> Array:
-    """Covariance of the sums of noise along some columns (m, n), (m, m)."""
-    total = np.zeros((len(columns), len(columns)))
+@dataclass(frozen=True, slots=True)
+class MeasuredNoise:
+    """Noise of the errors as the best model leaves it in no direction, octave by octave."""
+
+    assumed: Density
+    edges: Array
+    """Upper ends of the octaves but the last one, (k - 1,) Hz."""
+    levels: Array
+    """Power in each octave over the assumed one, (k,)."""
+    trace_std: float
+    """Of the sum of squares in the directions, by the levels, (m/s²)²."""
+    expected: float
+    """Sum of squares in no direction under the assumed density, (m/s²)²."""
+
+    @classmethod
+    def of(cls, rest: Array, directions: Array, grid: Grid, assumed: Density) -> MeasuredNoise:
+        """Compare what no direction explains (n,) with its expectation; directions (m, n) are orthonormal."""
+        edges = grid.band * 0.5 ** np.arange(OCTAVES - 1.0, 0.0, -1.0)
+        # of each octave: power that is left, its expectation, that in the directions, values in no direction
+        sums = np.zeros((4, OCTAVES))
+        for n, f, weights, transforms in spectra(np.vstack([directions, rest]), grid):
+            squares = transforms.real**2 + transforms.imag**2
+            taken = np.sum(squares[:-1], axis=0)
+            free = weights * np.maximum(0.0, n - taken)
+            power = assumed(f) / (2.0 * grid.every * grid.step)
+            several = weights * squares[-1], power * free, power * weights * taken, free * (f <= grid.band)
+            sums += [np.bincount(np.searchsorted(edges, f), y, OCTAVES) for y in several]
+        starts, count = [0], 0.0
+        for k in range(OCTAVES - 1):
+            count += sums[3, k]
+            if count >= LEAST_IN_OCTAVE:
+                starts, count = [*starts, k + 1], 0.0
+        left, expected, inside, values = np.add.reduceat(sums, starts, axis=1)
+        levels = left / expected
+        trace_std = float(np.sqrt(np.sum(2.0 * (levels * inside) ** 2 / values)))
+        return cls(assumed, edges[np.array(starts[1:], dtype=np.intp) - 1], levels, trace_std, float(expected.sum()))
+
+    def density(self, f: Array) -> Array:
+        """One-sided density at frequencies (n,) Hz, (n,) (m/s²)²/Hz."""
+        return np.asarray(self.assumed(f) * self.levels[np.searchsorted(self.edges, f)])
+
+
+def spectra(columns: Array, grid: Grid) -> Iterator[tuple[int, Array, Array, NDArray[np.complex128]]]:
+    """Transforms of columns (m, n) by stretch: its samples, frequencies (k,) Hz, weights (k,), transforms (m, k).
+
+    The weighted sum of the squares of a transform is the sum of the squares of the samples.
+    """
     for begin in range(0, columns.shape[1], BLOCK):
         rows = slice(begin, begin + BLOCK)
         at = (grid.at[rows] - grid.at[begin]) // grid.every
-        padded = np.zeros((len(columns), scipy.fft.next_fast_len(2 * (int(at[-1]) + 1), real=True)))
+        size = scipy.fft.next_fast_len(2 * (int(at[-1]) + 1), real=True)
+        padded = np.zeros((len(columns), size))
         padded[:, at] = columns[:, rows]
-        step = grid.every * grid.step
-        power = density(scipy.fft.rfftfreq(padded.shape[1], step)) / (2.0 * step)
-        coloured = scipy.fft.irfft(np.sqrt(power) * scipy.fft.rfft(padded), padded.shape[1])
-        total += coloured @ coloured.T
+        f = scipy.fft.rfftfreq(size, grid.every * grid.step)
+        weights = np.where((f == 0.0) | (2 * np.arange(len(f)) == size), 1.0, 2.0) / size
+        yield len(at), f, weights, scipy.fft.rfft(padded)
+
+
+def noise_in(columns: Array, grid: Grid, density: Density) -> Array:
+    """Covariance of the sums of noise along some columns (m, n), (m, m)."""
+    total = np.zeros((len(columns), len(columns)))
+    for _, f, weights, transforms in spectra(columns, grid):
+        transforms *= np.sqrt(weights * density(f) / (2.0 * grid.every * grid.step))
+        parts = transforms.view(np.float64)
+        total += parts @ parts.T
     return total
 
 
