@@ -34,6 +34,10 @@ BLOCK, BLOCKS = 1 << 14, 8
 """Samples that are projected together, and stretches of as many into which a long record is cut."""
 LEAST_SAMPLES = 500
 """Fewer do not tell an error in a hundred directions from noise."""
+KINDS = (0.0, 1.0, 2.0)
+"""Exponents of the noise of a sensor: white, flicker, random walk (IEEE 952)."""
+COST = 9.0
+"""Twice the log likelihood that one more kind must bring."""
 OCTAVES, LEAST_IN_OCTAVE = 12, 30.0
 """Octaves in which noise is measured, the last one beyond half the band, and values in no direction in one at least."""
 NEGLIGIBLE = 1e-7
@@ -238,13 +242,19 @@ def resolve(
 
 @dataclass(frozen=True, slots=True)
 class MeasuredNoise:
-    """Noise of the errors as the best model leaves it in no direction, octave by octave."""
+    """Noise of the errors as the best model leaves it in no direction: white, 1/f and a random walk, which reach below
+    what is measured, times a level for each octave."""
 
     assumed: Density
     edges: Array
     """Upper ends of the octaves but the last one, (k - 1,) Hz."""
     levels: Array
-    """Power in each octave over the assumed one, (k,)."""
+    """Power in each octave over that of the three kinds, (k,)."""
+    kinds: Array
+    """Power of each kind over the assumed one, at the end of the band, (3,)."""
+    least: float
+    """Frequency below which no kind rises, Hz."""
+    band: float
     trace_std: float
     """Of the sum of squares in the directions, by the levels, (m/s²)²."""
     expected: float
@@ -253,29 +263,52 @@ class MeasuredNoise:
     @classmethod
     def of(cls, rest: Array, directions: Array, grid: Grid, assumed: Density) -> MeasuredNoise:
         """Compare what no direction explains (n,) with its expectation; directions (m, n) are orthonormal."""
-        edges = grid.band * 0.5 ** np.arange(OCTAVES - 1.0, 0.0, -1.0)
-        # of each octave: power that is left, its expectation, that in the directions, values in no direction
-        sums = np.zeros((4, OCTAVES))
+        edges, least = (
+            grid.band * 0.5 ** np.arange(OCTAVES - 1.0, 0.0, -1.0),
+            0.5 / (len(rest) * grid.every * grid.step),
+        )
+        # of each octave: power that is left, values in no direction; expectation and power in the directions by kind
+        left, values = np.zeros((2, OCTAVES))
+        expected, taken = np.zeros((2, OCTAVES, len(KINDS)))
         for n, f, weights, transforms in spectra(np.vstack([directions, rest]), grid):
-            squares = transforms.real**2 + transforms.imag**2
-            taken = np.sum(squares[:-1], axis=0)
-            free = weights * np.maximum(0.0, n - taken)
+            squares = weights * (transforms.real**2 + transforms.imag**2)
+            within = np.sum(squares[:-1], axis=0)
+            free, octave = np.maximum(0.0, n * weights - within), np.searchsorted(edges, f)
+            left += np.bincount(octave, squares[-1], OCTAVES)
+            values += np.bincount(octave, free * (f <= grid.band), OCTAVES)
             power = assumed(f) / (2.0 * grid.every * grid.step)
-            several = weights * squares[-1], power * free, power * weights * taken, free * (f <= grid.band)
-            sums += [np.bincount(np.searchsorted(edges, f), y, OCTAVES) for y in several]
-        starts, count = [0], 0.0
+            for k, rise in enumerate(rising(f, least, grid.band)):
+                expected[:, k] += np.bincount(octave, power * rise * free, OCTAVES)
+                taken[:, k] += np.bincount(octave, power * rise * within, OCTAVES)
+        counts, starts = np.cumsum(values), [0]
         for k in range(OCTAVES - 1):
-            count += sums[3, k]
-            if count >= LEAST_IN_OCTAVE:
-                starts, count = [*starts, k + 1], 0.0
-        left, expected, inside, values = np.add.reduceat(sums, starts, axis=1)
-        levels = left / expected
-        trace_std = float(np.sqrt(np.sum(2.0 * (levels * inside) ** 2 / values)))
-        return cls(assumed, edges[np.array(starts[1:], dtype=np.intp) - 1], levels, trace_std, float(expected.sum()))
+            if counts[k] - (counts[starts[-1] - 1] if starts[-1] else 0.0) >= LEAST_IN_OCTAVE:
+                starts.append(k + 1)
+        left, values, expected, taken = (np.add.reduceat(y, starts) for y in (left, values, expected, taken))
+        kinds, least_cost, sizes = np.zeros(len(KINDS)), math.inf, left
+        for several in ([0], [0, 1], [0, 2], [0, 1, 2]):
+            tried, like = np.zeros(len(KINDS)), left
+            for _ in range(3):
+                certain = np.sqrt(0.5 * values) / like
+                tried[several] = scipy.optimize.nnls(certain[:, None] * expected[:, several], certain * left)[0]
+                like = expected @ tried
+            cost = float(np.sum(values * (left / like - 1.0 - np.log(left / like)))) + COST * len(several)
+            if cost < least_cost:
+                kinds, least_cost, sizes = tried, cost, like
+        levels = left / sizes
+        trace_std = float(np.sqrt(np.sum(2.0 * (levels * (taken @ kinds)) ** 2 / values)))
+        edges = edges[np.array(starts[1:], dtype=np.intp) - 1]
+        return cls(assumed, edges, levels, kinds, least, grid.band, trace_std, float(expected[:, 0].sum()))
 
     def density(self, f: Array) -> Array:
         """One-sided density at frequencies (n,) Hz, (n,) (m/s²)²/Hz."""
-        return np.asarray(self.assumed(f) * self.levels[np.searchsorted(self.edges, f)])
+        level = self.levels[np.searchsorted(self.edges, f)]
+        return np.asarray(self.assumed(f) * level * (self.kinds @ rising(f, self.least, self.band)))
+
+
+def rising(f: Array, least: float, band: float) -> Array:
+    """Density of white noise, 1/f noise and a random walk over that at the end of a band, (3, n), at f (n,) Hz."""
+    return np.asarray((band / np.maximum(f, least)) ** np.array(KINDS)[:, None])
 
 
 def spectra(columns: Array, grid: Grid) -> Iterator[tuple[int, Array, Array, NDArray[np.complex128]]]:
