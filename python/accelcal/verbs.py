@@ -57,9 +57,9 @@ from accelcal.filters.choice import FilterChoice
 from accelcal.model import BASE, Model
 from accelcal.signals.signals import Origins
 from accelcal.validation import evaluation
-from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Evaluation
-from accelcal.validation.differences import Comparison, best_step, names_of
-from accelcal.validation.noise_floor import Ruler, noise_floor
+from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Evaluation, RmsInterval
+from accelcal.validation.differences import Comparison, best_step, drift_spread, headline_horizon, names_of
+from accelcal.validation.noise_floor import Ruler, error_budgets, noise_floor
 from accelcal.validation.systematic import with_resolved
 
 MOST_EFFECTS = 3
@@ -809,6 +809,7 @@ def compare(
     horizons: Sequence[float] = HORIZONS,
     start: float | None = None,
     end: float | None = None,
+    budget: bool = False,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Comparison:
     """Compare models with recordings, simulation first; behind a jump of the position it starts anew.
@@ -823,6 +824,7 @@ def compare(
     band : Hz, optional; bandwidth of the accelerometer-side residual, by default the crossover of the two noises.
     horizons : s; when to take the coasting error after position is withheld.
     start, end : s, optional; only readings in [start, end] of each recording are used.
+    budget : whether the drift is split into its parts as well; costs a prediction for each parameter.
     progress : called with the share of the work that is done, 0 to 1.
 
     Returns
@@ -871,7 +873,9 @@ def compare(
     ruler, evaluations = Ruler.of(models), []
     for number, recording in enumerate(several):
         part = within(progress, number / len(several), (number + 1) / len(several))
-        evaluated = compare_models(models, recording, ruler, part, band=band, horizons=horizons, start=start, end=end)
+        evaluated = compare_models(
+            models, recording, ruler, part, band=band, horizons=horizons, start=start, end=end, budget=budget
+        )
         evaluations.append(evaluated)
     fitted = {run.session for fit in models for run in fit.runs if run.session}
     same_run = any(recording.session in fitted for recording in several)
@@ -890,6 +894,7 @@ def compare_models(
     horizons: Sequence[float] = HORIZONS,
     start: float | None = None,
     end: float | None = None,
+    budget: bool = False,
 ) -> tuple[Evaluation, ...]:
     """Compare several models with one recording under one ruler, above one noise floor.
 
@@ -898,7 +903,7 @@ def compare_models(
     fits, recording, ruler : models, what they are compared with, and the filter.
     progress : called with the share of the work that is done, 0 to 1.
     base : the model whose clock the floor is drawn on, by default the first; the same one gives the same floor.
-    band, horizons, start, end : as of `compare`.
+    band, horizons, start, end, budget : as of `compare`.
     """
     examined = examine(recording, start, end)
     part, (begin, finish) = examined.source, examined.span
@@ -920,8 +925,15 @@ def compare_models(
         part, gone = without_stretches([part], disturbed)[0], (*gone, disturbed.sentence)
         evaluations = [compared(number, fit) for number, fit in enumerate(fits)]
     least = noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
+    evaluations = [replace(result, noise_floor=least) for result in evaluations]
+    if budget and (horizon := headline_horizon(*evaluations)) is not None:
+        spreads = (drift_spread(result, horizon) for result in evaluations)
+        rmses = (result.coast_rms[horizon] or 0.0 for result in evaluations)
+        totals = [spread or RmsInterval(size, 0.0, float("inf")) for spread, size in zip(spreads, rmses, strict=True)]
+        parts = error_budgets(fits, evaluations, ruler, part, totals, horizon, start=begin, end=finish)
+        evaluations = [replace(result, budget=of) for result, of in zip(evaluations, parts, strict=True)]
     progress(1.0)
-    return with_resolved([replace(result, noise_floor=least) for result in evaluations], fits, ruler, least)
+    return with_resolved(evaluations, fits, ruler, least)
 
 
 @checked

@@ -19,11 +19,11 @@ from accelcal.estimation.noise import REMARKED_BEYOND
 from accelcal.estimation.values import Noise
 from accelcal.model import Model
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
+from accelcal.validation import evaluation
 from accelcal.validation.comparison import ONLY_WHITE, NoiseFloor, SensorNoise, density_at_rest
 from accelcal.validation.differences import drift_spread
-from accelcal.validation.evaluation import compare
 from accelcal.validation.noise_floor import Ruler, noise_floor
-from accelcal.verbs import compare_models
+from accelcal.verbs import compare, compare_models
 
 RECORDS = int(os.environ.get("ACCELCAL_FLOORS", "12"))
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 0.0, "cubic": 3e-4}
@@ -55,7 +55,7 @@ def test_the_floor_covers_the_drift_of_the_true_model() -> None:
         motion, rig = MOTIONS[seed % 4], (ADXL105_RIG, CXL02_RIG)[seed // 4 % 2]
         fit = true_model(recorded(motion, rig, seed))
         unseen, ruler = recorded(motion, rig, seed + 1000), Ruler.of([fit])
-        floor, seen = noise_floor(ruler, fit, unseen), compare(fit, unseen, ruler=ruler)
+        floor, seen = noise_floor(ruler, fit, unseen), evaluation.compare(fit, unseen, ruler=ruler)
         sources.add(floor.sensor.source)
         number += 1
         for horizon in HORIZONS:
@@ -108,7 +108,7 @@ def test_how_often_the_floor_holds_the_drift_beside_flicker_noise(corner: float,
         made = [with_flicker(recorded(motion, rig, seed + n), density, corner, seed + n) for n in (0, 1000)]
         fit = true_model(made[0])
         ruler = Ruler.of([fit])
-        floor, seen = noise_floor(ruler, fit, made[1]), compare(fit, made[1], ruler=ruler)
+        floor, seen = noise_floor(ruler, fit, made[1]), evaluation.compare(fit, made[1], ruler=ruler)
         for horizon in HORIZONS:
             spread, drift = floor.drift[horizon], seen.coast_rms[horizon]
             assert spread is not None
@@ -134,7 +134,7 @@ def test_half_the_noise_is_not_covered() -> None:
         ruler = Ruler.of([fit])
         spread = noise_floor(ruler, fit, unseen).drift[1.0]
         assert spread is not None
-        wrong += not spread.low <= (compare(fit, unseen, ruler=ruler).coast_rms[1.0] or 0.0) <= spread.high
+        wrong += not spread.low <= (evaluation.compare(fit, unseen, ruler=ruler).coast_rms[1.0] or 0.0) <= spread.high
     assert wrong == 4
 
 
@@ -253,9 +253,37 @@ def test_codes_of_a_converter_are_no_noise() -> None:
 
 def test_an_error_has_an_interval_over_its_start_points() -> None:
     fit = true_model(recorded("tones", ADXL105_RIG, 7))
-    seen = compare(fit, recorded("tones", ADXL105_RIG, 8))
+    seen = evaluation.compare(fit, recorded("tones", ADXL105_RIG, 8))
     spread = drift_spread(seen, 1.0)
     assert spread is not None
     assert spread.value == pytest.approx(seen.coast_rms[1.0])
     assert spread.low < spread.value < spread.high
     assert drift_spread(seen, 10.0) is None  # one and a half stretches
+
+
+def test_the_budget_of_a_drift_adds_up() -> None:
+    made, unseen = recorded("interleaved", CXL02_RIG, 12), recorded("interleaved", CXL02_RIG, 13)
+    fits = [estimate(Model.linear(), made), estimate(Model.linear().add("cubic"), made)]
+    comparison = compare(fits, unseen, horizons=(1.0,), budget=True)
+    lacking, right = (evaluated.budget for evaluated in comparison.seen[0])
+    assert lacking is not None
+    assert right is not None
+    # white acceleration of density N, integrated twice: N² h³ / 6
+    noise = (CXL02_RIG.sensor.noise or 0.0) * np.sqrt(right.horizon**3 / 6.0)
+    assert right.noise.value == pytest.approx(noise, rel=0.05)
+    assert right.missing == 0.0
+    assert right.unexplained.low == 0.0
+    assert lacking.missing > right.predicted
+    assert lacking.predicted == pytest.approx(lacking.total.value, rel=0.2)
+    for part in (lacking, right):
+        parts = part.noise.value, part.setup.value, part.parameters.value, part.missing, part.unexplained.value
+        assert np.hypot.reduce(parts) == pytest.approx(max(part.total.value, part.predicted))
+    # the twins: parameters three times as uncertain, and a table that does not hold the model that lacks nothing
+    uncertain = [fits[0], replace(fits[1], covariance=9.0 * fits[1].covariance)]
+    other = compare(uncertain, unseen, horizons=(1.0,), budget=True).seen[0][1].budget
+    assert other is not None
+    assert other.parameters.value == pytest.approx(3.0 * right.parameters.value, rel=0.02)
+    alone = compare(fits[0], unseen, horizons=(1.0,), budget=True)
+    assert alone[0].budget is not None
+    assert alone[0].budget.unexplained.value > alone[0].budget.predicted
+    assert "explained by no part" in alone.table("budget").sentence

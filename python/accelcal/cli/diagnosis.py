@@ -333,6 +333,9 @@ def compare(
     plots: Annotated[
         Path | None, typer.Option("--plots", help="Write figures into this folder.", callback=writable_folder)
     ] = None,
+    budget: Annotated[
+        bool, typer.Option("--budget", help="Split the drift: noise, start, parameters, what is missing, the rest.")
+    ] = False,
     effects_file: EffectsFile = None,
     output: Output = None,
     json: Json = False,
@@ -356,6 +359,7 @@ def compare(
             band=parse_quantity(band, "frequency", "--band"),
             start=parse_quantity(start, "time", "--from"),
             end=parse_quantity(end, "time", "--to"),
+            budget=budget,
             progress=within(report, LOADED, 1.0),
         )
     content = results_json.content(comparison)

@@ -27,7 +27,7 @@ def show(result: Result, *more: str) -> None:
         say(shown.title)
         for text in shown.alarms:
             say(text, style="bold red")
-        if not which:
+        if which in ("", "budget"):
             say(shown.sentence, style="bold")
         head, rows = shown.cells
         if rows:
@@ -39,7 +39,9 @@ def show(result: Result, *more: str) -> None:
 def show_comparison(comparison: Comparison) -> None:
     """Print the errors first, then the changes between models, or where a single one fails."""
     fails = any(evaluation.worst_regions for evaluations in comparison.seen for evaluation in evaluations)
-    show(comparison, *(["changes"] if len(comparison) > 1 else ["regions"] if fails else []))
+    split = any(evaluation.budget for evaluations in comparison.seen for evaluation in evaluations)
+    more = ["changes"] if len(comparison) > 1 else ["regions"] if fails else []
+    show(comparison, *more, *(["budget"] if split else []))
 
 
 def show_improvement(result: Improvement) -> None:

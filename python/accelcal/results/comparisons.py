@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from accelcal._support.values import listing
@@ -225,9 +226,9 @@ Part = tuple[str, Sequence[Evaluation], Sequence[HeldOutChange | None]]
 
 @table.register
 def _(result: Comparison, which: str = "") -> Table:
-    require(which, "changes", "regions")
-    if which == "changes":
-        return changes(result)
+    require(which, "changes", "regions", "budget")
+    if which in ("changes", "budget"):
+        return changes(result) if which == "changes" else budgets(result)
     every = [
         (name, recording, evaluation)
         for recording, evaluations in zip(result.recordings, result.seen, strict=True)
@@ -289,8 +290,8 @@ def unresolved_note(evaluation: Evaluation) -> list[str]:
         return []
     size = error_size(systematic.unresolved, "m/s²")
     return [
-        "Systematic error: functions of time and motion, errors of the fitted parameters among them; noise that is not "
-        f"white counts as one. What is no such function, as a narrow bump, may reach {size} rms."
+        "Systematic error: functions of time and motion, errors of the fitted parameters among them. What is no such "
+        f"function, as a narrow bump, may reach {size} rms."
     ]
 
 
@@ -423,6 +424,71 @@ def changes(result: Comparison) -> Table:
         notes=(f"Changes are paired, against {result.names[0]}; the interval is that of these recordings.",),
         about={"reference": result.names[0]},
     )
+
+
+def budgets(result: Comparison) -> Table:
+    """Parts of the drift of each model on each recording, whose squares add up."""
+    every = [
+        (name, recording, evaluation.budget)
+        for recording, evaluations in zip(result.recordings, result.seen, strict=True)
+        for name, evaluation in zip(result.names, evaluations, strict=True)
+        if evaluation.budget is not None
+    ]
+    horizon = next((f"{budget.horizon:g} s" for *_, budget in every if budget is not None), "")
+    heads = {
+        "total": "drift",
+        "noise": "noise",
+        "setup": "start and bias",
+        "parameters": "parameters",
+        "missing": f"effects of {result.names[-1]}",
+        "unexplained": "unexplained",
+    }
+    rows: list[Row] = []
+    for name, recording, budget in every:
+        row: dict[str, Any] = {"model": name, "recording": recording, "horizon": budget.horizon}
+        for key in heads:
+            part = getattr(budget, key)
+            row |= (
+                {key: part} if key == "missing" else {key: part.value, f"{key}_low": part.low, f"{key}_high": part.high}
+            )
+        rows.append(row | {"predicted": budget.predicted})
+    return Table(
+        title=f"Budget of the drift after {horizon}" if rows else "Budget of the drift",
+        sentence=" ".join(map(budget_sentence, rows)),
+        columns=(
+            Column("model", "model"),
+            Column("recording", "recording", lambda r: r["recording"] or "recording"),
+            *(Column(key, head, partial(budget_text, key=key), "m") for key, head in heads.items()),
+        ),
+        rows=tuple(rows),
+        notes=("Squares add up; 95 % intervals in brackets. Start and bias: state at the start, constant re-zeroed.",),
+        about={"name": result.recordings[0]},
+    )
+
+
+def budget_text(row: Row, key: str) -> str:
+    """A part with its interval, where it has one."""
+    if not math.isfinite(row.get(f"{key}_high", math.inf)):
+        return length(row[key])
+    low, high = (length(row[f"{key}_{end}"]) for end in ("low", "high"))
+    return (
+        f"≤ {high}"
+        if key == "unexplained" and row["unexplained_low"] == 0.0
+        else f"{length(row[key])} ({low} to {high})"
+    )
+
+
+def budget_sentence(row: Row) -> str:
+    """Whether somebody with this motion notices what a model lacks."""
+    where = f"{row['model']} on {row['recording'] or 'the recording'}"
+    alone = math.hypot(row["noise"], row["setup"], row["parameters"])
+    if row["unexplained_low"] > 0.0:
+        return f"{where}: {budget_text(row, 'unexplained')} of {length(row['total'])} is explained by no part."
+    if row["missing"] > alone:
+        return (
+            f"{where}: what it lacks moves the result by {length(row['missing'])}, more than all else, {length(alone)}."
+        )
+    return f"{where}: nobody would notice what it lacks, {length(row['missing'])} beside {length(alone)}."
 
 
 def change_values(change: HeldOutChange | None) -> dict[str, Any]:

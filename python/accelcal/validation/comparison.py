@@ -315,6 +315,35 @@ class NoiseFloor:
         return self.simulated if horizon is None else self.drift.get(horizon)
 
 
+@dataclass(frozen=True, slots=True)
+class ErrorBudget:
+    """Independent parts of a drift, whose squares add up to its square."""
+
+    horizon: float
+    """s"""
+    total: RmsInterval
+    """Rezeroed rms drift, m; up to infinity where there are too few start points for an interval."""
+    noise: RmsInterval
+    """Of sensor and reading after position is withheld, m."""
+    setup: RmsInterval
+    """Start state and re-zeroed constant, from the noise before, m."""
+    parameters: RmsInterval
+    """Uncertainty of the fitted parameters, m."""
+    missing: float
+    """What the effects add that the last model of the table has beyond this one, m."""
+
+    @property
+    def predicted(self) -> float:
+        """What all parts but the unexplained one give together, m."""
+        return math.hypot(self.noise.value, self.setup.value, self.parameters.value, self.missing)
+
+    @property
+    def unexplained(self) -> RmsInterval:
+        """The rest, with the interval of the total, m; 0 where the parts give as much."""
+        ends = self.total.value, self.total.low, self.total.high
+        return RmsInterval(*(math.sqrt(max(0.0, end**2 - self.predicted**2)) for end in ends))
+
+
 TWO_SIDED, ONE_SIDED = 1.959964, 1.644854
 """Standard deviations that hold 95 of 100 values, between two limits and below one."""
 
@@ -467,6 +496,8 @@ class Evaluation(Result):
     """Smoothed, on a uniform grid from the first reading to the last, on the clock of the model."""
     resolved: Annotated[tuple[Resolved, ...], SERIES] = ()
     """One for each recording; none where the record is too short."""
+    budget: ErrorBudget | None = None
+    """Parts of the drift, where they were asked for."""
 
     @property
     def systematic(self) -> SystematicError | None:

@@ -172,6 +172,7 @@ def pooled(several: Sequence[Evaluation]) -> Evaluation:
         left_out=tuple(text for evaluation in several for text in evaluation.left_out),
         noise_scores=tuple(score for evaluation in several for score in evaluation.noise_scores),
         noise_floor=pooled_floor(several, readings),
+        budget=None,
         resolved=tuple(part for evaluation in several for part in evaluation.resolved)
         if all(evaluation.resolved for evaluation in several)
         else (),

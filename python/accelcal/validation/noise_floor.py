@@ -5,6 +5,8 @@ record and the overlap of its windows are in the interval. The filter is the one
 whose models lack nothing. A filter for the noise of a model that lacks an effect begins worse, and a floor drawn
 through it would be higher, and fall with each effect that is added. What effects do to simulated motion is left out,
 and so is 1/f noise: beside motion it looks as slow effects do that a model lacks, and a rest is too short to show it.
+
+The budget of a drift stands on that floor: noise, set-up, parameters, what another model adds, the rest.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from accelcal.estimation.drive import run_filter
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of
 from accelcal.estimation.values import Noise
-from accelcal.validation.comparison import HORIZONS, NoiseFloor, RmsInterval, SensorNoise
+from accelcal.validation.comparison import HORIZONS, ErrorBudget, Evaluation, NoiseFloor, RmsInterval, SensorNoise
 from accelcal.validation.prediction import Prediction, values_on
 
 
@@ -225,3 +227,71 @@ def _records(ahead: Prediction, sensor: SensorNoise, scale: float, encoder: Read
         p = track.series("p") + track.series("gain_p") * e
         v = track.series("v") + track.series("gain_v") * e
         yield _NoisyRecord(ahead, z, p, v, evidence)
+
+
+DRAWN_PARAMETERS = 1000
+"""Draws of the parameters from their covariance, for the interval of their part."""
+
+
+def error_budgets(
+    fits: Sequence[Fit],
+    evaluations: Sequence[Evaluation],
+    ruler: Ruler,
+    source: Source,
+    totals: Sequence[RmsInterval],
+    horizon: float,
+    *,
+    start: float | None = None,
+    end: float | None = None,
+) -> tuple[ErrorBudget, ...]:
+    """Parts of the drift of each model; the last model is the one whose effects the others lack.
+
+    Parameters
+    ----------
+    fits, evaluations, ruler : models, and how they compare with the recording.
+    source, start, end : recording, s.
+    totals, horizon : rezeroed rms drift of each model, m, and when, s.
+    """
+    budgets, whole = [], None
+    for fit, evaluation, total in reversed(list(zip(fits, evaluations, totals, strict=True))):
+        held = ruler.held_by(fit)
+        ahead = Prediction.of(held, source, start=start, end=end, remembers=ruler.remembers)
+        plain = ahead.at_horizon(horizon)
+        whole = plain.rezeroed if whole is None else whole
+        moved = (moved_by(ahead, held, size).at_horizon(horizon).rezeroed for size in sizes_of(fit))
+        moves = np.stack([other - plain.rezeroed for other in moved])
+        draws = np.random.default_rng(SEED).standard_normal((DRAWN_PARAMETERS, len(moves)))
+        low, high = np.quantile(np.sqrt(np.mean((draws @ moves) ** 2, axis=1)), [0.025, 0.975])
+        parameters = RmsInterval(float(np.sqrt(np.sum(moves**2) / moves.shape[1])), float(low), float(high))
+        missing = float(np.sqrt(np.mean((plain.rezeroed - whole) ** 2)))
+        # effects that hold simulated motion back hold noise back too
+        held_back = float(np.linalg.norm(plain.floor) / np.linalg.norm(ahead.open_floor(plain.starts, plain.ends)))
+        floor, scale = evaluation.noise_floor, abs(fit.values().scale)
+        spread = None if floor is None else floor.at(horizon)
+        if floor is None or spread is None:
+            raise AccelcalError(f"the recording has no start point {horizon:g} s before its end")
+        q, reading = (floor.sensor.density / scale) ** 2 / 2.0, ReadingNoise.of(fit, ahead.run).std
+        after = min(math.sqrt(q * horizon**3 / 3.0 + reading**2) / spread.value, 1.0)
+        noise, setup = (
+            RmsInterval(*(share * held_back * y for y in (spread.value, spread.low, spread.high)))
+            for share in (after, math.sqrt(1.0 - after**2))
+        )
+        budgets.append(ErrorBudget(horizon, total, noise, setup, parameters, missing))
+    return tuple(reversed(budgets))
+
+
+def sizes_of(fit: Fit) -> Array:
+    """Independent moves of the free estimates by a standard deviation each, (m, m), a row each."""
+    values, vectors = np.linalg.eigh(fit.covariance)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))).T)
+
+
+def moved_by(ahead: Prediction, fit: Fit, move: Array) -> Prediction:
+    """A prediction with the free estimates moved (m,), as far as they reach its recording."""
+    values, used = ahead.values, fit.values().by_name
+    by_name = dict(values.by_name)
+    for estimate, step in zip(fit.free, move, strict=True):
+        if estimate.run in (None, 0) and (by_name[estimate.name] or not used[estimate.name]):
+            by_name[estimate.name] += float(step)
+    moved = replace(values, by_name=by_name)
+    return Prediction(ahead.run, moved, ahead.noise, fit.validity["frequency"][1], since=ahead.since)

@@ -308,6 +308,11 @@ class Prediction:
         h = t - self.run.t[k][:, None]
         return np.asarray(np.sqrt(h * (h * (self.noise.q * h / 3.0 + vv) + 2.0 * pv) + pp + lost))
 
+    def open_floor(self, k: NDArray[np.intp], ends: NDArray[np.intp]) -> Array:
+        """Standard deviation of predictions from readings `k` to readings `ends` (m,) from noise and start state where
+        no effect depends on simulated motion, (m,) m."""
+        return self._open_floor(k, self.run.t[ends][:, None])[:, 0]
+
     def starts(self, horizon: float) -> NDArray[np.intp]:
         """Start readings for a horizon: after the warm-up, evenly spread, with an unbroken record ahead."""
         t = self.run.t

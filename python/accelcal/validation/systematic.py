@@ -34,10 +34,10 @@ BLOCK, BLOCKS = 1 << 14, 8
 """Samples that are projected together, and stretches of as many into which a long record is cut."""
 LEAST_SAMPLES = 500
 """Fewer do not tell an error in a hundred directions from noise."""
-KINDS = (0.0, 1.0, 2.0)
-"""Exponents of the noise of a sensor: white, flicker, random walk (IEEE 952)."""
+KINDS = (0.0, 1.0, 1.5, 2.0)
+"""Exponents of noise that falls with frequency: white, flicker, random walk (IEEE 952), and between the two."""
 COST = 9.0
-"""Twice the log likelihood that one more kind must bring."""
+"""Twice the log likelihood that a kind beside white noise must bring."""
 OCTAVES, LEAST_IN_OCTAVE = 12, 30.0
 """Octaves in which noise is measured, the last one beyond half the band, and values in no direction in one at least."""
 NEGLIGIBLE = 1e-7
@@ -242,8 +242,8 @@ def resolve(
 
 @dataclass(frozen=True, slots=True)
 class MeasuredNoise:
-    """Noise of the errors as the best model leaves it in no direction: white, 1/f and a random walk, which reach below
-    what is measured, times a level for each octave."""
+    """Noise of the errors as the best model leaves it in no direction: white and one that rises below what is measured,
+    times a level for each octave."""
 
     assumed: Density
     edges: Array
@@ -251,7 +251,7 @@ class MeasuredNoise:
     levels: Array
     """Power in each octave over that of the three kinds, (k,)."""
     kinds: Array
-    """Power of each kind over the assumed one, at the end of the band, (3,)."""
+    """Power of each kind over the assumed one, at the end of the band, (4,)."""
     least: float
     """Frequency below which no kind rises, Hz."""
     band: float
@@ -286,7 +286,7 @@ class MeasuredNoise:
                 starts.append(k + 1)
         left, values, expected, taken = (np.add.reduceat(y, starts) for y in (left, values, expected, taken))
         kinds, least_cost, sizes = np.zeros(len(KINDS)), math.inf, left
-        for several in ([0], [0, 1], [0, 2], [0, 1, 2]):
+        for several in ([0], [0, 1], [0, 2], [0, 3]):
             tried, like = np.zeros(len(KINDS)), left
             for _ in range(3):
                 certain = np.sqrt(0.5 * values) / like
@@ -307,7 +307,7 @@ class MeasuredNoise:
 
 
 def rising(f: Array, least: float, band: float) -> Array:
-    """Density of white noise, 1/f noise and a random walk over that at the end of a band, (3, n), at f (n,) Hz."""
+    """Density of each kind over that at the end of a band, (4, n), at f (n,) Hz."""
     return np.asarray((band / np.maximum(f, least)) ** np.array(KINDS)[:, None])
 
 
