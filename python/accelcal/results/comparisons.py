@@ -288,10 +288,16 @@ def unresolved_note(evaluation: Evaluation) -> list[str]:
     """What the systematic error leaves out, and what counts as such."""
     if (systematic := evaluation.systematic) is None:
         return []
-    size = error_size(systematic.unresolved, "m/s²")
+    size, largest = error_size(systematic.unresolved, "m/s²"), ""
+    if evaluation.largest is not None:
+        variable, span = evaluation.largest
+        value, low, high = (error_size(y, "m/s²") for y in (span.value, span.low, span.high))
+        largest = f"Largest mean error in a region: {value}, over {variable} (all regions at once: {low} to {high})."
+        if span.low == 0.0:
+            largest = f"Mean error in no region above {high} (all at once)."
     return [
         "Systematic error: functions of time and motion, errors of the fitted parameters among them. What is no such "
-        f"function, as a narrow bump, may reach {size} rms."
+        f"function, as a narrow bump, may reach {size} rms. {largest}".rstrip()
     ]
 
 

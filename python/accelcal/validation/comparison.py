@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
 
 import numpy as np
+import scipy
 
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import NotStored, Result
@@ -433,7 +434,7 @@ class Evaluation(Result):
     [1.0, 5.0, 10.0]
     """
 
-    derived: ClassVar[tuple[str, ...]] = ("fit_percent", "drift_floors", "systematic")
+    derived: ClassVar[tuple[str, ...]] = ("fit_percent", "drift_floors", "systematic", "largest")
 
     recording: str
     one_step_rms: float
@@ -503,6 +504,26 @@ class Evaluation(Result):
     def systematic(self) -> SystematicError | None:
         """Systematic error of the corrected output below `band`; None where the record is too short."""
         return SystematicError.of(self.resolved)
+
+    @property
+    def largest(self) -> tuple[str, RmsInterval] | None:
+        """Variable and size of the largest mean error in a region, m/s², set-up aside; None if the record is too short.
+
+        The interval holds for all regions of all variables at once in 95 of 100 records; it begins at 0 where none
+        stands out.
+        """
+        every = [(b, b.std > 0.0) for b in self.bins if b.variable != "frequency"]
+        count = sum(int(np.sum(some)) for _, some in every)
+        reach = float(scipy.special.ndtri(1.0 - 0.025 / count)) if count else 0.0
+        ends: list[tuple[float, float, float, str]] = []
+        for b, some in every:
+            mean, std = b.mean[some], b.std[some]
+            size = np.abs(mean - np.average(mean, weights=std**-2.0)) if some.any() else mean
+            ends += [(y - reach * s, y + reach * s, y, b.variable) for y, s in zip(size, std, strict=True)]
+        if not ends:
+            return None
+        low, _, value, variable = max(ends)
+        return variable, RmsInterval(float(value), float(max(0.0, low)), float(max(high for _, high, *_ in ends)))
 
     @property
     def normalised(self) -> tuple[Array, Array]:
