@@ -704,9 +704,8 @@ def compared_steps(
     ruler, first = Ruler.of([fit for _, fit in selection.fits]), selection.fits[0][1]
     floor, train = noise_floor(ruler, first, test, start=start, end=end), selection.current.fitted.runs[0]
     fits = [fit for _, fit in selection.fits]
-    unseen = [
-        replace(evaluation.compare(fit, test, start=start, end=end, ruler=ruler), noise_floor=floor) for fit in fits
-    ]
+    unseen = [evaluation.compare(fit, test, start=start, end=end, ruler=ruler) for fit in fits]
+    unseen = [replace(result, noise_floor=floor.through(result.held_back)) for result in unseen]
     steps = [
         Step(names, fit, evaluation.compare(fit, train, start=begin, end=selection.split, ruler=ruler), heldout)
         for (names, fit), heldout in zip(selection.fits, with_resolved(unseen, fits, ruler, floor), strict=True)
@@ -925,7 +924,7 @@ def compare_models(
         part, gone = without_stretches([part], disturbed)[0], (*gone, disturbed.sentence)
         evaluations = [compared(number, fit) for number, fit in enumerate(fits)]
     least = noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
-    evaluations = [replace(result, noise_floor=least) for result in evaluations]
+    evaluations = [replace(result, noise_floor=least.through(result.held_back)) for result in evaluations]
     if budget and (horizon := headline_horizon(*evaluations)) is not None:
         spreads = (drift_spread(result, horizon) for result in evaluations)
         rmses = (result.coast_rms[horizon] or 0.0 for result in evaluations)

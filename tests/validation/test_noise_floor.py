@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy
 
+from accelcal import load
 from accelcal.data.recording import Recording
 from accelcal.data.rig import Rig
 from accelcal.estimation.estimate import Fit, estimate
@@ -24,6 +26,7 @@ from accelcal.validation.comparison import ONLY_WHITE, NoiseFloor, SensorNoise, 
 from accelcal.validation.differences import drift_spread
 from accelcal.validation.noise_floor import Ruler, noise_floor
 from accelcal.verbs import compare, compare_models
+from tests.worlds import Hidden, World
 
 RECORDS = int(os.environ.get("ACCELCAL_FLOORS", "12"))
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 0.0, "cubic": 3e-4}
@@ -287,3 +290,19 @@ def test_the_budget_of_a_drift_adds_up() -> None:
     assert alone[0].budget is not None
     assert alone[0].budget.unexplained.value > alone[0].budget.predicted
     assert "explained by no part" in alone.table("budget").sentence
+
+
+def test_friction_that_holds_the_motion_back_holds_noise_back(tmp_path: Path) -> None:
+    hidden = World("interleaved", "ADXL105", hidden=(Hidden("coulomb", 0.05),), seconds=40.0, seed=3).settled()
+    made, unseen = (load(w.record().write(tmp_path, str(w.seed))) for w in (hidden, hidden.again("interleaved", 4)))
+    fits = [estimate(Model.linear(), made), estimate(Model.linear().add("coulomb"), made)]
+    base, right = compare(fits, unseen).seen[0]
+    assert base.noise_floor is not None
+    assert right.noise_floor is not None
+    held, unheld, drift = right.noise_floor.drift[5.0], base.noise_floor.drift[5.0], right.coast_rms[5.0]
+    assert held is not None
+    assert unheld is not None
+    assert drift is not None
+    assert 0.5 * held.low < drift < 2.0 * held.high
+    assert drift < 0.6 * unheld.low  # the twin: noise that is integrated twice without friction is no floor
+    assert right.held_back[5.0] == pytest.approx(held.value / unheld.value)

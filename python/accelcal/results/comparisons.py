@@ -339,10 +339,10 @@ def error_reduction(
             for name, evaluation, change in zip(names, every, changes, strict=True)
         ]
         errors += [measure.error(evaluation) for evaluation in every]
-        if (floor := every[0].noise_floor) is not None:
+        if (floor := every[-1].noise_floor) is not None:
             alone: dict[str, Any] = {"model": "noise alone", "recording": recording}
             for k in horizons:
-                alone |= {f"drift_{k:g}s": every[0].drift_floors[k], **span_of(floor, k, f"drift_{k:g}s")}
+                alone |= {f"drift_{k:g}s": every[-1].drift_floors[k], **span_of(floor, k, f"drift_{k:g}s")}
             rows.append(alone | {"simulation": floor.simulated.value, **span_of(floor, None, "simulation")})
             errors.append(0.0)
     longest = max((error for error in errors if math.isfinite(error)), default=0.0) or 1.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
 
 import numpy as np
@@ -315,6 +315,14 @@ class NoiseFloor:
         """That of a horizon, or of the simulation."""
         return self.simulated if horizon is None else self.drift.get(horizon)
 
+    def through(self, held_back: Mapping[float, float]) -> NoiseFloor:
+        """The floor of a model that leaves such shares of the drift of noise, by horizon."""
+        drift = {
+            h: spread and RmsInterval(*(held_back.get(h, 1.0) * y for y in (spread.value, spread.low, spread.high)))
+            for h, spread in self.drift.items()
+        }
+        return replace(self, drift=drift)
+
 
 @dataclass(frozen=True, slots=True)
 class ErrorBudget:
@@ -486,7 +494,10 @@ class Evaluation(Result):
     worst_regions: tuple[Region, ...] = ()
     """Where the model fails: of every variable the region that stands out most, worst first."""
     noise_floor: NoiseFloor | None = None
-    """What noise of the sensor alone would give here; the same for all models that are compared under one ruler."""
+    """What noise of the sensor alone would give here; the same for all models that are compared under one ruler, but
+    where their effects hold simulated motion back."""
+    held_back: Mapping[float, float] = field(default_factory=dict)
+    """What effects that act on simulated motion leave of the drift of noise, by horizon, s; 1 where there are none."""
     reference_noise: ReferenceNoise | None = None
     """That of position, velocity or acceleration, in the unit of the reference."""
     innovations: Annotated[tuple[Array, Array] | None, SERIES] = None

@@ -621,8 +621,8 @@ class Comparison(Result):
 
     @property
     def noise_floor(self) -> NoiseFloor:
-        """Drifts that noise of the sensor alone would give: one floor for all models."""
-        floor = self[0].noise_floor
+        """Drifts that noise of the sensor alone would give in the last model."""
+        floor = self[len(self) - 1].noise_floor
         if floor is None:
             raise AccelcalError("the models were evaluated without a noise floor; accelcal.compare draws one for all")
         return floor
@@ -630,7 +630,7 @@ class Comparison(Result):
     @property
     def floor(self) -> RmsInterval:
         """What noise alone gives instead of `errors`, with the interval for records of this length."""
-        return self.headline.floor(self[0]) or self.noise_floor.simulated
+        return self.headline.floor(self[len(self) - 1]) or self.noise_floor.simulated
 
     @property
     def shares(self) -> tuple[float | None, ...]:

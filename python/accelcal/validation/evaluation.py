@@ -198,6 +198,11 @@ def coasted(coasting: Mapping[float, Coasting]) -> dict[str, Any]:
         "coast_rms": {h: rms(c.rezeroed) for h, c in coasting.items()},
         "coast_frozen_rms": {h: rms(c.frozen) for h, c in coasting.items()},
         "coast_floor": {h: rms(c.floor) for h, c in coasting.items()},
+        "held_back": {
+            h: float(np.linalg.norm(c.floor) / np.linalg.norm(c.open_floor))
+            for h, c in coasting.items()
+            if len(c.floor)
+        },
         "coast_starts": {h: len(c.starts) for h, c in coasting.items()},
     }
 

@@ -3,8 +3,9 @@
 Noise is drawn and passed through the start points and the rezeroing of the comparison, so that the scatter of a finite
 record and the overlap of its windows are in the interval. The filter is the one for this noise: that of a comparison
 whose models lack nothing. A filter for the noise of a model that lacks an effect begins worse, and a floor drawn
-through it would be higher, and fall with each effect that is added. What effects do to simulated motion is left out,
-and so is 1/f noise: beside motion it looks as slow effects do that a model lacks, and a rest is too short to show it.
+through it would be higher, and fall with each effect that is added. Effects that hold simulated motion back lower the
+floor of their model by as much as the standard deviation of a drift. 1/f noise is left out: beside motion it looks as
+slow effects do that a model lacks, and a rest is too short to show it.
 
 The budget of a drift stands on that floor: noise, set-up, parameters, what another model adds, the rest.
 """
@@ -264,16 +265,15 @@ def error_budgets(
         low, high = np.quantile(np.sqrt(np.mean((draws @ moves) ** 2, axis=1)), [0.025, 0.975])
         parameters = RmsInterval(float(np.sqrt(np.sum(moves**2) / moves.shape[1])), float(low), float(high))
         missing = float(np.sqrt(np.mean((plain.rezeroed - whole) ** 2)))
-        # effects that hold simulated motion back hold noise back too
-        held_back = float(np.linalg.norm(plain.floor) / np.linalg.norm(ahead.open_floor(plain.starts, plain.ends)))
         floor, scale = evaluation.noise_floor, abs(fit.values().scale)
         spread = None if floor is None else floor.at(horizon)
         if floor is None or spread is None:
             raise AccelcalError(f"the recording has no start point {horizon:g} s before its end")
         q, reading = (floor.sensor.density / scale) ** 2 / 2.0, ReadingNoise.of(fit, ahead.run).std
-        after = min(math.sqrt(q * horizon**3 / 3.0 + reading**2) / spread.value, 1.0)
+        unheld = spread.value / evaluation.held_back.get(horizon, 1.0)
+        after = min(math.sqrt(q * horizon**3 / 3.0 + reading**2) / unheld, 1.0)
         noise, setup = (
-            RmsInterval(*(share * held_back * y for y in (spread.value, spread.low, spread.high)))
+            RmsInterval(*(share * y for y in (spread.value, spread.low, spread.high)))
             for share in (after, math.sqrt(1.0 - after**2))
         )
         budgets.append(ErrorBudget(horizon, total, noise, setup, parameters, missing))

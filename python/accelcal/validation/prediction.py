@@ -102,6 +102,8 @@ class Coasting:
     """(n,) m"""
     floor: Array
     """Standard deviation from noise and start state, (n,) m."""
+    open_floor: Array
+    """The same as if no effect acted on simulated motion, (n,) m."""
 
 
 def rms(y: Array) -> float | None:
@@ -308,11 +310,6 @@ class Prediction:
         h = t - self.run.t[k][:, None]
         return np.asarray(np.sqrt(h * (h * (self.noise.q * h / 3.0 + vv) + 2.0 * pv) + pp + lost))
 
-    def open_floor(self, k: NDArray[np.intp], ends: NDArray[np.intp]) -> Array:
-        """Standard deviation of predictions from readings `k` to readings `ends` (m,) from noise and start state where
-        no effect depends on simulated motion, (m,) m."""
-        return self._open_floor(k, self.run.t[ends][:, None])[:, 0]
-
     def starts(self, horizon: float) -> NDArray[np.intp]:
         """Start readings for a horizon: after the warm-up, evenly spread, with an unbroken record ahead."""
         t = self.run.t
@@ -340,7 +337,9 @@ class Prediction:
         rows = ends[:, None]
         frozen, rezeroed, floor = (y[:, 0] for y in self._predict(starts, rows))
         reading = self.run.readings[ends]
-        return Coasting(starts, ends, reading - frozen, reading - rezeroed, floor)
+        # effects that hold simulated motion back, as friction does, hold noise back too
+        unheld = self._open_floor(starts, t[rows])[:, 0]
+        return Coasting(starts, ends, reading - frozen, reading - rezeroed, floor, unheld)
 
     @cached_property
     def steps(self) -> Flags:
