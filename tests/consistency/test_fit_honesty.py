@@ -28,7 +28,7 @@ from tests.consistency.cramer_rao import stationary
 
 pytestmark = pytest.mark.statistics
 
-RUNS = 24
+RUNS = 16
 SECONDS = 25.0
 PROBABILITY = 0.999
 

@@ -42,14 +42,14 @@ def encoder(recording, y):
 @pytest.mark.parametrize("rig", RIGS)
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_good_records_are_used_whole(motion, rig):
-    """8 records each, 112 in all: plain, with vibration, coarse steps, and a strong nonlinearity of the sensor."""
+    """4 records each, 56 in all: plain, with vibration, coarse steps, in every second a strong nonlinearity."""
     alarms = []
-    for seed in range(8):
-        parameters = {"cubic": 1e-3, "quadratic": 3e-3} if seed >= 4 else {}
+    for seed in range(4):
+        parameters = {"cubic": 1e-3, "quadratic": 3e-3} if (seed + MOTIONS.index(motion)) % 2 else {}
         recording = record(motion, RIGS[rig], 50 + seed, parameters=parameters, **VARIANTS[seed % 4])
         alarms += [(seed, "break", t) for t in usable(recording).breaks]
         alarms += [(seed, fault.kind, fault.time) for fault in faults(recording, prepare(recording))]
-    print(f"{motion} {rig}: {len(alarms)} alarms in 8 records")
+    print(f"{motion} {rig}: {len(alarms)} alarms in 4 records")
     assert alarms == []
 
 

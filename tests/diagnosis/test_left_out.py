@@ -54,11 +54,10 @@ def faulty(kind, good):
     return in_range(changed(good, accel=np.clip(a.y, -limit, limit)), limit), ("accel", "saturated")
 
 
-@pytest.mark.parametrize("rig", RIGS)
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("kind", "rig"), list(zip(KINDS, ("ADXL105", "CXL02", "ADXL105", "CXL02"), strict=True)))
 def test_wrong_readings_take_no_part_in_a_fit(kind, rig):
-    """4 sigma of two parameters in 8 records: one false alarm in a thousand runs. The twin, a fit to every reading, is
-    off by more."""
+    """4 sigma of two parameters in 4 records: one false alarm in two thousand runs. The twin, a fit to every
+    reading, is off by more."""
     bad, expected = faulty(kind, record("interleaved", RIGS[rig], 31))
     found = verbs.fit(bad)
     errors = [(found[name].value - value) / found[name].std for name, value in TRUTH.items()]

@@ -1,16 +1,19 @@
 """The site: built from the repository without a warning, with valid links, and nothing fetched when it is read."""
 
 import importlib
+import re
 import subprocess
 import sys
 from pathlib import Path
 
+import nbformat
 import pytest
 
 from accelcal.cli import app
 from accelcal.effects import BUILT_IN
 
 from .site import broken, read, remote
+from .test_tutorial import TUTORIAL, outputs
 
 DOCS = Path(__file__).parents[2] / "docs"
 PUBLIC = (
@@ -78,6 +81,22 @@ def check_commands(site):
         assert f'<span class="pre">{name}</span>' in page, name
 
 
+def check_tutorial(site):
+    """What was hidden is found, as the cells that the build has run show; their own claims fail the build."""
+    notebook = nbformat.read(site.parent / "jupyter_execute" / TUTORIAL.name, as_version=4)
+    html = [out.data["text/html"] for out in outputs(notebook) if "text/html" in out.get("data", {})]
+    cards = [card for card in html if 'class="accelcal"' in card]
+    for title in ("Recording", "Fit of", "Model against", "Diagnosis: an effect is missing", "base, base + "):
+        assert any(title in card for card in cards), title
+    assert "Diagnosis: no effect is missing" in " ".join(cards)
+    assert sum("image/png" in out.get("data", {}) for out in outputs(notebook)) == 3
+    printed = next(out.text for out in outputs(notebook) if out.get("text", "").startswith("hidden:"))
+    hidden, found = re.findall(r"^(?:hidden|found):\s+(\w+), (\S+)", printed, flags=re.MULTILINE)
+    assert hidden[0] == found[0]
+    assert float(found[1]) == pytest.approx(float(hidden[1]), rel=0.2)  # 20 sigma or more
+    assert any(re.match(r"report\.html: [\d.]+ MB", out.get("text", "")) for out in outputs(notebook))
+
+
 def check_browser(site, browser):
     page = browser.new_page(viewport={"width": 1280, "height": 900})
     fetched, wrong = [], []
@@ -94,7 +113,15 @@ def check_browser(site, browser):
 
 def test_the_site_is_whole_and_needs_no_network(built, request):
     """One test, because the site is built once; the browser comes last, because it may be absent."""
-    for check in (check_links, check_offline, check_pages, check_cards, check_interface, check_commands):
+    for check in (
+        check_links,
+        check_offline,
+        check_pages,
+        check_cards,
+        check_interface,
+        check_commands,
+        check_tutorial,
+    ):
         check(built)
     check_browser(built, request.getfixturevalue("browser"))
 

@@ -6,7 +6,7 @@ import math
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -78,7 +78,7 @@ class Sized:
 
     def predicted(self, state: RunState, factor: float = 1.0) -> float:
         """Probability of detection on a record, for an effect `factor` times as large."""
-        detection_model = DetectionModel.of(state, Model.linear())
+        detection_model = hypotheses_on(state)
         truth, unit = hypothesis_of(self.pair, state, detection_model)
         return detection_model.detection(truth, factor * self.magnitude * unit, DRAWS)
 
@@ -144,6 +144,12 @@ def fitted(world: World) -> RunState:
     with tempfile.TemporaryDirectory() as folder:
         recording = io.load(world.record().write(folder))
     return solve_runs(Model.linear(), [recording]).states[0]
+
+
+@lru_cache(maxsize=1)
+def hypotheses_on(state: RunState) -> DetectionModel:
+    """What a diagnosis would examine on a record; that of the last is kept, for another size."""
+    return DetectionModel.of(state, Model.linear())
 
 
 def found(state: RunState) -> bool:

@@ -85,8 +85,9 @@ def said(*words: str) -> str:
     return " ".join(done.output.split())
 
 
-@pytest.mark.parametrize("user", [0, 1])
-@pytest.mark.parametrize("kind", FAULTS)
+@pytest.mark.parametrize(
+    ("kind", "user"), [("touched", 1), ("junk", 0), ("absurd", 1), ("jump", 0), ("idle", 0), ("idle", 1)]
+)
 def test_every_command_lists_the_same_faults(kind: str, user: int, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     rig, path = written(kind, user, tmp_path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import subprocess
 import sys
@@ -60,8 +61,8 @@ class Soak:
         )
 
 
-def soak(server: Served, browser: Any, place: Path, sessions: int, seconds: float) -> Soak:
-    """Keep sessions at work for a time.
+def soak(server: Served, browser: Any, place: Path, sessions: int, seconds: float, enough: float = math.inf) -> Soak:
+    """Keep sessions at work for a time, or until so many diagnoses are done.
 
     Parameters
     ----------
@@ -86,7 +87,7 @@ def soak(server: Served, browser: Any, place: Path, sessions: int, seconds: floa
         text=True,
     )
     end = time.monotonic() + seconds
-    while time.monotonic() < end:
+    while time.monotonic() < end and found.diagnoses < enough:
         for page, _ in pages:
             did = page.evaluate(STEP)
             found.fits += did == "fit"

@@ -65,9 +65,15 @@ def test_a_triad_follows_its_schema():
 
 
 def test_an_output_that_breaks_its_schema_is_caught():
-    # The sister: the same validator on a content with a key too many, a leaf out of range and one that is missing.
+    # The sister: the same validator on a content with a key too many, a leaf out of range, one that is missing, and a
+    # word among many numbers.
     broken = json.loads(json.dumps(bases()[0]))
-    for change in (lambda c: c.update(sed=1), lambda c: c["rig"].update(axis="sideways"), lambda c: c.pop("runs")):
+    for change in (
+        lambda c: c.update(sed=1),
+        lambda c: c["rig"].update(axis="sideways"),
+        lambda c: c.pop("runs"),
+        lambda c: c["covariance"].append([*np.arange(50.0), "x", *np.arange(50.0)]),
+    ):
         content = json.loads(json.dumps(broken))
         change(content)
         with pytest.raises(AssertionError):

@@ -16,8 +16,7 @@ MOST_LEFT = {"broad_trial10": 0.15, "broad_trial15": 0.70}
 """Of the held-out residual below 10 Hz, m/s²; the regression leaves 0.11 of the slow one."""
 
 
-@pytest.mark.parametrize("axis", ["x", "y", "z"])
-@pytest.mark.parametrize("name", list(MOST_LEFT))
+@pytest.mark.parametrize(("name", "axis"), [("broad_trial10", "y"), ("broad_trial15", "x"), ("broad_trial15", "z")])
 def test_the_published_orientation_gives_the_sensor_back(name: str, axis: str) -> None:
     whole = recording(name, f"turning/broad_{axis}")
     first, last = whole.position.t[0], whole.position.t[-1]

@@ -82,15 +82,26 @@ def polynomial(form: str, theta: Array) -> Array:
     return np.array([s, K2, K3])
 
 
+def turning_points(c: Array) -> list[float]:
+    """Where s + 2 K2 r + 3 K3 r² is zero; the root that cancels is taken from the product of both."""
+    s, K2, K3 = map(float, c)
+    if not K3:
+        return [-s / (2 * K2)] if K2 else []
+    root = K2 * K2 - 3 * K3 * s
+    if root < 0:
+        return []
+    larger = -K2 - math.copysign(math.sqrt(root), K2)
+    return [larger / (3 * K3), s / larger]
+
+
 def invert(c: Array, y: float) -> float:
     """The root r of s r + K2 r² + K3 r³ = y on the branch through zero."""
     s, K2, K3 = c
     if not s > 0:
         raise StepFailed("Domain")
-    turns = np.roots([3 * K3, 2 * K2, s]) if K3 or K2 else np.array([])
-    real = turns[np.abs(turns.imag) == 0].real
-    low = max([r for r in real if r < 0], default=-math.inf)
-    high = min([r for r in real if r > 0], default=math.inf)
+    turns = turning_points(c)
+    low = max([r for r in turns if r < 0], default=-math.inf)
+    high = min([r for r in turns if r > 0], default=math.inf)
     end = high if y >= 0 else low
     if math.isfinite(end) and not abs(y) < abs(end * (s + end * (K2 + end * K3))):
         raise StepFailed("Domain")
@@ -110,7 +121,7 @@ def solve(form: str, theta: Array, y: float) -> tuple[float, Array, Array]:
     sign = 1 if form == "forward" else -1
     m = np.array([0, sign, 0, 2 * r, 3 * r * r])
     g = np.array([1, -sign * r, 0, -r * r, -(r**3)]) / J
-    hessian = np.array([[-(m[i] * g[j] + m[j] * g[i] + C * g[i] * g[j]) / J for j in range(5)] for i in range(5)])
+    hessian = -(np.outer(m, g) + np.outer(g, m) + C * np.outer(g, g)) / J
     return r, g, hessian
 
 
@@ -241,15 +252,14 @@ def quadrature_step(filter: Twin, x: Array, P: Array, u: Array, a: float, b: flo
         push = np.zeros(n)
         push[:2] = h - s, 1
         Q += w * d * d * filter.q * np.outer(push, push)
-    for j in np.flatnonzero(drifts):
-        for point, weight in zip(points, weights, strict=True):
-            s, w = h * (1 + point) / 2, h * weight / 2
-            push = np.zeros(n)
-            push[j] = math.exp(-rates[j] * (h - s))
-            for point2, weight2 in zip(points, weights, strict=True):
-                r, w2 = s + (h - s) * (1 + point2) / 2, (h - s) * weight2 / 2
-                push[:2] += w2 * row(r)[1][j] * math.exp(rates[j] * s) * np.array([h - r, 1])
-            Q += w * drifts[j] * np.outer(push, push)
+    drifting = np.flatnonzero(drifts)
+    for point, weight in zip(points if len(drifting) else (), weights, strict=False):
+        s, w = h * (1 + point) / 2, h * weight / 2
+        pushes = np.diag(np.exp(-rates * (h - s)))  # a row for each state that is pushed
+        for point2, weight2 in zip(points, weights, strict=True):
+            r, w2 = s + (h - s) * (1 + point2) / 2, (h - s) * weight2 / 2
+            pushes[:, :2] += w2 * np.outer(row(r)[1] * np.exp(rates * s), [h - r, 1])
+        Q += w * (pushes[drifting].T * drifts[drifting]) @ pushes[drifting]
     return new, Phi, Q
 
 

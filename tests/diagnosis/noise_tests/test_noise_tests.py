@@ -37,13 +37,13 @@ MOTIONS = ("tones", "interleaved", "moves", "fast", "rests")
 @pytest.mark.parametrize("rig", RIGS)
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_nothing_is_found_where_there_is_nothing(motion, rig):
-    """4 records each, 40 in all, 10 % missing: any alarm at 1e-4 has a chance of 4 x 8e-4 = 0.3 % here."""
+    """2 records each, 20 in all, 10 % missing: any alarm at 1e-4 has a chance of 2 x 8e-4 = 0.2 % here."""
     alarms, least = [], {}
-    for seed in range(4):
+    for seed in range(2):
         for test in run_noise_tests(world.fitted(world.good(motion, RIGS[rig], 100 + seed).recording)):
             least[test.effect] = min(least.get(test.effect, 1.0), test.p_value)
             alarms += [(seed, test.effect, test.p_value)] if test.p_value < NOISE_TEST_ALPHA else []
-    print(f"{motion} {rig}: {len(alarms)} alarms in 4 records; least p", {k: f"{p:.2g}" for k, p in least.items()})
+    print(f"{motion} {rig}: {len(alarms)} alarms in 2 records; least p", {k: f"{p:.2g}" for k, p in least.items()})
     assert alarms == []
 
 
@@ -81,10 +81,10 @@ NUISANCES = {
 
 
 @pytest.mark.parametrize("nuisance", NUISANCES)
-@pytest.mark.parametrize("rig", RIGS)
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_no_disturbance_passes_for_another(motion, rig, nuisance):
-    """30 records; false alarms as above, 8e-4 each."""
+def test_no_disturbance_passes_for_another(motion, nuisance):
+    """15 records, the rigs in turn; false alarms as above, 8e-4 each."""
+    rig = list(RIGS)[(MOTIONS.index(motion) + list(NUISANCES).index(nuisance)) % 2]
     more, allowed = NUISANCES[nuisance]
     found = world.findings(world.good(motion, RIGS[rig], 7, **more).recording)
     assert {name for name, test in found.items() if test.p_value < NOISE_TEST_ALPHA} <= allowed
@@ -123,7 +123,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize(("motion", "rig"), [("interleaved", "ADXL105"), ("interleaved", "CXL02"), ("fast", "CXL02")])
+@pytest.mark.parametrize(("motion", "rig"), [("interleaved", "ADXL105"), ("fast", "CXL02")])
 def test_disturbance_is_found_and_measured(case, motion, rig):
     make, effect, size, particular, value = CASES[case]
     test = world.findings(make(motion, RIGS[rig], 7))[effect]
