@@ -530,14 +530,14 @@ _USUAL = {
 def usual_unit(unit: str, *values: float) -> tuple[str, float]:
     """Name of the unit that test engineers use for values in an SI unit, and its size in SI.
 
-    Lengths and times take the prefix in which the largest of the values is at least 1.
+    Lengths, speeds and times take the prefix in which the largest of the values is at least 1.
 
     Examples
     --------
     >>> usual_unit("m/s²", 0.05)[0], usual_unit("m", 2.7e-9, 1.7e-9)[0], usual_unit("s", 29.9)[0]
     ('mg', 'nm', 's')
     """
-    if unit not in ("m", "s"):
+    if unit not in ("m", "m/s", "s"):
         return _USUAL.get(unit, (unit, 1.0))
     largest = max(map(abs, values), default=0.0)
     sizes = ((unit, 1.0), (f"m{unit}", 1e-3), (f"u{unit}", 1e-6), (f"n{unit}", 1e-9))

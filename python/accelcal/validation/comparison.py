@@ -289,6 +289,16 @@ class Outside:
     """Rezeroed rms drift by horizon: windows wholly inside, windows that leave the range, m."""
     starts: Mapping[float, tuple[int, int]]
     """Windows by horizon, inside and outside."""
+    reach: tuple[float, float] | None = None
+    """Least and largest value here; None for "any"."""
+
+    @property
+    def beyond(self) -> float:
+        """Largest distance from the centre of the fitted range, over half of that range; 1 where it is not known."""
+        if self.range is None or self.reach is None:
+            return 1.0
+        centre, half = 0.5 * (self.range[1] + self.range[0]), 0.5 * (self.range[1] - self.range[0])
+        return max(self.reach[1] - centre, centre - self.reach[0]) / half if half > 0.0 else math.inf
 
 
 @dataclass(frozen=True, slots=True)
