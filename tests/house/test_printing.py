@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 
@@ -13,8 +14,10 @@ from hypothesis import strategies as st
 import accelcal as ac
 from accelcal.cli import app
 from accelcal.cli.common import show_table
+from accelcal.cli.overwriting import Writing, writing
 from accelcal.cli.printing import show_fit, show_improvement
 from accelcal.estimation.estimate import estimate
+from accelcal.results.table import as_sentence
 from accelcal.results.words import interval
 from accelcal.simulation import CXL02_RIG
 from accelcal.verbs import improve
@@ -49,9 +52,44 @@ def test_a_fit_is_printed_with_units_and_the_sums_that_its_parameters_estimate(r
         row = next(line for line in said.splitlines() if line.startswith(parameter.name))
         assert parameter.unit == "1" or parameter.unit in row.split()
         assert "…" not in row
+    assert "K0 + g0 tilt + g0 misalignment" not in said  # that of the rig, once and on request
     said = " ".join(said.split())
-    assert "K0 + g0 tilt + g0 misalignment" in said
     assert re.search(r"Noise: [\d.]+ ± [\d.]+ µg/√Hz, encoder [\d.]+ ± [\d.]+ µm", said)
+
+
+def test_a_fit_is_one_screen_and_the_rig_is_explained_on_request(recording, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    declared = dataclasses.replace(recording, rig=dataclasses.replace(recording.rig, assumptions=("it is level",)))
+    found = estimate(ac.Model.cubic(), declared)
+    show_fit(found, declared)
+    brief = capsys.readouterr().out.splitlines()
+    assert len(brief) <= 20  # of 24: two lines follow, what was written and the next step
+    assert max(map(len, brief)) <= 100
+    assert not any("it is level" in line for line in brief)
+    token = writing.set(Writing(explain=True))
+    show_fit(found, declared)
+    writing.reset(token)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Assumed: it is level." in said
+    assert "K0 + g0 tilt + g0 misalignment" in said
+
+
+@pytest.mark.parametrize("text", ["i.json is better", "data/a.csv: cut", "scale_step: none"])
+def test_a_name_keeps_its_letters_where_a_sentence_begins_with_it(text):
+    assert as_sentence(text) == f"{text}."
+    assert as_sentence("drift is smaller") == "Drift is smaller."  # the sister
+
+
+def test_motion_beyond_the_trained_range_is_one_line(recording):
+    rng = np.random.default_rng(22)
+    wide = ac.simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters=TRUTH, a_rms=3.0, rng=rng).recording
+    fit = ac.fit(recording)
+    beyond = [note for note in ac.compare(fit, wide)[0].table().notes if "beyond the trained range" in note]
+    assert len(beyond) == 1
+    times = {key: float(times) for key, times in re.findall(r"(\w) ([\d.]+)×", beyond[0])}
+    reach = max(abs(wide.accel.y - 0.05)) / max(map(abs, fit.validity["a"]))
+    assert times["a"] == pytest.approx(reach, rel=0.1)  # noise of a sample, bandwidth of the smoothed motion
+    assert not [note for note in ac.compare(fit, recording)[0].table().notes if "beyond" in note]  # the sister
 
 
 def test_the_loop_prints_what_it_found_with_its_uncertainty(recording, capsys):

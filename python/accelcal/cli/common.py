@@ -389,7 +389,9 @@ def suggest(*words: str | Path | None) -> None:
         for value in several(given.get(name))
         for word in (option, value)
     ]
-    print_status(f"next: accelcal {' '.join(shlex.quote(str(word)) for word in (*words, *options))}")
+    output = words.index("-o") if "-o" in words else len(words)
+    line = (*words[:output], *options, *words[output:])
+    print_status(f"next: accelcal {' '.join(shlex.quote(str(word)) for word in line)}")
 
 
 CARRIED = {

@@ -43,7 +43,7 @@ def show(result: Result, *more: str) -> None:
 
 def show_comparison(comparison: Comparison) -> None:
     """Print the errors first, then the changes between models, or where a single one fails."""
-    fails = any(evaluation.worst_regions for evaluations in comparison.seen for evaluation in evaluations)
+    fails = any(" between " in evaluation.worst for evaluations in comparison.seen for evaluation in evaluations)
     show(comparison, *(["changes"] if len(comparison) > 1 else ["regions"] if fails else []))
 
 

@@ -170,9 +170,9 @@ def share_text(row: Row) -> str:
     return "–" if row["share"] is None else f"{number(100.0 * max(row['share'], 0.0), 2)} %"
 
 
-def length_column(key: str, head: str) -> Column:
+def length_column(key: str, head: str, *, detail: bool = False) -> Column:
     """Column of lengths, each with the prefix that fits it; an interval where the row has its ends."""
-    return Column(key, head, lambda r: length_text(r, key), "m")
+    return Column(key, head, lambda r: length_text(r, key), "m", detail=detail)
 
 
 def length_text(row: Row, key: str) -> str:
@@ -326,6 +326,7 @@ def error_reduction(
     measure, horizons = Measure.of([e for _, every, _ in parts for e in every]), list(steps[0].coast_rms)
     rows: list[Row] = []
     errors: list[float] = []
+    ranked = measure.band is not None  # models are ranked by the systematic error; other errors stand beside it
     changed = next((change.measure for _, _, changes in parts for change in changes if change is not None), "")
     for recording, every, changes in parts:
         rows += [
@@ -357,11 +358,11 @@ def error_reduction(
         columns=(
             Column("model", "model"),
             *([Column("recording", "recording", lambda r: r["recording"] or "all")] if len(parts) > 1 else []),
-            *([Column("systematic", "systematic error", systematic_text, "m/s²")] if measure.band is not None else []),
-            *(length_column(f"drift_{k:g}s", f"drift, {k:g} s") for k in horizons),
-            length_column("simulation", "simulation"),
+            *([Column("systematic", "systematic error", systematic_text, "m/s²")] if ranked else []),
+            *(length_column(f"drift_{k:g}s", f"drift, {k:g} s", detail=ranked and k > horizons[0]) for k in horizons),
+            length_column("simulation", "simulation", detail=ranked),
             Column("one_step", "one step", lambda r: length_text(r, "one_step") if "one_step" in r else "", "m"),
-            Column("change", f"change of {changed}, %", step_text),
+            Column("change", "change, %" if ranked else f"change of {changed}, %", step_text),
             Column("change_std"),
         ),
         rows=tuple(rows),
@@ -428,7 +429,7 @@ def changes(result: Comparison) -> Table:
             Column("percent", "change, % (95 % interval)", change_text),
             Column("low"),
             Column("high"),
-            Column("stretches", "stretches"),
+            Column("stretches", "stretches", lambda r: str(r.get("stretches") or "")),
         ),
         rows=tuple(
             {"model": model, "recording": name, "verdict": verdict_of(change), **change_values(change)}
