@@ -427,6 +427,33 @@ def is_unit(text: str) -> bool:
     return True
 
 
+def base_dimension(name: str) -> dict[str, float]:
+    """Exponents of base units of the name of a unit, without angles; empty for a pure number.
+
+    Raises
+    ------
+    UnitError
+        If there is no such unit.
+
+    Examples
+    --------
+    >>> base_dimension("m"), base_dimension("g"), base_dimension("deg")
+    ({'m': 1.0}, {'m': 1.0, 's': -2.0}, {})
+    """
+    if name in _BASES.values():
+        return {name: 1.0}
+    parsed = _parsed(name)
+    if parsed is None:
+        raise UnitError(f"unknown unit {name!r}")
+    return {
+        _BASES.get(base, base): float(exponent) for base, exponent in parsed.dimensionality.items() if base != "[angle]"
+    }
+
+
+_BASES = {"[length]": "m", "[time]": "s", "[temperature]": "K"}
+"""Base units by their dimension."""
+
+
 def normalise(unit: str) -> str:
     """Write a unit in one spelling: ASCII ``^`` powers, ``u`` for micro, ``/`` for per, no spaces at the ends."""
     if len(unit) > LONGEST:
