@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 
-from accelcal._support.errors import AccelcalError
+from accelcal._support.arguments import checked
 from accelcal._support.result import NotStored, Result
 from accelcal._support.values import face, immutable
 from accelcal.data import Array, Recording, Rig, instant, quality
@@ -510,6 +510,7 @@ class Evaluation(Result):
         drifts = (f"{h:g} s: {drift:.3g} m" for h, drift in self.coast_rms.items() if drift is not None)
         return f"Evaluation({self.recording!r}: rms drift after {', '.join(drifts) or 'no time: too short'})"
 
+    @checked
     def plot(self, figure: FigureName = "overlay", *, theme: Literal["light", "dark"] = "light") -> Figure:
         """Draw one figure of the comparison.
 
@@ -526,10 +527,6 @@ class Evaluation(Result):
         ValueError
             If there is no such figure.
         """
-        if figure not in get_args(FigureName):
-            raise AccelcalError(
-                f"plot: there is no figure {figure!r}; expected one of {', '.join(get_args(FigureName))}"
-            )
         picture: Figure = getattr(face("plots"), figure)(self, theme=theme)
         return picture
 
