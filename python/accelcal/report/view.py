@@ -31,7 +31,7 @@ from accelcal.report.content import Content
 from accelcal.results.comparisons import fall, quoted
 from accelcal.results.diagnoses import VERDICTS, contribution
 from accelcal.results.table import Column, Row, Table, as_view
-from accelcal.results.tables import parameter_rows
+from accelcal.results.tables import parameter_rows, used_acceleration
 from accelcal.results.words import (
     about,
     amount,
@@ -105,7 +105,7 @@ def with_budget(content: Content, row: Row) -> Row:
         "value": e.value,
         "expanded": expanded,
         "shown": f"{plain(e.unit, e.value, 0.0)} (held)" if row["held"] else plain(e.unit, e.value, expanded),
-        "at_full_scale": at_full_scale(e.name, e.unit, e.value, expanded, full_scale),
+        "at_full_scale": at_full_scale(e.name, e.unit, e.value, expanded, full_scale, used_acceleration(content.fit)),
         "si": amount(e.value, std, e.unit),
     }
 
