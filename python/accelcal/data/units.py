@@ -384,7 +384,7 @@ def conversion(unit: str, kind: str | None = None) -> Conversion:
     parsed = _parsed(text)
     if parsed is None:
         close = difflib.get_close_matches(text[:LONGEST], _known_names(), n=1, cutoff=0.5)
-        hint = f' (nearest known: "{close[0]}")' if close else ""
+        hint = f' (nearest known: "{close[0]}")' if close else "; expected one such as m/s^2, g, mm, V or degC"
         raise UnitError(f'unknown unit "{unit[:LONGEST]}"{hint}')
     if kind is None:
         kind = _kind_of(parsed)
@@ -547,8 +547,8 @@ MICRO_G = 1e-6 * 9.80665
 
 _USUAL = {
     "m/s²": ("mg", 1e3 * MICRO_G),
-    "(m/s²)⁻¹": ("ug/g²", 1.0 / (1e6 * 9.80665)),
-    "(m/s²)⁻²": ("ug/g³", 1.0 / (1e6 * 9.80665**2)),
+    "(m/s²)⁻¹": ("µg/g²", 1.0 / (1e6 * 9.80665)),
+    "(m/s²)⁻²": ("µg/g³", 1.0 / (1e6 * 9.80665**2)),
     "rad": ("deg", math.pi / 180.0),
 }
 """Unit of a coefficient -> the unit that test engineers use for it, and how much SI one of it is."""
@@ -567,8 +567,20 @@ def usual_unit(unit: str, *values: float) -> tuple[str, float]:
     if unit not in ("m", "m/s", "s"):
         return _USUAL.get(unit, (unit, 1.0))
     largest = max(map(abs, values), default=0.0)
-    sizes = ((unit, 1.0), (f"m{unit}", 1e-3), (f"u{unit}", 1e-6), (f"n{unit}", 1e-9))
+    sizes = ((unit, 1.0), (f"m{unit}", 1e-3), (f"µ{unit}", 1e-6), (f"n{unit}", 1e-9))
     return next((size for size in sizes if largest >= size[1]), sizes[0] if largest == 0.0 else sizes[-1])
+
+
+def in_usual_unit(value: float, unit: str, digits: int = 3, sign: str = "") -> str:
+    """A time, a length or an angle for a sentence, with a prefix; everything else in its own unit.
+
+    Examples
+    --------
+    >>> in_usual_unit(0.0051, "s"), in_usual_unit(2e-6, "m", sign="+"), in_usual_unit(0.02, "1")
+    ('5.1 ms', '+2 µm', '0.02')
+    """
+    name, size = usual_unit(unit, value) if unit in ("s", "m", "rad") else (unit, 1.0)
+    return f"{value / size:{sign}.{digits}g} {name}".removesuffix(" 1").rstrip()
 
 
 __dir__ = listing(globals())

@@ -565,7 +565,8 @@ def _check(node: ast.expr, names: tuple[str, ...], depth: int) -> None:
         case ast.Name(id=name):
             functions = ", ".join(FUNCTIONS)
             raise ExpressionError(
-                f"there is no variable {name!r} here; there are {', '.join(names)}, and the functions {functions}"
+                f"there is no variable {name!r} here; there are {', '.join(names)}, and the functions {functions}. "
+                f'Name a side channel: channels=("{name[:40]}",)'
             )
         case ast.UnaryOp(op=op, operand=operand) if type(op) in _UNARY:
             return _check(operand, names, depth + 1)

@@ -103,7 +103,7 @@ def plain(unit: str, value: float, std: float) -> str:
     if not math.isfinite(std):
         return f"{plain(unit, value, 0.0)} ± not known"
     name, size = ("%", 0.01) if unit == "1" else usual_unit(unit, value, std)
-    return with_unit(decimal(value / size, std / size), typeset(name.replace("u", "µ")) if size != 1.0 else name)
+    return with_unit(decimal(value / size, std / size), typeset(name) if size != 1.0 else name)
 
 
 def about(unit: str, value: float) -> str:
@@ -166,7 +166,7 @@ def at_full_scale(
     >>> at_full_scale("bias", "m/s²", 0.05, 0.001, 20.0), at_full_scale("quadratic", "(m/s²)⁻¹", 1e-4, 1e-5, 20.0)
     ('0.2500 ± 0.0050 % FS', '0.200 ± 0.020 % FS')
     >>> at_full_scale("quadratic", "(m/s²)⁻¹", 1e-4, 1e-5, 20.0, used=4.0)
-    '0.20 % FS, from 20 %'
+    '0.2 % FS, from 20 %'
     """
     static = static_terms().get(name)
     if not full_scale or (static is None and unit != "m/s²") or (static is not None and static.thermal) or unit == "1":
