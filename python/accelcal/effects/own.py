@@ -497,12 +497,12 @@ def from_written(name: str, source: str) -> Own | None:
     ExpressionError
         If its name is taken.
     """
-    found = _WRITTEN.fullmatch(source)
-    if found is None or found["name"] != name:
+    written = _WRITTEN.fullmatch(source)
+    if written is None or written["name"] != name:
         return None
-    channels = tuple(re.findall(r"'(\w+)'", found["needs"]))
+    channels = tuple(re.findall(r"'(\w+)'", written["needs"]))
     try:
-        effect, understood = _made(name, found["text"], found["unit"], found["port"], found["owner"], channels)  # type: ignore[arg-type]
+        effect, understood = _made(name, written["text"], written["unit"], written["port"], written["owner"], channels)  # type: ignore[arg-type]
         _try_out(effect, understood)
     except ExpressionError:
         return None

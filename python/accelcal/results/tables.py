@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from accelcal._support.values import listing
-from accelcal.data import ACCELERATION, MICRO_G, Dwells, Recording, describe, instant
+from accelcal.data import ACCELERATION, MICRO_G, VELOCITY, Dwells, Recording, describe, instant
 from accelcal.effects import CATALOGUE, Effect, find, spelled
 from accelcal.effects.registry import CARD
 from accelcal.estimation.estimate import Fit, tied_sum
@@ -235,7 +235,7 @@ def noise_note(report: NoiseReport, name: str) -> str:
     return as_sentence(text)
 
 
-CHANNEL_UNITS = {"position": "m", "velocity": "m/s", ACCELERATION: "m/s²"}
+CHANNEL_UNITS = {"position": "m", VELOCITY: "m/s", ACCELERATION: "m/s²"}
 """Unit of a reading of each reference."""
 
 
