@@ -636,7 +636,7 @@ def improve(
     most : most effects to add.
     extra : users' effects to consider besides the built-in ones; by default all that are registered, with () none.
     alpha : family-wise false-alarm rate.
-    start, end : s, optional; only this part of the recordings is used.
+    start, end : s, optional; only this part of the recordings is used, of the held-out one as well.
     progress : called with the share of the work that is done.
     on_step : called with each model as soon as it is fitted, to be kept where the work is ended.
 
@@ -676,7 +676,7 @@ def improve(
     room = len(selection.current.model.added) < most
     reason = "no fit with it is possible" if room else f"at most {most} effects are added"
     rejected = selection.current.fitted.rejected(original)
-    unseen = None if holdout is None else examine(holdout)
+    unseen = None if holdout is None else examine(holdout, start, end)
     if apart is not None and unseen is not None:
         if not selection.current.verdict.scan.found:
             reason = "the run that is held out takes no part in what is added"

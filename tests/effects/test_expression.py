@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from accelcal.effects import CATALOGUE, ExpressionError, from_expression, load_effects
-from accelcal.effects.own import DEEPEST, LONGEST, probe
+import accelcal as ac
+from accelcal.effects import CATALOGUE, ExpressionError, effect, from_expression, load_effects
+from accelcal.effects.own import DEEPEST, LONGEST, from_written, probe
+from accelcal.simulation import ADXL105_RIG
 
 HOSTILE = [
     "__import__('os').system('true')",
@@ -86,7 +88,7 @@ def test_anything_but_arithmetic_is_refused(text):
     ],
 )
 def test_a_formula_means_what_it_says_here_and_in_its_file(tmp_path, text, law):
-    own = from_expression("law_of_mine", text, unit="1/m", channels=("humidity", "a_y"))
+    own = from_expression("law_of_mine", text, channels=("humidity", "a_y"))
     s = probe(("humidity",))
     expected = law(s)
     np.testing.assert_allclose(own.effect.column(s), expected, rtol=1e-15)  # the same operations in the same order
@@ -97,7 +99,12 @@ def test_a_formula_means_what_it_says_here_and_in_its_file(tmp_path, text, law):
     (loaded,) = load_effects(path)
     np.testing.assert_allclose(loaded.column(s), expected, rtol=1e-15)
     assert loaded.digest == own.effect.digest  # a model made with one is read with the other
-    assert (loaded.unit, loaded.port, loaded.owner, loaded.needs) == ("1/m", "output", "sensor", own.effect.needs)
+    assert (loaded.unit, loaded.port, loaded.owner, loaded.needs) == (
+        own.effect.unit,
+        "output",
+        "sensor",
+        own.effect.needs,
+    )
 
 
 @pytest.mark.parametrize("text", ["1/v", "log(a)", "sqrt(a)", "1/(a - a)", "2", "v - v + 1"])
@@ -116,6 +123,102 @@ def test_names_are_kept_apart():
     for name in ("", "A", "1a", "a b", "a'b", 'a"', "a" * 33, "../a"):
         with pytest.raises(ExpressionError, match="expected small letters"):
             from_expression(name, "a**3")
-    for unit in ("", 'm"', "m\\", "x" * 41, "m\n"):
+    for unit in ('m"', "m\\", "x" * 41, "m\n"):
         with pytest.raises(ExpressionError, match="unit"):
             from_expression("law_of_mine2", "a**3", unit=unit)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "wrong"),
+    [
+        ("a**5", "(m/s^2)^-4", "m"),
+        ("v*abs(v)", "1/m", "m/s^2"),
+        ("-jerk*temperature", "s/K", "s"),
+        ("tanh(v/0.01)", "m/s²", "1/s"),  # 0.01 is a speed
+        ("sqrt(abs(a))*p", "1/(m^0.5 s)", "1/s"),
+        ("p + 0.3*p**2", "s⁻²", "m/s²"),  # 0.3 is 1/m
+        ("(0.2 + v)**2", "1/m", "1"),
+    ],
+)
+def test_unit_times_formula_is_that_of_what_it_adds_to(text, unit, wrong):
+    assert from_expression("given_one", text, unit=unit, channels=("temperature",)).effect.unit == unit
+    left = from_expression("left_one", text, channels=("temperature",)).effect.unit
+    assert from_expression("again_one", text, unit=left, channels=("temperature",)).effect.unit == left
+    with pytest.raises(ExpressionError, match="so that its coefficient is in"):
+        from_expression("wrong_one", text, unit=wrong, channels=("temperature",))
+
+
+def test_at_the_encoder_a_formula_adds_a_length():
+    assert from_expression("at_encoder", "p*abs(p)", port="position").effect.unit == "1/m"
+    with pytest.raises(ExpressionError, match="adds to m, so that"):
+        from_expression("at_encoder_too", "p*abs(p)", port="position", unit="s^-2/m")
+
+
+def test_what_has_no_known_unit_is_not_checked():
+    assert from_expression("free_one", "a*humidity", unit="1/V", channels=("humidity",)).effect.unit == "1/V"
+    assert from_expression("free_sum", "a + v", unit="s").effect.unit == "s"
+    for number, text in enumerate(("1/(1 + (v/0.1)**2)", "(v/0.1)/(1 + (v/0.1)**2)", "0.01*p")):
+        assert from_expression(f"wide_{number}", text, unit="m/s^2").effect.unit == "m/s^2"  # 0.1 is a speed
+
+
+def test_a_unit_that_is_not_si_would_mislead():
+    with pytest.raises(ExpressionError, match="variables are in SI, and ug is not"):
+        from_expression("not_si", "a**3", unit="ug/g^3")
+
+
+def test_a_formula_is_read_from_its_file_and_no_other_file_is():
+    own = from_expression("law_of_mine", "v*abs(v)*humidity", unit="1/m", channels=("humidity",))
+    del CATALOGUE["law_of_mine"]
+    entered = from_written("law_of_mine", own.file)
+    assert entered is not None
+    assert entered.effect.digest == own.effect.digest
+    del CATALOGUE["law_of_mine"]
+    for changed in (
+        own.file.replace("np.abs", "np.sign"),
+        own.file + "import os\n",
+        own.file.replace("scale=1.0", "scale=2.0"),
+        "",
+    ):
+        assert from_written("law_of_mine", changed) is None
+    assert from_written("another_law", own.file) is None
+    assert not {"law_of_mine", "another_law"} & set(CATALOGUE)
+
+
+def fitted_with(name):
+    rng = np.random.default_rng(5)
+    recording = ac.simulate("tones", seconds=6.0, rig=ADXL105_RIG, parameters={"bias": 0.05}, rng=rng).recording
+    return ac.fit(recording, ac.Model.linear().add(name))
+
+
+def test_a_model_brings_its_own_formula(tmp_path):
+    from_expression("drag_of_mine", "v*abs(v)")
+    fit = fitted_with("drag_of_mine")
+    fit.save(tmp_path / "m.json")
+    del CATALOGUE["drag_of_mine"]
+    again = ac.load_model(tmp_path / "m.json")
+    assert again["drag_of_mine"].value == fit["drag_of_mine"].value
+    s = probe(())
+    np.testing.assert_array_equal(CATALOGUE["drag_of_mine"].column(s), s.v * np.abs(s.v))
+
+
+def test_a_model_with_a_function_of_the_user_names_what_is_missing(tmp_path):
+    @effect("pull_of_mine", unit="1/s^2", symbol="c", scale=1e-2)
+    def pull_of_mine(s):
+        return np.maximum(0.0, s.p)
+
+    fitted_with("pull_of_mine").save(tmp_path / "m.json")
+    del CATALOGUE["pull_of_mine"]
+    with pytest.raises(ValueError, match=r"uses 'pull_of_mine'.*load_effects") as told:
+        ac.load_model(tmp_path / "m.json")
+    assert "damaged" not in str(told.value)
+    file = tmp_path / "mine.py"
+    file.write_text(
+        "from accelcal.effects import effect\n@effect('pull_of_mine', unit='1/s^2', symbol='c', scale=1e-2)\n"
+        "def pull(s):\n    return s.p\n"
+    )
+    load_effects(file)
+    fitted_with("pull_of_mine").save(tmp_path / "m2.json")
+    del CATALOGUE["pull_of_mine"]
+    with pytest.raises(ValueError, match=r"uses 'pull_of_mine'.*--effects-file.*SHA-256") as told:
+        ac.load_model(tmp_path / "m2.json")
+    assert "damaged" not in str(told.value)

@@ -73,6 +73,22 @@ def test_a_held_out_recording_stays_held_out_in_the_next_step(folder: Path, word
     assert step in last
 
 
+@pytest.mark.parametrize(
+    ("words", "step"),
+    [
+        (["check", "held.csv", "--rig", "other.toml"], "fit held.csv --rig other.toml -o held.json"),
+        (["fit", "held.csv", "--rig", "other.toml", "-o", "n.json"], "diagnose n.json held.csv --rig other.toml"),
+        (
+            ["improve", "run.csv", "--holdout", "held.csv", "--from", "0.5", "--max-effects", "0", "-o", "late.json"],
+            "report late.json run.csv --holdout held.csv -o run.html",  # `report` takes the part from the model
+        ),
+    ],
+)
+def test_the_next_step_reads_what_this_one_read(folder: Path, words: Sequence[str], step: str) -> None:
+    (folder / "other.toml").write_bytes((folder / "held.toml").read_bytes())
+    assert accelcal(folder, *words).stderr.decode().splitlines()[-1] == f"next: accelcal {step}"
+
+
 def test_a_file_of_the_same_name_elsewhere_is_not_what_was_fitted(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_bytes((folder / "held.csv").read_bytes())
     (tmp_path / "run.toml").write_bytes((folder / "held.toml").read_bytes())
@@ -93,7 +109,7 @@ def test_the_step_after_a_diagnosis_adds_what_the_model_lacks(
 ) -> None:
     monkeypatch.chdir(folder)
     found = SimpleNamespace(effects=effects, verdict="named")
-    common.after_diagnosis(ac.load_model("m.json"), found, Path("m.json"), [Path("run.csv")], None)  # type: ignore[arg-type]
+    common.after_diagnosis(ac.load_model("m.json"), found, Path("m.json"), [Path("run.csv")])  # type: ignore[arg-type]
     assert capsys.readouterr().err == expected
 
 

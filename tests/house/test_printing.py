@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 
@@ -13,8 +14,10 @@ from hypothesis import strategies as st
 import accelcal as ac
 from accelcal.cli import app
 from accelcal.cli.common import show_table
+from accelcal.cli.overwriting import Writing, writing
 from accelcal.cli.printing import show_fit, show_improvement
 from accelcal.estimation.estimate import estimate
+from accelcal.results.table import as_sentence
 from accelcal.results.words import interval
 from accelcal.simulation import CXL02_RIG
 from accelcal.verbs import improve
@@ -49,9 +52,52 @@ def test_a_fit_is_printed_with_units_and_the_sums_that_its_parameters_estimate(r
         row = next(line for line in said.splitlines() if line.startswith(parameter.name))
         assert parameter.unit == "1" or parameter.unit in row.split()
         assert "…" not in row
+    assert "K0 + g0 tilt + g0 misalignment" not in said  # that of the rig, once and on request
     said = " ".join(said.split())
-    assert "K0 + g0 tilt + g0 misalignment" in said
     assert re.search(r"Noise: [\d.]+ ± [\d.]+ µg/√Hz, encoder [\d.]+ ± [\d.]+ µm", said)
+
+
+def test_a_fit_is_one_screen_and_the_rig_is_explained_on_request(recording, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    declared = dataclasses.replace(recording, rig=dataclasses.replace(recording.rig, assumptions=("it is level",)))
+    found = estimate(ac.Model.cubic(), declared)
+    show_fit(found, declared)
+    brief = capsys.readouterr().out.splitlines()
+    assert len(brief) <= 20  # of 24: two lines follow, what was written and the next step
+    assert max(map(len, brief)) <= 100
+    assert not any("it is level" in line for line in brief)
+    token = writing.set(Writing(explain=True))
+    show_fit(found, declared)
+    writing.reset(token)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Assumed: it is level." in said
+    assert "K0 + g0 tilt + g0 misalignment" in said
+
+
+@pytest.mark.parametrize("text", ["i.json is better", "data/a.csv: cut", "scale_step: none"])
+def test_a_name_keeps_its_letters_where_a_sentence_begins_with_it(text):
+    assert as_sentence(text) == f"{text}."
+    assert as_sentence("drift is smaller") == "Drift is smaller."  # the sister
+
+
+def moved(times, seed):
+    """Record of a slow and a fast sine of known size, of a sensor with white noise."""
+    rng, t = np.random.default_rng(seed), np.arange(20_000) / 1000.0
+    parts = [(times * g, 2.0 * np.pi * f) for f, g in ((0.7, 0.4), (3.1, 1.6))]
+    p, a = sum(-g / w**2 * np.sin(w * t) for g, w in parts), sum(g * np.sin(w * t) for g, w in parts)
+    u = 0.08 + 0.988 * a + rng.normal(0.0, 0.01, t.size)
+    z = p + rng.normal(0.0, 1e-7, t.size)
+    return ac.Recording.from_arrays(t, u, z, units={"accel": "m/s^2", "position": "m"}, name="B.csv")
+
+
+def test_motion_beyond_the_trained_range_is_one_line():
+    fit = ac.fit(moved(1.0, 301))
+    lines = {times: ac.compare(fit, moved(times, 302))[0].table().notes for times in (0.8, 2.5)}
+    (beyond,) = [note for note in lines[2.5] if "beyond the trained range" in note]
+    assert beyond.startswith("B.csv goes")
+    for key in "avp":
+        assert float(re.search(rf"{key} ([\d.]+)×", beyond)[1]) == pytest.approx(2.5, abs=0.15)
+    assert not [note for note in lines[0.8] if "beyond" in note]  # the sister
 
 
 def test_the_loop_prints_what_it_found_with_its_uncertainty(recording, capsys):

@@ -143,3 +143,14 @@ def test_numbers_of_numpy_pass_and_truth_values_do_not(hint: Any, right: object,
 def test_what_is_like_an_array_passes() -> None:
     for value in ([1.0, 2.0], [[1.0]], np.eye(2), [np.float64(1.0)], ((1, 2), (3, 4))):
         assert accepts(ArrayLike | None, value)
+
+
+def test_a_figure_that_does_not_exist_is_refused_with_those_that_do(run: ac.Recording, fit: ac.Fit) -> None:
+    comparison, diagnosis = ac.compare(fit, run), ac.diagnose(fit, run, extra=())
+    for result, expected in (
+        (comparison, "error_reduction"),
+        (comparison[0], "coasting"),
+        (diagnosis, "added_variable"),
+    ):
+        with pytest.raises(ValueError, match=f'the text "nonsense".*{expected}'):
+            result.plot("nonsense")  # type: ignore[attr-defined]

@@ -142,7 +142,7 @@ def test_readings_at_the_declared_range_are_clipped():
     y[[7, 9]] = 49.0, -60.0
     rig = Rig(sensor=Sensor(range=49.03))
     _, findings = check(clock(len(y)), y, rig=rig)
-    assert kinds(findings) == ["clipping"]
+    assert kinds(findings) == ["saturated"]
     assert (findings[0].count, findings[0].first, findings[0].severity) == (2, 0.007, "warning")
     assert not check(clock(len(y)), noisy(), rig=rig)[1]
     assert not check(clock(len(y)), y, name="a_y", rig=rig)[1]
@@ -153,7 +153,7 @@ def test_readings_at_the_declared_range_are_clipped():
 def test_readings_piled_up_at_the_extreme_are_clipped(quantum, sign):
     y = sign * np.minimum(noisy(quantum=quantum), 1.0)
     _, findings = check(clock(len(y)), y)
-    assert kinds(findings) == ["clipping"]
+    assert kinds(findings) == ["saturated"]
     assert f"piled up at the extreme {sign}" in findings[0].text
 
 
@@ -161,7 +161,7 @@ def test_readings_piled_up_at_the_extreme_are_clipped(quantum, sign):
 @pytest.mark.parametrize("frequency", [1.0, 7.3, 50.0])
 def test_extremes_of_a_quantised_sine_are_not_clipped(amplitude, frequency):
     y = np.round(amplitude * np.sin(2 * np.pi * frequency * clock(20_000)))
-    assert "clipping" not in kinds(check(clock(20_000), y)[1])
+    assert "saturated" not in kinds(check(clock(20_000), y)[1])
 
 
 # The rest

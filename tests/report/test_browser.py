@@ -55,7 +55,7 @@ def overlapping(plot):
     return found
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (1920, "dark")])
+@pytest.mark.parametrize(("width", "scheme"), [(390, "light"), (1280, "light"), (1920, "dark")])
 @pytest.mark.parametrize("which", ["lacking", "complete"])
 def test_every_figure_is_drawn_without_network_or_complaint(browser, files, which, width, scheme):
     page, asked, said = opened(browser, files / f"{which}.html", width, scheme)

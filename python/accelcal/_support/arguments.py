@@ -10,7 +10,7 @@ import inspect
 import numbers
 import os
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from types import NoneType, UnionType
+from types import NoneType, SimpleNamespace, UnionType
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -87,8 +87,11 @@ def check_fields(value: Any) -> None:
 
 @functools.cache
 def hints_of(declared: Hashable) -> Mapping[str, Any]:
-    """Annotations of a function or class, evaluated."""
-    return get_type_hints(declared)
+    """Annotations of a class, or of the arguments of a function, evaluated."""
+    if not inspect.isfunction(declared):
+        return get_type_hints(declared)
+    arguments = {name: hint for name, hint in declared.__annotations__.items() if name != "return"}
+    return get_type_hints(SimpleNamespace(__annotations__=arguments), inspect.unwrap(declared).__globals__)
 
 
 def accepts(hint: Any, value: object) -> bool:

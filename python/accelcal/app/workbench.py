@@ -479,9 +479,7 @@ class Workbench:
         channels = tuple(loaded(state).data.side)
         if name in names_of(state):
             raise Refused(f"{name} is a candidate already")
-        formula = Formula.model_construct(
-            name=name, expression=expression, unit=unit or "1", port=port, channels=channels
-        )
+        formula = Formula.model_construct(name=name, expression=expression, unit=unit, port=port, channels=channels)
         self._done(tasks.tried, [formula], progress=progress)
         return replace(state, own=(*state.own, formula.enter()))
 

@@ -140,6 +140,11 @@ Band = Annotated[str | None, typer.Option("--band", help='Use the encoder up to 
 From = Annotated[str | None, typer.Option("--from", help="Start time on the position clock, s.")]
 To = Annotated[str | None, typer.Option("--to", help="End time on the position clock, s.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that this command did not write before.")]
+Explain = Annotated[
+    bool, typer.Option("--explain", help="Print what is assumed of the rig, what columns mean, and further notes.")
+]
+EXPLAINED = ("fit", "add", "drop", "freeze", "diagnose", "improve", "compare")
+"""Commands whose tables have details."""
 
 
 def writable_file(option: typer.CallbackParam, path: Path | None) -> Path | None:
@@ -189,8 +194,8 @@ def with_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
     """Turn every exception into one sentence and an exit code."""
 
     @functools.wraps(command)
-    def run(*args: Any, force: bool = False, **kwargs: Any) -> None:
-        token = writing.set(Writing(command.__name__, force))
+    def run(*args: Any, force: bool = False, explain: bool = False, **kwargs: Any) -> None:
+        token = writing.set(Writing(command.__name__, force, explain, kwargs))
         try:
             refuse_overwriting(kwargs)
             command(*args, **kwargs)
@@ -205,9 +210,14 @@ def with_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
 
     # typer reads options from evaluated annotations.
     signature = inspect.signature(command, eval_str=True)
-    if any(name in WRITTEN for name in signature.parameters):
-        force = inspect.Parameter("force", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Force)
-        signature = signature.replace(parameters=[*signature.parameters.values(), force])
+    writes = any(name in WRITTEN for name in signature.parameters)
+    options = {"force": Force} if writes else {}
+    options |= {"explain": Explain} if command.__name__ in EXPLAINED else {}
+    more = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=options[name])
+        for name in options
+    ]
+    signature = signature.replace(parameters=[*signature.parameters.values(), *more])
     run.__signature__ = signature  # type: ignore[attr-defined]
     run.__annotations__ = {name: p.annotation for name, p in signature.parameters.items()} | {"return": None}
     return run
@@ -365,9 +375,44 @@ UNSEEN = "OTHER.csv"
 
 
 def suggest(*words: str | Path | None) -> None:
-    """Print "next: accelcal ..." with some words; nothing where one of them is None: a file that is not known."""
-    if None not in words:
-        print_status(f"next: accelcal {' '.join(shlex.quote(str(word)) for word in words)}")
+    """Print "next: accelcal ..." with some words, and the options of the command under way that the next one takes
+    as well; nothing where a word is None: a file that is not known."""
+    if None in words:
+        return
+    callbacks = [c.callback for c in app.registered_commands if name_of(c) == words[0] and c.callback is not None]
+    taken = inspect.signature(callbacks[0]).parameters if callbacks else {}
+    given = writing.get().given
+    options = [
+        word
+        for name, option in CARRIED.items()
+        if name in taken and option not in words
+        for value in several(given.get(name))
+        for word in (option, value)
+    ]
+    output = words.index("-o") if "-o" in words else len(words)
+    line = (*words[:output], *options, *words[output:])
+    print_status(f"next: accelcal {' '.join(shlex.quote(str(word)) for word in line)}")
+
+
+CARRIED = {
+    "holdout": "--holdout",
+    "rig": "--rig",
+    "effects_file": "--effects-file",
+    "start": "--from",
+    "end": "--to",
+    "band": "--band",
+}
+"""Parameters of commands that say what is read, and how: the next step reads the same."""
+
+
+def name_of(command: typer.models.CommandInfo) -> str:
+    """Name of a registered command."""
+    return command.name or str(getattr(command.callback, "__name__", ""))
+
+
+def several(value: Any) -> Sequence[Any]:
+    """The values of an option: none, one, or those of one that may be repeated."""
+    return () if value is None else value if isinstance(value, list) else (value,)
 
 
 def after_fit(model: Path | None, runs: Sequence[Path]) -> None:
@@ -378,7 +423,7 @@ def after_fit(model: Path | None, runs: Sequence[Path]) -> None:
         suggest("diagnose", model, *runs)
 
 
-def after_diagnosis(fit: Fit, diagnosis: Diagnosis, model: Path, runs: Sequence[Path], holdout: Path | None) -> None:
+def after_diagnosis(fit: Fit, diagnosis: Diagnosis, model: Path, runs: Sequence[Path]) -> None:
     """What is missing is added, to the recordings that the model was fitted to; a model that lacks nothing goes into
     the report."""
     fitted = fitted_files(fit, model, *runs)
@@ -386,7 +431,7 @@ def after_diagnosis(fit: Fit, diagnosis: Diagnosis, model: Path, runs: Sequence[
     if diagnosis.verdict in ("named", "tied", "shape"):
         suggest("add", model, *fitted, "--effect", missing, "-o", f"{model.stem}_{missing}.json")
     elif diagnosis.verdict == "adequate":
-        suggest("report", model, fitted[0], *held_out(holdout), "-o", f"{runs[0].stem}.html")
+        suggest("report", model, fitted[0], "-o", f"{runs[0].stem}.html")
     elif diagnosis.verdict == "too_short":
         suggest("power", runs[0])
 
@@ -396,11 +441,6 @@ def after_comparison(fit: Fit, model: Path, run: Path) -> None:
     fitted = fitted_files(fit, model, run)
     unseen = () if any(path is not None and path.samefile(run) for path in fitted) else ("--holdout", run)
     suggest("diagnose", model, *fitted, *unseen)
-
-
-def held_out(holdout: Path | None) -> tuple[str | Path, ...]:
-    """The option that names a held-out recording, where there is one."""
-    return () if holdout is None else ("--holdout", holdout)
 
 
 def fitted_files(fit: Fit, *given: Path) -> list[Path | None]:

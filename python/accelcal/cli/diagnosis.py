@@ -28,7 +28,6 @@ from accelcal.cli.common import (
     after_diagnosis,
     app,
     deliver,
-    held_out,
     load_own_effects,
     parse_quantity,
     print_json,
@@ -96,7 +95,7 @@ def diagnose(
         return
     if comparison is not None:
         printing.show(comparison)
-    after_diagnosis(fitted, diagnosis, model, runs, holdout)
+    after_diagnosis(fitted, diagnosis, model, runs)
 
 
 @app.command()
@@ -139,7 +138,7 @@ def improve(
         )
     deliver(improvement, printing.show_improvement, output, json, improvement.best)
     if not json:
-        suggest("report", output, runs[0], *held_out(holdout), "-o", f"{runs[0].stem}.html")
+        suggest("report", output, runs[0], "-o", f"{runs[0].stem}.html")
 
 
 @contextmanager
@@ -201,7 +200,8 @@ def formula(
     except catalogue.ExpressionError as error:
         raise UsageError(f"--name {name}: {error}") from None
     io.atomic_write(output, effect.file)
-    print_status(f"wrote {output}; next: accelcal add {model} {run} --effects-file {output} --effect {name}")
+    print_written(output)
+    suggest("add", model, run, "--effects-file", output, "--effect", name)
 
 
 @app.command()

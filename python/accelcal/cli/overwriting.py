@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,10 @@ class Writing:
     command: str = ""
     force: bool = True
     """Whether it replaces whatever is there; a program that calls its parts does."""
+    explain: bool = False
+    """Whether it prints details of its tables."""
+    given: Mapping[str, Any] = field(default_factory=dict)
+    """Its arguments by name."""
 
 
 _BY_PROGRAM = Writing()

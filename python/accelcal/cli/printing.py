@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from accelcal.cli.common import UsageError, parse_quantity, say, say_line, show_table
 from accelcal.cli.lazy import catalogue, data, experiment, exports, pages, summary, words
+from accelcal.cli.overwriting import writing
 
 DRIFT_ROWS = 8
 """Frequencies of the drift bandwidth that are printed."""
@@ -24,6 +25,8 @@ def show(result: Result, *more: str) -> None:
     """Print the table of a result, then its further tables by name."""
     for which in ("", *more):
         shown = result.table(which)
+        further = len(shown.detail)
+        shown = shown.explained if writing.get().explain else shown.brief
         say(shown.title)
         for text in shown.alarms:
             say(text, style="bold red")
@@ -34,11 +37,13 @@ def show(result: Result, *more: str) -> None:
             show_table(head, rows)
         for text in shown.notes:
             say(text)
+        if further and not writing.get().explain:
+            say(f"--explain prints {further} more {'note' if further == 1 else 'notes'}.", style="dim")
 
 
 def show_comparison(comparison: Comparison) -> None:
     """Print the errors first, then the changes between models, or where a single one fails."""
-    fails = any(evaluation.worst_regions for evaluations in comparison.seen for evaluation in evaluations)
+    fails = any(" between " in evaluation.worst for evaluations in comparison.seen for evaluation in evaluations)
     split = any(evaluation.budget for evaluations in comparison.seen for evaluation in evaluations)
     more = ["changes"] if len(comparison) > 1 else ["regions"] if fails else []
     show(comparison, *more, *(["budget"] if split else []))
@@ -51,18 +56,17 @@ def show_improvement(result: Improvement) -> None:
 
 
 def show_fit(fit: Fit, *recordings: data.Recording) -> None:
-    """Print a fit, with warnings on its recordings, electrical parameters, dwells and assumptions."""
+    """Print a fit, with warnings on its recordings that the fit has no remark on, electrical parameters and dwells."""
+    remarked = {note.code for note in fit.remarks}
     for recording in recordings:
         for finding in recording.findings:
-            if finding.severity == "warning":
+            if finding.severity == "warning" and finding.kind not in remarked:
                 say(f"warning: {recording.name}: {finding.text}", style="bold red")
     show(fit)
     for key, quantity in fit.electrical.items():
         value, std, unit = quantity.value, quantity.std, quantity.unit
         say(f"{catalogue.spelled(key)}: {words.plain(unit, value, std)} ({words.concise(value, std)} {unit})")
     show_dwells(fit)
-    for text in recordings[0].rig.assumptions if recordings else ():
-        say(f"assumed: {text}")
 
 
 def show_export(calibration: exports.Calibration) -> None:

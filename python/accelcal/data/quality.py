@@ -436,7 +436,7 @@ def _clipped(name: str, t: Array, clipped: NDArray[np.bool_], reason: str) -> Fi
         f"{name}: {count} samples are {reason} (first at t = {instant(first)} s): the sensor was probably saturated. "
         "Every fit, diagnosis and comparison leaves out those at the declared range; without one, all are kept"
     )
-    return Finding("clipping", name, count, first, text, "warning")
+    return Finding("saturated", name, count, first, text, "warning")
 
 
 def _travel(t: Array, y: Array) -> list[Finding]:

@@ -193,9 +193,9 @@ class PositionStep:
     @property
     def sentence(self) -> str:
         """For people."""
+        size, time = units.in_usual_unit(self.size, "m", sign="+"), units.instant(self.time)
         return (
-            f"position: the reading jumps by {self.size * 1e6:+.3g} um at t = {units.instant(self.time)} s and stays: "
-            "missed counts, or the encoder was zeroed"
+            f"position: the reading jumps by {size} at t = {time} s and stays: missed counts, or the encoder was zeroed"
         )
 
 

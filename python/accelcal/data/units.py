@@ -384,7 +384,7 @@ def conversion(unit: str, kind: str | None = None) -> Conversion:
     parsed = _parsed(text)
     if parsed is None:
         close = difflib.get_close_matches(text[:LONGEST], _known_names(), n=1, cutoff=0.5)
-        hint = f' (nearest known: "{close[0]}")' if close else ""
+        hint = f' (nearest known: "{close[0]}")' if close else "; expected one such as m/s^2, g, mm, V or degC"
         raise UnitError(f'unknown unit "{unit[:LONGEST]}"{hint}')
     if kind is None:
         kind = _kind_of(parsed)
@@ -425,6 +425,33 @@ def is_unit(text: str) -> bool:
     except UnitError:
         return False
     return True
+
+
+def base_dimension(name: str) -> dict[str, float]:
+    """Exponents of base units of the name of a unit, without angles; empty for a pure number.
+
+    Raises
+    ------
+    UnitError
+        If there is no such unit.
+
+    Examples
+    --------
+    >>> base_dimension("m"), base_dimension("g"), base_dimension("deg")
+    ({'m': 1.0}, {'m': 1.0, 's': -2.0}, {})
+    """
+    if name in _BASES.values():
+        return {name: 1.0}
+    parsed = _parsed(name)
+    if parsed is None:
+        raise UnitError(f"unknown unit {name!r}")
+    return {
+        _BASES.get(base, base): float(exponent) for base, exponent in parsed.dimensionality.items() if base != "[angle]"
+    }
+
+
+_BASES = {"[length]": "m", "[time]": "s", "[temperature]": "K"}
+"""Base units by their dimension."""
 
 
 def normalise(unit: str) -> str:
@@ -520,8 +547,8 @@ MICRO_G = 1e-6 * 9.80665
 
 _USUAL = {
     "m/s²": ("mg", 1e3 * MICRO_G),
-    "(m/s²)⁻¹": ("ug/g²", 1.0 / (1e6 * 9.80665)),
-    "(m/s²)⁻²": ("ug/g³", 1.0 / (1e6 * 9.80665**2)),
+    "(m/s²)⁻¹": ("µg/g²", 1.0 / (1e6 * 9.80665)),
+    "(m/s²)⁻²": ("µg/g³", 1.0 / (1e6 * 9.80665**2)),
     "rad": ("deg", math.pi / 180.0),
 }
 """Unit of a coefficient -> the unit that test engineers use for it, and how much SI one of it is."""
@@ -530,18 +557,30 @@ _USUAL = {
 def usual_unit(unit: str, *values: float) -> tuple[str, float]:
     """Name of the unit that test engineers use for values in an SI unit, and its size in SI.
 
-    Lengths and times take the prefix in which the largest of the values is at least 1.
+    Lengths, speeds and times take the prefix in which the largest of the values is at least 1.
 
     Examples
     --------
     >>> usual_unit("m/s²", 0.05)[0], usual_unit("m", 2.7e-9, 1.7e-9)[0], usual_unit("s", 29.9)[0]
     ('mg', 'nm', 's')
     """
-    if unit not in ("m", "s"):
+    if unit not in ("m", "m/s", "s"):
         return _USUAL.get(unit, (unit, 1.0))
     largest = max(map(abs, values), default=0.0)
-    sizes = ((unit, 1.0), (f"m{unit}", 1e-3), (f"u{unit}", 1e-6), (f"n{unit}", 1e-9))
+    sizes = ((unit, 1.0), (f"m{unit}", 1e-3), (f"µ{unit}", 1e-6), (f"n{unit}", 1e-9))
     return next((size for size in sizes if largest >= size[1]), sizes[0] if largest == 0.0 else sizes[-1])
+
+
+def in_usual_unit(value: float, unit: str, digits: int = 3, sign: str = "") -> str:
+    """A time, a length or an angle for a sentence, with a prefix; everything else in its own unit.
+
+    Examples
+    --------
+    >>> in_usual_unit(0.0051, "s"), in_usual_unit(2e-6, "m", sign="+"), in_usual_unit(0.02, "1")
+    ('5.1 ms', '+2 µm', '0.02')
+    """
+    name, size = usual_unit(unit, value) if unit in ("s", "m", "rad") else (unit, 1.0)
+    return f"{value / size:{sign}.{digits}g} {name}".removesuffix(" 1").rstrip()
 
 
 __dir__ = listing(globals())

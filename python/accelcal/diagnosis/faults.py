@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from accelcal import _core
 from accelcal._support.values import listing
-from accelcal.data import Array, Channel, Flags, PositionStep, Recording, instant
+from accelcal.data import Array, Channel, Flags, PositionStep, Recording, in_usual_unit, instant
 from accelcal.data.orientation import HOLE
 from accelcal.diagnosis.left_out import cut_without, left_out_remarks, without, without_wrong_readings
 from accelcal.diagnosis.policy import (
@@ -326,7 +326,7 @@ def glitches(recording: Recording, run: PreparedRun) -> list[Fault]:
     for a, b in zip(begins, ends, strict=True):
         jumps = z[a : b + 1] - np.interp(t[a : b + 1], run.t, run.z)
         size = float(jumps[np.argmax(np.abs(jumps))])
-        text = f"position: {b - a + 1} readings jump by {size:.3g} m at t = {instant(t[a])} s and return"
+        text = f"position: {b - a + 1} readings jump by {in_usual_unit(size, 'm')} at t = {instant(t[a])} s and return"
         instants.append(Fault("glitch", "position", float(t[a]), size, text))
     return instants
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import special
 
-from accelcal.data import usual_unit
+from accelcal.data import in_usual_unit
 from accelcal.diagnosis.noise.noise_test import NoiseTest
 from accelcal.diagnosis.search.homogeneity import PartSizes
 from accelcal.diagnosis.search.scan import Candidate
@@ -147,7 +147,7 @@ class Finding:
         """Size, evidence and rivals, in parentheses; empty where there are none."""
         evidence = [] if self.sigma is None else [f"{self.sigma:.0f} sigma"]
         units = {name: shape.unit for name, shape in find(self.effect).shapes.items()}
-        waves = [f"{name} {with_usual_unit(value, units[name], 4)}" for name, value in self.wave.items()]
+        waves = [f"{name} {in_usual_unit(value, units[name], 4)}" for name, value in self.wave.items()]
         parts = [", ".join([*([self.size] if self.size else []), *waves, *evidence])]
         parts += [self.group.parts.text] if self.group.parts.text else []
         parts += [f"confounded with {', '.join(self.rivals)}"] if self.rivals else []
@@ -160,24 +160,12 @@ class Finding:
         several; empty where there is none."""
         if self.wave and len(self.estimate) > 1:
             pairs = zip(self.estimate[::2], self.estimate[1::2], strict=False)
-            return " + ".join(with_usual_unit(math.hypot(*pair), self.unit) for pair in pairs)
+            return " + ".join(in_usual_unit(math.hypot(*pair), self.unit) for pair in pairs)
         if len(self.estimate) == 1 and math.isfinite(self.estimate[0]) and self.estimate[0] != 0.0:
-            return with_usual_unit(self.estimate[0], self.unit)
+            return in_usual_unit(self.estimate[0], self.unit)
         if self.largest is None:
             return ""
-        return f"at most {with_usual_unit(self.largest.value, 'm' if self.largest.at_encoder else 'm/s²')}"
-
-
-def with_usual_unit(value: float, unit: str, digits: int = 3) -> str:
-    """A value for a sentence: times and lengths with a prefix, everything else in its own unit.
-
-    Examples
-    --------
-    >>> with_usual_unit(0.0051, "s"), with_usual_unit(2e-6, "m"), with_usual_unit(0.02, "1")
-    ('5.1 ms', '2 um', '0.02')
-    """
-    name, size = usual_unit(unit, value) if unit in ("s", "m", "rad") else (unit, 1.0)
-    return f"{value / size:.{digits}g} {name}".removesuffix(" 1").rstrip()
+        return f"at most {in_usual_unit(self.largest.value, 'm' if self.largest.at_encoder else 'm/s²')}"
 
 
 def in_model(fit: Fit, group: Confounded, sizes: Mapping[str, Size]) -> Finding:

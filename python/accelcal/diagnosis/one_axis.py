@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, special
 
-from accelcal.data import Array, Flags, Recording, RecordingError, require_few_holes, usual_step
+from accelcal.data import Array, Flags, Recording, RecordingError, in_usual_unit, require_few_holes, usual_step
 from accelcal.diagnosis.faults import BANDS_PER_DECADE, RelationColumns, unexplained
 from accelcal.diagnosis.policy import (
     COHERENCE_ALPHA,
@@ -49,8 +49,8 @@ def require_motion_above_noise(runs: Sequence[PreparedRun]) -> None:
     require_motion(run)
     raise NotIdentifiable(
         f"{run.recording.name or 'recording'}: at rest throughout: position departs from a steady drift by "
-        f"{1e6 * departure(run):.3g} um rms, its own noise, and the output explains none of it; acceleration was not "
-        "excited, so scale_factor and time_offset cannot be estimated. Record a run in which the stage moves"
+        f"{in_usual_unit(departure(run), 'm')} rms, its own noise, and the output explains none of it; acceleration "
+        "was not excited, so scale_factor and time_offset cannot be estimated. Record a run in which the stage moves"
     )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
+from accelcal._support.arguments import checked
 from accelcal._support.result import Result
 from accelcal._support.values import face, immutable
 from accelcal.diagnosis.checks import CHECKS, FOLLOW_TIME, beside_tilt
@@ -105,6 +106,7 @@ class Diagnosis(Result):
     def __repr__(self) -> str:
         return f"Diagnosis({self.verdict}: {self.sentence})"
 
+    @checked
     def plot(
         self, figure: Literal["ranking", "added_variable"] = "ranking", *, theme: Literal["light", "dark"] = "light"
     ) -> Figure:
@@ -119,6 +121,8 @@ class Diagnosis(Result):
         ------
         MissingExtra
             If matplotlib is not installed.
+        ValueError
+            If there is no such figure.
         """
         drawn: Figure = getattr(face("plots"), figure)(self, theme=theme)
         return drawn

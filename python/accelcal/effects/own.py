@@ -23,7 +23,7 @@ from accelcal._support.arguments import checked
 from accelcal._support.errors import OBEYED, AccelcalError
 from accelcal._support.stopping import Stopped
 from accelcal.data import Array, Rig, normalise
-from accelcal.data.units import is_unit
+from accelcal.data.units import base_dimension, conversion, is_unit
 from accelcal.effects import registry
 from accelcal.effects.guard import EffectsFileError, Guarded, line_of, place_of, text_of
 from accelcal.effects.registry import CATALOGUE, Effect
@@ -258,7 +258,7 @@ def from_expression(
     name: str,
     text: str,
     *,
-    unit: str = "1",
+    unit: str = "",
     port: FormulaPort = "output",
     owner: FormulaOwner = "sensor",
     channels: tuple[str, ...] = (),
@@ -270,7 +270,7 @@ def from_expression(
     name : its identifier: small letters, digits, underscores.
     text : such as ``"v * abs(v)"``: numbers, ``+ - * / **``, brackets, `FUNCTIONS`, `MOTION` and side channels. Nothing
         else is read, and nothing is executed.
-    unit : unit of the coefficient.
+    unit : unit of the coefficient; by default the one that the formula leaves, "1" where a variable has no known unit.
     port : whether it adds to the output (m/s²) or to the encoder's position (m).
     owner : the part of the set-up that carries it.
     channels : names of the side channels that the expression may use.
@@ -282,12 +282,21 @@ def from_expression(
     Raises
     ------
     ExpressionError
-        If the name is taken or unfit, the expression holds anything else, or it is not finite on an ordinary motion.
+        If the name is taken or unfit, the expression holds anything else, it is not finite on an ordinary motion, or
+        unit times formula is no m/s², at the encoder no m.
+
+    Notes
+    -----
+    A number may carry a unit, in SI: in ``tanh(v/0.01)`` 0.01 is a speed. So a function takes any unit and has none
+    (but abs, sqrt), a sum with a number, or with a part that has one as factor, has the unit of its other part, and
+    a formula with a number as factor, or with a sum of different units, is not checked.
 
     Examples
     --------
     >>> from_expression("air_drag", "v*abs(v)", unit="1/m").expression
     'v * abs(v)'
+    >>> from_expression("fifth_power", "a**5").effect.unit
+    's^8/m^4'
     """
     effect, understood = _made(name, text, unit, port, owner, channels)
     _try_out(effect, understood)
@@ -313,11 +322,14 @@ def _made(
         raise ExpressionError(f"name {name!r}: expected small letters, digits and underscores, such as air_drag")
     if name in RESERVED:
         raise ExpressionError(f"name {name!r}: it has a meaning in expressions and their files; choose another name")
-    if not _UNIT.fullmatch(unit):
+    if unit and not _UNIT.fullmatch(unit):
         raise ExpressionError(f"unit {unit!r}: expected a short unit such as 1/m")
     unknown = [word for word in re.findall(r"[A-Za-z]+", normalise(unit)) if not is_unit(word)]
     if unknown:
         raise ExpressionError(f"unit {unit!r}: {unknown[0]} is no known unit; expected one such as 1/m or (m/s^2)^-3")
+    others = [word for word in re.findall(r"[A-Za-z]+", normalise(unit)) if conversion(word).factor != 1.0]
+    if others:
+        raise ExpressionError(f"unit {unit!r}: variables are in SI, and {others[0]} is not; expected one such as m/s^2")
     if port not in get_args(FormulaPort) or owner not in get_args(FormulaOwner):
         raise ExpressionError(f"an own effect adds to output or position and belongs to a part; found {port}, {owner}")
     usable = tuple(dict.fromkeys(c for c in channels if is_usable(c)))
@@ -325,6 +337,7 @@ def _made(
     understood = ast.unparse(tree)
     _require_finite_constants(tree)
     needs = tuple(c for c in usable if c in _names(tree))
+    unit = _unit_left(understood, tree, port, unit)
 
     def function(s: Signals) -> Array:
         channels_read = {channel: s.side[channel] for channel in needs} | {
@@ -357,6 +370,143 @@ def _made(
         digest=hashlib.sha256(file.encode()).hexdigest(),
     )
     return effect, understood
+
+
+UNITS_OF: Mapping[str, str] = MappingProxyType(
+    {
+        **{"a": "m/s^2", "v": "m/s", "p": "m", "jerk": "m/s^3", "t": "s"},
+        **{"temperature": "K", "a_y": "m/s^2", "a_z": "m/s^2"},
+    }
+)
+"""Units of variables; a side channel of another name has any."""
+Dimension = Mapping[str, float]
+"""Exponents of base units, none of them zero."""
+
+
+def _unit_left(understood: str, tree: ast.expr, port: FormulaPort, unit: str) -> str:
+    """Unit of the coefficient of a formula, the given one where that is right.
+
+    Raises
+    ------
+    ExpressionError
+        If unit times formula has another dimension than what it adds to.
+    """
+    variables = {name: _dimension_of_unit(text) or {} for name, text in UNITS_OF.items()}
+    formula = _dimension(tree, variables)
+    total = "m/s^2" if port == "output" else "m"
+    if formula is None:
+        return unit or "1"
+    left = _product(_dimension_of_unit(total) or {}, formula, -1.0)
+    stated = _dimension_of_unit(unit) if unit and not _scaled(tree) else left
+    if stated is not None and stated != left:
+        raise ExpressionError(
+            f"unit {unit!r}: {understood} is in {_text_of(formula)} and adds to {total}, so that its coefficient is in "
+            f"{_text_of(left)}; write that, or leave the unit out"
+        )
+    return unit or _text_of(left)
+
+
+def _dimension(node: ast.expr, variables: Mapping[str, Dimension]) -> Dimension | None:
+    """Exponents of base units of a checked tree, numbers pure; None where a variable, or a sum of units, leaves them
+    open."""
+    match node:
+        case ast.Name(id=name):
+            return variables.get(name)
+        case ast.UnaryOp(operand=operand):
+            return _dimension(operand, variables)
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            power, base = _number(right) or 0.0, _dimension(left, variables)
+            return None if base is None else _product({}, base, power)
+        case ast.BinOp(left=left, op=ast.Add() | ast.Sub(), right=right):
+            if _scaled(left) != _scaled(right):  # a number carries the unit that the other part has
+                return _dimension(right if _scaled(left) else left, variables)
+            first, second = _dimension(left, variables), _dimension(right, variables)
+            return first if first == second else None
+        case ast.BinOp(left=left, op=op, right=right):
+            first, second = _dimension(left, variables), _dimension(right, variables)
+            sign = 1.0 if isinstance(op, ast.Mult) else -1.0
+            return None if first is None or second is None else _product(first, second, sign)
+        case ast.Call(func=ast.Name(id="abs"), args=[argument]):
+            return _dimension(argument, variables)
+        case ast.Call(func=ast.Name(id="sqrt"), args=[argument]):
+            inside = _dimension(argument, variables)
+            return None if inside is None else _product({}, inside, 0.5)
+    return {}
+
+
+def _scaled(node: ast.expr) -> bool:
+    """Whether a number is a factor in a checked tree, which may carry any unit: a width, a slope."""
+    match node:
+        case ast.Constant():
+            return True
+        case ast.UnaryOp(operand=operand) | ast.BinOp(left=operand, op=ast.Pow()):
+            return _scaled(operand)
+        case ast.BinOp(left=left, op=ast.Mult() | ast.Div(), right=right):
+            return _scaled(left) or _scaled(right)
+        case ast.BinOp(left=left, right=right):
+            return _scaled(left) and _scaled(right)
+        case ast.Call(func=ast.Name(id="abs" | "sqrt"), args=[argument]):
+            return _scaled(argument)
+    return False
+
+
+def _product(first: Dimension, second: Dimension, power: float) -> Dimension:
+    """Exponents of a product, the second factor raised to a power."""
+    exponents = {base: first.get(base, 0.0) + power * second.get(base, 0.0) for base in (*first, *second)}
+    return {base: exponent for base, exponent in sorted(exponents.items()) if abs(exponent) > 1e-9}
+
+
+def _dimension_of_unit(unit: str) -> Dimension | None:
+    """Exponents of the base units of a unit; None where it is no product of powers."""
+    text = re.sub(r"(?<=[\w)])\s+(?=[A-Za-z(])", "*", normalise(unit)).replace("^", "**")
+    try:
+        tree = ast.parse(text, mode="eval").body
+        return _dimension(tree, {name: base_dimension(name) for name in _names(tree)})
+    except (SyntaxError, ValueError, MemoryError, RecursionError):
+        return None
+
+
+def _text_of(dimension: Dimension) -> str:
+    """A unit in base units, as people write it."""
+    above, below = (
+        " ".join(f"{base}^{size:g}" if size != 1.0 else base for base, size in part)
+        for part in (
+            [(base, size) for base, size in dimension.items() if size > 0.0],
+            [(base, -size) for base, size in dimension.items() if size < 0.0],
+        )
+    )
+    return f"{above or '1'}/{f'({below})' if ' ' in below else below}" if below else above or "1"
+
+
+_WRITTEN = re.compile(
+    r'.*\n@effect\("(?P<name>\w+)", unit="(?P<unit>[^"\n]+)", port="(?P<port>\w+)", owner="(?P<owner>\w+)", '
+    r"[^\n]*needs=\((?P<needs>[^)\n]*)\)\)\n[^\n]*\n    \"\"\"Own effect: (?P<text>[^\n]*)\.\"\"\"\n[^\n]*\n",
+    re.DOTALL,
+)
+
+
+def from_written(name: str, source: str) -> Own | None:
+    """Enter an effect of a file that `from_expression` wrote, by its formula: the file is compared and never run.
+
+    Returns
+    -------
+    The effect; None where the file is of another maker, or was changed.
+
+    Raises
+    ------
+    ExpressionError
+        If its name is taken.
+    """
+    written = _WRITTEN.fullmatch(source)
+    if written is None or written["name"] != name:
+        return None
+    channels = tuple(re.findall(r"'(\w+)'", written["needs"]))
+    try:
+        effect, understood = _made(name, written["text"], written["unit"], written["port"], written["owner"], channels)  # type: ignore[arg-type]
+        _try_out(effect, understood)
+    except ExpressionError:
+        return None
+    return _entered(effect, understood) if effect.text == source else None
 
 
 def _entered(effect: Effect, understood: str) -> Own:
@@ -415,7 +565,8 @@ def _check(node: ast.expr, names: tuple[str, ...], depth: int) -> None:
         case ast.Name(id=name):
             functions = ", ".join(FUNCTIONS)
             raise ExpressionError(
-                f"there is no variable {name!r} here; there are {', '.join(names)}, and the functions {functions}"
+                f"there is no variable {name!r} here; there are {', '.join(names)}, and the functions {functions}. "
+                f'Name a side channel: channels=("{name[:40]}",)'
             )
         case ast.UnaryOp(op=op, operand=operand) if type(op) in _UNARY:
             return _check(operand, names, depth + 1)

@@ -214,8 +214,8 @@ KINDS: dict[str, Kind] = {
     "outliers_rejected": Kind("beside", "{recording}: {count} of {of} readings of {channel} were rejected as outliers"),
     "imposed_band": Kind(
         "beside",
-        "{recording}: the noise is not white up to the crossover; the encoder is trusted up to {band:.3g} Hz only, "
-        "where the estimate is surest",
+        "{recording}: the noise is not white up to the crossover; the encoder is trusted up to {band:.3g} Hz, "
+        "where it has the most information",
     ),
     "measured_spectrum": Kind(
         "beside", "{recording}: what the model leaves is not white; readings are weighted by its measured spectrum"

@@ -329,7 +329,7 @@ def _wrong_column(table: Table, channel: str, column: str, sidecar: Path) -> str
     hint = f'did you mean "{close[0]}"? ' if close else ""
     return (
         f'{table.path}: there is no column "{column}", which {sidecar.name} names for {channel}; '
-        f"{hint}columns are: {_listed(table.columns)}"
+        f"{hint}columns are: {_listed(table.columns)}; write the name of one of them"
     )
 
 

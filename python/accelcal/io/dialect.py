@@ -153,7 +153,7 @@ def recognise(
     if first is None:
         raise RecordingError(
             f"{path}: no row of numbers among the first {len(lines)} lines; expected a header line, then one row per "
-            "sample with comma, semicolon or tab between the cells."
+            "sample with comma, semicolon or tab between the cells. Open it in an editor, and export it as such text."
         )
     top = [decoded(lines[k]) for k in content[: first + _MOST_HEADER]]
     below = None if first else _header_below_cut(top, delimiter, decimal, width)

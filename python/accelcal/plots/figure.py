@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, wraps
 from inspect import Signature, signature
 from types import MappingProxyType
@@ -328,6 +328,10 @@ class Figure:
         """Height of each row of panels, px."""
         heights = [panel.height for panel in self.panels]
         return [max(heights[i : i + self.columns]) for i in range(0, len(heights), self.columns)]
+
+    def scaled(self, share: float) -> Figure:
+        """The figure with panels of a share of their height."""
+        return replace(self, panels=tuple(replace(panel, height=share * panel.height) for panel in self.panels))
 
     @property
     def small_print(self) -> str:

@@ -9,7 +9,7 @@ import base64
 import html
 import math
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -386,6 +386,24 @@ class Page:
             "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": look.grid, "activecolor": look.ink},
         }
         return layout | ({"uirevision": figure.key} if figure.key else {})
+
+
+def least_width(figure: Figure, drawn: Mapping[str, Any]) -> int:
+    """Width at which the titles of panels and axes stand beside each other, and each name in the legend, pixels.
+
+    Parameters
+    ----------
+    figure, drawn : what was drawn, and `as_dict` of it.
+    """
+    margin, columns = drawn["layout"]["margin"], min(figure.columns, len(figure.panels))
+    titles = [len(text) for panel in figure.panels for text in (panel.title, panel.x.label)]
+    names = [len(str(part.get("name") or "")) + KEY for part in (*drawn["data"], *drawn["layout"]["shapes"])]
+    inside = max(columns * max(titles, default=0), max(names, default=0))
+    return int(margin["l"] + margin["r"] + LETTER * inside)
+
+
+KEY = 7
+"""Letters that a symbol takes in the legend."""
 
 
 def packed(values: NDArray[np.floating[Any]]) -> dict[str, str] | list[float | None]:

@@ -186,17 +186,31 @@ def _both(name: str, section: str, caption: str, figure: Callable[[], Figure]) -
     return Entry(name, section, caption, figure, figure)
 
 
+def low(figure: Callable[[], Figure]) -> Figure:
+    """A figure of a printed first page, which it shares with all else."""
+    return figure().scaled(LOW)
+
+
+LOW = 0.55
+"""Height of the panels of such a figure, over that on a screen."""
+
+
 def entries(c: Content) -> Iterator[Entry]:
     """Every figure that the content allows, in the order of the page."""
     model = [("this calibration", c.judged)]
     caption = f"{c.judged.recording or 'Recording'}, {use_of(c)}. Residual: measured − simulated."
-    yield Entry("overlay", "first", caption, partial(timeline.overlay, model), partial(timeline.closely, model))
+    yield Entry(
+        "overlay", "first", caption, partial(timeline.overlay, model), partial(low, partial(timeline.closely, model))
+    )
+    drawn: Callable[[], Figure] | None = None
     if c.nested is not None and len(c.nested) > 1:
         said = "Both without what the model before takes up; a right effect lies on a line of slope 1."
-        yield _both("evidence", "first", said, partial(diagnosis.added_variables, c.nested))
+        drawn = partial(diagnosis.added_variables, c.nested)
     elif c.diagnosis.verdict in ("named", "tied"):
         said = "Both without what the model takes up; a right effect lies on a line."
-        yield _both("evidence", "first", said, partial(diagnosis.added_variable, c.diagnosis))
+        drawn = partial(diagnosis.added_variable, c.diagnosis)
+    if drawn is not None:
+        yield Entry("evidence", "first", said, drawn, partial(low, drawn))
     said = (
         "Ordered by evidence, free coefficients penalised. Filled: significant; bracketed: confounded on this record."
     )

@@ -19,8 +19,23 @@
     const data = dark ? figure.data.map((trace, i) => merge(trace, figure.dark.data[i])) : figure.data;
     const layout = structuredClone(dark ? figure.dark.layout : figure.layout);
     div.dataset.drawn = root.dataset.theme;
-    return Plotly.react(div, data, layout, config);
+    return Plotly.react(div, data, layout, config).then(() => makeRoom(div, layout));
   };
+  // A narrow window breaks the legend into lines, which need room above the panels.
+  const LINE = 26;
+  const makeRoom = (div, { margin, height }) => {
+    const lines = (div.querySelector(".legend")?.getBBox().height ?? LINE) - LINE;
+    const more = Math.max(0, Math.ceil(lines));
+    if (div.layout.margin.t === margin.t + more) return div;
+    return Plotly.relayout(div, { "margin.t": margin.t + more, height: height + more });
+  };
+  let waiting;
+  window.addEventListener("resize", () => {
+    clearTimeout(waiting);
+    waiting = setTimeout(() => {
+      for (const div of plots) if (div.layout) makeRoom(div, figures.get(div).layout);
+    }, 300);
+  });
   const later = window.requestIdleCallback ?? ((work) => setTimeout(work, 1));
   const drawRest = () => {
     const next = plots.find((div) => div.dataset.drawn !== root.dataset.theme);

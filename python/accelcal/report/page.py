@@ -21,7 +21,7 @@ from accelcal.estimation.estimate import Fit
 from accelcal.io import atomic_write
 from accelcal.model import Estimate
 from accelcal.plots import matplotlib, plotly
-from accelcal.plots.figure import THEMES
+from accelcal.plots.figure import THEMES, Figure
 from accelcal.plots.model import agreement
 from accelcal.report.content import Content, Entry, entries
 from accelcal.report.view import view
@@ -51,10 +51,7 @@ def html(content: Content) -> str:
     MissingExtra
         If plotly, which holds plotly.js, or jinja2 is not installed.
     """
-    shown = [
-        {"name": e.name, "section": e.section, "caption": e.caption, "json": script_json(both_themes(e))}
-        for e in entries(content)
-    ]
+    shown = [interactive(entry) for entry in entries(content)]
     return render(content, shown, optional("plotly.offline", "the report needs", "report").get_plotlyjs())
 
 
@@ -105,10 +102,20 @@ def text_of(name: str, package: str = "accelcal.report") -> str:
     return resources.files(package).joinpath(name).read_text(encoding="utf-8")
 
 
-def both_themes(entry: Entry) -> dict[str, Any]:
-    """A figure in the light theme, and its differences in the dark one."""
+def interactive(entry: Entry) -> dict[str, Any]:
+    """A figure for the page with script, which breaks its sentence and small print to the width of the window."""
     figure = entry.figure()
-    day, night = (plotly.as_dict(figure, theme) for theme in ("light", "dark"))
+    drawn = both_themes(figure)
+    return {
+        **{"name": entry.name, "section": entry.section, "caption": entry.caption},
+        **{"headline": figure.headline, "small": figure.small_print, "width": plotly.least_width(figure, drawn)},
+        "json": script_json(drawn),
+    }
+
+
+def both_themes(figure: Figure) -> dict[str, Any]:
+    """A figure in the light theme, and its differences in the dark one."""
+    day, night = (plotly.as_dict(figure, theme, headline=False) for theme in ("light", "dark"))
     skins = [{key: value for key, value in trace.items() if key not in DRAWN} for trace in night["data"]]
     return {"data": day["data"], "layout": day["layout"], "dark": {"data": skins, "layout": night["layout"]}}
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from accelcal._core import __version__
 from accelcal.calibration.characteristic import COVERAGE_FACTOR, expanded_uncertainty, standard_uncertainty
-from accelcal.data import STANDARD_GRAVITY, UNITS, Recording, Rig, instant
+from accelcal.data import STANDARD_GRAVITY, Recording, Rig, instant
 from accelcal.diagnosis.findings import Size
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.effects import BUILT_IN, find, spelled
@@ -28,10 +28,10 @@ from accelcal.plots.response import (
     response_sentences,
 )
 from accelcal.report.content import Content
-from accelcal.results.comparisons import fall, quoted
+from accelcal.results.comparisons import fall, outside_note, quoted
 from accelcal.results.diagnoses import VERDICTS, contribution
-from accelcal.results.table import Column, Row, Table, as_view
-from accelcal.results.tables import parameter_rows
+from accelcal.results.table import Column, Row, Table, as_sentence, as_view
+from accelcal.results.tables import CHANNEL_UNITS, parameter_rows, used_acceleration
 from accelcal.results.words import (
     about,
     amount,
@@ -39,6 +39,7 @@ from accelcal.results.words import (
     error_size,
     grouped,
     label,
+    largest_residual,
     length,
     number,
     plain,
@@ -105,7 +106,7 @@ def with_budget(content: Content, row: Row) -> Row:
         "value": e.value,
         "expanded": expanded,
         "shown": f"{plain(e.unit, e.value, 0.0)} (held)" if row["held"] else plain(e.unit, e.value, expanded),
-        "at_full_scale": at_full_scale(e.name, e.unit, e.value, expanded, full_scale),
+        "at_full_scale": at_full_scale(e.name, e.unit, e.value, expanded, full_scale, used_acceleration(content.fit)),
         "si": amount(e.value, std, e.unit),
     }
 
@@ -279,7 +280,8 @@ METHOD = (
 
 def view(content: Content) -> dict[str, Any]:
     """Everything that is printed, by section; every number is one of `content`."""
-    d = content.diagnosis
+    d, shown = content.diagnosis, parameters(content)
+    fitted = [as_sentence(note.sentence) for note in content.fit.remarks]
     return {
         "title": f"Accelerometer report: {content.recording.name or 'recording'}",
         "verdict": d.verdict,
@@ -297,19 +299,20 @@ def view(content: Content) -> dict[str, Any]:
         "apart": apart(content),
         "falling": falling(content),
         "where": [
-            f"{s[:1].upper()}{s[1:]}."
-            for s in (content.diagnosis.where.worst, *content.judged.not_carried, *content.judged.remarks)
+            largest_residual(content.diagnosis.where.worst),
+            *map(as_sentence, content.judged.not_carried),
+            *outside_note(content.judged),
         ],
         "regions": as_view(content.diagnosis.where.table("regions")),
         "response": response(content),
-        "parameters": as_view(parameters(content)),
+        "parameters": as_view(shown),
         "electrical": volts(content),
         "budget": budget(content),
         "data": data(content),
         "method": list(METHOD),
         "example": example(content),
         "provenance": provenance(content),
-        "remarks": [*(note.sentence for note in content.fit.remarks), *content.remarks],
+        "remarks": [*(note for note in fitted if note not in shown.notes), *content.remarks],
     }
 
 
@@ -323,11 +326,10 @@ def summary(content: Content) -> list[str]:
     if content.nested is not None:
         steps = list(content.nested)[: len(content.nested) - content.lacking]
     lines.append(fall(steps, f" on {kind}", content.fit.rig.sensor.range))
-    lines += [f"{score.sentence[:1].upper()}{score.sentence[1:]}." for score in evaluation.noise_scores]
-    lines.append(
-        f"One-step prediction error: {length(evaluation.one_step_rms)} rms. "
-        f"{evaluation.worst[:1].upper()}{evaluation.worst[1:]}."
-    )
+    lines += [as_sentence(score.sentence) for score in evaluation.noise_scores]
+    lines.append(f"One-step prediction error: {length(evaluation.one_step_rms)} rms.")
+    if content.diagnosis.verdict != "adequate":  # the region of the largest residual says what a model lacks
+        lines.append(largest_residual(evaluation.worst))
     return lines
 
 
@@ -412,7 +414,7 @@ def apart(content: Content) -> list[dict[str, str]]:
         {
             "members": ", ".join(map(spelled, t.members)),
             "where": where,
-            "experiment": f"{t.experiment[:1].upper()}{t.experiment[1:]}.",
+            "experiment": as_sentence(t.experiment),
         }
         for t, where in ties
     ]
@@ -569,7 +571,7 @@ def of_reference(noise: NoiseReport) -> str:
     """Noise of one reading of the reference."""
     if noise.reference == "position":
         return f"encoder {length(noise.all.reading)} rms"
-    return f"{noise.reference} {number(1e6 * noise.all.reading)} µ{UNITS[noise.reference]} rms"
+    return f"{noise.reference.replace('_', ' ')} {plain(CHANNEL_UNITS[noise.reference], noise.all.reading, 0.0)} rms"
 
 
 def noise(content: Content, index: int) -> str:

@@ -8,23 +8,25 @@ from functools import partial
 from typing import Any
 
 from accelcal._support.values import listing
-from accelcal.data import MICRO_G, instant
+from accelcal.data import MICRO_G, POSITION_ORDER, instant
 from accelcal.diagnosis.select.improvement import Improvement
 from accelcal.results.diagnoses import VERDICTS
 from accelcal.results.table import Column, Row, Table, as_sentence, require, table
 from accelcal.results.words import (
-    decimal,
     error_size,
+    grouped,
     in_g,
+    largest_residual,
     length,
     number,
     percent,
+    plain,
     prefixed,
     probability,
     typeset,
     with_unit,
 )
-from accelcal.validation.comparison import ONLY_WHITE, SOURCES, Evaluation, NoiseFloor, Outside, Region, SensorNoise
+from accelcal.validation.comparison import ONLY_WHITE, SOURCES, Evaluation, NoiseFloor, Region, SensorNoise
 from accelcal.validation.differences import Comparison, HeldOutChange, Measure, verdict_of
 from accelcal.validation.noise_floor import Ruler
 
@@ -56,26 +58,59 @@ def _(evaluation: Evaluation, which: str = "") -> Table:
             for h in evaluation.coast_rms
         ),
         alarms=tuple(f"Suspect data: {text}" for text in suspect(evaluation)),
-        notes=(*unresolved_note(evaluation), *floor_notes(evaluation.noise_floor), *comparison_notes(evaluation)),
+        notes=(
+            *unresolved_note(evaluation),
+            *floor_note(evaluation.noise_floor),
+            *comparison_notes(evaluation),
+        ),
+        detail=(*DEFINITIONS, *comparison_details(evaluation)),
         about={"name": evaluation.recording},
     )
 
 
+DEFINITIONS = (
+    "Systematic error: functions of time and motion, errors of the fitted parameters among them; noise that is not "
+    "white counts as one.",
+    as_sentence(ONLY_WHITE),
+)
+"""What the words of a comparison mean."""
+
+
 def comparison_notes(evaluation: Evaluation) -> list[str]:
     """Errors beside the drift, and what must be read with them."""
-    (setup, std), k_steps = evaluation.setup_bias, evaluation.k_step_rms.items()
-    nis = "" if evaluation.nis is None else f", normalised innovation squared {evaluation.nis:.4f} (1 when consistent)"
+    nis = "" if evaluation.nis is None else f" (normalised innovation squared {evaluation.nis:.3f})"
+    fit = "" if evaluation.fit_percent is None else f", fit {percent(evaluation.fit_percent)}"
     return [
-        *([f"Change of set-up or turn-on bias: {decimal(setup, std)} m/s²."] if math.isfinite(std) else []),
-        f"One-step prediction error: {length(evaluation.one_step_rms)} rms{nis}.",
-        f"Errors of k steps, in readings: {', '.join(f'{k}: {length(y)}' for k, y in k_steps if y is not None)}.",
-        f"Accelerometer residual up to {number(evaluation.band)} Hz: {number(evaluation.accel_rms)} m/s² rms"
-        + ("." if evaluation.fit_percent is None else f"; fit {percent(evaluation.fit_percent)}."),
-        f"Largest residual: {evaluation.worst}.",
+        f"One-step error {length(evaluation.one_step_rms)} rms{nis}; accelerometer residual up to "
+        f"{number(evaluation.band)} Hz {error_size(evaluation.accel_rms, 'm/s²')} rms{fit}.",
+        *([] if not own_constant(evaluation) else [setup_note(evaluation)]),
+        largest_residual(evaluation.worst),
         *(as_sentence(score.sentence) for score in evaluation.noise_scores),
         *map(as_sentence, evaluation.not_carried),
-        *(outside_notes(evaluation) or map(as_sentence, evaluation.remarks)),
+        *outside_note(evaluation),
     ]
+
+
+def comparison_details(evaluation: Evaluation) -> list[str]:
+    """Further errors of one model on one recording."""
+    steps = [f"{k}: {length(y)}" for k, y in evaluation.k_step_rms.items() if y is not None]
+    setup = [setup_note(evaluation)] if math.isfinite(evaluation.setup_bias[1]) and not own_constant(evaluation) else []
+    return [*setup, *([f"Errors of k steps, in readings: {', '.join(steps)}."] if steps else [])]
+
+
+def own_constant(evaluation: Evaluation) -> bool:
+    """Whether the constant of this recording differs from that of the fit."""
+    setup, std = evaluation.setup_bias
+    return math.isfinite(std) and abs(setup) > OWN_CONSTANT * std
+
+
+OWN_CONSTANT = 3.0
+"""Standard deviations from which the constant of a recording is its own."""
+
+
+def setup_note(evaluation: Evaluation) -> str:
+    """How much the constant of this recording differs from that of the fit."""
+    return f"Change of set-up or turn-on bias: {plain('m/s²', *evaluation.setup_bias)}."
 
 
 def regions(*several: tuple[str, str, Evaluation]) -> Table:
@@ -136,9 +171,9 @@ def share_text(row: Row) -> str:
     return "–" if row["share"] is None else f"{number(100.0 * max(row['share'], 0.0), 2)} %"
 
 
-def length_column(key: str, head: str) -> Column:
+def length_column(key: str, head: str, *, detail: bool = False) -> Column:
     """Column of lengths, each with the prefix that fits it; an interval where the row has its ends."""
-    return Column(key, head, lambda r: length_text(r, key), "m")
+    return Column(key, head, lambda r: length_text(r, key), "m", detail=detail)
 
 
 def length_text(row: Row, key: str) -> str:
@@ -171,14 +206,9 @@ def floor_of(measure: Measure, evaluation: Evaluation) -> str:
     return f"; noise alone {length(spread.low)} to {length(spread.high)}"
 
 
-def floor_notes(floor: NoiseFloor | None) -> list[str]:
-    """Source of the noise floor, and what it leaves out."""
-    if floor is None:
-        return []
-    return [
-        f"Noise alone: {source_of_noise(floor.sensor)}; 95 % prediction intervals for a record of this length; "
-        f"{ONLY_WHITE}."
-    ]
+def floor_note(floor: NoiseFloor | None) -> list[str]:
+    """Source of the noise floor."""
+    return [] if floor is None else [f"Noise alone: {source_of_noise(floor.sensor)}; 95 % prediction intervals."]
 
 
 def source_of_noise(sensor: SensorNoise) -> str:
@@ -192,32 +222,18 @@ def density(value: float) -> str:
     return f"{number(value / MICRO_G, 3)} µg/√Hz"
 
 
-def outside_notes(evaluation: Evaluation) -> list[str]:
-    """One sentence for each variable that leaves the trained range: how often, and the errors inside and outside."""
-    return [outside_note(part) for part in evaluation.outside if part.count and part.range is not None]
-
-
-def outside_note(part: Outside) -> str:
-    """Readings outside the trained range of one variable, and the errors on both sides."""
-    assert part.range is not None
-    low, high = part.range
-    errors = [f"{'–' if y is None else length(y)} {side}" for y, side in zip(part.one_step, SIDES, strict=True)]
-    drifts = [
-        f"; drift after {h:g} s "
-        + ", ".join(
-            f"{length(y)} {side} ({n})" if n and y is not None else f"none {side}"
-            for y, side, n in zip(part.coast[h], SIDES, counts, strict=True)
-        )
-        for h, counts in part.starts.items()
-        if counts[1]
+def outside_note(evaluation: Evaluation) -> list[str]:
+    """One sentence on how far the motion of a recording leaves the trained range, and the errors inside and outside."""
+    *parts, anywhere = evaluation.outside or (None,)
+    if anywhere is None or not anywhere.count:
+        return []
+    beyond = ", ".join(f"{part.variable} {part.beyond:.2g}×" for part in parts if part is not None and part.count)
+    inside, outside = ("–" if y is None else length(y) for y in anywhere.one_step)
+    return [
+        f"{evaluation.recording or 'The recording'} goes beyond the trained range: {beyond} "
+        f"({grouped(anywhere.count)} of {grouped(anywhere.of)} readings; one-step error {inside} inside, {outside} "
+        "outside)."
     ]
-    return (
-        f"{part.count} of {part.of} readings lie outside the trained range of {part.variable} "
-        f"[{number(low)}, {number(high)}] {part.unit}: one-step error {', '.join(errors)}{''.join(drifts)}."
-    )
-
-
-SIDES = ("inside", "outside")
 
 
 Part = tuple[str, Sequence[Evaluation], Sequence[HeldOutChange | None]]
@@ -285,20 +301,17 @@ def fall(steps: Sequence[Evaluation], where: str = "", full_scale: float | None 
 
 
 def unresolved_note(evaluation: Evaluation) -> list[str]:
-    """What the systematic error leaves out, and what counts as such."""
+    """What the systematic error may leave out."""
     if (systematic := evaluation.systematic) is None:
         return []
-    size, largest = error_size(systematic.unresolved, "m/s²"), ""
-    if evaluation.largest is not None:
-        variable, span = evaluation.largest
-        value, low, high = (error_size(y, "m/s²") for y in (span.value, span.low, span.high))
-        largest = f"Largest mean error in a region: {value}, over {variable} (all regions at once: {low} to {high})."
-        if span.low == 0.0:
-            largest = f"Mean error in no region above {high} (all at once)."
-    return [
-        "Systematic error: functions of time and motion, errors of the fitted parameters among them. What is no such "
-        f"function, as a narrow bump, may reach {size} rms. {largest}".rstrip()
-    ]
+    bound = f"What is no function of time or motion, as a narrow bump, may reach {in_g(systematic.unresolved)} rms."
+    if evaluation.largest is None:
+        return [bound]
+    variable, span = evaluation.largest
+    value, low, high = (in_g(y) for y in (span.value, span.low, span.high))
+    if span.low == 0.0:
+        return [f"{bound} Mean error of no region above {high} (all at once)."]
+    return [f"{bound} Largest mean error of a region: {value}, over {variable} (all at once: {low} to {high})."]
 
 
 def suspect(*several: Evaluation) -> list[str]:
@@ -321,6 +334,7 @@ def error_reduction(
     measure, horizons = Measure.of([e for _, every, _ in parts for e in every]), list(steps[0].coast_rms)
     rows: list[Row] = []
     errors: list[float] = []
+    ranked = measure.band is not None  # models are ranked by the systematic error; other errors stand beside it
     changed = next((change.measure for _, _, changes in parts for change in changes if change is not None), "")
     for recording, every, changes in parts:
         rows += [
@@ -352,11 +366,11 @@ def error_reduction(
         columns=(
             Column("model", "model"),
             *([Column("recording", "recording", lambda r: r["recording"] or "all")] if len(parts) > 1 else []),
-            *([Column("systematic", "systematic error", systematic_text, "m/s²")] if measure.band is not None else []),
-            *(length_column(f"drift_{k:g}s", f"drift, {k:g} s") for k in horizons),
-            length_column("simulation", "simulation"),
+            *([Column("systematic", "systematic error", systematic_text, "m/s²")] if ranked else []),
+            *(length_column(f"drift_{k:g}s", f"drift, {k:g} s", detail=ranked and k > horizons[0]) for k in horizons),
+            length_column("simulation", "simulation", detail=ranked),
             Column("one_step", "one step", lambda r: length_text(r, "one_step") if "one_step" in r else "", "m"),
-            Column("change", f"change of {changed}, %", step_text),
+            Column("change", "change, %" if ranked else f"change of {changed}, %", step_text),
             Column("change_std"),
         ),
         rows=tuple(rows),
@@ -364,12 +378,12 @@ def error_reduction(
         notes=(
             *notes,
             *unresolved_note(steps[-1]),
-            *floor_notes(steps[0].noise_floor),
-            ruler_note(ruler, steps[0].band),
+            *floor_note(steps[0].noise_floor),
             *(as_sentence(score.sentence) for score in steps[-1].noise_scores),
             *dict.fromkeys(as_sentence(text) for evaluation in steps for text in evaluation.not_carried),
-            *outside_notes(steps[-1]),
+            *(note for _, every, _ in (parts if len(parts) == 1 else parts[1:]) for note in outside_note(every[-1])),
         ),
+        detail=(*DEFINITIONS, *ruler_note(ruler, steps[0])),
         bars=tuple(error / longest for error in errors),
         about={"name": steps[0].recording},
     )
@@ -388,13 +402,15 @@ def step_text(row: Row) -> str:
     return "" if row.get("change") is None else typeset(f"{row['change']:+.3g} ± {row['change_std']:.2g}")
 
 
-def ruler_note(ruler: Ruler, band: float) -> str:
+def ruler_note(ruler: Ruler, first: Evaluation) -> list[str]:
     """The filter and the band that all models of a table share."""
-    usual = ruler.noise.usual
-    return (
-        f"One filter for all rows: {density(math.sqrt(2.0 * usual.q))}, {length(math.sqrt(usual.r))}; residuals up to "
-        f"{number(band)} Hz; changes are paired, with their standard error."
-    )
+    usual, reference = ruler.noise.usual, first.reference_noise
+    at_encoder = reference is None or reference.order == POSITION_ORDER
+    reading = f", encoder {length(math.sqrt(usual.r))}" if at_encoder else ""
+    return [
+        f"All models share one filter, for noise of {density(math.sqrt(2.0 * usual.q))}{reading}; residuals up to "
+        f"{number(first.band)} Hz; changes are paired, with their standard error."
+    ]
 
 
 def changes(result: Comparison) -> Table:
@@ -421,7 +437,7 @@ def changes(result: Comparison) -> Table:
             Column("percent", "change, % (95 % interval)", change_text),
             Column("low"),
             Column("high"),
-            Column("stretches", "stretches"),
+            Column("stretches", "stretches", lambda r: str(r.get("stretches") or "")),
         ),
         rows=tuple(
             {"model": model, "recording": name, "verdict": verdict_of(change), **change_values(change)}

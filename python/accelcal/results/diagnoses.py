@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 
 from accelcal._support.values import listing
-from accelcal.data import STANDARD_GRAVITY
 from accelcal.diagnosis.dwells import DwellDiagnosis
-from accelcal.diagnosis.findings import Size
+from accelcal.diagnosis.findings import Confounded, Size
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import CATALOGUE, find, spelled
 from accelcal.results.table import Column, Row, Table, as_sentence, require, table
-from accelcal.results.words import about, amount, length, number, plain, probability, typeset, with_plain
+from accelcal.results.words import about, amount, error_size, in_g, largest_residual, plain, probability, typeset
 
 VERDICTS = {
     "adequate": "no effect is missing",
@@ -38,26 +38,31 @@ def _(result: Diagnosis, which: str = "") -> Table:
         "coefficients": (COEFFICIENT_COLUMNS, coefficient_rows),
     }[which]
     ties = [tie for tie in result.classes if len(tie.members) > 1]
+    shown = rows(result)[:most]
+    inseparable = "; ".join(f"{t.members[0]} with {' and '.join(t.members[1:])}" for t in result.inseparable)
     return Table(
         title=f"Diagnosis: {VERDICTS[result.verdict]}",
         sentence=typeset(result.sentence),
         columns=columns,
-        rows=tuple(rows(result)[:most]),
+        rows=tuple(shown),
         alarms=tuple(f"Suspect data: {text}" for text in result.suspect),
         notes=(
             *map(as_sentence, result.notes),
-            *contribution_notes(result),
-            f"Largest residual: {result.where.worst}.",
+            *contribution_notes(result, {row["effect"] for row in shown} if which == "candidates" else set()),
+            largest_residual(result.where.worst),
             *(as_sentence(rejected.sentence) for rejected in result.dropped),
             *(as_sentence(test.sentence) for test in result.channels),
-            *(f"Confounded on this record: {', '.join(t.members)}. To separate them: {t.experiment}." for t in ties),
-            *(
-                f"Confounded on this rig: {', '.join(t.members)}. To separate them: {t.experiment}."
-                for t in result.inseparable
-            ),
+            *(f"{confounded_on('record', t)}." for t in ties if t.experiment not in result.sentence),
+            *([f"Inseparable on this rig: {inseparable}."] if inseparable else []),
         ),
+        detail=tuple(f"{confounded_on('rig', t)}." for t in result.inseparable),
         about={"verdict": result.verdict, "sentence": result.sentence},
     )
+
+
+def confounded_on(where: str, tie: Confounded) -> str:
+    """Members of a confounding class, and the experiment that separates them."""
+    return f"Confounded on this {where}: {', '.join(tie.members)}. To separate them: {tie.experiment}"
 
 
 def ranked(result: Diagnosis) -> list[Candidate]:
@@ -80,6 +85,7 @@ def candidate_rows(result: Diagnosis) -> list[Row]:
 CANDIDATE_COLUMNS = (
     Column("effect", "candidate", lambda r: spelled(r["effect"])),
     Column("", "estimate", lambda r: r["size"]),
+    Column("", "SI value (u)", lambda r: r["si"], detail=True),
     Column("", "largest contribution", lambda r: r["contribution"]),
     Column("", "significance", lambda r: typeset(f"{r['sigma']:.1f} σ, p {probability(r['p_value'])}")),
     *(Column(key) for key in ("estimate", "std", "unit", "sigma", "p_value", "largest", "largest_unit")),
@@ -101,28 +107,29 @@ def candidate_row(result: Diagnosis, c: Candidate) -> Row:
         "largest_unit": "m" if at_encoder else "m/s²",
         "confounded_with": ", ".join(name for name in c.members if name != c.effect),
         "named": c.effect in result.effects,
-        "size": with_plain(c.estimate[0], c.std[0], c.unit) if single else f"{len(c.estimate)} coefficients",
+        "size": plain(c.unit, c.estimate[0], c.std[0]) if single else f"{len(c.estimate)} coefficients",
+        "si": amount(c.estimate[0], c.std[0], c.unit) if single else "",
         "contribution": contribution(Size(c.largest, at_encoder), result.fit.rig.sensor.range),
     }
 
 
 def contribution(size: Size, full_scale: float | None) -> str:
-    """Largest contribution over the used range: m/s², mg and per cent of full scale, or a length at the encoder."""
-    if size.at_encoder:
-        return length(size.value)
-    share = f", {number(100.0 * size.value / full_scale, 3)} %FS" if full_scale else ""
-    return f"{number(size.value, 3)} m/s², {number(1e3 * size.value / STANDARD_GRAVITY, 3)} mg{share}"
+    """Largest contribution over the used range: in mg, m/s² and per cent of full scale, or a length at the encoder."""
+    return error_size(size.value, "m" if size.at_encoder else "m/s²", full_scale)
 
 
-def contribution_notes(result: Diagnosis) -> list[str]:
-    """One sentence for each named effect: its largest contribution over the used range, and whether that matters."""
+def contribution_notes(result: Diagnosis, listed: Collection[str]) -> list[str]:
+    """One sentence for each named effect, its largest contribution over the used range and whether that matters; none
+    for those that a table has `listed` with it where no tolerance is declared."""
     judged, notes = result.importance, []
     for name in result.effects:
+        if judged is None and name in listed:
+            continue
         size = result.sizes.get(name)
         text = "no contribution of its own" if size is None else contribution(size, result.fit.rig.sensor.range)
         matters = ""
         if judged is not None:
-            limit = f"{number(1e3 * judged.tolerance / STANDARD_GRAVITY, 3)} mg"
+            limit = in_g(judged.tolerance)
             matters = "; not comparable with the tolerance, which applies to the output"
             if name in (*judged.matters, *judged.below):
                 matters = f"; {'matters' if name in judged.matters else 'below tolerance'} (tolerance {limit})"

@@ -18,7 +18,7 @@ from accelcal._support.errors import OBEYED_IN_NAMES, visible
 from accelcal._support.values import face, listing
 from accelcal.effects import CATALOGUE, Effect, side_channel
 from accelcal.effects.guard import LONGEST
-from accelcal.effects.own import probe
+from accelcal.effects.own import ExpressionError, from_written, probe
 from accelcal.effects.processes import side_channel_scale
 from accelcal.estimation.drive import LEAST_SCALE
 from accelcal.estimation.estimate import Fit
@@ -555,6 +555,8 @@ def from_dict(content: Any) -> Fit:
         for name in set(CATALOGUE) - set(catalogue):  # side channels of a file that is refused
             del CATALOGUE[name]
         said = visible(str(error), one_line=True)
+        if isinstance(error, MissingEffectError):
+            raise ModelFileError(said) from None
         raise ModelFileError(f"{said}. The model file is damaged or incomplete: {AGAIN}") from None
     return fit
 
@@ -567,13 +569,21 @@ class Needs:
     side_channels: Mapping[str, SideChannel]
 
 
+class MissingEffectError(ModelFileError):
+    """A model uses an effect of the user that is not loaded; its file is whole."""
+
+
+LOAD = 'give its file: --effects-file FILE.py, or accelcal.load_effects("FILE.py") in Python'
+
+
 def enter_effects(model: Any) -> None:
-    """Enter side channels that a stored model uses, and require the user's file where it uses effects from one.
+    """Enter side channels and formulas that a stored model uses, and require the user's file where it uses effects of
+    one.
 
     Raises
     ------
     ModelFileError
-        If a user's effect is not loaded; the text names the missing file.
+        If a user's effect is not loaded; the text names the effect, and how to give it.
     """
     if not isinstance(model, dict):
         return  # the schema refuses it
@@ -587,17 +597,29 @@ def enter_effects(model: Any) -> None:
         else:
             side_channel_scale(stored.channel, stored.unit.removesuffix("⁻¹").strip("()"))
     for item in needs.own:
-        if item.name not in CATALOGUE:
-            raise ModelFileError(
-                f"the model uses {item.name!r} from a file of your own (SHA-256 {item.digest[:12]}…); name that "
-                "file with --effects-file. Its source is stored in the model file under model.own"
+        try:
+            formula = None if item.name in CATALOGUE else from_written(item.name, item.source)
+        except ExpressionError as error:
+            raise MissingEffectError(f"{item.name!r}: {error}") from None
+        if formula is None and item.name not in CATALOGUE:
+            raise MissingEffectError(
+                f"the model uses {item.name!r}, an effect of your own that is not loaded; {LOAD} (SHA-256 "
+                f"{item.digest[:12]}…). Its source is stored in the model file under model.own"
             )
         if CATALOGUE[item.name].digest != item.digest:
-            raise ModelFileError(
-                f"{item.name!r} in the effects file is not the one that the model was fitted with: its source has "
-                f"changed (SHA-256 {CATALOGUE[item.name].digest[:12]}… instead of {item.digest[:12]}…). Fit again, "
-                "or name the old file"
+            raise MissingEffectError(
+                f"{item.name!r} is not the effect that the model was fitted with: its source has changed (SHA-256 "
+                f"{CATALOGUE[item.name].digest[:12]}… instead of {item.digest[:12]}…). Fit again, or load the old file"
             )
+    names = model.get("effects")
+    missing = (
+        [name for name in names if isinstance(name, str) and name not in CATALOGUE] if isinstance(names, list) else []
+    )
+    if missing:
+        raise MissingEffectError(
+            f"the model uses {missing[0]!r}, which is no effect of accelcal; if it is one of your own, {LOAD}, or run "
+            "the lines that enter it"
+        )
 
 
 def require_coefficients(fit: Fit) -> None:

@@ -39,6 +39,8 @@ class Column:
     """SI unit of its values, where all rows have the same one."""
     exact: Callable[[Row], float | None] | None = None
     """Number that a worded cell shows, with all its digits, for pages that machines read as well."""
+    detail: bool = False
+    """Whether a terminal shows it with `--explain` alone: it words again what other columns say, or names the rig."""
 
     def cell(self, row: Row) -> str:
         """Wording of one row; empty for a value that does not exist."""
@@ -57,6 +59,8 @@ class Table:
     columns: tuple[Column, ...] = ()
     rows: tuple[Row, ...] = ()
     notes: tuple[str, ...] = ()
+    detail: tuple[str, ...] = ()
+    """Further notes: what holds for every run on the rig, what columns mean, more of the same."""
     alarms: tuple[str, ...] = ()
     """Faults of the data and similar sentences, which are read before the rows."""
     bars: tuple[float, ...] = ()
@@ -68,6 +72,16 @@ class Table:
     def shown(self) -> tuple[Column, ...]:
         """Columns that people read, without those in which every cell is empty."""
         return tuple(column for column in self.columns if column.head and any(map(column.cell, self.rows)))
+
+    @property
+    def brief(self) -> Table:
+        """Table of a narrow page: columns and notes that are no detail."""
+        return replace(self, columns=tuple(column for column in self.columns if not column.detail), detail=())
+
+    @property
+    def explained(self) -> Table:
+        """Table with everything: the further notes follow the others."""
+        return replace(self, notes=(*self.notes, *self.detail), detail=())
 
     @property
     def cells(self) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
@@ -108,13 +122,26 @@ def require(which: str, *names: str) -> None:
         raise AccelcalError(f"there is no table {which!r}; expected {expected}")
 
 
+def capital(text: str) -> str:
+    """A text with a capital, unless it begins with a name: of a file, of a channel, of an effect with more words.
+
+    Examples
+    --------
+    >>> capital("drift after 5 s"), capital("i.json is better"), capital("data/a.csv: cut"), capital("scale_step: none")
+    ('Drift after 5 s', 'i.json is better', 'data/a.csv: cut', 'scale_step: none')
+    """
+    word = text.partition(" ")[0].rstrip(".,:;")
+    return text if any(mark in word for mark in "._/\\") else f"{text[:1].upper()}{text[1:]}"
+
+
 def as_sentence(text: str) -> str:
     """A text with a capital and a full stop; empty for an empty one."""
-    return f"{text[:1].upper()}{text[1:].rstrip('.')}." if text else ""
+    return f"{capital(text).rstrip('.')}." if text else ""
 
 
 def as_text(shown: Table) -> str:
-    """Plain text: title, sentence, aligned columns, notes."""
+    """Plain text without details: title, sentence, aligned columns, notes."""
+    shown = shown.brief
     head, rows = shown.cells
     lines = aligned(head, rows) if rows else []
     return "\n".join([*filter(None, (shown.title, *shown.alarms, shown.sentence)), *lines, *shown.notes])

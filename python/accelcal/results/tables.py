@@ -9,11 +9,11 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from accelcal._support.values import listing
-from accelcal.data import ACCELERATION, MICRO_G, UNITS, Dwells, Recording, describe, instant
+from accelcal.data import ACCELERATION, MICRO_G, VELOCITY, Dwells, Recording, describe, instant
 from accelcal.effects import CATALOGUE, Effect, find, spelled
 from accelcal.effects.registry import CARD
 from accelcal.estimation.estimate import Fit, tied_sum
-from accelcal.estimation.noise import NoiseEffect, NoiseReport
+from accelcal.estimation.noise import Level, NoiseEffect, NoiseReport
 from accelcal.estimation.tracks import Track
 from accelcal.filters.choice import STATE_UNITS
 from accelcal.filters.record import FilterRun
@@ -33,14 +33,21 @@ NORMAL_95 = 1.96
 def _(fit: Fit, which: str = "") -> Table:
     require(which, "coefficients")
     readings = grouped(sum(run.readings for run in fit.runs))
-    made_from = [f"{readings} readings of position"] * bool(fit.runs)
+    references = ", ".join(dict.fromkeys(run.noise.reference.replace("_", " ") for run in fit.runs))
+    made_from = [f"{readings} readings of {references}"] * bool(fit.runs)
     made_from += [f"{len(fit.dwells.angle)} dwells"] if fit.dwells else []
     agreement = "".join(
         f", normalised innovation squared {run.nis:.3f} (1 when consistent)" for run in fit.runs if run.nis is not None
     )
     names = ", ".join(name for name, _ in fit.sources)
+    told = (
+        *(f"{effect.name}: {effect.sentence}." for effect in fit.noise_effects),
+        *(f"{spread.name} by run: {by_run(fit, spread.runs)}." for spread in fit.spreads),
+        *(as_sentence(text) for run in fit.runs for text in rest_notes(run.noise)),
+        *(as_sentence(note.sentence) for note in fit.remarks if note.place != "data" and note.code != "slow_residual"),
+    )
     return Table(
-        title=f"Fit of {names}, {fit.method}",
+        title=f"Fit of {names}, {METHODS.get(fit.method, fit.method)}",
         sentence=f"{len(fit.free)} parameters from {' and '.join(made_from)}{agreement}.",
         columns=PARAMETER_COLUMNS,
         rows=parameter_rows(fit, in_full=which == "coefficients"),
@@ -48,14 +55,20 @@ def _(fit: Fit, which: str = "") -> Table:
             *(f"Suspect data: {note.sentence}." for note in fit.remarks if note.place == "data"),
             *(f"{note.sentence}." for note in fit.remarks if note.code == "slow_residual"),
         ),
-        notes=(
-            *(f"{effect.name}: {effect.sentence}." for effect in fit.noise_effects),
-            *(f"{spread.name} by run: {by_run(fit, spread.runs)}." for spread in fit.spreads),
-            *(as_sentence(note) for run in fit.runs for note in noise_notes(run.noise)),
-            *(f"{note.sentence}." for note in fit.remarks if note.place != "data" and note.code != "slow_residual"),
+        notes=(*(noise_note(run.noise, run.name if len(fit.runs) > 1 else "") for run in fit.runs), *told[:MOST_NOTES]),
+        detail=(
+            *told[MOST_NOTES:],
+            *(crossover_note(run.noise) for run in fit.runs if run.noise.reference != ACCELERATION),
+            *(f"Assumed: {text}." for text in fit.rig.assumptions),
         ),
         about={"name": names},
     )
+
+
+METHODS = {"weak": "weak form"}
+"""What a method is called where its name is short."""
+MOST_NOTES = 3
+"""Notes on a fit beside its noise; further ones are details."""
 
 
 PARAMETER_COLUMNS = (
@@ -64,8 +77,8 @@ PARAMETER_COLUMNS = (
     Column("", "value", lambda r: r["worded"]),
     Column("", "at full scale", lambda r: r["at_full_scale"]),
     Column("", "SI value (u)", lambda r: r["si"], exact=lambda r: r.get("value")),
-    Column("", "95 % interval", lambda r: r["span"]),
-    Column("", "includes on this rig", lambda r: r["includes"] if r["includes"] != r["symbol"] else ""),
+    Column("", "95 % interval", lambda r: r["span"], detail=True),
+    Column("", "includes on this rig", lambda r: r["includes"] if r["includes"] != r["symbol"] else "", detail=True),
     *(Column(key) for key in ("value", "std", "low", "high", "unit", "owner", "kind", "held", "run")),
 )
 """Columns of parameters: what people read, then values in SI units."""
@@ -118,7 +131,7 @@ def estimate_row(fit: Fit, e: Estimate, kind: str = "coefficient") -> Row:
         "held": held,
         "run": e.run,
         "worded": plain(e.unit, e.value, e.std),
-        "at_full_scale": at_full_scale(e.name, e.unit, e.value, e.std, fit.rig.sensor.range),
+        "at_full_scale": at_full_scale(e.name, e.unit, e.value, e.std, fit.rig.sensor.range, used_acceleration(fit)),
         "si": amount(e.value, e.std, e.unit),
         "span": interval(e.value, e.std, half / e.std) if determined else "",
         "includes": tied_sum(fit, e.name),
@@ -204,28 +217,52 @@ def _(e: Estimate, which: str = "") -> Table:
     )
 
 
-def noise_notes(progress: NoiseReport) -> list[str]:
-    """Noise of one run: overall, at rest, in motion, and as declared."""
-    by_position = progress.reference == "position"
-    counted = "readings" if by_position else "rows"
-    reader, unit = ("encoder", "µm") if by_position else (progress.reference, f"µ{UNITS[progress.reference]}")
-    whole = "noise beside the effects above" if progress.noise.growth else "noise"
-    notes = []
-    for name, level in ((whole, progress.all), ("noise at rest", progress.rest), ("noise in motion", progress.motion)):
-        if level is not None:
-            density = decimal(level.density / MICRO_G, level.density_std / MICRO_G)
-            notes.append(
-                f"{name}: {density} µg/√Hz, {reader} {decimal(1e6 * level.reading, 1e6 * level.reading_std)} {unit}, "
-                f"{level.count} {counted}"
-            )
-    if progress.declared is not None:
-        density = number(progress.declared / MICRO_G)
-        notes.append(f"declared noise: {density} µg/√Hz; the estimate is {number(progress.ratio or 0.0, 3)} times that")
-    if progress.reference != ACCELERATION:
-        edge = f"band {progress.band:.4g} Hz" if progress.band is not None else f"crossover {progress.crossover:.4g} Hz"
-        below = "encoder" if by_position else "reference"
-        notes.append(f"{edge}: below it the {below}, above it the accelerometer measures acceleration more precisely")
-    return notes
+def used_acceleration(fit: Fit) -> float:
+    """Largest acceleration of the recordings of a fit, m/s²; infinite where it is not known."""
+    return max(map(abs, fit.validity["a"])) if "a" in fit.validity else math.inf
+
+
+def noise_note(report: NoiseReport, name: str) -> str:
+    """Noise of the output and of the reference in one run, beside what is declared, in one line."""
+    level, reference = report.all, report.reference
+    reader = "encoder" if reference == "position" else reference.replace("_", " ")
+    text = (
+        f"noise{' beside the effects above' if report.noise.growth else ''}{f' of {name}' if name else ''}: "
+        f"{density_text(level)}, {reader} {plain(CHANNEL_UNITS[reference], level.reading, level.reading_std)}"
+    )
+    if report.declared is not None:
+        text += f"; {number(report.ratio or 0.0, 3)} times the declared {number(report.declared / MICRO_G)} µg/√Hz"
+    return as_sentence(text)
+
+
+CHANNEL_UNITS = {"position": "m", VELOCITY: "m/s", ACCELERATION: "m/s²"}
+"""Unit of a reading of each reference."""
+
+
+def density_text(level: Level) -> str:
+    """Noise density of the output with its uncertainty."""
+    return f"{decimal(level.density / MICRO_G, level.density_std / MICRO_G)} µg/√Hz"
+
+
+def rest_notes(report: NoiseReport) -> list[str]:
+    """Noise at rest and in motion, where these differ."""
+    rest, motion = report.rest, report.motion
+    if rest is None or motion is None:
+        return []
+    if abs(motion.density - rest.density) < DIFFERENT * math.hypot(motion.density_std, rest.density_std):
+        return []
+    return [f"noise at rest {density_text(rest)}, in motion {density_text(motion)}"]
+
+
+DIFFERENT = 3.0
+"""Standard deviations from which noise at rest and in motion differ."""
+
+
+def crossover_note(report: NoiseReport) -> str:
+    """Frequency at which the better of the two channels changes."""
+    at = f"band {report.band:.4g} Hz" if report.band is not None else f"crossover {report.crossover:.4g} Hz"
+    below = "encoder" if report.reference == "position" else "reference"
+    return as_sentence(f"{at}: below it the {below}, above it the accelerometer measures acceleration more precisely")
 
 
 TERMS = 12

@@ -56,14 +56,16 @@ def interval(value: float, std: float, factor: float = 1.96) -> str:
 
 
 def number(value: float, digits: int = 4) -> str:
-    """A number for reading, with a true minus sign.
+    """A number for reading, with a true minus sign; powers of ten below 1e-4 and from a million on.
 
     Examples
     --------
-    >>> number(-0.000123456), number(1.8e-5, 2)
-    ('−0.0001235', '1.8e−5')
+    >>> number(-0.000123456), number(1.8e-5, 2), number(17660.0, 3), number(1.8e7)
+    ('−0.0001235', '1.8e−5', '17700', '1.8e7')
     """
-    return typeset(f"{value:.{digits}g}")
+    rounded = float(f"{value:.{digits}g}")
+    whole = 10.0**digits <= abs(rounded) < 1e6
+    return typeset(f"{rounded:.0f}" if whole else f"{value:.{digits}g}")
 
 
 def typeset(text: str) -> str:
@@ -101,7 +103,7 @@ def plain(unit: str, value: float, std: float) -> str:
     if not math.isfinite(std):
         return f"{plain(unit, value, 0.0)} ± not known"
     name, size = ("%", 0.01) if unit == "1" else usual_unit(unit, value, std)
-    return with_unit(decimal(value / size, std / size), typeset(name.replace("u", "µ")) if size != 1.0 else name)
+    return with_unit(decimal(value / size, std / size), typeset(name) if size != 1.0 else name)
 
 
 def about(unit: str, value: float) -> str:
@@ -132,7 +134,7 @@ def decimal(value: float, std: float) -> str:
 
 
 def with_plain(value: float, std: float, unit: str) -> str:
-    """A value as people say it, then with the standard uncertainty of its last digits in SI.
+    """A value as people say it, then with the standard uncertainty of its last digits in SI; a pure number once.
 
     Examples
     --------
@@ -140,28 +142,43 @@ def with_plain(value: float, std: float, unit: str) -> str:
     '96100 ± 1900 µg/g³ = 9.99(20)e−4 (m/s²)⁻²'
     """
     first, exact = plain(unit, value, std), amount(value, std, unit)
-    return exact if std <= 0.0 else f"{first} = {exact}"
+    if std <= 0.0:
+        return exact
+    return first if unit == "1" else f"{first} = {exact}"
 
 
-def at_full_scale(name: str, unit: str, value: float, std: float, full_scale: float | None) -> str:
-    """What a coefficient adds to the output at full scale, in per cent of that; empty where it is not known.
+def at_full_scale(
+    name: str, unit: str, value: float, std: float, full_scale: float | None, used: float = math.inf
+) -> str:
+    """What a coefficient adds to the output at full scale, in per cent of that; empty where it is not known, or is the
+    coefficient itself.
 
     Parameters
     ----------
     name : the coefficient. Terms of the static characteristic count with their power; of others those in m/s².
     unit, value, std : of the coefficient.
     full_scale : declared range of the sensor, m/s².
+    used : largest acceleration of the record, m/s². Where it is less than half of the full scale, what grows with a
+        power of the acceleration is extrapolated.
 
     Examples
     --------
     >>> at_full_scale("bias", "m/s²", 0.05, 0.001, 20.0), at_full_scale("quadratic", "(m/s²)⁻¹", 1e-4, 1e-5, 20.0)
     ('0.2500 ± 0.0050 % FS', '0.200 ± 0.020 % FS')
+    >>> at_full_scale("quadratic", "(m/s²)⁻¹", 1e-4, 1e-5, 20.0, used=4.0)
+    '0.2 % FS, from 20 %'
     """
     static = static_terms().get(name)
-    if not full_scale or (static is None and unit != "m/s²") or (static is not None and static.thermal):
+    if not full_scale or (static is None and unit != "m/s²") or (static is not None and static.thermal) or unit == "1":
         return ""
     per_unit = 100.0 / full_scale * (1.0 if static is None else abs(static.per_unit(full_scale, 0.0)))
+    if unit != "m/s²" and used < EXTRAPOLATED * full_scale:
+        return f"{number(per_unit * value, 2)} % FS, from {100.0 * used / full_scale:.0f} %"
     return f"{decimal(per_unit * value, per_unit * std)} % FS"
+
+
+EXTRAPOLATED = 0.5
+"""Share of the full scale below which a nonlinearity at full scale is extrapolated."""
 
 
 MOST_PLACES = 12
@@ -223,15 +240,29 @@ def error_size(value: float, unit: str, full_scale: float | None = None) -> str:
 
 
 def in_g(value: float) -> str:
-    """An acceleration in mg, or in µg where it is smaller than a tenth of one.
+    """An acceleration in mg, in µg where it is smaller than a tenth of one, in g from 1 g on.
 
     Examples
     --------
-    >>> in_g(0.0313), in_g(7.2e-4)
-    ('3.19 mg', '73.4 µg')
+    >>> in_g(0.0313), in_g(7.2e-4), in_g(98.0665)
+    ('3.19 mg', '73.4 µg', '10 g')
     """
-    size, unit = (1e3 * MICRO_G, "mg") if value >= 100.0 * MICRO_G else (MICRO_G, "µg")
+    of_g = abs(value) / (1e6 * MICRO_G)
+    size, unit = (1.0, "g") if of_g >= 1.0 else (1e-3, "mg") if of_g >= 1e-4 else (1e-6, "µg")
+    size *= 1e6 * MICRO_G
     return f"{number(value / size, 3)} {unit}"
+
+
+def largest_residual(worst: str) -> str:
+    """Where a model fails most, in a sentence.
+
+    Examples
+    --------
+    >>> largest_residual("velocity between -0.3 and -0.2 m/s: mean residual -0.002 m/s² (5.2 sigma)")
+    'Largest residual: velocity between −0.3 and −0.2 m/s: mean residual −0.002 m/s² (5.2 sigma).'
+    """
+    beginning = "Largest residual: " if " between " in worst else ""
+    return f"{beginning or worst[:1].upper()}{typeset(worst) if beginning else worst[1:]}."
 
 
 def percent(value: float) -> str:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import numpy as np
 import scipy
 
-from accelcal._support.errors import AccelcalError
+from accelcal._support.arguments import checked
 from accelcal._support.result import NotStored, Result
 from accelcal._support.values import face, immutable
 from accelcal.data import Array, Recording, Rig, instant, quality
@@ -290,6 +290,16 @@ class Outside:
     """Rezeroed rms drift by horizon: windows wholly inside, windows that leave the range, m."""
     starts: Mapping[float, tuple[int, int]]
     """Windows by horizon, inside and outside."""
+    reach: tuple[float, float] | None = None
+    """Least and largest value here; None for "any"."""
+
+    @property
+    def beyond(self) -> float:
+        """Largest distance from the centre of the fitted range, over half of that range; 1 where it is not known."""
+        if self.range is None or self.reach is None:
+            return 1.0
+        centre, half = 0.5 * (self.range[1] + self.range[0]), 0.5 * (self.range[1] - self.range[0])
+        return max(self.reach[1] - centre, centre - self.reach[0]) / half if half > 0.0 else math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -563,6 +573,7 @@ class Evaluation(Result):
         drifts = (f"{h:g} s: {drift:.3g} m" for h, drift in self.coast_rms.items() if drift is not None)
         return f"Evaluation({self.recording!r}: rms drift after {', '.join(drifts) or 'no time: too short'})"
 
+    @checked
     def plot(self, figure: FigureName = "overlay", *, theme: Literal["light", "dark"] = "light") -> Figure:
         """Draw one figure of the comparison.
 
@@ -579,10 +590,6 @@ class Evaluation(Result):
         ValueError
             If there is no such figure.
         """
-        if figure not in get_args(FigureName):
-            raise AccelcalError(
-                f"plot: there is no figure {figure!r}; expected one of {', '.join(get_args(FigureName))}"
-            )
         picture: Figure = getattr(face("plots"), figure)(self, theme=theme)
         return picture
 

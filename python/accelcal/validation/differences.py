@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Result
 from accelcal._support.values import face, immutable
@@ -535,8 +536,9 @@ class Comparison(Result):
     def __iter__(self) -> Iterator[Evaluation]:
         return (self[number] for number in range(len(self)))
 
+    @checked
     def plot(
-        self, figure: FigureName | Literal["", "error_reduction"] = "", *, theme: Literal["light", "dark"] = "light"
+        self, figure: Literal[FigureName, "", "error_reduction"] = "", *, theme: Literal["light", "dark"] = "light"
     ) -> Figure:
         """Draw one figure: by default the errors of several models, or one model over what was measured.
 

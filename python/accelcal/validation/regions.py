@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -218,15 +219,14 @@ def outside(
         return ()
     at = np.clip(np.searchsorted(t, run.t - 0.5 * run.reading_step), 0, len(t) - 1)
     counted = ahead.counts & (np.abs(t[at] - run.t) <= run.reading_step)
-    flags = {}
-    for key, (y, _) in variables.items():
+    parts, anywhere = [], np.zeros_like(counted)
+    for key, (y, unit) in variables.items():
         low, high = fit.validity[key]
-        flags[key] = counted & ((y < low) | (y > high))[at]
-    texts = [
-        scored(ahead, counted, flags[key], coasting, key, unit, fit.validity[key])
-        for key, (_, unit) in variables.items()
-    ]
-    return (*texts, scored(ahead, counted, np.any(list(flags.values()), axis=0), coasting, "any", "", None))
+        flags, here = counted & ((y < low) | (y > high))[at], y[at][counted & np.isfinite(y[at])]
+        anywhere |= flags
+        part = scored(ahead, counted, flags, coasting, key, unit, fit.validity[key])
+        parts.append(replace(part, reach=(float(np.min(here)), float(np.max(here))) if len(here) else None))
+    return (*parts, scored(ahead, counted, anywhere, coasting, "any", "", None))
 
 
 def scored(

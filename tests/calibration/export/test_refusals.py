@@ -58,7 +58,7 @@ def test_every_exported_effect_changes_the_function():
 def test_an_effect_of_the_user_s_own_is_refused_by_name():
     before = dict(CATALOGUE)
     try:
-        own = from_expression("fifth_power", "a**5", unit="m/s²")
+        own = from_expression("fifth_power", "a**5")
         with pytest.raises(NotExportable, match="fifth_power is an effect of your own"):
             calibrate(named(replace(own.effect, owner="sensor")))
     finally:

@@ -31,7 +31,7 @@ def test_rounded_stamps_are_named_so_and_cost_nothing(tmp_path: Path) -> None:
     found, record = diagnosed(tmp_path / "a", Rig(phone(200.7), MOCAP, clocks), "tremor", 60.0)
     assert found.effects == ("rounded_stamps",)
     assert "accel to 1 ms" in found.sentence
-    assert "rounding errs by 289 us rms" in found.sentence
+    assert "rounding errs by 289 µs rms" in found.sentence
     exact, _ = diagnosed(tmp_path / "b", Rig(phone(200.7), MOCAP, replace(clocks, rounding=0.0)), "tremor", 60.0)
     assert exact.effects == ()
     for name in ("bias", "scale_factor"):

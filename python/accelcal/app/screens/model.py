@@ -365,7 +365,7 @@ def own(page: Page) -> None:
 
     async def enter() -> None:
         await page.act(
-            bench.own_effect, str(name.value or ""), str(text.value or ""), str(unit.value or "1"), port.value
+            bench.own_effect, str(name.value or ""), str(text.value or ""), str(unit.value or ""), port.value
         )
         if not bench.sentence:
             await page.act(bench.diagnose, then="improve")

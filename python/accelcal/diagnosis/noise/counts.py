@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import scipy
 
-from accelcal.data import Array, Finding
+from accelcal.data import Array, Finding, in_usual_unit
 from accelcal.data.clocks import rounding_std
 from accelcal.data.quality import HELD, ROUNDED
 from accelcal.diagnosis.noise.growing import total_with_std
@@ -104,7 +104,7 @@ def rounded_stamps(residuals: Residuals) -> NoiseTest:
             treated = "no uniform clock explains them" if finding.jitter else "the instants of a uniform clock are used"
             texts.append(f"{finding.channel} to {1e3 * finding.size:.6g} ms ({treated})")
     std = rounding_std(step)
-    text = f"time stamps are rounded: {', '.join(texts)}; rounding errs by {1e6 * std:.3g} us rms"
+    text = f"time stamps are rounded: {', '.join(texts)}; rounding errs by {in_usual_unit(std, 's')} rms"
     return NoiseTest(
         ROUNDED_STAMPS, step, p_value, std, "s", 0.0, text if texts else "no time stamps are rounded", {"step": step}
     )

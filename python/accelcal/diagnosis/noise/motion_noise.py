@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data import Array
+from accelcal.data import Array, in_usual_unit
 from accelcal.diagnosis.noise.counts import known_jitter
 from accelcal.diagnosis.noise.noise_test import JITTER, VIBRATION, NoiseTest
 from accelcal.diagnosis.noise.residuals import TAIL, BlockSpectra, Residuals, is_coarse, power_fit, power_trend_test
@@ -97,7 +97,7 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
         jitter,
         "s",
         spread,
-        f"noise grows with jerk, as time-stamp jitter of {jitter * 1e6:.3g} us would cause"
+        f"noise grows with jerk, as time-stamp jitter of {in_usual_unit(jitter, 's')} would cause"
         if p_jitter < NOISE_TEST_ALPHA
         else "noise does not grow with jerk",
         {"score": z_jerk, "blocks": float(len(v2))},

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from accelcal.data import Array, Flags, Places, Recording
+from accelcal.data import Array, Flags, Places, Recording, in_usual_unit
 from accelcal.diagnosis.noise.growing import total_with_std
 from accelcal.diagnosis.noise.noise_test import OUTPUT_OUTLIERS, READING_OUTLIERS, NoiseTest
 from accelcal.diagnosis.noise.residuals import (
@@ -136,7 +136,7 @@ def encoder_outliers(residuals: Residuals) -> NoiseTest:
     count = flagged.count + left_out
     at = tuple(float(t) for t in residuals.run.t[residuals.state.counts][flagged.peaks]) if p < NOISE_TEST_ALPHA else ()
     text = (
-        f"{count:.0f} readings of the encoder are outliers of up to {flagged.size * 1e6:.2g} um"
+        f"{count:.0f} readings of the encoder are outliers of up to {in_usual_unit(flagged.size, 'm', 2)}"
         if p < NOISE_TEST_ALPHA
         else "the encoder has no outliers"
     )

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import scipy
 
-from accelcal.data import Array
+from accelcal.data import Array, in_usual_unit
 from accelcal.diagnosis.noise.noise_test import POSITION_WAVE, WHITENESS, NoiseTest
 from accelcal.diagnosis.noise.residuals import Residuals
 from accelcal.diagnosis.noise.spectra import local_level, pair_fit
@@ -77,7 +77,9 @@ def encoder_cyclic(residuals: Residuals) -> NoiseTest:
     text = "no cyclic error of the encoder"
     parts = {"period": 1.0 / at, "period_std": 0.55 / (math.sqrt(max(gained, 1.0)) * travel * at**2)}
     if p_value < NOISE_TEST_ALPHA:
-        text = f"the encoder errs by {amplitude * 1e6:.2g} um with a period of {1e6 / at:.4g} um"
+        text = (
+            f"the encoder errs by {in_usual_unit(amplitude, 'm', 2)} with a period of {in_usual_unit(1.0 / at, 'm', 4)}"
+        )
         highest, refined = highest_harmonic(residuals, at, 0.2 * step, shortest)
         if highest > 1:
             parts |= {"period": 1.0 / refined, HARMONICS: float(highest)}

@@ -53,10 +53,10 @@ class PartSizes:
         """In words; empty where nothing was compared."""
         if len(self.size) < 2:
             return ""
-        return (
-            f"{min(self.size):.2f} to {max(self.size):.2f} of its size in {len(self.size)} {self.of_what}, "
-            f"p = {self.p_value:.2g}"
-        )
+        span = f"{min(self.size):.2f} to {max(self.size):.2f} times"
+        if self.homogeneous:
+            return f"same size in all {len(self.size)} {self.of_what} ({span})"
+        return f"{span} its size in {len(self.size)} {self.of_what}, p = {self.p_value:.2g}"
 
     @classmethod
     def none(cls) -> PartSizes:
