@@ -158,7 +158,10 @@ def test_a_hole_in_the_middle_makes_no_effect(grown, tmp_path):
 def test_a_whole_recording_can_be_held_out(grown, files, tmp_path):
     bench = Workbench(tmp_path)
     bench.state = grown.state
-    bench.include([files / "other.csv"], "hold out")
+    bench.include([files / "other.csv"])
+    assert [step.fit for step in bench.state.steps] == [step.fit for step in grown.state.steps]
+    assert [seen.recording for seen in bench.state.step.heldouts] == ["cubic.csv", "other.csv"]
+    bench.fit_whole()
     bench.fit()
     assert bench.state.step.heldout.recording == "other.csv"
     expected = ac.compare(estimate(ac.Model.linear(), ac.load(files / "cubic.csv")), ac.load(files / "other.csv"))[0]
@@ -383,3 +386,43 @@ def test_the_example_has_something_to_find(bench):
     bench.example("stage")
     assert bench.state.recording.name == "example_stage.csv"
     assert bench.sentence == ""
+
+
+def test_what_is_declared_reaches_every_file_that_shares_it_the_script_and_the_commands(bench, files, tmp_path):
+    _, *rows = (files / "odd.csv").read_text().rstrip().split("\n")
+    for name, part in (("one.csv", rows[:6000]), ("two.csv", rows[6000:])):
+        (tmp_path / name).write_text("\n".join(["stamp,sensor,scale", *part]) + "\n")
+    bench.load(tmp_path / "one.csv")
+    chosen = [
+        mapping.Choice("stamp", "time", "s"),
+        mapping.Choice("sensor", "accel", "m/s^2"),
+        mapping.Choice("scale", "position", "mm"),
+    ]
+    text = mapping.sidecar_from(bench.state.run.template, chosen)
+    bench.declare(text)
+    bench.include([tmp_path / "two.csv"])
+    assert bench.state.runs[1].lender == "one.csv"
+    bench.show(1)  # declared on either file, it is for both
+    low_pass = mapping.LowPassEntry("RC", "500 Hz").changed(text)
+    bench.declare(
+        mapping.sidecar_from(text, chosen, changes={**low_pass, "rig.axis": "down", mapping.RESOLUTION: "2 um"})
+    )
+    assert bench.sentence == ""
+    rigs = [run.recording.rig for run in bench.state.runs]
+    assert {(rig.lowpass, rig.axis, rig.resolution) for rig in rigs} == {(ac.LowPass(500.0), "down", 2e-6)}
+    (tmp_path / "one.toml").write_text(bench.state.runs[0].sidecar)  # what Export has as Sidecar (.toml)
+    done = python(
+        "-c", script.python(bench.state) + "print(*(run.rig for run in (run1, run2)))", cwd=tmp_path, check=True
+    )
+    assert done.stdout.count("cutoff=500") == 2
+    assert [line.partition(" --rig ")[2].split()[0] for line in script.command_line(bench.state).splitlines()[:2]] == [
+        "one.toml",
+        "one.toml",
+    ]
+    fresh = Workbench(tmp_path / "fresh")
+    fresh.folder.mkdir()
+    (tmp_path / "one.toml").unlink()
+    (tmp_path / "work.accelcal").write_bytes(bench.session())
+    fresh.open(tmp_path / "work.accelcal")
+    assert fresh.sentence == ""
+    assert [run.recording.rig.lowpass for run in fresh.state.runs] == [ac.LowPass(500.0)] * 2

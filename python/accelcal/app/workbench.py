@@ -39,8 +39,10 @@ from accelcal.app.state import (
     Stretch,
     divided,
     time_span,
+    with_files_held_out,
     with_role,
     with_something_held_out,
+    with_use,
 )
 from accelcal.app.tasks import PREFIX, Export, Reader
 from accelcal.app.workers import Compute, Report, direct
@@ -199,7 +201,7 @@ class Workbench:
         path : the file.
         sidecar : text in place of the sidecar beside the file.
         """
-        return State(runs=divided([self._reader().run(path, sidecar, None, progress)]))
+        return State(runs=divided([self._reader().run(path, sidecar, (), progress)]))
 
     @action("reading {0}")
     def load_several(self, state: State, progress: Report, paths: Sequence[Path]) -> State:
@@ -207,40 +209,46 @@ class Workbench:
         return with_one_to_map(State(runs=divided(self._reader().several(paths, (), progress))))
 
     @action("reading {0}")
-    def include(self, state: State, progress: Report, paths: Sequence[Path], role: Role = "fit") -> State:
-        """Read further recordings and dwells, of the sensor of those that are there."""
+    def include(self, state: State, progress: Report, paths: Sequence[Path], role: Role = "hold out") -> State:
+        """Read further recordings and dwells, of the sensor of those that are there; dwells are fitted.
+
+        Models stay where the recordings are held out, and the parts that no model was fitted to stay held out, too.
+        """
         loaded(state)
-        runs = (*state.runs, *self._reader().several(paths, state.runs, within(progress, 0.0, 0.5)))
-        if role != "fit":
-            for number in range(len(state.runs), len(runs)):
-                runs = with_role(runs, number, role)
-        changed = with_one_to_map(replace(state, runs=runs))
+        new = self._reader().several(paths, state.runs, within(progress, 0.0, 0.5))
+        runs = (*state.runs, *(with_use(run, role) for run in new))
+        changed = with_one_to_map(replace(state, runs=with_files_held_out(runs, keep=bool(state.steps))))
         return replace(self._divided(state, changed.runs, within(progress, 0.5, 0.98)), shown=changed.shown)
 
     @action("reading {state.title}")
     def declare(self, state: State, progress: Report, sidecar: str) -> State:
         """Read the file on the time line again, with a text in place of its sidecar.
 
-        Files with the same columns that are not understood either are read so, too.
+        Files with the same columns that share its sidecar, or are not understood either, are read so, too.
         """
         asked = state.run
         if asked is None:
             raise Refused("load a recording first")
-        alike = [run for run in state.runs if run is asked or (run.problem and run.columns == asked.columns)]
-        read = {}
+        same = [run for run in state.runs if run.columns == asked.columns]
+        owner = next((run for run in same if run.name == asked.lender), asked)
+        sharing = [run for run in state.runs if run.lender == owner.name]
+        alike = [owner, *sharing, *(run for run in same if run.problem and run is not owner)]
+        read: dict[int, Run] = {}
         for number, run in enumerate(alike):
-            new = self._reader().run(
-                run.file, sidecar, None, within(progress, number / len(alike), (number + 1) / len(alike))
-            )
+            part = within(progress, 0.9 * number / len(alike), 0.9 * (number + 1) / len(alike))
+            new = self._reader().run(run.file, None if run in sharing else sidecar, list(read.values()), part)
+            if new.problem and not asked.problem and len(state.runs) > 1:
+                raise Refused(new.problem)
             held_out = new.end if run.held_out is not None and new.recording is not None else None
-            read[id(run)] = replace(new, role=run.role, held_out=held_out)  # its time line may be another one
-        if read[id(asked)].problem and not asked.problem and len(state.runs) > 1:
-            raise Refused(read[id(asked)].problem)
+            read[id(run)] = replace(with_use(new, run.role), held_out=held_out)  # its time line may be another one
         runs = tuple(read.get(id(run), run) for run in state.runs)
-        all_new = all(run.problem for run in state.runs)
-        return without_models(
-            with_one_to_map(replace(state, runs=divided(runs) if all_new else with_something_held_out(runs)))
-        )
+        if all(run.problem for run in state.runs):
+            return without_models(with_one_to_map(replace(state, runs=divided(runs))))
+        runs = with_files_held_out(runs, keep=bool(state.steps) or not asked.problem)
+        changed = with_one_to_map(replace(state, runs=runs))
+        if asked.problem:  # what was understood before is as it was
+            return replace(self._divided(state, runs, within(progress, 0.9, 0.98)), shown=changed.shown)
+        return without_models(changed)
 
     def _divided(self, state: State, runs: tuple[Run, ...], progress: Report) -> State:
         """The state with other runs; its models stay where what they were fitted to does, and are compared again."""
@@ -331,8 +339,8 @@ class Workbench:
             stored_run, part = stored[number], within(progress, count / len(stored), (count + 1) / len(stored))
             path = opened.path(stored_run.source)
             beside = stored_run.sidecar == (mapping.text_of(path, None, "") or None)
-            lender = next((runs[n] for n in sorted(runs) if runs[n].recording is not None), None)
-            run = self._reader().run(path, None if beside else stored_run.sidecar, lender, part)
+            lenders = [runs[n] for n in sorted(runs)]
+            run = self._reader().run(path, None if beside else stored_run.sidecar, lenders, part)
             if run.problem:
                 raise Refused(run.problem)
             runs[number] = replace(
@@ -652,7 +660,7 @@ class Workbench:
         """
         path = self.upload_folder() / f"{PREFIX}{name}.csv"
         self._done(tasks.simulated, path, name, progress=within(progress, 0.0, 0.3))
-        return State(runs=divided([self._reader().run(path, None, None, within(progress, 0.3, 1.0))]))
+        return State(runs=divided([self._reader().run(path, None, (), within(progress, 0.3, 1.0))]))
 
     def model_text(self) -> str:
         """The current model, as `accelcal fit -o` writes it."""
