@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 
 import accelcal as ac
 from accelcal import io, verbs
-from accelcal.app import mapping, script, tasks, workbench
+from accelcal.app import mapping, script, tasks, widgets, workbench
+from accelcal.app.screens import data as data_screen
 from accelcal.app.screens import improvement
 from accelcal.app.state import Refused, State
 from accelcal.app.workbench import Busy, Workbench
@@ -426,3 +427,48 @@ def test_what_is_declared_reaches_every_file_that_shares_it_the_script_and_the_c
     fresh.open(tmp_path / "work.accelcal")
     assert fresh.sentence == ""
     assert [run.recording.rig.lowpass for run in fresh.state.runs] == [ac.LowPass(500.0)] * 2
+
+
+def with_junk(path, jump, shaken):
+    """A stage that is homed after a second, from a simulator of its own: before it the readings are absurd."""
+    rng, t = np.random.default_rng(71), np.arange(24_000) / 1000.0
+    p, a = np.zeros_like(t), np.zeros_like(t)
+    for f, g in ((0.4, 0.6), (1.7, 2.1), (4.3, 4.0)):
+        w, phase = 2.0 * np.pi * f, rng.uniform(0.0, 6.28)
+        p, a = p + g / w**2 * np.sin(w * t + phase), a - g * np.sin(w * t + phase)
+    u, z = 0.05 + 1.01 * a + 0.02 * rng.standard_normal(t.size), p + 1e-7 * rng.standard_normal(t.size)
+    early = t < 1.0
+    u[early], z[early] = np.where(shaken, 50.0 * rng.uniform(-1.0, 1.0, early.sum()), u[early]), z[early] + jump
+    rows = "\n".join(f"{row[0]:.3f};{row[1]:.6f};{1e3 * row[2]:.6f}" for row in zip(t, u, z, strict=True))
+    path.write_text(f"t;a;p\n{rows}\n")
+    return path
+
+
+@pytest.mark.parametrize(("jump", "shaken"), [(0.0, True), (0.0123, True), (0.0123, False)])
+def test_junk_at_the_start_is_one_fault_with_one_click(bench, tmp_path, jump, shaken):
+    bench.load(with_junk(tmp_path / "run.csv", jump, shaken))
+    chosen = [
+        mapping.Choice("t", "time", "s"),
+        mapping.Choice("a", "accel", "m/s^2"),
+        mapping.Choice("p", "position", "mm"),
+    ]
+    text = mapping.sidecar_from(bench.state.run.template, chosen, changes={"sensor.range": "49.99 m/s^2"})
+    bench.declare(text)
+    run = bench.state.run
+    ((begin, end),) = {data_screen.spoilt(fault, run) for fault in run.marks.remarks} - {None}
+    assert (begin, end) == (0.0, pytest.approx(1.0, abs=0.2))
+    for fault in run.marks.remarks:
+        assert "accelcal cut" not in widgets.remark_text(fault)
+        assert "accelcal cut" not in fault.sentence or "accelcal cut run.csv --without" in fault.sentence
+    said = [finding["text"] for finding in run.summary["findings"]]
+    assert any("probably saturated" in text for text in said) == shaken
+    bench.exclude(begin, end)
+    assert bench.sentence == ""
+    assert bench.state.run.marks.remarks == ()
+    assert not any("probably saturated" in finding["text"] for finding in bench.state.run.summary["findings"])
+    bench.use_again(0)
+    assert [fault.code for fault in bench.state.run.marks.remarks] == [fault.code for fault in run.marks.remarks]
+    # The twin: what the form says wrongly is said of the form, and no file is named that nobody made.
+    bench.declare(text.replace("49.99 m/s^2", "fast"))
+    assert "the form: sensor.range" in bench.state.run.problem
+    assert ".toml" not in bench.state.run.problem

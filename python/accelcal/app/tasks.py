@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from shlex import quote
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias
 
@@ -13,7 +14,7 @@ import numpy as np
 from accelcal import io
 from accelcal._support.progress import within
 from accelcal.app import mapping
-from accelcal.app.state import Formula, Run, units_of
+from accelcal.app.state import Formula, Run, Stretch, units_of
 from accelcal.app.workers import Report
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module
 from accelcal.data import Dwells, Recording, RecordingError, Rig, quality
@@ -123,14 +124,18 @@ def columns(path: Path, *, progress: Report) -> tuple[tuple[str, ...], str]:
 def load(path: Path, rig: Path | Rig | None, *, progress: Report) -> Recording | Dwells:
     """Read a recording, or dwells where the file or its sidecar says that it is some."""
     beside = rig if isinstance(rig, Path) else None
-    return io.load_dwells(path, beside) if io.declares_dwells(path, beside) else io.load(path, rig)
+    if io.declares_dwells(path, beside):
+        return io.load_dwells(path, beside)
+    recording = io.load(path, rig)
+    return replace(recording, origin=replace(recording.origin, given=quote(path.name)))  # as the copied commands do
 
 
-def check(recording: Recording, *, progress: Report) -> tuple[Marks, Mapping[str, Any]]:
-    """Look for breaks, faults and rest; then the summary that `accelcal check --json` prints."""
-    result = marks(recording)
+def check(recording: Recording, excluded: Sequence[Stretch], *, progress: Report) -> tuple[Marks, Mapping[str, Any]]:
+    """Look for breaks, faults and rest in what is not excluded; the summary is that of `accelcal check --json`."""
+    rest = quality.with_extremes_of_rest(recording.without(*excluded)) if excluded else recording
+    result = marks(rest)
     progress(0.9)
-    return result, quality.describe(recording)
+    return result, quality.describe(rest)
 
 
 def fitted(model: Model, train: Data, origins: Origins | None, *, progress: Report) -> Fit:
@@ -234,6 +239,8 @@ def effects(names: Sequence[str]) -> tuple[Effect, ...]:
     return tuple(find(name) for name in names)
 
 
+FORM = "the form"
+"""Name of a file with what was declared on the page, as sentences have it: nobody made a sidecar."""
 MOST_BYTES = 1_000_000_000
 """Largest file that is read."""
 MOST_SAMPLES = 20_000_000
@@ -315,7 +322,7 @@ class Reader:
         if isinstance(recording, Dwells):
             return Run(path, sidecar, columns=names, template=template, dwells=recording)
         self.arrived(recording)
-        result, summary = self.done(check, recording, progress=within(progress, 0.4, 0.98))
+        result, summary = self.done(check, recording, (), progress=within(progress, 0.4, 0.98))
         return Run(
             file=path,
             sidecar=sidecar,
@@ -342,7 +349,7 @@ class Reader:
         """The file of a sidecar that the user has written here; None: the one beside the recording."""
         if sidecar is None:
             return None
-        declared = self.folder / "sidecar" / io.sidecar_of(path).name
+        declared = self.folder / "sidecar" / path.stem / FORM
         declared.parent.mkdir(parents=True, exist_ok=True)
         io.atomic_write(declared, sidecar)
         return declared

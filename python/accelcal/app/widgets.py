@@ -21,6 +21,7 @@ from accelcal.app.workbench import Workbench
 from accelcal.data import instant
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
+from accelcal.estimation.remarks import Remark
 from accelcal.plots import diagnosis, plotly, residuals, timeline
 from accelcal.plots.figure import Bars, Figure, Level, Line, ThemeName, ruled, share_text
 from accelcal.results.comparisons import quoted
@@ -61,7 +62,7 @@ def data(run: Run, theme: ThemeName) -> Picture:
     assert run.recording is not None
     gone = run.marks.left_out[: timeline.MOST] if run.marks is not None else ()
     names = [(*span, "" if k else timeline.LEFT_OUT) for k, span in enumerate(gone)]
-    figure = timeline.linked(run.recording.without(*gone), marked=[*marked(run), *names])
+    figure = timeline.linked(run.recording.without(*gone, *run.excluded), marked=[*marked(run), *names])
     first, *rest = figure.panels
     breaks = [Level(at, role="other", upright=True, text=f"break at {instant(at)} s") for at in run.breaks]
     figure = replace(figure, panels=(replace(first, marks=(*first.marks, *breaks)), *rest), key="")
@@ -342,6 +343,12 @@ def lines(texts: Sequence[str], kind: str = "note") -> None:
     """Sentences, one a line."""
     for text in texts:
         ui.label(text).classes(kind)
+
+
+def remark_text(remark: Remark) -> str:
+    """A remark without the command that a button stands for."""
+    text = remark.sentence.replace(str(remark.values.get("cut", "")), "")
+    return f"Suspect data: {text}."
 
 
 Cell = str | Callable[[], Any]

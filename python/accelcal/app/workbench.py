@@ -393,9 +393,7 @@ class Workbench:
     @action("excluding a stretch")
     def exclude(self, state: State, progress: Report, start: float, end: float) -> State:
         """Exclude a stretch from both fit and validation."""
-        return self._divided(
-            state, with_run(state, excluded=(*shown(state).excluded, inside_used(state, start, end))).runs, progress
-        )
+        return self._excluding(state, (*shown(state).excluded, inside_used(state, start, end)), progress)
 
     @action("including a stretch again")
     def use_again(self, state: State, progress: Report, number: int) -> State:
@@ -403,7 +401,17 @@ class Workbench:
         before = shown(state).excluded
         if not 0 <= number < len(before):
             raise Refused(f"there is no excluded stretch {number}")
-        return self._divided(state, with_run(state, excluded=before[:number] + before[number + 1 :]).runs, progress)
+        return self._excluding(state, before[:number] + before[number + 1 :], progress)
+
+    def _excluding(self, state: State, excluded: tuple[Stretch, ...], progress: Report) -> State:
+        """The state with other stretches of the recording on the time line excluded, and the rest of it checked."""
+        recording = shown(state).recording
+        assert recording is not None
+        changed = with_run(state, excluded=excluded)
+        require_both_parts(changed)
+        marks, summary = self._done(tasks.check, recording, excluded, progress=within(progress, 0.0, 0.6))
+        checked = with_run(changed, marks=marks, summary=summary)
+        return self._divided(state, checked.runs, within(progress, 0.6, 0.98))
 
     # Models
 
@@ -753,7 +761,7 @@ class Workbench:
 
     def plain(self, text: str) -> str:
         """A sentence of the library with file names as the user knows them, without the folder of the workbench."""
-        return re.sub(re.escape(str(self.folder)) + r"/(?:sidecar/|models/|drop\d+/)?", "", text)
+        return re.sub(re.escape(str(self.folder)) + r"/(?:sidecar/[^/]*/|models/|drop\d+/)?", "", text)
 
 
 class Busy(Exception):
@@ -827,16 +835,13 @@ def without_models(state: State) -> State:
 
 
 def inside_used(state: State, start: float, end: float) -> Stretch:
-    """A stretch cut to the used range; one that reaches an end includes the last samples of every channel there."""
+    """A stretch cut to the used range, of all channels where nothing breaks."""
     run = shown(state)
-    low, high = run.used
+    assert run.recording is not None
+    low, high = run.used if run.breaks else time_span(run.recording)
     begin, finish = max(low, min(start, end)), min(high, max(start, end))
     if not begin < finish:
         raise Refused(f"{start:g} s to {end:g} s is outside the used range of the recording, {low:g} s to {high:g} s")
-    assert run.recording is not None
-    if not run.breaks:
-        first, last = time_span(run.recording)
-        begin, finish = (first if begin == low else begin), (last if finish == high else finish)
     return begin, finish
 
 

@@ -14,9 +14,11 @@ from nicegui import ui
 from accelcal.app import mapping, widgets
 from accelcal.app.page import Page
 from accelcal.app.screens import files
-from accelcal.app.state import ROLES, Run, State, time_span
-from accelcal.data import Dwells, RecordingError
+from accelcal.app.state import ROLES, Run, State, Stretch, time_span
+from accelcal.data import Dwells, RecordingError, instant
 from accelcal.data.rig import ANALOG
+from accelcal.diagnosis.left_out import MILLISECOND
+from accelcal.estimation.remarks import Remark
 from accelcal.io.sidecar import KEYS
 from accelcal.plots import timeline
 from accelcal.results.words import amount, number
@@ -105,25 +107,25 @@ class Declarations:
         self.text = text
         ui.label("An output in volts or counts needs its scale. The rest may stay empty.").classes("note")
         low_pass, axis = mapping.LowPassEntry.of(text), mapping.declared(text, AXIS)
-        with ui.row().classes("line"):
+        with ui.element("div").classes("fields"):
             self.texts = {path: self._entry(path, *labelled(path)) for path in TEXTS}
             self.kind = ui.select(list(mapping.LOW_PASSES), value=low_pass.kind, label="Low-pass of the output")
-            self.kind.props('dense outlined aria-label="Low-pass of the output"').classes("short")
+            self.kind.props('dense outlined aria-label="Low-pass of the output"')
             self.corner = ui.input("Corner (−3 dB)", value=low_pass.corner, placeholder="500 Hz")
             self.order = ui.input("Order", value=low_pass.order, placeholder="4")
             for field, kinds in ((self.corner, ANALOG), (self.order, ANALOG[1:])):
-                field.props("dense outlined").classes("short")
+                field.props("dense outlined")
                 field.bind_visibility_from(self.kind, "value", backward=partial(operator.contains, kinds))
             self.texts[mapping.RESOLUTION] = self._entry(mapping.RESOLUTION, "Encoder resolution", "1 um")
             angle = mapping.declared(text, GRAVITY_ALONG)
             self.axis = ui.select(AXES, value=AT_AN_ANGLE if angle else axis if axis in AXES else "")
-            self.axis.props('dense outlined label="Axis of the stage" aria-label="Axis of the stage"').classes("short")
+            self.axis.props('dense outlined label="Axis of the stage" aria-label="Axis of the stage"')
             self.gravity = self._entry(GRAVITY_ALONG, *labelled(GRAVITY_ALONG))
             self.gravity.bind_visibility_from(self.axis, "value", value=AT_AN_ANGLE)
 
     def _entry(self, path: str, label: str, example: str) -> ui.input:
         entry = ui.input(label, value=mapping.declared(self.text, path), placeholder=example)
-        return entry.props("dense outlined").classes("short")
+        return entry.props("dense outlined")
 
     @property
     def changes(self) -> dict[str, Any]:
@@ -356,7 +358,7 @@ def time_line(page: Page, run: Run) -> None:
             height=420,
         )
     with widgets.card("Data check"):
-        check(run)
+        check(page, run)
 
 
 def dwells(result: Dwells) -> None:
@@ -371,9 +373,18 @@ def dwells(result: Dwells) -> None:
     widgets.lines(result.assumptions)
 
 
-def check(run: Run) -> None:
-    """Channels, warnings, notes and assumptions of the recording."""
+def check(page: Page, run: Run) -> None:
+    """Faults with a button that excludes what they spoil, warnings and notes; channels of the recording."""
     summary = run.summary
+    found = [] if run.marks is None else [(widgets.remark_text(r), spoilt(r, run)) for r in run.marks.remarks]
+    for text, stretch in found:
+        with ui.row().classes("line"):
+            ui.label(text).classes("warning grow")
+            if stretch is not None:
+                span = " to ".join(f"{instant(at)} s" for at in stretch)
+                widgets.button(f"Exclude {span}", "content_cut", partial(page.act, page.bench.exclude, *stretch))
+    for severity, kind in (("warning", "warning"), ("note", "note")):
+        widgets.lines([f["text"] for f in summary["findings"] if f["severity"] == severity], kind)
     rows = [
         [
             name,
@@ -385,10 +396,25 @@ def check(run: Run) -> None:
         for name, c in summary["channels"].items()
     ]
     widgets.table(["channel", "samples", "rate", "span", "range"], rows, "Channels")
-    if run.marks is not None:
-        widgets.lines([f"Suspect data: {remark.sentence}" for remark in run.marks.remarks], "warning")
-    for severity, kind in (("warning", "warning"), ("note", "note")):
-        widgets.lines([f["text"] for f in summary["findings"] if f["severity"] == severity], kind)
+
+
+AT_THE_EDGE = 0.1
+"""Share of a record at either end within which a jump of the position stands for a start before homing."""
+
+
+def spoilt(fault: Remark, run: Run) -> Stretch | None:
+    """The stretch that a fault spoils where it is one; of a jump of the position near an end what lies beyond it."""
+    assert run.recording is not None
+    begin, end = time_span(run.recording)
+    at, last = (fault.values.get(name) for name in ("time", "end"))
+    if not isinstance(at, float):
+        return None
+    if isinstance(last, float) and fault.values.get("stretches", 1) == 1:
+        return max(begin, at - MILLISECOND), min(end, last + MILLISECOND)
+    if fault.code == "position_step" and fault.values.get("count") == 1:
+        share = (at - begin) / (end - begin)
+        return (begin, at) if share < AT_THE_EDGE else (at, end) if share > 1.0 - AT_THE_EDGE else None
+    return None
 
 
 def rig(page: Page, run: Run) -> None:

@@ -109,7 +109,7 @@ def remarks(state: State, diagnosis: Diagnosis) -> list[str]:
     """What must be read with the verdict; gaps that the user made are not mentioned."""
     cut = any(run.excluded or run.held_out for run in state.runs)
     notes = (r for r in diagnosis.remarks if r.place == "data" and not (cut and r.code == "dropout"))
-    lines = [f"Suspect data: {r.sentence}" for r in notes]
+    lines = [widgets.remark_text(r) for r in notes]
     lines += [readable(text) for text in diagnosis.notes]
     lines += [f"{d.sentence}." for d in diagnosis.dropped]
     lines += [capitalised(test.sentence) for test in diagnosis.channels if test.effect == WHITENESS]
