@@ -429,6 +429,52 @@ def test_what_is_declared_reaches_every_file_that_shares_it_the_script_and_the_c
     assert [run.recording.rig.lowpass for run in fresh.state.runs] == [ac.LowPass(500.0)] * 2
 
 
+def with_delay(path, cutoff=None, shift=0.0):
+    """Slow and fast sines whose output has a cubic and passes an RC (in closed form), or a clock that is ahead."""
+    rng, t = np.random.default_rng(72), np.arange(40_000) / 2000.0
+    p, u = np.zeros_like(t), np.full_like(t, 0.05)
+    a = np.zeros_like(t)
+    for f, g in ((0.4, 0.6), (1.7, 2.1), (9.3, 6.0)):
+        w, phase = 2.0 * np.pi * f, rng.uniform(0.0, 6.28)
+        lag = np.arctan(f / cutoff) - w * shift if cutoff else -w * shift
+        gain = 1.0 / np.hypot(1.0, f / cutoff) if cutoff else 1.0
+        p, a = p + g / w**2 * np.sin(w * t + phase), a - gain * g * np.sin(w * t + phase - lag)
+    u = 0.05 + 1.01 * a + 1e-3 * a**3 + 0.01 * rng.standard_normal(t.size)
+    rows = "\n".join(
+        f"{a:.5f},{b:.7f},{c:.10f}" for a, b, c in zip(t, u, p + 1e-7 * rng.standard_normal(t.size), strict=True)
+    )
+    path.write_text(f"t_s,accel_m_per_s2,position_m\n{rows}\n")
+    return path
+
+
+def test_a_lag_of_the_size_of_a_low_pass_is_declared_with_one_click(bench, tmp_path):
+    bench.load(with_delay(tmp_path / "run.csv", cutoff=200.0))
+    bench.exclude(2.0, 3.0)
+    bench.fit()
+    bench.add("cubic")
+    assert improvement.undeclared_low_pass(bench.state) == 200.0
+    before = bench.state
+    bench.declare_low_pass(200.0)
+    assert bench.sentence == ""
+    assert bench.state.run.recording.rig.lowpass == ac.LowPass(200.0)
+    assert [step.label for step in bench.state.path] == ["base", "+ cubic"]
+    assert (bench.state.run.excluded, bench.state.run.held_out) == (((2.0, 3.0),), before.run.held_out)
+    lag = bench.state.step.fit["time_offset"]
+    assert before.step.fit["time_offset"].value == pytest.approx(1.0 / (2.0 * np.pi * 200.0), rel=0.02)
+    assert abs(lag.value) < 0.02 * before.step.fit["time_offset"].value
+    assert improvement.undeclared_low_pass(bench.state) is None
+    bench.undo()
+    assert bench.state is before
+
+
+@pytest.mark.parametrize("shift", [0.0, 4e-4, -1e-4])
+def test_no_low_pass_is_offered_where_the_output_leads_or_lags_less_than_the_sampling_shows(bench, tmp_path, shift):
+    bench.load(with_delay(tmp_path / "run.csv", shift=shift))
+    bench.fit()
+    assert bench.state.step.fit["time_offset"].value == pytest.approx(-shift, abs=1e-5)
+    assert improvement.undeclared_low_pass(bench.state) is None
+
+
 def with_junk(path, jump, shaken):
     """A stage that is homed after a second, from a simulator of its own: before it the readings are absurd."""
     rng, t = np.random.default_rng(71), np.arange(24_000) / 1000.0

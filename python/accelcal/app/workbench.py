@@ -226,6 +226,28 @@ class Workbench:
 
         Files with the same columns that share its sidecar, or are not understood either, are read so, too.
         """
+        return self._declared(state, sidecar, progress)
+
+    @action("declaring the low-pass")
+    def declare_low_pass(self, state: State, progress: Report, cutoff: float) -> State:
+        """Declare an RC low-pass of the output for every recording, and fit the models up to the current one again."""
+        entry, changed = mapping.LowPassEntry("RC", f"{cutoff:g} Hz"), state
+        owners = [number for number, run in enumerate(state.runs) if run.recording is not None and not run.lender]
+        for count, number in enumerate(owners):
+            run = state.runs[number]
+            text = mapping.text_of(run.file, run.sidecar, run.template)
+            columns = mapping.choices(run.columns, text, run.template)
+            sidecar = mapping.sidecar_from(text, columns, changes=entry.changed(text))
+            part = within(progress, 0.4 * count / len(owners), 0.4 * (count + 1) / len(owners))
+            changed = self._declared(replace(changed, shown=number), sidecar, part)
+        changed = replace(changed, shown=state.shown)
+        for count, step in enumerate(state.path):
+            part = within(progress, 0.4 + 0.58 * count / len(state.path), 0.4 + 0.58 * (count + 1) / len(state.path))
+            changed = self._grown(changed, step.change, part)
+        return changed
+
+    def _declared(self, state: State, sidecar: str, progress: Report) -> State:
+        """The state with the file on the time line, and those that share its sidecar, read with another one."""
         asked = state.run
         if asked is None:
             raise Refused("load a recording first")
@@ -239,8 +261,7 @@ class Workbench:
             new = self._reader().run(run.file, None if run in sharing else sidecar, list(read.values()), part)
             if new.problem and not asked.problem and len(state.runs) > 1:
                 raise Refused(new.problem)
-            held_out = new.end if run.held_out is not None and new.recording is not None else None
-            read[id(run)] = replace(with_use(new, run.role), held_out=held_out)  # its time line may be another one
+            read[id(run)] = self._divided_as(run, new)
         runs = tuple(read.get(id(run), run) for run in state.runs)
         if all(run.problem for run in state.runs):
             return without_models(with_one_to_map(replace(state, runs=divided(runs))))
@@ -249,6 +270,18 @@ class Workbench:
         if asked.problem:  # what was understood before is as it was
             return replace(self._divided(state, runs, within(progress, 0.9, 0.98)), shown=changed.shown)
         return without_models(changed)
+
+    def _divided_as(self, before: Run, run: Run) -> Run:
+        """A file that was read again with its role, and with its parts where the time line is the same."""
+        used = with_use(run, before.role)
+        if used.recording is None:
+            return used
+        if before.recording is None or time_span(before.recording) != time_span(used.recording):
+            return replace(used, held_out=used.end if before.held_out is not None else None)
+        if before.excluded:
+            marks, summary = self._done(tasks.check, used.recording, before.excluded)
+            used = replace(used, excluded=before.excluded, marks=marks, summary=summary)
+        return replace(used, held_out=before.held_out)
 
     def _divided(self, state: State, runs: tuple[Run, ...], progress: Report) -> State:
         """The state with other runs; its models stay where what they were fitted to does, and are compared again."""
@@ -418,22 +451,17 @@ class Workbench:
     @action("fitting the base model")
     def fit(self, state: State, progress: Report, model: Literal["linear", "cubic"] = "linear") -> State:
         """Fit a base model to what is not held out."""
-        chosen = {"linear": Model.linear, "cubic": Model.cubic}[model]()
-        return self._grown(
-            without_models(loaded(state)), Change("base", model), progress, tasks.fitted, chosen, state.train, None
-        )
+        return self._grown(without_models(loaded(state)), Change("base", model), progress)
 
     @action("adding {0}")
     def add(self, state: State, progress: Report, name: str) -> State:
         """Add an effect to the current model, and fit again."""
-        return self._grown(
-            state, Change("add", name), progress, tasks.added, fitted(state).fit, state.train, name, names_of(state)
-        )
+        return self._grown(state, Change("add", name), progress)
 
     @action("removing {0}")
     def drop(self, state: State, progress: Report, name: str) -> State:
         """Remove an effect from the current model, and fit again."""
-        return self._grown(state, Change("drop", name), progress, tasks.dropped, fitted(state).fit, state.train, name)
+        return self._grown(state, Change("drop", name), progress)
 
     @action("fixing {0}")
     def freeze(self, state: State, progress: Report, name: str, value: float) -> State:
@@ -441,21 +469,34 @@ class Workbench:
         before = fitted(state).fit
         if name not in {e.name for e in (*before.estimates, *before.shapes)}:
             raise Refused(f"{name!r} is not a parameter of this model")
-        model = before.model.freeze(**{name: value})
-        return self._grown(
-            state, Change("hold", name, value), progress, tasks.fitted, model, state.train, before.origins
-        )
+        return self._grown(state, Change("hold", name, value), progress)
 
     @action("freeing {0}")
     def release(self, state: State, progress: Report, name: str) -> State:
         """Let a held parameter be estimated again."""
-        before = fitted(state).fit
-        model = before.model.release(name)
-        return self._grown(state, Change("release", name), progress, tasks.fitted, model, state.train, before.origins)
+        return self._grown(state, Change("release", name), progress)
 
-    def _grown(self, state: State, change: Change, progress: Report, task: Callable[..., Fit], *args: Any) -> State:
-        """The state with one more model, which a task fits, made the current one; all are compared with one filter."""
-        grown: Fit = self._done(task, *args, progress=within(progress, 0.0, 0.8))
+    def _made(self, state: State, change: Change, progress: Report) -> Fit:
+        """The fit that a change makes of the current model."""
+        name, train = change.name, state.train
+        if change.kind == "base":
+            base = {"linear": Model.linear, "cubic": Model.cubic}[name]()
+            made: Fit = self._done(tasks.fitted, base, train, None, progress=progress)
+            return made
+        before = fitted(state).fit
+        if change.kind == "add":
+            made = self._done(tasks.added, before, train, name, names_of(state), progress=progress)
+        elif change.kind == "drop":
+            made = self._done(tasks.dropped, before, train, name, progress=progress)
+        else:
+            held = change.kind == "hold"
+            model = before.model.freeze(**{name: change.value}) if held else before.model.release(name)
+            made = self._done(tasks.fitted, model, train, before.origins, progress=progress)
+        return made
+
+    def _grown(self, state: State, change: Change, progress: Report) -> State:
+        """The state with one more model, made the current one; all are compared with one filter."""
+        grown = self._made(state, change, within(progress, 0.0, 0.8))
         before, ruler = [step.fit for step in state.steps], Ruler.of([*(step.fit for step in state.steps), grown])
         again = state.steps if before and Ruler.of(before) != ruler else ()
         fits = [*(step.fit for step in again), grown]

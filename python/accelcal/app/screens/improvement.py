@@ -14,11 +14,14 @@ from accelcal.app.screens import files, model
 from accelcal.app.state import State, Step
 from accelcal.app.tasks import example_of
 from accelcal.calibration.export import Laboratory
+from accelcal.data import usual_step
+from accelcal.data.rig import low_passes
 from accelcal.diagnosis.findings import Size
 from accelcal.diagnosis.noise.noise_test import WHITENESS
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find, spelled
+from accelcal.model import Estimate
 from accelcal.plots import comparison
 from accelcal.plots.figure import candidate_groups
 from accelcal.plots.response import (
@@ -37,7 +40,7 @@ from accelcal.response import FrequencyResponse
 from accelcal.response.export import draft_response, to_csv
 from accelcal.results.comparisons import quoted
 from accelcal.results.diagnoses import VERDICTS, contribution
-from accelcal.results.words import error_size, probability, readable
+from accelcal.results.words import error_size, plain, probability, readable
 from accelcal.validation.comparison import ONLY_WHITE, Evaluation
 from accelcal.validation.regions import worst_stretches
 
@@ -113,9 +116,59 @@ def remarks(state: State, diagnosis: Diagnosis) -> list[str]:
     lines += [readable(text) for text in diagnosis.notes]
     lines += [f"{d.sentence}." for d in diagnosis.dropped]
     lines += [capitalised(test.sentence) for test in diagnosis.channels if test.effect == WHITENESS]
-    if "time_offset" in diagnosis.effects:
-        lines.append("The output lags by more than was declared; the model estimates the lag already (time offset).")
     return lines
+
+
+LAG_SIGMA, NEAR = 5.0, 0.02
+"""Standard deviations of a lag beyond what is declared from which it is one, and how far a round corner may be off."""
+
+
+def undeclared_low_pass(state: State) -> float | None:
+    """Corner of the RC low-pass that would make the lag of the output, Hz, rounded; None where none can.
+
+    The lag of an RC is its time constant 1/(2 pi fc) for motion far below fc. It is none below the corner that the
+    sampling shows, and where a low-pass is declared.
+    """
+    lag = lag_of(state)
+    if lag is None:
+        return None
+    recording = state.first_fitted.data
+    rig = recording.rig
+    if rig.lowpass is not None or low_passes(rig.output_filters):
+        return None
+    if not lag.std > 0.0 or lag.value < rig.offset_tolerance + LAG_SIGMA * lag.std:
+        return None
+    corner = 1.0 / (2.0 * math.pi * lag.value)
+    if corner > 0.5 / usual_step(recording.accel.t):
+        return None
+    rounded = (float(f"{corner:.{digits}g}") for digits in (1, 2, 3))
+    return next(value for value in rounded if abs(value / corner - 1.0) < NEAR)
+
+
+def lag_of(state: State) -> Estimate | None:
+    """Time by which the output lags under the current model; None where that is not estimated."""
+    estimates = state.step.fit.estimates if state.step is not None else ()
+    return next((e for e in estimates if e.name == "time_offset"), None)
+
+
+def low_pass(page: Page) -> None:
+    """Where the output lags as an undeclared low-pass would make it: a button that declares it."""
+    state = page.bench.state
+    corner, lag = undeclared_low_pass(state), lag_of(state)
+    if corner is None or lag is None:
+        return
+    text = (
+        f"The output lags by {plain(lag.unit, lag.value, lag.std)}, which is not declared. An RC low-pass at "
+        f"{corner:g} Hz lags so; if the sensor or the logger has one, declare it. The model estimates the lag already."
+    )
+    ui.label(text).classes("warning")
+    button = widgets.button(
+        f"Declare RC {corner:g} Hz",
+        "filter_alt",
+        lambda: page.improve(page.bench.declare_low_pass, corner),
+    )
+    button.set_enabled(page.bench.job is None)
+    page.of_rest.append(button)
 
 
 def capitalised(text: str) -> str:
@@ -288,6 +341,7 @@ def verdict(page: Page) -> None:
     ).props(f"role=status data-verdict={diagnosis.verdict}")
     ui.label(readable(diagnosis.sentence)).classes("verdict-text")
     widgets.lines(remarks(bench.state, diagnosis), "warning")
+    low_pass(page)
     if diagnosis.verdict == "adequate":
         ui.label("Detection limits: no missing effect is larger than").classes("strong")
         limits = diagnosis.table("limits").cells[1]
