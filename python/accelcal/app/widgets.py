@@ -46,7 +46,8 @@ def picture(figure: Figure | Picture, theme: ThemeName, **config: Any) -> Pictur
     if isinstance(figure, Picture):
         return figure
     content = plotly.as_dict(figure, theme, headline=False)
-    content["config"] = {"displaylogo": False, "responsive": True, **config}
+    removed = ["toImage", *config.pop("modeBarButtonsToRemove", ())]  # a button beside the headline saves it with that
+    content["config"] = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": removed, **config}
     return Picture(figure.headline, figure.small_print, content)
 
 
@@ -345,6 +346,23 @@ def lines(texts: Sequence[str], kind: str = "note") -> None:
         ui.label(text).classes(kind)
 
 
+def later(box: ui.expansion, build: Callable[[], None]) -> None:
+    """Build what a box holds when it is first opened, because that takes a while."""
+
+    def opened(event: Any) -> None:
+        if event.value and not box.default_slot.children:
+            with box:
+                build()
+
+    box.on_value_change(opened)
+
+
+def png(plot: ui.plotly, headline: ui.label) -> None:
+    """A button that saves a figure with its headline as a picture."""
+    save = button("PNG", "photo_camera", lambda: None, flat=True, label=f"Save as PNG: {headline.text}")
+    save.props("dense").on("click", js_handler=f"() => savePicture({plot.id}, {headline.id})")
+
+
 def remark_text(remark: Remark) -> str:
     """A remark without the command that a button stands for."""
     text = remark.sentence.replace(str(remark.values.get("cut", "")), "")
@@ -468,9 +486,9 @@ class Frame:
             dark, self.is_narrow = map(bool, await ui.run_javascript(asked, timeout=30.0))
         self.themes.set("dark" if dark else "light")
 
-    def sized(self, picture: Picture) -> Picture:
-        """A figure for the width of this window."""
-        return narrowed(picture) if self.is_narrow else roomy(picture)
+    def sized(self, picture: Picture, narrow: bool = False) -> Picture:
+        """A figure for the width of this window, or for a narrow place in it."""
+        return narrowed(picture) if self.is_narrow or narrow else roomy(picture)
 
 
 class ThemeSwitch:

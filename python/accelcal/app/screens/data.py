@@ -232,6 +232,9 @@ def card(page: Page) -> None:
             ui.label(
                 "Models are fitted to all files with the use fit together, and compared with what is held out."
             ).classes("note")
+            widgets.lines(
+                [f"{run.name}: sensor and rig as declared for {run.lender}." for run in state.runs if run.lender]
+            )
         files.drop(page, "Add recordings or dwells", more=True)
         with ui.expansion("Begin anew with others", icon="restart_alt").classes("full"):
             files.drop(page, "Drop the recordings here")
@@ -341,7 +344,8 @@ def show(page: Page) -> None:
                     dwells(run.dwells)
             else:
                 time_line(page, run)
-            later(ui.expansion("Columns, units and sidecar", icon="table_chart").classes("sheet"), page, run)
+            box = ui.expansion("Columns, units and sidecar", icon="table_chart").classes("sheet")
+            widgets.later(box, lambda: form(page, rig=run.dwells is not None))  # it reads the file
     widgets.copies(page)
 
 
@@ -426,17 +430,6 @@ def rig(page: Page, run: Run) -> None:
     with ui.expansion(count, icon="tune").classes("full"):
         widgets.lines(assumed)
         declarations(page, run)
-
-
-def later(box: ui.expansion, page: Page, run: Run) -> None:
-    """Build the table of columns when it is first opened, because that reads the file."""
-
-    def opened(event: Any) -> None:
-        if event.value and not box.default_slot.children:
-            with box:
-                form(page, rig=run.dwells is not None)
-
-    box.on_value_change(opened)
 
 
 def brushing(page: Page, plot: ui.plotly) -> None:
