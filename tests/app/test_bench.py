@@ -18,9 +18,12 @@ from accelcal.app.workbench import Busy, Workbench
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module
 from accelcal.cli import app as command_line
 from accelcal.estimation.estimate import estimate
+from accelcal.plots.residuals import before_after
 from accelcal.results import json as results_json
 from accelcal.results import model_file
 from tests.commands import accelcal, python
+
+from .conftest import with_delay
 
 
 @pytest.fixture
@@ -71,6 +74,43 @@ def test_the_cubic_is_offered_first_and_nothing_after_it(grown):
     assert improvement.offered(last)[:2] == ([], [])
     assert not improvement.can_add(grown.state, last)
     assert last.table("limits").cells[1][0][0] == "quadratic"
+
+
+def test_a_step_is_drawn_before_and_after_on_one_scale(grown):
+    after = grown.state.step.heldout
+    drawn = before_after(grown.before(), after, grown.state.step.label)
+    sizes = [float(panel.title.partition(": ")[2].removesuffix(" σ")) for panel in drawn.panels]
+    assert sizes[0] > 20.0
+    assert sizes[1] < 4.5  # twelve bins of noise reach that once in 10 000 records
+    worst = next(bins for bins in grown.before().bins if bins.variable == drawn.panels[0].x.title)
+    assert sizes[0] == pytest.approx(np.abs(worst.score).max(), abs=0.05)
+    assert drawn.headline == f"+ cubic: the residual against acceleration goes from {sizes[0]} σ to {sizes[1]} σ"
+    assert drawn.panels[0].y.range == drawn.panels[1].y.range
+    back = before_after(after, grown.before(), "− cubic")  # the twin: an effect that is taken away
+    assert float(back.panels[1].title.split()[1]) > float(back.panels[0].title.split()[1])
+
+
+def test_a_name_with_far_weaker_rivals_is_a_name_and_one_with_near_ones_is_confounded(grown):
+    found = grown.diagnoses[(grown.state.path[0].key, 0)]
+    best, other = found.scan.candidates[:2]
+    members = (best.effect, other.effect)
+
+    def tied(gap):
+        pair = (replace(best, gain=900.0, members=members), replace(other, gain=900.0 - 2.0 * gap, members=members))
+        scan = replace(found.scan, candidates=pair, found=found.scan.found[-1:])
+        return replace(found, verdict="tied", scan=scan)
+
+    assert found.scan.found[-1].effect == best.effect
+    assert improvement.badge(tied(100.0)) == ("An effect is missing", "found")
+    first, rival = improvement.cards(tied(100.0))
+    assert (first.rivals, first.nearest) == ((), f"Nearest rival: {rival.title}, worse by 100 in log-likelihood.")
+    assert rival.nearest == f"Nearest rival: {first.title}, better by 100 in log-likelihood."
+    assert improvement.badge(tied(3.0)) == ("Confounded effects", "found")
+    first, rival = improvement.cards(tied(3.0))
+    assert (first.rivals, first.nearest) == ((rival.title,), "")
+    last = grown.diagnosis
+    assert improvement.badge(last) == ("No effect is missing", "good")
+    assert improvement.badge(replace(last, verdict="unexplained"))[1] == "bad"
 
 
 def test_nothing_is_offered_where_nothing_is_missing(bench, files):
@@ -427,24 +467,6 @@ def test_what_is_declared_reaches_every_file_that_shares_it_the_script_and_the_c
     fresh.open(tmp_path / "work.accelcal")
     assert fresh.sentence == ""
     assert [run.recording.rig.lowpass for run in fresh.state.runs] == [ac.LowPass(500.0)] * 2
-
-
-def with_delay(path, cutoff=None, shift=0.0):
-    """Slow and fast sines whose output has a cubic and passes an RC (in closed form), or a clock that is ahead."""
-    rng, t = np.random.default_rng(72), np.arange(40_000) / 2000.0
-    p, u = np.zeros_like(t), np.full_like(t, 0.05)
-    a = np.zeros_like(t)
-    for f, g in ((0.4, 0.6), (1.7, 2.1), (9.3, 6.0)):
-        w, phase = 2.0 * np.pi * f, rng.uniform(0.0, 6.28)
-        lag = np.arctan(f / cutoff) - w * shift if cutoff else -w * shift
-        gain = 1.0 / np.hypot(1.0, f / cutoff) if cutoff else 1.0
-        p, a = p + g / w**2 * np.sin(w * t + phase), a - gain * g * np.sin(w * t + phase - lag)
-    u = 0.05 + 1.01 * a + 1e-3 * a**3 + 0.01 * rng.standard_normal(t.size)
-    rows = "\n".join(
-        f"{a:.5f},{b:.7f},{c:.10f}" for a, b, c in zip(t, u, p + 1e-7 * rng.standard_normal(t.size), strict=True)
-    )
-    path.write_text(f"t_s,accel_m_per_s2,position_m\n{rows}\n")
-    return path
 
 
 def test_a_lag_of_the_size_of_a_low_pass_is_declared_with_one_click(bench, tmp_path):

@@ -104,7 +104,7 @@ def falling(state: State, theme: ThemeName) -> Picture:
     figure = diagnosis.error_reduction(compared)
     (panel,) = figure.panels
     measure, (factor, _) = compared.headline, ruled(compared)
-    sizes = [quoted(measure, evaluation) for evaluation in compared]
+    sizes = [quoted(measure, evaluation).partition(" (")[0] for evaluation in compared]
     names = [
         f"{spelled(step.label)}: {size}\n{share_text(compared, i)}"
         for i, (step, size) in enumerate(zip(state.path, sizes, strict=True))
@@ -226,6 +226,7 @@ def wrap_titles(axes: Axes) -> bool:
             title.update(text=_wrapped(title["text"], letters), font={**title.get("font", {}), "size": 12})
     names = x.get("ticktext")
     if isinstance(names, list) and names:
+        x["tickangle"] = 0
         x["ticktext"] = [
             "<br>".join(_wrapped(part, max(8, 44 // len(names))) for part in n.split("<br>")) for n in names
         ]
