@@ -167,14 +167,12 @@ def test_what_is_declared_is_exported_and_a_second_file_asks_nothing(tab, tmp_pa
     tab.get_by_role("option", name="at an angle", exact=True).click()
     tab.get_by_label("Gravity along the axis", exact=True).fill("0.01 m/s^2")
     tab.get_by_role("button", name="Use these declarations").click()
-    tab.get_by_text("3 assumptions").wait_for(timeout=LONG)
+    tab.get_by_text("4 assumptions").wait_for(timeout=LONG)
     fit(tab)
     tab.get_by_role("button", name="Declare RC 200 Hz").click(timeout=LONG)
     tab.get_by_role("button", name="Declare RC 200 Hz").wait_for(state="detached", timeout=LONG)
     tab.get_by_role("button", name="Add cubic", exact=True).click(timeout=LONG)
-    tab.locator("[data-verdict=adequate]").wait_for(timeout=LONG)
     tab.get_by_text("+ cubic: the residual against acceleration goes from").wait_for(timeout=LONG)
-    assert tab.get_by_role("button", name="Add").count() == 0
     picture = saved(tab, "Save as PNG: + cubic", tmp_path / "step.png").read_bytes()
     assert picture.startswith(b"\x89PNG")
     assert len(picture) > 10_000
