@@ -481,18 +481,18 @@ class Workbench:
         name, train = change.name, state.train
         if change.kind == "base":
             base = {"linear": Model.linear, "cubic": Model.cubic}[name]()
-            made: Fit = self._done(tasks.fitted, base, train, None, progress=progress)
-            return made
+            fit: Fit = self._done(tasks.fitted, base, train, None, progress=progress)
+            return fit
         before = fitted(state).fit
         if change.kind == "add":
-            made = self._done(tasks.added, before, train, name, names_of(state), progress=progress)
+            fit = self._done(tasks.added, before, train, name, names_of(state), progress=progress)
         elif change.kind == "drop":
-            made = self._done(tasks.dropped, before, train, name, progress=progress)
+            fit = self._done(tasks.dropped, before, train, name, progress=progress)
         else:
             held = change.kind == "hold"
             model = before.model.freeze(**{name: change.value}) if held else before.model.release(name)
-            made = self._done(tasks.fitted, model, train, before.origins, progress=progress)
-        return made
+            fit = self._done(tasks.fitted, model, train, before.origins, progress=progress)
+        return fit
 
     def _grown(self, state: State, change: Change, progress: Report) -> State:
         """The state with one more model, made the current one; all are compared with one filter."""

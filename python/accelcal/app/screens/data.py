@@ -380,8 +380,8 @@ def dwells(result: Dwells) -> None:
 def check(page: Page, run: Run) -> None:
     """Faults with a button that excludes what they spoil, warnings and notes; channels of the recording."""
     summary = run.summary
-    found = [] if run.marks is None else [(widgets.remark_text(r), spoilt(r, run)) for r in run.marks.remarks]
-    for text, stretch in found:
+    faults = [] if run.marks is None else [(widgets.remark_text(r), spoilt(r, run)) for r in run.marks.remarks]
+    for text, stretch in faults:
         with ui.row().classes("line"):
             ui.label(text).classes("warning grow")
             if stretch is not None:
