@@ -103,7 +103,7 @@ def card(diagnosis: Diagnosis, c: Candidate, named: list[str]) -> Card:
     )
 
 
-TOLD_APART = CONFOUNDED_LOG_EVIDENCE + CLEAR_LOG_EVIDENCE
+DISTINGUISHED = CONFOUNDED_LOG_EVIDENCE + CLEAR_LOG_EVIDENCE
 """Log-likelihood by which a rival is worse, or better, that no verdict takes for confounded: the most that policy adds
 up, nat."""
 
@@ -112,7 +112,7 @@ def rivals(diagnosis: Diagnosis, c: Candidate) -> tuple[list[str], list[Candidat
     """The class of a candidate but for itself: names that the likelihood does not tell from it, and the others."""
     by_name = {other.effect: other for other in diagnosis.scan.candidates}
     others = [m for m in c.members if m != c.effect]
-    far = [m for m in others if m in by_name and 0.5 * abs(by_name[m].gain - c.gain) > TOLD_APART]
+    far = [m for m in others if m in by_name and 0.5 * abs(by_name[m].gain - c.gain) > DISTINGUISHED]
     return [m for m in others if m not in far], [by_name[m] for m in far]
 
 
