@@ -152,7 +152,7 @@ def test_nothing_missing_offers_nothing(tab, files):
 def saved(tab, name, path):
     """What a button saves, as the file `path`."""
     with tab.expect_download(timeout=LONG) as waiting:
-        tab.get_by_role("button", name=name).first.click()
+        tab.get_by_role("button", name=name).first.dispatch_event("click")  # wherever the page is scrolled to
     waiting.value.save_as(path)
     return path
 
