@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import accelcal as ac
 from accelcal import io
@@ -23,6 +24,23 @@ def write(path, seed, seconds=40.0, vibration=None, **more):
         vibration=vibration,
     ).recording
     io.write_sidecar(made.rig, io.write_csv(made, path), io.sidecar_of(path))
+    return path
+
+
+def with_delay(path, cutoff=None, shift=0.0, seed=72):
+    """Slow and fast sines whose output has a cubic and then passes an RC, or a clock that is ahead."""
+    rng, fine = np.random.default_rng(seed), np.arange(16 * 40_000) / 32_000.0
+    p, a = np.zeros_like(fine), np.zeros_like(fine)
+    for f, g in ((0.4, 0.6), (1.7, 2.1), (9.3, 6.0)):
+        w, phase = 2.0 * np.pi * f, rng.uniform(0.0, 6.28)
+        p, a = p + g / w**2 * np.sin(w * fine + phase), a - g * np.sin(w * (fine + shift) + phase)
+    u = 0.05 + 1.01 * a + 1e-3 * a**3
+    if cutoff is not None:  # the trapezoidal rule at sixteen times the rate
+        c = 32_000.0 / (np.pi * cutoff)
+        u = lfilter([1.0, 1.0], [1.0 + c, 1.0 - c], u - u[0]) + u[0]
+    t, u, p = fine[::16], u[::16] + 0.01 * rng.standard_normal(40_000), p[::16] + 1e-7 * rng.standard_normal(40_000)
+    rows = "\n".join(f"{a:.5f},{b:.7f},{c:.10f}" for a, b, c in zip(t, u, p, strict=True))
+    path.write_text(f"t_s,accel_m_per_s2,position_m\n{rows}\n")
     return path
 
 

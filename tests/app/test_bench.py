@@ -10,16 +10,20 @@ from typer.testing import CliRunner
 
 import accelcal as ac
 from accelcal import io, verbs
-from accelcal.app import mapping, script, tasks, workbench
+from accelcal.app import mapping, script, tasks, widgets, workbench
+from accelcal.app.screens import data as data_screen
 from accelcal.app.screens import improvement
 from accelcal.app.state import Refused, State
 from accelcal.app.workbench import Busy, Workbench
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module
 from accelcal.cli import app as command_line
 from accelcal.estimation.estimate import estimate
+from accelcal.plots.residuals import before_after
 from accelcal.results import json as results_json
 from accelcal.results import model_file
 from tests.commands import accelcal, python
+
+from .conftest import with_delay
 
 
 @pytest.fixture
@@ -70,6 +74,43 @@ def test_the_cubic_is_offered_first_and_nothing_after_it(grown):
     assert improvement.offered(last)[:2] == ([], [])
     assert not improvement.can_add(grown.state, last)
     assert last.table("limits").cells[1][0][0] == "quadratic"
+
+
+def test_a_step_is_drawn_before_and_after_on_one_scale(grown):
+    after = grown.state.step.heldout
+    drawn = before_after(grown.before(), after, grown.state.step.label)
+    sizes = [float(panel.title.partition(": ")[2].removesuffix(" σ")) for panel in drawn.panels]
+    assert sizes[0] > 20.0
+    assert sizes[1] < 4.5  # twelve bins of noise reach that once in 10 000 records
+    worst = next(bins for bins in grown.before().bins if bins.variable == drawn.panels[0].x.title)
+    assert sizes[0] == pytest.approx(np.abs(worst.score).max(), abs=0.05)
+    assert drawn.headline == f"+ cubic: the residual against acceleration goes from {sizes[0]} σ to {sizes[1]} σ"
+    assert drawn.panels[0].y.range == drawn.panels[1].y.range
+    back = before_after(after, grown.before(), "− cubic")  # the twin: an effect that is taken away
+    assert float(back.panels[1].title.split()[1]) > float(back.panels[0].title.split()[1])
+
+
+def test_a_name_with_far_weaker_rivals_is_a_name_and_one_with_near_ones_is_confounded(grown):
+    found = grown.diagnoses[(grown.state.path[0].key, 0)]
+    best, other = found.scan.candidates[:2]
+    members = (best.effect, other.effect)
+
+    def tied(gap):
+        pair = (replace(best, gain=900.0, members=members), replace(other, gain=900.0 - 2.0 * gap, members=members))
+        scan = replace(found.scan, candidates=pair, found=found.scan.found[-1:])
+        return replace(found, verdict="tied", scan=scan)
+
+    assert found.scan.found[-1].effect == best.effect
+    assert improvement.badge(tied(100.0)) == ("An effect is missing", "found")
+    first, rival = improvement.cards(tied(100.0))
+    assert (first.rivals, first.nearest) == ((), f"Nearest rival: {rival.title}, worse by 100 in log-likelihood.")
+    assert rival.nearest == f"Nearest rival: {first.title}, better by 100 in log-likelihood."
+    assert improvement.badge(tied(3.0)) == ("Confounded effects", "found")
+    first, rival = improvement.cards(tied(3.0))
+    assert (first.rivals, first.nearest) == ((rival.title,), "")
+    last = grown.diagnosis
+    assert improvement.badge(last) == ("No effect is missing", "good")
+    assert improvement.badge(replace(last, verdict="unexplained"))[1] == "bad"
 
 
 def test_nothing_is_offered_where_nothing_is_missing(bench, files):
@@ -158,7 +199,10 @@ def test_a_hole_in_the_middle_makes_no_effect(grown, tmp_path):
 def test_a_whole_recording_can_be_held_out(grown, files, tmp_path):
     bench = Workbench(tmp_path)
     bench.state = grown.state
-    bench.include([files / "other.csv"], "hold out")
+    bench.include([files / "other.csv"])
+    assert [step.fit for step in bench.state.steps] == [step.fit for step in grown.state.steps]
+    assert [seen.recording for seen in bench.state.step.heldouts] == ["cubic.csv", "other.csv"]
+    bench.fit_whole()
     bench.fit()
     assert bench.state.step.heldout.recording == "other.csv"
     expected = ac.compare(estimate(ac.Model.linear(), ac.load(files / "cubic.csv")), ac.load(files / "other.csv"))[0]
@@ -383,3 +427,116 @@ def test_the_example_has_something_to_find(bench):
     bench.example("stage")
     assert bench.state.recording.name == "example_stage.csv"
     assert bench.sentence == ""
+
+
+def test_what_is_declared_reaches_every_file_that_shares_it_the_script_and_the_commands(bench, files, tmp_path):
+    _, *rows = (files / "odd.csv").read_text().rstrip().split("\n")
+    for name, part in (("one.csv", rows[:6000]), ("two.csv", rows[6000:])):
+        (tmp_path / name).write_text("\n".join(["stamp,sensor,scale", *part]) + "\n")
+    bench.load(tmp_path / "one.csv")
+    chosen = [
+        mapping.Choice("stamp", "time", "s"),
+        mapping.Choice("sensor", "accel", "m/s^2"),
+        mapping.Choice("scale", "position", "mm"),
+    ]
+    text = mapping.sidecar_from(bench.state.run.template, chosen)
+    bench.declare(text)
+    bench.include([tmp_path / "two.csv"])
+    assert bench.state.runs[1].lender == "one.csv"
+    bench.show(1)  # declared on either file, it is for both
+    low_pass = mapping.LowPassEntry("RC", "500 Hz").changed(text)
+    bench.declare(
+        mapping.sidecar_from(text, chosen, changes={**low_pass, "rig.axis": "down", mapping.RESOLUTION: "2 um"})
+    )
+    assert bench.sentence == ""
+    rigs = [run.recording.rig for run in bench.state.runs]
+    assert {(rig.lowpass, rig.axis, rig.resolution) for rig in rigs} == {(ac.LowPass(500.0), "down", 2e-6)}
+    (tmp_path / "one.toml").write_text(bench.state.runs[0].sidecar)  # what Export has as Sidecar (.toml)
+    done = python(
+        "-c", script.python(bench.state) + "print(*(run.rig for run in (run1, run2)))", cwd=tmp_path, check=True
+    )
+    assert done.stdout.count("cutoff=500") == 2
+    assert [line.partition(" --rig ")[2].split()[0] for line in script.command_line(bench.state).splitlines()[:2]] == [
+        "one.toml",
+        "one.toml",
+    ]
+    fresh = Workbench(tmp_path / "fresh")
+    fresh.folder.mkdir()
+    (tmp_path / "one.toml").unlink()
+    (tmp_path / "work.accelcal").write_bytes(bench.session())
+    fresh.open(tmp_path / "work.accelcal")
+    assert fresh.sentence == ""
+    assert [run.recording.rig.lowpass for run in fresh.state.runs] == [ac.LowPass(500.0)] * 2
+
+
+def test_a_lag_of_the_size_of_a_low_pass_is_declared_with_one_click(bench, tmp_path):
+    bench.load(with_delay(tmp_path / "run.csv", cutoff=200.0))
+    bench.exclude(2.0, 3.0)
+    bench.fit()
+    bench.add("cubic")
+    assert improvement.undeclared_low_pass(bench.state) == 200.0
+    before = bench.state
+    bench.declare_low_pass(200.0)
+    assert bench.sentence == ""
+    assert bench.state.run.recording.rig.lowpass == ac.LowPass(200.0)
+    assert [step.label for step in bench.state.path] == ["base", "+ cubic"]
+    assert (bench.state.run.excluded, bench.state.run.held_out) == (((2.0, 3.0),), before.run.held_out)
+    lag = bench.state.step.fit["time_offset"]
+    assert before.step.fit["time_offset"].value == pytest.approx(1.0 / (2.0 * np.pi * 200.0), rel=0.02)
+    assert abs(lag.value) < 0.02 * before.step.fit["time_offset"].value
+    assert improvement.undeclared_low_pass(bench.state) is None
+    bench.undo()
+    assert bench.state is before
+
+
+@pytest.mark.parametrize("shift", [0.0, 4e-4, -1e-4])
+def test_no_low_pass_is_offered_where_the_output_leads_or_lags_less_than_the_sampling_shows(bench, tmp_path, shift):
+    bench.load(with_delay(tmp_path / "run.csv", shift=shift))
+    bench.fit()
+    assert bench.state.step.fit["time_offset"].value == pytest.approx(-shift, abs=1e-5)
+    assert improvement.undeclared_low_pass(bench.state) is None
+
+
+def with_junk(path, jump, shaken):
+    """A stage that is homed after a second, from a simulator of its own: before it the readings are absurd."""
+    rng, t = np.random.default_rng(71), np.arange(24_000) / 1000.0
+    p, a = np.zeros_like(t), np.zeros_like(t)
+    for f, g in ((0.4, 0.6), (1.7, 2.1), (4.3, 4.0)):
+        w, phase = 2.0 * np.pi * f, rng.uniform(0.0, 6.28)
+        p, a = p + g / w**2 * np.sin(w * t + phase), a - g * np.sin(w * t + phase)
+    u, z = 0.05 + 1.01 * a + 0.02 * rng.standard_normal(t.size), p + 1e-7 * rng.standard_normal(t.size)
+    early = t < 1.0
+    u[early], z[early] = np.where(shaken, 50.0 * rng.uniform(-1.0, 1.0, early.sum()), u[early]), z[early] + jump
+    rows = "\n".join(f"{row[0]:.3f};{row[1]:.6f};{1e3 * row[2]:.6f}" for row in zip(t, u, z, strict=True))
+    path.write_text(f"t;a;p\n{rows}\n")
+    return path
+
+
+@pytest.mark.parametrize(("jump", "shaken"), [(0.0, True), (0.0123, True), (0.0123, False)])
+def test_junk_at_the_start_is_one_fault_with_one_click(bench, tmp_path, jump, shaken):
+    bench.load(with_junk(tmp_path / "run.csv", jump, shaken))
+    chosen = [
+        mapping.Choice("t", "time", "s"),
+        mapping.Choice("a", "accel", "m/s^2"),
+        mapping.Choice("p", "position", "mm"),
+    ]
+    text = mapping.sidecar_from(bench.state.run.template, chosen, changes={"sensor.range": "49.99 m/s^2"})
+    bench.declare(text)
+    run = bench.state.run
+    ((begin, end),) = {data_screen.spoilt(fault, run) for fault in run.marks.remarks} - {None}
+    assert (begin, end) == (0.0, pytest.approx(1.0, abs=0.2))
+    for fault in run.marks.remarks:
+        assert "accelcal cut" not in widgets.remark_text(fault)
+        assert "accelcal cut" not in fault.sentence or "accelcal cut run.csv --without" in fault.sentence
+    said = [finding["text"] for finding in run.summary["findings"]]
+    assert any("probably saturated" in text for text in said) == shaken
+    bench.exclude(begin, end)
+    assert bench.sentence == ""
+    assert bench.state.run.marks.remarks == ()
+    assert not any("probably saturated" in finding["text"] for finding in bench.state.run.summary["findings"])
+    bench.use_again(0)
+    assert [fault.code for fault in bench.state.run.marks.remarks] == [fault.code for fault in run.marks.remarks]
+    # The twin: what the form says wrongly is said of the form, and no file is named that nobody made.
+    bench.declare(text.replace("49.99 m/s^2", "fast"))
+    assert "the form: sensor.range" in bench.state.run.problem
+    assert ".toml" not in bench.state.run.problem

@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+import tomllib
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,6 +13,7 @@ from accelcal import verbs
 from accelcal.estimation.estimate import estimate
 from tests.commands import accelcal
 
+from .conftest import with_delay
 from .test_server import HOST, server  # noqa: F401  (the fixture that runs the workbench)
 from .user import require_screen, require_stillness
 
@@ -78,12 +80,13 @@ def test_the_loop_from_drop_to_report(tab, files):
     alone, before, after = expected(files)
     assert number(tab, "error") == alone
     assert tab.locator("[data-verdict]").get_attribute("data-verdict") in ("named", "tied")
+    tab.locator(".candidate figcaption", has_text="on held-out data against the effect").wait_for(timeout=LONG)
     tab.get_by_role("button", name="Add cubic", exact=True).click()
     tab.locator("[data-verdict=adequate]").wait_for(timeout=LONG)
     assert (number(tab, "before"), number(tab, "error")) == (before, after)
     assert after < before
     assert tab.get_by_text("Detection limits: no missing effect is larger than").is_visible()
-    assert tab.get_by_role("button", name="Nothing to add").is_disabled()
+    assert tab.get_by_role("button", name="Add", exact=False).count() == 0
     # The previous residual stands behind the new one.
     tab.locator(".plot .main-svg").nth(2).wait_for(timeout=LONG)
     names = tab.evaluate("() => [...document.querySelectorAll('.plot')].flatMap(p => p.data.map(t => t.name))")
@@ -142,9 +145,49 @@ def test_nothing_missing_offers_nothing(tab, files):
     load(tab, files, "null")
     fit(tab)
     assert tab.locator("[data-verdict]").get_attribute("data-verdict") == "adequate"
-    assert tab.get_by_role("button", name="Nothing to add").is_disabled()
-    assert tab.get_by_role("button", name="Add", exact=False).filter(has_not_text="Nothing").count() == 1
+    assert tab.get_by_role("button", name="Add", exact=False).count() == 0
     assert tab.get_by_text("No effect is missing", exact=True).is_visible()
+
+
+def saved(tab, name, path):
+    """What a button saves, as the file `path`."""
+    with tab.expect_download(timeout=LONG) as waiting:
+        tab.get_by_role("button", name=name).first.dispatch_event("click")  # wherever the page is scrolled to
+    waiting.value.save_as(path)
+    return path
+
+
+def test_what_is_declared_is_exported_and_a_second_file_asks_nothing(tab, tmp_path):
+    """The walk of a metrologist: declare, fit, take the low-pass that is offered, add, then drop another day's file."""
+    drop(tab, with_delay(tmp_path / "one.csv", cutoff=200.0))
+    tab.get_by_role("button", name="Fit the linear model").wait_for(timeout=LONG)
+    tab.get_by_text("assumptions").click()
+    tab.get_by_label("Encoder resolution", exact=True).fill("0.2 um")
+    tab.get_by_role("combobox", name="Axis of the stage").click()
+    tab.get_by_role("option", name="at an angle", exact=True).click()
+    tab.get_by_label("Gravity along the axis", exact=True).fill("0.01 m/s^2")
+    tab.get_by_role("button", name="Use these declarations").click()
+    tab.get_by_text("4 assumptions").wait_for(timeout=LONG)
+    fit(tab)
+    tab.get_by_role("button", name="Declare RC 200 Hz").click(timeout=LONG)
+    tab.get_by_role("button", name="Declare RC 200 Hz").wait_for(state="detached", timeout=LONG)
+    tab.get_by_role("button", name="Add cubic", exact=True).click(timeout=LONG)
+    tab.get_by_text("+ cubic: the residual against acceleration goes from").wait_for(timeout=LONG)
+    picture = saved(tab, "Save as PNG: + cubic", tmp_path / "step.png").read_bytes()
+    assert picture.startswith(b"\x89PNG")
+    assert len(picture) > 10_000
+    tab.get_by_role("tab", name="Export").click()
+    declared = tomllib.loads(saved(tab, "Sidecar (.toml)", tmp_path / "one.toml").read_text())
+    assert declared["channels"]["accel"]["lowpass"] == {"kind": "RC", "fc": "200 Hz"}
+    assert declared["channels"]["position"]["resolution"] == "0.2 um"
+    assert declared["rig"] == {"gravity_along_axis": "0.01 m/s^2"}
+    assert 'ac.load("one.csv", "one.toml")' in saved(tab, "Script (.py)", tmp_path / "steps.py").read_text()
+    tab.get_by_role("tab", name="Data").click()
+    require_screen(tab, "Data")
+    drop(tab, with_delay(tmp_path / "two.csv", cutoff=200.0, seed=73))
+    tab.get_by_text("two.csv: sensor and rig as declared for one.csv.").wait_for(timeout=LONG)
+    assert tab.get_by_role("combobox", name="Use of two.csv").input_value() == "hold out"
+    assert tab.get_by_text("Current model: base + cubic.").is_visible()
 
 
 def test_a_second_tab_is_independent(tab, files, server):  # noqa: F811

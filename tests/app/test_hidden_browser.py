@@ -107,4 +107,4 @@ def test_a_world_in_which_nothing_is_hidden_offers_nothing(tab, tmp_path):  # no
     load(tab, path)
     fit(tab)
     assert tab.locator("[data-verdict]").get_attribute("data-verdict") == "adequate"
-    assert tab.get_by_role("button", name="Nothing to add").is_disabled()
+    assert tab.get_by_role("button", name="Add", exact=False).count() == 0

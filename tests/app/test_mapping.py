@@ -63,8 +63,8 @@ def test_a_column_that_is_alone_with_its_kind_of_unit_gets_a_role(tmp_path: Path
     found = mapping.choices(GERMAN, template, template)
     assert [(c.channel, c.unit) for c in found] == [("time", "s"), ("accel", "V"), ("position", "mm")]
     assert mapping.unknown(found, template) == ["the scale of the sensor"]
-    text = mapping.sidecar_from(template, found, sensor={"scale": "1.2 V/g", "zero": "2.5 V", "noise": ""})
-    assert mapping.sensor_in(text) == {"scale": "1.2 V/g", "zero": "2.5 V"}
+    text = mapping.sidecar_from(template, found, changes={"sensor.scale": "1.2 V/g", "sensor.zero": "2.5 V"})
+    assert [mapping.declared(text, f"sensor.{key}") for key in ("scale", "zero", "noise")] == ["1.2 V/g", "2.5 V", ""]
     assert mapping.unknown(found, text) == []
     path = tmp_path / "messung.csv"
     path.with_suffix(".toml").write_text(text, encoding="utf-8")
@@ -90,7 +90,59 @@ def test_first_lines_are_those_of_text_files_and_short(tmp_path: Path) -> None:
     assert mapping.first_lines(tmp_path / "run.parquet") == []
 
 
+def test_the_first_lines_of_an_old_logger_are_read_as_the_reader_does(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("Zeit;Temp (°C)\n0;23\n", encoding="latin-1")
+    assert mapping.first_lines(tmp_path / "run.csv") == ["Zeit;Temp (°C)", "0;23"]
+
+
 def test_a_sidecar_that_is_no_toml_declares_nothing_of_the_sensor() -> None:
-    assert mapping.sensor_in("[sensor\n") == {}
-    assert mapping.sensor_in("sensor = 3") == {}
-    assert mapping.sensor_in('[sensor]\nscale = "?"\nserial = 12') == {"serial": "12"}
+    assert mapping.declared("[sensor\n", "sensor.scale") == ""
+    assert mapping.declared("sensor = 3", "sensor.scale") == ""
+    text = '[sensor]\nscale = "?"\nserial = 12'
+    assert [mapping.declared(text, f"sensor.{key}") for key in ("scale", "serial")] == ["", "12"]
+
+
+def test_what_the_form_declares_of_filter_encoder_and_axis_reaches_the_recording(tmp_path: Path) -> None:
+    template = german(tmp_path)
+    found = mapping.choices(GERMAN, template, template)
+    rig = {"sensor.model": "ADXL105", "sensor.scale": "0.25 V/g", "sensor.zero": "2.5 V", "rig.axis": "up"}
+    low_pass = mapping.LowPassEntry("RC", "500 Hz").changed(template)
+    text = mapping.sidecar_from(template, found, changes=rig | {mapping.RESOLUTION: "0.1 um"} | low_pass)
+
+    def read(text: str) -> ac.Recording:
+        (tmp_path / "messung.toml").write_text(text, encoding="utf-8")
+        return io.load(tmp_path / "messung.csv")
+
+    made = read(text).rig
+    assert (made.sensor.model, made.axis, made.resolution) == ("ADXL105", "up", pytest.approx(1e-7))
+    assert made.lowpass == ac.LowPass(500.0)
+    assert mapping.LowPassEntry.of(text) == mapping.LowPassEntry("RC", "500 Hz")
+    # Another kind, and a field that is emptied; what is not named stays.
+    better = mapping.LowPassEntry("bessel", "300 Hz", "4").changed(text)
+    other = mapping.sidecar_from(text, found, changes={mapping.RESOLUTION: "", "rig.axis": ""} | better)
+    made = read(other).rig
+    assert (made.axis, made.resolution, made.lowpass) == ("level", None, None)
+    assert [(f.kind, f.cutoff, f.order) for f in made.output_filters] == [("bessel", 300.0, 4)]
+    gone = mapping.sidecar_from(other, found, changes=mapping.LowPassEntry().changed(other))
+    assert read(gone).rig.output_filters == ()
+    assert "no column has this role" in refusal(template, found[:2], {mapping.RESOLUTION: "0.1 um"})
+
+
+def refusal(text: str, found: list[Choice], changes: dict[str, str]) -> str:
+    with pytest.raises(ac.RecordingError) as refused:
+        mapping.sidecar_from(text, found, changes=changes)
+    return str(refused.value)
+
+
+def test_the_form_leaves_a_filter_that_it_does_not_know_and_a_tolerance() -> None:
+    line = '[channels]\naccel = {{ column = "a", unit = "g", lowpass = {} }}\n'.format
+    entry = mapping.LowPassEntry.of
+    for other in ('{ kind = "sinc", length = 16 }', '[{ fc = "9 Hz" }]', '{ tau = "1 ms" }', "{ fc = 9, rate = 99 }"):
+        assert entry(line(other)) == mapping.LowPassEntry(mapping.OTHER_FILTER)
+        assert entry(line(other)).changed(line(other)) == {}
+    declared = line('{ fc = "159 Hz", tolerance = 0.02 }')
+    assert entry(declared) == mapping.LowPassEntry("RC", "159 Hz")
+    assert entry(declared).changed(declared) == {}
+    assert mapping.LowPassEntry("RC", "160 Hz").changed(declared) == {
+        mapping.LOW_PASS: {"kind": "RC", "fc": "160 Hz", "tolerance": 0.02}
+    }

@@ -286,6 +286,14 @@ def test_columns_that_are_alike_are_mapped_once(files, tmp_path):
     assert [one.problem for one in bench.state.runs] == ["", ""]
     assert roles(bench) == [("fit", True), ("fit", False)]
     mapped = bench.state
+    third = tmp_path / "three.csv"
+    third.write_text((files / "odd.csv").read_text().rsplit("\n", 3)[0] + "\n")
+    bench.include([third])  # read as the others, and held out in the place of a part
+    assert bench.sentence == ""
+    assert [one.problem for one in bench.state.runs] == ["", "", ""]
+    assert bench.state.runs[2].lender in ("one.csv", "two.csv")
+    assert roles(bench) == [("fit", False), ("fit", False), ("hold out", False)]
+    bench.undo()
     bench.declare("[channels]\naccel = { column = 'nowhere', unit = 'm/s^2' }\n")
     assert "no column for position" in bench.sentence
     assert bench.state is mapped

@@ -79,6 +79,7 @@ class Example:
             "one_step": comparison.one_step(seen, previous=seen),
             "accel_residual": comparison.accel_residual(seen, previous=seen),
             "regions": residuals.regions(seen),
+            "before_after": residuals.before_after(self.nested.seen[0][0], self.nested.seen[0][-1], "adding it"),
             "spectrum": residuals.spectrum(self.fit, seen, [LINE]),
             "whiteness_plot": residuals.whiteness_plot(seen),
             "quantile_plot": residuals.quantile_plot(seen),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +14,8 @@ import tomlkit
 
 from accelcal import io
 from accelcal.data import GRAVITY, GYROSCOPE, PLACE, QUATERNION, RecordingError, units
+from accelcal.data.rig import ANALOG
+from accelcal.io.dialect import decoded
 from accelcal.io.files import open_regular, open_table
 from accelcal.io.sidecar import has_sidecar
 from accelcal.io.table import SIDECAR_BYTES
@@ -24,6 +27,11 @@ ORIENTATION = (GRAVITY, *GYROSCOPE, *PLACE, *QUATERNION)
 UNKNOWN = "?"
 ELECTRICAL = ("V", "count")
 """Units of an output that a scale turns into acceleration."""
+NO_FILTER, OTHER_FILTER = "none", "as in the sidecar"
+LOW_PASSES = (NO_FILTER, *ANALOG, OTHER_FILTER)
+"""Kinds of a low-pass that the form knows; any other one is declared in the sidecar."""
+LOW_PASS, RESOLUTION = "channels.accel.lowpass", "channels.position.resolution"
+"""Where a sidecar has the low-pass of the output, and the resolution of the encoder."""
 FIRST_BYTES, FIRST_LINES, FIRST_WIDTH = 8192, 8, 120
 """How much of a text file is shown: bytes that are read, lines, characters of a line."""
 
@@ -68,8 +76,8 @@ def first_lines(path: Path) -> list[str]:
     if path.suffix.lower() not in (".csv", ".txt", ".tsv"):
         return []
     with open_regular(path, "a recording") as file:
-        head = file.read(FIRST_BYTES).decode("utf-8-sig", errors="replace")
-    return [line[:FIRST_WIDTH] for line in head.splitlines()[:FIRST_LINES]]
+        head = file.read(FIRST_BYTES).removeprefix(codecs.BOM_UTF8)
+    return [decoded(line)[:FIRST_WIDTH] for line in head.splitlines()[:FIRST_LINES]]
 
 
 def choices(columns: Sequence[str], text: str, template: str) -> list[Choice]:
@@ -101,15 +109,62 @@ def unknown(options: Sequence[Choice], text: str) -> list[str]:
         elif not choice.unit:
             open_points.append(f"the unit of {channel}")
     accel = by_channel.get("accel")
-    if accel is not None and _dimension(accel.unit) in ELECTRICAL and not sensor_in(text).get("scale"):
+    if accel is not None and _dimension(accel.unit) in ELECTRICAL and not declared(text, "sensor.scale"):
         open_points.append("the scale of the sensor")
     return open_points
 
 
-def sensor_in(text: str) -> dict[str, str]:
-    """What a sidecar declares of the sensor, by key; empty where the text is no TOML."""
-    declared = _read_table(text, "sensor").items()
-    return {key: str(value) for key, value in declared if isinstance(value, str | int | float) and value != UNKNOWN}
+def declared(text: str, path: str) -> str:
+    """What a sidecar declares at a path of keys with dots between them; empty where that is no text or number."""
+    *tables, key = path.split(".")
+    holder: Any = _read_table(text, tables[0])
+    for name in tables[1:]:
+        holder = holder.get(name) if isinstance(holder, dict) else None
+    value = holder.get(key) if isinstance(holder, dict) else None
+    return str(value) if isinstance(value, str | int | float) and value != UNKNOWN else ""
+
+
+@dataclass(frozen=True, slots=True)
+class LowPassEntry:
+    """The low-pass of the output as the form has it."""
+
+    kind: str = NO_FILTER
+    """One of `LOW_PASSES`."""
+    corner: str = ""
+    """Frequency with its unit."""
+    order: str = ""
+    """Of butterworth and bessel."""
+
+    @classmethod
+    def of(cls, text: str) -> LowPassEntry:
+        """What a sidecar declares."""
+        filters = _declared_low_pass(text)
+        if filters is None:
+            return cls()
+        kind = filters.get("kind", "RC") if isinstance(filters, dict) else ""
+        if kind not in ANALOG or "fc" not in filters or "rate" in filters:
+            return cls(OTHER_FILTER)
+        return cls(kind, str(filters["fc"]), str(filters.get("order", "")))
+
+    def changed(self, text: str) -> dict[str, Any]:
+        """What of it is new to a sidecar, for `sidecar_from`; a tolerance stays with its RC."""
+        before = LowPassEntry.of(text)
+        if self == before or self.kind == OTHER_FILTER:
+            return {}
+        if self.kind == NO_FILTER:
+            return {LOW_PASS: ""}
+        entry: dict[str, Any] = {"kind": self.kind, "fc": self.corner}
+        if self.kind != "RC":
+            entry["order"] = int(self.order) if self.order.isdecimal() else self.order
+        elif before.kind == "RC":
+            entry |= {key: value for key, value in _declared_low_pass(text).items() if key == "tolerance"}
+        return {LOW_PASS: entry}
+
+
+def _declared_low_pass(text: str) -> Any:
+    """The low-pass of the output in a sidecar, as it stands there; None where there is none."""
+    source = _read_table(text, "channels").get("accel")
+    return source.get("lowpass") if isinstance(source, dict) else None
 
 
 def sidecar_from(
@@ -117,7 +172,7 @@ def sidecar_from(
     chosen: Sequence[Choice],
     input_axis: str = "",
     maps: str = "",
-    sensor: Mapping[str, str] = MappingProxyType({}),
+    changes: Mapping[str, Any] = MappingProxyType({}),
 ) -> str:
     """The sidecar with its columns as chosen; everything else in it stays, comments included.
 
@@ -127,13 +182,13 @@ def sidecar_from(
     chosen : what each column is.
     input_axis : of a body that turns: x, y, z, or three numbers with commas between them; empty: as the sidecar says.
     maps : what a quaternion turns into what; empty: as the sidecar says.
-    sensor : values of ``[sensor]`` by key; an empty one leaves what the sidecar says.
+    changes : what else is declared anew, by the path of its keys with dots between them; "" declares it no more.
 
     Raises
     ------
     RecordingError
-        If two columns are the same channel, a quaternion has not all its columns or nothing says what it maps, or the
-        text is no TOML.
+        If two columns are the same channel, a quaternion has not all its columns or nothing says what it maps, a
+        channel is declared that no column is, or the text is no TOML.
     """
     used = [c for c in chosen if c.channel != NOT_USED]
     for i, choice in enumerate(used):
@@ -176,9 +231,19 @@ def sidecar_from(
         attitude["maps"] = maps
     if input_axis.strip():
         _table(document, "rig")["input_axis"] = _direction(input_axis.strip())
-    for key, value in sensor.items():
-        if value and value != sensor_in(text).get(key, ""):
-            _table(document, "sensor")[key] = value
+    for path, value in changes.items():
+        *tables, key = path.split(".")
+        if tables[0] == "channels" and tables[1] not in names:
+            if value == "":
+                continue
+            raise RecordingError(f"{tables[1]}: its {key} is declared, but no column has this role; give it to one")
+        holder = document
+        for name in tables:
+            holder = _table(holder, name)
+        if value != "":
+            holder[key] = _inline(value) if isinstance(value, dict) else value
+        elif key in holder:
+            del holder[key]
     return tomlkit.dumps(document)
 
 
@@ -187,6 +252,13 @@ def _table(holder: Any, name: str) -> Any:
     table = holder.setdefault(name, tomlkit.table())
     if not isinstance(table, dict):
         raise RecordingError(f"the sidecar: {name} is no table; write [{name}] on a line of its own")
+    return table
+
+
+def _inline(values: Mapping[str, Any]) -> Any:
+    """A table on one line."""
+    table = tomlkit.inline_table()
+    table.update(values)
     return table
 
 

@@ -20,3 +20,20 @@ addEventListener("unhandledrejection", event => {
     (again || content).focus({ preventScroll: true });
   }).observe(document.documentElement, { childList: true, subtree: true });
 })();
+// Saves a figure as it is seen, with the headline that stands above it.
+function savePicture(plotId, headlineId) {
+  const plot = getElement(plotId), drawn = plot.$el;
+  const text = document.getElementById(`c${headlineId}`).innerText;
+  const letters = Math.max(20, Math.floor(drawn.clientWidth / 8)), lines = [""];
+  for (const word of text.split(" ")) {
+    if ((lines.at(-1) + word).length > letters) lines.push("");
+    lines[lines.length - 1] += `${word} `;
+  }
+  const room = 20 * lines.length + 8, layout = { ...drawn.layout, margin: { ...drawn.layout.margin } };
+  layout.margin.t = (layout.margin.t ?? 20) + room;
+  const size = { width: drawn.clientWidth, height: drawn.clientHeight + room, scale: 2, format: "png" };
+  layout.title = { text: lines.join("<br>"), x: 0.01, xanchor: "left", y: 1 - 10 / size.height, yref: "container",
+    yanchor: "top", font: { size: 15 } };
+  const name = text.replace(/[^\w]+/g, "_").slice(0, 60);
+  return plot.Plotly.downloadImage({ data: drawn.data, layout }, { ...size, filename: `accelcal_${name}` });
+}

@@ -221,11 +221,13 @@ class Page(widgets.Frame):
         behind: tuple[Any, ...] | None = None,
         prepare: Callable[[ui.plotly, Callable[[Picture], None]], None] = lambda plot, redraw: None,
         height: int = 300,
+        narrow: bool = False,
     ) -> None:
         """Draw figures at this place of the page; they are computed in the background and cached under `key`.
 
         `first` is called before, and may take long; the figures under the key `behind`, which a user waits for, are
-        drawn and sent before; `prepare` is called with each plot and a function that replaces its figure.
+        drawn and sent before; `prepare` is called with each plot and a function that replaces its figure. In a `narrow`
+        place panels stand one under the other, as on a phone.
         """
         theme, build = self.themes.theme, self._build_count
         key = (*key, theme)
@@ -236,17 +238,20 @@ class Page(widgets.Frame):
             for shown in several:
                 with ui.element("figure"):
                     with ui.element("figcaption"):
-                        headline = ui.label(shown.headline).classes("headline")
+                        with ui.row().classes("line spread top") as line:
+                            headline = ui.label(shown.headline).classes("headline")
                         note = ui.label(shown.note).classes("note")
                     note.set_visibility(bool(shown.note))
-                    plot = ui.plotly(self.sized(shown).figure).classes("plot")
+                    plot = ui.plotly(self.sized(shown, narrow).figure).classes("plot")
+                    with line:
+                        widgets.png(plot, headline)
 
                     def redraw(
                         new: Picture, plot: ui.plotly = plot, headline: ui.label = headline, note: ui.label = note
                     ) -> None:
                         headline.set_text(new.headline)
                         note.set_text(new.note)
-                        plot.update_figure(self.sized(new).figure)
+                        plot.update_figure(self.sized(new, narrow).figure)
 
                     prepare(plot, redraw)
 

@@ -62,9 +62,9 @@ class Named:
         """Name of a file."""
         return next(name for other, name in self.pairs if other is run)
 
-    def lender(self, run: Run) -> str:
-        """Name of the recording whose rig a file has."""
-        return next(name for other, name in self.pairs if other.name == run.lender and not other.lender)
+    def lender(self, run: Run) -> tuple[Run, str]:
+        """The recording whose sidecar or rig a file has, and its name."""
+        return next(pair for pair in self.pairs if pair[0].name == run.lender and not pair[0].lender)
 
 
 def in_use(state: State) -> list[Run]:
@@ -79,7 +79,9 @@ def loading(run: Run, name: str, named: Named) -> list[str]:
         sidecar = f", {quoted(f'{run.file.stem}.toml')}" if run.sidecar is not None else ""
         return [f"{name} = ac.load_dwells({file}{sidecar})"]
     rig = f", {quoted(f'{run.file.stem}.toml')}" if run.sidecar is not None else ""
-    rig = f", {named.lender(run)}.rig" if run.lender else rig
+    if run.lender:
+        lender, called = named.lender(run)
+        rig = f", {quoted(f'{lender.file.stem}.toml')}" if lender.columns == run.columns else f", {called}.rig"
     lines = [f"{name} = ac.load({file}{rig})"]
     if run.breaks:
         lines.append(f"{name} = {name}.part({run.used[0]!r}, {run.used[1]!r})  # one model cannot hold across a break")

@@ -239,7 +239,7 @@ class Run:
     sidecar: str | None = None
     """Text that replaces the sidecar next to the file; None: use that one, if any."""
     lender: str = ""
-    """File whose rig it has, where it has no sidecar of its own; empty otherwise."""
+    """File whose sidecar it has, or whose rig where the columns differ, where it has none; empty otherwise."""
     columns: tuple[str, ...] = ()
     template: str = ""
     """A commented sidecar for the columns of the file."""
@@ -573,9 +573,20 @@ def with_role(runs: Sequence[Run], number: int, role: Role) -> tuple[Run, ...]:
     run = runs[number]
     if role == "hold out" and run.dwells is not None:
         raise Refused(f"{run.name}: dwells show no motion to compare a model with; fit them, or leave them out")
-    changed = [replace(run, held_out=None) if role == "hold out" else run for run in runs]
+    changed = [*runs]
     changed[number] = replace(run, role=role, held_out=run.held_out if role == "fit" else None)
-    return with_something_held_out(changed)
+    return with_files_held_out(changed, keep=role != "hold out")
+
+
+def with_use(run: Run, role: Role) -> Run:
+    """A file with a role; dwells show no motion to compare a model with, and are fitted."""
+    return replace(run, role="fit" if run.dwells is not None and role == "hold out" else role, held_out=None)
+
+
+def with_files_held_out(runs: Sequence[Run], *, keep: bool) -> tuple[Run, ...]:
+    """The files; a recording that is held out takes the place of parts that were, unless they are to be kept."""
+    whole = any(run.role == "hold out" and run.recording is not None for run in runs)
+    return with_something_held_out([replace(run, held_out=None) if whole and not keep else run for run in runs])
 
 
 def with_something_held_out(runs: Sequence[Run]) -> tuple[Run, ...]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from shlex import quote
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias
 
@@ -13,7 +14,7 @@ import numpy as np
 from accelcal import io
 from accelcal._support.progress import within
 from accelcal.app import mapping
-from accelcal.app.state import Formula, Run, units_of
+from accelcal.app.state import Formula, Run, Stretch, units_of
 from accelcal.app.workers import Report
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module
 from accelcal.data import Dwells, Recording, RecordingError, Rig, quality
@@ -123,14 +124,18 @@ def columns(path: Path, *, progress: Report) -> tuple[tuple[str, ...], str]:
 def load(path: Path, rig: Path | Rig | None, *, progress: Report) -> Recording | Dwells:
     """Read a recording, or dwells where the file or its sidecar says that it is some."""
     beside = rig if isinstance(rig, Path) else None
-    return io.load_dwells(path, beside) if io.declares_dwells(path, beside) else io.load(path, rig)
+    if io.declares_dwells(path, beside):
+        return io.load_dwells(path, beside)
+    recording = io.load(path, rig)
+    return replace(recording, origin=replace(recording.origin, given=quote(path.name)))  # as the copied commands do
 
 
-def check(recording: Recording, *, progress: Report) -> tuple[Marks, Mapping[str, Any]]:
-    """Look for breaks, faults and rest; then the summary that `accelcal check --json` prints."""
-    result = marks(recording)
+def check(recording: Recording, excluded: Sequence[Stretch], *, progress: Report) -> tuple[Marks, Mapping[str, Any]]:
+    """Look for breaks, faults and rest in what is not excluded; the summary is that of `accelcal check --json`."""
+    rest = quality.with_extremes_of_rest(recording.without(*excluded)) if excluded else recording
+    result = marks(rest)
     progress(0.9)
-    return result, quality.describe(recording)
+    return result, quality.describe(rest)
 
 
 def fitted(model: Model, train: Data, origins: Origins | None, *, progress: Report) -> Fit:
@@ -234,6 +239,8 @@ def effects(names: Sequence[str]) -> tuple[Effect, ...]:
     return tuple(find(name) for name in names)
 
 
+FORM = "the form"
+"""Name of a file with what was declared on the page, as sentences have it: nobody made a sidecar."""
 MOST_BYTES = 1_000_000_000
 """Largest file that is read."""
 MOST_SAMPLES = 20_000_000
@@ -254,7 +261,8 @@ class Reader:
     """Called with a recording that was read, before it is checked."""
 
     def several(self, paths: Sequence[Path], present: Sequence[Run], progress: Report) -> tuple[Run, ...]:
-        """Read files of one sensor; one without a sidecar has the rig of the first recording that has one.
+        """Read files of one sensor; one without a sidecar has that of a recording with the same columns, or the rig of
+        the first one that has a sidecar.
 
         Parameters
         ----------
@@ -269,21 +277,20 @@ class Reader:
         order = sorted(range(len(paths)), key=lambda number: not has_sidecar(paths[number]))
         by_number: dict[int, Run] = {}
         for count, number in enumerate(order):
-            runs = [run for run in (*present, *by_number.values()) if run.recording is not None and not run.lender]
-            lender = next((run for run in runs if run.sidecar is not None or has_sidecar(run.file)), None)
+            lenders = [*present, *by_number.values()]
             by_number[number] = self.run(
-                paths[number], None, lender, within(progress, count / len(paths), (count + 1) / len(paths))
+                paths[number], None, lenders, within(progress, count / len(paths), (count + 1) / len(paths))
             )
         return tuple(by_number[number] for number in range(len(paths)))
 
-    def run(self, path: Path, sidecar: str | None, lender: Run | None, progress: Report) -> Run:
+    def run(self, path: Path, sidecar: str | None, lenders: Sequence[Run], progress: Report) -> Run:
         """Read a file; where its columns are not understood, `Run.problem` says why.
 
         Parameters
         ----------
         path : the file.
         sidecar : text in place of the sidecar beside it.
-        lender : whose rig it has where it has no sidecar.
+        lenders : one of which declares what it is where it has no sidecar.
 
         Raises
         ------
@@ -292,7 +299,7 @@ class Reader:
         """
         names: tuple[str, ...] = ()
         template = ""
-        borrowed = lender if lender is not None and sidecar is None and not has_sidecar(path) else None
+        lender: Run | None = None
         try:
             size = path.stat().st_size if path.is_file() else 0
             if size > MOST_BYTES:
@@ -302,8 +309,10 @@ class Reader:
                 )
             names, template = self.done(columns, path, progress=within(progress, 0.0, 0.1))
             rig: Path | Rig | None = self.declared(path, sidecar)
-            if borrowed is not None and borrowed.recording is not None:
-                rig = borrowed.recording.rig
+            if sidecar is None and not has_sidecar(path):
+                lender = lender_among(lenders, names)
+            if lender is not None:
+                rig, template = self.lent(lender, names, template)
             recording = self.read(path, rig, within(progress, 0.1, 0.4))
         except RecordingError as error:
             if not names:
@@ -313,11 +322,11 @@ class Reader:
         if isinstance(recording, Dwells):
             return Run(path, sidecar, columns=names, template=template, dwells=recording)
         self.arrived(recording)
-        result, summary = self.done(check, recording, progress=within(progress, 0.4, 0.98))
+        result, summary = self.done(check, recording, (), progress=within(progress, 0.4, 0.98))
         return Run(
             file=path,
             sidecar=sidecar,
-            lender=borrowed.name if borrowed is not None else "",
+            lender=lender.name if lender is not None else "",
             columns=names,
             template=template,
             recording=recording,
@@ -327,11 +336,20 @@ class Reader:
             marks=result,
         )
 
+    def lent(self, lender: Run, names: Sequence[str], template: str) -> tuple[Path | Rig, str]:
+        """What a file with columns of these names has of another one, and the text of a sidecar for it: the sidecar
+        where the columns are the same, else the rig alone."""
+        assert lender.recording is not None
+        if lender.columns != tuple(names):
+            return lender.recording.rig, template
+        beside = io.sidecar_of(lender.file)
+        return self.declared(lender.file, lender.sidecar) or beside, mapping.text_of(lender.file, lender.sidecar, "")
+
     def declared(self, path: Path, sidecar: str | None) -> Path | None:
         """The file of a sidecar that the user has written here; None: the one beside the recording."""
         if sidecar is None:
             return None
-        declared = self.folder / "sidecar" / io.sidecar_of(path).name
+        declared = self.folder / "sidecar" / path.stem / FORM
         declared.parent.mkdir(parents=True, exist_ok=True)
         io.atomic_write(declared, sidecar)
         return declared
@@ -354,3 +372,9 @@ class Reader:
             )
         side_channels(units_of(recording))  # their effects have names in every process
         return recording
+
+
+def lender_among(runs: Sequence[Run], names: Sequence[str]) -> Run | None:
+    """The first recording with a sidecar of its own; one whose columns have these names comes before others."""
+    declared = [run for run in runs if run.recording is not None and (run.sidecar is not None or has_sidecar(run.file))]
+    return next((run for run in declared if run.columns == tuple(names)), declared[0] if declared else None)

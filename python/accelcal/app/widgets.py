@@ -21,6 +21,7 @@ from accelcal.app.workbench import Workbench
 from accelcal.data import instant
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
+from accelcal.estimation.remarks import Remark
 from accelcal.plots import diagnosis, plotly, residuals, timeline
 from accelcal.plots.figure import Bars, Figure, Level, Line, ThemeName, ruled, share_text
 from accelcal.results.comparisons import quoted
@@ -45,7 +46,8 @@ def picture(figure: Figure | Picture, theme: ThemeName, **config: Any) -> Pictur
     if isinstance(figure, Picture):
         return figure
     content = plotly.as_dict(figure, theme, headline=False)
-    content["config"] = {"displaylogo": False, "responsive": True, **config}
+    removed = ["toImage", *config.pop("modeBarButtonsToRemove", ())]  # a button beside the headline saves it with that
+    content["config"] = {"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": removed, **config}
     return Picture(figure.headline, figure.small_print, content)
 
 
@@ -61,7 +63,7 @@ def data(run: Run, theme: ThemeName) -> Picture:
     assert run.recording is not None
     gone = run.marks.left_out[: timeline.MOST] if run.marks is not None else ()
     names = [(*span, "" if k else timeline.LEFT_OUT) for k, span in enumerate(gone)]
-    figure = timeline.linked(run.recording.without(*gone), marked=[*marked(run), *names])
+    figure = timeline.linked(run.recording.without(*gone, *run.excluded), marked=[*marked(run), *names])
     first, *rest = figure.panels
     breaks = [Level(at, role="other", upright=True, text=f"break at {instant(at)} s") for at in run.breaks]
     figure = replace(figure, panels=(replace(first, marks=(*first.marks, *breaks)), *rest), key="")
@@ -102,7 +104,7 @@ def falling(state: State, theme: ThemeName) -> Picture:
     figure = diagnosis.error_reduction(compared)
     (panel,) = figure.panels
     measure, (factor, _) = compared.headline, ruled(compared)
-    sizes = [quoted(measure, evaluation) for evaluation in compared]
+    sizes = [quoted(measure, evaluation).partition(" (")[0] for evaluation in compared]
     names = [
         f"{spelled(step.label)}: {size}\n{share_text(compared, i)}"
         for i, (step, size) in enumerate(zip(state.path, sizes, strict=True))
@@ -224,6 +226,7 @@ def wrap_titles(axes: Axes) -> bool:
             title.update(text=_wrapped(title["text"], letters), font={**title.get("font", {}), "size": 12})
     names = x.get("ticktext")
     if isinstance(names, list) and names:
+        x["tickangle"] = 0
         x["ticktext"] = [
             "<br>".join(_wrapped(part, max(8, 44 // len(names))) for part in n.split("<br>")) for n in names
         ]
@@ -344,6 +347,29 @@ def lines(texts: Sequence[str], kind: str = "note") -> None:
         ui.label(text).classes(kind)
 
 
+def later(box: ui.expansion, build: Callable[[], None]) -> None:
+    """Build what a box holds when it is first opened, because that takes a while."""
+
+    def opened(event: Any) -> None:
+        if event.value and not box.default_slot.children:
+            with box:
+                build()
+
+    box.on_value_change(opened)
+
+
+def png(plot: ui.plotly, headline: ui.label) -> None:
+    """A button that saves a figure with its headline as a picture."""
+    save = button("PNG", "photo_camera", lambda: None, flat=True, label=f"Save as PNG: {headline.text}")
+    save.props("dense").on("click", js_handler=f"() => savePicture({plot.id}, {headline.id})")
+
+
+def remark_text(remark: Remark) -> str:
+    """A remark without the command that a button stands for."""
+    text = remark.sentence.replace(str(remark.values.get("cut", "")), "")
+    return f"Suspect data: {text}."
+
+
 Cell = str | Callable[[], Any]
 """Text, or a function that builds the content of a cell."""
 
@@ -461,9 +487,9 @@ class Frame:
             dark, self.is_narrow = map(bool, await ui.run_javascript(asked, timeout=30.0))
         self.themes.set("dark" if dark else "light")
 
-    def sized(self, picture: Picture) -> Picture:
-        """A figure for the width of this window."""
-        return narrowed(picture) if self.is_narrow else roomy(picture)
+    def sized(self, picture: Picture, narrow: bool = False) -> Picture:
+        """A figure for the width of this window, or for a narrow place in it."""
+        return narrowed(picture) if self.is_narrow or narrow else roomy(picture)
 
 
 class ThemeSwitch:

@@ -39,8 +39,10 @@ from accelcal.app.state import (
     Stretch,
     divided,
     time_span,
+    with_files_held_out,
     with_role,
     with_something_held_out,
+    with_use,
 )
 from accelcal.app.tasks import PREFIX, Export, Reader
 from accelcal.app.workers import Compute, Report, direct
@@ -199,7 +201,7 @@ class Workbench:
         path : the file.
         sidecar : text in place of the sidecar beside the file.
         """
-        return State(runs=divided([self._reader().run(path, sidecar, None, progress)]))
+        return State(runs=divided([self._reader().run(path, sidecar, (), progress)]))
 
     @action("reading {0}")
     def load_several(self, state: State, progress: Report, paths: Sequence[Path]) -> State:
@@ -207,40 +209,79 @@ class Workbench:
         return with_one_to_map(State(runs=divided(self._reader().several(paths, (), progress))))
 
     @action("reading {0}")
-    def include(self, state: State, progress: Report, paths: Sequence[Path], role: Role = "fit") -> State:
-        """Read further recordings and dwells, of the sensor of those that are there."""
+    def include(self, state: State, progress: Report, paths: Sequence[Path], role: Role = "hold out") -> State:
+        """Read further recordings and dwells, of the sensor of those that are there; dwells are fitted.
+
+        Models stay where the recordings are held out, and the parts that no model was fitted to stay held out, too.
+        """
         loaded(state)
-        runs = (*state.runs, *self._reader().several(paths, state.runs, within(progress, 0.0, 0.5)))
-        if role != "fit":
-            for number in range(len(state.runs), len(runs)):
-                runs = with_role(runs, number, role)
-        changed = with_one_to_map(replace(state, runs=runs))
+        new = self._reader().several(paths, state.runs, within(progress, 0.0, 0.5))
+        runs = (*state.runs, *(with_use(run, role) for run in new))
+        changed = with_one_to_map(replace(state, runs=with_files_held_out(runs, keep=bool(state.steps))))
         return replace(self._divided(state, changed.runs, within(progress, 0.5, 0.98)), shown=changed.shown)
 
     @action("reading {state.title}")
     def declare(self, state: State, progress: Report, sidecar: str) -> State:
         """Read the file on the time line again, with a text in place of its sidecar.
 
-        Files with the same columns that are not understood either are read so, too.
+        Files with the same columns that share its sidecar, or are not understood either, are read so, too.
         """
+        return self._declared(state, sidecar, progress)
+
+    @action("declaring the low-pass")
+    def declare_low_pass(self, state: State, progress: Report, cutoff: float) -> State:
+        """Declare an RC low-pass of the output for every recording, and fit the models up to the current one again."""
+        entry, changed = mapping.LowPassEntry("RC", f"{cutoff:g} Hz"), state
+        owners = [number for number, run in enumerate(state.runs) if run.recording is not None and not run.lender]
+        for count, number in enumerate(owners):
+            run = state.runs[number]
+            text = mapping.text_of(run.file, run.sidecar, run.template)
+            columns = mapping.choices(run.columns, text, run.template)
+            sidecar = mapping.sidecar_from(text, columns, changes=entry.changed(text))
+            part = within(progress, 0.4 * count / len(owners), 0.4 * (count + 1) / len(owners))
+            changed = self._declared(replace(changed, shown=number), sidecar, part)
+        changed = replace(changed, shown=state.shown)
+        for count, step in enumerate(state.path):
+            part = within(progress, 0.4 + 0.58 * count / len(state.path), 0.4 + 0.58 * (count + 1) / len(state.path))
+            changed = self._grown(changed, step.change, part)
+        return changed
+
+    def _declared(self, state: State, sidecar: str, progress: Report) -> State:
+        """The state with the file on the time line, and those that share its sidecar, read with another one."""
         asked = state.run
         if asked is None:
             raise Refused("load a recording first")
-        alike = [run for run in state.runs if run is asked or (run.problem and run.columns == asked.columns)]
-        read = {}
+        same = [run for run in state.runs if run.columns == asked.columns]
+        owner = next((run for run in same if run.name == asked.lender), asked)
+        sharing = [run for run in state.runs if run.lender == owner.name]
+        alike = [owner, *sharing, *(run for run in same if run.problem and run is not owner)]
+        read: dict[int, Run] = {}
         for number, run in enumerate(alike):
-            new = self._reader().run(
-                run.file, sidecar, None, within(progress, number / len(alike), (number + 1) / len(alike))
-            )
-            held_out = new.end if run.held_out is not None and new.recording is not None else None
-            read[id(run)] = replace(new, role=run.role, held_out=held_out)  # its time line may be another one
-        if read[id(asked)].problem and not asked.problem and len(state.runs) > 1:
-            raise Refused(read[id(asked)].problem)
+            part = within(progress, 0.9 * number / len(alike), 0.9 * (number + 1) / len(alike))
+            new = self._reader().run(run.file, None if run in sharing else sidecar, list(read.values()), part)
+            if new.problem and not asked.problem and len(state.runs) > 1:
+                raise Refused(new.problem)
+            read[id(run)] = self._divided_as(run, new)
         runs = tuple(read.get(id(run), run) for run in state.runs)
-        all_new = all(run.problem for run in state.runs)
-        return without_models(
-            with_one_to_map(replace(state, runs=divided(runs) if all_new else with_something_held_out(runs)))
-        )
+        if all(run.problem for run in state.runs):
+            return without_models(with_one_to_map(replace(state, runs=divided(runs))))
+        runs = with_files_held_out(runs, keep=bool(state.steps) or not asked.problem)
+        changed = with_one_to_map(replace(state, runs=runs))
+        if asked.problem:  # what was understood before is as it was
+            return replace(self._divided(state, runs, within(progress, 0.9, 0.98)), shown=changed.shown)
+        return without_models(changed)
+
+    def _divided_as(self, before: Run, run: Run) -> Run:
+        """A file that was read again with its role, and with its parts where the time line is the same."""
+        used = with_use(run, before.role)
+        if used.recording is None:
+            return used
+        if before.recording is None or time_span(before.recording) != time_span(used.recording):
+            return replace(used, held_out=used.end if before.held_out is not None else None)
+        if before.excluded:
+            marks, summary = self._done(tasks.check, used.recording, before.excluded)
+            used = replace(used, excluded=before.excluded, marks=marks, summary=summary)
+        return replace(used, held_out=before.held_out)
 
     def _divided(self, state: State, runs: tuple[Run, ...], progress: Report) -> State:
         """The state with other runs; its models stay where what they were fitted to does, and are compared again."""
@@ -331,8 +372,8 @@ class Workbench:
             stored_run, part = stored[number], within(progress, count / len(stored), (count + 1) / len(stored))
             path = opened.path(stored_run.source)
             beside = stored_run.sidecar == (mapping.text_of(path, None, "") or None)
-            lender = next((runs[n] for n in sorted(runs) if runs[n].recording is not None), None)
-            run = self._reader().run(path, None if beside else stored_run.sidecar, lender, part)
+            lenders = [runs[n] for n in sorted(runs)]
+            run = self._reader().run(path, None if beside else stored_run.sidecar, lenders, part)
             if run.problem:
                 raise Refused(run.problem)
             runs[number] = replace(
@@ -385,9 +426,7 @@ class Workbench:
     @action("excluding a stretch")
     def exclude(self, state: State, progress: Report, start: float, end: float) -> State:
         """Exclude a stretch from both fit and validation."""
-        return self._divided(
-            state, with_run(state, excluded=(*shown(state).excluded, inside_used(state, start, end))).runs, progress
-        )
+        return self._excluding(state, (*shown(state).excluded, inside_used(state, start, end)), progress)
 
     @action("including a stretch again")
     def use_again(self, state: State, progress: Report, number: int) -> State:
@@ -395,29 +434,34 @@ class Workbench:
         before = shown(state).excluded
         if not 0 <= number < len(before):
             raise Refused(f"there is no excluded stretch {number}")
-        return self._divided(state, with_run(state, excluded=before[:number] + before[number + 1 :]).runs, progress)
+        return self._excluding(state, before[:number] + before[number + 1 :], progress)
+
+    def _excluding(self, state: State, excluded: tuple[Stretch, ...], progress: Report) -> State:
+        """The state with other stretches of the recording on the time line excluded, and the rest of it checked."""
+        recording = shown(state).recording
+        assert recording is not None
+        changed = with_run(state, excluded=excluded)
+        require_both_parts(changed)
+        marks, summary = self._done(tasks.check, recording, excluded, progress=within(progress, 0.0, 0.6))
+        checked = with_run(changed, marks=marks, summary=summary)
+        return self._divided(state, checked.runs, within(progress, 0.6, 0.98))
 
     # Models
 
     @action("fitting the base model")
     def fit(self, state: State, progress: Report, model: Literal["linear", "cubic"] = "linear") -> State:
         """Fit a base model to what is not held out."""
-        chosen = {"linear": Model.linear, "cubic": Model.cubic}[model]()
-        return self._grown(
-            without_models(loaded(state)), Change("base", model), progress, tasks.fitted, chosen, state.train, None
-        )
+        return self._grown(without_models(loaded(state)), Change("base", model), progress)
 
     @action("adding {0}")
     def add(self, state: State, progress: Report, name: str) -> State:
         """Add an effect to the current model, and fit again."""
-        return self._grown(
-            state, Change("add", name), progress, tasks.added, fitted(state).fit, state.train, name, names_of(state)
-        )
+        return self._grown(state, Change("add", name), progress)
 
     @action("removing {0}")
     def drop(self, state: State, progress: Report, name: str) -> State:
         """Remove an effect from the current model, and fit again."""
-        return self._grown(state, Change("drop", name), progress, tasks.dropped, fitted(state).fit, state.train, name)
+        return self._grown(state, Change("drop", name), progress)
 
     @action("fixing {0}")
     def freeze(self, state: State, progress: Report, name: str, value: float) -> State:
@@ -425,21 +469,34 @@ class Workbench:
         before = fitted(state).fit
         if name not in {e.name for e in (*before.estimates, *before.shapes)}:
             raise Refused(f"{name!r} is not a parameter of this model")
-        model = before.model.freeze(**{name: value})
-        return self._grown(
-            state, Change("hold", name, value), progress, tasks.fitted, model, state.train, before.origins
-        )
+        return self._grown(state, Change("hold", name, value), progress)
 
     @action("freeing {0}")
     def release(self, state: State, progress: Report, name: str) -> State:
         """Let a held parameter be estimated again."""
-        before = fitted(state).fit
-        model = before.model.release(name)
-        return self._grown(state, Change("release", name), progress, tasks.fitted, model, state.train, before.origins)
+        return self._grown(state, Change("release", name), progress)
 
-    def _grown(self, state: State, change: Change, progress: Report, task: Callable[..., Fit], *args: Any) -> State:
-        """The state with one more model, which a task fits, made the current one; all are compared with one filter."""
-        grown: Fit = self._done(task, *args, progress=within(progress, 0.0, 0.8))
+    def _made(self, state: State, change: Change, progress: Report) -> Fit:
+        """The fit that a change makes of the current model."""
+        name, train = change.name, state.train
+        if change.kind == "base":
+            base = {"linear": Model.linear, "cubic": Model.cubic}[name]()
+            fit: Fit = self._done(tasks.fitted, base, train, None, progress=progress)
+            return fit
+        before = fitted(state).fit
+        if change.kind == "add":
+            fit = self._done(tasks.added, before, train, name, names_of(state), progress=progress)
+        elif change.kind == "drop":
+            fit = self._done(tasks.dropped, before, train, name, progress=progress)
+        else:
+            held = change.kind == "hold"
+            model = before.model.freeze(**{name: change.value}) if held else before.model.release(name)
+            fit = self._done(tasks.fitted, model, train, before.origins, progress=progress)
+        return fit
+
+    def _grown(self, state: State, change: Change, progress: Report) -> State:
+        """The state with one more model, made the current one; all are compared with one filter."""
+        grown = self._made(state, change, within(progress, 0.0, 0.8))
         before, ruler = [step.fit for step in state.steps], Ruler.of([*(step.fit for step in state.steps), grown])
         again = state.steps if before and Ruler.of(before) != ruler else ()
         fits = [*(step.fit for step in again), grown]
@@ -650,7 +707,7 @@ class Workbench:
         """
         path = self.upload_folder() / f"{PREFIX}{name}.csv"
         self._done(tasks.simulated, path, name, progress=within(progress, 0.0, 0.3))
-        return State(runs=divided([self._reader().run(path, None, None, within(progress, 0.3, 1.0))]))
+        return State(runs=divided([self._reader().run(path, None, (), within(progress, 0.3, 1.0))]))
 
     def model_text(self) -> str:
         """The current model, as `accelcal fit -o` writes it."""
@@ -743,7 +800,7 @@ class Workbench:
 
     def plain(self, text: str) -> str:
         """A sentence of the library with file names as the user knows them, without the folder of the workbench."""
-        return re.sub(re.escape(str(self.folder)) + r"/(?:sidecar/|models/|drop\d+/)?", "", text)
+        return re.sub(re.escape(str(self.folder)) + r"/(?:sidecar/[^/]*/|models/|drop\d+/)?", "", text)
 
 
 class Busy(Exception):
@@ -817,16 +874,13 @@ def without_models(state: State) -> State:
 
 
 def inside_used(state: State, start: float, end: float) -> Stretch:
-    """A stretch cut to the used range; one that reaches an end includes the last samples of every channel there."""
+    """A stretch cut to the used range, of all channels where nothing breaks."""
     run = shown(state)
-    low, high = run.used
+    assert run.recording is not None
+    low, high = run.used if run.breaks else time_span(run.recording)
     begin, finish = max(low, min(start, end)), min(high, max(start, end))
     if not begin < finish:
         raise Refused(f"{start:g} s to {end:g} s is outside the used range of the recording, {low:g} s to {high:g} s")
-    assert run.recording is not None
-    if not run.breaks:
-        first, last = time_span(run.recording)
-        begin, finish = (first if begin == low else begin), (last if finish == high else finish)
     return begin, finish
 
 

@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -600,6 +600,24 @@ STILL_STEPS = 4
 """A stretch is at rest when the position stays within this many quantisation steps ..."""
 STILL_SHARE = 1e-3
 """... or within this share of the whole travel."""
+
+
+OF_EXTREMES = (("clipping", "accel"), ("implausible_travel", "position"), ("implausible_speed", "position"))
+"""Findings that a few readings make, and their channels."""
+
+
+def with_extremes_of_rest(recording: Recording) -> Recording:
+    """A recording of which stretches were cut, with what is noticed of the extremes of the rest.
+
+    Parameters
+    ----------
+    recording : with the findings of the whole.
+    """
+    accel, position = recording.accel, recording.position
+    findings = [f for f in recording.findings if (f.kind, f.channel) not in OF_EXTREMES]
+    findings += _clipping("accel", accel.t, accel.y, recording.rig.sensor.range)
+    findings += _travel(position.t, position.y) if recording.reference is None and len(position) else []
+    return replace(recording, findings=tuple(findings))
 
 
 def describe(recording: Recording) -> dict[str, Any]:

@@ -560,7 +560,7 @@ class Key:
 
 KEYS: dict[str, dict[str, Key]] = {
     "sensor": {
-        "model": Key(_text, "rig.sensor.model", about=_PROVENANCE, example='"ADXL105"'),
+        "model": Key(_text, "rig.sensor.model", about=_PROVENANCE, example='"ADXL105"', label="Model"),
         "serial": Key(_text, "rig.sensor.serial", about=_PROVENANCE, example='"12"'),
         "noise": Key(
             _amount("noise density", "positive"),
@@ -652,6 +652,7 @@ KEYS: dict[str, dict[str, Key]] = {
             ),
             example='"level"',
             note="level | up | down",
+            label="Axis of the stage",
             assumed='axis is not declared: "level" is assumed, so gravity along the stage axis is taken as 0 m/s^2',
         ),
         "mount": Key(
@@ -677,6 +678,7 @@ KEYS: dict[str, dict[str, Key]] = {
                 "as `axis` says",
             ),
             example='"0 m/s^2"',
+            label="Gravity along the axis",
         ),
         "ratio": Key(
             _amount("ratio", "not zero"),

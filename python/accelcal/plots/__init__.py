@@ -17,6 +17,7 @@ __all__ = [
     "accel_residual",
     "added_variable",
     "autocorrelation",
+    "before_after",
     "coasting",
     "error_reduction",
     "histogram",
@@ -37,6 +38,7 @@ __all__ = [
 accel_residual = still(comparison.accel_residual)
 added_variable = still(diagnosis.added_variable)
 autocorrelation = still(residuals.autocorrelation)
+before_after = still(residuals.before_after)
 coasting = still(comparison.coasting)
 error_reduction = still(diagnosis.error_reduction)
 histogram = still(residuals.histogram)

@@ -212,7 +212,7 @@ def against(
         Points(drawn.x * factor, drawn.y * factor, "mean error of the output", "measured", 2.0 * drawn.std * factor),
     )
     title = f"{name}: {100.0 * drawn.explained:.0f} % of the systematic error"
-    return Panel(marks, Axis("its contribution, the rest taken off", unit, few=True), Axis("error", unit), title)
+    return Panel(marks, Axis("contribution, rest taken off", unit, few=True), Axis("error", unit), title)
 
 
 def leading(diagnosis: Diagnosis, effect: str = "") -> list[Candidate]:

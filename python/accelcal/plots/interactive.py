@@ -6,6 +6,7 @@ from accelcal.plots.plotly import moving
 
 __all__ = [
     "accel_residual",
+    "before_after",
     "coasting",
     "detectable_sizes",
     "drift_limits",
@@ -42,7 +43,7 @@ linked, overlay, timeline = moving(over_time.linked), moving(over_time.overlay),
 nonlinearity, parameters = moving(model.nonlinearity), moving(model.parameters)
 one_step, simulated = moving(comparison.one_step), moving(comparison.simulated)
 quantile_plot, spectrum = moving(residuals.quantile_plot), moving(residuals.spectrum)
-regions, tiles = moving(residuals.regions), moving(residuals.tiles)
+before_after, regions, tiles = moving(residuals.before_after), moving(residuals.regions), moving(residuals.tiles)
 sensitivity, signatures = moving(response.sensitivity), moving(diagnosis.signatures)
 whiteness_plot = moving(residuals.whiteness_plot)
 

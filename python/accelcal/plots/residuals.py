@@ -257,6 +257,34 @@ def regions(comparison: Evaluation, most: int | None = None) -> Figure:
     return Figure(tuple(panels[:most]), worst, note, columns=3 if most is None else min(3, most))
 
 
+def before_after(before: Evaluation, after: Evaluation, step: str) -> Figure:
+    """Draw the mean residual under two models against the variable in which the first fails most, on one scale.
+
+    Parameters
+    ----------
+    before, after : of two models on the same recording, from `accelcal.compare`.
+    step : what leads from one model to the other, for the headline.
+    """
+    after_by_name = {b.variable: b for b in after.bins}
+    several = [(b, after_by_name[b.variable]) for b in before.bins if b.variable in after_by_name]
+    several = [(b, a) for b, a in several if b.variable != "frequency" and np.any(b.std > 0.0)]
+    if not several:
+        return sentence(f"Mean residual before and after {step}", TOO_SHORT)
+    pair = max(several, key=lambda both: float(np.abs(both[0].score).max(initial=0.0)))
+    factor, unit = formatting.prefixed("m/s²", *map(_mean, pair))
+    reach = max(float(np.nanmax(np.abs(_mean(b)) + 2.0 * b.std)) for b in pair) * 1.1 * factor
+    largest = [f"{np.abs(b.score).max(initial=0.0):.1f} σ" for b in pair]
+    panels = tuple(
+        replace(panel, title=f"{name}: {size}", y=replace(panel.y, range=(-reach, reach)))
+        for panel, name, size in zip(
+            (_region(b, factor, unit, "") for b in pair), ("before", "after"), largest, strict=True
+        )
+    )
+    text = f"{step[:1].upper()}{step[1:]}: the residual against {pair[0].variable} goes from {' to '.join(largest)}"
+    note = "mean of each bin; σ: largest deviation, in standard deviations expected from noise"
+    return Figure(panels, text, note, columns=2)
+
+
 def _mean(bins: Bins) -> Array:
     """Means of the bins that have a standard deviation, the others NaN, (n,)."""
     return np.where(bins.std > 0.0, bins.mean, np.nan)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from nicegui import ui
@@ -12,16 +14,23 @@ from nicegui import ui
 from accelcal.app import mapping, widgets
 from accelcal.app.page import Page
 from accelcal.app.screens import files
-from accelcal.app.state import ROLES, Run, State, time_span
-from accelcal.data import Dwells, RecordingError
+from accelcal.app.state import ROLES, Run, State, Stretch, time_span
+from accelcal.data import Dwells, RecordingError, instant
+from accelcal.data.rig import ANALOG
+from accelcal.diagnosis.left_out import MILLISECOND
+from accelcal.estimation.remarks import Remark
 from accelcal.io.sidecar import KEYS
 from accelcal.plots import timeline
 from accelcal.results.words import amount, number
 
 NAMED = (*mapping.ESSENTIAL, *mapping.ORIENTATION, mapping.NOT_USED)
 CHOICES = [*mapping.ESSENTIAL, "other", mapping.NOT_USED, *mapping.ORIENTATION]
-SENSOR = ("scale", "zero", "noise", "range")
+TEXTS = ("sensor.model", "sensor.scale", "sensor.zero", "sensor.noise", "sensor.range")
+AXIS, GRAVITY_ALONG = "rig.axis", "rig.gravity_along_axis"
 """Keys of the sidecar that have a field in the form."""
+AT_AN_ANGLE = "at an angle"
+AXES = {"": "not declared", "level": "level", "up": "up", "down": "down", AT_AN_ANGLE: "at an angle"}
+"""Axes of a stage: as the sidecar has them, and as the form shows them."""
 
 
 def ask(page: Page) -> None:
@@ -42,7 +51,7 @@ def ask(page: Page) -> None:
             ui.label("\n".join(lines)).classes("beginning").props(
                 'tabindex=0 role=group aria-label="First lines of the file"'
             )
-        form(page)
+        form(page, rig=True)
 
 
 @dataclass(slots=True)
@@ -86,8 +95,86 @@ class Fields:
         return [choice.column, role, unit, name]
 
 
-def form(page: Page) -> None:
-    """Fields for columns, sensor and orientation, and the sidecar as text."""
+class Declarations:
+    """The widgets that say what sensor and rig are.
+
+    Parameters
+    ----------
+    text : of the sidecar, which fills them.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        ui.label("An output in volts or counts needs its scale. The rest may stay empty.").classes("note")
+        low_pass, axis = mapping.LowPassEntry.of(text), mapping.declared(text, AXIS)
+        with ui.element("div").classes("fields"):
+            self.texts = {path: self._entry(path, *labelled(path)) for path in TEXTS}
+            self.kind = ui.select(list(mapping.LOW_PASSES), value=low_pass.kind, label="Low-pass of the output")
+            self.kind.props('dense outlined aria-label="Low-pass of the output"')
+            self.corner = ui.input("Corner (−3 dB)", value=low_pass.corner, placeholder="500 Hz")
+            self.order = ui.input("Order", value=low_pass.order, placeholder="4")
+            for field, kinds in ((self.corner, ANALOG), (self.order, ANALOG[1:])):
+                field.props("dense outlined")
+                field.bind_visibility_from(self.kind, "value", backward=partial(operator.contains, kinds))
+            self.texts[mapping.RESOLUTION] = self._entry(mapping.RESOLUTION, "Encoder resolution", "1 um")
+            angle = mapping.declared(text, GRAVITY_ALONG)
+            self.axis = ui.select(AXES, value=AT_AN_ANGLE if angle else axis if axis in AXES else "")
+            self.axis.props('dense outlined label="Axis of the stage" aria-label="Axis of the stage"')
+            self.gravity = self._entry(GRAVITY_ALONG, *labelled(GRAVITY_ALONG))
+            self.gravity.bind_visibility_from(self.axis, "value", value=AT_AN_ANGLE)
+
+    def _entry(self, path: str, label: str, example: str) -> ui.input:
+        entry = ui.input(label, value=mapping.declared(self.text, path), placeholder=example)
+        return entry.props("dense outlined")
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """What the user has declared anew, for `mapping.sidecar_from`."""
+        axis = str(self.axis.value or "")
+        angle = axis == AT_AN_ANGLE
+        entered = {path: str(entry.value or "").strip() for path, entry in self.texts.items()}
+        entered |= {AXIS: "" if angle else axis, GRAVITY_ALONG: str(self.gravity.value or "").strip() if angle else ""}
+        entries = (str(field.value or "").strip() for field in (self.kind, self.corner, self.order))
+        changed = {path: value for path, value in entered.items() if value != mapping.declared(self.text, path)}
+        return changed | mapping.LowPassEntry(*entries).changed(self.text)
+
+
+def labelled(path: str) -> tuple[str, str]:
+    """Name of a field, and an example of what it holds."""
+    table, key = path.split(".")
+    return KEYS[table][key].label, KEYS[table][key].example.strip('"')
+
+
+def declarations(page: Page, run: Run) -> None:
+    """Fields for sensor and rig of a file whose columns are known."""
+    text = mapping.text_of(run.file, run.sidecar, run.template)
+    fields = Declarations(text)
+
+    async def use() -> None:
+        await declare(
+            page, lambda: (text, mapping.choices(run.columns, text, run.template)), changes=lambda: fields.changes
+        )
+
+    widgets.button("Use these declarations", "check", use)
+
+
+async def declare(
+    page: Page,
+    columns: Callable[[], tuple[str, Sequence[mapping.Choice]]],
+    axis: tuple[str, str] = ("", ""),
+    changes: Callable[[], dict[str, Any]] = dict,
+) -> None:
+    """Read a file again with what the form says; what cannot be written as a sidecar is told."""
+    try:
+        sidecar = mapping.sidecar_from(*columns(), *axis, changes())
+    except RecordingError as error:
+        page.bench.refuse(str(error))
+        return
+    await page.act(page.bench.declare, sidecar)
+
+
+def form(page: Page, *, rig: bool) -> None:
+    """Fields for columns and orientation, for sensor and rig where they are asked, and the sidecar as text."""
     bench, run = page.bench, page.bench.state.run
     assert run is not None
     text = mapping.text_of(run.file, run.sidecar, run.template)
@@ -95,15 +182,10 @@ def form(page: Page) -> None:
     widgets.table(
         ["column", "role", "unit", "channel name"], [fields.row(choice) for choice in fields.found], "Columns"
     )
-    widgets.heading("Sensor", 3)
-    ui.label("An output in volts or counts needs its scale. The rest may stay empty.").classes("note")
-    declared = mapping.sensor_in(text)
-    sensor = {}
-    with ui.row().classes("line"):
-        for key in SENSOR:
-            label, example = KEYS["sensor"][key].label, KEYS["sensor"][key].example.strip('"')
-            entry = ui.input(label, value=declared.get(key, ""), placeholder=example).props("dense outlined")
-            sensor[key] = entry.classes("short")
+    declared = None
+    if rig:
+        widgets.heading("Sensor and rig", 3)
+        declared = Declarations(text)
     with ui.expansion("The body can turn", icon="360").classes("full"):
         direction, sense = turning()
     with ui.expansion("Everything else: the sidecar", icon="description").classes("full"):
@@ -111,14 +193,12 @@ def form(page: Page) -> None:
         widgets.button("Use the sidecar as written", "description", lambda: page.act(bench.declare, str(sheet.value)))
 
     async def use_columns() -> None:
-        try:
-            axis = str(direction.value or ""), str(sense.value or "")
-            entered = {key: str(field.value or "").strip() for key, field in sensor.items()}
-            sidecar = mapping.sidecar_from(str(sheet.value), fields.chosen, *axis, entered)
-        except RecordingError as error:
-            bench.refuse(str(error))
-            return
-        await page.act(bench.declare, sidecar)
+        await declare(
+            page,
+            lambda: (str(sheet.value), fields.chosen),
+            (str(direction.value or ""), str(sense.value or "")),
+            lambda: declared.changes if declared else {},
+        )
 
     with ui.row():
         widgets.button("Use this assignment", "check", use_columns, primary=bool(run.problem))
@@ -152,6 +232,9 @@ def card(page: Page) -> None:
             ui.label(
                 "Models are fitted to all files with the use fit together, and compared with what is held out."
             ).classes("note")
+            widgets.lines(
+                [f"{run.name}: sensor and rig as declared for {run.lender}." for run in state.runs if run.lender]
+            )
         files.drop(page, "Add recordings or dwells", more=True)
         with ui.expansion("Begin anew with others", icon="restart_alt").classes("full"):
             files.drop(page, "Drop the recordings here")
@@ -247,6 +330,8 @@ def show(page: Page) -> None:
             with widgets.card("Fit"):
                 fitting(page)
             if run.recording is not None:
+                with widgets.card("Sensor and rig"):
+                    rig(page, run)
                 with widgets.card("Held-out and excluded data"):
                     division(page, run)
             if len(state.runs) == 1:
@@ -259,7 +344,8 @@ def show(page: Page) -> None:
                     dwells(run.dwells)
             else:
                 time_line(page, run)
-            later(ui.expansion("Columns, units, sensor and rig", icon="table_chart").classes("sheet"), page)
+            box = ui.expansion("Columns, units and sidecar", icon="table_chart").classes("sheet")
+            widgets.later(box, lambda: form(page, rig=run.dwells is not None))  # it reads the file
     widgets.copies(page)
 
 
@@ -276,7 +362,7 @@ def time_line(page: Page, run: Run) -> None:
             height=420,
         )
     with widgets.card("Data check"):
-        check(run)
+        check(page, run)
 
 
 def dwells(result: Dwells) -> None:
@@ -291,9 +377,18 @@ def dwells(result: Dwells) -> None:
     widgets.lines(result.assumptions)
 
 
-def check(run: Run) -> None:
-    """Channels, warnings, notes and assumptions of the recording."""
+def check(page: Page, run: Run) -> None:
+    """Faults with a button that excludes what they spoil, warnings and notes; channels of the recording."""
     summary = run.summary
+    faults = [] if run.marks is None else [(widgets.remark_text(r), spoilt(r, run)) for r in run.marks.remarks]
+    for text, stretch in faults:
+        with ui.row().classes("line"):
+            ui.label(text).classes("warning grow")
+            if stretch is not None:
+                span = " to ".join(f"{instant(at)} s" for at in stretch)
+                widgets.button(f"Exclude {span}", "content_cut", partial(page.act, page.bench.exclude, *stretch))
+    for severity, kind in (("warning", "warning"), ("note", "note")):
+        widgets.lines([f["text"] for f in summary["findings"] if f["severity"] == severity], kind)
     rows = [
         [
             name,
@@ -305,25 +400,36 @@ def check(run: Run) -> None:
         for name, c in summary["channels"].items()
     ]
     widgets.table(["channel", "samples", "rate", "span", "range"], rows, "Channels")
-    if run.marks is not None:
-        widgets.lines([f"Suspect data: {remark.sentence}" for remark in run.marks.remarks], "warning")
-    for severity, kind in (("warning", "warning"), ("note", "note")):
-        widgets.lines([f["text"] for f in summary["findings"] if f["severity"] == severity], kind)
-    if summary["assumptions"]:
-        count = len(summary["assumptions"])
-        with ui.expansion(f"{count} assumption{'s' if count > 1 else ''}", icon="help_outline").classes("full"):
-            widgets.lines(summary["assumptions"])
 
 
-def later(box: ui.expansion, page: Page) -> None:
-    """Build the table of columns when it is first opened, because that reads the file."""
+AT_THE_EDGE = 0.1
+"""Share of a record at either end within which a jump of the position stands for a start before homing."""
 
-    def opened(event: Any) -> None:
-        if event.value and not box.default_slot.children:
-            with box:
-                form(page)
 
-    box.on_value_change(opened)
+def spoilt(fault: Remark, run: Run) -> Stretch | None:
+    """The stretch that a fault spoils where it is one; of a jump of the position near an end what lies beyond it."""
+    assert run.recording is not None
+    begin, end = time_span(run.recording)
+    at, last = (fault.values.get(name) for name in ("time", "end"))
+    if not isinstance(at, float):
+        return None
+    if isinstance(last, float) and fault.values.get("stretches", 1) == 1:
+        return max(begin, at - MILLISECOND), min(end, last + MILLISECOND)
+    if fault.code == "position_step" and fault.values.get("count") == 1:
+        share = (at - begin) / (end - begin)
+        return (begin, at) if share < AT_THE_EDGE else (at, end) if share > 1.0 - AT_THE_EDGE else None
+    return None
+
+
+def rig(page: Page, run: Run) -> None:
+    """What is not declared of sensor and rig, and fields that declare it."""
+    assumed = run.summary["assumptions"]
+    if run.lender:
+        ui.label(f"Columns, sensor and rig as declared for {run.lender}.").classes("note")
+    count = f"{len(assumed)} assumption{'s' if len(assumed) > 1 else ''}" if assumed else "All is declared"
+    with ui.expansion(count, icon="tune").classes("full"):
+        widgets.lines(assumed)
+        declarations(page, run)
 
 
 def brushing(page: Page, plot: ui.plotly) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -14,13 +15,19 @@ from accelcal.app.screens import files, model
 from accelcal.app.state import State, Step
 from accelcal.app.tasks import example_of
 from accelcal.calibration.export import Laboratory
+from accelcal.data import usual_step
+from accelcal.data.rig import low_passes
 from accelcal.diagnosis.findings import Size
 from accelcal.diagnosis.noise.noise_test import WHITENESS
+from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE, CONFOUNDED_LOG_EVIDENCE
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find, spelled
+from accelcal.model import Estimate
 from accelcal.plots import comparison
-from accelcal.plots.figure import candidate_groups
+from accelcal.plots.diagnosis import added_variable
+from accelcal.plots.figure import ThemeName, candidate_groups
+from accelcal.plots.residuals import before_after
 from accelcal.plots.response import (
     FIT_HEAD,
     LINEARITY_HEAD,
@@ -37,7 +44,7 @@ from accelcal.response import FrequencyResponse
 from accelcal.response.export import draft_response, to_csv
 from accelcal.results.comparisons import quoted
 from accelcal.results.diagnoses import VERDICTS, contribution
-from accelcal.results.words import error_size, probability, readable
+from accelcal.results.words import error_size, plain, probability, readable
 from accelcal.validation.comparison import ONLY_WHITE, Evaluation
 from accelcal.validation.regions import worst_stretches
 
@@ -53,6 +60,9 @@ class Card:
     facts: tuple[str, ...]
     """Size, evidence."""
     rivals: tuple[str, ...]
+    """Effects that the record does not tell from it."""
+    nearest: str
+    """What is said of the nearest rival that it does tell; empty where there is none."""
     lines: tuple[tuple[str, str], ...]
     """Label and text of the rest of its card."""
     significant: bool
@@ -71,7 +81,7 @@ def card(diagnosis: Diagnosis, c: Candidate, named: list[str]) -> Card:
     """One candidate."""
     effect = find(c.effect)
     significant = c.p_value < diagnosis.alpha and diagnosis.verdict not in ("adequate", "too_short")
-    rivals = tuple(spelled(m) for m in c.members if m != c.effect) if significant else ()
+    near, far = rivals(diagnosis, c) if significant else ([], [])
     return Card(
         effect=c.effect,
         title=spelled(c.effect),
@@ -81,7 +91,8 @@ def card(diagnosis: Diagnosis, c: Candidate, named: list[str]) -> Card:
             f"at most {contribution(Size(c.largest, effect.port == 'position'), diagnosis.fit.rig.sensor.range)}",
             f"{c.snr:.1f} σ, p {probability(c.p_value)}",
         ),
-        rivals=rivals,
+        rivals=tuple(map(spelled, near)),
+        nearest=nearest_sentence(c, far),
         lines=tuple(
             (label, text)
             for label in ("Looks like", "Easily confused with", "Separate by", "Equation")
@@ -90,6 +101,39 @@ def card(diagnosis: Diagnosis, c: Candidate, named: list[str]) -> Card:
         significant=significant,
         first=bool(named) and c.effect == named[0],
     )
+
+
+DISTINGUISHED = CONFOUNDED_LOG_EVIDENCE + CLEAR_LOG_EVIDENCE
+"""Log-likelihood by which a rival is worse, or better, that no verdict takes for confounded: the most that policy adds
+up, nat."""
+
+
+def rivals(diagnosis: Diagnosis, c: Candidate) -> tuple[list[str], list[Candidate]]:
+    """The class of a candidate but for itself: names that the likelihood does not tell from it, and the others."""
+    by_name = {other.effect: other for other in diagnosis.scan.candidates}
+    others = [m for m in c.members if m != c.effect]
+    far = [m for m in others if m in by_name and 0.5 * abs(by_name[m].gain - c.gain) > DISTINGUISHED]
+    return [m for m in others if m not in far], [by_name[m] for m in far]
+
+
+def nearest_sentence(c: Candidate, far: Sequence[Candidate]) -> str:
+    """How much better or worse than a candidate its nearest rival is."""
+    if not far:
+        return ""
+    nearest = min(far, key=lambda other: abs(other.gain - c.gain))
+    difference = 0.5 * (c.gain - nearest.gain)
+    word = "worse" if difference > 0.0 else "better"
+    return f"Nearest rival: {spelled(nearest.effect)}, {word} by {abs(difference):.0f} in log-likelihood."
+
+
+def badge(diagnosis: Diagnosis) -> tuple[str, str]:
+    """The verdict in a few words, and its colour: a name whose rivals are all far weaker is a name."""
+    verdict = diagnosis.verdict
+    first = next((c for c in cards(diagnosis) if c.first), None)
+    if verdict == "tied" and first is not None and first.nearest and not first.rivals:
+        verdict = "named"
+    colour = {"adequate": "good", "unexplained": "bad", "too_short": "bad"}.get(verdict, "found")
+    return VERDICTS[verdict].capitalize(), colour
 
 
 def offered(diagnosis: Diagnosis) -> tuple[list[Card], list[Card], list[Card]]:
@@ -109,13 +153,63 @@ def remarks(state: State, diagnosis: Diagnosis) -> list[str]:
     """What must be read with the verdict; gaps that the user made are not mentioned."""
     cut = any(run.excluded or run.held_out for run in state.runs)
     notes = (r for r in diagnosis.remarks if r.place == "data" and not (cut and r.code == "dropout"))
-    lines = [f"Suspect data: {r.sentence}" for r in notes]
+    lines = [widgets.remark_text(r) for r in notes]
     lines += [readable(text) for text in diagnosis.notes]
     lines += [f"{d.sentence}." for d in diagnosis.dropped]
     lines += [capitalised(test.sentence) for test in diagnosis.channels if test.effect == WHITENESS]
-    if "time_offset" in diagnosis.effects:
-        lines.append("The output lags by more than was declared; the model estimates the lag already (time offset).")
     return lines
+
+
+LAG_SIGMA, NEAR = 5.0, 0.02
+"""Standard deviations of a lag beyond what is declared from which it is one, and how far a round corner may be off."""
+
+
+def undeclared_low_pass(state: State) -> float | None:
+    """Corner of the RC low-pass that would make the lag of the output, Hz, rounded; None where none can.
+
+    The lag of an RC is its time constant 1/(2 pi fc) for motion far below fc. It is none below the corner that the
+    sampling shows, and where a low-pass is declared.
+    """
+    lag = lag_of(state)
+    if lag is None:
+        return None
+    recording = state.first_fitted.data
+    rig = recording.rig
+    if rig.lowpass is not None or low_passes(rig.output_filters):
+        return None
+    if not lag.std > 0.0 or lag.value < rig.offset_tolerance + LAG_SIGMA * lag.std:
+        return None
+    corner = 1.0 / (2.0 * math.pi * lag.value)
+    if corner > 0.5 / usual_step(recording.accel.t):
+        return None
+    rounded = (float(f"{corner:.{digits}g}") for digits in (1, 2, 3))
+    return next(value for value in rounded if abs(value / corner - 1.0) < NEAR)
+
+
+def lag_of(state: State) -> Estimate | None:
+    """Time by which the output lags under the current model; None where that is not estimated."""
+    estimates = state.step.fit.estimates if state.step is not None else ()
+    return next((e for e in estimates if e.name == "time_offset"), None)
+
+
+def low_pass(page: Page) -> None:
+    """Where the output lags as an undeclared low-pass would make it: a button that declares it."""
+    state = page.bench.state
+    corner, lag = undeclared_low_pass(state), lag_of(state)
+    if corner is None or lag is None:
+        return
+    text = (
+        f"The output lags by {plain(lag.unit, lag.value, lag.std)}, which is not declared. An RC low-pass at "
+        f"{corner:g} Hz lags so; if the sensor or the logger has one, declare it. The model estimates the lag already."
+    )
+    ui.label(text).classes("warning")
+    button = widgets.button(
+        f"Declare RC {corner:g} Hz",
+        "filter_alt",
+        lambda: page.improve(page.bench.declare_low_pass, corner),
+    )
+    button.set_enabled(page.bench.job is None)
+    page.of_rest.append(button)
 
 
 def capitalised(text: str) -> str:
@@ -162,6 +256,8 @@ def show(page: Page) -> None:
     # Adding a model may compare the others anew: a figure belongs to the comparisons that it shows.
     evaluation = state.step.heldouts[state.looked_at]
     shown = (state.looked_at, *(id(step.heldouts) for step in state.path))
+    with widgets.card("Error on held-out data", "ruler"):
+        error(page)
     with ui.element("div").classes("two"):
         with ui.element("div").classes("stack"):
             place = ui.element("div")
@@ -174,14 +270,24 @@ def show(page: Page) -> None:
                 with widgets.card("An example"):
                     files.answer(example)
         with ui.element("div").classes("stack"):
+            with ui.element("div").classes("wall"):
+                with widgets.card("The error of each model"):
+                    page.pictures(
+                        ("falling", shown),
+                        lambda theme: [widgets.falling(state, theme)],
+                    )
+                before = page.bench.before()
+                if before is not None:
+                    with widgets.card("Before and after"):
+                        step = state.step.label.replace("_", " ")
+                        page.pictures(
+                            ("step", shown),
+                            lambda theme: [
+                                widgets.picture(before_after(before, evaluation, step), theme, displayModeBar=False)
+                            ],
+                        )
             with widgets.card("Model and measurement on held-out data"):
-                error(page)
                 overlay(page, evaluation, shown)
-            with widgets.card("Error on held-out data"):
-                page.pictures(
-                    ("falling", shown),
-                    lambda theme: [widgets.falling(state, theme)],
-                )
             with ui.element("div").classes("wall"):
                 with widgets.card("Residuals on held-out data"):
                     if state.previous is not None:
@@ -282,12 +388,11 @@ def verdict(page: Page) -> None:
         else:
             ui.label("Testing every effect of the catalogue …")
         return
-    nothing = not can_add(bench.state, diagnosis)
-    ui.label(VERDICTS[diagnosis.verdict].capitalize()).classes("badge").classes(
-        "good" if diagnosis.verdict == "adequate" else "bad"
-    ).props(f"role=status data-verdict={diagnosis.verdict}")
+    text, colour = badge(diagnosis)
+    ui.label(text).classes(f"badge {colour}").props(f"role=status data-verdict={diagnosis.verdict}")
     ui.label(readable(diagnosis.sentence)).classes("verdict-text")
     widgets.lines(remarks(bench.state, diagnosis), "warning")
+    low_pass(page)
     if diagnosis.verdict == "adequate":
         ui.label("Detection limits: no missing effect is larger than").classes("strong")
         limits = diagnosis.table("limits").cells[1]
@@ -295,8 +400,6 @@ def verdict(page: Page) -> None:
         if limits[LIMITS:]:
             with ui.expansion("More limits", icon="list").classes("full"):
                 widgets.table(["effect", "detected from"], limits[LIMITS:], "More detection limits")
-    if nothing:
-        widgets.button("Add", "add", lambda: None, label="Nothing to add").set_enabled(False)
     for name, title, text in found_in_noise(bench.state, diagnosis):
         of_noise(page, name, title, text)
     leading, further, rest = offered(diagnosis)
@@ -314,7 +417,7 @@ def verdict(page: Page) -> None:
                 ui.label("; ".join(card.facts)).classes("note")
     several = ties(diagnosis)
     if several:
-        with ui.expansion("Confounded effects, and how to separate them", icon="balance").classes("full"):
+        with ui.expansion("Effects that look alike, and how to separate them", icon="balance").classes("full"):
             for members, experiment in several:
                 ui.label(members).classes("strong")
                 ui.label(experiment).classes("note")
@@ -347,10 +450,34 @@ def candidate(page: Page, card: Card) -> None:
         if card.rivals:
             more = f" and {len(card.rivals) - 4} more" if len(card.rivals) > 4 else ""
             ui.label(f"Confounded on this record with {', '.join(card.rivals[:4])}{more}.").classes("warning")
+        widgets.lines([card.nearest] if card.nearest else [])
+        evidence(page, card)
         with ui.expansion("About this effect", icon="badge").classes("full"):
             for label, text in card.lines:
                 ui.label(label).classes("strong")
                 ui.label(text).classes("note")
+
+
+def evidence(page: Page, card: Card) -> None:
+    """What the model leaves of the output on held-out data against the effect, and against its best rival."""
+    state, diagnosis = page.bench.state, page.bench.diagnosis
+    assert state.step is not None
+    assert diagnosis is not None
+    evaluation = state.step.heldouts[state.looked_at]
+
+    def build() -> None:
+        key = ("evidence", card.effect, id(diagnosis), id(evaluation))
+        page.pictures(key, lambda theme: [picture(evaluation, theme)], narrow=True, height=460)
+
+    def picture(evaluation: Evaluation, theme: ThemeName) -> widgets.Picture:
+        return widgets.picture(added_variable(diagnosis, evaluation, card.effect), theme, displayModeBar=False)
+
+    box = ui.expansion("The error against this effect", icon="scatter_plot", value=card.first).classes("full")
+    if card.first:
+        with box:
+            build()
+    else:
+        widgets.later(box, build)
 
 
 def tree(page: Page) -> None:

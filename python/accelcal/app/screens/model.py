@@ -281,12 +281,20 @@ def parameters(page: Page) -> None:
     step = page.bench.state.step
     assert step is not None
     shown = step.fit.table()
-    head, cells = shown.cells
     rows = [
-        [spelled(first), *rest, *([partial(fix_or_free, page, row["estimate"])] if "estimate" in row else [""])]
-        for row, (first, *rest) in zip(shown.rows, cells, strict=True)
+        [
+            spelled(row["parameter"]),
+            row["symbol"],
+            f"{row['worded']}, {row['si']}" if row["kind"] == "curve" else row["worded"],
+            row["at_full_scale"] if row["at_full_scale"].removesuffix(" FS") != row["worded"] else "",
+            with_unit(row["span"], row["unit"]) if row["span"] else "",
+            row["includes"] if row["includes"] != row["symbol"] else "",
+            partial(fix_or_free, page, row["estimate"]) if "estimate" in row else "",
+        ]
+        for row in shown.rows
     ]
-    widgets.table([*head, "fix at (SI)"], rows, "Parameters")
+    head = ["parameter", "symbol", "value", "at full scale", "95 % interval", "includes on this rig", "fix at (SI)"]
+    widgets.table(head, rows, "Parameters")
     widgets.lines(shown.alarms, "warning")
     widgets.lines(shown.notes)
 
