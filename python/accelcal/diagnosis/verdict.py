@@ -152,7 +152,7 @@ def verdict_on(e: Evidence) -> Diagnosis:
     groups = classes_of(e, scan, tests)
     verdict, left = judgement(Case(e.fit, scan, tests, unnamed, groups, e.remarks))
     inside = confirmed(e, groups)
-    vetoes = (f"{note.sentence}." for note in e.remarks if note.vetoes_adequate)
+    vetoes = (f"{note.sentence}." for note in e.remarks if note.vetoes_adequate and note.sentence not in left)
     tilt = next((float(note.values["tilt_deg"]) for note in e.remarks if "tilt_deg" in note.values), 0.0)
     return Diagnosis(
         verdict=verdict,
@@ -186,10 +186,10 @@ def nameable(e: Evidence) -> tuple[Scan, tuple[NoiseTest, ...], tuple[NoiseTest,
     no noise to test.
     """
     if e.forbidden:
-        return replace(e.scan, found=(), named=(), changing=()), (), ()
+        return replace(e.scan, found=(), rivals=(), changing=()), (), ()
     scan, tested = e.scan, e.scan.enough
     if any(note.code == "tilt_or_drift" for note in e.remarks):
-        scan = replace(scan, found=beside_tilt(scan.found), named=beside_tilt(scan.named))
+        scan = replace(scan, found=beside_tilt(scan.found), rivals=beside_tilt(scan.rivals))
         tested = tested and not FOLLOW_TIME.intersection((*e.model.effects, *(effect.effect for effect in scan.found)))
     return (scan, e.tests, e.unnamed) if tested else (scan, (), ())
 
@@ -275,8 +275,9 @@ class Case:
 def judgement(case: Case) -> Judgement:
     """Judge what a model lacks: the first rule that applies, and nothing is adequate beside a remark that vetoes it."""
     verdict, text = next(judged for rule in RULES if (judged := rule(case)) is not None)
-    if verdict == "adequate" and any(note.vetoes_adequate for note in case.remarks):
-        return "unexplained", f"No effect explains that ({case.examined})."
+    vetoes = [note.sentence for note in case.remarks if note.vetoes_adequate]
+    if verdict == "adequate" and vetoes:
+        return "unexplained", f"{'. '.join(vetoes)}. No effect explains that ({case.examined})."
     return verdict, text
 
 
