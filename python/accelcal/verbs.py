@@ -679,10 +679,7 @@ def improve(
     if rejected:
         test, more = clean_holdout(selection.steps[0][1].model, test, *span)
         rejected = (*rejected, *more)
-    steps, disturbed = compared_steps(selection, begin, test, *span, clean=unseen is None)
-    while (note := contradicted(steps)) is not None:
-        selection.withdraw(note)
-        steps, disturbed = compared_steps(selection, begin, test, *span, clean=unseen is None)
+    steps, disturbed = uncontradicted_steps(selection, begin, test, *span, clean=unseen is None)
     room = len(selection.current.model.added) < most
     reason = "no fit with it is possible" if room else f"at most {most} effects are added"
     if apart is not None and unseen is not None:
@@ -697,6 +694,17 @@ def improve(
         whole = clean_fit(original, lambda these: solve(best.model, these, stretch, finish))
         best = replace(with_noise_effects(result(whole.solution), original, whole.solution.states), tilt=best.tilt)
     return Improvement(tuple(steps), best, last, tuple(selection.classes), selection.examined, holdout is None)
+
+
+def uncontradicted_steps(
+    selection: StepwiseSelection, begin: float, test: PreparedRun, start: float | None, end: float | None, clean: bool
+) -> tuple[list[Step], list[Remark]]:
+    """`compared_steps` once the effects that the held-out data contradict are taken out again."""
+    steps, disturbed = compared_steps(selection, begin, test, start, end, clean)
+    while (note := contradicted(steps)) is not None:
+        selection.withdraw(note)
+        steps, disturbed = compared_steps(selection, begin, test, start, end, clean)
+    return steps, disturbed
 
 
 def compared_steps(

@@ -128,7 +128,7 @@ def own_tests(significant: Sequence[NoiseTest]) -> list[NoiseTest]:
     return [test for test in significant if own(test)]
 
 
-def independent_tests(significant: Sequence[NoiseTest], found: Sequence[str] = ()) -> tuple[NoiseTest, ...]:
+def independent_tests(significant: Sequence[NoiseTest], effects: Sequence[str] = ()) -> tuple[NoiseTest, ...]:
     """Tests among `own_tests` that name their effect, beside effects that the search found.
 
     A line below thrice the band of the motion may be a harmonic of a missing nonlinearity, which the search finds: it
@@ -137,7 +137,7 @@ def independent_tests(significant: Sequence[NoiseTest], found: Sequence[str] = (
     harmonics of the motion. Readings that an error of the encoder moves pass for outliers: with one that was found in
     the model they are tested anew.
     """
-    at_encoder = any(find(name).port == "position" for name in found)
+    at_encoder = any(find(name).port == "position" for name in effects)
     harmonic = any(test.effect == LINE and test.parts.get("made_by_motion") for test in significant)
 
     def names(test: NoiseTest) -> bool:
@@ -145,7 +145,7 @@ def independent_tests(significant: Sequence[NoiseTest], found: Sequence[str] = (
             moved = at_encoder and test.effect == READING_OUTLIERS
             return not (moved or (test.effect == POSITION_WAVE and harmonic))
         within, by_motion = bool(test.parts.get("within_motion")), bool(test.parts.get("made_by_motion"))
-        return not (within or by_motion) or (not found and within != by_motion)
+        return not (within or by_motion) or (not effects and within != by_motion)
 
     return tuple(test for test in significant if names(test))
 
