@@ -109,8 +109,11 @@ CLEAR_LOG_EVIDENCE = 6.0
 """Log-evidence below which an effect may have come first by chance. What is missing is added to the distance within
 which its rivals count. [nat; benches/hidden.py]"""
 CONFOUNDED_CORRELATION = 0.95
-"""Correlation of signatures above which two effects are confounded. Nine tenths of one effect's power are then the
-other's. [correlation; tests/experiment/test_detectability.py]"""
+"""Correlation of signatures above which two effects are confounded, unless a record decides far more clearly. Nine
+tenths of one effect's power are then the other's. [correlation; tests/experiment/test_detectability.py]"""
+RIVAL_SHARE = 0.5
+"""Share of the gain of a named effect from which the next one is told as its rival. Less is no explanation of the same.
+[share; tests/diagnosis/search/test_confounding.py]"""
 PLAN_CORRELATION = CONFOUNDED_CORRELATION - 0.002
 """Correlation below which a planned motion separates two effects. The noise of a real record must not confound what
 the plan separates. [correlation; tests/experiment/test_design.py]"""
