@@ -62,7 +62,7 @@ class Improvement(Result):
     best: Fit
     """The last model, which has every effect that was found, fitted to all but a recording that is held out."""
     diagnosis: Diagnosis
-    """Of the last model."""
+    """Of the last model, before the effects on its noise entered it."""
     classes: tuple[Confounded, ...]
     """One for each effect that was added."""
     examined: int
