@@ -366,7 +366,7 @@ class StepwiseSelection:
         lead, rivals = scan.found[:1], scan.rivals[:NAMED_ALTERNATIVES]
         first = {finding.effect for finding in lead or scan.changing[:1]}
         curve = any(find(name).family for name in first)
-        for finding in (*rivals, *scan.found) if curve else (*lead, *rivals, *scan.found[1:]):
+        for finding in (*rivals, *scan.found) if curve else (*lead, *(rivals if lead else ()), *scan.found[1:]):
             if finding.effect in self.refused or (among is not None and finding.effect not in among):
                 continue
             if not self.budget.allows_another():
