@@ -195,7 +195,7 @@ def scan(
     for lead in changing[:1]:
         if lead.unequal is not None and lead.effect == best.evidence.items[best.chosen[0]].effect.name:
             again = relinearised(passes, model, lead, separate, length, rules)
-            if again is not None and again.unequal is None:
+            if again is not None:
                 entering, changing = (again, *entering), changing[1:]
     final, scatter, chosen = best.evidence, best.scatter, best.chosen
     progress(1.0)
@@ -224,24 +224,32 @@ def relinearised(
     length: float,
     rules: SearchRules,
 ) -> DetectedEffect | None:
-    """An effect with its sizes about a fit with it; None where it is a process or no fit with it is possible.
+    """An error of the reading that has one size about a fit with it; None for other effects, and where it has none.
 
-    An error of the reading spoils the smoothed motion, from which its own column and shape come: what the search takes
-    for its sizes may then differ from part to part, though it has one.
+    It spoils the smoothed motion, from which its own column and shape come: what the search takes for its sizes may
+    then differ from part to part.
     """
-    effect = find(lead.effect)
-    if effect.port != "position":
-        return None
-    grown = lead.enter(model)
-    try:
-        states = estimated(grown, [state.grown(grown) for state in passes], least=ROUNDS_OF_GROWN).states
-    except ValueError:
-        return None
-    terms = [term for term in states[0].values.terms if term.effect.name == lead.effect]
-    runs = [BaseProjection(state, model, separate, terms) for state in states]
-    evidence = CandidateScores(runs, [Hypothesis(effect, dict(terms[0].shape))])
-    again = detected_effect(evidence, BlockScatter(evidence, length), (0,), 0, rules)
-    return replace(again, members=lead.members)
+    effect, again = find(lead.effect), lead
+    for _ in range(RELINEARISED if effect.port == "position" else 0):
+        grown = again.enter(model)
+        try:
+            states = estimated(grown, [state.grown(grown) for state in passes], least=ROUNDS_OF_GROWN).states
+        except ValueError:
+            return None
+        terms = [term for term in states[0].values.terms if term.effect.name == lead.effect]
+        runs = [BaseProjection(state, model, separate, terms) for state in states]
+        free = [name for name, shape in effect.shapes.items() if shape.refined and shape.spacing == "log"]
+        about = {name: (again.shape[name] / SHAPE_RATIO, again.shape[name] * SHAPE_RATIO) for name in free}
+        ((item,),) = refine(runs, [[Hypothesis(effect, again.shape, brackets=about)]])
+        evidence = CandidateScores(runs, [item])
+        again = detected_effect(evidence, BlockScatter(evidence, length), (0,), 0, rules)
+        if again.unequal is None:
+            return replace(again, members=lead.members)
+    return None
+
+
+RELINEARISED, SHAPE_RATIO = 3, 3.0
+"""Fits about which the sizes of an effect are compared, and the ratio by which each may change a shape parameter."""
 
 
 def recurs(
