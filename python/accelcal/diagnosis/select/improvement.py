@@ -130,13 +130,14 @@ def contradicted(steps: Sequence[Step]) -> Remark | None:
     """The remark on the first effect that the held-out record contradicts; None where it contradicts none.
 
     It does where it would show the effect and its systematic error rises with it; a true effect lets that fall. It says
-    nothing of what belongs to the time of one record.
+    nothing of what belongs to the time of one record. An effect that a later step replaced is none of the last model.
     """
+    last = steps[-1].fit.model.added
     for before, after in pairwise(steps):
         change = systematic_change(before.heldout.resolved, after.heldout.resolved)
         if change is None or change.sigma <= CONTRADICTED_SIGMA or not {*before.effects} <= {*after.effects}:
             continue
-        for name in (name for name in after.effects if name not in before.effects and name in after.fit.model.added):
+        for name in (name for name in after.fit.model.added if name not in before.fit.model.added and name in last):
             model, owners = after.fit.model, {term.name: term.effect.name for term in after.fit.model.terms}
             sizes, effect = [e.value for e in after.fit.estimates if owners.get(e.name) == name], find(name)
             if not sizes or belongs_to_its_time(effect):
