@@ -34,7 +34,7 @@ from accelcal.diagnosis.runs import RunValues, runs_disagree, values_by_run
 from accelcal.diagnosis.search.hypotheses import lacks_its_position, may_be_refined
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.select.curve_formulas import FormulaSet, formulas_of
-from accelcal.diagnosis.select.improvement import Improvement, Step, nested_fits
+from accelcal.diagnosis.select.improvement import Improvement, Step, contradicted, nested_fits
 from accelcal.diagnosis.select.stepwise import SearchBudget, StepwiseSelection, solve
 from accelcal.diagnosis.verdict import Diagnosis, verdict_on
 from accelcal.effects import Effect, find, side_channels
@@ -673,27 +673,38 @@ def improve(
         original, stretch = rest
         selection = StepwiseSelection.begin(original, stretch, split, extra, alpha, budget)
     selection.grow(most, on_step, within(progress, 0.3, 0.9))
+    unseen = None if holdout is None else examine(holdout, start, end)
+    test, span = (original[0], (split, finish)) if unseen is None else (unseen.source, unseen.span)
+    rejected = selection.current.fitted.rejected(original)
+    if rejected:
+        test, more = clean_holdout(selection.steps[0][1].model, test, *span)
+        rejected = (*rejected, *more)
+    steps, disturbed = uncontradicted_steps(selection, begin, test, *span, clean=unseen is None)
     room = len(selection.current.model.added) < most
     reason = "no fit with it is possible" if room else f"at most {most} effects are added"
-    rejected = selection.current.fitted.rejected(original)
-    unseen = None if holdout is None else examine(holdout, start, end)
     if apart is not None and unseen is not None:
         if not selection.current.verdict.scan.found:
             reason = "the run that is held out takes no part in what is added"
         selection.judge_with(unseen.source if stretch.chosen else unseen.part)
     verdict = selection.final_verdict(reason)
-    test, span = (original[0], (split, finish)) if unseen is None else (unseen.source, unseen.span)
-    if rejected:
-        test, more = clean_holdout(selection.fits[0][1].model, test, *span)
-        rejected = (*rejected, *more)
-    steps, disturbed = compared_steps(selection, begin, test, *span, clean=unseen is None)
     notes = [*broken, *(unseen.remarks("held out, ") if unseen is not None else ()), *disturbed, *heldout_rises(steps)]
     last = replace(verdict, dropped=rejected, remarks=(*verdict.remarks, *notes))
     best = steps[-1].fit
     if unseen is None:  # the held-out end has done its work: the model is that of the whole record
         whole = clean_fit(original, lambda these: solve(best.model, these, stretch, finish))
-        best = replace(result(whole.solution), tilt=best.tilt)
-    return Improvement(tuple(steps), best, last, tuple(selection.history.classes), selection.examined, holdout is None)
+        best = replace(with_noise_effects(result(whole.solution), original, whole.solution.states), tilt=best.tilt)
+    return Improvement(tuple(steps), best, last, tuple(selection.classes), selection.examined, holdout is None)
+
+
+def uncontradicted_steps(
+    selection: StepwiseSelection, begin: float, test: PreparedRun, start: float | None, end: float | None, clean: bool
+) -> tuple[list[Step], list[Remark]]:
+    """`compared_steps` once the effects that the held-out data contradict are taken out again."""
+    steps, disturbed = compared_steps(selection, begin, test, start, end, clean)
+    while (note := contradicted(steps)) is not None:
+        selection.withdraw(note)
+        steps, disturbed = compared_steps(selection, begin, test, start, end, clean)
+    return steps, disturbed
 
 
 def compared_steps(
@@ -701,14 +712,14 @@ def compared_steps(
 ) -> tuple[list[Step], list[Remark]]:
     """Every model of a selection on the data it was fitted to, from `begin` on, s, and on held-out data in a part,
     without what disturbed them unless they are `clean`; the remark on that."""
-    ruler, first = Ruler.of([fit for _, fit in selection.fits]), selection.fits[0][1]
-    floor, train = noise_floor(ruler, first, test, start=start, end=end), selection.current.fitted.runs[0]
-    fits = [fit for _, fit in selection.fits]
+    fits = [fit for _, fit in selection.steps]
+    ruler, train = Ruler.of(fits), selection.current.fitted.runs[0]
+    floor = noise_floor(ruler, fits[0], test, start=start, end=end)
     unseen = [evaluation.compare(fit, test, start=start, end=end, ruler=ruler) for fit in fits]
     unseen = [replace(result, noise_floor=floor.through(result.held_back)) for result in unseen]
     steps = [
         Step(names, fit, evaluation.compare(fit, train, start=begin, end=selection.split, ruler=ruler), heldout)
-        for (names, fit), heldout in zip(selection.fits, with_resolved(unseen, fits, ruler, floor), strict=True)
+        for (names, fit), heldout in zip(selection.steps, with_resolved(unseen, fits, ruler, floor), strict=True)
     ]
     if clean or not (disturbed := disturbance(steps[-1].heldout, test.recording, "held out, ")):
         return steps, []

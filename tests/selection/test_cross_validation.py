@@ -138,7 +138,9 @@ def test_a_rise_is_refused_and_a_fall_or_a_scatter_is_not():
     scatters = PairedChange("one-step error", 1.0, 1.1, 0.1, 16, 0.0, 1.2)
     assert rises.rises
     assert not any(one.rises for one in (small, falls, scatters))
-    assert refusing([falls, rises]) is rises
+    level = PairedChange("one-step error", 1.0, 0.99, 0.1, 16, 0.0, 8.0)
+    assert refusing([level, rises]) is rises
+    assert refusing([falls, rises]) is None  # the drift alone refuses nothing
     assert refusing([falls, small]) is None
     assert refusing([scatters]) is None  # one block holds it: that says nothing
     assert refusing([]) is None

@@ -16,7 +16,7 @@ from accelcal.diagnosis.clean_fit import CleanFit
 from accelcal.diagnosis.faults import TimeSpan
 from accelcal.diagnosis.findings import sizes_of
 from accelcal.diagnosis.independent_estimate import differences
-from accelcal.diagnosis.noise.noise_test import LINE, POSITION_WAVE, STEPS, VIBRATION, NoiseTest
+from accelcal.diagnosis.noise.noise_test import LINE, POSITION_WAVE, READING_OUTLIERS, STEPS, VIBRATION, NoiseTest
 from accelcal.diagnosis.noise.run_all import run_noise_tests
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, NOISE_TEST_ALPHA, VIBRATION_LINE_SHARE
 from accelcal.diagnosis.runs import further_runs, values_by_run
@@ -128,21 +128,24 @@ def own_tests(significant: Sequence[NoiseTest]) -> list[NoiseTest]:
     return [test for test in significant if own(test)]
 
 
-def independent_tests(significant: Sequence[NoiseTest], *, no_effect_found: bool) -> tuple[NoiseTest, ...]:
-    """Tests among `own_tests` that name their effect.
+def independent_tests(significant: Sequence[NoiseTest], effects: Sequence[str] = ()) -> tuple[NoiseTest, ...]:
+    """Tests among `own_tests` that name their effect, beside effects that the search found.
 
     A line below thrice the band of the motion may be a harmonic of a missing nonlinearity, which the search finds: it
-    counts only with `no_effect_found`, when no effect of the motion was found, and where the motion makes no lines. A
-    line above that band where the motion makes lines counts when no effect was found, and then no wave over position
-    does: both are harmonics of the motion.
+    counts only when no effect of the motion was found, and where the motion makes no lines. A line above that band
+    where the motion makes lines counts when no effect was found, and then no wave over position does: both are
+    harmonics of the motion. Readings that an error of the encoder moves pass for outliers: with one that was found in
+    the model they are tested anew.
     """
+    at_encoder = any(find(name).port == "position" for name in effects)
     harmonic = any(test.effect == LINE and test.parts.get("made_by_motion") for test in significant)
 
     def names(test: NoiseTest) -> bool:
         if test.effect != LINE:
-            return not (test.effect == POSITION_WAVE and harmonic)
+            moved = at_encoder and test.effect == READING_OUTLIERS
+            return not (moved or (test.effect == POSITION_WAVE and harmonic))
         within, by_motion = bool(test.parts.get("within_motion")), bool(test.parts.get("made_by_motion"))
-        return not (within or by_motion) or (no_effect_found and within != by_motion)
+        return not (within or by_motion) or (not effects and within != by_motion)
 
     return tuple(test for test in significant if names(test))
 
@@ -170,7 +173,7 @@ def largest_wave(effect: Effect, model: Model, states: Sequence[RunState]) -> No
         for test in own_tests(tests)
         if test.effect == stem_of(effect) and not test.in_model(model, state.signals)
     ]
-    waves = largest_first(independent_tests(lacking, no_effect_found=True) or lacking)
+    waves = largest_first(independent_tests(lacking) or lacking)
     return waves[0] if waves else None
 
 
@@ -209,7 +212,7 @@ class Evidence:
         """Probability by chance below which one noise test is significant."""
         significant = own_tests([test for test in cleaned.tests if test.p_value < self.level])
         unexplained = [test for test in significant if not test.in_model(model, self.signals)]
-        named = independent_tests(unexplained, no_effect_found=not self.scan.found)
+        named = independent_tests(unexplained, [finding.effect for finding in self.scan.found])
         self.tests = tuple(
             replace(test, effect=find(next_name(test.effect, model.effects)).name) if test.shape else test
             for test in largest_first(named)

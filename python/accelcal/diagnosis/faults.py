@@ -34,6 +34,8 @@ from accelcal.diagnosis.policy import (
     IMPACT_OUTPUT_RATIO,
     IMPACT_PEAK_RATIO,
     OTHER_SCALE,
+    PLAY_LEAST_REVERSALS,
+    PLAY_RATIO,
     RAIL_SAMPLES,
     RELATION_EXPLAINED,
     RELATION_LEAST_BLOCKS,
@@ -42,12 +44,14 @@ from accelcal.diagnosis.policy import (
     UNRELATED_EXPLAINED,
     WHOLE_SAMPLE_TOLERANCE,
 )
+from accelcal.effects.building_blocks import play
 from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
 from accelcal.estimation.readings import spikes
 from accelcal.estimation.remarks import Remark, Value, remark
 from accelcal.estimation.run import PreparedRun, Source, prepare, prepared
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.series import LOCAL, local_spread, running_median, runs_of_true, widened
+from accelcal.signals.signals import CORNER_NOISE
 
 BANDS_PER_DECADE = 4
 """Bands between the slowest that the record resolves and a tenth of the encoder's rate."""
@@ -421,7 +425,41 @@ def position_steps(columns: RelationColumns) -> list[PositionStep]:
             continue
         last = k
         jumps.append(PositionStep(float(t[k]), size, float(chance[k])))
-    return jumps
+    return without_play(jumps, run, t, matched / np.linalg.norm(step)) if jumps else []
+
+
+def without_play(jumps: Sequence[PositionStep], run: PreparedRun, t: Array, steps: Array) -> list[PositionStep]:
+    """Jumps that are no lost motion: the reading of a head with play steps at every reversal, against the new way.
+
+    Parameters
+    ----------
+    jumps : in the order of time.
+    t, steps : times of the innovations (n,) s, and the step that each shows, m.
+    """
+    slack = 2.0 * CORNER_NOISE * math.sqrt(run.reading_variance_guess)
+    way = np.sign(run.z - play(run.z, slack, float(run.z[0])))
+    turned = np.flatnonzero(np.diff(way)) + 1
+    at = np.searchsorted(t, run.t[turned])
+    inside = (at >= PULSE) & (at < len(t) - PULSE)
+    at, sign = at[inside], -way[turned][inside]
+    times = np.array([jump.time for jump in jumps])
+    jumped = np.abs(t[at][:, None] - times).min(axis=1) <= PULSE * run.reading_step
+    others = (steps[at[:, None] + np.arange(-PULSE, PULSE + 1)] * sign[:, None])[~jumped]
+    if len(others) < PLAY_LEAST_REVERSALS:
+        return [*jumps]
+    usual = np.median(others, axis=0)
+    lag = int(np.argmax(np.abs(usual)))
+    scatter = float(local_spread(steps)[at].mean()) * math.sqrt(0.5 * math.pi / len(others))
+    if abs(usual[lag]) < SURELY_CHANCE * scatter:
+        return [*jumps]
+    largest = float(np.max(np.abs(others)))
+
+    def is_play(jump: PositionStep) -> bool:
+        near = int(np.argmin(np.abs(t[at] - jump.time)))
+        small = abs(jump.size) <= PLAY_RATIO * largest and jump.size * sign[near] * usual[lag] > 0.0
+        return small and abs(t[at[near]] - jump.time) <= PULSE * run.reading_step
+
+    return [jump for jump in jumps if not is_play(jump)]
 
 
 SURELY_CHANCE = 7.0

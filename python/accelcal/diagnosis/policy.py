@@ -109,8 +109,11 @@ CLEAR_LOG_EVIDENCE = 6.0
 """Log-evidence below which an effect may have come first by chance. What is missing is added to the distance within
 which its rivals count. [nat; benches/hidden.py]"""
 CONFOUNDED_CORRELATION = 0.95
-"""Correlation of signatures above which two effects are confounded. Nine tenths of one effect's power are then the
-other's. [correlation; tests/experiment/test_detectability.py]"""
+"""Correlation of signatures above which two effects are confounded, unless a record decides far more clearly. Nine
+tenths of one effect's power are then the other's. [correlation; tests/experiment/test_detectability.py]"""
+RIVAL_SHARE = 0.5
+"""Share of the gain of a named effect from which the next one is told as its rival. Less is no explanation of the same.
+[share; tests/diagnosis/search/test_confounding.py]"""
 PLAN_CORRELATION = CONFOUNDED_CORRELATION - 0.002
 """Correlation below which a planned motion separates two effects. The noise of a real record must not confound what
 the plan separates. [correlation; tests/experiment/test_design.py]"""
@@ -161,6 +164,12 @@ tests/selection/test_cross_validation.py]"""
 HELDOUT_RISE = 0.05
 """Rise of the held-out error over that of the best step, as a share, that is remarked on if it exceeds two paired
 standard errors. A smaller one changes no decision. [share; tests/selection/test_improvement.py]"""
+CONTRADICTED_SIGMA = 3.0
+"""Rise of the systematic error of a held-out record with an effect, in paired standard errors, above which that record
+contradicts it. A true effect lets it fall. [sigma; tests/selection/test_contradicted.py]"""
+CONTRADICTED_D = 5.0
+"""Distance from zero that an effect of the estimated size has on a held-out record, from which that record can
+contradict it. What it hardly shows it cannot deny. [sigma; tests/selection/test_contradicted.py]"""
 DETERMINED_ALPHA = 0.01
 """Probability of what an effect explains beside all others of the fitted model, under the null, from which it has no
 size. A delay takes up the lag that was found before it. [probability; tests/selection/test_plausibility.py]"""
@@ -420,6 +429,12 @@ tests/diagnosis/test_left_out.py]"""
 STEP_PULSE_SHARE = 0.6
 """Share of the excess residual around a position step that the filter's pulse must explain. A misfit of the model is
 wider than a pulse. [share; tests/diagnosis/test_change_points.py]"""
+PLAY_LEAST_REVERSALS = 8
+"""Reversals without a jump that show whether every reversal has a step. Fewer give no median with a scatter.
+[reversals; tests/diagnosis/test_lost_motion.py]"""
+PLAY_RATIO = 2.0
+"""Size of a jump at a reversal over the largest step at the others, up to which it is the same play. How much of its
+play a reversal shows depends on how fast the stage turns. [ratio; tests/diagnosis/test_lost_motion.py]"""
 STEP_LEAST_COUNTS = 3.0
 """Least height of a position step, in steps of the encoder. A smaller jump is quantisation. [counts;
 tests/diagnosis/test_change_points.py]"""

@@ -30,6 +30,7 @@ from accelcal.diagnosis.policy import (
     CLEAR_LOG_EVIDENCE,
     DATA_SHEET_NOISE_RATIO,
     FAMILYWISE_ALPHA,
+    RIVAL_SHARE,
     VERDICT_LEAST_BLOCKS,
 )
 from accelcal.diagnosis.runs import FurtherRun
@@ -156,7 +157,7 @@ def verdict_on(e: Evidence) -> Diagnosis:
     groups = classes_of(e, scan, tests)
     verdict, left = judgement(Case(e.fit, scan, tests, unnamed, groups, e.remarks))
     inside = confirmed(e, groups)
-    vetoes = (f"{note.sentence}." for note in e.remarks if note.vetoes_adequate)
+    vetoes = (f"{note.sentence}." for note in e.remarks if note.vetoes_adequate and note.sentence not in left)
     tilt = next((float(note.values["tilt_deg"]) for note in e.remarks if "tilt_deg" in note.values), 0.0)
     return Diagnosis(
         verdict=verdict,
@@ -190,10 +191,10 @@ def nameable(e: Evidence) -> tuple[Scan, tuple[NoiseTest, ...], tuple[NoiseTest,
     no noise to test.
     """
     if e.forbidden:
-        return replace(e.scan, found=(), named=(), changing=()), (), ()
+        return replace(e.scan, found=(), rivals=(), changing=()), (), ()
     scan, tested = e.scan, e.scan.enough
     if any(note.code == "tilt_or_drift" for note in e.remarks):
-        scan = replace(scan, found=beside_tilt(scan.found), named=beside_tilt(scan.named))
+        scan = replace(scan, found=beside_tilt(scan.found), rivals=beside_tilt(scan.rivals))
         tested = tested and not FOLLOW_TIME.intersection((*e.model.effects, *(effect.effect for effect in scan.found)))
     return (scan, e.tests, e.unnamed) if tested else (scan, (), ())
 
@@ -266,12 +267,23 @@ class Case:
         causes = [note for note in self.remarks if note.place == "verdict" and not note.vetoes_adequate]
         return min(causes, key=lambda note: list(KINDS).index(note.code), default=None)
 
+    def nearest_rival(self, effect: str) -> str:
+        """The sentence on what explains most of the same as a named effect of the search; empty where nothing does."""
+        ranked = {candidate.effect: candidate for candidate in reversed(self.scan.candidates)}
+        first = ranked.pop(effect, None)
+        rivals = [rival for rival in ranked.values() if first and rival.gain > RIVAL_SHARE * first.gain]
+        rival = max(rivals, key=lambda rival: rival.log_evidence, default=None)
+        if first is None or rival is None:
+            return ""
+        worse = first.log_evidence - rival.log_evidence
+        return f" Its nearest rival is {rival.effect}, worse by {worse:.0f} in log-evidence."
+
     def with_rivals(self, effect: str, text: str) -> Judgement:
         """The judgement on an effect that is present, with the effects that it is confounded with."""
         group = next(group for group in self.groups if group.effect == effect)
         others = [name for name in group.members if name != effect]
         if not others:
-            return "named", text
+            return "named", f"{text}{self.nearest_rival(effect)}"
         tie = f"It is confounded with {', '.join(others)} on this record; to separate them: {group.experiment}."
         return "tied", f"{text} {tie}"
 
@@ -279,8 +291,9 @@ class Case:
 def judgement(case: Case) -> Judgement:
     """Judge what a model lacks: the first rule that applies, and nothing is adequate beside a remark that vetoes it."""
     verdict, text = next(judged for rule in RULES if (judged := rule(case)) is not None)
-    if verdict == "adequate" and any(note.vetoes_adequate for note in case.remarks):
-        return "unexplained", f"No effect explains that ({case.examined})."
+    vetoes = [note.sentence for note in case.remarks if note.vetoes_adequate]
+    if verdict == "adequate" and vetoes:
+        return "unexplained", f"{'. '.join(vetoes)}. No effect explains that ({case.examined})."
     return verdict, text
 
 

@@ -178,6 +178,14 @@ KINDS: dict[str, Kind] = {
     "too_short_with": Kind(
         "beside", "{effect} was not added: {blocks} blocks are left with it, {least} are needed for a verdict"
     ),
+    "noise_not_shown": Kind(
+        "beside", "{effect} was not added: its test is significant, but the fit with it does not show it"
+    ),
+    "contradicted": Kind(
+        "beside",
+        "{effect} is contradicted by the held-out record: it would show there at {d:.0f} sigma, and with it the "
+        "systematic error rises by {percent:.2g} % ({sigma:.1f} paired standard errors); it is not named",
+    ),
     "heldout_rises": Kind(
         "beside",
         "On the held-out data the {measure} of the last model is {percent:.2g} % larger than that of {best} "

@@ -86,7 +86,7 @@ def test_the_largest_of_several_lines_is_reported_though_another_has_a_smaller_p
 def test_a_significant_test_whose_effect_is_not_named_forbids_that_nothing_is_missing():
     driven = [line(4.0, within_motion=1.0, made_by_motion=1.0)]
     assert own_tests(driven) == driven
-    assert independent_tests(driven, no_effect_found=True) == ()
+    assert independent_tests(driven) == ()
     scan, fit = Scan((), (), 100, 50), SimpleNamespace(runs=(), seen_by_runs=(), spreads=())
     assert judgement(Case(fit, scan, ()))[0] == "adequate"
     verdict, sentence = judgement(Case(fit, scan, (), driven))

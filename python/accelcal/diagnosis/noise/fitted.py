@@ -124,6 +124,12 @@ def with_noise_effects(fit: Fit, original: Sequence[PreparedRun], states: Sequen
     return replace(fit, noise_effects=noise_estimates(fit.model, records))
 
 
+def noise_shown(fit: Fit, name: str) -> bool:
+    """Whether a fit shows an effect of its model that acts on noise."""
+    size = next((effect for effect in fit.noise_effects if effect.name == name), None)
+    return size is not None and size.p_value < NOISE_EFFECT_ALPHA and size.value > 0.0
+
+
 def require_noise_shown(fit: Fit, names: Sequence[str]) -> None:
     """Refuse effects that act on noise and that the recordings of a fit do not show.
 
@@ -142,7 +148,7 @@ def require_noise_shown(fit: Fit, names: Sequence[str]) -> None:
                 f"{effect.name!r} cannot be added: the record is too short, or its filters leave no noise above the "
                 "motion"
             )
-        if size.p_value >= NOISE_EFFECT_ALPHA or size.value <= 0.0:
+        if not noise_shown(fit, effect.name):
             least = size.particulars.get("least", 0.0)
             limit = f"; it would show from {size.symbol} = {least:.2g} {size.unit} on" if least > 0.0 else ""
             raise AccelcalError(

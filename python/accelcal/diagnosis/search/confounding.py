@@ -14,6 +14,7 @@ from accelcal.diagnosis.policy import (
     CLEAR_LOG_EVIDENCE,
     CONFOUNDED_CORRELATION,
     CONFOUNDED_LOG_EVIDENCE,
+    EQUAL_SIZE_SHARE,
     RESOLVED_WAVE_PERIODS,
 )
 from accelcal.diagnosis.search.beam import BlockScatter, SearchRules
@@ -69,10 +70,11 @@ def confounding_class(
 ) -> tuple[str, ...]:
     """Effects that are confounded with hypothesis `i` on this record, itself first.
 
-    A rival belongs to the class if its log-evidence is within `CONFOUNDED_LOG_EVIDENCE`, or its contribution correlates
-    by more than `CONFOUNDED_CORRELATION`; a nonparametric curve by its log-evidence alone, if its variable is not the
-    effect's. An effect with less than `CLEAR_LOG_EVIDENCE` may have come first by chance, so
-    what it lacks is added to the distance within which rivals count.
+    A rival belongs to the class if its log-evidence is within `CONFOUNDED_LOG_EVIDENCE`. Where its contribution
+    correlates by more than `CONFOUNDED_CORRELATION` the distance also holds what the effect loses if a share
+    `EQUAL_SIZE_SHARE` of it is wrong, since shape and motion are not exact. A nonparametric curve belongs to it by its
+    log-evidence alone, if its variable is not the effect's. An effect with less than `CLEAR_LOG_EVIDENCE` may have come
+    first by chance, so what it lacks is added to the distance within which rivals count.
     """
     G, _ = evidence.given(others)
     gains, dofs = evidence.gains(others)
@@ -81,6 +83,7 @@ def confounding_class(
     inflation = scatter.inflation(i, others)
     own_gain = rules.net_gain(gain / inflation, dof, item)
     reach = CONFOUNDED_LOG_EVIDENCE + max(0.0, CLEAR_LOG_EVIDENCE - own_gain / 2.0)
+    if_alike = reach + 0.5 * EQUAL_SIZE_SHARE**2 * gain / inflation
     rivals: list[tuple[float, str]] = []
     for j, rival in enumerate(evidence.items):
         nonspecific = item.effect.family or item.effect.port == "process"
@@ -91,9 +94,8 @@ def confounding_class(
         if rival_dof == 0:
             continue
         gap = (own_gain - rules.net_gain_as_rival(rival_gain / inflation, rival_dof, rival)) / 2.0
-        if gap < reach or (
-            not curve and contribution_correlation(evidence, G, i, j, estimate) > CONFOUNDED_CORRELATION
-        ):
+        alike = not curve and reach <= gap < if_alike
+        if gap < reach or (alike and contribution_correlation(evidence, G, i, j, estimate) > CONFOUNDED_CORRELATION):
             rivals.append((gap, rival.effect.name))
     return (item.effect.name, *dict.fromkeys(name for _, name in sorted(rivals)))
 
@@ -101,33 +103,40 @@ def confounding_class(
 def plainest(
     evidence: CandidateScores, scatter: BlockScatter, chosen: tuple[int, ...], rules: SearchRules
 ) -> tuple[int, ...]:
-    """A set in which the plainest power of the acceleration stands for those that look the same and explain as much.
+    """A set in which the plainest effect stands for those that look the same and explain as much: what an effect
+    includes, and the plainest power of the acceleration.
 
     Where the specific force keeps its sign, as on a vertical axis, even and odd powers are alike, and chance decides
     which gains more. The bias and the scale factor, which are those at zero specific force, depend on the power.
     """
     for position, i in enumerate(chosen):
-        others = chosen[:position] + chosen[position + 1 :]
-        static = evidence.items[i].effect.traits.static
-        if static is None:
-            continue
+        others, effect = chosen[:position] + chosen[position + 1 :], evidence.items[i].effect
+        plainer = [j for j, item in enumerate(evidence.items) if j not in others and is_plainer(item.effect, effect)]
         gains, dofs = evidence.gains(others)
         inflation, (_, _, estimate, _) = scatter.inflation(i, others), evidence.gain(i, others)
-        net_gains = [
-            rules.net_gain(gain / inflation, dof, item)
-            for gain, dof, item in zip(gains.tolist(), dofs.tolist(), evidence.items, strict=True)
-        ]
+        net_gains = {
+            j: rules.net_gain(float(gains[j]) / inflation, int(dofs[j]), evidence.items[j]) for j in (i, *plainer)
+        }
         G, _ = evidence.given(others)
-        for j, item in enumerate(evidence.items):
-            other = item.effect.traits.static
-            if j in others or other is None or other.thermal != static.thermal or not dofs[j]:
-                continue
-            plainer = other.odd != static.odd and not other.mirrored and other.power <= static.power
-            tied = net_gains[i] - net_gains[j] < 2.0 * CONFOUNDED_LOG_EVIDENCE
-            if plainer and tied and contribution_correlation(evidence, G, i, j, estimate) > CONFOUNDED_CORRELATION:
+        for j in plainer:
+            tied = bool(dofs[j]) and net_gains[i] - net_gains[j] < 2.0 * CONFOUNDED_LOG_EVIDENCE
+            if tied and contribution_correlation(evidence, G, i, j, estimate) > CONFOUNDED_CORRELATION:
                 chosen = (*chosen[:position], j, *chosen[position + 1 :])
                 break
     return chosen
+
+
+def is_plainer(other: Effect, effect: Effect) -> bool:
+    """Whether an effect is the plainer one of two that look the same."""
+    static, plain = effect.traits.static, other.traits.static
+    if other.name in effect.search.includes or static is None or plain is None:
+        return other.name in effect.search.includes
+    return (
+        plain.thermal == static.thermal
+        and plain.odd != static.odd
+        and not plain.mirrored
+        and plain.power <= static.power
+    )
 
 
 def beats(curve: Effect, effect: Effect) -> bool:

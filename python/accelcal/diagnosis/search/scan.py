@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -19,7 +19,8 @@ from accelcal.diagnosis.search.refine import refine, shortlist, starting_points
 from accelcal.diagnosis.search.scores import DEGENERATE, BaseProjection, CandidateScores, log_survival, score_gain
 from accelcal.diagnosis.search.slow_noise import SlowNoise
 from accelcal.diagnosis.search.thresholds import distance_for_gain
-from accelcal.effects import BUILT_IN, Effect, is_local, users_own
+from accelcal.effects import BUILT_IN, Effect, find, is_local, users_own
+from accelcal.estimation.gauss_newton import ROUNDS_OF_GROWN, estimated
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term
 
@@ -123,8 +124,8 @@ class Scan:
     """Smallest coefficient that is found with 95 % probability, by effect; infinite where the record cannot show it."""
     entered: tuple[DetectedEffect, ...] = ()
     """Effects that were requested by name and can be evaluated, whether significant or not."""
-    named: tuple[DetectedEffect, ...] = ()
-    """Where a nonparametric curve comes first: the named effects that are confounded with it."""
+    rivals: tuple[DetectedEffect, ...] = ()
+    """Named effects that are confounded with what comes first, nearest first."""
     changing: tuple[DetectedEffect, ...] = ()
     """Effects that would enter if they had one size in all parts of the runs and bands, or happened only once."""
     slow_noise: tuple[SlowNoise, ...] = ()
@@ -191,6 +192,11 @@ def scan(
     process = best.process_instead(runs, changing, length, rules)
     if process is not None:
         best, (entering, changing) = process, process.divided(evidence, rules)
+    for lead in changing[:1]:
+        if lead.unequal is not None and lead.effect == best.evidence.items[best.chosen[0]].effect.name:
+            again = relinearised(passes, model, lead, separate, length, rules)
+            if again is not None:
+                entering, changing = (again, *entering), changing[1:]
     final, scatter, chosen = best.evidence, best.scatter, best.chosen
     progress(1.0)
     return Scan(
@@ -204,10 +210,46 @@ def scan(
             for i in range(len(final.items))
             if only and final.gain(i)[1]
         ),
-        named_members(final, scatter, chosen, rules),
+        rivals_of_first(final, scatter, chosen, rules),
         changing,
         best.slow_noise,
     )
+
+
+def relinearised(
+    passes: Sequence[RunState],
+    model: Model,
+    lead: DetectedEffect,
+    separate: Sequence[Term],
+    length: float,
+    rules: SearchRules,
+) -> DetectedEffect | None:
+    """An error of the reading that has one size about a fit with it; None for other effects, and where it has none.
+
+    It spoils the smoothed motion, from which its own column and shape come: what the search takes for its sizes may
+    then differ from part to part.
+    """
+    effect, again = find(lead.effect), lead
+    for _ in range(RELINEARISED if effect.port == "position" else 0):
+        grown = again.enter(model)
+        try:
+            states = estimated(grown, [state.grown(grown) for state in passes], least=ROUNDS_OF_GROWN).states
+        except ValueError:
+            return None
+        terms = [term for term in states[0].values.terms if term.effect.name == lead.effect]
+        runs = [BaseProjection(state, model, separate, terms) for state in states]
+        free = [name for name, shape in effect.shapes.items() if shape.refined and shape.spacing == "log"]
+        about = {name: (again.shape[name] / SHAPE_RATIO, again.shape[name] * SHAPE_RATIO) for name in free}
+        ((item,),) = refine(runs, [[Hypothesis(effect, again.shape, brackets=about)]])
+        evidence = CandidateScores(runs, [item])
+        again = detected_effect(evidence, BlockScatter(evidence, length), (0,), 0, rules)
+        if again.unequal is None:
+            return replace(again, members=lead.members)
+    return None
+
+
+RELINEARISED, SHAPE_RATIO = 3, 3.0
+"""Fits about which the sizes of an effect are compared, and the ratio by which each may change a shape parameter."""
 
 
 def recurs(
@@ -287,21 +329,22 @@ class BestSet:
         return other if first is not None and first.port == "process" and first.name in members else None
 
 
-def named_members(
+def rivals_of_first(
     evidence: CandidateScores, scatter: BlockScatter, chosen: tuple[int, ...], rules: SearchRules
 ) -> tuple[DetectedEffect, ...]:
-    """Named effects that are confounded with a nonparametric curve that comes first, nearest rival first.
+    """Named effects that are confounded with what comes first and have one size, nearest rival first.
 
     Random processes are not among them: they follow any function of time.
     """
-    if not chosen or not evidence.items[chosen[0]].effect.family:
+    if not chosen:
         return ()
     able = {i: item.effect for i, item in enumerate(evidence.items) if item.effect.port != "process"}
     place = {effect.name: i for i, effect in able.items() if not effect.family}
     rivals = [
         place[name] for name in confounding_class(evidence, scatter, chosen[0], chosen[1:], rules) if name in place
     ]
-    return tuple(detected_effect(evidence, scatter, (i, *chosen[1:]), 0, rules) for i in rivals if i not in chosen)
+    detected = (detected_effect(evidence, scatter, (i, *chosen[1:]), 0, rules) for i in rivals if i not in chosen)
+    return tuple(effect for effect in detected if effect.unequal is None)
 
 
 def rank(

@@ -124,7 +124,10 @@ class BaseProjection:
     another.
     """
 
-    def __init__(self, state: RunState, model: Model, separate: Sequence[Term] = ()) -> None:
+    def __init__(
+        self, state: RunState, model: Model, separate: Sequence[Term] = (), given_back: Sequence[Term] = ()
+    ) -> None:
+        """Of a model; what further terms `given_back` contribute at the state counts as unexplained again."""
         self.state = state
         self.column_filter = sums_of(state)
         self._cached: tuple[Sequence[Term], slice, Array] | None = None
@@ -142,6 +145,9 @@ class BaseProjection:
         self.prior_information: Array = np.array([*np.zeros(len(plain)), *(std**-2.0 for _, std in uncertain)])
         self.B: Array = self.column_filter.whole(terms)
         self.y: Array = self.column_filter.whitened
+        if given_back:
+            sizes = np.array([state.values.by_name[term.name] for term in given_back])
+            self.y = self.y + sizes @ self.column_filter.whole(given_back)
         scale_rows = [row for term, row in zip(base, self.B, strict=False) if term.name == "scale_factor"]
         self.motion = float(sum(row @ row for row in scale_rows))
         """Power of the motion itself in the innovations; 0 where the base leaves no scale factor free."""

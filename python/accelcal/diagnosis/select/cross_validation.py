@@ -79,10 +79,12 @@ class PairedChange:
 def refusing(changes: Sequence[PairedChange]) -> PairedChange | None:
     """The change for which an effect does not enter; None where it may.
 
-    An error that rises significantly refuses it. So does an effect that is spread over several blocks, and yet lets
-    neither error fall by half a standard error; what a single block holds cannot be predicted there from the others.
+    An error that rises significantly refuses it; that of the drift, which noise dominates, only where the one-step
+    error does not fall. An effect that is spread over several blocks is refused, too, where it lets neither error fall
+    by half a standard error; what a single block holds cannot be predicted there from the others.
     """
-    rising = [change for change in changes if change.rises]
+    falls = bool(changes) and changes[0].sigma <= -VALIDATION_LEAST_FALL
+    rising = [] if falls else [change for change in changes if change.rises]
     if not rising and changes and changes[0].spread >= VALIDATION_SPREAD:
         rising = [change for change in changes if all(measure.sigma > -VALIDATION_LEAST_FALL for measure in changes)]
     return max(rising, key=lambda change: change.sigma, default=None)

@@ -10,8 +10,10 @@ from typing import ClassVar
 from accelcal._support.result import Result
 from accelcal._support.values import immutable, listing
 from accelcal.diagnosis.findings import Confounded, Finding, Importance, in_model, in_noise, split, with_findings
+from accelcal.diagnosis.policy import CONTRADICTED_D, CONTRADICTED_SIGMA
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Verdict
+from accelcal.diagnosis.select.cross_validation import belongs_to_its_time
 from accelcal.diagnosis.verdict import Case, Diagnosis, judgement
 from accelcal.effects import find, spelled
 from accelcal.estimation.estimate import Fit, result, solve_runs
@@ -19,7 +21,8 @@ from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import Source
 from accelcal.model import Model
 from accelcal.validation.comparison import Evaluation
-from accelcal.validation.differences import HeldOutChange, heldout_change
+from accelcal.validation.differences import HeldOutChange, heldout_change, systematic_change
+from accelcal.validation.systematic import added_variable
 
 
 @immutable
@@ -59,7 +62,7 @@ class Improvement(Result):
     best: Fit
     """The last model, which has every effect that was found, fitted to all but a recording that is held out."""
     diagnosis: Diagnosis
-    """Of the last model."""
+    """Of the last model, before the effects on its noise entered it."""
     classes: tuple[Confounded, ...]
     """One for each effect that was added."""
     examined: int
@@ -121,6 +124,29 @@ class Improvement(Result):
     def effects(self) -> tuple[str, ...]:
         """Names in the order added."""
         return self.steps[-1].effects
+
+
+def contradicted(steps: Sequence[Step]) -> Remark | None:
+    """The remark on the first effect that the held-out record contradicts; None where it contradicts none.
+
+    It does where it would show the effect and its systematic error rises with it; a true effect lets that fall. It says
+    nothing of what belongs to the time of one record. An effect that a later step replaced is none of the last model.
+    """
+    last = steps[-1].fit.model.added
+    for before, after in pairwise(steps):
+        change = systematic_change(before.heldout.resolved, after.heldout.resolved)
+        if change is None or change.sigma <= CONTRADICTED_SIGMA or not {*before.effects} <= {*after.effects}:
+            continue
+        for name in (name for name in after.fit.model.added if name not in before.fit.model.added and name in last):
+            model, owners = after.fit.model, {term.name: term.effect.name for term in after.fit.model.terms}
+            sizes, effect = [e.value for e in after.fit.estimates if owners.get(e.name) == name], find(name)
+            if not sizes or belongs_to_its_time(effect):
+                continue
+            shown = added_variable(before.heldout, before.fit, effect, model.shapes.get(name, {}), sizes)
+            if shown is not None and shown.slope_std * CONTRADICTED_D <= 1.0:
+                d = 1.0 / shown.slope_std
+                return remark("contradicted", effect=name, d=d, percent=change.percent, sigma=change.sigma)
+    return None
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from accelcal.diagnosis.clean_fit import CHANNEL_OF, CleanFit, clean_fit
 from accelcal.diagnosis.evidence import DELAY_CLASS, DELAY_EXPERIMENT, Evidence, delay_is_significant
 from accelcal.diagnosis.faults import TimeSpan
 from accelcal.diagnosis.findings import Confounded, explained_gain, with_findings
+from accelcal.diagnosis.noise.fitted import noise_shown, with_noise_effects
 from accelcal.diagnosis.policy import (
     NAMED_ALTERNATIVES,
     SEARCH_MODELS,
@@ -71,6 +72,10 @@ class SelectionHistory:
     def effects(self) -> tuple[str, ...]:
         """Names, in the order of entry."""
         return tuple(group.effect for group in self.classes)
+
+    def copy(self) -> SelectionHistory:
+        """The history so far, which what enters later leaves as it is."""
+        return SelectionHistory([*self.classes], dict(self.gains))
 
     @property
     def entered(self) -> int:
@@ -136,12 +141,16 @@ class StepwiseSelection:
     current: JudgedModel
     examined: int
     """Alternatives examined so far."""
-    fits: list[tuple[tuple[str, ...], Fit]]
-    """Every model so far, by the effects that it has."""
     budget: SearchBudget
     history: SelectionHistory = field(default_factory=SelectionHistory)
+    past: list[tuple[JudgedModel, SelectionHistory]] = field(default_factory=list)
+    """Every model so far, the base first, with the history that led to it."""
     refused: dict[str, Remark] = field(default_factory=dict)
-    """Effects that cross-validation or plausibility kept out of the model, each with the remark that says so."""
+    """Effects that were kept out of the model or taken out of it, each with the remark that says why."""
+    classes: list[Confounded] = field(default_factory=list)
+    """Once nothing more enters: confounding class of each effect, those of a delay and of the noise included."""
+    steps: list[tuple[tuple[str, ...], Fit]] = field(default_factory=list)
+    """Then: every model by the effects that it has, the base first."""
 
     @classmethod
     def begin(
@@ -164,19 +173,19 @@ class StepwiseSelection:
             alpha,
             current,
             current.verdict.scan.examined,
-            [((), current.verdict.fit)],
             budget,
+            past=[(current, SelectionHistory())],
         )
 
     def grow(self, most: int, on_step: Callable[[Fit], None], progress: Callable[[float], None]) -> None:
         """Add effects, at most so many, or replace them by curves until nothing is to enter; each model is reported."""
         progress(0.0)
-        on_step(self.fits[-1][1])
+        on_step(self.current.verdict.fit)
         for number in range(2 * most):
             room = self.history.entered < most
             if not (room and self.add_next()) and not self.replace_by_family():
                 break
-            on_step(self.fits[-1][1])
+            on_step(self.current.verdict.fit)
             progress(min(1.0, (number + 1) / most))
         self.finish()
 
@@ -215,7 +224,7 @@ class StepwiseSelection:
             if smaller:
                 self.accept(smaller)
                 self.history.leave(name)
-        self.fits.append((self.history.effects, self.current.verdict.fit))
+        self.past.append((self.current, self.history.copy()))
         return True
 
     def replace_by_family(self) -> bool:
@@ -228,25 +237,56 @@ class StepwiseSelection:
         entering, judged = step
         self.accept(judged)
         self.history.enter(entering, 0.0, replacement.replaced)
-        self.fits.append((self.history.effects, self.current.verdict.fit))
+        self.past.append((self.current, self.history.copy()))
         return True
 
     def finish(self) -> None:
-        """Assign every effect its confounding class, once nothing more enters."""
+        """Assign every effect its confounding class, once nothing more enters, and list the models."""
         verdict = self.current.verdict
+        fits = [(history.effects, judged.verdict.fit) for judged, history in self.past]
         if not verdict.nameable:
-            self.history.classes, self.fits = [], self.fits[:1]
+            self.classes, self.steps = [], fits[:1]
             return
-        self.history.classes = self.history.final_classes(verdict.scan.candidates, verdict.fit)
-        if delay_is_significant(self.fits[-1][1], verdict.scan, self.alpha):
+        self.classes, self.steps = self.history.final_classes(verdict.scan.candidates, verdict.fit), fits
+        if delay_is_significant(verdict.fit, verdict.scan, self.alpha):
             undelayed = result(solve(without_delay(self.original), self.current.fitted.runs, self.stretch, self.split))
-            self.history.classes.insert(0, Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
-            self.fits = [((), undelayed), *((("time_offset", *names), fitted) for names, fitted in self.fits)]
+            self.classes.insert(0, Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
+            self.steps = [((), undelayed), *((("time_offset", *names), fitted) for names, fitted in fits)]
         in_noise = {test.effect for test in verdict.channels if not test.shape}  # a wave enters, or is missing
-        found_by_tests = in_noise - set(self.history.effects)
+        found_by_tests = in_noise - {group.effect for group in self.classes}
         tested = {group.effect: group for group in verdict.classes if group.effect in found_by_tests}
-        self.history.classes += tested.values()  # one that the search names too has two groups
-        self.fits[-1] = (self.history.effects, self.fits[-1][1])
+        if tested:  # a jump is no part of a model: every fit begins anew behind it
+            fitted = self.with_noise([name for name in tested if find(name).port == "noise"])
+            # one that the search names too has two groups
+            self.classes += (group for name, group in tested.items() if name not in self.refused)
+            self.steps.append((tuple(group.effect for group in self.classes), fitted))
+
+    def withdraw(self, note: Remark) -> None:
+        """Go back to the model before an effect entered, for which a remark says why; a rival may enter in its place,
+        and nothing else."""
+        name = str(note.values["effect"])
+        self.refused[name] = note
+        members = next(group.members for group in self.history.classes if group.effect == name)
+        self.past = [(judged, history) for judged, history in self.past if name not in history.effects]
+        self.current, self.history = self.past[-1][0], self.past[-1][1].copy()
+        gains = {candidate.effect: candidate.gain for candidate in self.current.verdict.scan.candidates}
+        step = self.with_next(members)
+        if step is not None:
+            entering, judged = step
+            self.accept(judged)
+            self.history.enter(entering, gains.get(entering.effect, 0.0))
+            self.past.append((self.current, self.history.copy()))
+        self.finish()
+
+    def with_noise(self, names: Sequence[str]) -> Fit:
+        """The last fit with effects on its noise; those that it does not show are refused."""
+        if not names:
+            return self.current.verdict.fit
+        solution = solve(self.current.model.add(*names), self.current.fitted.runs, self.stretch, self.split)
+        fit = with_noise_effects(result(solution), self.original, solution.states)
+        shown = [name for name in names if noise_shown(fit, name)]
+        self.refused |= {name: remark("noise_not_shown", effect=name) for name in names if name not in shown}
+        return fit if len(shown) == len(names) else self.with_noise(shown)
 
     def judge_with(self, other: PreparedRun) -> None:
         """Judge the last model on a further run as well, which took no part in what entered and in its estimates."""
@@ -315,25 +355,26 @@ class StepwiseSelection:
         """A fitted model with the verdict on it."""
         return JudgedModel(fitted, verdict_on(Evidence(fitted, self.stretch, self.extra, self.alpha, horizons=())))
 
-    def with_next(self) -> tuple[DetectedEffect, JudgedModel] | None:
-        """The judged fit with the effect that comes first, or the next of its set where no fit with it is possible;
-        None where there is none.
+    def with_next(self, among: Sequence[str] | None = None) -> tuple[DetectedEffect, JudgedModel] | None:
+        """The judged fit with the effect that comes first, or with a rival of it where it is refused, or with the next
+        of its set; None where there is none. With `among` only these may enter.
 
-        A nonparametric curve gives way to a named effect of its class if the fit with that effect leaves nothing to
-        explain for the curve and for all that is confounded with it.
+        A nonparametric curve gives way to a named effect of its class. A rival enters if the fit with it leaves nothing
+        to explain for what came first and for all that is confounded with that.
         """
         scan = self.current.verdict.scan
-        first = {finding.effect for finding in scan.found[:1]}
-        for finding in (*scan.named[:NAMED_ALTERNATIVES], *scan.found):
-            if finding.effect in self.refused:
+        lead, rivals = scan.found[:1], scan.rivals[:NAMED_ALTERNATIVES]
+        first = {finding.effect for finding in lead or scan.changing[:1]}
+        curve = any(find(name).family for name in first)
+        for finding in (*rivals, *scan.found) if curve else (*lead, *(rivals if lead else ()), *scan.found[1:]):
+            if finding.effect in self.refused or (among is not None and finding.effect not in among):
                 continue
             if not self.budget.allows_another():
                 return None
             try:
-                # readings next to a jump that the model lacks pass for outliers: with the jump they are tested anew
-                judged = self.admitted(
-                    self.refit(finding.enter(self.current.model), anew="instant" in finding.shape), finding.effect
-                )
+                # readings that an error of the encoder moves pass for outliers: with it they are tested anew
+                anew = "instant" in finding.shape or find(finding.effect).port == "position"
+                judged = self.admitted(self.refit(finding.enter(self.current.model), anew=anew), finding.effect)
             except (NotIdentifiable, ValueError):
                 continue
             if judged is None:
@@ -435,6 +476,8 @@ REASONS = {
     "undetermined": "beside the other parameters it explains no more than chance",
     "unconfirmed": "the fit with it does not confirm it",
     "too_short_with": "the record is too short for a verdict on the model with it",
+    "noise_not_shown": "the fit with it does not show it",
+    "contradicted": "it is contradicted by the held-out record",
 }
 """Why an effect was kept out of the model, by the code of its remark."""
 

@@ -1,0 +1,34 @@
+"""A held-out record that would show an effect, and becomes worse with it, contradicts it; one that has it does not."""
+
+import pytest
+
+import accelcal as ac
+from tests.selection.test_cross_validation import record
+
+
+@pytest.fixture(scope="module")
+def improved():
+    """By the friction of the held-out record, over that of the fitted one."""
+    train = record(3, coulomb=2e-3)
+    return {share: ac.improve(train, holdout=record(4, coulomb=share * 2e-3)) for share in (0.0, 1.0)}
+
+
+def test_friction_that_the_held_out_record_lacks_is_contradicted_and_not_named(improved):
+    denied = improved[0.0]
+    notes = [note for note in denied.diagnosis.remarks if note.code == "contradicted"]
+    assert "coulomb" in [note.values["effect"] for note in notes]
+    for note in notes:
+        assert note.values["d"] > 5.0
+        assert note.values["sigma"] > 3.0
+        assert note.sentence in denied.diagnosis.notes
+        assert note.values["effect"] not in {*denied.effects, *denied.best.model.effects}
+    assert [step.effects for step in denied.steps] == [()]
+    assert denied.verdict == "unexplained"
+    assert "it is contradicted by the held-out record" in denied.sentence
+
+
+def test_friction_that_both_records_have_is_named(improved):
+    same = improved[1.0]
+    assert [step.effects for step in same.steps][:2] == [(), ("coulomb",)]
+    assert "coulomb" in same.best.model.effects
+    assert not [note for note in same.diagnosis.remarks if note.code == "contradicted"]
