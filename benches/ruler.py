@@ -1,4 +1,4 @@
-"""The systematic error in closed form: `python -m benches.ruler [--worlds 1000] [--chains 0] [--seed 1] [--out FILE]`.
+"""The systematic error in closed form: `python -m benches.ruler [--worlds 1000] [--chains N] [--budgets N] [--seed 1]`.
 
 A motion is a sum of sines, the noise Gaussian with a known density, the error a function of the motion whose rms over
 the record is exact. Right is: above twice the limit of detection the two-sided 95 % interval holds the truth in 93 to
@@ -8,6 +8,9 @@ below the bounds in at least 90; a model that has the error is better, a model w
 Chains are two records each of an independent simulated rig that has nothing but its four parameters, with white noise,
 noise that rises at low frequencies, or a coarse encoder. The linear model of the first is compared with the second: its
 error is that of the fitted scale factor and delay. Right is: the interval begins above it in at most 5 of 100.
+
+Budgets are of such rigs that hide one effect, at 15 to 60 standard deviations: the drift of the model that lacks it on
+another motion is within 10 % of the sum of its parts in 90 of 100.
 """
 
 from __future__ import annotations
@@ -28,7 +31,7 @@ from accelcal.validation.comparison import Resolved, SensorNoise, SystematicErro
 from accelcal.validation.differences import systematic_change, verdict_of
 from accelcal.validation.systematic import Grid, dictionary, resolve
 from benches.outcomes import Outcome, run_all
-from tests.worlds import MOTIONS, World
+from tests.worlds import MOTIONS, Hidden, World, at_d
 from tests.worlds.coloured import coloured
 
 RATE, BAND, DENSITY = 200.0, 30.0, 9.8e-4
@@ -107,8 +110,8 @@ class Case:
 
 def outcome(world: Case) -> Outcome:
     """What is estimated in one world, in limits of detection."""
-    if world.level in CHAINS:
-        return of_chain(world)
+    if world.level in (*CHAINS, "budget"):
+        return of_budget(world) if world.level == "budget" else of_chain(world)
     rng = np.random.default_rng((world.seed, world.number, *map(ord, world.level)))
     s = motion(rng, float(rng.uniform(20.0, 60.0)))
     sensor = SensorNoise(DENSITY, 0.0, "declared")
@@ -178,17 +181,40 @@ def of_chain(case: Case) -> Outcome:
     return {"key": case.key, "level": case.level, "motion": list(map(str, motions)), "truth": size, **fields}
 
 
+BUDGETS = {"cubic": 5e-4, "quadratic": 1e-3, "velocity": 0.05, "coulomb": 0.01, "rail_slope": 0.1}
+"""Effects whose part of a drift is predicted, with a size to begin with."""
+
+
+def of_budget(case: Case) -> Outcome:
+    """Drift of a model that lacks an effect on another motion, and the sum of its parts, m."""
+    rng = np.random.default_rng((case.seed, case.number, *map(ord, case.level)))
+    name = list(BUDGETS)[case.number % len(BUDGETS)]
+    motions, (first, second) = rng.choice(["interleaved", "moves", "bursts", "fast"], 2), rng.integers(1 << 30, size=2)
+    rig = World(str(motions[0]), "ADXL105", (Hidden(name, BUDGETS[name]),), seed=int(first))
+    rig = at_d(rig, float(rng.uniform(15.0, 60.0))).settled()
+    with tempfile.TemporaryDirectory() as folder:
+        worlds = rig, rig.again(str(motions[1]), int(second))
+        train, other = (ac.load(w.record().write(folder, f"run{n}")) for n, w in enumerate(worlds))
+        base = ac.fit(train)
+        budget = ac.compare([base, ac.add(base, train, name)], other, horizons=(1.0,), budget=True).seen[0][0].budget
+    assert budget is not None
+    fields = {"predicted": budget.predicted, "total": budget.total.value, "missing": budget.missing}
+    span = {"low": budget.total.low, "high": budget.total.high}
+    return {"key": case.key, "level": case.level, "effect": name, "motion": list(map(str, motions)), **fields, **span}
+
+
 def main() -> int:
     """Print counts by level; 1 where a bar is missed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--worlds", type=int, default=1000)
     parser.add_argument("--chains", type=int, default=0, help="of each noise")
+    parser.add_argument("--budgets", type=int, default=0)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("build/ruler.jsonl"))
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args()
     counts = {level: options.worlds // 3 + 1 for level in LEVELS} | {"bump": 100, "right": 200, "false": 200}
-    counts = (counts if options.worlds else {}) | dict.fromkeys(CHAINS, options.chains)
+    counts = (counts if options.worlds else {}) | dict.fromkeys(CHAINS, options.chains) | {"budget": options.budgets}
     worlds = [Case(level, number, options.seed) for level, count in counts.items() for number in range(count)]
     cases = run_all(outcome, worlds, options.out, options.workers)
     missed = []
@@ -234,6 +260,11 @@ def main() -> int:
             0.0,
             0.05,
         )
+    parts = [case for case in cases if case["level"] == "budget"]
+    near = [case for case in parts if abs(case["predicted"] / case["total"] - 1.0) <= 0.1]
+    say("drift on another motion within 10 % of its parts", len(near), len(parts), 0.9)
+    covered = sum(case["low"] <= case["predicted"] <= case["high"] for case in parts)
+    print(f"  within the 95 % interval of its stretches: {covered} of {len(parts)}")
     return int(bool(missed))
 
 
