@@ -92,8 +92,8 @@ def ranking(diagnosis: Diagnosis, most: int = CANDIDATES) -> Figure:
     for group in groups:
         end = begin + len(group) - 1
         if len(group) > 1:
-            x, y = np.array([1.33, 1.36, 1.36, 1.33]) * top, np.repeat([begin - 0.3, end + 0.3], 2)
-            brackets += [Line(x, y, role="other", solid=True), Text(1.39 * top, 0.5 * (begin + end), "confounded")]
+            x, y = np.array([1.5, 1.53, 1.53, 1.5]) * top, np.repeat([begin - 0.3, end + 0.3], 2)
+            brackets += [Line(x, y, role="other", solid=True), Text(1.56 * top, 0.5 * (begin + end), "confounded")]
         begin = end + 1
     bars = Bars(
         snr,
