@@ -145,20 +145,21 @@ def test_a_diagnosis_costs_no_more_than_a_few_fits(recording: Recording):
     assert min(ratios) < 8.0  # 5 on an idle machine; 9 before columns were filtered in parallel
 
 
-def growth(kind: str) -> float:
-    """What a scan adds to the peak of the fit before it, MB for each further minute of record."""
+def growth(kind: str, short: int, long: int) -> float:
+    """What a scan adds to the peak of the fit before it, MB for each further minute between two lengths in minutes."""
     extra = {}
-    for minutes in (5, 10):
+    for minutes in (short, long):
         run = [sys.executable, "-c", PEAK, str(int(minutes * 60 * 1667)), kind]
         done = subprocess.run(run, cwd=Path(__file__).parents[3], capture_output=True, text=True, check=True)
         found = json.loads(done.stdout)
         extra[minutes] = found["after"] - found["before"]
-    return (extra[10] - extra[5]) / 5.0
+    return (extra[long] - extra[short]) / (long - short)
 
 
 def test_memory_of_a_scan_grows_by_the_record_and_not_by_its_columns():
-    assert growth("bounded") < GROWTH
+    """From five minutes on: before, stretches are not full, and a peak is off by twenty MB."""
+    assert growth("bounded", 5, 10) < GROWTH
 
 
 def test_memory_of_a_scan_would_grow_by_its_columns_if_stretches_had_no_bound():
-    assert growth("unbounded") > GROWTH
+    assert growth("unbounded", 3, 6) > GROWTH  # 45
