@@ -40,12 +40,13 @@ def test_a_recursive_filter_goes_on_from_a_state_and_reads_any_view() -> None:
 
 @pytest.mark.parametrize("n", [8, 30, 501, 20_000])
 @pytest.mark.parametrize("cutoff", [3.0, 40.0, 200.0])
-def test_the_low_pass_is_that_of_scipy_bit_for_bit(n: int, cutoff: float) -> None:
+def test_the_low_pass_is_that_of_scipy(n: int, cutoff: float) -> None:
     y = np.random.default_rng(n).standard_normal(n)
     sections = scipy.signal.butter(ORDER, cutoff, fs=500.0, output="sos")
     padding = int(min(n - 1, 3 * 500.0 / cutoff))
     expected = scipy.signal.sosfiltfilt(sections, y, padlen=padding)
-    np.testing.assert_array_equal(low_pass(y, 500.0, cutoff), expected)
+    # the last bits are those of the processor: a transcendental function of NumPy, a solver
+    np.testing.assert_allclose(low_pass(y, 500.0, cutoff), expected, rtol=0.0, atol=1e-10)
     assert np.max(np.abs(low_pass(y, 500.0, 1.01 * cutoff) - expected)) > 1e-8
 
 

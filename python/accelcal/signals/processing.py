@@ -57,7 +57,7 @@ def low_pass_sections(rate: float, cutoff: float) -> list[tuple[Section, Pair, P
     """Sections (b, a without a[0] = 1) of second order, and their states for a constant of 1; every round needs them.
 
     Poles of Butterworth by the bilinear transform, the cutoff prewarped (Oppenheim and Schafer 2010, section 7.2), the
-    nearest to the unit circle last. The order of the steps is that of SciPy, so that bits are equal.
+    nearest to the unit circle last. The order of the steps is that of SciPy.
     """
     warped = 4.0 * math.tan(math.pi * (2.0 * cutoff / rate) / 2.0)
     poles = warped * -np.exp(1j * math.pi * np.arange(1 - ORDER, ORDER, 2) / (2.0 * ORDER))
