@@ -460,6 +460,14 @@ def test_what_is_declared_reaches_every_file_that_shares_it_the_script_and_the_c
         "one.toml",
         "one.toml",
     ]
+    bench.assign(1, "fit")
+    bench.remove(0)  # the file that is left has what the other one lent
+    assert (bench.sentence, bench.state.runs[0].lender) == ("", "")
+    bench.declare_low_pass(200.0)
+    assert bench.state.runs[0].recording.rig.lowpass == ac.LowPass(200.0)
+    assert "run1" not in script.python(bench.state)
+    for _ in range(3):
+        bench.undo()
     fresh = Workbench(tmp_path / "fresh")
     fresh.folder.mkdir()
     (tmp_path / "one.toml").unlink()

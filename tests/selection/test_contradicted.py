@@ -1,5 +1,6 @@
 """A held-out record that would show an effect, and becomes worse with it, contradicts it; one that has it does not."""
 
+import numpy as np
 import pytest
 
 import accelcal as ac
@@ -32,3 +33,17 @@ def test_friction_that_both_records_have_is_named(improved):
     assert [step.effects for step in same.steps][:2] == [(), ("coulomb",)]
     assert "coulomb" in same.best.model.effects
     assert not [note for note in same.diagnosis.remarks if note.code == "contradicted"]
+
+
+def test_what_entered_after_a_contradicted_effect_enters_again():
+    rig, truth = ac.simulation.CXL02_RIG, {"bias": 0.05, "quadratic": 1e-3}
+    train, other, same = (
+        ac.simulate(
+            "interleaved", seconds=40.0, rig=rig, parameters=truth | {"cubic": cubic}, rng=np.random.default_rng(seed)
+        ).recording
+        for seed, cubic in ((311, 1e-3), (312, -1e-3), (313, 1e-3))
+    )
+    assert {*ac.improve(train, holdout=same).effects} == {"cubic", "quadratic"}  # the twin
+    denied = ac.improve(train, holdout=other)
+    assert "cubic" not in denied.best.model.effects
+    assert "quadratic" in denied.best.model.effects

@@ -314,9 +314,14 @@ class Workbench:
     @action()
     def remove(self, state: State, progress: Report, number: int) -> State:
         """Remove a file."""
-        rest = tuple(run for at, run in enumerate(state.runs) if at != known_number(state, number))
+        gone = state.runs[known_number(state, number)]
+        rest = tuple(run for run in state.runs if run is not gone)
         if not any(run.recording is not None for run in rest):
             raise Refused("this is the only recording; load another one to begin anew")
+        if lent := next((run for run in rest if run.lender == gone.name and run.columns != gone.columns), None):
+            raise Refused(f"{lent.name} has the rig of {gone.name}; declare its own before that file is removed")
+        text = mapping.text_of(gone.file, gone.sidecar, gone.template)
+        rest = tuple(replace(run, lender="", sidecar=text) if run.lender == gone.name else run for run in rest)
         return self._divided(replace(state, shown=0), with_something_held_out(rest), progress)
 
     @action()

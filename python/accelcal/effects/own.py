@@ -478,6 +478,8 @@ def _text_of(dimension: Dimension) -> str:
     return f"{above or '1'}/{f'({below})' if ' ' in below else below}" if below else above or "1"
 
 
+MOST_WRITTEN = 4000
+"""Characters of a file that `from_expression` wrote, at most."""
 _WRITTEN = re.compile(
     r'.*\n@effect\("(?P<name>\w+)", unit="(?P<unit>[^"\n]+)", port="(?P<port>\w+)", owner="(?P<owner>\w+)", '
     r"[^\n]*needs=\((?P<needs>[^)\n]*)\)\)\n[^\n]*\n    \"\"\"Own effect: (?P<text>[^\n]*)\.\"\"\"\n[^\n]*\n",
@@ -497,7 +499,8 @@ def from_written(name: str, source: str) -> Own | None:
     ExpressionError
         If its name is taken.
     """
-    written = _WRITTEN.fullmatch(source)
+    # what an expression of the greatest length makes is shorter; a pattern takes a time of the square of the length
+    written = _WRITTEN.fullmatch(source) if len(source) <= MOST_WRITTEN else None
     if written is None or written["name"] != name:
         return None
     channels = tuple(re.findall(r"'(\w+)'", written["needs"]))

@@ -69,8 +69,8 @@ def _(evaluation: Evaluation, which: str = "") -> Table:
 
 
 DEFINITIONS = (
-    "Systematic error: functions of time and motion, errors of the fitted parameters among them; noise that is not "
-    "white counts as one.",
+    "Systematic error: functions of time and motion, errors of the fitted parameters among them; slow noise as "
+    "far as this record does not tell it from white noise.",
     as_sentence(ONLY_WHITE),
 )
 """What the words of a comparison mean."""
@@ -483,7 +483,10 @@ def budgets(result: Comparison) -> Table:
             *(Column(key, head, partial(budget_text, key=key), "m") for key, head in heads.items()),
         ),
         rows=tuple(rows),
-        notes=("Squares add up; 95 % intervals in brackets. Start and bias: state at the start, constant re-zeroed.",),
+        notes=(
+            "The squares of the parts add up to that of the drift, but for the scatter of its few stretches; 95 % "
+            "intervals in brackets. Start and bias: state at the start, constant re-zeroed.",
+        ),
         about={"name": result.recordings[0]},
     )
 

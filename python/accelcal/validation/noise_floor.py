@@ -282,16 +282,18 @@ def error_budgets(
 
 def sizes_of(fit: Fit) -> Array:
     """Independent moves of the free estimates by a standard deviation each, (m, m), a row each."""
-    values, vectors = np.linalg.eigh(fit.covariance)
-    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))).T)
+    std = np.sqrt(np.diag(fit.covariance))
+    some = np.where(std > 0.0, std, 1.0)  # of coefficients whose units are many orders apart
+    values, vectors = np.linalg.eigh(fit.covariance / np.outer(some, some))
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))).T * std)
 
 
 def moved_by(ahead: Prediction, fit: Fit, move: Array) -> Prediction:
     """A prediction with the free estimates moved (m,), as far as they reach its recording."""
-    values, used = ahead.values, fit.values().by_name
-    by_name = dict(values.by_name)
+    by_name = dict(ahead.values.by_name)
     for estimate, step in zip(fit.free, move, strict=True):
-        if estimate.run in (None, 0) and (by_name[estimate.name] or not used[estimate.name]):
-            by_name[estimate.name] += float(step)
-    moved = replace(values, by_name=by_name)
+        used = ahead.values.by_name[estimate.name]
+        if estimate.value == used or (estimate.run is None and used):
+            by_name[estimate.name] = used + float(step)
+    moved = replace(ahead.values, by_name=by_name)
     return Prediction(ahead.run, moved, ahead.noise, fit.validity["frequency"][1], since=ahead.since)

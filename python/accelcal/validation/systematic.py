@@ -21,7 +21,15 @@ from accelcal.estimation.estimate import Fit
 from accelcal.estimation.values import Noise
 from accelcal.signals.processing import low_pass
 from accelcal.signals.signals import Signals
-from accelcal.validation.comparison import Evaluation, NoiseFloor, ReferenceNoise, Resolved, SensorNoise
+from accelcal.validation.comparison import (
+    BINS,
+    Evaluation,
+    NoiseFloor,
+    ReferenceNoise,
+    Resolved,
+    RmsInterval,
+    SensorNoise,
+)
 from accelcal.validation.evaluation import EDGE, PER_PERIOD, predicted_density
 from accelcal.validation.noise_floor import Ruler
 from accelcal.validation.regions import variables_of
@@ -36,7 +44,7 @@ LEAST_SAMPLES = 500
 """Fewer do not tell an error in a hundred directions from noise."""
 KINDS = (0.0, 1.0, 1.5, 2.0)
 """Exponents of noise that falls with frequency: white, flicker, random walk (IEEE 952), and between the two."""
-COST = 9.0
+COST = 4.0
 """Twice the log likelihood that a kind beside white noise must bring."""
 OCTAVES, LEAST_IN_OCTAVE = 12, 30.0
 """Octaves in which noise is measured, the last one beyond half the band, and values in no direction in one at least."""
@@ -69,8 +77,40 @@ def with_resolved(
     errors = [e.accel_residual[1][grid.rows] / scale for e, scale in zip(evaluations, scales, strict=True)]
     density = partial(density_of, noise=ruler.noise, reference=first.reference_noise, band=first.band)
     sensor = None if floor.sensor.is_limit else floor.sensor
-    parts, _ = resolve(np.array(errors), grid, dictionary(first.motion, grid), density, sensor)
-    return tuple(replace(e, resolved=(part,)) for e, part in zip(evaluations, parts, strict=True))
+    parts, noise = resolve(np.array(errors), grid, dictionary(first.motion, grid), density, sensor)
+    regions = largest_of(np.array(errors), first.motion, grid, noise)
+    return tuple(
+        replace(e, resolved=(part,), largest=region)
+        for e, part, region in zip(evaluations, parts, regions, strict=True)
+    )
+
+
+def largest_of(
+    errors: Array, motion: Signals, grid: Grid, noise: MeasuredNoise
+) -> list[tuple[str, RmsInterval] | None]:
+    """Region with the surest mean error of each of several models (models, n), and the largest of all regions.
+
+    The mean over all samples is taken off; the band is that of all regions at once (Bonferroni).
+    """
+    names: list[str] = []
+    columns: list[Array] = []
+    for name, (y, _) in variables_of(motion).items():
+        for _, low, high in spans([y]):
+            place = np.nan_to_num((y[grid.at] - low) / (high - low) * BINS, nan=-1.0)
+            inside = np.clip(place, 0.0, BINS - 1.0).astype(np.intp) == np.arange(BINS)[:, None]
+            several = inside[np.sum(inside, axis=1) * grid.every * grid.step * grid.band >= 1.0]
+            columns += list(several / np.sum(several, axis=1, keepdims=True) - 1.0 / several.shape[1])
+            names += [name] * len(several)
+    if not names:
+        return [None] * len(errors)
+    regions = np.array(columns)
+    std, sizes = np.sqrt(np.diag(noise_in(regions, grid, noise.density))), np.abs(errors @ regions.T)
+    reach = float(scipy.special.ndtri(1.0 - 0.025 / len(names))) * std
+    surest = np.argmax(sizes - reach, axis=1)
+    return [
+        (names[k], RmsInterval(float(size[k]), max(0.0, float(size[k] - reach[k])), float(np.max(size + reach))))
+        for size, k in zip(sizes, surest, strict=True)
+    ]
 
 
 def density_of(f: Array, noise: Noise, reference: ReferenceNoise, band: float) -> Array:

@@ -258,24 +258,29 @@ class StepwiseSelection:
         if tested:  # a jump is no part of a model: every fit begins anew behind it
             fitted = self.with_noise([name for name in tested if find(name).port == "noise"])
             # one that the search names too has two groups
-            self.classes += (group for name, group in tested.items() if name not in self.refused)
-            self.steps.append((tuple(group.effect for group in self.classes), fitted))
+            shown = [group for name, group in tested.items() if name not in self.refused]
+            self.classes += shown
+            if shown:
+                self.steps.append((tuple(group.effect for group in self.classes), fitted))
 
     def withdraw(self, note: Remark) -> None:
         """Go back to the model before an effect entered, for which a remark says why; a rival may enter in its place,
-        and nothing else."""
+        and what entered after it or a rival of that, but nothing else."""
         name = str(note.values["effect"])
+        self.refused = {kept: text for kept, text in self.refused.items() if text.code != "noise_not_shown"}
         self.refused[name] = note
-        members = next(group.members for group in self.history.classes if group.effect == name)
+        entered = [group.effect for group in self.history.classes]
+        anew = [group.members for group in self.history.classes[entered.index(name) :]]
         self.past = [(judged, history) for judged, history in self.past if name not in history.effects]
         self.current, self.history = self.past[-1][0], self.past[-1][1].copy()
-        gains = {candidate.effect: candidate.gain for candidate in self.current.verdict.scan.candidates}
-        step = self.with_next(members)
-        if step is not None:
-            entering, judged = step
-            self.accept(judged)
-            self.history.enter(entering, gains.get(entering.effect, 0.0))
-            self.past.append((self.current, self.history.copy()))
+        for members in anew:
+            gains = {candidate.effect: candidate.gain for candidate in self.current.verdict.scan.candidates}
+            step = self.with_next(members)
+            if step is not None:
+                entering, judged = step
+                self.accept(judged)
+                self.history.enter(entering, gains.get(entering.effect, 0.0))
+                self.past.append((self.current, self.history.copy()))
         self.finish()
 
     def with_noise(self, names: Sequence[str]) -> Fit:
