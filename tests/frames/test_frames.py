@@ -219,7 +219,7 @@ def test_where_it_fails_is_a_frame_of_the_worst_regions(seen: Evaluation) -> Non
 def test_figures_are_drawn_by_the_results(fit: ac.Fit, seen: Evaluation, run: ac.Recording) -> None:
     for figure in (fit.plot(), seen.plot(), seen.plot("regions", theme="dark"), ac.diagnose(fit, run).plot()):
         assert figure.axes or figure.subfigs
-    with pytest.raises(ValueError, match="expected one of overlay"):
+    with pytest.raises(ValueError, match="expected 'overlay'"):
         seen.plot("nonsense")  # type: ignore[arg-type]
 
 

@@ -47,7 +47,7 @@ def of(bench: Workbench) -> str:
 def test_the_same_name_means_in_each_session_what_its_user_wrote(benches: tuple[Workbench, Workbench]) -> None:
     before = dict(CATALOGUE)
     one, two = benches
-    one.own_effect(LAW, "a**3", "1", "output")
+    one.own_effect(LAW, "a**3", "", "output")
     with two.catalogue():
         assert LAW not in CATALOGUE
     two.own_effect(LAW, "v * abs(v)", "1/m", "output")
@@ -72,24 +72,24 @@ def test_the_same_name_means_in_each_session_what_its_user_wrote(benches: tuple[
 
 def test_an_action_that_fails_or_is_undone_leaves_no_effect(benches: tuple[Workbench, Workbench]) -> None:
     bench, _ = benches
-    bench.own_effect(LAW, "1 / a", "1", "output")
+    bench.own_effect(LAW, "1 / a", "", "output")
     assert "not finite" in bench.sentence
-    bench.own_effect(LAW, "a**3", "1", "output")
+    bench.own_effect(LAW, "a**3", "", "output")
     bench.undo()
     with bench.catalogue():
         assert LAW not in CATALOGUE
-    bench.own_effect(LAW, "a**5", "1", "output")
+    bench.own_effect(LAW, "a**5", "", "output")
     assert of(bench) == "Own effect: a ** 5."
-    bench.own_effect(LAW, "a**7", "1", "output")
+    bench.own_effect(LAW, "a**7", "", "output")
     assert "candidate already" in bench.sentence
-    bench.own_effect("cubic", "a**7", "1", "output")
+    bench.own_effect("cubic", "a**7", "", "output")
     assert "there is an effect called so already" in bench.sentence
 
 
 def test_figures_are_drawn_with_the_effects_of_their_session(benches: tuple[Workbench, Workbench]) -> None:
     expressions = {LAW: "a**3"}, {LAW: "a**5"}
     for bench, own in zip(benches, expressions, strict=True):
-        bench.own_effect(LAW, own[LAW], "1", "output")
+        bench.own_effect(LAW, own[LAW], "", "output")
 
     async def drawn(bench: Workbench) -> float:
         with bench.catalogue():
@@ -138,7 +138,7 @@ def test_a_formula_is_tried_in_a_worker_that_cancel_ends(
     bench.load(run)
     monkeypatch.setattr(tasks, "tried", work.try_for_ever)
     note, before = tmp_path / "note", bench.state
-    action = threading.Thread(target=bench.own_effect, args=(LAW, "a**3", "1", "output"))
+    action = threading.Thread(target=bench.own_effect, args=(LAW, "a**3", "", "output"))
     action.start()
     while not note.exists():
         assert action.is_alive(), bench.sentence
@@ -163,7 +163,7 @@ def test_nothing_of_a_formula_is_evaluated_in_the_server(
 
     monkeypatch.setattr("accelcal.effects.own._try_out", refuse)
     monkeypatch.setattr("accelcal.effects.guard.timed", refuse)
-    bench.own_effect(LAW, "a**3", "1", "output")
+    bench.own_effect(LAW, "a**3", "", "output")
     assert bench.sentence == ""
     saved = tmp_path / "work.accelcal"
     saved.write_bytes(bench.session())

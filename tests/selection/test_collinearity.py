@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -125,7 +126,7 @@ def test_the_sentence_names_rivals_and_the_experiment():
     assert jitter.confused == ("vibration",)
     groups = [Confounded(jitter.name, (jitter.name, *jitter.confused), "push the stage at constant speed")]
     groups.append(Confounded("tone", ("tone",), "a record at rest"))
-    case = Case(None, None, (), groups=groups)
+    case = Case(None, SimpleNamespace(candidates=()), (), groups=groups)
     assert case.with_rivals("timing_jitter", "Noise grows with jerk (180 candidates examined).") == (
         "tied",
         "Noise grows with jerk (180 candidates examined). It is confounded with vibration on this record; "

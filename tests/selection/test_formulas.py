@@ -156,7 +156,7 @@ def test_every_element_is_its_text():
     x = np.linspace(-0.3, 0.4, 57)
     for number, element in enumerate(GRAMMAR):
         for part, (text, function) in enumerate(zip(element.texts, element.functions, strict=True)):
-            own = from_expression(f"own_element_{number}_{part}", text.format(x="v", d="0.07"), unit="1")
+            own = from_expression(f"own_element_{number}_{part}", text.format(x="v", d="0.07"))
 
             nothing = np.zeros_like(x)
             moving = Signals(t=nothing, p=nothing, v=x, a=nothing, jerk=nothing, scale=1.0, rig=Rig())

@@ -202,7 +202,7 @@ def test_all_models_of_a_table_have_one_floor() -> None:
     train, unseen = (recorded("interleaved", ADXL105_RIG, seed) for seed in (1, 2))
     fits = [estimate(Model.linear(), train), estimate(Model.linear().add("cubic"), train)]
     first, second = compare_models(fits, unseen, Ruler.of(fits))
-    assert first.noise_floor is second.noise_floor is not None
+    assert first.noise_floor == second.noise_floor is not None
 
 
 def test_density_at_rest_is_that_of_the_sensor() -> None:

@@ -16,7 +16,7 @@ late, slewed stamps  warning: stamps of a host that scatter about a uniform cloc
 lost rows            warning: of channels without stamps whose readings step by what they change by in whole rows. Gaps
                      are left in their place (`accelcal.data.clocks`)
 position repeats     mentioned, kept: an encoder at rest repeats its count
-clipping             warning, kept here: readings at the declared range, or piled up at the extreme; the former are
+saturated            warning, kept here: readings at the declared range, or piled up at the extreme; the former are
                      left out before anything is estimated (`accelcal.diagnosis.left_out`)
 constant             warning, kept; of the output an error where something is to be learnt from it
 gaps                 mentioned, kept as gaps
@@ -602,7 +602,7 @@ STILL_SHARE = 1e-3
 """... or within this share of the whole travel."""
 
 
-OF_EXTREMES = (("clipping", "accel"), ("implausible_travel", "position"), ("implausible_speed", "position"))
+OF_EXTREMES = (("saturated", "accel"), ("implausible_travel", "position"), ("implausible_speed", "position"))
 """Findings that a few readings make, and their channels."""
 
 

@@ -276,6 +276,8 @@ class Case:
         if first is None or rival is None:
             return ""
         worse = first.log_evidence - rival.log_evidence
+        if worse < 0.5:  # the search found the effect otherwise than by its gain in this table
+            return ""
         return f" Its nearest rival is {rival.effect}, worse by {worse:.0f} in log-evidence."
 
     def with_rivals(self, effect: str, text: str) -> Judgement:
