@@ -430,7 +430,8 @@ def add(
     Parameters
     ----------
     fit, recordings : the model, and what it is fitted to again.
-    names : effects to add, in this order.
+    names : effects to add, in this order; those of the base are passed over beside others, so that `diagnosis.effects`
+        can be given.
     extra : users' effects to consider besides the built-in ones; by default all that are registered (`load_effects`,
         `effect`, `from_expression`), with () none.
     progress : called with the share of the work that is done, 0 to 1.
@@ -457,7 +458,8 @@ def add(
     for recording in several:  # their channels are effects by name
         side_channels([(name, channel.unit) for name, channel in recording.side.items() if name not in DERIVED])
     model, states, waves = model_in_motion(fit), restored_states(fit, runs), dict[str, float]()
-    for name in names:
+    # a verdict lists the delay too, which every model has
+    for name in (name for name in names if name not in BASE or {*names} <= {*BASE}):
         effect = find(name)
         if name in model.effects and not may_be_refined(model, effect):
             raise AccelcalError(f"{name!r} is already in the model")

@@ -99,7 +99,7 @@ KINDS: dict[str, Kind] = {
     "unrelated": Kind(
         "data",
         "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, from t = {time:.6g} s to {end:.6g} s) are "
-        "left out: until then output and reference do not move together, behind it they do; start the record when the "
+        "left out: until then output and reference do not move together, after that they do; start the record when the "
         "stage is homed and the sensor is mounted{cut}",
     ),
     "lost_signal": Kind(

@@ -509,11 +509,10 @@ def budget_sentence(row: Row) -> str:
     alone = math.hypot(row["noise"], row["setup"], row["parameters"])
     if row["unexplained_low"] > 0.0:
         return f"{where}: {budget_text(row, 'unexplained')} of {length(row['total'])} is explained by no part."
-    if row["missing"] > alone:
-        return (
-            f"{where}: what it lacks moves the result by {length(row['missing'])}, more than all else, {length(alone)}."
-        )
-    return f"{where}: nobody would notice what it lacks, {length(row['missing'])} beside {length(alone)}."
+    if row["missing"] == 0.0:
+        return f"{where}: nothing is left that its parts, {length(alone)}, do not explain."
+    beside = "more than all else" if row["missing"] > alone else "which nobody would notice beside the rest"
+    return f"{where}: what it lacks makes {length(row['missing'])}, {beside}, {length(alone)}."
 
 
 def change_values(change: HeldOutChange | None) -> dict[str, Any]:
