@@ -110,6 +110,6 @@ def test_a_coarse_curve_in_a_model_may_become_fine(plain: Simulated) -> None:
     assert fine.log_likelihood > coarse.log_likelihood + 100.0
     with pytest.raises(ValueError, match="already in the model"):
         add(fine, run, "shape_of_position")
-    with pytest.raises(ValueError, match="already in the model"):  # that the base has is passed over beside others alone
+    with pytest.raises(ValueError, match="already in the model"):  # of the base, passed over beside others alone
         add(coarse, run, "time_offset")
     assert add(coarse, run, "time_offset", "shape_of_position").model.effects == fine.model.effects
