@@ -74,3 +74,12 @@ def test_sidecar_that_exists_is_not_overwritten(tmp_path):
     with pytest.raises(RecordingError, match="there is a sidecar already; edit it, or remove it first"):
         io.init(path)
     assert io.sidecar_of(path).read_text() == "# mine"
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_the_only_column_in_degrees_is_the_temperature(tmp_path, several):
+    path = tmp_path / "run.csv"
+    heads = ["t (s)", "a (m/s^2)", "p (mm)", "Halter (°C)", *(["Tisch (°C)"] if several else [])]
+    rows = [f"{0.001 * k:.3f};{k % 7};{k % 5};{23 + k % 3}" + f";{21 + k % 4}" * several for k in range(50)]
+    path.write_text("\n".join([";".join(heads), *rows]) + "\n")
+    assert ('\ntemperature = { column = "Halter (°C)"' in io.init(path)) != several

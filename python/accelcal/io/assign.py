@@ -306,7 +306,8 @@ def _absent(table: Table, channel: str, sidecar: Path, declared: Iterable[str]) 
 
 def candidates(table: Table, channel: str) -> list[tuple[str, str]]:
     """Columns, with their units, that measure what a channel does and are not called otherwise."""
-    dimensions = {"time": ("s",), "accel": ("m/s^2", "V", "count"), "position": ("m",)}.get(channel, ())
+    several = {"time": ("s",), "accel": ("m/s^2", "V", "count"), "position": ("m",), "temperature": ("degC",)}
+    dimensions = several.get(channel, ())
     stated = [(column, unit_of(table, column)) for column in table.columns if table.stamps.get(column) != DATES]
     return [
         (column, unit) for column, unit in stated if units.is_unit(unit) and units.conversion(unit).si in dimensions

@@ -81,9 +81,10 @@ def template(path: str | Path) -> str:
     attitude = f'[channels.attitude]\n# columns = [{quaternion}]\n# maps = "sensor to ENU"      # or "ENU to sensor"'
     missing = [name for name, column in columns.items() if column is None]
     likely = {column for name in missing for column, _ in candidates(table, name)}
+    warm = None if "temperature" in by_name.values() else _only(table, "temperature", {*columns.values(), *copies})
     lines, keys = [f"# {column} is a copy of {copies[column]}" for column in copies if column not in taken], {*columns}
     for column in others:
-        usual = turning.get(column) or by_name[column]
+        usual = "temperature" if column == warm else turning.get(column) or by_name[column]
         key = next(key for k in count(1) if (key := usual if k == 1 else f"{usual}_{k}") not in keys)
         keys.add(key)
         lines.append(_optional(table, column, key, clocks, column in likely))
