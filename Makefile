@@ -11,7 +11,7 @@ RUN_TESTS := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= MALLOC_TRIM_THRESHO
 BESIDE := slow or outside or statistics
 
 .NOTPARALLEL:
-.PHONY: help demo docs pages paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-accidents bench-mistakes bench-rates bench-ruler bench-loop bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response
+.PHONY: help demo docs pages paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-accidents bench-mistakes bench-rates bench-ruler bench-loop bench-named bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -152,10 +152,13 @@ bench-rates: $(STAMP) ## Align pairs of recorders whose clocks run at different 
 	$(BIN)/python -m benches.rates
 
 bench-ruler: $(STAMP) ## Estimate the systematic error in 2500 worlds whose error is known in closed form; minutes, restartable.
-	$(BIN)/python -m benches.ruler
+	$(BIN)/python -m benches.ruler --chains 50 --budgets 100
 
 bench-loop: $(STAMP) ## Run the loop of the demo on 20 hidden effects; minutes, restartable.
 	$(BIN)/python -m benches.loop
+
+bench-named: $(STAMP) ## Hide effects of all kinds: what improve names, what is in the model; an hour, restartable.
+	$(BIN)/python -m benches.named
 
 bench-left-out: $(STAMP) ## Read records with saturated bursts; minutes, restartable.
 	$(BIN)/python -m benches.left_out
