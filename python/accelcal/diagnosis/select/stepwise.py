@@ -267,7 +267,7 @@ class StepwiseSelection:
         """Go back to the model before an effect entered, for which a remark says why; a rival may enter in its place,
         and what entered after it or a rival of that, but nothing else."""
         name = str(note.values["effect"])
-        self.refused = {kept: text for kept, text in self.refused.items() if text.code != "noise_not_shown"}
+        self.refused = {effect: why for effect, why in self.refused.items() if why.code != "noise_not_shown"}
         self.refused[name] = note
         entered = [group.effect for group in self.history.classes]
         anew = [group.members for group in self.history.classes[entered.index(name) :]]
