@@ -23,12 +23,15 @@ SEEN = """(all) => {
 
 
 def first_figure(page: Any) -> int:
-    """Number of the first figure that is shown, from 1."""
-    page.locator(".pictures .js-plotly-plot .main-svg").first.wait_for(timeout=LONG)
+    """Number of the figure of the output, from 1."""
+    output = page.locator(".pictures", has_text="Measured and simulated output")
+    output.locator(".js-plotly-plot .main-svg").first.wait_for(timeout=LONG)
     return int(
         page.evaluate(
             "Array.from(document.querySelectorAll('.js-plotly-plot'))"
-            ".indexOf(document.querySelector('.pictures .js-plotly-plot')) + 1"
+            ".indexOf(Array.from(document.querySelectorAll('.pictures'))"
+            ".find(box => box.innerText.includes('Measured and simulated output'))"
+            ".querySelector('.js-plotly-plot')) + 1"
         )
     )
 
@@ -61,7 +64,7 @@ def fitted(tab: Any, files: Path) -> Any:  # noqa: F811
 def test_the_worst_regions_are_places_in_the_first_figure(fitted: Any) -> None:
     page = fitted
     number = first_figure(page)
-    caption = page.locator(".pictures figcaption").first.inner_text()
+    caption = page.locator(".pictures figcaption", has_text="Measured and simulated").first.inner_text()
     assert caption.startswith("Measured and simulated output (base): fit ")
     whole = wait_for_width(page, number, 8.0, 14.0)  # the held-out 12 s
     assert whole["marks"].count("chosen") == 0

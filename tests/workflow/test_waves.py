@@ -56,7 +56,7 @@ def test_a_wave_that_only_slow_readings_resolve_is_added_where_it_was_found(peri
     assert not grown.remarks
     after = ac.diagnose(grown, run)
     assert after.verdict == "adequate"
-    assert f"period {1e6 * period:.4g} um" in after.sentence
+    assert f"period {1e6 * period:.4g} µm" in after.sentence
 
 
 @pytest.fixture(scope="module")

@@ -443,7 +443,7 @@ def without_play(jumps: Sequence[PositionStep], run: PreparedRun, t: Array, step
     inside = (at >= PULSE) & (at < len(t) - PULSE)
     at, sign = at[inside], -way[turned][inside]
     times = np.array([jump.time for jump in jumps])
-    jumped = np.abs(t[at][:, None] - times).min(axis=1) <= PULSE * run.reading_step
+    jumped = np.abs(t[at][:, None] - times).min(axis=1) <= 2.0 * PULSE * run.reading_step  # both have a pulse
     others = (steps[at[:, None] + np.arange(-PULSE, PULSE + 1)] * sign[:, None])[~jumped]
     if len(others) < PLAY_LEAST_REVERSALS:
         return [*jumps]
@@ -452,7 +452,7 @@ def without_play(jumps: Sequence[PositionStep], run: PreparedRun, t: Array, step
     scatter = float(local_spread(steps)[at].mean()) * math.sqrt(0.5 * math.pi / len(others))
     if abs(usual[lag]) < SURELY_CHANCE * scatter:
         return [*jumps]
-    largest = float(np.max(np.abs(others)))
+    largest = float(np.quantile(np.max(np.abs(others), axis=1), 0.9))
 
     def is_play(jump: PositionStep) -> bool:
         near = int(np.argmin(np.abs(t[at] - jump.time)))

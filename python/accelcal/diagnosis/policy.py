@@ -433,8 +433,8 @@ PLAY_LEAST_REVERSALS = 8
 """Reversals without a jump that show whether every reversal has a step. Fewer give no median with a scatter.
 [reversals; tests/diagnosis/test_lost_motion.py]"""
 PLAY_RATIO = 2.0
-"""Size of a jump at a reversal over the largest step at the others, up to which it is the same play. How much of its
-play a reversal shows depends on how fast the stage turns. [ratio; tests/diagnosis/test_lost_motion.py]"""
+"""Size of a jump at a reversal over the step that nine in ten others stay below, up to which it is the same play. How
+much of its play a reversal shows depends on how fast the stage turns. [ratio; tests/diagnosis/test_lost_motion.py]"""
 STEP_LEAST_COUNTS = 3.0
 """Least height of a position step, in steps of the encoder. A smaller jump is quantisation. [counts;
 tests/diagnosis/test_change_points.py]"""
