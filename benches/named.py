@@ -51,14 +51,16 @@ def run(trial: Trial) -> Outcome:
         with tempfile.TemporaryDirectory() as folder:
             recording = load(world.record().write(folder))
             unseen = load(settled.again(other, world.seed + 1).record().write(Path(folder), "unseen"))
-            found = verbs.improve(recording, holdout=unseen)
+            improvement = verbs.improve(recording, holdout=unseen)
         outcome |= {"motion": world.motion, "sensor": world.sensor, "nuisances": asdict(world.nuisances)}
-        outcome |= improved(found, settled) | {"seconds": time.process_time() - begin}
-        in_model = {"time_offset", POSITION_JUMPS, *found.best.model.effects}
-        outcome["outside_model"] = [name for name in found.effects if name not in in_model]
-        outcome["steps"] = [list(step.effects) for step in found.steps]
-        outcome["remarks"] = [[note.code, note.sentence] for note in found.diagnosis.remarks]
-        outcome["refused"] = [note.values.get("effect", "") for note in found.diagnosis.remarks if note.code in LOST]
+        outcome |= improved(improvement, settled) | {"seconds": time.process_time() - begin}
+        in_model = {"time_offset", POSITION_JUMPS, *improvement.best.model.effects}
+        outcome["outside_model"] = [name for name in improvement.effects if name not in in_model]
+        outcome["steps"] = [list(step.effects) for step in improvement.steps]
+        outcome["remarks"] = [[note.code, note.sentence] for note in improvement.diagnosis.remarks]
+        outcome["refused"] = [
+            note.values.get("effect", "") for note in improvement.diagnosis.remarks if note.code in LOST
+        ]
         return outcome
     except Exception:
         return {**outcome, "error": traceback.format_exc(limit=-3)}

@@ -104,28 +104,28 @@ def test_a_sidecar_that_is_no_toml_declares_nothing_of_the_sensor() -> None:
 
 def test_what_the_form_declares_of_filter_encoder_and_axis_reaches_the_recording(tmp_path: Path) -> None:
     template = german(tmp_path)
-    found = mapping.choices(GERMAN, template, template)
+    columns_chosen = mapping.choices(GERMAN, template, template)
     rig = {"sensor.model": "ADXL105", "sensor.scale": "0.25 V/g", "sensor.zero": "2.5 V", "rig.axis": "up"}
     low_pass = mapping.LowPassEntry("RC", "500 Hz").changed(template)
-    text = mapping.sidecar_from(template, found, changes=rig | {mapping.RESOLUTION: "0.1 um"} | low_pass)
+    text = mapping.sidecar_from(template, columns_chosen, changes=rig | {mapping.RESOLUTION: "0.1 um"} | low_pass)
 
     def read(text: str) -> ac.Recording:
         (tmp_path / "messung.toml").write_text(text, encoding="utf-8")
         return io.load(tmp_path / "messung.csv")
 
-    made = read(text).rig
-    assert (made.sensor.model, made.axis, made.resolution) == ("ADXL105", "up", pytest.approx(1e-7))
-    assert made.lowpass == ac.LowPass(500.0)
+    rig_read = read(text).rig
+    assert (rig_read.sensor.model, rig_read.axis, rig_read.resolution) == ("ADXL105", "up", pytest.approx(1e-7))
+    assert rig_read.lowpass == ac.LowPass(500.0)
     assert mapping.LowPassEntry.of(text) == mapping.LowPassEntry("RC", "500 Hz")
     # Another kind, and a field that is emptied; what is not named stays.
     better = mapping.LowPassEntry("bessel", "300 Hz", "4").changed(text)
-    other = mapping.sidecar_from(text, found, changes={mapping.RESOLUTION: "", "rig.axis": ""} | better)
-    made = read(other).rig
-    assert (made.axis, made.resolution, made.lowpass) == ("level", None, None)
-    assert [(f.kind, f.cutoff, f.order) for f in made.output_filters] == [("bessel", 300.0, 4)]
-    gone = mapping.sidecar_from(other, found, changes=mapping.LowPassEntry().changed(other))
+    other = mapping.sidecar_from(text, columns_chosen, changes={mapping.RESOLUTION: "", "rig.axis": ""} | better)
+    rig_read = read(other).rig
+    assert (rig_read.axis, rig_read.resolution, rig_read.lowpass) == ("level", None, None)
+    assert [(f.kind, f.cutoff, f.order) for f in rig_read.output_filters] == [("bessel", 300.0, 4)]
+    gone = mapping.sidecar_from(other, columns_chosen, changes=mapping.LowPassEntry().changed(other))
     assert read(gone).rig.output_filters == ()
-    assert "no column has this role" in refusal(template, found[:2], {mapping.RESOLUTION: "0.1 um"})
+    assert "no column has this role" in refusal(template, columns_chosen[:2], {mapping.RESOLUTION: "0.1 um"})
 
 
 def refusal(text: str, found: list[Choice], changes: dict[str, str]) -> str:

@@ -40,7 +40,7 @@ def _(fit: Fit, which: str = "") -> Table:
         f", normalised innovation squared {run.nis:.3f} (1 when consistent)" for run in fit.runs if run.nis is not None
     )
     names = ", ".join(name for name, _ in fit.sources)
-    told = (
+    statements = (
         *(f"{effect.name}: {effect.sentence}." for effect in fit.noise_effects),
         *(f"{spread.name} by run: {by_run(fit, spread.runs)}." for spread in fit.spreads),
         *(as_sentence(text) for run in fit.runs for text in rest_notes(run.noise)),
@@ -55,9 +55,12 @@ def _(fit: Fit, which: str = "") -> Table:
             *(f"Suspect data: {note.sentence}." for note in fit.remarks if note.place == "data"),
             *(f"{note.sentence}." for note in fit.remarks if note.code == "slow_residual"),
         ),
-        notes=(*(noise_note(run.noise, run.name if len(fit.runs) > 1 else "") for run in fit.runs), *told[:MOST_NOTES]),
+        notes=(
+            *(noise_note(run.noise, run.name if len(fit.runs) > 1 else "") for run in fit.runs),
+            *statements[:MOST_NOTES],
+        ),
         detail=(
-            *told[MOST_NOTES:],
+            *statements[MOST_NOTES:],
             *(crossover_note(run.noise) for run in fit.runs if run.noise.reference != ACCELERATION),
             *(f"Assumed: {text}." for text in fit.rig.assumptions),
         ),

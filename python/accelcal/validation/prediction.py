@@ -338,7 +338,8 @@ class Prediction:
         frozen, rezeroed, floor = (y[:, 0] for y in self._predict(starts, rows))
         reading = self.run.readings[ends]
         # effects that hold simulated motion back, as friction does, hold noise back too
-        unheld = self._open_floor(starts, t[rows])[:, 0]
+        held_back = self.ahead is not None and self.ahead.feeds_back
+        unheld = self._open_floor(starts, t[rows])[:, 0] if held_back else floor
         return Coasting(starts, ends, reading - frozen, reading - rezeroed, floor, unheld)
 
     @cached_property

@@ -234,10 +234,7 @@ class StepwiseSelection:
         step = self.substitute(replacement) if replacement else None
         if replacement is None or step is None:
             return False
-        entering, judged = step
-        self.accept(judged)
-        self.history.enter(entering, 0.0, replacement.replaced)
-        self.past.append((self.current, self.history.copy()))
+        self.take(step, 0.0, replacement.replaced)
         return True
 
     def finish(self) -> None:
@@ -277,11 +274,15 @@ class StepwiseSelection:
             gains = {candidate.effect: candidate.gain for candidate in self.current.verdict.scan.candidates}
             step = self.with_next(members)
             if step is not None:
-                entering, judged = step
-                self.accept(judged)
-                self.history.enter(entering, gains.get(entering.effect, 0.0))
-                self.past.append((self.current, self.history.copy()))
+                self.take(step, gains.get(step[0].effect, 0.0))
         self.finish()
+
+    def take(self, step: tuple[DetectedEffect, JudgedModel], gain: float, replaced: Sequence[str] = ()) -> None:
+        """Go on with a model that has one effect more, in place of those that it replaces."""
+        entering, judged = step
+        self.accept(judged)
+        self.history.enter(entering, gain, replaced)
+        self.past.append((self.current, self.history.copy()))
 
     def with_noise(self, names: Sequence[str]) -> Fit:
         """The last fit with effects on its noise; those that it does not show are refused."""
