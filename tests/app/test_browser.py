@@ -250,6 +250,17 @@ def test_long_work_is_cancelled(tab, files):
     assert number(tab, "error") > 0.0
 
 
+def test_a_file_that_comes_during_long_work_waits_for_its_end(tab, files):
+    load(tab, files, "long")
+    tab.get_by_role("button", name="Fit the linear model").click()
+    tab.get_by_role("button", name="Cancel").wait_for(timeout=LONG)
+    drop(tab, files / "cubic.csv", files / "cubic.toml")
+    tab.get_by_text("cubic.csv, cubic.toml is read as soon as this has ended").wait_for(timeout=LONG)
+    assert tab.get_by_role("combobox", name="Use of cubic.csv").count() == 0
+    tab.get_by_role("button", name="Cancel").click(timeout=LONG)
+    tab.get_by_role("combobox", name="Use of cubic.csv").wait_for(timeout=LONG)
+
+
 def test_the_keyboard_reaches_everything_that_matters(tab, files):
     load(tab, files, "cubic")
     wanted = {"Fit the linear model", "Hold this stretch out", "Exclude this stretch", "Undo"}

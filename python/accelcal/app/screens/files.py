@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import html
 import shutil
 from collections.abc import Awaitable, Callable, Sequence
@@ -12,7 +13,7 @@ from typing import Any
 from nicegui import background_tasks, ui
 
 from accelcal.app import mapping, session_file, widgets, workers
-from accelcal.app.page import Page
+from accelcal.app.page import TICK, Page
 from accelcal.app.script import COPIES
 from accelcal.app.session_file import KeptSession
 from accelcal.app.state import Refused
@@ -61,9 +62,14 @@ def drop(page: Page, label: str, *, more: bool = False, guest: bool = False) -> 
 
 
 def area(bench: Workbench, label: str, take: Callable[[Any], Awaitable[None]], mark: str) -> None:
-    """A button on which files can be dropped; `take` is told what came."""
+    """A button on which files can be dropped; `take` is told what came, once no action is under way."""
 
     async def accept(event: Any) -> None:
+        if bench.job is not None and bench.job.title:
+            names = ", ".join(file.name for file in event.files)
+            ui.notify(f"{names} is read as soon as this has ended: {bench.job.title}.")
+        while bench.job is not None:
+            await asyncio.sleep(TICK)
         uploader.sends(False)
         await take(event)
         if not uploader.is_deleted:
