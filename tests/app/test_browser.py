@@ -239,18 +239,7 @@ def test_a_stretch_is_chosen_by_brushing(tab, files):
     tab.get_by_text(f"Held out: {start:.6g} s to {end:.6g} s").wait_for(timeout=LONG)
 
 
-def test_long_work_is_cancelled(tab, files):
-    load(tab, files, "long")
-    tab.get_by_role("button", name="Fit the linear model").click()
-    tab.get_by_role("button", name="Cancel").click(timeout=LONG)
-    tab.get_by_text("Cancelled; nothing was changed.").wait_for(timeout=LONG)
-    tab.locator(".job").wait_for(state="hidden", timeout=LONG)
-    tab.get_by_role("tab", name="Data").click()
-    fit(tab)
-    assert number(tab, "error") > 0.0
-
-
-def test_a_file_that_comes_during_long_work_waits_for_its_end(tab, files):
+def test_long_work_is_cancelled_and_a_file_that_came_meanwhile_is_read(tab, files):
     load(tab, files, "long")
     tab.get_by_role("button", name="Fit the linear model").click()
     tab.get_by_role("button", name="Cancel").wait_for(timeout=LONG)
@@ -259,6 +248,9 @@ def test_a_file_that_comes_during_long_work_waits_for_its_end(tab, files):
     assert tab.get_by_role("combobox", name="Use of cubic.csv").count() == 0
     tab.get_by_role("button", name="Cancel").click(timeout=LONG)
     tab.get_by_role("combobox", name="Use of cubic.csv").wait_for(timeout=LONG)
+    tab.locator(".job").wait_for(state="hidden", timeout=LONG)
+    fit(tab)
+    assert number(tab, "error") > 0.0
 
 
 def test_the_keyboard_reaches_everything_that_matters(tab, files):

@@ -95,15 +95,20 @@ class Page(widgets.Frame):
 
     # Actions of the user
 
-    async def act(self, action: Callable[..., Any], *args: Any, then: str = "") -> Any:
-        """Run an action off the page's own thread; then show the screen `then` if it succeeded."""
+    async def act(self, action: Callable[..., Any], *args: Any, then: str = "", waits: bool = False) -> Any:
+        """Run an action off the page's own thread; then show the screen `then` of the model if there is one to show.
+
+        One that `waits` is run after the action under way; any other one is refused while there is one.
+        """
+        while waits and self.bench.job is not None:
+            await asyncio.sleep(TICK)
         try:
             running = workers.act(action, *args)
             self._tick()
             result = await running
         except Busy:
-            result = None
-        if then and not self.bench.sentence:
+            result = await self.act(action, *args, waits=True) if waits else None
+        if then and not self.bench.sentence and self.bench.state.step is not None:
             self.tab = then
             self.tabs.set_value(then)
         self._tick()
@@ -137,7 +142,7 @@ class Page(widgets.Frame):
 
     async def open(self, path: Path, *, session: bool) -> None:
         """Load a recording, or go on with a session where it was left."""
-        await self.act(self.bench.open if session else self.bench.load, path)
+        await self.act(self.bench.open if session else self.bench.load, path, waits=True)
         if session and self.bench.state.step is not None:
             self.tabs.set_value("improve")
 

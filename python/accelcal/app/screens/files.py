@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import html
 import shutil
 from collections.abc import Awaitable, Callable, Sequence
@@ -13,7 +12,7 @@ from typing import Any
 from nicegui import background_tasks, ui
 
 from accelcal.app import mapping, session_file, widgets, workers
-from accelcal.app.page import TICK, Page
+from accelcal.app.page import Page
 from accelcal.app.script import COPIES
 from accelcal.app.session_file import KeptSession
 from accelcal.app.state import Refused
@@ -62,15 +61,13 @@ def drop(page: Page, label: str, *, more: bool = False, guest: bool = False) -> 
 
 
 def area(bench: Workbench, label: str, take: Callable[[Any], Awaitable[None]], mark: str) -> None:
-    """A button on which files can be dropped; `take` is told what came, once no action is under way."""
+    """A button on which files can be dropped; `take` is told what came; it waits for the action under way."""
 
     async def accept(event: Any) -> None:
+        uploader.sends(False)
         if bench.job is not None and bench.job.title:
             names = ", ".join(file.name for file in event.files)
             ui.notify(f"{names} is read as soon as this has ended: {bench.job.title}.")
-        while bench.job is not None:
-            await asyncio.sleep(TICK)
-        uploader.sends(False)
         await take(event)
         if not uploader.is_deleted:
             uploader.reset()  # what was taken is told by the page, and not listed once more
@@ -135,19 +132,19 @@ async def used(page: Page, paths: Sequence[Path], more: bool) -> None:
     elif sessions:
         await page.open(sessions[0], session=True)
     elif recordings and bench.state.opened is not None:
-        await page.act(bench.give, recordings)
+        await page.act(bench.give, recordings, waits=True)
     elif recordings:
         unmatched = beside(recordings, sidecars)
         if unmatched:
             bench.refuse(f"{unmatched[0].name}: no file that was dropped with it has this name; give it that name")
         elif more:
-            await page.act(bench.include, recordings)
+            await page.act(bench.include, recordings, waits=True)
         elif len(recordings) > 1:
-            await page.act(bench.load_several, recordings)
+            await page.act(bench.load_several, recordings, waits=True)
         else:
-            await page.act(bench.load, recordings[0])
+            await page.act(bench.load, recordings[0], waits=True)
     elif sidecars and bench.state.file is not None:
-        await page.act(bench.declare, mapping.text_in(sidecars[0]))
+        await page.act(bench.declare, mapping.text_in(sidecars[0]), waits=True)
     elif sidecars:
         bench.refuse(f"{sidecars[0].name}: drop it together with the recording that it belongs to")
 
@@ -158,7 +155,7 @@ async def beside_ours(page: Page, paths: Sequence[Path]) -> None:
         if path.suffix.lower() not in (MODEL, session_file.SUFFIX):
             page.bench.refuse(f"{path.name}: drop a model (.json) or a session ({session_file.SUFFIX}) here")
             return
-        await page.act(page.bench.invite, path)
+        await page.act(page.bench.invite, path, waits=True)
     guests = page.bench.state.guests
     if guests and page.pair is not None:
         page.pair = (page.pair[0], guests[-1].name)
