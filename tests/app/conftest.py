@@ -13,7 +13,7 @@ from accelcal.simulation.sensor import Vibration
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 
 
-def write(path, seed, seconds=40.0, vibration=None, **more):
+def write(path, seed, seconds=20.0, vibration=None, **more):
     """Write a simulated run with its sidecar."""
     made = ac.simulate(
         "interleaved",

@@ -55,7 +55,7 @@ def test_numbers_are_those_of_the_library(grown, files):
     for step, fit, seen in zip(grown.state.path, (base, cubic), compared, strict=True):
         assert model_file.to_dict(step.fit) == model_file.to_dict(fit)
         assert step.heldout.to_json() == seen.to_json()
-    assert b - a == pytest.approx(verbs.HELD_OUT * 40.0, abs=0.01)  # rounded to a millisecond, ends of the channels
+    assert b - a == pytest.approx(verbs.HELD_OUT * 20.0, abs=0.01)  # rounded to a millisecond, ends of the channels
 
 
 def test_the_held_out_error_falls_to_the_noise(grown):
@@ -82,9 +82,11 @@ def test_a_step_is_drawn_before_and_after_on_one_scale(grown):
     sizes = [float(panel.title.partition(": ")[2].removesuffix(" σ")) for panel in drawn.panels]
     assert sizes[0] > 20.0
     assert sizes[1] < 4.5  # twelve bins of noise reach that once in 10 000 records
-    worst = next(bins for bins in grown.before().bins if bins.variable == drawn.panels[0].x.title)
+    several = [bins for bins in grown.before().bins if bins.variable != "frequency"]
+    worst = max(several, key=lambda bins: np.abs(bins.score).max())
+    assert worst.variable == drawn.panels[0].x.title
     assert sizes[0] == pytest.approx(np.abs(worst.score).max(), abs=0.05)
-    assert drawn.headline == f"+ cubic: the residual against acceleration goes from {sizes[0]} σ to {sizes[1]} σ"
+    assert drawn.headline == f"+ cubic: the residual against {worst.variable} goes from {sizes[0]} σ to {sizes[1]} σ"
     assert drawn.panels[0].y.range == drawn.panels[1].y.range
     back = before_after(after, grown.before(), "− cubic")  # the twin: an effect that is taken away
     assert float(back.panels[1].title.split()[1]) > float(back.panels[0].title.split()[1])

@@ -233,8 +233,8 @@ def test_a_stretch_is_chosen_by_brushing(tab, files):
     tab.mouse.up()
     tab.wait_for_function("() => document.querySelector('[aria-label=\"From, s\"]').value !== ''", timeout=LONG)
     start, end = (float(tab.get_by_label(label).input_value()) for label in ("From, s", "To, s"))
-    assert start == pytest.approx(10.0, abs=0.5)  # of 40 s; a pixel is 0.06 s
-    assert end == pytest.approx(20.0, abs=0.5)
+    assert start == pytest.approx(5.0, abs=0.25)  # of 20 s; a pixel is 0.03 s
+    assert end == pytest.approx(10.0, abs=0.25)
     tab.get_by_role("button", name="Hold this stretch out").click()
     tab.get_by_text(f"Held out: {start:.6g} s to {end:.6g} s").wait_for(timeout=LONG)
 
