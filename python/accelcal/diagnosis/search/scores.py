@@ -14,11 +14,10 @@ from scipy import special
 from accelcal.data import Array, Places
 from accelcal.diagnosis.search.hypotheses import Hypothesis, jump_response, nuisances
 from accelcal.diagnosis.search.slow_noise import SlowNoise, slow_noise
-from accelcal.estimation.columns import ColumnFilter, distinct
+from accelcal.estimation.columns import distinct
 from accelcal.estimation.engines import rows_of_dwells, spectrum_of, sums_of
 from accelcal.estimation.noise import MeasuredSpectrum, whitener
 from accelcal.estimation.run_state import RunState
-from accelcal.estimation.weak_form.rows import WeakRows
 from accelcal.model import Model, Term, evaluate
 
 DEGENERATE = 1e-5
