@@ -301,7 +301,7 @@ def rounding_variances(terms: Sequence[Term], runs: Sequence[BaseProjection], po
     """
     variances, most = np.zeros(len(terms)), np.zeros(len(terms))
     at_reading = [k for k, term in enumerate(terms) if term.port == "position"]
-    for state in (one.state for one in runs if at_reading and one.state.run.rounding > 0.0):
+    for state in (run.state for run in runs if at_reading and run.state.run.rounding > 0.0):
         variance = state.run.rounding**2 / 12.0
         begins, ends, counts = state.run.rests
         memory = state.run.wait(state.noise)
