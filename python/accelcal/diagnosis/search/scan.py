@@ -242,7 +242,7 @@ def relinearised(
             return None
         terms = [term for term in states[0].values.terms if term.effect.name == lead.effect]
         size = max(abs(state.values.by_name[term.name]) for state in states for term in terms)
-        if any(again.shape[name] < size / SHAPE_SETTLES for name in bounded):
+        if any(again.shape[name] < SHAPE_LEAST * size for name in bounded):
             again = replace(again, shape={**again.shape, **dict.fromkeys(bounded, SHAPE_SETTLES * size)})
             continue
         runs = [BaseProjection(state, model, separate, terms) for state in states]
@@ -255,9 +255,11 @@ def relinearised(
     return None
 
 
-RELINEARISED, SHAPE_RATIO, SHAPE_SETTLES = 4, 3.0, 1.5
-"""Fits about which the sizes of an effect are compared, the ratio by which each may change a shape parameter, and that
-to the size of the coefficient from which a shape that is never below it is found."""
+RELINEARISED, SHAPE_RATIO = 4, 3.0
+"""Fits about which the sizes of an effect are compared, and the ratio by which each may change a shape parameter."""
+SHAPE_LEAST, SHAPE_SETTLES = 0.9, 1.5
+"""Ratios of a shape that is never below the size of its coefficient: what noise may make of it, and where the next fit
+starts that found it smaller."""
 
 
 def recurs(
