@@ -1,4 +1,7 @@
-"""Lost motion of the reading head, by a simulator of its own: backlash alone, and jumps that are none remain faults."""
+"""Lost motion of the reading head, by a simulator of its own: backlash alone, and jumps that are none remain faults.
+
+Motions are sines, and moves from point to point with rests between them, as a test of a stage has them.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,14 @@ import pytest
 import accelcal as ac
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.faults import Examined
+from accelcal.diagnosis.search import scores
+from accelcal.diagnosis.search.scan import scan
+from accelcal.effects import find
+from accelcal.effects.building_blocks import direction
+from accelcal.effects.building_blocks import play as play_of
+from accelcal.estimation.estimate import state_at
+from accelcal.estimation.run import prepare
+from accelcal.signals.signals import Signals
 
 RATE = 2000.0
 NOISE = 9.8e-4
@@ -24,13 +35,43 @@ def sines(rng: np.random.Generator, t: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return wave.sum(axis=1), -(w**2 * wave).sum(axis=1)
 
 
+def moves(rng: np.random.Generator, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Position and acceleration of smooth moves of 5 to 50 mm either way, with rests of 0.2 to 1 s between them."""
+    p, a = np.zeros_like(t), np.zeros_like(t)
+    place, begin = 0.0, 0.5
+    while begin < t[-1]:
+        way = rng.uniform(5e-3, 5e-2) * (-1.0 if place > 0.0 else 1.0) * rng.choice([1.0, 1.0, -1.0])
+        long = max(0.08, 1.875 * abs(way) / rng.uniform(0.05, 0.3))
+        x = np.clip((t - begin) / long, 0.0, 1.0)
+        p += way * x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+        a += way / long**2 * x * (60.0 - 180.0 * x + 120.0 * x**2)
+        place, begin = place + way, begin + long + rng.uniform(0.2, 1.0)
+    return p, a
+
+
+def read_of(p: np.ndarray, play: float) -> np.ndarray:
+    """What a head that hangs in a gap reads of the position."""
+    z, head = p.copy(), p[0]
+    for k, place in enumerate(p):
+        z[k] = head = min(max(head, place - 0.5 * play), place + 0.5 * play)
+    return z
+
+
+def of_moves(seed: int, play: float, count: float, seconds: float = 14.0) -> Recording:
+    """A record of moves with rests at 1 kHz; `count` of the encoder, m."""
+    rng, t = np.random.default_rng(seed), np.arange(int(seconds * 1000.0)) / 1000.0
+    p, a = moves(rng, t)
+    u = 0.08 + 0.988 * a + rng.normal(0.0, 2e-3, t.size)
+    z = count * np.rint((read_of(p, play) + rng.normal(0.0, 7e-8, t.size)) / count)
+    rig = ac.Rig(ac.Sensor(noise=2e-3 / np.sqrt(500.0)))
+    return ac.Recording.from_arrays(t, u, z, units={"accel": "m/s^2", "position": "m"}, rig=rig)
+
+
 def recorded(seed: int, play: float = PLAY, jumps: dict[float, float] | None = None) -> Recording:
     """A record of 40 s; `jumps` are missed counts, m by the time, s."""
     rng, t = np.random.default_rng(seed), np.arange(int(40.0 * RATE)) / RATE
     p, a = sines(rng, t)
-    z, head = p.copy(), p[0]
-    for k, place in enumerate(p):
-        z[k] = head = min(max(head, place - 0.5 * play), place + 0.5 * play)
+    z = read_of(p, play)
     for instant, size in (jumps or {}).items():
         z += size * (t >= instant)
     u = 0.08 + 0.988 * a + rng.normal(0.0, NOISE * np.sqrt(0.5 * RATE), t.size)
@@ -69,3 +110,40 @@ def test_missed_counts_are_a_fault_beside_play_and_at_a_reversal_without_it() ->
     assert without.time == pytest.approx(at, abs=2e-3)
     (large,) = Examined(recorded(3, jumps={at: 2e-4})).source.recording.position_steps
     assert large.time == pytest.approx(at, abs=2e-3)
+
+
+def test_lost_motion_is_found_on_moves_with_rests(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On counts as coarse as a third of it. In the twin all rests together say what one says."""
+    count, effect = 1e-6, find("encoder_backlash")
+    recording = of_moves(31, PLAY, count)
+    base = ac.fit(recording)
+    found = ac.add(base, recording, effect.name)[effect.name]
+    print(found)
+    assert abs(found.value + PLAY) < 3.0 * found.std < 0.3 * PLAY
+    state = state_at(base, 0, prepare(recording))
+    alone = scan([state], base.model, only=[effect])
+    assert alone.candidates[0].snr > 10.0
+    assert alone.found[0].shape["width"] > abs(found.value) / 1.5
+    one = 2.0 / 3.0 * count**2  # variance step²/6 of a column that changes by one where a rest begins, by half of d
+    monkeypatch.setattr(scores, "rounding_variances", lambda terms, runs, power: np.full(len(terms), one))
+    assert scan([state], base.model, only=[effect]).candidates[0].snr < 5.0  # 5.3 enters among 180 candidates
+
+
+def test_missed_counts_are_no_fault_however_clear_each_reversal_is() -> None:
+    assert Examined(of_moves(32, PLAY, 1e-7)).source.recording.position_steps == ()
+
+
+def test_a_drift_inside_the_gap_at_rest_takes_up_nothing() -> None:
+    """The twin is the play operator of the position itself."""
+    t = np.arange(4000) / 1000.0
+    v = np.where(t < 1.0, 0.01, np.where((t > 3.0) & (t < 3.5), -0.01, 0.0)) - np.where(
+        np.abs(t - 2.0) < 0.3, 2e-6, 0.0
+    )
+    p = np.cumsum(v) / 1000.0
+    s = Signals(t, p, v, 0.0 * t, 0.0 * t, 1.0, ac.Rig(), p_std=2e-8, v_std=2e-6)
+    column = direction(s, PLAY)
+    rest = (t > 1.1) & (t < 3.0)
+    np.testing.assert_allclose(column[rest], 1.0, atol=1e-9)
+    assert column[-1] == pytest.approx(-1.0)
+    plain = (p - play_of(p, PLAY, p[0])) / (0.5 * PLAY)
+    assert np.min(plain[rest]) < 0.3

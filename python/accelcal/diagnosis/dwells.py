@@ -12,6 +12,7 @@ from accelcal._support.arguments import checked
 from accelcal._support.result import Result
 from accelcal._support.values import immutable
 from accelcal.data import Dwells
+from accelcal.diagnosis.findings import with_next_step
 from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE, FAMILYWISE_ALPHA
 from accelcal.effects import BUILT_IN, Effect, is_local, users_own
 from accelcal.estimation.dwell_fit import DwellFit, solve_dwells
@@ -153,9 +154,10 @@ def judged(candidates: tuple[DwellCandidate, ...], result: DwellFit, dwells: Dwe
             )
     elif declared and result.p_value < alpha:
         verdict = "unexplained"
-        sentence = (
+        sentence = with_next_step(
             f"The dwells scatter by {result.scatter:.2g} m/s² more than noise, instability and angles explain, and "
-            f"none of {len(candidates)} candidates explains it."
+            f"none of {len(candidates)} candidates explains it.",
+            ["dwells"],
         )
     else:
         verdict = "adequate"

@@ -44,7 +44,7 @@ from accelcal.diagnosis.policy import (
     UNRELATED_EXPLAINED,
     WHOLE_SAMPLE_TOLERANCE,
 )
-from accelcal.effects.building_blocks import play
+from accelcal.effects.building_blocks import held_sign, play
 from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
 from accelcal.estimation.readings import spikes
 from accelcal.estimation.remarks import Remark, Value, remark
@@ -436,28 +436,26 @@ def without_play(jumps: Sequence[PositionStep], run: PreparedRun, t: Array, step
     jumps : in the order of time.
     t, steps : times of the innovations (n,) s, and the step that each shows, m.
     """
-    slack = 2.0 * CORNER_NOISE * math.sqrt(run.reading_variance_guess)
-    way = np.sign(run.z - play(run.z, slack, float(run.z[0])))
+    slack = 4.0 * CORNER_NOISE * math.sqrt(run.reading_variance_guess)  # noise crosses half of it either way
+    way = held_sign((run.z - play(run.z, slack, float(run.z[0]))) / (0.5 * slack))
     turned = np.flatnonzero(np.diff(way)) + 1
     at = np.searchsorted(t, run.t[turned])
     inside = (at >= PULSE) & (at < len(t) - PULSE)
     at, sign = at[inside], -way[turned][inside]
-    times = np.array([jump.time for jump in jumps])
-    jumped = np.abs(t[at][:, None] - times).min(axis=1) <= 2.0 * PULSE * run.reading_step  # both have a pulse
-    others = (steps[at[:, None] + np.arange(-PULSE, PULSE + 1)] * sign[:, None])[~jumped]
-    if len(others) < PLAY_LEAST_REVERSALS:
-        return [*jumps]
-    usual = np.median(others, axis=0)
-    lag = int(np.argmax(np.abs(usual)))
-    scatter = float(local_spread(steps)[at].mean()) * math.sqrt(0.5 * math.pi / len(others))
-    if abs(usual[lag]) < SURELY_CHANCE * scatter:
-        return [*jumps]
-    largest = float(np.quantile(np.max(np.abs(others), axis=1), 0.9))
+    around = steps[at[:, None] + np.arange(-PULSE, PULSE + 1)] * sign[:, None]
+    scatter = float(local_spread(steps)[at].mean()) * math.sqrt(0.5 * math.pi / max(len(at), 1))
 
     def is_play(jump: PositionStep) -> bool:
+        others = around[np.abs(t[at] - jump.time) > 2.0 * PULSE * run.reading_step]  # both have a pulse
+        if not PLAY_LEAST_REVERSALS <= len(others) < len(at):
+            return False
+        usual = np.median(others, axis=0)
+        lag = int(np.argmax(np.abs(usual)))
+        largest = float(np.quantile(np.max(np.abs(others), axis=1), 0.9))
         near = int(np.argmin(np.abs(t[at] - jump.time)))
-        small = abs(jump.size) <= PLAY_RATIO * largest and jump.size * sign[near] * usual[lag] > 0.0
-        return small and abs(t[at[near]] - jump.time) <= PULSE * run.reading_step
+        play_like = abs(usual[lag]) > SURELY_CHANCE * scatter and jump.size * sign[near] * usual[lag] > 0.0
+        small = abs(jump.size) <= PLAY_RATIO * largest
+        return play_like and small and abs(t[at[near]] - jump.time) <= PULSE * run.reading_step
 
     return [jump for jump in jumps if not is_play(jump)]
 

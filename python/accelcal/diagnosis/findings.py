@@ -90,6 +90,23 @@ def contribution_of_test(test: NoiseTest, states: Sequence[RunState]) -> Size | 
 
 
 NOTHING_MISSING = "Nothing is missing"
+TO_GO_ON = "To go on:"
+USUAL_STEP = (
+    "look in the report for lines and bands in the spectrum of the residual and for where it is largest, then repeat "
+    "the motion at another speed: what the motion makes changes with it, what the set-up adds does not"
+)
+NEXT_STEPS = {
+    "implausible_scale": "correct that and diagnose again",
+    "motion_beyond_sampling": "record the same motion again that way",
+    "turning_sensor": "record the orientation, or mount the sensor so that it cannot turn, and repeat the run",
+    "engines_disagree": "check the stamps and the reference where the residual is largest in the report, or repeat the "
+    "run with another reference",
+    "no_single_size": "fit the parts apart with --from and --to, and look for what changed between them",
+    "recurs": "look for what happens at those instants: a knock, a lost count, a switch",
+    "not_added": "record a longer run, or the same motion at another speed, and diagnose both together",
+    "dwells": "measure the angles again, record the temperature, and declare angle_std if the table is no better",
+}
+"""What to do about a residual that nothing explains, by the code of the remark that it rests on."""
 """Beginning of the sentence on an adequate model."""
 LEAST_LOG_P = -650.0
 """Logarithm of the smallest probability that is given as standard deviations: 36 of them."""
@@ -246,6 +263,12 @@ def present(fit: Fit, alpha: float, sizes: Mapping[str, Size]) -> tuple[Finding,
         if confirmed:
             contributions.append(finding)
     return tuple(contributions)
+
+
+def with_next_step(text: str, codes: Sequence[str] = ()) -> str:
+    """The sentence on a residual that nothing explains, and what to do about it, by the first code that says so."""
+    step = next((NEXT_STEPS[code] for code in codes if code in NEXT_STEPS), USUAL_STEP)
+    return f"{text} {TO_GO_ON} {step}."
 
 
 def with_findings(findings: Sequence[Finding], left: str, tolerance: float | None = None) -> str:

@@ -429,8 +429,8 @@ tests/diagnosis/test_left_out.py]"""
 STEP_PULSE_SHARE = 0.6
 """Share of the excess residual around a position step that the filter's pulse must explain. A misfit of the model is
 wider than a pulse. [share; tests/diagnosis/test_change_points.py]"""
-PLAY_LEAST_REVERSALS = 8
-"""Reversals without a jump that show whether every reversal has a step. Fewer give no median with a scatter.
+PLAY_LEAST_REVERSALS = 5
+"""Other reversals that show whether every reversal has a step. The median of fewer follows one or two missed counts.
 [reversals; tests/diagnosis/test_lost_motion.py]"""
 PLAY_RATIO = 2.0
 """Size of a jump at a reversal over the step that nine in ten others stay below, up to which it is the same play. How

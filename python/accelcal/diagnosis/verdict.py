@@ -23,6 +23,7 @@ from accelcal.diagnosis.findings import (
     present,
     split,
     with_findings,
+    with_next_step,
 )
 from accelcal.diagnosis.noise.noise_test import WHITENESS, NoiseTest
 from accelcal.diagnosis.noise.spectra import harmonic_effects
@@ -44,6 +45,8 @@ from accelcal.validation.comparison import Evaluation
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+UNSTEADY = ("no_single_size", "recurs")
+"""Codes of an effect that has not one size."""
 SEEN_EXPERIMENT = "a further run with the axis in another direction, or the sensor turned on its mount"
 
 
@@ -291,12 +294,17 @@ class Case:
 
 
 def judgement(case: Case) -> Judgement:
-    """Judge what a model lacks: the first rule that applies, and nothing is adequate beside a remark that vetoes it."""
+    """Judge what a model lacks: the first rule that applies, and nothing is adequate beside a remark that vetoes it.
+
+    What nothing explains ends in what to do about it.
+    """
     verdict, text = next(judged for rule in RULES if (judged := rule(case)) is not None)
-    vetoes = [note.sentence for note in case.remarks if note.vetoes_adequate]
+    vetoes = [note for note in case.remarks if note.vetoes_adequate]
+    codes = [note.code for note in case.remarks if note.place == "verdict" or note.code in UNSTEADY]
     if verdict == "adequate" and vetoes:
-        return "unexplained", f"{'. '.join(vetoes)}. No effect explains that ({case.examined})."
-    return verdict, text
+        verdict = "unexplained"
+        text = f"{'. '.join(note.sentence for note in vetoes)}. No effect explains that ({case.examined})."
+    return verdict, with_next_step(text, codes) if verdict == "unexplained" else text
 
 
 def too_short(case: Case) -> Judgement | None:
@@ -347,7 +355,7 @@ def found_by_tests(case: Case) -> Judgement | None:
 
 def no_one_size(case: Case) -> Judgement | None:
     """Judge a residual that only an effect without one size would explain."""
-    unsteady = [note.sentence for note in case.remarks if note.code in ("no_single_size", "recurs")]
+    unsteady = [note.sentence for note in case.remarks if note.code in UNSTEADY]
     return ("unexplained", f"{unsteady[0]} ({case.examined}).") if unsteady else None
 
 

@@ -66,15 +66,16 @@ def direction(s: Signals, width: float | None = None) -> Array:
     of `width` (by default as little as noise at rest allows), m; 0 before the first move."""
     if width is None:
         width = 2.0 * max(CORNER_NOISE * s.p_std, SLACK * float(np.ptp(s.p)), TINY)
-    p = travelled(s)
+    p = travelled(s, width)
     return (p - play(p, width, float(p[0]))) / (0.5 * width)
 
 
-def travelled(s: Signals) -> Array:
-    """Position without its noise at rest, which would close and open a slack, (n,) m.
+def travelled(s: Signals, width: float) -> Array:
+    """Position without its noise at rest, which would close and open a slack of `width`, (n,) m.
 
     Steps during motion, which the velocity shows, are kept from where it began; of the rest only what exceeds the
-    noise.
+    noise and the slack: a reading that hangs in it does not say where the stage rests, and the smoothed position
+    drifts there with the noise of the output.
     """
     speed = np.abs(s.v)
     noise = max(s.v_std, STILL * float(np.max(speed)))
@@ -84,7 +85,7 @@ def travelled(s: Signals) -> Array:
     steps = np.diff(s.p, prepend=s.p[0])
     surely = np.cumsum(np.where(np.repeat(moving, np.diff(begins, append=len(way))), steps, 0.0))
     other = s.p - surely
-    return surely + play(other, 2.0 * CORNER_NOISE * s.p_std, float(other[0]))
+    return surely + play(other, max(2.0 * CORNER_NOISE * s.p_std, width), float(other[0]))
 
 
 def slacks(s: Signals) -> tuple[float, float]:

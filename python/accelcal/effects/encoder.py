@@ -78,7 +78,7 @@ def encoder_cyclic(s: Signals, period: float, harmonics: float = 1.0) -> Array:
     symbol="d",
     scale=1e-6,
     source="µm, no published figure",
-    shapes={"width": Shape("m", slacks, trials=4, spacing="log")},
+    shapes={"width": Shape("m", slacks, trials=4, spacing="log", beyond_size=True)},
     traits=Traits(memory=True),
 )
 def encoder_backlash(s: Signals, width: float) -> Array:

@@ -96,6 +96,9 @@ class Shape:
     """Of a wave: how far its value may move until the wave has one turn more or less over the record, in `unit`.
 
     Such a value is found by a noise test, not by trials, and refined within this width; None for all others."""
+    beyond_size: bool = False
+    """Whether no effect has it below the size of its coefficient, about which no iteration settles: a gap that is
+    taken up within less than it moves the reading."""
     at_rest: float | None = None
     """Of a state that is carried over from before the record: its value where the sensor had long been at rest. Such a
     state belongs to its record; None for all other parameters."""

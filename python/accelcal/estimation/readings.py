@@ -133,8 +133,7 @@ def distinct_readings(t: Array, z: Array, apart: int) -> tuple[Array, Array]:
     repeated = len(change) - len(rises)
     if repeated == 0 or int(np.sum(rises[1:] != rises[:-1])) > FLIPS * repeated:
         return t, z
-    begins = np.concatenate([[0], np.flatnonzero(change) + 1])
-    lengths = np.diff(begins, append=len(z))
+    begins, lengths = runs_of_one_count(z)
     parts = np.where(lengths <= apart, lengths, -(-lengths // apart))
     first = np.repeat(np.cumsum(parts) - parts, lengths)
     place = np.arange(len(z)) - np.repeat(begins, lengths)
@@ -142,6 +141,12 @@ def distinct_readings(t: Array, z: Array, apart: int) -> tuple[Array, Array]:
     count = np.bincount(stretch)
     times = t[0] + np.bincount(stretch, weights=t - t[0]) / count
     return np.asarray(times), np.ascontiguousarray(np.repeat(z[begins], parts))
+
+
+def runs_of_one_count(z: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """First reading and number of readings of each run of equal readings (n,)."""
+    begins = np.concatenate([[0], np.flatnonzero(np.diff(z)) + 1])
+    return begins, np.diff(begins, append=len(z))
 
 
 def readings_apart(output: Array, accel_step: float, declared: float | None, reading_step: float, step: float) -> int:

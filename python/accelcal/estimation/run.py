@@ -34,7 +34,7 @@ from accelcal.data import (
 from accelcal.data.orientation import HOLE, holes
 from accelcal.data.quality import require_pace
 from accelcal.estimation.channel_filters import ChannelFilters, uniform
-from accelcal.estimation.readings import MIN_READINGS, distinct_readings, readings_apart, spikes
+from accelcal.estimation.readings import MIN_READINGS, distinct_readings, readings_apart, runs_of_one_count, spikes
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.processing import cubic, low_pass, motion_bandwidth, resample, spectral_density
 from accelcal.signals.series import FilledSeries, fill_gaps, grid_step, interpolation_spread
@@ -435,6 +435,18 @@ class PreparedRun(RunSamples):
         for name, value in changes.items():
             object.__setattr__(run_copy, name, value)
         return run_copy
+
+    @property
+    def rests(self) -> tuple[Array, Array, Array]:
+        """Begin and end (s) of each rest of an encoder that noise does not dither, and its count, m; (rests,) each.
+
+        Those are the runs of one count of which readings were left out.
+        """
+        t, z = self.complete.t, self.complete.z
+        begins, lengths = runs_of_one_count(z)
+        long = lengths > runs_of_one_count(self.z)[1]
+        first, last = begins[long], (begins + lengths)[long] - 1
+        return t[first], t[last], z[first]
 
     @property
     def complete(self) -> PreparedRun:

@@ -7,13 +7,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from accelcal.diagnosis.findings import NEXT_STEPS, TO_GO_ON, USUAL_STEP
 from accelcal.diagnosis.search.beam import SearchRules
 from accelcal.diagnosis.search.confounding import confounding_class, plainest
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scan import Candidate, Scan
 from accelcal.diagnosis.search.scores import CandidateScores
-from accelcal.diagnosis.verdict import Case, judgement
+from accelcal.diagnosis.verdict import RULES as JUDGED_BY
+from accelcal.diagnosis.verdict import UNSTEADY, Case, judgement
 from accelcal.effects import find
+from accelcal.estimation.remarks import KINDS, Remark
 
 RULES = SearchRules(examined=180, blocks=200, alpha=0.005)
 PLAIN = SimpleNamespace(inflation=lambda i, given: 1.0)
@@ -65,3 +68,18 @@ def test_a_name_is_given_with_its_nearest_rival() -> None:
         verdict, text = judgement(Case(SimpleNamespace(runs=[1]), scan, (), groups=(alone,)))
         assert verdict == "named"
         assert ("Its nearest rival is odd_quadratic, worse by 105 in log-evidence." in text) == told
+
+
+@pytest.mark.parametrize("code", [*UNSTEADY, *(code for code, kind in KINDS.items() if kind.place == "verdict")])
+def test_what_nothing_explains_ends_in_what_to_do(code):
+    """Whatever the cause; the twin without the step is the sentence of the rule itself."""
+    noise = SimpleNamespace(ratio=9.0, band=None)
+    fit = SimpleNamespace(runs=[SimpleNamespace(noise=noise)], seen_by_runs=(), spreads=())
+    case = Case(fit, Scan((), (), 180, 200), (), remarks=(Remark(code, "Something is wrong", {}),))
+    verdict, text = judgement(case)
+    if verdict == "adequate":  # the remark is the cause, and no effect
+        return
+    assert verdict == "unexplained"
+    assert text.endswith(f"{TO_GO_ON} {NEXT_STEPS.get(code, USUAL_STEP)}.")
+    plain = next(judged for rule in JUDGED_BY if (judged := rule(case)) is not None)
+    assert TO_GO_ON not in plain[1]

@@ -192,11 +192,12 @@ def scan(
     process = best.process_instead(runs, changing, length, rules)
     if process is not None:
         best, (entering, changing) = process, process.divided(evidence, rules)
-    for lead in changing[:1]:
-        if lead.unequal is not None and lead.effect == best.evidence.items[best.chosen[0]].effect.name:
-            again = relinearised(passes, model, lead, separate, length, rules)
-            if again is not None:
-                entering, changing = (again, *entering), changing[1:]
+    first = [effect for effect in (*entering, *changing) if effect.effect == best.first] if enough else []
+    for lead in first:
+        again = relinearised(passes, model, lead, separate, length, rules)
+        if again is not None:
+            entering = (again, *(effect for effect in entering if effect is not lead))
+            changing = tuple(effect for effect in changing if effect is not lead)
     final, scatter, chosen = best.evidence, best.scatter, best.chosen
     progress(1.0)
     return Scan(
@@ -227,18 +228,24 @@ def relinearised(
     """An error of the reading that has one size about a fit with it; None for other effects, and where it has none.
 
     It spoils the smoothed motion, from which its own column and shape come: what the search takes for its sizes may
-    then differ from part to part.
+    then differ from part to part. Where it takes a shape for less than the effect can have, the fit that starts from
+    there does not settle and rejects good readings.
     """
     effect, again = find(lead.effect), lead
-    for _ in range(RELINEARISED if effect.port == "position" else 0):
+    free = [name for name, shape in effect.shapes.items() if shape.refined and shape.spacing == "log"]
+    bounded = [name for name in free if effect.shapes[name].beyond_size]
+    for _ in range(RELINEARISED if effect.port == "position" and (bounded or lead.unequal) else 0):
         grown = again.enter(model)
         try:
             states = estimated(grown, [state.grown(grown) for state in passes], least=ROUNDS_OF_GROWN).states
         except ValueError:
             return None
         terms = [term for term in states[0].values.terms if term.effect.name == lead.effect]
+        size = max(abs(state.values.by_name[term.name]) for state in states for term in terms)
+        if any(again.shape[name] < SHAPE_LEAST * size for name in bounded):
+            again = replace(again, shape={**again.shape, **dict.fromkeys(bounded, SHAPE_SETTLES * size)})
+            continue
         runs = [BaseProjection(state, model, separate, terms) for state in states]
-        free = [name for name, shape in effect.shapes.items() if shape.refined and shape.spacing == "log"]
         about = {name: (again.shape[name] / SHAPE_RATIO, again.shape[name] * SHAPE_RATIO) for name in free}
         ((item,),) = refine(runs, [[Hypothesis(effect, again.shape, brackets=about)]])
         evidence = CandidateScores(runs, [item])
@@ -248,8 +255,11 @@ def relinearised(
     return None
 
 
-RELINEARISED, SHAPE_RATIO = 3, 3.0
+RELINEARISED, SHAPE_RATIO = 4, 3.0
 """Fits about which the sizes of an effect are compared, and the ratio by which each may change a shape parameter."""
+SHAPE_LEAST, SHAPE_SETTLES = 0.9, 1.5
+"""Ratios of a shape that is never below the size of its coefficient: what noise may make of it, and where the next fit
+starts that found it smaller."""
 
 
 def recurs(
@@ -277,6 +287,11 @@ class BestSet:
     chosen: tuple[int, ...]
     slow_noise: tuple[SlowNoise, ...] = ()
     """Slow noise that the hypotheses leave."""
+
+    @property
+    def first(self) -> str:
+        """Name of the effect that explains most; empty where none is significant."""
+        return self.evidence.items[self.chosen[0]].effect.name if self.chosen else ""
 
     @classmethod
     def of(cls, evidence: CandidateScores, length: float, rules: SearchRules) -> BestSet:

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from scipy import special
 
 from accelcal.data import Array, Places
-from accelcal.diagnosis.search.hypotheses import Hypothesis, nuisances
+from accelcal.diagnosis.search.hypotheses import Hypothesis, jump_response, nuisances
 from accelcal.diagnosis.search.slow_noise import SlowNoise, slow_noise
-from accelcal.estimation.columns import ColumnFilter, distinct
+from accelcal.estimation.columns import distinct
 from accelcal.estimation.engines import rows_of_dwells, spectrum_of, sums_of
 from accelcal.estimation.noise import MeasuredSpectrum, whitener
 from accelcal.estimation.run_state import RunState
-from accelcal.estimation.weak_form.rows import WeakRows
 from accelcal.model import Model, Term, evaluate
 
 DEGENERATE = 1e-5
@@ -292,22 +291,32 @@ def columns_of(items: Sequence[Hypothesis]) -> tuple[list[Term], list[slice]]:
     return terms, [slice(begins[k], begins[k] + len(item.terms)) for k, item in zip(keys, items, strict=True)]
 
 
-def rounding_variances(terms: Sequence[Term], filters: Sequence[ColumnFilter | WeakRows]) -> Array:
+def rounding_variances(terms: Sequence[Term], runs: Sequence[BaseProjection], power: Array) -> Array:
     """Variance of each coefficient from rests of an encoder that noise does not dither, (terms,) in its unit squared.
 
-    Rounding errors of two rests differ by up to one count, variance step²/6, and a few rests do not average them out:
-    what adds less to the reading is not told from them. Zero where noise dithers, and for what acts on the output.
+    While the stage rests, the rounding error is one number, variance step²/12, the same at each rest on the same count.
+    It enters where the column changes as a rest begins or ends, each time with the power of a jump of the readings;
+    all of them count against the whole `power` of the column, (terms,), but as no more than one difference of two
+    rests. Zero where noise dithers, and for what acts on the output.
     """
-    variances = np.zeros(len(terms))
-    for column_filter in filters:
-        step = column_filter.state.run.rounding
-        at_reading = [k for k, term in enumerate(terms) if term.port == "position"] if step > 0.0 else []
-        columns = evaluate([terms[k] for k in at_reading], column_filter.signals)
+    variances, most = np.zeros(len(terms)), np.zeros(len(terms))
+    at_reading = [k for k, term in enumerate(terms) if term.port == "position"]
+    for state in (run.state for run in runs if at_reading and run.state.run.rounding > 0.0):
+        variance = state.run.rounding**2 / 12.0
+        begins, ends, counts = state.run.rests
+        memory = state.run.wait(state.noise)
+        jump = jump_response(state)
+        jump_power = float(jump @ jump) / float(np.median(state.track.series("S")))
+        around = np.concatenate([begins, ends, begins - memory, ends + memory]) - state.run.origins.t
+        _, place = np.unique(counts, return_inverse=True)
+        columns = evaluate([terms[k] for k in at_reading], state.signals)
         for k, column in zip(at_reading, columns, strict=True):
-            largest = float(np.max(np.abs(column)))
-            if largest > 0.0:
-                variances[k] = max(variances[k], step**2 / 6.0 / largest**2)
-    return variances
+            inside, outside = np.split(np.interp(around, state.signals.t, column), 2)
+            change = np.bincount(place, (inside - outside).reshape(2, -1).sum(axis=0))
+            if power[k] > 0.0:
+                variances[k] += variance * float(change @ change) * (jump_power / power[k]) ** 2
+                most[k] = max(most[k], 2.0 * variance / float(np.max(np.abs(column))) ** 2)
+    return np.minimum(variances, most)
 
 
 class CandidateScores:
@@ -322,8 +331,6 @@ class CandidateScores:
     ) -> None:
         self.items = items
         self.terms, self.columns = columns_of(items)
-        self.rounding: Array = rounding_variances(self.terms, [run.column_filter for run in runs])
-        """Variance that rounding to counts leaves to each coefficient, in its unit squared."""
         self.motion = sum(run.motion for run in runs)
         plain = [item.effect.width == 1 and item.effect.port != "process" for item in items]
         self._plain: NDArray[np.bool_] = np.array(plain, dtype=np.bool_)
@@ -332,6 +339,8 @@ class CandidateScores:
         self._degenerate: Array = np.array(alike)
         """Share of a column's power below which nothing of it is left beside those chosen, of each hypothesis."""
         self._sum(runs, progress)
+        self.rounding: Array = rounding_variances(self.terms, runs, self.own)
+        """Variance that rounding to counts leaves to each coefficient, in its unit squared."""
 
     def _sum(self, runs: Sequence[BaseProjection], progress: Callable[[float], None] = lambda share: None) -> None:
         """Sum Gram matrix and scores over the runs."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from accelcal.diagnosis.clean_fit import CHANNEL_OF, CleanFit, clean_fit
 from accelcal.diagnosis.evidence import DELAY_CLASS, DELAY_EXPERIMENT, Evidence, delay_is_significant
 from accelcal.diagnosis.faults import TimeSpan
-from accelcal.diagnosis.findings import Confounded, explained_gain, with_findings
+from accelcal.diagnosis.findings import Confounded, explained_gain, with_findings, with_next_step
 from accelcal.diagnosis.noise.fitted import noise_shown, with_noise_effects
 from accelcal.diagnosis.policy import (
     NAMED_ALTERNATIVES,
@@ -333,9 +333,10 @@ class StepwiseSelection:
         if missing in self.refused:
             reason = REASONS[self.refused[missing].code]
         note = remark("not_added", effect=missing, sigma=sigma, reason=reason)
-        causes = [note.sentence for note in verdict.remarks if note.place == "verdict"]
+        causes = [cause for cause in verdict.remarks if cause.place == "verdict"]
         left = f"{note.sentence} ({verdict.scan.examined} candidates examined)."
-        left = " ".join([left, *(f"{cause}." for cause in causes)])
+        left = " ".join([left, *(f"{cause.sentence}." for cause in causes)])
+        left = with_next_step(left, [*(cause.code for cause in causes), note.code])
         return replace(
             verdict,
             verdict="unexplained",
