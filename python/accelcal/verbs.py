@@ -719,10 +719,10 @@ def compared_steps(
     floor = noise_floor(ruler, fits[0], test, start=start, end=end)
     unseen = [evaluation.compare(fit, test, start=start, end=end, ruler=ruler) for fit in fits]
     unseen = [replace(result, noise_floor=floor.through(result.held_back)) for result in unseen]
-    steps = [
-        Step(names, fit, evaluation.compare(fit, train, start=begin, end=selection.split, ruler=ruler), heldout)
-        for (names, fit), heldout in zip(selection.steps, with_resolved(unseen, fits, ruler, floor), strict=True)
-    ]
+    fitted = [evaluation.compare(fit, train, start=begin, end=selection.split, ruler=ruler) for fit in fits]
+    seen = with_resolved(fitted, fits, train.recording, ruler)
+    heldout = with_resolved(unseen, fits, test.recording, ruler, floor)
+    steps = [Step(*step, *both) for step, *both in zip(selection.steps, seen, heldout, strict=True)]
     if clean or not (disturbed := disturbance(steps[-1].heldout, test.recording, "held out, ")):
         return steps, []
     return compared_steps(selection, begin, without_stretches([test], disturbed)[0], start, end, True)[0], [disturbed]
@@ -945,7 +945,7 @@ def compare_models(
         parts = error_budgets(fits, evaluations, ruler, part, totals, horizon, start=begin, end=finish)
         evaluations = [replace(result, budget=of) for result, of in zip(evaluations, parts, strict=True)]
     progress(1.0)
-    return with_resolved(evaluations, fits, ruler, least)
+    return with_resolved(evaluations, fits, part.recording, ruler, least)
 
 
 @checked

@@ -23,24 +23,24 @@ from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import BINS, HORIZONS, Bins, Coast, Evaluation, ReferenceNoise, Spectrum
 from accelcal.validation.noise_floor import Ruler
 from accelcal.validation.prediction import MOST_STEPS, Coasting, Prediction, accumulated, left_out, rms
-from accelcal.validation.regions import beyond, bin_residual, outside, worst_regions, worst_sentence
+from accelcal.validation.regions import outside
 
 
-def spectrum(ahead: Prediction, residual: Array, band: float) -> Bins:
-    """Density of the residual over the predicted one, in bins of frequency up to the band."""
-    rate = 1.0 / ahead.run.reading_step
+def spectrum(evaluation: Evaluation, scale: float, expected: Callable[[Array], Array]) -> Bins:
+    """Density of the residual over the expected one, of an output of scale 1, in bins of frequency up to the band."""
+    (t, residual), band = evaluation.accel_residual, evaluation.band
+    rate = 1.0 / float(np.median(np.diff(t)))
     segment = int(min(len(residual), max(64, 2 ** round(math.log2(8.0 * BINS * rate / band)))))
     if segment < 16:
         return Bins("frequency", "Hz", np.linspace(0.0, band, BINS + 1), np.ones(BINS), np.zeros(BINS))
-    f, density = spectral_density(residual, rate, segment)
-    expected = predicted_density(f, ahead.noise, ahead.values.scale, ahead.reference_noise, band)
+    f, density = spectral_density(residual / scale, rate, segment)
     edges = np.linspace(0.0, 0.8 * band, BINS + 1)
     ratio, std = np.ones(BINS), np.zeros(BINS)
     averages = max(1.0, 2.0 * len(residual) / segment - 1.0)
     for i in range(BINS):
         rows = (f > edges[i]) & (f <= edges[i + 1])
         if rows.any():
-            ratio[i] = float(np.mean(density[rows] / expected[rows]))
+            ratio[i] = float(np.mean(density[rows] / expected(f[rows])))
             std[i] = 1.3 / math.sqrt(averages * float(rows.sum()))  # neighbours of a Hann window overlap
     return Bins("frequency", "Hz", edges, ratio, std)
 
@@ -213,21 +213,13 @@ def accel_side(ahead: Prediction, fit: Fit, band: float | None) -> tuple[dict[st
     require_band(run, band)
     band = band if band is not None else min(ahead.crossover, 0.2 / run.reading_step)
     t, residual, motion = accel_residual(ahead, band)
-    bins: tuple[Bins, ...] = ()
-    if len(residual) * run.reading_step * band >= LEAST_PERIODS:
-        bins = (*bin_residual(ahead, t, residual, motion, band), spectrum(ahead, residual, band))
-    size = float(np.sqrt(np.mean(residual**2))) if len(residual) else math.nan
-    regions = worst_regions(bins, size)
+    enough = len(residual) * run.reading_step * band >= LEAST_PERIODS
     fields = {
-        "accel_rms": size,
+        "accel_rms": float(np.sqrt(np.mean(residual**2))) if len(residual) else math.nan,
         "band": band,
         "accel_residual": (t, residual),
         "measured": output_at(run, ahead.values.stamps(t, run.origins.t), band, run.tau(ahead.values)),
-        "bins": bins,
-        "worst": worst_sentence(regions, sum(len(b.mean) for b in bins)),
-        "worst_regions": regions,
-        "remarks": beyond(fit, motion),
-        "motion": motion_of(ahead, band) if bins else None,
+        "motion": motion_of(ahead, band) if enough else None,
     }
     return fields, t, motion
 
@@ -287,8 +279,7 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
 
     Returns
     -------
-    Times (n,) s, residual (n,) m/s², and the motion on the same grid: that of the encoder, its acceleration from both
-    channels by their noise, so that its error is not correlated with the residual.
+    Times (n,) s, residual (n,) m/s², and the motion of the reference on the same grid.
     """
     run, values = ahead.run, ahead.values
     step = run.reading_step
@@ -308,7 +299,6 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
     p = smoothed(without_steps(run.z, run))
     a = second_derivative(p, step)
     sensed = rig.polarity * (a + run.gravity.within(t, step, band))
-    sensed += output_share(ahead, residual, step) / values.scale
     side = side_channels_at(run, t)
     if GRAVITY in side:
         side[GRAVITY] = np.asarray(run.gravity.within(t, step, band))
@@ -333,19 +323,6 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
         near = slice(*np.searchsorted(t, [run.t[hole] - 1.0 / band, run.t[hole + 1] + 1.0 / band]))
         inside[near] = False
     return t[inside], residual[inside], motion.at(inside)
-
-
-def output_share(ahead: Prediction, residual: Array, step: float) -> Array:
-    """Part of the residual by which the best estimate of the acceleration from both channels differs from that of the
-    reference alone, (n,) m/s²: at each frequency the share of the reference in the noise of both.
-
-    Regions of an acceleration that has the noise of the reference would be chosen by the residual itself.
-    """
-    size = scipy.fft.next_fast_len(len(residual), real=True)
-    f = scipy.fft.rfftfreq(size, step)
-    reference, output = ahead.reference_noise.as_acceleration(f), 2.0 * ahead.noise.usual.q
-    share = reference / (output + reference)
-    return np.asarray(scipy.fft.irfft(share * scipy.fft.rfft(residual, size), size)[: len(residual)])
 
 
 def of_weak_form(ahead: Prediction) -> tuple[Array, Array]:
