@@ -124,6 +124,7 @@ def compare(
     start: float | None = None,
     end: float | None = None,
     ruler: Ruler | None = None,
+    ahead: Prediction | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Evaluation:
     """Compare a fitted model with a recording, simulation first.
@@ -137,6 +138,7 @@ def compare(
     horizons : s; when to take the coasting error after position is withheld.
     start, end : s, optional; only readings in [start, end] are used.
     ruler : filter under which several models are compared; by default that of the fit itself.
+    ahead : the prediction under that filter, where it is made already.
     progress : called with the share of the work that is done, 0 to 1.
 
     Returns
@@ -153,11 +155,7 @@ def compare(
     While position is withheld nothing uses it: what effects need comes from the corrected output and the simulated
     motion, the start state from the causal filter, the constant from readings before the start.
     """
-    remembers = (ruler or Ruler.of([fit])).remembers
-    ruled = fit if ruler is None else ruler.held_by(fit)
-    ahead = Prediction.of(ruled, source, start=start, end=end, remembers=remembers)
-    if ruler is not None and ruler.remembers:
-        ahead.nodes_apart = nodes_apart(ruler, source, start, end)
+    ahead = ahead or predicted(fit, source, ruler, start=start, end=end)
     run, e, S = ahead.run, ahead.e, ahead.S
     counts, asked = ahead.counts, run.t >= ahead.since
     progress(0.3)
@@ -190,6 +188,18 @@ def compare(
         reference_noise=ahead.reference_noise,
         innovations=innovations,
     )
+
+
+def predicted(
+    fit: Fit, source: Source, ruler: Ruler | None, *, start: float | None = None, end: float | None = None
+) -> Prediction:
+    """The prediction of a recording in a part, s, by a model under the filter of a comparison, or under its own."""
+    remembers = (ruler or Ruler.of([fit])).remembers
+    ruled = fit if ruler is None else ruler.held_by(fit)
+    ahead = Prediction.of(ruled, source, start=start, end=end, remembers=remembers)
+    if ruler is not None and ruler.remembers:
+        ahead.nodes_apart = nodes_apart(ruler, source, start, end)
+    return ahead
 
 
 def coasted(coasting: Mapping[float, Coasting]) -> dict[str, Any]:

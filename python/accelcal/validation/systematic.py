@@ -178,49 +178,61 @@ PLACES = 24
 """Bins of an added-variable plot."""
 
 
-def added_variable(
-    evaluation: Evaluation, fit: Fit, effect: Effect, shape: Mapping[str, float], sizes: Sequence[float]
-) -> AddedVariable | None:
-    """Compare what a model leaves of the output with one effect that it lacks.
+Lacking = tuple[Effect, Mapping[str, float], Sequence[float]]
+"""An effect that a model lacks, its shape parameters, and the estimate of each coefficient."""
+
+
+def added_variables(evaluation: Evaluation, fit: Fit, lacking: Sequence[Lacking]) -> list[AddedVariable | None]:
+    """Compare what a model leaves of the output with each of some effects that it lacks.
 
     Parameters
     ----------
     evaluation : of the model on a recording.
     fit : the model.
-    effect, shape, sizes : what it lacks, with its shape parameters and the estimate of each coefficient.
+    lacking : what it lacks.
 
     Returns
     -------
-    None where the effect is no function of the motion, or the record too short.
+    None where an effect is no function of the motion, or the record too short.
     """
     motion, reference = evaluation.motion, evaluation.reference_noise
-    if motion is None or reference is None or effect.port not in ("output", "position"):
-        return None
+    acting = [effect.port in ("output", "position") for effect, _, _ in lacking]
+    if motion is None or reference is None or not any(acting):
+        return [None] * len(lacking)
     grid, scale = Grid.of(evaluation, fit), abs(fit.values().scale)
     if len(grid.rows) < LEAST_SAMPLES:
-        return None
-    # of a curve in its coarse form the leading coefficients are estimated
-    column = effect.column(motion, **shape).reshape(len(motion.t), -1)[:, : len(sizes)] @ np.asarray(sizes)
-    if effect.port == "position":
-        inside = low_pass(column, 1.0 / grid.step, grid.band)
-        column = -scale * motion.rig.polarity * np.gradient(np.gradient(inside, grid.step), grid.step)
+        return [None] * len(lacking)
     terms = [np.ones(len(motion.t)), motion.a, motion.jerk]
     terms += [term.column(motion) for term in fit.values().terms if term.effect.port == "output"]
     base = np.stack([grid.inside(term) for term in terms], axis=1)
     base /= np.maximum(np.linalg.norm(base, axis=0), np.finfo(float).tiny)
-    both = np.stack([evaluation.accel_residual[1][grid.rows], grid.inside(column)], axis=1) / scale
-    y, x = (both - base @ np.linalg.lstsq(base, both, rcond=NEGLIGIBLE)[0]).T
+
+    def rest(column: Array) -> Array:
+        """What the model does not take up of a column (n,) at the output, over its scale."""
+        return np.asarray((column - base @ np.linalg.lstsq(base, column, rcond=NEGLIGIBLE)[0]) / scale)
+
+    y = rest(evaluation.accel_residual[1][grid.rows])
     density = partial(density_of, noise=fit.noise(), reference=reference, band=evaluation.band)
     (part,), noise = resolve(y[None], grid, dictionary(motion, grid), density, None)
-    power = float(x @ x)
-    slope = float(x @ y) / power
     above = float(part.coordinates @ part.coordinates) - float(np.trace(part.covariance))
-    place = np.argsort(np.argsort(x, kind="stable")) * PLACES // len(x)
-    bins = (place == np.arange(PLACES)[:, None]).astype(float)
-    bins /= np.sum(bins, axis=1, keepdims=True)
-    *variances, along = np.diag(noise_in(np.vstack([bins, x / power]), grid, noise.density))
-    explained = max(0.0, (slope**2 - along) * power) / above if above > 0.0 else 0.0
-    return AddedVariable(bins @ x, bins @ y, np.sqrt(variances), slope, math.sqrt(along), min(1.0, explained))
+
+    def drawn(effect: Effect, shape: Mapping[str, float], sizes: Sequence[float]) -> AddedVariable:
+        # of a curve in its coarse form the leading coefficients are estimated
+        column = effect.column(motion, **shape).reshape(len(motion.t), -1)[:, : len(sizes)] @ np.asarray(sizes)
+        if effect.port == "position":
+            inside = low_pass(column, 1.0 / grid.step, grid.band)
+            column = -scale * motion.rig.polarity * np.gradient(np.gradient(inside, grid.step), grid.step)
+        x = rest(grid.inside(column))
+        power = float(x @ x)
+        slope = float(x @ y) / power
+        place = np.argsort(np.argsort(x, kind="stable")) * PLACES // len(x)
+        bins = (place == np.arange(PLACES)[:, None]).astype(float)
+        bins /= np.sum(bins, axis=1, keepdims=True)
+        *spread, along = variances(np.vstack([bins, x / power]), grid, noise.density)
+        explained = max(0.0, (slope**2 - along) * power) / above if above > 0.0 else 0.0
+        return AddedVariable(bins @ x, bins @ y, np.sqrt(spread), slope, math.sqrt(along), min(1.0, explained))
+
+    return [drawn(*effect) if acts else None for effect, acts in zip(lacking, acting, strict=True)]
 
 
 def resolve(
