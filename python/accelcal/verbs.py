@@ -720,10 +720,10 @@ def compared_steps(
     floor = noise_floor(ruler, fits[0], test, start=start, end=end)
     unseen = [evaluation.compare(fit, test, start=start, end=end, ruler=ruler) for fit in fits]
     unseen = [replace(result, noise_floor=floor.through(result.held_back)) for result in unseen]
-    fitted = [evaluation.compare(fit, train, start=begin, end=selection.split, ruler=ruler) for fit in fits]
-    seen = with_resolved(fitted, fits, train.recording, ruler)
+    trained = [evaluation.compare(fit, train, start=begin, end=selection.split, ruler=ruler) for fit in fits]
+    trained = [*with_resolved(trained, fits, train.recording, ruler)]
     heldout = with_resolved(unseen, fits, test.recording, ruler, floor)
-    steps = [Step(*step, *both) for step, *both in zip(selection.steps, seen, heldout, strict=True)]
+    steps = [Step(*step, *both) for step, *both in zip(selection.steps, trained, heldout, strict=True)]
     if clean or not (disturbed := disturbance(steps[-1].heldout, test.recording, "held out, ")):
         return steps, []
     return compared_steps(selection, begin, without_stretches([test], disturbed)[0], start, end, True)[0], [disturbed]

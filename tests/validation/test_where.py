@@ -91,7 +91,7 @@ def test_slow_noise_makes_no_region_and_a_cubic_beside_it_does() -> None:
     assert evaluation_of(0, 71, slow=True, error="cubic").worst_regions[0].variable == "acceleration"
 
 
-def test_slow_noise_that_is_taken_for_white_makes_regions(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slow_noise_as_white_noise_makes_regions(monkeypatch: pytest.MonkeyPatch) -> None:
     # The twin: too few samples to measure the noise, so that it is that of the model.
     monkeypatch.setattr(systematic, "LEAST_SAMPLES", 10**9)
     assert sum(false_regions(evaluation_of(number, 71, slow=True))["named"] for number in range(2)) == 2

@@ -94,7 +94,7 @@ def failing(evaluation: Evaluation, bins: tuple[Bins, ...], scale: float) -> Eva
     return replace(evaluation, bins=bins, worst=sentence, worst_regions=worst, largest=largest)
 
 
-def evaluated(fit: Fit, source: Source, start: float, end: float) -> Evaluation:
+def evaluated(fit: Fit, source: Source, start: float | None = None, end: float | None = None) -> Evaluation:
     """One model against a recording from `start` to `end`, s, and where it fails."""
     alone = compare(fit, source, start=start, end=end)
     return with_resolved([alone], [fit], recording_of(source), Ruler.of([fit]))[0]
