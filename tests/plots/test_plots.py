@@ -34,9 +34,7 @@ def a_comparison(n=N, **changes):
     rng = np.random.default_rng(5)
     residual, third = 1e-6 * rng.standard_normal(n), np.full(3, 1.0 / 3.0)
     bins = (
-        Bins(
-            "velocity", "m/s", np.linspace(-1.0, 1.0, 4), np.array([1e-3, 2e-3, -1e-3]), np.full(3, 1e-3), share=third
-        ),
+        Bins("velocity", "m/s", np.linspace(-1, 1, 4), np.array([1e-3, 2e-3, -1e-3]), np.full(3, 1e-3), share=third),
         Bins(
             "acceleration",
             "m/s²",
