@@ -60,6 +60,7 @@ from accelcal.validation import evaluation
 from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Evaluation, RmsInterval
 from accelcal.validation.differences import Comparison, best_step, drift_spread, headline_horizon, names_of
 from accelcal.validation.noise_floor import Ruler, error_budgets, noise_floor
+from accelcal.validation.prediction import Prediction
 from accelcal.validation.systematic import with_resolved
 
 MOST_EFFECTS = 3
@@ -719,10 +720,10 @@ def compared_steps(
     floor = noise_floor(ruler, fits[0], test, start=start, end=end)
     unseen = [evaluation.compare(fit, test, start=start, end=end, ruler=ruler) for fit in fits]
     unseen = [replace(result, noise_floor=floor.through(result.held_back)) for result in unseen]
-    steps = [
-        Step(names, fit, evaluation.compare(fit, train, start=begin, end=selection.split, ruler=ruler), heldout)
-        for (names, fit), heldout in zip(selection.steps, with_resolved(unseen, fits, ruler, floor), strict=True)
-    ]
+    trained = [evaluation.compare(fit, train, start=begin, end=selection.split, ruler=ruler) for fit in fits]
+    trained = [*with_resolved(trained, fits, train.recording, ruler)]
+    heldout = with_resolved(unseen, fits, test.recording, ruler, floor)
+    steps = [Step(*step, *both) for step, *both in zip(selection.steps, trained, heldout, strict=True)]
     if clean or not (disturbed := disturbance(steps[-1].heldout, test.recording, "held out, ")):
         return steps, []
     return compared_steps(selection, begin, without_stretches([test], disturbed)[0], start, end, True)[0], [disturbed]
@@ -922,12 +923,14 @@ def compare_models(
     progress(0.1)
 
     gone = tuple(note.sentence for note in examined.remarks())
+    predictions: dict[int, Prediction] = {}
 
     def compared(number: int, fit: Fit) -> Evaluation:
         share = within(progress, 0.1 + 0.7 * number / len(fits), 0.1 + 0.7 * (number + 1) / len(fits))
-        result = evaluation.compare(
-            fit, part, band=band, horizons=horizons, start=begin, end=finish, ruler=ruler, progress=share
-        )
+        ahead = evaluation.predicted(fit, part, ruler, start=begin, end=finish)
+        result = evaluation.compare(fit, part, band=band, horizons=horizons, ruler=ruler, ahead=ahead, progress=share)
+        if budget:
+            predictions[number] = ahead
         scores = noise_scores(fit, part, start=begin, end=finish)
         return replace(result, noise_scores=scores, breaks=examined.breaks[:1], left_out=gone)
 
@@ -942,10 +945,10 @@ def compare_models(
         spreads = (drift_spread(result, horizon) for result in evaluations)
         rmses = (result.coast_rms[horizon] or 0.0 for result in evaluations)
         totals = [spread or RmsInterval(size, 0.0, float("inf")) for spread, size in zip(spreads, rmses, strict=True)]
-        parts = error_budgets(fits, evaluations, ruler, part, totals, horizon, start=begin, end=finish)
+        parts = error_budgets(fits, evaluations, list(predictions.values()), totals, horizon)
         evaluations = [replace(result, budget=of) for result, of in zip(evaluations, parts, strict=True)]
     progress(1.0)
-    return with_resolved(evaluations, fits, ruler, least)
+    return with_resolved(evaluations, fits, part.recording, ruler, least)
 
 
 @checked

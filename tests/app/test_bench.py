@@ -92,23 +92,25 @@ def test_a_step_is_drawn_before_and_after_on_one_scale(grown):
     assert float(back.panels[1].title.split()[1]) > float(back.panels[0].title.split()[1])
 
 
-def test_a_name_with_far_weaker_rivals_is_a_name_and_one_with_near_ones_is_confounded(grown):
+def test_a_name_has_a_nearest_rival_and_confounded_effects_have_each_other(grown):
     found = grown.diagnoses[(grown.state.path[0].key, 0)]
     best, other = found.scan.candidates[:2]
-    members = (best.effect, other.effect)
 
-    def tied(gap):
-        pair = (replace(best, gain=900.0, members=members), replace(other, gain=900.0 - 2.0 * gap, members=members))
-        scan = replace(found.scan, candidates=pair, found=found.scan.found[-1:])
-        return replace(found, verdict="tied", scan=scan)
+    def judged(verdict, *members):
+        pair = [
+            replace(c, gain=gain, log_evidence=0.5 * gain, members=members or (c.effect,))
+            for c, gain in ((best, 900.0), (other, 700.0))
+        ]
+        scan = replace(found.scan, candidates=tuple(pair), found=found.scan.found[-1:])
+        return replace(found, verdict=verdict, scan=scan)
 
-    assert found.scan.found[-1].effect == best.effect
-    assert improvement.badge(tied(100.0)) == ("An effect is missing", "found")
-    first, rival = improvement.cards(tied(100.0))
-    assert (first.rivals, first.nearest) == ((), f"Nearest rival: {rival.title}, worse by 100 in log-likelihood.")
-    assert rival.nearest == f"Nearest rival: {first.title}, better by 100 in log-likelihood."
-    assert improvement.badge(tied(3.0)) == ("Confounded effects", "found")
-    first, rival = improvement.cards(tied(3.0))
+    named, tied = judged("named"), judged("tied", best.effect, other.effect)
+    assert improvement.badge(named) == ("An effect is missing", "found")
+    first, rival = improvement.cards(named)
+    told = f"Its nearest rival is {other.effect}, worse by 100 in log-evidence."
+    assert (first.rivals, first.nearest, rival.nearest) == ((), told, "")
+    assert improvement.badge(tied) == ("Confounded effects", "found")
+    first, rival = improvement.cards(tied)
     assert (first.rivals, first.nearest) == ((rival.title,), "")
     last = grown.diagnosis
     assert improvement.badge(last) == ("No effect is missing", "good")

@@ -9,7 +9,7 @@ from accelcal.estimation.estimate import estimate
 from accelcal.model import Model
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Simulated, simulate
 from accelcal.validation.comparison import Evaluation
-from accelcal.validation.evaluation import compare
+from accelcal.verbs import compare
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
 
@@ -28,7 +28,7 @@ def run(seed: int, rig: object = CXL02_RIG, **hidden: float) -> Simulated:
 def across(seed: int, rig: object = CXL02_RIG, **hidden: float) -> Evaluation:
     """A model fitted on one run against another run of the same sensor."""
     found = estimate(Model.linear(), run(seed, rig, **hidden).recording)
-    return compare(found, run(seed + 100, rig, **hidden).recording)
+    return compare(found, run(seed + 100, rig, **hidden).recording)[0]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -57,6 +57,6 @@ def test_accelerometer_residual_of_a_true_model_is_the_sensors_own_noise(rig: ob
 
 def test_a_band_that_is_asked_for_is_used() -> None:
     first, second = run(8), run(9)
-    found = compare(estimate(Model.linear(), first.recording), second.recording, band=6.0)
+    found = compare(estimate(Model.linear(), first.recording), second.recording, band=6.0)[0]
     assert found.band == 6.0
     assert next(b for b in found.bins if b.variable == "frequency").edges[-1] <= 6.0

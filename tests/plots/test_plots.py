@@ -22,7 +22,7 @@ from accelcal.results.words import concise
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
 from accelcal.validation.comparison import Bins, Evaluation
 from accelcal.validation.differences import Comparison
-from accelcal.validation.evaluation import compare
+from accelcal.validation.systematic import evaluated
 
 PARAMETERS = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
 N = 600
@@ -32,11 +32,16 @@ def a_comparison(n=N, **changes):
     """Build a comparison of round numbers; nothing in it comes from a filter."""
     t = np.arange(n) / 100.0
     rng = np.random.default_rng(5)
-    residual = 1e-6 * rng.standard_normal(n)
+    residual, third = 1e-6 * rng.standard_normal(n), np.full(3, 1.0 / 3.0)
     bins = (
-        Bins("velocity", "m/s", np.linspace(-1.0, 1.0, 4), np.array([1e-3, 2e-3, -1e-3]), np.full(3, 1e-3)),
+        Bins("velocity", "m/s", np.linspace(-1, 1, 4), np.array([1e-3, 2e-3, -1e-3]), np.full(3, 1e-3), share=third),
         Bins(
-            "acceleration", "m/s²", np.linspace(-5.0, 5.0, 4), np.array([9e-3, 0.0, -9e-3]), np.array([1e-3, 0, 1e-3])
+            "acceleration",
+            "m/s²",
+            np.linspace(-5.0, 5.0, 4),
+            np.array([9e-3, 0.0, -9e-3]),
+            np.array([1e-3, 0, 1e-3]),
+            share=third,
         ),
         Bins("frequency", "Hz", np.linspace(0.0, 30.0, 4), np.array([1.1, 0.9, 1.2]), np.full(3, 0.1)),
     )
@@ -85,7 +90,7 @@ def fitted():
         "tones", seconds=20.0, rig=ADXL105_RIG, parameters=PARAMETERS, rng=np.random.default_rng(3)
     ).recording
     found = estimate(Model.cubic().freeze(quadratic=0.0), record)
-    return record, found, compare(found, record)
+    return record, found, evaluated(found, record)
 
 
 def marks_of(panel, kind):

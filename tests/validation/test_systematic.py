@@ -10,7 +10,7 @@ from accelcal.effects import find
 from accelcal.simulation import CXL02_RIG
 from accelcal.validation.comparison import Resolved, SystematicError
 from accelcal.validation.differences import systematic_change, verdict_of
-from accelcal.validation.systematic import added_variable
+from accelcal.validation.systematic import added_variables
 from benches.ruler import DENSITY, ERRORS, LEVELS, RATE, Case, motion, noise, outcome, resolved, shape
 
 
@@ -81,14 +81,15 @@ def test_error_falls_on_another_recording_and_lies_on_the_line_of_the_effect() -
     assert after.systematic is not None
     assert before.systematic.detected
     assert after.systematic.high < before.systematic.low / 3.0
-    drawn = added_variable(before, base, find("cubic"), {}, [better["cubic"].value])
-    rival = added_variable(before, base, find("quadratic"), {}, [1e-3])
+    walk = (find("bias_random_walk"), {"start": 0.0, "length": 40.0}, [1.0])
+    lacking = [(find("cubic"), {}, [better["cubic"].value]), (find("quadratic"), {}, [1e-3]), walk]
+    drawn, rival, of_time = added_variables(before, base, lacking)
     assert drawn is not None
     assert rival is not None
     assert drawn.slope == pytest.approx(1.0, abs=0.1)  # the motion is smoothed under the model that lacks the effect
     assert drawn.explained > 0.9
     assert rival.explained < 0.2
-    assert added_variable(before, base, find("bias_random_walk"), {"start": 0.0, "length": 40.0}, [1.0]) is None
+    assert of_time is None
 
 
 def test_density_of_the_noise_is_the_declared_one() -> None:

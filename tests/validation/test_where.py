@@ -13,8 +13,10 @@ import accelcal as ac
 from accelcal.cli.printing import show
 from accelcal.results import comparisons
 from accelcal.simulation import CXL02_RIG
+from accelcal.validation import systematic
 from accelcal.validation.comparison import Bins, Evaluation, Region
 from accelcal.validation.regions import STRETCHES, seen_at, worst_regions, worst_sentence
+from benches.regions import evaluation_of, false_regions
 
 VARIABLES = ("time", "position", "velocity", "acceleration", "jerk", "time since reversal")
 
@@ -22,7 +24,8 @@ VARIABLES = ("time", "position", "velocity", "acceleration", "jerk", "time since
 def bins_of(variable: str, score: np.ndarray, std: float = 1e-3) -> Bins:
     """Bins with these scores."""
     n = len(score)
-    return Bins(variable, "m/s", np.linspace(-1.0, 1.0, n + 1), std * score, np.full(n, std))
+    share = np.full(n, 1.0 / n)
+    return Bins(variable, "m/s", np.linspace(-1.0, 1.0, n + 1), std * score, np.full(n, std), share=share)
 
 
 def densities(rng: np.random.Generator, n: int = 12, freedom: int = 20) -> Bins:
@@ -78,6 +81,20 @@ def test_a_region_is_seen_where_the_residual_is() -> None:
         assert begin <= 15.1 < 15.19 <= end
         assert end - begin <= t[-1] / STRETCHES
     assert np.all(np.isnan(at[2]))  # nothing lies in it
+
+
+def test_slow_noise_makes_no_region_and_a_cubic_beside_it_does() -> None:
+    # Three honest records with 1/f noise and a random walk: one is named in 100. The twin names all.
+    honest = [evaluation_of(number, 71, slow=True) for number in range(3)]
+    print([seen.worst for seen in honest])
+    assert sum(false_regions(seen)["named"] for seen in honest) == 0
+    assert evaluation_of(0, 71, slow=True, error="cubic").worst_regions[0].variable == "acceleration"
+
+
+def test_slow_noise_as_white_noise_makes_regions(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The twin: too few samples to measure the noise, so that it is that of the model.
+    monkeypatch.setattr(systematic, "LEAST_SAMPLES", 10**9)
+    assert sum(false_regions(evaluation_of(number, 71, slow=True))["named"] for number in range(2)) == 2
 
 
 @pytest.fixture(scope="module")

@@ -30,6 +30,7 @@ from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term, evaluate, terms_of
 from accelcal.validation.comparison import HORIZONS, Evaluation
 from accelcal.validation.evaluation import compare
+from accelcal.validation.systematic import evaluated
 
 DELAY_CLASS = tuple(effect.name for effect in BUILT_IN if effect.traits.delay_class)
 FREEDOM_OF_BLOCK = 4
@@ -187,7 +188,7 @@ class Evidence:
     extra : effects of the user's own; by default all that are registered.
     alpha : family-wise false-alarm rate.
     progress : called with the share of the work that is done, 0 to 1.
-    horizons : of `where`, s; no verdict rests on what is coasted, and a search does without.
+    horizons : of `where`, s; no verdict rests on what is coasted or on regions, and a search does without.
     """
 
     def __init__(
@@ -247,8 +248,10 @@ class Evidence:
 
     @cached_property
     def where(self) -> Evaluation:
-        """The model against the first recording: its residual."""
-        return compare(self.fit, self.sources[0], horizons=self.horizons, start=self.span[0], end=self.span[1])
+        """The model against the first recording: its residual, and unless a search goes on where that is large."""
+        if self.horizons:
+            return evaluated(self.fit, self.sources[0], *self.span)
+        return compare(self.fit, self.sources[0], horizons=(), start=self.span[0], end=self.span[1])
 
     @property
     def forbidden(self) -> bool:

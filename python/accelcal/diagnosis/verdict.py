@@ -31,7 +31,6 @@ from accelcal.diagnosis.policy import (
     CLEAR_LOG_EVIDENCE,
     DATA_SHEET_NOISE_RATIO,
     FAMILYWISE_ALPHA,
-    RIVAL_SHARE,
     VERDICT_LEAST_BLOCKS,
 )
 from accelcal.diagnosis.runs import FurtherRun
@@ -270,25 +269,12 @@ class Case:
         causes = [note for note in self.remarks if note.place == "verdict" and not note.vetoes_adequate]
         return min(causes, key=lambda note: list(KINDS).index(note.code), default=None)
 
-    def nearest_rival(self, effect: str) -> str:
-        """The sentence on what explains most of the same as a named effect of the search; empty where nothing does."""
-        ranked = {candidate.effect: candidate for candidate in reversed(self.scan.candidates)}
-        first = ranked.pop(effect, None)
-        rivals = [rival for rival in ranked.values() if first and rival.gain > RIVAL_SHARE * first.gain]
-        rival = max(rivals, key=lambda rival: rival.log_evidence, default=None)
-        if first is None or rival is None:
-            return ""
-        worse = first.log_evidence - rival.log_evidence
-        if worse < 0.5:  # the search found the effect otherwise than by its gain in this table
-            return ""
-        return f" Its nearest rival is {rival.effect}, worse by {worse:.0f} in log-evidence."
-
     def with_rivals(self, effect: str, text: str) -> Judgement:
         """The judgement on an effect that is present, with the effects that it is confounded with."""
         group = next(group for group in self.groups if group.effect == effect)
         others = [name for name in group.members if name != effect]
         if not others:
-            return "named", f"{text}{self.nearest_rival(effect)}"
+            return "named", f"{text}{self.scan.nearest_rival(effect)}"
         tie = f"It is confounded with {', '.join(others)} on this record; to separate them: {group.experiment}."
         return "tied", f"{text} {tie}"
 

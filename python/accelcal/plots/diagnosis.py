@@ -11,7 +11,7 @@ from accelcal.data import Array
 from accelcal.diagnosis.experiment import DriftBandwidth, Power
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
-from accelcal.effects import Effect, find, spelled
+from accelcal.effects import find, spelled
 from accelcal.estimation.estimate import Fit
 from accelcal.plots.figure import (
     CANDIDATES,
@@ -166,12 +166,11 @@ def added_variable(diagnosis: Diagnosis, evaluation: Evaluation | None = None, e
     """
     judged = evaluation or diagnosis.heldout or diagnosis.where
     where = "on held-out data" if judged is not diagnosis.where else "on the fitted data"
-    several = zip(("", "best rival: "), leading(diagnosis, effect), strict=False)
-    panels = [
-        against(f"{called}{spelled(c.effect)}", judged, diagnosis.fit, find(c.effect), c.shape, c.estimate)
-        for called, c in several
-    ]
-    return evidence(panels, f"Error of the output {where} against the effect, ± 2 σ")
+    lacking = {
+        f"{called}{spelled(c.effect)}": (find(c.effect), c.shape, c.estimate)
+        for called, c in zip(("", "best rival: "), leading(diagnosis, effect), strict=False)
+    }
+    return evidence(against(judged, diagnosis.fit, lacking), f"Error of the output {where} against the effect, ± 2 σ")
 
 
 def added_variables(comparison: Comparison) -> Figure:
@@ -181,38 +180,44 @@ def added_variables(comparison: Comparison) -> Figure:
     ----------
     comparison : of a base, then one more effect at a time.
     """
-    panels, evaluations = list[Panel | None](), comparison.seen[0]
+    panels, evaluations = list[Panel](), comparison.seen[0]
     for before, fit, better in zip(evaluations, comparison.fits, comparison.fits[1:], strict=False):
-        values = better.values()
+        values, lacking = better.values(), dict[str, systematic.Lacking]()
         for name in better.model.effects[len(fit.model.effects) :]:
             terms = [term for term in values.terms if term.effect.name == name]
-            sizes = [values.by_name[term.name] for term in terms]
-            panels.append(against(spelled(name), before, fit, find(name), terms[0].shape, sizes))
+            lacking[spelled(name)] = find(name), terms[0].shape, [values.by_name[term.name] for term in terms]
+        panels += against(before, fit, lacking)
     return evidence(panels, "Error of the output on unseen data against each effect, before it is added, ± 2 σ")
 
 
-def evidence(panels: Sequence[Panel | None], headline: str) -> Figure:
-    """A figure of the panels that there are."""
-    drawn = tuple(panel for panel in panels if panel is not None)
-    return Figure(drawn, headline, columns=2) if drawn else sentence(headline, "No effect is a function of the motion.")
-
-
-def against(
-    name: str, evaluation: Evaluation, fit: Fit, effect: Effect, shape: Mapping[str, float], sizes: Sequence[float]
-) -> Panel | None:
-    """Panel of the error of a model against an effect that it lacks; None where that is no function of the motion."""
-    drawn = systematic.added_variable(evaluation, fit, effect, shape, sizes)
-    if drawn is None:
-        return None
-    factor, unit = formatting.prefixed("m/s²", drawn.x, drawn.y)
-    ends = np.array([drawn.x[0], drawn.x[-1]]) * factor
-    marks = (
-        Level(0.0),
-        Line(ends, ends * drawn.slope, "line through all samples", "model", solid=True),
-        Points(drawn.x * factor, drawn.y * factor, "mean error of the output", "measured", 2.0 * drawn.std * factor),
+def evidence(panels: Sequence[Panel], headline: str) -> Figure:
+    """A figure of some panels."""
+    return (
+        Figure(tuple(panels), headline, columns=2)
+        if panels
+        else sentence(headline, "No effect is a function of the motion.")
     )
-    title = f"{name}: {100.0 * drawn.explained:.0f} % of the systematic error"
-    return Panel(marks, Axis("contribution, rest taken off", unit, few=True), Axis("error", unit), title)
+
+
+def against(evaluation: Evaluation, fit: Fit, lacking: Mapping[str, systematic.Lacking]) -> list[Panel]:
+    """Panels of the error of a model against effects that it lacks, by their titles; none of one that is no function of
+    the motion."""
+    panels = []
+    for name, drawn in zip(lacking, systematic.added_variables(evaluation, fit, [*lacking.values()]), strict=True):
+        if drawn is None:
+            continue
+        factor, unit = formatting.prefixed("m/s²", drawn.x, drawn.y)
+        ends = np.array([drawn.x[0], drawn.x[-1]]) * factor
+        marks = (
+            Level(0.0),
+            Line(ends, ends * drawn.slope, "line through all samples", "model", solid=True),
+            Points(
+                drawn.x * factor, drawn.y * factor, "mean error of the output", "measured", 2.0 * drawn.std * factor
+            ),
+        )
+        title = f"{name}: {100.0 * drawn.explained:.0f} % of the systematic error"
+        panels.append(Panel(marks, Axis("contribution, rest taken off", unit, few=True), Axis("error", unit), title))
+    return panels
 
 
 def leading(diagnosis: Diagnosis, effect: str = "") -> list[Candidate]:

@@ -184,7 +184,7 @@ class Coast(Result):
 
 @dataclass(frozen=True, slots=True)
 class Bins:
-    """Mean residual against one variable, with the band that noise alone would give."""
+    """Mean residual against one variable, set-up aside, with the band that noise alone would give."""
 
     variable: str
     unit: str
@@ -193,27 +193,30 @@ class Bins:
     mean: Array
     """(n,) m/s²; against frequency: density ratio of residual to prediction."""
     std: Array
-    """(n,) standard deviation of the mean under noise alone."""
+    """(n,) standard deviation of the mean under noise alone; 0 where a bin holds too little to say."""
     seen_at: Array = field(default_factory=lambda: np.empty((0, 2)))
     """Stretch of time that adds most to each mean, (n, 2) s, NaN where there is none; (0, 2) against frequency."""
+
+    share: Array = field(default_factory=lambda: np.empty(0))
+    """Of the samples that lie in each, (n,); (0,) against frequency."""
+
+    @property
+    def of_frequency(self) -> bool:
+        """Whether these are ratios of densities."""
+        return self.variable == "frequency"
 
     @property
     def score(self) -> Array:
         """Mean over its standard deviation, (n,); against frequency the excess over 1."""
-        offset = 1.0 if self.variable == "frequency" else 0.0
+        offset = 1.0 if self.of_frequency else 0.0
         return np.divide(self.mean - offset, self.std, out=np.zeros_like(self.mean), where=self.std > 0.0)
 
     def explained_by(self, rms: float) -> list[float]:
-        """Share of the mean square `rms`² that the mean of each bin explains, beyond chance; may be negative.
-
-        Bins weigh as much as they hold data, which is the inverse of their variance; 0 against frequency.
-        """
-        occupied = self.std > 0.0
-        share = np.zeros(len(self.mean))
-        if self.variable != "frequency" and occupied.any() and rms > 0.0:
-            weight = self.std[occupied] ** -2.0
-            share[occupied] = (weight * self.mean[occupied] ** 2 - 1.0) / np.sum(weight) / rms**2
-        return [float(x) for x in share]
+        """Share of the mean square `rms`² that the mean of each bin explains, beyond chance; may be negative, and is 0
+        against frequency."""
+        if not len(self.share) or not rms > 0.0:
+            return [0.0] * len(self.mean)
+        return [float(x) for x in self.share * (self.mean**2 - self.std**2) / rms**2]
 
     def explained(self, rms: float) -> float:
         """Share of the mean square `rms`² that a function of this variable explains, beyond chance; at least 0."""
@@ -483,11 +486,12 @@ class Evaluation(Result):
     """Accelerometer-side residual: time (s), m/s²."""
     measured: Annotated[Array, SERIES]
     """Measured output at the times of that residual and within its band, m/s²."""
-    bins: tuple[Bins, ...]
-    worst: str
     setup_bias: tuple[float, float]
     """This run's constant minus the fit's, with standard deviation, m/s²: set-up or turn-on bias."""
-    remarks: tuple[str, ...] = field(default=())
+    bins: tuple[Bins, ...] = ()
+    """Mean residual by regions of time and of the motion, under the noise that the record shows, and its density."""
+    worst: str = "the record is too short to say where the model fails"
+    """Sentence on the region that stands out most."""
     outside: tuple[Outside, ...] = ()
     """Readings beyond the range that the fit has seen, variable by variable; the last entry is any of them."""
     drifts: Annotated[Mapping[float, tuple[Array, Array]], SERIES] = field(default_factory=dict)

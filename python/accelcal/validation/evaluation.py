@@ -23,24 +23,24 @@ from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import BINS, HORIZONS, Bins, Coast, Evaluation, ReferenceNoise, Spectrum
 from accelcal.validation.noise_floor import Ruler
 from accelcal.validation.prediction import MOST_STEPS, Coasting, Prediction, accumulated, left_out, rms
-from accelcal.validation.regions import beyond, bin_residual, outside, worst_regions, worst_sentence
+from accelcal.validation.regions import outside
 
 
-def spectrum(ahead: Prediction, residual: Array, band: float) -> Bins:
-    """Density of the residual over the predicted one, in bins of frequency up to the band."""
-    rate = 1.0 / ahead.run.reading_step
+def spectrum(evaluation: Evaluation, scale: float, expected: Callable[[Array], Array]) -> Bins:
+    """Density of the residual over the expected one, of an output of scale 1, in bins of frequency up to the band."""
+    (t, residual), band = evaluation.accel_residual, evaluation.band
+    rate = 1.0 / float(np.median(np.diff(t)))
     segment = int(min(len(residual), max(64, 2 ** round(math.log2(8.0 * BINS * rate / band)))))
     if segment < 16:
         return Bins("frequency", "Hz", np.linspace(0.0, band, BINS + 1), np.ones(BINS), np.zeros(BINS))
-    f, density = spectral_density(residual, rate, segment)
-    expected = predicted_density(f, ahead.noise, ahead.values.scale, ahead.reference_noise, band)
+    f, density = spectral_density(residual / scale, rate, segment)
     edges = np.linspace(0.0, 0.8 * band, BINS + 1)
     ratio, std = np.ones(BINS), np.zeros(BINS)
     averages = max(1.0, 2.0 * len(residual) / segment - 1.0)
     for i in range(BINS):
         rows = (f > edges[i]) & (f <= edges[i + 1])
         if rows.any():
-            ratio[i] = float(np.mean(density[rows] / expected[rows]))
+            ratio[i] = float(np.mean(density[rows] / expected(f[rows])))
             std[i] = 1.3 / math.sqrt(averages * float(rows.sum()))  # neighbours of a Hann window overlap
     return Bins("frequency", "Hz", edges, ratio, std)
 
@@ -124,6 +124,7 @@ def compare(
     start: float | None = None,
     end: float | None = None,
     ruler: Ruler | None = None,
+    ahead: Prediction | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Evaluation:
     """Compare a fitted model with a recording, simulation first.
@@ -137,6 +138,7 @@ def compare(
     horizons : s; when to take the coasting error after position is withheld.
     start, end : s, optional; only readings in [start, end] are used.
     ruler : filter under which several models are compared; by default that of the fit itself.
+    ahead : the prediction under that filter, where it is made already.
     progress : called with the share of the work that is done, 0 to 1.
 
     Returns
@@ -153,11 +155,7 @@ def compare(
     While position is withheld nothing uses it: what effects need comes from the corrected output and the simulated
     motion, the start state from the causal filter, the constant from readings before the start.
     """
-    remembers = (ruler or Ruler.of([fit])).remembers
-    ruled = fit if ruler is None else ruler.held_by(fit)
-    ahead = Prediction.of(ruled, source, start=start, end=end, remembers=remembers)
-    if ruler is not None and ruler.remembers:
-        ahead.nodes_apart = nodes_apart(ruler, source, start, end)
+    ahead = ahead or predicted(fit, source, ruler, start=start, end=end)
     run, e, S = ahead.run, ahead.e, ahead.S
     counts, asked = ahead.counts, run.t >= ahead.since
     progress(0.3)
@@ -192,6 +190,18 @@ def compare(
     )
 
 
+def predicted(
+    fit: Fit, source: Source, ruler: Ruler | None, *, start: float | None = None, end: float | None = None
+) -> Prediction:
+    """The prediction of a recording in a part, s, by a model under the filter of a comparison, or under its own."""
+    remembers = (ruler or Ruler.of([fit])).remembers
+    ruled = fit if ruler is None else ruler.held_by(fit)
+    ahead = Prediction.of(ruled, source, start=start, end=end, remembers=remembers)
+    if ruler is not None and ruler.remembers:
+        ahead.nodes_apart = nodes_apart(ruler, source, start, end)
+    return ahead
+
+
 def coasted(coasting: Mapping[float, Coasting]) -> dict[str, Any]:
     """Fields of an evaluation from the errors of coasting, by horizon, s."""
     return {
@@ -213,21 +223,13 @@ def accel_side(ahead: Prediction, fit: Fit, band: float | None) -> tuple[dict[st
     require_band(run, band)
     band = band if band is not None else min(ahead.crossover, 0.2 / run.reading_step)
     t, residual, motion = accel_residual(ahead, band)
-    bins: tuple[Bins, ...] = ()
-    if len(residual) * run.reading_step * band >= LEAST_PERIODS:
-        bins = (*bin_residual(ahead, t, residual, motion, band), spectrum(ahead, residual, band))
-    size = float(np.sqrt(np.mean(residual**2))) if len(residual) else math.nan
-    regions = worst_regions(bins, size)
+    enough = len(residual) * run.reading_step * band >= LEAST_PERIODS
     fields = {
-        "accel_rms": size,
+        "accel_rms": float(np.sqrt(np.mean(residual**2))) if len(residual) else math.nan,
         "band": band,
         "accel_residual": (t, residual),
         "measured": output_at(run, ahead.values.stamps(t, run.origins.t), band, run.tau(ahead.values)),
-        "bins": bins,
-        "worst": worst_sentence(regions, sum(len(b.mean) for b in bins)),
-        "worst_regions": regions,
-        "remarks": beyond(fit, motion),
-        "motion": motion_of(ahead, band) if bins else None,
+        "motion": motion_of(ahead, band) if enough else None,
     }
     return fields, t, motion
 
@@ -287,8 +289,7 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
 
     Returns
     -------
-    Times (n,) s, residual (n,) m/s², and the motion on the same grid: that of the encoder, its acceleration from both
-    channels by their noise, so that its error is not correlated with the residual.
+    Times (n,) s, residual (n,) m/s², and the motion of the reference on the same grid.
     """
     run, values = ahead.run, ahead.values
     step = run.reading_step
@@ -308,7 +309,6 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
     p = smoothed(without_steps(run.z, run))
     a = second_derivative(p, step)
     sensed = rig.polarity * (a + run.gravity.within(t, step, band))
-    sensed += output_share(ahead, residual, step) / values.scale
     side = side_channels_at(run, t)
     if GRAVITY in side:
         side[GRAVITY] = np.asarray(run.gravity.within(t, step, band))
@@ -333,19 +333,6 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
         near = slice(*np.searchsorted(t, [run.t[hole] - 1.0 / band, run.t[hole + 1] + 1.0 / band]))
         inside[near] = False
     return t[inside], residual[inside], motion.at(inside)
-
-
-def output_share(ahead: Prediction, residual: Array, step: float) -> Array:
-    """Part of the residual by which the best estimate of the acceleration from both channels differs from that of the
-    reference alone, (n,) m/s²: at each frequency the share of the reference in the noise of both.
-
-    Regions of an acceleration that has the noise of the reference would be chosen by the residual itself.
-    """
-    size = scipy.fft.next_fast_len(len(residual), real=True)
-    f = scipy.fft.rfftfreq(size, step)
-    reference, output = ahead.reference_noise.as_acceleration(f), 2.0 * ahead.noise.usual.q
-    share = reference / (output + reference)
-    return np.asarray(scipy.fft.irfft(share * scipy.fft.rfft(residual, size), size)[: len(residual)])
 
 
 def of_weak_form(ahead: Prediction) -> tuple[Array, Array]:

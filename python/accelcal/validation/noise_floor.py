@@ -237,34 +237,27 @@ DRAWN_PARAMETERS = 1000
 def error_budgets(
     fits: Sequence[Fit],
     evaluations: Sequence[Evaluation],
-    ruler: Ruler,
-    source: Source,
+    predictions: Sequence[Prediction],
     totals: Sequence[RmsInterval],
     horizon: float,
-    *,
-    start: float | None = None,
-    end: float | None = None,
 ) -> tuple[ErrorBudget, ...]:
     """Parts of the drift of each model; the last model is the one whose effects the others lack.
 
     Parameters
     ----------
-    fits, evaluations, ruler : models, and how they compare with the recording.
-    source, start, end : recording, s.
+    fits, evaluations, predictions : models, how they compare with the recording, and what they predict of it.
     totals, horizon : rezeroed rms drift of each model, m, and when, s.
     """
     budgets, whole = [], None
-    for fit, evaluation, total in reversed(list(zip(fits, evaluations, totals, strict=True))):
-        held = ruler.held_by(fit)
-        ahead = Prediction.of(held, source, start=start, end=end, remembers=ruler.remembers)
-        plain = ahead.at_horizon(horizon)
-        whole = plain.rezeroed if whole is None else whole
-        moved = (moved_by(ahead, held, size).at_horizon(horizon).rezeroed for size in sizes_of(fit))
-        moves = np.stack([other - plain.rezeroed for other in moved])
+    for fit, evaluation, ahead, total in reversed(list(zip(fits, evaluations, predictions, totals, strict=True))):
+        _, plain = evaluation.drifts[horizon]
+        whole = plain if whole is None else whole
+        moved = (moved_by(ahead, fit, size).at_horizon(horizon).rezeroed for size in sizes_of(fit))
+        moves = np.stack([other - plain for other in moved])
         draws = np.random.default_rng(SEED).standard_normal((DRAWN_PARAMETERS, len(moves)))
         low, high = np.quantile(np.sqrt(np.mean((draws @ moves) ** 2, axis=1)), [0.025, 0.975])
         parameters = RmsInterval(float(np.sqrt(np.sum(moves**2) / moves.shape[1])), float(low), float(high))
-        missing = float(np.sqrt(np.mean((plain.rezeroed - whole) ** 2)))
+        missing = float(np.sqrt(np.mean((plain - whole) ** 2)))
         floor, scale = evaluation.noise_floor, abs(fit.values().scale)
         spread = None if floor is None else floor.at(horizon)
         if floor is None or spread is None:
@@ -289,11 +282,13 @@ def sizes_of(fit: Fit) -> Array:
 
 
 def moved_by(ahead: Prediction, fit: Fit, move: Array) -> Prediction:
-    """A prediction with the free estimates moved (m,), as far as they reach its recording."""
+    """A prediction with the free estimates moved (m,), as far as they reach its recording; starts are the same."""
     by_name = dict(ahead.values.by_name)
     for estimate, step in zip(fit.free, move, strict=True):
         used = ahead.values.by_name[estimate.name]
         if estimate.value == used or (estimate.run is None and used):
             by_name[estimate.name] = used + float(step)
     moved = replace(ahead.values, by_name=by_name)
-    return Prediction(ahead.run, moved, ahead.noise, fit.validity["frequency"][1], since=ahead.since)
+    other = Prediction(ahead.run, moved, ahead.noise, ahead.cutoff, since=ahead.since)
+    other.nodes_apart = ahead.nodes_apart
+    return other

@@ -132,6 +132,7 @@ class Prediction:
         self.since = max(float(run.t[0]), since)
         self.crossover = run.crossover(noise)
         plain = drive(run, values, None)
+        self.cutoff = cutoff
         self.causal = None if values.constant else self._causal(plain, cutoff, withheld)
         self.drive: DriveIntegrals = plain if self.causal is None else drive(run, values, self.causal)
         if noise.growth:

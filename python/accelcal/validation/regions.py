@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from accelcal.data import Array, Flags, instant
 from accelcal.effects.building_blocks import lagged, since_reversal
 from accelcal.estimation.estimate import Fit
 from accelcal.signals.signals import Signals
-from accelcal.validation.comparison import BINS, Bins, Outside, Region
+from accelcal.validation.comparison import BINS, Bins, Outside, Region, RmsInterval
 from accelcal.validation.prediction import Coasting, Prediction, rms
 
 NOTABLE = 4.0
@@ -43,7 +43,7 @@ def worst_regions(bins: Sequence[Bins], rms: float) -> tuple[Region, ...]:
 def _worst_of(bins: Bins, rms: float, number: int) -> Region:
     """The region of one variable that stands out most, of so many regions in all."""
     i = int(np.argmax(np.abs(bins.score)))
-    of_frequency = bins.variable == "frequency"
+    of_frequency = bins.of_frequency
     low, high = (float(x) for x in bins.edges[i : i + 2])
     at = tuple(float(x) for x in bins.seen_at[i]) if len(bins.seen_at) else ()
     return Region(
@@ -62,7 +62,7 @@ def _worst_of(bins: Bins, rms: float, number: int) -> Region:
 
 def _by_chance(bins: Bins, i: int) -> float:
     """Probability that noise alone deviates as far on either side: normal, of a density chi-square."""
-    if bins.variable != "frequency":
+    if not bins.of_frequency:
         return float(2.0 * scipy.special.ndtr(-abs(bins.score[i])))
     half = float(bins.std[i]) ** -2.0  # a density with a variance of 2/(2 half) has 2 half degrees of freedom
     x = half * float(bins.mean[i])
@@ -153,46 +153,65 @@ def recent_size(y: Array, step: float) -> Array:
     return lagged(size, RECENT, step, float(np.mean(size)))
 
 
-def bin_residual(ahead: Prediction, t: Array, residual: Array, motion: Signals, band: float) -> list[Bins]:
-    """Mean residual against time and every variable of the motion."""
-    run, noise = ahead.run, ahead.noise
-    slow = float(ahead.reference_noise.as_acceleration(np.zeros(1))[0])
-    density = (2.0 * noise.usual.q + slow) * ahead.values.scale**2  # one-sided, of the output
-    # The mean of T seconds of noise with that density has variance density/(2 T).
-    step = run.reading_step
-    origins = {"time": run.origins.t, "position": run.origins.p, **{name: run.origins.of(name) for name in motion.side}}
-    units = {name: run.recording.side[name].unit for name in motion.side if name in run.recording.side}
-    bins = []
-    for name, (y, unit) in variables_of(motion).items():
-        x, unit = y + origins.get(name, 0.0), units.get(name, unit)
-        finite = np.isfinite(x)
-        if not finite.any():
-            continue
-        low, high = (float(v) for v in np.quantile(x[finite], [0.001, 0.999]))
-        if not high > low:
-            continue
-        edges = np.linspace(low, high, BINS + 1)
-        index = np.clip(np.searchsorted(edges, x[finite], side="right") - 1, 0, BINS - 1)
-        count = np.bincount(index, minlength=BINS)
-        total = np.bincount(index, weights=residual[finite], minlength=BINS)
-        mean = np.divide(total, count, out=np.zeros(BINS), where=count > 0)
-        std = np.sqrt(np.divide(density, 2.0 * step * count, out=np.zeros(BINS), where=count >= 1.0 / (band * step)))
-        at = np.full(len(x), -1)
-        at[finite] = index
-        bins.append(Bins(name, unit, edges, mean, std, seen_at(t, residual, at, mean)))
+def largest_of(several: Sequence[Bins], scale: float) -> tuple[str, RmsInterval] | None:
+    """Variable and mean error of the region that differs from zero most surely, and the largest of all regions, m/s².
+
+    Parameters
+    ----------
+    several : bins of all variables. The band is that of all regions at once (Bonferroni).
+    scale : change of the output with acceleration, 1 + k.
+    """
+    rows = [(b.variable, b.mean[i], b.std[i]) for b in several for i in np.flatnonzero(b.std) if not b.of_frequency]
+    if not rows:
+        return None
+    sizes, std = (np.abs([row[k] for row in rows]) / scale for k in (1, 2))
+    reach = float(scipy.special.ndtri(1.0 - 0.025 / len(rows))) * std
+    k = int(np.argmax(sizes - reach))
+    low, high = max(0.0, float(sizes[k] - reach[k])), float(np.max(sizes + reach))
+    return rows[k][0], RmsInterval(float(sizes[k]), low, high)
+
+
+def bin_residual(
+    t: Array,
+    residuals: Array,
+    scales: Array,
+    variables: Mapping[str, tuple[Array, str]],
+    least: float,
+    variances: Callable[[Array], Array],
+) -> list[list[Bins]]:
+    """Mean residual of each of several models by regions of every variable; the mean of all samples is taken off.
+
+    Parameters
+    ----------
+    t, residuals, scales : (n,) s, (models, n) m/s², and how much each output changes with acceleration, (models,).
+    variables : of the same samples, (n,) each, with its unit.
+    least : samples without which a region says nothing.
+    variances : of the sums of the noise of an output of scale 1 along columns (m, n), (m,) (m/s²)².
+    """
+    bins: list[list[Bins]] = [[] for _ in residuals]
+    residuals = residuals - np.mean(residuals, axis=1, keepdims=True)
+    for name, (y, unit) in variables.items():
+        for _, low, high in spans([y]):
+            edges = np.linspace(low, high, BINS + 1)
+            index = np.clip(np.searchsorted(edges, y, side="right") - 1, 0, BINS - 1)
+            index[~np.isfinite(y)] = -1
+            inside = index == np.arange(BINS)[:, None]
+            count = np.sum(inside, axis=1)
+            enough = count >= least
+            columns = inside[enough] / count[enough, None]
+            means, std = np.zeros((len(residuals), BINS)), np.zeros(BINS)
+            means[:, enough] = residuals @ columns.T
+            std[enough] = np.sqrt(variances(columns - 1.0 / len(t)))
+            for several, residual, mean, scale in zip(bins, residuals, means, scales, strict=True):
+                at = seen_at(t, residual, index, mean)
+                several.append(Bins(name, unit, edges, mean, scale * std, at, count / len(t)))
     return bins
 
 
-def beyond(fit: Fit, motion: Signals) -> tuple[str, ...]:
-    """Sentences on variables of this run outside their fitted range."""
-    sentences = []
-    for key, (y, unit) in fitted_variables(fit, motion).items():
-        low, high = fit.validity[key]
-        share = float(np.mean((y < low) | (y > high)))
-        if share > 0.001:
-            span = f"[{low:.4g}, {high:.4g}] {unit}".rstrip()
-            sentences.append(f"{100 * share:.1f} % of this run lies outside the fitted range of {key} {span}")
-    return tuple(sentences)
+def spans(several: Iterable[Array]) -> list[tuple[Array, float, float]]:
+    """Variables (n,) each that change, with their usual range."""
+    usual = [(y, *np.nanquantile(y, [0.001, 0.999])) for y in several if np.isfinite(y).any()]
+    return [(y, float(low), float(high)) for y, low, high in usual if high > low]
 
 
 def fitted_variables(fit: Fit, motion: Signals) -> dict[str, tuple[Array, str]]:

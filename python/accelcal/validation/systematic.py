@@ -7,7 +7,7 @@ without memory, the differences of the models at hand. Equations: docs/derivatio
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -15,24 +15,17 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data import Array
+from accelcal.data import Array, Recording
 from accelcal.effects import BUILT_IN, Effect, is_local
 from accelcal.estimation.estimate import Fit
+from accelcal.estimation.run import Source, recording_of
 from accelcal.estimation.values import Noise
 from accelcal.signals.processing import low_pass
 from accelcal.signals.signals import Signals
-from accelcal.validation.comparison import (
-    BINS,
-    Evaluation,
-    NoiseFloor,
-    ReferenceNoise,
-    Resolved,
-    RmsInterval,
-    SensorNoise,
-)
-from accelcal.validation.evaluation import EDGE, PER_PERIOD, predicted_density
+from accelcal.validation.comparison import Bins, Evaluation, NoiseFloor, ReferenceNoise, Resolved, SensorNoise
+from accelcal.validation.evaluation import EDGE, PER_PERIOD, compare, predicted_density, spectrum
 from accelcal.validation.noise_floor import Ruler
-from accelcal.validation.regions import variables_of
+from accelcal.validation.regions import bin_residual, largest_of, spans, variables_of, worst_regions, worst_sentence
 
 Density = Callable[[Array], Array]
 """One-sided density of noise, (k,) (m/s²)²/Hz, at frequencies (k,) Hz."""
@@ -45,7 +38,7 @@ LEAST_SAMPLES = 500
 KINDS = (0.0, 1.0, 1.5, 2.0)
 """Exponents of noise that falls with frequency: white, flicker, random walk (IEEE 952), and between the two."""
 COST = 4.0
-"""Twice the log likelihood that a kind beside white noise must bring."""
+"""Twice the log likelihood that a kind beside white noise must bring to count as much as white noise alone."""
 OCTAVES, LEAST_IN_OCTAVE = 12, 30.0
 """Octaves in which noise is measured, the last one beyond half the band, and values in no direction in one at least."""
 NEGLIGIBLE = 1e-7
@@ -56,61 +49,62 @@ the noise of the readings, times the difference of the scale factors."""
 
 
 def with_resolved(
-    evaluations: Sequence[Evaluation], fits: Sequence[Fit], ruler: Ruler, floor: NoiseFloor
+    evaluations: Sequence[Evaluation],
+    fits: Sequence[Fit],
+    recording: Recording,
+    ruler: Ruler,
+    floor: NoiseFloor | None = None,
 ) -> tuple[Evaluation, ...]:
-    """Evaluations of several models on one recording with the errors that it resolves.
+    """Evaluations of several models on one recording with the regions where they fail, and the errors it resolves.
 
     Parameters
     ----------
-    evaluations, fits : of each model.
+    evaluations, fits, recording : of each model, and what they are compared with.
     ruler : filter that all share.
-    floor : noise of the sensor.
+    floor : noise of the sensor; without it the regions alone.
     """
     first = evaluations[0]
-    lengths = {len(evaluation.accel_residual[0]) for evaluation in evaluations}
-    if first.motion is None or first.reference_noise is None or len(lengths) > 1:
+    if first.motion is None or first.reference_noise is None:
         return tuple(evaluations)
-    grid = Grid.of(first, fits[0])
-    if len(grid.rows) < LEAST_SAMPLES:
-        return tuple(evaluations)
-    scales = [abs(fit.values().scale) for fit in fits]
-    errors = [e.accel_residual[1][grid.rows] / scale for e, scale in zip(evaluations, scales, strict=True)]
-    density = partial(density_of, noise=ruler.noise, reference=first.reference_noise, band=first.band)
-    sensor = None if floor.sensor.is_limit else floor.sensor
-    parts, noise = resolve(np.array(errors), grid, dictionary(first.motion, grid), density, sensor)
-    regions = largest_of(np.array(errors), first.motion, grid, noise)
+    if len({len(evaluation.accel_residual[0]) for evaluation in evaluations}) > 1:
+        alone = (with_resolved([e], [fit], recording, ruler) for e, fit in zip(evaluations, fits, strict=True))
+        return tuple(evaluation for (evaluation,) in alone)
+    grid, scales = Grid.of(first, fits[0]), np.abs([fit.values().scale for fit in fits])
+    residuals = np.array([evaluation.accel_residual[1][grid.rows] for evaluation in evaluations])
+    expected: Density = partial(density_of, noise=ruler.noise, reference=first.reference_noise, band=first.band)
+    density, parts = expected, [evaluation.resolved for evaluation in evaluations]
+    if len(grid.rows) >= LEAST_SAMPLES:
+        sensor = None if floor is None or floor.sensor.is_limit else floor.sensor
+        errors, functions = residuals / scales[:, None], dictionary(first.motion, grid)
+        resolved, noise = resolve(errors, grid, functions, expected, sensor)
+        density, parts = noise.density, parts if floor is None else [(part,) for part in resolved]
+    t, variables = first.accel_residual[0][grid.rows], placed(first.motion, fits[0], recording, grid.at)
+    least = 1.0 / (grid.band * grid.every * grid.step)
+    regions = bin_residual(t, residuals, scales, variables, least, partial(variances, grid=grid, density=density))
     return tuple(
-        replace(e, resolved=(part,), largest=region)
-        for e, part, region in zip(evaluations, parts, regions, strict=True)
+        replace(failing(e, (*bins, spectrum(e, scale, expected)), scale), resolved=part)
+        for e, bins, scale, part in zip(evaluations, regions, scales, parts, strict=True)
     )
 
 
-def largest_of(
-    errors: Array, motion: Signals, grid: Grid, noise: MeasuredNoise
-) -> list[tuple[str, RmsInterval] | None]:
-    """Region with the surest mean error of each of several models (models, n), and the largest of all regions.
+def failing(evaluation: Evaluation, bins: tuple[Bins, ...], scale: float) -> Evaluation:
+    """An evaluation with its mean errors by region and frequency, and the worst of them."""
+    worst, number = worst_regions(bins, evaluation.accel_rms), sum(int(np.count_nonzero(b.std)) for b in bins)
+    sentence, largest = worst_sentence(worst, number), largest_of(bins, scale)
+    return replace(evaluation, bins=bins, worst=sentence, worst_regions=worst, largest=largest)
 
-    The mean over all samples is taken off; the band is that of all regions at once (Bonferroni).
-    """
-    names: list[str] = []
-    columns: list[Array] = []
-    for name, (y, _) in variables_of(motion).items():
-        for _, low, high in spans([y]):
-            place = np.nan_to_num((y[grid.at] - low) / (high - low) * BINS, nan=-1.0)
-            inside = np.clip(place, 0.0, BINS - 1.0).astype(np.intp) == np.arange(BINS)[:, None]
-            several = inside[np.sum(inside, axis=1) * grid.every * grid.step * grid.band >= 1.0]
-            columns += list(several / np.sum(several, axis=1, keepdims=True) - 1.0 / several.shape[1])
-            names += [name] * len(several)
-    if not names:
-        return [None] * len(errors)
-    regions = np.array(columns)
-    std, sizes = np.sqrt(np.diag(noise_in(regions, grid, noise.density))), np.abs(errors @ regions.T)
-    reach = float(scipy.special.ndtri(1.0 - 0.025 / len(names))) * std
-    surest = np.argmax(sizes - reach, axis=1)
-    return [
-        (names[k], RmsInterval(float(size[k]), max(0.0, float(size[k] - reach[k])), float(np.max(size + reach))))
-        for size, k in zip(sizes, surest, strict=True)
-    ]
+
+def evaluated(fit: Fit, source: Source, start: float | None = None, end: float | None = None) -> Evaluation:
+    """One model against a recording from `start` to `end`, s, and where it fails."""
+    alone = compare(fit, source, start=start, end=end)
+    return with_resolved([alone], [fit], recording_of(source), Ruler.of([fit]))[0]
+
+
+def placed(motion: Signals, fit: Fit, recording: Recording, at: NDArray[np.intp]) -> dict[str, tuple[Array, str]]:
+    """What an error may depend on, at some samples of a motion (n,), in the coordinates of its recording; units."""
+    origins = {"time": fit.origins.t, "position": fit.origins.p, **{name: fit.origins.of(name) for name in motion.side}}
+    units, several = {name: channel.unit for name, channel in recording.side.items()}, variables_of(motion)
+    return {name: (y[at] + origins.get(name, 0.0), units.get(name, unit)) for name, (y, unit) in several.items()}
 
 
 def density_of(f: Array, noise: Noise, reference: ReferenceNoise, band: float) -> Array:
@@ -184,49 +178,61 @@ PLACES = 24
 """Bins of an added-variable plot."""
 
 
-def added_variable(
-    evaluation: Evaluation, fit: Fit, effect: Effect, shape: Mapping[str, float], sizes: Sequence[float]
-) -> AddedVariable | None:
-    """Compare what a model leaves of the output with one effect that it lacks.
+Lacking = tuple[Effect, Mapping[str, float], Sequence[float]]
+"""An effect that a model lacks, its shape parameters, and the estimate of each coefficient."""
+
+
+def added_variables(evaluation: Evaluation, fit: Fit, lacking: Sequence[Lacking]) -> list[AddedVariable | None]:
+    """Compare what a model leaves of the output with each of some effects that it lacks.
 
     Parameters
     ----------
     evaluation : of the model on a recording.
     fit : the model.
-    effect, shape, sizes : what it lacks, with its shape parameters and the estimate of each coefficient.
+    lacking : what it lacks.
 
     Returns
     -------
-    None where the effect is no function of the motion, or the record too short.
+    None where an effect is no function of the motion, or the record too short.
     """
     motion, reference = evaluation.motion, evaluation.reference_noise
-    if motion is None or reference is None or effect.port not in ("output", "position"):
-        return None
+    acting = [effect.port in ("output", "position") for effect, _, _ in lacking]
+    if motion is None or reference is None or not any(acting):
+        return [None] * len(lacking)
     grid, scale = Grid.of(evaluation, fit), abs(fit.values().scale)
     if len(grid.rows) < LEAST_SAMPLES:
-        return None
-    # of a curve in its coarse form the leading coefficients are estimated
-    column = effect.column(motion, **shape).reshape(len(motion.t), -1)[:, : len(sizes)] @ np.asarray(sizes)
-    if effect.port == "position":
-        inside = low_pass(column, 1.0 / grid.step, grid.band)
-        column = -scale * motion.rig.polarity * np.gradient(np.gradient(inside, grid.step), grid.step)
+        return [None] * len(lacking)
     terms = [np.ones(len(motion.t)), motion.a, motion.jerk]
     terms += [term.column(motion) for term in fit.values().terms if term.effect.port == "output"]
     base = np.stack([grid.inside(term) for term in terms], axis=1)
     base /= np.maximum(np.linalg.norm(base, axis=0), np.finfo(float).tiny)
-    both = np.stack([evaluation.accel_residual[1][grid.rows], grid.inside(column)], axis=1) / scale
-    y, x = (both - base @ np.linalg.lstsq(base, both, rcond=NEGLIGIBLE)[0]).T
+
+    def rest(column: Array) -> Array:
+        """What the model does not take up of a column (n,) at the output, over its scale."""
+        return np.asarray((column - base @ np.linalg.lstsq(base, column, rcond=NEGLIGIBLE)[0]) / scale)
+
+    y = rest(evaluation.accel_residual[1][grid.rows])
     density = partial(density_of, noise=fit.noise(), reference=reference, band=evaluation.band)
     (part,), noise = resolve(y[None], grid, dictionary(motion, grid), density, None)
-    power = float(x @ x)
-    slope = float(x @ y) / power
     above = float(part.coordinates @ part.coordinates) - float(np.trace(part.covariance))
-    place = np.argsort(np.argsort(x, kind="stable")) * PLACES // len(x)
-    bins = (place == np.arange(PLACES)[:, None]).astype(float)
-    bins /= np.sum(bins, axis=1, keepdims=True)
-    *variances, along = np.diag(noise_in(np.vstack([bins, x / power]), grid, noise.density))
-    explained = max(0.0, (slope**2 - along) * power) / above if above > 0.0 else 0.0
-    return AddedVariable(bins @ x, bins @ y, np.sqrt(variances), slope, math.sqrt(along), min(1.0, explained))
+
+    def drawn(effect: Effect, shape: Mapping[str, float], sizes: Sequence[float]) -> AddedVariable:
+        # of a curve in its coarse form the leading coefficients are estimated
+        column = effect.column(motion, **shape).reshape(len(motion.t), -1)[:, : len(sizes)] @ np.asarray(sizes)
+        if effect.port == "position":
+            inside = low_pass(column, 1.0 / grid.step, grid.band)
+            column = -scale * motion.rig.polarity * np.gradient(np.gradient(inside, grid.step), grid.step)
+        x = rest(grid.inside(column))
+        power = float(x @ x)
+        slope = float(x @ y) / power
+        place = np.argsort(np.argsort(x, kind="stable")) * PLACES // len(x)
+        bins = (place == np.arange(PLACES)[:, None]).astype(float)
+        bins /= np.sum(bins, axis=1, keepdims=True)
+        *spread, along = variances(np.vstack([bins, x / power]), grid, noise.density)
+        explained = max(0.0, (slope**2 - along) * power) / above if above > 0.0 else 0.0
+        return AddedVariable(bins @ x, bins @ y, np.sqrt(spread), slope, math.sqrt(along), min(1.0, explained))
+
+    return [drawn(*effect) if acts else None for effect, acts in zip(lacking, acting, strict=True)]
 
 
 def resolve(
@@ -303,10 +309,8 @@ class MeasuredNoise:
     @classmethod
     def of(cls, rest: Array, directions: Array, grid: Grid, assumed: Density) -> MeasuredNoise:
         """Compare what no direction explains (n,) with its expectation; directions (m, n) are orthonormal."""
-        edges, least = (
-            grid.band * 0.5 ** np.arange(OCTAVES - 1.0, 0.0, -1.0),
-            0.5 / (len(rest) * grid.every * grid.step),
-        )
+        edges = grid.band * 0.5 ** np.arange(OCTAVES - 1.0, 0.0, -1.0)
+        least = 0.5 / (len(rest) * grid.every * grid.step)
         # of each octave: power that is left, values in no direction; expectation and power in the directions by kind
         left, values = np.zeros((2, OCTAVES))
         expected, taken = np.zeros((2, OCTAVES, len(KINDS)))
@@ -320,21 +324,13 @@ class MeasuredNoise:
             for k, rise in enumerate(rising(f, least, grid.band)):
                 expected[:, k] += np.bincount(octave, power * rise * free, OCTAVES)
                 taken[:, k] += np.bincount(octave, power * rise * within, OCTAVES)
+        kinds = likely_kinds(left, values, expected)
         counts, starts = np.cumsum(values), [0]
         for k in range(OCTAVES - 1):
             if counts[k] - (counts[starts[-1] - 1] if starts[-1] else 0.0) >= LEAST_IN_OCTAVE:
                 starts.append(k + 1)
         left, values, expected, taken = (np.add.reduceat(y, starts) for y in (left, values, expected, taken))
-        kinds, least_cost, sizes = np.zeros(len(KINDS)), math.inf, left
-        for several in ([0], [0, 1], [0, 2], [0, 3]):
-            tried, like = np.zeros(len(KINDS)), left
-            for _ in range(3):
-                certain = np.sqrt(0.5 * values) / like
-                tried[several] = scipy.optimize.nnls(certain[:, None] * expected[:, several], certain * left)[0]
-                like = expected @ tried
-            cost = float(np.sum(values * (left / like - 1.0 - np.log(left / like)))) + COST * len(several)
-            if cost < least_cost:
-                kinds, least_cost, sizes = tried, cost, like
+        sizes = expected @ kinds
         levels = left / sizes
         trace_std = float(np.sqrt(np.sum(2.0 * (levels * (taken @ kinds)) ** 2 / values)))
         edges = edges[np.array(starts[1:], dtype=np.intp) - 1]
@@ -344,6 +340,30 @@ class MeasuredNoise:
         """One-sided density at frequencies (n,) Hz, (n,) (m/s²)²/Hz."""
         level = self.levels[np.searchsorted(self.edges, f)]
         return np.asarray(self.assumed(f) * level * (self.kinds @ rising(f, self.least, self.band)))
+
+
+def likely_kinds(left: Array, values: Array, expected: Array) -> Array:
+    """Power of each kind over the assumed one, (4,): white alone and with each other kind, by their likelihoods.
+
+    A kind that the record does not show surely is in it nevertheless: far below what is measured it may be all.
+
+    Parameters
+    ----------
+    left, values : power in no direction, (octaves,) (m/s²)², and in how many values.
+    expected : its expectation by kind, (octaves, 4) (m/s²)².
+    """
+    some = values >= 1.0
+    left, values, expected = left[some], values[some], expected[some]
+    tried, costs = np.zeros((len(KINDS), len(KINDS))), np.zeros(len(KINDS))
+    for k, powers in enumerate(tried):
+        several, like = [0, k][: k + 1], left
+        for _ in range(3):
+            certain = np.sqrt(0.5 * values) / like
+            powers[several] = scipy.optimize.nnls(certain[:, None] * expected[:, several], certain * left)[0]
+            like = expected @ powers
+        costs[k] = np.sum(values * (left / like - 1.0 - np.log(left / like))) + COST * len(several)
+    weights = np.exp(0.5 * (np.min(costs) - costs))
+    return np.asarray(weights @ tried / np.sum(weights))
 
 
 def rising(f: Array, least: float, band: float) -> Array:
@@ -377,6 +397,11 @@ def noise_in(columns: Array, grid: Grid, density: Density) -> Array:
     return total
 
 
+def variances(columns: Array, grid: Grid, density: Density) -> Array:
+    """Variances of the sums of noise along some columns (m, n), (m,)."""
+    return np.diag(noise_in(columns, grid, density))
+
+
 def dictionary(motion: Signals, grid: Grid) -> Array:
     """Functions of time and of the motion at the samples of a grid, (m, n)."""
     single = spans(y for y, _ in variables_of(motion).values())
@@ -399,12 +424,6 @@ def dictionary(motion: Signals, grid: Grid) -> Array:
         yield from (part.inside(effect.column(stretch)) for effect in effects)
 
     return np.concatenate([np.stack(list(within(*block))) for block in grid.blocks(len(motion.t))], axis=1)
-
-
-def spans(several: Iterable[Array]) -> list[tuple[Array, float, float]]:
-    """Variables (n,) each that change, with their usual range."""
-    usual = [(y, *np.nanquantile(y, [0.001, 0.999])) for y in several if np.isfinite(y).any()]
-    return [(y, float(low), float(high)) for y, low, high in usual if high > low]
 
 
 def hats(y: Array, low: float, high: float, knots: int) -> Iterator[Array]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -19,7 +18,6 @@ from accelcal.data import usual_step
 from accelcal.data.rig import low_passes
 from accelcal.diagnosis.findings import Size
 from accelcal.diagnosis.noise.noise_test import WHITENESS
-from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE, CONFOUNDED_LOG_EVIDENCE
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find, spelled
@@ -62,7 +60,7 @@ class Card:
     rivals: tuple[str, ...]
     """Effects that the record does not tell from it."""
     nearest: str
-    """What is said of the nearest rival that it does tell; empty where there is none."""
+    """What is said of the nearest rival where it tells all of them from it; empty where there is none."""
     lines: tuple[tuple[str, str], ...]
     """Label and text of the rest of its card."""
     significant: bool
@@ -81,7 +79,7 @@ def card(diagnosis: Diagnosis, c: Candidate, named: list[str]) -> Card:
     """One candidate."""
     effect = find(c.effect)
     significant = c.p_value < diagnosis.alpha and diagnosis.verdict not in ("adequate", "too_short")
-    near, far = rivals(diagnosis, c) if significant else ([], [])
+    others = [name for name in c.members if name != c.effect and significant]
     return Card(
         effect=c.effect,
         title=spelled(c.effect),
@@ -91,8 +89,8 @@ def card(diagnosis: Diagnosis, c: Candidate, named: list[str]) -> Card:
             f"at most {contribution(Size(c.largest, effect.port == 'position'), diagnosis.fit.rig.sensor.range)}",
             f"{c.snr:.1f} σ, p {probability(c.p_value)}",
         ),
-        rivals=tuple(map(spelled, near)),
-        nearest=nearest_sentence(c, far),
+        rivals=tuple(map(spelled, others)),
+        nearest=diagnosis.scan.nearest_rival(c.effect).strip() if significant and not others else "",
         lines=tuple(
             (label, text)
             for label in ("Looks like", "Easily confused with", "Separate by", "Equation")
@@ -103,37 +101,10 @@ def card(diagnosis: Diagnosis, c: Candidate, named: list[str]) -> Card:
     )
 
 
-DISTINGUISHED = CONFOUNDED_LOG_EVIDENCE + CLEAR_LOG_EVIDENCE
-"""Log-likelihood by which a rival is worse, or better, that no verdict takes for confounded: the most that policy adds
-up, nat."""
-
-
-def rivals(diagnosis: Diagnosis, c: Candidate) -> tuple[list[str], list[Candidate]]:
-    """The class of a candidate but for itself: names that the likelihood does not tell from it, and the others."""
-    by_name = {other.effect: other for other in diagnosis.scan.candidates}
-    others = [m for m in c.members if m != c.effect]
-    far = [m for m in others if m in by_name and 0.5 * abs(by_name[m].gain - c.gain) > DISTINGUISHED]
-    return [m for m in others if m not in far], [by_name[m] for m in far]
-
-
-def nearest_sentence(c: Candidate, far: Sequence[Candidate]) -> str:
-    """How much better or worse than a candidate its nearest rival is."""
-    if not far:
-        return ""
-    nearest = min(far, key=lambda other: abs(other.gain - c.gain))
-    difference = 0.5 * (c.gain - nearest.gain)
-    word = "worse" if difference > 0.0 else "better"
-    return f"Nearest rival: {spelled(nearest.effect)}, {word} by {abs(difference):.0f} in log-likelihood."
-
-
 def badge(diagnosis: Diagnosis) -> tuple[str, str]:
-    """The verdict in a few words, and its colour: a name whose rivals are all far weaker is a name."""
-    verdict = diagnosis.verdict
-    first = next((c for c in cards(diagnosis) if c.first), None)
-    if verdict == "tied" and first is not None and first.nearest and not first.rivals:
-        verdict = "named"
-    colour = {"adequate": "good", "unexplained": "bad", "too_short": "bad"}.get(verdict, "found")
-    return VERDICTS[verdict].capitalize(), colour
+    """The verdict in a few words, and its colour."""
+    colour = {"adequate": "good", "unexplained": "bad", "too_short": "bad"}.get(diagnosis.verdict, "found")
+    return VERDICTS[diagnosis.verdict].capitalize(), colour
 
 
 def offered(diagnosis: Diagnosis) -> tuple[list[Card], list[Card], list[Card]]:

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from accelcal.data import Array
-from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, SHAPE_FORMS, VERDICT_LEAST_BLOCKS
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, RIVAL_SHARE, SHAPE_FORMS, VERDICT_LEAST_BLOCKS
 from accelcal.diagnosis.search.beam import BlockScatter, SearchRules, block_length
 from accelcal.diagnosis.search.confounding import DetectedEffect, confounding_class, detected_effect, plainest
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
@@ -135,6 +135,19 @@ class Scan:
     def enough(self) -> bool:
         """Whether the record is long enough for a verdict, so that an effect or a delay may be named."""
         return self.blocks >= VERDICT_LEAST_BLOCKS
+
+    def nearest_rival(self, effect: str) -> str:
+        """The sentence on what explains most of the same as a named effect of the search; empty where nothing does."""
+        ranked = {candidate.effect: candidate for candidate in reversed(self.candidates)}
+        first = ranked.pop(effect, None)
+        rivals = [rival for rival in ranked.values() if first and rival.gain > RIVAL_SHARE * first.gain]
+        rival = max(rivals, key=lambda rival: rival.log_evidence, default=None)
+        if first is None or rival is None:
+            return ""
+        worse = first.log_evidence - rival.log_evidence
+        if worse < 0.5:  # the search found the effect otherwise than by its gain in this table
+            return ""
+        return f" Its nearest rival is {rival.effect}, worse by {worse:.0f} in log-evidence."
 
 
 def scan(

@@ -22,7 +22,7 @@ from accelcal.estimation.run import Source
 from accelcal.model import Model
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.differences import HeldOutChange, heldout_change, systematic_change
-from accelcal.validation.systematic import added_variable
+from accelcal.validation.systematic import Lacking, added_variables
 
 
 @immutable
@@ -137,15 +137,16 @@ def contradicted(steps: Sequence[Step]) -> Remark | None:
         change = systematic_change(before.heldout.resolved, after.heldout.resolved)
         if change is None or change.sigma <= CONTRADICTED_SIGMA or not {*before.effects} <= {*after.effects}:
             continue
-        for name in (name for name in after.fit.model.added if name not in before.fit.model.added and name in last):
-            model, owners = after.fit.model, {term.name: term.effect.name for term in after.fit.model.terms}
-            sizes, effect = [e.value for e in after.fit.estimates if owners.get(e.name) == name], find(name)
-            if not sizes or belongs_to_its_time(effect):
-                continue
-            shown = added_variable(before.heldout, before.fit, effect, model.shapes.get(name, {}), sizes)
+        model, owners = after.fit.model, {term.name: term.effect.name for term in after.fit.model.terms}
+        lacking: list[Lacking] = []
+        for name in (name for name in model.added if name not in before.fit.model.added and name in last):
+            sizes = [e.value for e in after.fit.estimates if owners.get(e.name) == name]
+            if sizes and not belongs_to_its_time(find(name)):
+                lacking.append((find(name), model.shapes.get(name, {}), sizes))
+        for (effect, *_), shown in zip(lacking, added_variables(before.heldout, before.fit, lacking), strict=True):
             if shown is not None and shown.slope_std * CONTRADICTED_D <= 1.0:
                 d = 1.0 / shown.slope_std
-                return remark("contradicted", effect=name, d=d, percent=change.percent, sigma=change.sigma)
+                return remark("contradicted", effect=effect.name, d=d, percent=change.percent, sigma=change.sigma)
     return None
 
 

@@ -39,7 +39,7 @@ from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun
 from accelcal.model import Model, Term
-from accelcal.validation.evaluation import compare
+from accelcal.validation.systematic import evaluated
 
 
 @dataclass(slots=True)
@@ -304,7 +304,7 @@ class StepwiseSelection:
     def with_coasting(self, judged: JudgedModel) -> Diagnosis:
         """The verdict on a model with its errors of coasting, which no step of the search needs."""
         fit, run = judged.verdict.fit, judged.fitted.runs[0]
-        return replace(judged.verdict, where=compare(fit, run, start=self.stretch.start, end=self.stretch.end))
+        return replace(judged.verdict, where=evaluated(fit, run, self.stretch.start, self.stretch.end))
 
     def final_verdict(self, reason: str) -> Diagnosis:
         """The verdict on the last model; an effect that it lacks and that was not added is named as such.
