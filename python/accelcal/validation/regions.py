@@ -200,7 +200,7 @@ def bin_residual(
             enough = count >= least
             columns = inside[enough] / count[enough, None]
             means, std = np.zeros((len(residuals), BINS)), np.zeros(BINS)
-            means[:, enough] = residuals @ columns.T
+            means[:, enough] = [columns @ residual for residual in residuals]  # to the bit what each gives alone
             std[enough] = np.sqrt(variances(columns - 1.0 / len(t)))
             for several, residual, mean, scale in zip(bins, residuals, means, scales, strict=True):
                 at = seen_at(t, residual, index, mean)
