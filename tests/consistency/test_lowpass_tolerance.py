@@ -18,7 +18,7 @@ from accelcal.verbs import improve
 from tests.consistency.campaign import rms_region
 from tests.consistency.toleranced import NAMES, TRUTH, normalised, record
 
-RUNS = 40
+RUNS = 24
 PROBABILITY = 0.999
 
 

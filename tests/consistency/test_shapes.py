@@ -1,6 +1,6 @@
 """Shape parameters are estimated with the coefficients: errors are as large as the standard deviations say.
 
-Over both effects 80 normalised errors are squared and summed: outside 0.1 % to 99.9 % of chi-square 80 with
+Over both effects 48 normalised errors are squared and summed: outside 0.1 % to 99.9 % of chi-square 48 with
 probability 0.2 % for an honest fit. Errors of one fit depend on each other, so the bounds are those of half as many.
 """
 
@@ -24,7 +24,7 @@ from accelcal.verbs import add
 HIDDEN = {"creep": (0.2, {"tau": 2.0, "start": 0.0}), "bias_step": (3e-3, {"instant": 3.1})}
 STARTS = {"creep": {"tau": 1.2, "start": 0.0}, "bias_step": {"instant": 2.9}}
 """Where the fit begins, some standard deviations from the truth."""
-RECORDS = 10
+RECORDS = 6
 
 
 @pytest.fixture(scope="module")

@@ -67,9 +67,11 @@ def of_moves(seed: int, play: float, count: float, seconds: float = 14.0) -> Rec
     return ac.Recording.from_arrays(t, u, z, units={"accel": "m/s^2", "position": "m"}, rig=rig)
 
 
-def recorded(seed: int, play: float = PLAY, jumps: dict[float, float] | None = None) -> Recording:
-    """A record of 40 s; `jumps` are missed counts, m by the time, s."""
-    rng, t = np.random.default_rng(seed), np.arange(int(40.0 * RATE)) / RATE
+def recorded(
+    seed: int, play: float = PLAY, jumps: dict[float, float] | None = None, seconds: float = 40.0
+) -> Recording:
+    """A record; `jumps` are missed counts, m by the time, s."""
+    rng, t = np.random.default_rng(seed), np.arange(int(seconds * RATE)) / RATE
     p, a = sines(rng, t)
     z = read_of(p, play)
     for instant, size in (jumps or {}).items():
@@ -91,7 +93,7 @@ def turning(seed: int) -> float:
 @pytest.mark.slow
 def test_lost_motion_is_backlash_alone_and_enters() -> None:
     """Without rests: behind a rest the head takes up part of its play before the stage surely moves."""
-    found = ac.improve(recorded(3))
+    found = ac.improve(recorded(3, seconds=20.0))
     print(found.sentence)
     assert found.effects == ("encoder_backlash",)
     assert abs(abs(found.best["encoder_backlash"].value) - PLAY) < 0.1 * PLAY

@@ -211,7 +211,7 @@ def test_scatter_beyond_what_is_declared_is_reported_and_widens():
     assert verdicts == ["adequate", "unexplained"]
 
 
-@drawn(60)
+@drawn(30)
 def test_a_null_tumble_lacks_nothing_and_a_cubic_one_does(draws):
     """At a stated rate of 0.5 %; the twin has K3 at about ten standard deviations."""
     linear = {**TRUTH, "quadratic": 0.0, "cubic": 0.0}

@@ -49,7 +49,7 @@ def campaign(rng, runs, kind="", d=10.0):
     return BetweenRuns.of(np.diag(1.0 / v), y / v, range(runs)), every
 
 
-@drawn(200)
+@drawn(100)
 def test_campaigns_that_differ_by_chance_go_with_nothing(draws):
     """At a stated rate of 1 % over campaigns of 4 to 12 runs; the tests below are the twin."""
     found = 0

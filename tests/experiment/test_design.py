@@ -148,12 +148,13 @@ def test_power_of_a_recording_and_its_refusals(tmp_path):
 
 
 def test_a_limit_without_unit_is_refused_and_power_prints_whole_names_and_units(tmp_path):
-    given = ["--stroke", "20", *LIMITS_GIVEN[2:]]
+    limits = (*LIMITS_GIVEN[:-1], 5)
+    given = ["--stroke", "20", *limits[2:]]
     refused = accelcal("plan", "--effects", "cubic", *given, cwd=tmp_path)
     assert refused.returncode == 2
     assert "no unit" in refused.stderr
     assert "0.2 m" in refused.stderr
-    made = accelcal("plan", "--effects", "cubic", *LIMITS_GIVEN, "-o", "m.csv", cwd=tmp_path)
+    made = accelcal("plan", "--effects", "cubic", *limits, "-o", "m.csv", cwd=tmp_path)
     assert "within 0.2 m, 0.1 m/s, 20 m/s²" in " ".join(made.stdout.split())
     printed = accelcal("power", "m.csv", cwd=tmp_path).stdout
     for said in ("vibration_rectification", "encoder_nonlinearity", "(m/s²)⁻²", "Confounded:"):

@@ -194,11 +194,10 @@ def test_too_few_set_points_are_refused():
 # Predicted against observed, on worlds that share no code with the product
 
 SLICE = (
-    Pair("quadratic", "tones", "CXL02", 4.0),
     Pair("bias_step", "interleaved", "CXL02", 4.5, {"instant": 11.3}),
     Pair("encoder_nonlinearity", "fast", "ADXL105", 4.5, {"cubic_per_m": 8.0}),
 )
-"""One coefficient, one with a shape to be found, two coefficients."""
+"""One coefficient with a shape to be found, two coefficients; `benches.power` has twenty pairs."""
 
 
 def band(p: float) -> tuple[int, int]:

@@ -26,7 +26,7 @@ from .case import LONG, case_rng, cases
 from .model_files import CHEAP, DEAR, NO_NUMBER, bases, enter_own_effect, mutated, place, record, verdict, wrong
 
 SECTION = "models"
-SLICE = 450
+SLICE = 225
 """Mutated files in a slice."""
 
 

@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[2]
 ADD_ONS = ("app", "live")
 RESTING_ON_THEM = re.compile(r"\baccelcal(\.| import )(app|live)\b|\bworkbench import|^tests/(app|live)/")
 """Tests of them, by name and text."""
-CORE = ["signals", "calibration", "fleet"]
+CORE = ["signals", "fleet"]
 """Folders of tests that run in the copy; every other file is collected there."""
 LENGTH = ["--seconds", "20"]
 """Of the records of the README: in the copy its commands need only find what they import and read."""

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accelcal import plots
+from accelcal import plots, verbs
 from accelcal.estimation.estimate import estimate
 from accelcal.model import Model
 from accelcal.plots import figure as style
@@ -518,7 +518,7 @@ def test_a_comparison_without_bins_or_residual_is_drawn_as_sentences(fitted):
 
 
 def test_write_makes_every_file_whole_and_again_the_same(fitted, tmp_path):
-    _, found, _ = fitted
+    record, found, _ = fitted
     c = a_comparison()
     names = [
         *("overview", "overlay", "simulated", "coasting", "one_step", "regions", "accel_residual"),
@@ -530,11 +530,12 @@ def test_write_makes_every_file_whole_and_again_the_same(fitted, tmp_path):
     for path in written:
         head = path.read_bytes()[:200]
         assert head.startswith(b"\x89PNG") if path.suffix == ".png" else b"<?xml" in head
-    png = [path.read_bytes() for path in written if path.suffix == ".png"]
-    again = plots.write(alone(found, c), tmp_path / "new" / "figures")
-    assert [path.read_bytes() for path in again if path.suffix == ".png"] == png
-    dark = plots.write(alone(found, c), tmp_path / "new" / "figures", theme="dark")
-    assert [path.name for path in dark[:2]] == ["overview-dark.png", "overview-dark.svg"]
+    two = verbs.compare([found, found], record)
+    first, again = ([p.read_bytes() for p in plots.write(two, tmp_path) if p.suffix == ".png"] for _ in range(2))
+    assert first == again
+    dark = plots.write(two, tmp_path, theme="dark")
+    assert [path.name for path in dark[:2]] == ["overlay-dark.png", "overlay-dark.svg"]
+    assert dark[0].read_bytes() != first[0]
 
 
 def test_a_width_of_eight_inches_is_1280_pixels(tmp_path):

@@ -152,7 +152,7 @@ def test_the_face_is_loaded_when_a_result_is_shown_and_not_before():
 def full():
     """A fit with an effect on noise, a curve and a shape parameter beside its coefficients."""
     rng = np.random.default_rng(7)
-    made = ac.simulate("interleaved", seconds=30.0, rig=ADXL105_RIG, parameters=TRUTH, rng=rng, lsb=0.02)
+    made = ac.simulate("interleaved", seconds=12.0, rig=ADXL105_RIG, parameters=TRUTH, rng=rng, lsb=0.02)
     fit = ac.fit(made.recording)
     return ac.add(fit, made.recording, "shape_of_velocity", "creep", "quantisation"), made.recording
 

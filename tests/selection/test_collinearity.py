@@ -126,13 +126,13 @@ def test_the_sentence_names_rivals_and_the_experiment():
     assert jitter.confused == ("vibration",)
     groups = [Confounded(jitter.name, (jitter.name, *jitter.confused), "push the stage at constant speed")]
     groups.append(Confounded("tone", ("tone",), "a record at rest"))
-    case = Case(None, SimpleNamespace(candidates=()), (), groups=groups)
+    case = Case(None, SimpleNamespace(nearest_rival=lambda effect: f" {effect}?"), (), groups=groups)
     assert case.with_rivals("timing_jitter", "Noise grows with jerk (180 candidates examined).") == (
         "tied",
         "Noise grows with jerk (180 candidates examined). It is confounded with vibration on this record; "
         "to separate them: push the stage at constant speed.",
     )
-    assert case.with_rivals("tone", "A line.") == ("named", "A line.")
+    assert case.with_rivals("tone", "A line.") == ("named", "A line. tone?")
 
 
 def test_an_effect_that_leaves_the_history_takes_its_gain_along():

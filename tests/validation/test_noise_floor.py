@@ -28,7 +28,7 @@ from accelcal.validation.noise_floor import Ruler, noise_floor
 from accelcal.verbs import compare, compare_models
 from tests.worlds import Hidden, World
 
-RECORDS = int(os.environ.get("ACCELCAL_FLOORS", "12"))
+RECORDS = int(os.environ.get("ACCELCAL_FLOORS", "8"))
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 0.0, "cubic": 3e-4}
 MOTIONS = ("tones", "interleaved", "moves", "rests")
 HORIZONS = (1.0, 5.0, 10.0)
@@ -104,7 +104,7 @@ def test_flicker_noise_has_the_density_that_is_asked_for() -> None:
 def test_how_often_the_floor_holds_the_drift_beside_flicker_noise(corner: float, least: float) -> None:
     # The floor is that of white noise, and says so. With a corner of 0.01 Hz it holds nearly as it should, with 0.1 Hz
     # it does not: the drift after 10 s is about twice the floor. `ACCELCAL_FLOORS=60` gives the counts of the docs.
-    number, inside, ratio = RECORDS if RECORDS > 12 else 2, dict.fromkeys(HORIZONS, 0), []
+    number, inside, ratio = RECORDS if RECORDS > 8 else 2, dict.fromkeys(HORIZONS, 0), []
     for seed in range(number):
         motion, rig = MOTIONS[seed % 4], (ADXL105_RIG, CXL02_RIG)[seed // 4 % 2]
         density = rig.sensor.noise or 0.0

@@ -177,6 +177,7 @@ def test_a_jump_that_is_left_out_is_not_added_elsewhere() -> None:
 
 
 def test_a_line_beyond_what_the_weak_form_resolves_is_refused() -> None:
+    """Those of `LINES`, which it resolves, are added above."""
     rng, t = np.random.default_rng(49), np.arange(30_000) / 1000.0
     omega, size = 2.0 * np.pi * np.array([0.31, 0.67, 1.4, 2.3, 4.2]), np.array([20e-3, 9e-3, 4e-3, 2e-3, 6e-4])
     turn = omega * t[:, None] + rng.uniform(0.0, 6.3, 5)
@@ -189,8 +190,6 @@ def test_a_line_beyond_what_the_weak_form_resolves_is_refused() -> None:
     assert "tone" in ac.diagnose(fit, line).effects
     with pytest.raises(ac.AccelcalError, match=r"(does not determine its size|with it does not settle)"):
         ac.add(fit, line, "tone")
-    clear = record(6, lines=LINES[:1])  # a twin whose line is resolved
-    assert "tone" in ac.add(ac.fit(clear), clear, "tone").model.effects
 
 
 def test_harmonics_of_a_strong_cubic_are_not_named_as_lines() -> None:

@@ -80,9 +80,9 @@ def test_a_score_of_a_record_without_the_effect_falls(name, tmp_path):
 
 
 def test_intervals_of_jitter_cover_over_records(tmp_path):
-    """Sum of squares of 8 normalised errors within the 99.9 % region; twice the variance, the twin, is outside."""
+    """Sum of squares of 5 normalised errors within the 99.9 % region; twice the variance, the twin, is outside."""
     z = []
-    for seed in range(8):
+    for seed in range(5):
         world, train, _ = halves("timing_jitter", tmp_path, seed=300 + seed)
         one = ac.add(ac.fit(train), train, "timing_jitter").noise_effects[0]
         z.append((one.value - hidden_coefficient(world, "timing_jitter")) / one.std)
