@@ -104,9 +104,9 @@ def test_a_session_comes_back_as_it_was(grown: Workbench, raw: bytes, tmp_path: 
     for mine, theirs in zip(bench.state.steps, grown.state.steps, strict=True):
         with bench.catalogue():
             assert model_file.to_dict(mine.fit) == model_file.to_dict(theirs.fit)
-        # Models that are compared together differ from the same ones alone in the rounding of matrix products.
+        # Models that are compared together have regions of one motion, that of the first: here the same within 1e-5.
         assert [*leaves(json.loads(mine.heldout.to_json()))] == [
-            pytest.approx(leaf, rel=1e-9, abs=1e-12) if isinstance(leaf, float) else leaf
+            pytest.approx(leaf, rel=1e-5, abs=1e-9) if isinstance(leaf, float) else leaf
             for leaf in leaves(json.loads(theirs.heldout.to_json()))
         ]
     assert [(run.excluded, run.held_out) for run in bench.state.runs] == [
