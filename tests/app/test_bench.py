@@ -1,8 +1,10 @@
 """The workbench without a browser: its numbers are the library's, and no action leaves a half-done state."""
 
+import asyncio
 import shlex
 import threading
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ import accelcal as ac
 from accelcal import io, verbs
 from accelcal.app import mapping, script, tasks, widgets, workbench
 from accelcal.app.screens import data as data_screen
+from accelcal.app.screens import files as files_screen
 from accelcal.app.screens import improvement
 from accelcal.app.state import Refused, State
 from accelcal.app.workbench import Busy, Workbench
@@ -92,6 +95,22 @@ def test_a_step_is_drawn_before_and_after_on_one_scale(grown):
     assert float(back.panels[1].title.split()[1]) > float(back.panels[0].title.split()[1])
 
 
+def test_what_a_sidecar_is_for_depends_on_what_has_been_loaded_meanwhile(tmp_path):
+    sidecar = tmp_path / "run.toml"
+    sidecar.write_text("[columns]\n", encoding="utf-8")
+    told = []
+    bench = SimpleNamespace(state=SimpleNamespace(file=None, opened=None), declare="declare", refuse=told.append)
+
+    async def idle():
+        bench.state.file = tmp_path / "run.csv"  # it was being read
+
+    async def act(action, *args, waits):
+        told.append(action)
+
+    asyncio.run(files_screen.used(SimpleNamespace(bench=bench, idle=idle, act=act), [sidecar], more=False))
+    assert told == ["declare"]
+
+
 def test_a_name_has_a_nearest_rival_and_confounded_effects_have_each_other(grown):
     found = grown.diagnoses[(grown.state.path[0].key, 0)]
     best, other = found.scan.candidates[:2]
@@ -107,7 +126,7 @@ def test_a_name_has_a_nearest_rival_and_confounded_effects_have_each_other(grown
     named, tied = judged("named"), judged("tied", best.effect, other.effect)
     assert improvement.badge(named) == ("An effect is missing", "found")
     first, rival = improvement.cards(named)
-    told = f"Its nearest rival is {other.effect}, worse by 100 in log-evidence."
+    told = f"Its nearest rival is {rival.title}, worse by 100 in log-evidence."
     assert (first.rivals, first.nearest, rival.nearest) == ((), told, "")
     assert improvement.badge(tied) == ("Confounded effects", "found")
     first, rival = improvement.cards(tied)

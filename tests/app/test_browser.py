@@ -244,7 +244,7 @@ def test_long_work_is_cancelled_and_a_file_that_came_meanwhile_is_read(tab, file
     tab.get_by_role("button", name="Fit the linear model").click()
     tab.get_by_role("button", name="Cancel").wait_for(timeout=LONG)
     drop(tab, files / "cubic.csv", files / "cubic.toml")
-    tab.get_by_text("cubic.csv, cubic.toml is read as soon as this has ended").wait_for(timeout=LONG)
+    tab.get_by_text("; then comes cubic.csv, cubic.toml.").wait_for(timeout=LONG)
     assert tab.get_by_role("combobox", name="Use of cubic.csv").count() == 0
     tab.get_by_role("button", name="Cancel").click(timeout=LONG)
     tab.get_by_role("combobox", name="Use of cubic.csv").wait_for(timeout=LONG)

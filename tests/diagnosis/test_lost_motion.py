@@ -5,6 +5,8 @@ Motions are sines, and moves from point to point with rests between them, as a t
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -112,6 +114,19 @@ def test_missed_counts_are_a_fault_beside_play_and_at_a_reversal_without_it() ->
     assert without.time == pytest.approx(at, abs=2e-3)
     (large,) = Examined(recorded(3, jumps={at: 2e-4})).source.recording.position_steps
     assert large.time == pytest.approx(at, abs=2e-3)
+
+
+def test_a_missed_count_is_a_fault_where_the_stage_never_turns() -> None:
+    rng, t = np.random.default_rng(33), np.arange(20_000) / 1000.0
+    w = 2.0 * np.pi * 0.7
+    z = 0.05 * t + 0.025 / w * (1.0 - np.cos(w * t)) + 3e-4 * (t > 9.3) + 2e-7 * rng.standard_normal(t.size)
+    u = 0.025 * w * np.cos(w * t) + 1e-3 * rng.standard_normal(t.size)
+    rig = ac.Rig(ac.Sensor(noise=1e-3 / np.sqrt(500.0)))
+    recording = ac.Recording.from_arrays(t, u, z, units={"accel": "m/s^2", "position": "m"}, rig=rig)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # nothing is averaged over no reversal
+        (jump,) = Examined(recording).source.recording.position_steps
+    assert jump.time == pytest.approx(9.3, abs=2e-3)
 
 
 def test_lost_motion_is_found_on_moves_with_rests(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -263,8 +263,7 @@ def test_explained_share_of_a_pure_function_and_of_noise():
     count = np.bincount(bins)
     for y, low, high in ((np.sin(3.0 * x), 0.9, 1.0), (rng.standard_normal(len(x)), 0.0, 0.002)):
         mean = np.bincount(bins, weights=y) / count
-        std, share = np.std(y) / np.sqrt(count), count / len(x)
-        one = Bins("x", "m", np.linspace(-1, 1, 13), mean, std, share=share)
+        one = Bins("x", "m", np.linspace(-1, 1, 13), mean, np.std(y) / np.sqrt(count), share=count / len(x))
         # Twelve bins hold 99 % of a sine; of noise they hold 12/60 000 by chance, taken off. False alarm below 1e-6.
         assert low <= one.explained(float(np.sqrt(np.mean(y**2)))) <= high
 

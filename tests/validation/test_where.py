@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from contextlib import redirect_stdout
 from dataclasses import replace
 
@@ -15,7 +16,7 @@ from accelcal.results import comparisons
 from accelcal.simulation import CXL02_RIG
 from accelcal.validation import systematic
 from accelcal.validation.comparison import Bins, Evaluation, Region
-from accelcal.validation.regions import STRETCHES, seen_at, worst_regions, worst_sentence
+from accelcal.validation.regions import STRETCHES, largest_of, seen_at, worst_regions, worst_sentence
 from benches.regions import evaluation_of, false_regions
 
 VARIABLES = ("time", "position", "velocity", "acceleration", "jerk", "time since reversal")
@@ -97,12 +98,51 @@ def test_slow_noise_as_white_noise_makes_regions(monkeypatch: pytest.MonkeyPatch
     assert sum(false_regions(evaluation_of(number, 71, slow=True))["named"] for number in range(2)) == 2
 
 
+@pytest.mark.parametrize(("sigma", "named"), [(3.9, False), (4.1, True)])
+def test_the_largest_mean_error_begins_at_zero_where_no_region_is_named(sigma: float, named: bool) -> None:
+    # 3.9 sigma in one of twelve regions is 0.1 %: the interval of 95 % alone would not reach zero.
+    score = np.zeros(12)
+    score[3] = sigma
+    several = [bins_of("velocity", score)]
+    largest = largest_of(several, 1.0)
+    assert largest is not None
+    assert (largest[1].low > 0.0) == named
+    assert (" between " in worst_sentence(worst_regions(several, 1e-2), 12)) == named
+
+
+def test_no_region_is_seen_beside_holes() -> None:
+    rng, t = np.random.default_rng(4), np.arange(6000) / 200.0
+    w, a = 2.0 * np.pi * np.array([0.7, 1.3, 2.9]), np.array([1.0, 1.3, 2.0])
+    waves = a * np.sin(np.outer(t, w))
+    u = 0.05 + waves.sum(axis=1) + 1e-2 * rng.standard_normal(t.size)
+    z = -(waves / w**2).sum(axis=1) + 1e-4 * rng.standard_normal(t.size)
+    rig = ac.Rig(ac.Sensor(noise=1e-3))
+
+    def of(kept: np.ndarray) -> ac.Recording:
+        units = {"accel": "m/s^2", "position": "m"}
+        return ac.Recording.from_arrays(t, u, z[kept], position_t=t[kept], units=units, rig=rig)
+
+    fit = ac.fit(of(t >= 0.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        whole, holed = ac.compare(fit, of(t >= 0.0))[0], ac.compare(fit, of((t + 0.5) % 2.0 > 0.2))[0]
+    assert whole.worst_regions
+    assert (holed.worst, holed.worst_regions) == (worst_sentence((), 0), ())
+    assert len(holed.accel_residual[0])  # it is no short record
+
+
 @pytest.fixture(scope="module")
 def seen() -> Evaluation:
     """A model without the cubic that the record holds."""
     rng = np.random.default_rng(2)
     made = ac.simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters={"cubic": 2e-3}, rng=rng)
     return ac.compare(ac.fit(made.recording), made.recording)[0]
+
+
+def test_a_change_of_set_up_takes_nothing_from_a_share(seen: Evaluation) -> None:
+    t, residual = seen.accel_residual
+    moved = systematic.failing(replace(seen, accel_residual=(t, residual + 1.0), accel_rms=1.0), seen.bins, 1.0)
+    assert moved.worst_regions[0].share == pytest.approx(seen.worst_regions[0].share)
 
 
 def test_all_faces_say_the_same(seen: Evaluation) -> None:

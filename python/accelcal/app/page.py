@@ -100,8 +100,8 @@ class Page(widgets.Frame):
 
         One that `waits` is run after the action under way; any other one is refused while there is one.
         """
-        while waits and self.bench.job is not None:
-            await asyncio.sleep(TICK)
+        if waits:
+            await self.idle()
         try:
             running = workers.act(action, *args)
             self._tick()
@@ -113,6 +113,11 @@ class Page(widgets.Frame):
             self.tabs.set_value(then)
         self._tick()
         return result
+
+    async def idle(self) -> None:
+        """Wait for the end of the action under way."""
+        while self.bench.job is not None:
+            await asyncio.sleep(TICK)
 
     async def improve(self, action: Callable[..., Any], *args: Any) -> None:
         """Change the model, show it, and diagnose the new one as soon as its figures are drawn."""

@@ -69,7 +69,7 @@ def demo(
     model_file.save(steps.fit, models[0])
     verb("fit", f"fit {paths[0]} -o {models[0]}", values(steps.fit))
     verb("compare", f"compare {models[0]} {paths[1]}", evaluation.table().sentence)
-    verb("see", f"compare {models[0]} {paths[1]} --plots {output}", f"Largest residual: {evaluation.worst}.")
+    verb("see", f"compare {models[0]} {paths[1]} --plots {output}", words.largest_residual(evaluation.worst))
     verb("learn", f"diagnose {models[0]} {paths[0]}", steps.diagnosis.table().sentence)
     if steps.named:
         model_file.save(steps.better, models[1])

@@ -28,7 +28,7 @@ from accelcal.estimation.gauss_newton import ROUNDS_OF_GROWN, Solution, estimate
 from accelcal.estimation.remarks import Remark
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term, evaluate, terms_of
-from accelcal.validation.comparison import HORIZONS, Evaluation
+from accelcal.validation.comparison import Evaluation
 from accelcal.validation.evaluation import compare
 from accelcal.validation.systematic import evaluated
 
@@ -188,7 +188,7 @@ class Evidence:
     extra : effects of the user's own; by default all that are registered.
     alpha : family-wise false-alarm rate.
     progress : called with the share of the work that is done, 0 to 1.
-    horizons : of `where`, s; no verdict rests on what is coasted or on regions, and a search does without.
+    midway : whether a search goes on; no verdict rests on what is coasted or on regions, and `where` is without.
     """
 
     def __init__(
@@ -198,11 +198,11 @@ class Evidence:
         extra: Sequence[Effect] | None = None,
         alpha: float = FAMILYWISE_ALPHA,
         progress: Callable[[float], None] = lambda share: None,
-        horizons: Sequence[float] = HORIZONS,
+        midway: bool = False,
     ) -> None:
         solution = cleaned.solution
         states, model = solution.states, solution.model
-        self.stretch, self.breaks, self.alpha, self.horizons = stretch, stretch.breaks, alpha, horizons
+        self.stretch, self.breaks, self.alpha, self.midway = stretch, stretch.breaks, alpha, midway
         self.model, self.fit = model, result(solution)
         self.sources, self.runs = cleaned.runs, tuple(state.run for state in states)
         """What was prepared before the fit, and the runs as they were fitted."""
@@ -249,9 +249,9 @@ class Evidence:
     @cached_property
     def where(self) -> Evaluation:
         """The model against the first recording: its residual, and unless a search goes on where that is large."""
-        if self.horizons:
-            return evaluated(self.fit, self.sources[0], *self.span)
-        return compare(self.fit, self.sources[0], horizons=(), start=self.span[0], end=self.span[1])
+        if self.midway:
+            return compare(self.fit, self.sources[0], horizons=(), start=self.span[0], end=self.span[1])
+        return evaluated(self.fit, self.sources[0], *self.span)
 
     @property
     def forbidden(self) -> bool:

@@ -442,8 +442,10 @@ def without_play(jumps: Sequence[PositionStep], run: PreparedRun, t: Array, step
     at = np.searchsorted(t, run.t[turned])
     inside = (at >= PULSE) & (at < len(t) - PULSE)
     at, sign = at[inside], -way[turned][inside]
+    if len(at) <= PLAY_LEAST_REVERSALS:
+        return [*jumps]
     around = steps[at[:, None] + np.arange(-PULSE, PULSE + 1)] * sign[:, None]
-    scatter = float(local_spread(steps)[at].mean()) * math.sqrt(0.5 * math.pi / max(len(at), 1))
+    scatter = float(local_spread(steps)[at].mean()) * math.sqrt(0.5 * math.pi / len(at))
 
     def is_play(jump: PositionStep) -> bool:
         others = around[np.abs(t[at] - jump.time) > 2.0 * PULSE * run.reading_step]  # both have a pulse

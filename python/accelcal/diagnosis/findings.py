@@ -90,7 +90,9 @@ def contribution_of_test(test: NoiseTest, states: Sequence[RunState]) -> Size | 
 
 
 NOTHING_MISSING = "Nothing is missing"
+"""Beginning of the sentence on an adequate model."""
 TO_GO_ON = "To go on:"
+"""Beginning of what to do about a residual that nothing explains."""
 USUAL_STEP = (
     "look in the report for lines and bands in the spectrum of the residual and for where it is largest, then repeat "
     "the motion at another speed: what the motion makes changes with it, what the set-up adds does not"
@@ -106,8 +108,7 @@ NEXT_STEPS = {
     "not_added": "record a longer run, or the same motion at another speed, and diagnose both together",
     "dwells": "measure the angles again, record the temperature, and declare angle_std if the table is no better",
 }
-"""What to do about a residual that nothing explains, by the code of the remark that it rests on."""
-"""Beginning of the sentence on an adequate model."""
+"""What to do about a residual that nothing explains, by the code of the remark that it rests on; of dwells `dwells`."""
 LEAST_LOG_P = -650.0
 """Logarithm of the smallest probability that is given as standard deviations: 36 of them."""
 

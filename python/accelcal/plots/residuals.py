@@ -233,8 +233,7 @@ TOO_SHORT = "The record is too short for residuals by region."
 
 def ordered(comparison: Evaluation) -> list[tuple[Bins, float]]:
     """Bins of every variable of the motion with the share of the mean square that they explain, most first."""
-    rms = comparison.accel_rms
-    bins = [(b, b.explained(rms)) for b in comparison.bins if b.variable != "frequency"]
+    bins = [(b, b.explained(comparison.accel_rms_centred)) for b in comparison.bins if b.variable != "frequency"]
     return sorted(bins, key=lambda pair: -pair[1])
 
 
@@ -253,7 +252,7 @@ def regions(comparison: Evaluation, most: int | None = None) -> Figure:
     panels = [_region(b, factor, unit, f"{100.0 * share:.2g} %, ") for b, share in shares]
     panels += [_region(b, 1.0, "1", "") for b in comparison.bins if b.variable == "frequency"]
     worst = comparison.worst[:1].upper() + comparison.worst[1:]
-    note = "title: what the variable explains of the mean square residual, and its largest deviation"
+    note = "title: what the variable explains of the mean square residual, set-up aside, and its largest deviation"
     return Figure(tuple(panels[:most]), worst, note, columns=3 if most is None else min(3, most))
 
 

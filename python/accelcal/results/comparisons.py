@@ -135,8 +135,8 @@ def regions(*several: tuple[str, str, Evaluation]) -> Table:
             for region in evaluation.worst_regions
         ),
         notes=(
-            "The worst region of each variable: mean residual, its share of the mean square residual, and p adjusted "
-            "for the number of all regions.",
+            "The worst region of each variable, set-up aside: mean residual, its share of the mean square residual, "
+            "and p adjusted for the number of all regions.",
         ),
         about={"name": recording, "worst": first.worst},
     )

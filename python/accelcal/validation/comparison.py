@@ -528,6 +528,12 @@ class Evaluation(Result):
     """Parts of the drift, where they were asked for."""
 
     @property
+    def accel_rms_centred(self) -> float:
+        """The accelerometer-side residual, set-up aside, m/s²; NaN where the record is too short."""
+        residual = self.accel_residual[1]
+        return float(np.std(residual)) if len(residual) else math.nan
+
+    @property
     def systematic(self) -> SystematicError | None:
         """Systematic error of the corrected output below `band`; None where the record is too short."""
         return SystematicError.of(self.resolved)

@@ -1,4 +1,4 @@
-"""Where a residual is large: its rms by position, velocity and acceleration, and what lies beyond the fitted range."""
+"""Where a residual is large: its mean by regions of time and of the motion, and what lies beyond the fitted range."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def worst_regions(bins: Sequence[Bins], rms: float) -> tuple[Region, ...]:
     Parameters
     ----------
     bins : of all variables; a bin with too little data does not count.
-    rms : of the residual, m/s².
+    rms : of the residual, set-up aside, m/s².
     """
     number = sum(int(np.sum(b.std > 0.0)) for b in bins)
     worst = [_worst_of(b, rms, number) for b in bins if np.any(b.std > 0.0)]
@@ -158,7 +158,8 @@ def largest_of(several: Sequence[Bins], scale: float) -> tuple[str, RmsInterval]
 
     Parameters
     ----------
-    several : bins of all variables. The band is that of all regions at once (Bonferroni).
+    several : bins of all variables. The interval is that of all regions at once (Bonferroni), and begins at 0 unless
+        one is notable.
     scale : change of the output with acceleration, 1 + k.
     """
     rows = [(b.variable, b.mean[i], b.std[i]) for b in several for i in np.flatnonzero(b.std) if not b.of_frequency]
@@ -166,9 +167,9 @@ def largest_of(several: Sequence[Bins], scale: float) -> tuple[str, RmsInterval]
         return None
     sizes, std = (np.abs([row[k] for row in rows]) / scale for k in (1, 2))
     reach = float(scipy.special.ndtri(1.0 - 0.025 / len(rows))) * std
-    k = int(np.argmax(sizes - reach))
-    low, high = max(0.0, float(sizes[k] - reach[k])), float(np.max(sizes + reach))
-    return rows[k][0], RmsInterval(float(sizes[k]), low, high)
+    least = sizes - np.maximum(reach, NOTABLE * std)
+    k = int(np.argmax(least))
+    return rows[k][0], RmsInterval(float(sizes[k]), max(0.0, float(least[k])), float(np.max(sizes + reach)))
 
 
 def bin_residual(

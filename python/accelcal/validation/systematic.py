@@ -70,6 +70,8 @@ def with_resolved(
         alone = (with_resolved([e], [fit], recording, ruler) for e, fit in zip(evaluations, fits, strict=True))
         return tuple(evaluation for (evaluation,) in alone)
     grid, scales = Grid.of(first, fits[0]), np.abs([fit.values().scale for fit in fits])
+    if not len(grid.rows):  # all lie beside a hole
+        return tuple(evaluations)
     residuals = np.array([evaluation.accel_residual[1][grid.rows] for evaluation in evaluations])
     expected: Density = partial(density_of, noise=ruler.noise, reference=first.reference_noise, band=first.band)
     density, parts = expected, [evaluation.resolved for evaluation in evaluations]
@@ -89,7 +91,7 @@ def with_resolved(
 
 def failing(evaluation: Evaluation, bins: tuple[Bins, ...], scale: float) -> Evaluation:
     """An evaluation with its mean errors by region and frequency, and the worst of them."""
-    worst, number = worst_regions(bins, evaluation.accel_rms), sum(int(np.count_nonzero(b.std)) for b in bins)
+    worst, number = worst_regions(bins, evaluation.accel_rms_centred), sum(int(np.count_nonzero(b.std)) for b in bins)
     sentence, largest = worst_sentence(worst, number), largest_of(bins, scale)
     return replace(evaluation, bins=bins, worst=sentence, worst_regions=worst, largest=largest)
 

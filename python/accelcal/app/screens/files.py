@@ -67,7 +67,7 @@ def area(bench: Workbench, label: str, take: Callable[[Any], Awaitable[None]], m
         uploader.sends(False)
         if bench.job is not None and bench.job.title:
             names = ", ".join(file.name for file in event.files)
-            ui.notify(f"{names} is read as soon as this has ended: {bench.job.title}.")
+            ui.notify(f"Waiting for this to end: {bench.job.title}; then comes {names}.")
         await take(event)
         if not uploader.is_deleted:
             uploader.reset()  # what was taken is told by the page, and not listed once more
@@ -121,8 +121,12 @@ async def saved(bench: Workbench, files: Sequence[Any]) -> list[Path]:
 
 
 async def used(page: Page, paths: Sequence[Path], more: bool) -> None:
-    """Open a session, load recordings with their sidecars, or put a sidecar in the place of the present one."""
+    """Open a session, load recordings with their sidecars, or put a sidecar in the place of the present one.
+
+    What files are for depends on what is there once the action under way has ended.
+    """
     bench = page.bench
+    await page.idle()
     sessions = [p for p in paths if p.suffix.lower() == session_file.SUFFIX]
     sidecars = [p for p in paths if p.suffix.lower() == ".toml"]
     models = [p for p in paths if p.suffix.lower() == MODEL]

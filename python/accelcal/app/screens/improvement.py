@@ -90,7 +90,7 @@ def card(diagnosis: Diagnosis, c: Candidate, named: list[str]) -> Card:
             f"{c.snr:.1f} σ, p {probability(c.p_value)}",
         ),
         rivals=tuple(map(spelled, others)),
-        nearest=diagnosis.scan.nearest_rival(c.effect).strip() if significant and not others else "",
+        nearest=readable(diagnosis.scan.nearest_rival(c.effect).strip()) if significant and not others else "",
         lines=tuple(
             (label, text)
             for label in ("Looks like", "Easily confused with", "Separate by", "Equation")

@@ -205,12 +205,11 @@ def scan(
     process = best.process_instead(runs, changing, length, rules)
     if process is not None:
         best, (entering, changing) = process, process.divided(evidence, rules)
-    first = [effect for effect in (*entering, *changing) if effect.effect == best.first] if enough else []
-    for lead in first:
-        again = relinearised(passes, model, lead, separate, length, rules)
-        if again is not None:
-            entering = (again, *(effect for effect in entering if effect is not lead))
-            changing = tuple(effect for effect in changing if effect is not lead)
+    lead = next((effect for effect in (*entering, *changing) if effect.effect == best.first), None)
+    again = None if lead is None else relinearised(passes, model, lead, separate, length, rules)
+    if again is not None:
+        entering = (again, *(effect for effect in entering if effect is not lead))
+        changing = tuple(effect for effect in changing if effect is not lead)
     final, scatter, chosen = best.evidence, best.scatter, best.chosen
     progress(1.0)
     return Scan(

@@ -164,7 +164,7 @@ class StepwiseSelection:
     ) -> StepwiseSelection:
         """Start from the base model, fitted and judged."""
         fitted = clean_fit(original, lambda these: solve(Model.linear(), these, stretch, split))
-        current = JudgedModel(fitted, verdict_on(Evidence(fitted, stretch, extra, alpha, horizons=())))
+        current = JudgedModel(fitted, verdict_on(Evidence(fitted, stretch, extra, alpha, midway=True)))
         return cls(
             original,
             stretch,
@@ -302,7 +302,7 @@ class StepwiseSelection:
         self.accept(replace(last, verdict=replace(verdict, fit=last.verdict.fit, used=last.verdict.used)))
 
     def with_coasting(self, judged: JudgedModel) -> Diagnosis:
-        """The verdict on a model with its errors of coasting, which no step of the search needs."""
+        """The verdict on a model with its errors of coasting and by region, which no step of the search needs."""
         fit, run = judged.verdict.fit, judged.fitted.runs[0]
         return replace(judged.verdict, where=evaluated(fit, run, self.stretch.start, self.stretch.end))
 
@@ -360,7 +360,7 @@ class StepwiseSelection:
 
     def judge(self, fitted: CleanFit) -> JudgedModel:
         """A fitted model with the verdict on it."""
-        return JudgedModel(fitted, verdict_on(Evidence(fitted, self.stretch, self.extra, self.alpha, horizons=())))
+        return JudgedModel(fitted, verdict_on(Evidence(fitted, self.stretch, self.extra, self.alpha, midway=True)))
 
     def with_next(self, among: Sequence[str] | None = None) -> tuple[DetectedEffect, JudgedModel] | None:
         """The judged fit with the effect that comes first, or with a rival of it where it is refused, or with the next
