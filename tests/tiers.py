@@ -31,6 +31,8 @@ JUDGED = ("estimation/", "diagnosis/", "data/", "io/", "validation/")
 """Folders of the package whose lines `make test` should reach nearly as well as `make test-all`."""
 SLOW = 1.5
 """Processor seconds above which a case is slow; of a test function above it, every second or third case stays."""
+LONG = 4.0
+"""Processor seconds above which `ACCELCAL_LONG=0/2` runs every second case, from the first; `1/2` runs the others."""
 LISTED = 0.3
 """Processor seconds above which a case is listed in `durations.json`."""
 OUTSIDE = {"browser", "device_tools", "host_tools"}
@@ -88,6 +90,15 @@ def mark(items: Sequence[pytest.Item]) -> set[str]:
             item.add_marker("outside")
         (slow if item.get_closest_marker("slow") else fast).add(function(item.nodeid))
     return slow - fast - guards.keys()
+
+
+def left_out(items: Sequence[pytest.Item], share: str) -> list[pytest.Item]:
+    """Return the long cases that are not in a share, such as "0/2"; another share has them."""
+    part, of = map(int, share.split("/"))
+    seconds, _ = stored()
+    long = [item for item in items if seconds.get(item.nodeid, 0.0) > LONG]
+    long = sorted((item for item in long if not item.get_closest_marker("always")), key=lambda item: item.nodeid)
+    return [item for place, item in enumerate(long) if place % of != part]
 
 
 class Reach:

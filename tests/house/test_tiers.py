@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -37,6 +38,16 @@ def test_tests_and_guards_exist_and_no_guard_is_slow() -> None:
     named = {tiers.function(case) for case in seconds} | guards.keys() | set(guards.values())
     assert {test for test in named if not exists(test)} == set()
     assert not set(guards.values()) & guards.keys()
+
+
+def test_shares_of_the_long_cases_are_apart_and_make_up_all() -> None:
+    seconds, _ = tiers.stored()
+    long = sorted(case for case, spent in seconds.items() if spent > tiers.LONG)
+    items = [SimpleNamespace(nodeid=case, get_closest_marker=lambda name: None) for case in (*long, "a.py::fast")]
+    left_out = [{item.nodeid for item in tiers.left_out(items, share)} for share in ("0/2", "1/2")]  # type: ignore[arg-type]
+    assert left_out[0] | left_out[1] == set(long)
+    assert left_out[0] & left_out[1] == set()
+    assert min(map(len, left_out)) > 50
 
 
 def test_guards_are_chosen_by_the_lines_that_few_tests_reach(tmp_path: Path) -> None:
