@@ -28,7 +28,7 @@ def user(browser: Any, server: Any) -> Any:  # noqa: F811
 def both_themes(user: User, screen: str, figures: int) -> None:
     """Look at a screen in the dark and in the light theme."""
     for other in ("Light theme", "Dark theme"):
-        user.button(other).wait_for()  # the theme before it is gone
+        user.button(other).wait_for(timeout=LONG)  # the theme before it is gone
         user.settles(figures)
         user.look(f"{screen}-{other.split()[0].lower()}-next")
         user.click(other)

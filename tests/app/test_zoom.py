@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from .conftest import write
 from .test_browser import LONG, fit, load, opened, tab  # noqa: F401  (the fixture that opens a tab)
 from .test_server import server  # noqa: F401  (the fixture that runs the workbench)
 
@@ -45,9 +46,10 @@ def wait_for_width(page: Any, low: float, high: float) -> dict[str, Any]:
 
 
 @pytest.fixture
-def fitted(tab: Any, files: Path) -> Any:  # noqa: F811
-    """A tab behind the first fit of a run with a hidden cubic."""
-    load(tab, files, "cubic")
+def fitted(tab: Any, tmp_path: Path) -> Any:  # noqa: F811
+    """A tab behind the first fit of a run with a hidden cubic, long enough for a figure of fewer points."""
+    write(tmp_path / "cubic.csv", 21, seconds=40.0, cubic=4e-3)
+    load(tab, tmp_path, "cubic")
     fit(tab)
     return tab
 
