@@ -9,19 +9,17 @@ standard deviations, everything else known.
 
 from __future__ import annotations
 
-import argparse
 import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benches.outcomes import Outcome, run_all
+from benches.outcomes import Outcome, asked, run_all
 
 Array = NDArray[np.float64]
 Generator = np.random.Generator
@@ -178,12 +176,7 @@ def right(outcome: Outcome) -> bool:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run what is missing, then print figure, count and threshold."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--records", type=int, default=60)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--out", type=Path, default=Path("target/bench/lines.jsonl"))
-    chosen = parser.parse_args(arguments)
+    chosen = asked(__doc__, "lines", 60, arguments)
     trials = [Trial(chosen.seed, number) for number in range(chosen.records)]
     outcomes = run_all(run, trials, chosen.out, chosen.workers)
     good = [outcome for outcome in outcomes if right(outcome)]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import multiprocessing
+import os
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -98,6 +100,16 @@ def kept(path: Path) -> list[Outcome]:
         except json.JSONDecodeError:
             continue
     return found
+
+
+def asked(about: str | None, name: str, records: int, arguments: Sequence[str] | None) -> argparse.Namespace:
+    """What is asked of a bench: how many records, which seed, how many workers, and the file of outcomes."""
+    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--records", type=int, default=records)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--out", type=Path, default=Path(f"target/bench/{name}.jsonl"))
+    return parser.parse_args(arguments)
 
 
 Nulls = Callable[[Outcome], tuple[str, str, Sequence[str]] | None]

@@ -87,12 +87,12 @@ def recorded(kind: str, rng: np.random.Generator, *, slow: bool, error: str = ""
     if error:
         variable, function = ERRORS[error]
         shape, base = function(v, a), np.stack([np.ones_like(t), a, np.gradient(a)], axis=1)
-        own = shape - base @ np.linalg.lstsq(base, shape, rcond=None)[0]
+        rest = shape - base @ np.linalg.lstsq(base, shape, rcond=None)[0]
         x = a if variable == "acceleration" else v
         place = np.searchsorted(np.linspace(*np.quantile(x, [0.001, 0.999]), BINS + 1)[1:-1], x)
         inside = (place == np.arange(BINS)[:, None]).astype(float)
         columns = inside / np.sum(inside, axis=1, keepdims=True) - 1.0 / n
-        output += d / float(np.max(np.abs(columns @ own) / deviations(columns, density))) * shape
+        output += d / float(np.max(np.abs(columns @ rest) / deviations(columns, density))) * shape
     sensor, z = ac.Sensor(noise=DENSITY), p + READING * rng.standard_normal(n)
     return Recording.from_arrays(t, output, z, units={"accel": "m/s^2", "position": "m"}, rig=ac.Rig(sensor))
 
@@ -105,14 +105,14 @@ def evaluation_of(number: int, seed: int, *, slow: bool, error: str = "") -> Eva
     return ac.compare(ac.fit(train), other)[0]
 
 
-def false_regions(seen: Evaluation) -> dict[str, Any]:
+def false_regions(evaluation: Evaluation) -> dict[str, Any]:
     """What is said to fail though noise is all that there is; against frequency noise differs from the model's."""
-    regions = [region for region in seen.worst_regions if region.variable != "frequency"]
+    regions = [region for region in evaluation.worst_regions if region.variable != "frequency"]
     worst = max(regions, key=lambda region: abs(region.sigma))
     return {
         "low p": worst.p < 0.05,
         "named": abs(worst.sigma) >= NOTABLE,
-        "worst": f"{worst.variable} {worst.sigma:+.1f} of {seen.band:.3g} Hz",
+        "worst": f"{worst.variable} {worst.sigma:+.1f} of {evaluation.band:.3g} Hz",
     }
 
 
@@ -125,14 +125,14 @@ def main() -> None:
     for slow in (False, True):
         n = asked.records // 2
         every = [false_regions(evaluation_of(number, asked.seed, slow=slow)) for number in range(n)]
-        print(f"{'1/f and random walk' if slow else 'white'}: {[one['worst'] for one in every]}")
+        print(f"{'1/f and random walk' if slow else 'white'}: {[outcome['worst'] for outcome in every]}")
         for key, rate in (("low p", 0.05), ("named", 0.01)):
-            print(f"    {key}: {sum(one[key] for one in every)} of {n}, expected {rate * n:.1f}")
+            print(f"    {key}: {sum(outcome[key] for outcome in every)} of {n}, expected {rate * n:.1f}")
     first = 0
     for number in range(asked.effects):
         error = list(ERRORS)[number // 2 % 2]
-        seen = evaluation_of(number, asked.seed, slow=number % 8 > 3, error=error)
-        rows = [(region.variable, round(region.sigma, 1)) for region in seen.worst_regions[:3]]
+        evaluation = evaluation_of(number, asked.seed, slow=number % 8 > 3, error=error)
+        rows = [(region.variable, round(region.sigma, 1)) for region in evaluation.worst_regions[:3]]
         right = rows[0][0] == ERRORS[error][0]
         first += right
         print(f"{error}, {MOTIONS[number % 2]}: {rows}{'' if right else '  <-'}")

@@ -96,17 +96,17 @@ def test_a_step_is_drawn_before_and_after_on_one_scale(grown):
 def test_what_a_sidecar_is_for_depends_on_what_has_been_loaded_meanwhile(tmp_path):
     sidecar = tmp_path / "run.toml"
     sidecar.write_text("[columns]\n", encoding="utf-8")
-    told = []
-    bench = SimpleNamespace(state=SimpleNamespace(file=None, opened=None), declare="declare", refuse=told.append)
+    actions = []
+    bench = SimpleNamespace(state=SimpleNamespace(file=None, opened=None), declare="declare", refuse=actions.append)
 
     async def idle():
         bench.state.file = tmp_path / "run.csv"  # it was being read
 
     async def act(action, *args, waits):
-        told.append(action)
+        actions.append(action)
 
     asyncio.run(files_screen.used(SimpleNamespace(bench=bench, idle=idle, act=act), [sidecar], more=False))
-    assert told == ["declare"]
+    assert actions == ["declare"]
 
 
 def test_a_name_has_a_nearest_rival_and_confounded_effects_have_each_other(grown):
@@ -124,8 +124,8 @@ def test_a_name_has_a_nearest_rival_and_confounded_effects_have_each_other(grown
     named, tied = judged("named"), judged("tied", best.effect, other.effect)
     assert improvement.badge(named) == ("An effect is missing", "found")
     first, rival = improvement.cards(named)
-    told = f"Its nearest rival is {rival.title}, worse by 100 in log-evidence."
-    assert (first.rivals, first.nearest, rival.nearest) == ((), told, "")
+    nearest = f"Its nearest rival is {rival.title}, worse by 100 in log-evidence."
+    assert (first.rivals, first.nearest, rival.nearest) == ((), nearest, "")
     assert improvement.badge(tied) == ("Confounded effects", "found")
     first, rival = improvement.cards(tied)
     assert (first.rivals, first.nearest) == ((rival.title,), "")

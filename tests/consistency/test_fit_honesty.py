@@ -88,8 +88,8 @@ def test_errors_reach_the_cramer_rao_bound(setting: Setting) -> None:
 
 def test_a_fit_that_ignores_eight_ninths_of_the_record_misses_the_bound() -> None:
     setting = BOUNDED[1]
-    found = collect(setting.names, (one_fit(setting, run, share=1.0 / 9.0) for run in range(RUNS)))
-    rms = np.sqrt(np.mean((found.error / bounds(setting, range(RUNS))) ** 2, axis=0))
+    of_a_ninth = collect(setting.names, (one_fit(setting, run, share=1.0 / 9.0) for run in range(RUNS)))
+    rms = np.sqrt(np.mean((of_a_ninth.error / bounds(setting, range(RUNS))) ** 2, axis=0))
     _, high = rms_region(RUNS, PROBABILITY)
     assert np.all(rms > high)  # sqrt(9) = 3 is expected
 

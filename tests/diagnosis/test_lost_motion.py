@@ -59,13 +59,15 @@ def read_of(p: np.ndarray, play: float) -> np.ndarray:
     return z
 
 
-def of_moves(seed: int, play: float, count: float, seconds: float = 14.0) -> Recording:
-    """A record of moves with rests at 1 kHz; `count` of the encoder, m."""
+def of_moves(
+    seed: int, play: float, count: float, seconds: float = 14.0, output: float = 2e-3, reading: float = 7e-8
+) -> Recording:
+    """A record of moves with rests at 1 kHz; `count` of the encoder, m; noise of a sample and of a reading, m/s², m."""
     rng, t = np.random.default_rng(seed), np.arange(int(seconds * 1000.0)) / 1000.0
     p, a = moves(rng, t)
-    u = 0.08 + 0.988 * a + rng.normal(0.0, 2e-3, t.size)
-    z = count * np.rint((read_of(p, play) + rng.normal(0.0, 7e-8, t.size)) / count)
-    rig = ac.Rig(ac.Sensor(noise=2e-3 / np.sqrt(500.0)))
+    u = 0.08 + 0.988 * a + rng.normal(0.0, output, t.size)
+    z = count * np.rint((read_of(p, play) + rng.normal(0.0, reading, t.size)) / count)
+    rig = ac.Rig(ac.Sensor(noise=output / np.sqrt(500.0)))
     return ac.Recording.from_arrays(t, u, z, units={"accel": "m/s^2", "position": "m"}, rig=rig)
 
 
@@ -95,10 +97,10 @@ def turning(seed: int) -> float:
 @pytest.mark.slow
 def test_lost_motion_is_backlash_alone_and_enters() -> None:
     """Without rests: behind a rest the head takes up part of its play before the stage surely moves."""
-    found = ac.improve(recorded(3, seconds=20.0))
-    print(found.sentence)
-    assert found.effects == ("encoder_backlash",)
-    assert abs(abs(found.best["encoder_backlash"].value) - PLAY) < 0.1 * PLAY
+    better = ac.improve(recorded(3, seconds=20.0))
+    print(better.sentence)
+    assert better.effects == ("encoder_backlash",)
+    assert abs(abs(better.best["encoder_backlash"].value) - PLAY) < 0.1 * PLAY
 
 
 @pytest.mark.parametrize("seed", [3, 5, 11])
@@ -134,13 +136,13 @@ def test_lost_motion_is_found_on_moves_with_rests(monkeypatch: pytest.MonkeyPatc
     count, effect = 1e-6, find("encoder_backlash")
     recording = of_moves(31, PLAY, count)
     base = ac.fit(recording)
-    found = ac.add(base, recording, effect.name)[effect.name]
-    print(found)
-    assert abs(found.value + PLAY) < 3.0 * found.std < 0.3 * PLAY
+    size = ac.add(base, recording, effect.name)[effect.name]
+    print(size)
+    assert abs(size.value + PLAY) < 3.0 * size.std < 0.3 * PLAY
     state = state_at(base, 0, prepare(recording))
     alone = scan([state], base.model, only=[effect])
     assert alone.candidates[0].snr > 10.0
-    assert alone.found[0].shape["width"] > abs(found.value) / 1.5
+    assert alone.found[0].shape["width"] > abs(size.value) / 1.5
     one = 2.0 / 3.0 * count**2  # variance step²/6 of a column that changes by one where a rest begins, by half of d
     monkeypatch.setattr(scores, "rounding_variances", lambda terms, runs, power: np.full(len(terms), one))
     assert scan([state], base.model, only=[effect]).candidates[0].snr < 5.0  # 5.3 enters among 180 candidates

@@ -233,7 +233,7 @@ TOO_SHORT = "The record is too short for residuals by region."
 
 def ordered(comparison: Evaluation) -> list[tuple[Bins, float]]:
     """Bins of every variable of the motion with the share of the mean square that they explain, most first."""
-    bins = [(b, b.explained(comparison.accel_rms_centred)) for b in comparison.bins if b.variable != "frequency"]
+    bins = [(b, b.explained(comparison.accel_rms_centred)) for b in comparison.bins if not b.of_frequency]
     return sorted(bins, key=lambda pair: -pair[1])
 
 
@@ -250,7 +250,7 @@ def regions(comparison: Evaluation, most: int | None = None) -> Figure:
         return sentence("Mean residual", TOO_SHORT)
     factor, unit = formatting.prefixed("m/s²", *(_mean(b) for b, _ in shares))
     panels = [_region(b, factor, unit, f"{100.0 * share:.2g} %, ") for b, share in shares]
-    panels += [_region(b, 1.0, "1", "") for b in comparison.bins if b.variable == "frequency"]
+    panels += [_region(b, 1.0, "1", "") for b in comparison.bins if b.of_frequency]
     worst = comparison.worst[:1].upper() + comparison.worst[1:]
     note = "title: what the variable explains of the mean square residual, set-up aside, and its largest deviation"
     return Figure(tuple(panels[:most]), worst, note, columns=3 if most is None else min(3, most))
@@ -266,7 +266,7 @@ def before_after(before: Evaluation, after: Evaluation, step: str) -> Figure:
     """
     after_by_name = {b.variable: b for b in after.bins}
     several = [(b, after_by_name[b.variable]) for b in before.bins if b.variable in after_by_name]
-    several = [(b, a) for b, a in several if b.variable != "frequency" and np.any(b.std > 0.0)]
+    several = [(b, a) for b, a in several if not b.of_frequency and np.any(b.std > 0.0)]
     if not several:
         return sentence(f"Mean residual before and after {step}", TOO_SHORT)
     pair = max(several, key=lambda both: float(np.abs(both[0].score).max(initial=0.0)))
@@ -291,7 +291,7 @@ def _mean(bins: Bins) -> Array:
 
 def _region(bins: Bins, factor: float, unit: str, share: str) -> Panel:
     """Mean residual against one variable; against frequency the ratio of densities."""
-    ratio = bins.variable == "frequency"
+    ratio = bins.of_frequency
     scale, x_unit = (1.0, bins.unit) if bins.unit == "s" else formatting.prefixed(bins.unit, bins.edges)
     centre, zero = 0.5 * (bins.edges[1:] + bins.edges[:-1]) * scale, 1.0 if ratio else 0.0
     reach = np.repeat(np.where(bins.std > 0.0, 2.0 * bins.std, np.nan), 2) * factor
