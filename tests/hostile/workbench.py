@@ -33,7 +33,8 @@ class Served:
     def __init__(self, place: Path) -> None:
         self.temporary, self.state = place / "temporary", place / "state"
         self.temporary.mkdir()
-        self.port = free_port(int(np.random.default_rng(os.getpid()).integers(20_000, 40_000)))
+        # Below the ports that the system hands out: there `start` could connect to itself, before the server listens.
+        self.port = free_port(int(np.random.default_rng(os.getpid()).integers(20_000, 32_000)))
         self.log = place / "log"
         self.process: subprocess.Popen[bytes] | None = None
 

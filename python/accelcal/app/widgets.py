@@ -6,6 +6,7 @@ import copy
 import html
 import itertools
 import math
+import re
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -147,7 +148,7 @@ def where(diagnosis: Diagnosis, theme: ThemeName) -> list[Figure | Picture]:
 
 WIDTH = 272
 """Width of the axes on a phone, px."""
-PANEL = 170
+PANEL = 150
 """Height of a panel, px."""
 TALLEST = 230
 """Most that the axes of a figure with one panel take, px."""
@@ -183,7 +184,8 @@ def narrowed(picture: Picture) -> Picture:
             {**trace, "y": [y.replace(", ", ",<br>", 1) if isinstance(y, str) else y for y in _listed(trace)]}
             for trace in figure["data"]
         ]
-        left = 2 * LEFT
+        names = [y for trace in figure["data"] for y in trace["y"] if isinstance(y, str)]
+        left = round(LETTER * max(len(line) for name in names for line in name.split("<br>")))
     elif len(panels) == 1:
         layout["height"] = min(layout["height"], margin["t"] + margin["b"] + TALLEST)
     if any([wrap_titles(axes) for axes in panels]):
@@ -285,7 +287,8 @@ def _listed(trace: dict[str, Any]) -> list[Any]:
 
 
 def _wrapped(text: str, letters: int) -> str:
-    return "<br>".join(textwrap.wrap(text, letters)) if "<" not in text else text
+    whole = re.sub(r"(?<=\d) (?=σ)", "\N{NO-BREAK SPACE}", text)  # a number stays with its unit
+    return "<br>".join(textwrap.wrap(whole, letters)) if "<" not in text else text
 
 
 class Uploader(ui.upload):
