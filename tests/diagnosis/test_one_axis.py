@@ -71,6 +71,12 @@ def test_a_motion_below_the_noise_says_nothing(size: float, motion: int | None) 
     assert all(band.least == 0.0 for band in coherence_by_band(found))
 
 
+def test_a_motion_so_far_beyond_the_noise_that_the_coherence_rounds_to_one_is_one_axis() -> None:
+    bands = coherence_by_band(record(1, size=1e9))
+    assert max(band.expected for band in bands) > 1.0 - 1e-15
+    require_one_axis([record(1, size=1e9)])
+
+
 def test_a_part_is_judged_by_itself_and_a_swapped_sign_is_related() -> None:
     found = record(2, effect="half")
     with pytest.raises(RecordingError, match="not one axis"):
