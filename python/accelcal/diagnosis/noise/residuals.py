@@ -371,6 +371,7 @@ class InterpolationError:
         affected, information = remaining_information(response / response[0], lost, self.n)
         errors = errors - self(correction)
         errors[affected] /= np.sqrt(np.where(information > LEAST_INFORMATION, information, np.nan))
+        errors[lost] = np.nan
         return errors
 
     @property
@@ -396,7 +397,7 @@ def solve_corrections(act: Callable[[Array], Array], errors: Array) -> Array:
 
 
 def remaining_information(response: Array, lost: Places, n: int) -> tuple[Places, Array]:
-    """Samples near lost ones, and the share of the information on them that remains, (m,) each.
+    """Samples near lost ones, but none of those, and the share of the information on them that remains, (m,) each.
 
     The lost samples about one, corrected together, take away c' R^-1 c, with c its response to each of them and R
     theirs to each other: the Schur complement of a Gaussian with that precision matrix.
@@ -407,9 +408,9 @@ def remaining_information(response: Array, lost: Places, n: int) -> tuple[Places
     lost : which of the `n` samples are lost, in rising order.
     """
     reach = (len(response) - 1) // 2
-    window = np.arange(-reach, reach + 1)
-    affected = np.unique(lost[:, None] + window)
-    affected = affected[(affected >= 0) & (affected < n)]
+    gone = np.zeros(n, dtype=np.bool_)
+    gone[lost] = True
+    affected = np.flatnonzero(widened(gone, reach) & ~gone)
     first = np.searchsorted(lost, affected - reach)
     count = np.searchsorted(lost, affected + reach, side="right") - first
     information = np.empty(len(affected))
