@@ -15,12 +15,14 @@ import accelcal.effects as effects
 from accelcal.data.orientation import ANGULAR_ACCELERATION, LEVERS, RATES, TURNED
 from accelcal.data.rig import Rig
 from accelcal.effects import BUILT_IN, Effect, cards, find
+from accelcal.effects.cards import card
 from accelcal.effects.registry import CARD
 from accelcal.signals.signals import Signals
 
 from ..worlds import CATALOGUE as WORLDS
 from .motions import sines
 
+UNSEEN, UNSEARCHED = "No motion of a level, untouched rig can show it.", "A diagnosis does not search for it."
 IDENTIFIERS = re.findall(
     r"\w+",
     """
@@ -74,6 +76,12 @@ def test_the_catalogue_holds_exactly_the_promised_names():
     unseen |= {"gyroscope_tilt", "lever_arm"}
     assert {e.name for e in BUILT_IN if not e.traits.visible} == unseen
     assert {e.name for e in BUILT_IN if e.family} == {name for name in IDENTIFIERS if "shape_" in name}
+
+
+def test_a_card_calls_unseen_what_sets_of_runs_show_and_unsearched_what_a_fit_adds_by_itself():
+    says = {sentence: {e.name for e in BUILT_IN if sentence in card(e)} for sentence in (UNSEEN, UNSEARCHED)}
+    assert says[UNSEEN] == {"tilt", "misalignment", "encoder_scale", "cross_axis_gravity"}
+    assert says[UNSEARCHED] == {"lowpass_error", "gyroscope_tilt", "lever_arm"}
 
 
 def test_every_effect_is_hidden_by_a_world_or_stands_among_those_that_none_hides():

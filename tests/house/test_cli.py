@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -184,6 +186,13 @@ def test_check_and_doctor_speak_json(folder):
     checked = json.loads(accelcal("check", "one.csv", "--json", cwd=folder).stdout)
     assert set(checked["channels"]) == {"accel", "position"}
     assert json.loads(accelcal("doctor", "--json").stdout)["accelcal"] == ac.__version__
+
+
+def test_doctor_lists_every_extra_of_the_quick_start():
+    page = (Path(__file__).parents[2] / "docs" / "quick-start.md").read_text(encoding="utf-8")
+    named = re.findall(r"^\| `(\w+)` \|", page, flags=re.MULTILINE)
+    assert {"pandas", "xarray"} <= set(named)
+    assert set(named) <= set(json.loads(accelcal("doctor", "--json").stdout)["extras"])
 
 
 def test_every_command_has_help_with_an_example():

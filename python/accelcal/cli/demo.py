@@ -149,6 +149,8 @@ def doctor(json: Json = False) -> None:
         "live": "serial",
         "dask": "distributed",
         "dcc": "xmlschema",
+        "pandas": "pandas",
+        "xarray": "xarray",
         "docs": "sphinx",
         **{file_format.extra: file_format.library for file_format in FORMATS if file_format.extra},
         "peers": "filterpy",

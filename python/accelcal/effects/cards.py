@@ -66,8 +66,10 @@ def card(effect: Effect) -> str:
     if effect.search.prior:
         mean, std = effect.search.prior
         lines.append(f"- Prior: {mean:g} ± {std:g} (1 sigma).")
-    if not effect.traits.visible:
+    if effect.seen_by_sets:
         lines.append("- No motion of a level, untouched rig can show it.")
+    elif not effect.traits.visible:
+        lines.append("- A diagnosis does not search for it.")
     return "\n".join(lines) + "\n"
 
 

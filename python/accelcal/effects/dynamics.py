@@ -130,7 +130,8 @@ def sensor_lag(s: Signals, tau: float) -> Array:
 
     Equation: e = (1 + k) l (x - a), tau x' = a - x; with l = 1, beyond the delay, tau²/2 times the snap a''.
     Looks like: beyond a delay, an output that falls short the more the higher the frequency.
-    Easily confused with: time_offset and sensor_resonance; while tau is small only l tau² can be estimated.
+    Easily confused with: time_offset and sensor_resonance; while tau is small only l (2 - l) tau² can be
+    estimated.
     Separate by: a sweep of frequency up to a tenth of 1/tau; declaring and removing the low-pass.
     """
     return s.scale * (lagged(s.a, tau, s.step, float(s.a[0])) - s.a)

@@ -172,8 +172,8 @@ def encoder_scale(s: Signals) -> Array:
 def encoder_lag(s: Signals, tau: float) -> Array:
     """First-order low-pass of the position sensor (derivations 7.3b): LVDT, vibrometer, filtered motion capture.
 
-    A coefficient of 1 is a plain low-pass. While tau is small only le tau² can be estimated beside time_offset, and
-    the prior decides.
+    A coefficient of 1 is a plain low-pass. While tau is small only le (2 - le) tau² can be estimated beside
+    time_offset, and the prior decides.
 
     Equation: b = le (x - p), tau x' = p - x; beyond the delay, a position that is short by tau²/2 times p''.
     Looks like: an output early by tau and, beyond that, too large the more the higher the frequency.

@@ -245,7 +245,8 @@ class Traits:
     """Whether its value at one time depends on the signals at other times. Users' own effects are always taken to; a
     built-in effect that does not is evaluated on parts of a long record."""
     visible: bool = True
-    """False for what no single motion of an untouched rig can show."""
+    """False for what a diagnosis does not search for in one run: no motion of an untouched rig shows it, or a fit
+    has it wherever the recordings call for it."""
     basis: str = ""
     """Name of the functions that its columns are, each times a positive size: shape parameters that are not refined set
     the functions, those that are refined set the sizes alone."""
