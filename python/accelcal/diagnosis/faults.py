@@ -766,15 +766,18 @@ def without_other_scale(columns: RelationColumns) -> Recording | None:
         if 2 * (end - begin) > K:
             begin, end, scale = end, begin + K, 1.0 / scale
         recording, within = columns.run.recording, np.arange(begin, end) % K
-        thirds = _solve(np.stack([gram[part].sum(axis=0) for part in np.array_split(within, 3)]))[:, 0]
-        if np.any(_is_other(thirds, float(np.median(thirds)))):  # a disturbance that is added has no scale of its own
-            continue
+        sixths = _solve(np.stack([gram[part].sum(axis=0) for part in np.array_split(within, 6)]))[:, 0]
+        apart_by = np.abs(sixths / float(np.median(sixths)) - 1.0)
+        if not np.all(apart_by < ONE_SCALE * abs(scale - 1.0) / max(1.0, abs(scale))):
+            continue  # a disturbance that is added has no scale of its own
         blocks = widened(np.isin(np.arange(K), within), EDGE_BLOCKS)
         out = blocks[np.clip(np.searchsorted(relation.edges, recording.accel.t, "right") - 1, 0, K - 1)]
         return without(recording, "accel", out, "other_scale", 1.0 / band, scale)
     return None
 
 
+ONE_SCALE = 0.25
+"""Most that the scale factors of the sixths of a part differ from their middle, over what that differs from the rest."""
 EDGE_BLOCKS = 2
 """Blocks beside a part with another scale factor that are left out, too: so well is its edge known."""
 
