@@ -59,6 +59,16 @@ def test_a_wave_that_only_slow_readings_resolve_is_added_where_it_was_found(peri
     assert f"period {1e6 * period:.4g} µm" in after.sentence
 
 
+def test_of_a_wave_and_an_effect_the_one_that_explains_more_is_named_first():
+    run = record(51, lambda p: 6e-7 * np.sin(2.0 * np.pi * p / 20e-6 + 0.4))
+    bent = {c: replace(run, accel=replace(run.accel, y=run.accel.y + c * run.accel.y**3)) for c in (0.03, 0.3)}
+    first = {c: ac.diagnose(ac.fit(recording), recording) for c, recording in bent.items()}
+    assert first[0.03].effects[0] == "encoder_cyclic"
+    assert first[0.03].sentence.startswith("The encoder errs by 590 nm with a period of 20 µm")
+    assert len(first[0.03].scan.found) > 0
+    assert first[0.3].effects[0] != "encoder_cyclic"
+
+
 @pytest.fixture(scope="module")
 def hum() -> tuple[ac.Recording, ac.Fit]:
     run = record(52, lines=LINES)

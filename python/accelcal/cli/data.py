@@ -45,8 +45,9 @@ def init(run: RunFile) -> None:
 
     Example: [bold]accelcal init run12.csv[/bold] writes run12.toml.
     """
-    io.init(run)
-    print_status(f"wrote {io.sidecar_of(run)}: fill in the marked lines, then run: accelcal check {run}")
+    needed = '"?"' in io.init(run)
+    what = "fill in the marked lines" if needed else "look through it, every column has its role"
+    print_status(f"wrote {io.sidecar_of(run)}: {what}, then run: accelcal check {run}")
 
 
 @app.command()

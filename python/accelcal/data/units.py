@@ -578,9 +578,14 @@ def in_usual_unit(value: float, unit: str, digits: int = 3, sign: str = "") -> s
     --------
     >>> in_usual_unit(0.0051, "s"), in_usual_unit(2e-6, "m", sign="+"), in_usual_unit(0.02, "1")
     ('5.1 ms', '+2 µm', '0.02')
+    >>> in_usual_unit(3.02e-7, "m", 2)
+    '300 nm'
     """
     name, size = usual_unit(unit, value) if unit in ("s", "m", "rad") else (unit, 1.0)
-    return f"{value / size:{sign}.{digits}g} {name}".removesuffix(" 1").rstrip()
+    text = f"{value / size:{sign}.{digits}g}"
+    if "e+" in text and abs(value / size) < 1e5:
+        text = f"{float(text):{sign}.0f}"
+    return f"{text} {name}".removesuffix(" 1").rstrip()
 
 
 __dir__ = listing(globals())

@@ -777,7 +777,7 @@ def without_other_scale(columns: RelationColumns) -> Recording | None:
 
 
 ONE_SCALE = 0.25
-"""Most that the scale factors of the sixths of a part differ from their middle, over what that differs from the rest."""
+"""Most that scale factors of the sixths of a part differ from their middle, over what that differs from the rest."""
 EDGE_BLOCKS = 2
 """Blocks beside a part with another scale factor that are left out, too: so well is its edge known."""
 

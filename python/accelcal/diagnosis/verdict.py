@@ -204,7 +204,7 @@ def nameable(e: Evidence) -> tuple[Scan, tuple[NoiseTest, ...], tuple[NoiseTest,
 def classes_of(e: Evidence, scan: Scan, tests: Sequence[NoiseTest]) -> list[Confounded]:
     """Effects that would enter, each with its confounding class; a significant delay comes first."""
     groups = [Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT)] if e.delayed and not e.forbidden else []
-    groups += [Confounded(effect.effect, effect.members, effect.experiment, effect.parts) for effect in scan.found]
+    searched_for = [Confounded(effect.effect, effect.members, effect.experiment, effect.parts) for effect in scan.found]
     p_values: dict[str, float] = {}
     for test in tests:
         p_values[test.effect] = min(test.p_value, p_values.get(test.effect, 1.0))
@@ -213,16 +213,25 @@ def classes_of(e: Evidence, scan: Scan, tests: Sequence[NoiseTest]) -> list[Conf
         for test in tests
         if test.parts.get("made_by_motion")
     }
-    searched = {WHITENESS, *(group.effect for group in groups)}
+    searched = {WHITENESS, *(group.effect for group in (*groups, *searched_for))}
+    tested = []
     for name, p in p_values.items():
         if name not in searched:
             uncertain = p > e.level * math.exp(-CLEAR_LOG_EVIDENCE)
             members = (name, *(find(name).confused if uncertain else harmonics.get(name, ())))
-            groups.append(Confounded(name, members, find(name).experiment.rstrip(".")))
+            tested.append(Confounded(name, members, find(name).experiment.rstrip(".")))
+    groups += [*tested, *searched_for] if wave_comes_first(scan, tests) else [*searched_for, *tested]
     for choice, telling in zip(e.seen[:1], e.telling, strict=True):
         members = (*(effect.effect for effect in e.fit.seen_by_runs), choice.instead)
         groups.append(Confounded(choice.effect, members, with_further(SEEN_EXPERIMENT, [choice.effect], telling)))
     return groups
+
+
+def wave_comes_first(scan: Scan, tests: Sequence[NoiseTest]) -> bool:
+    """Whether a wave that noise tests found explains more than the first effect of the search."""
+    gains = {candidate.effect: candidate.gain for candidate in scan.candidates}
+    best = gains.get(scan.found[0].effect, 0.0) if scan.found else 0.0
+    return max((test.evidence for test in tests if test.shape), default=0.0) > best
 
 
 def with_further(experiment: str, members: Sequence[str], further: Sequence[FurtherRun]) -> str:
@@ -320,7 +329,7 @@ def forbidden(case: Case) -> Judgement | None:
 
 def found_by_search(case: Case) -> Judgement | None:
     """Name the effect that explains most, or the nonparametric curve that does."""
-    if not case.scan.found:
+    if not case.scan.found or wave_comes_first(case.scan, case.tests):
         return None
     name = case.scan.found[0].effect
     sigmas = [f"{candidate.snr:.0f} sigma; " for candidate in case.scan.candidates if candidate.effect == name]
@@ -336,7 +345,10 @@ def found_by_search(case: Case) -> Judgement | None:
 def found_by_tests(case: Case) -> Judgement | None:
     """Name the effect of the first significant noise test."""
     named = [test for test in case.tests if test.effect != WHITENESS]
-    return case.with_rivals(named[0].effect, f"{named[0].sentence} ({case.examined}).") if named else None
+    if not named:
+        return None
+    text = named[0].sentence
+    return case.with_rivals(named[0].effect, f"{text[0].upper()}{text[1:]} ({case.examined}).")
 
 
 def no_one_size(case: Case) -> Judgement | None:

@@ -126,14 +126,15 @@ def contribution_notes(result: Diagnosis, listed: Collection[str]) -> list[str]:
         if judged is None and name in listed:
             continue
         size = result.sizes.get(name)
-        text = "no contribution of its own" if size is None else contribution(size, result.fit.rig.sensor.range)
+        text = contribution(size, result.fit.rig.sensor.range) if size is not None else ""
+        text = f"contributes at most {text}" if text else "adds nothing to the output that could be compared"
         matters = ""
         if judged is not None:
             limit = in_g(judged.tolerance)
             matters = "; not comparable with the tolerance, which applies to the output"
             if name in (*judged.matters, *judged.below):
                 matters = f"; {'matters' if name in judged.matters else 'below tolerance'} (tolerance {limit})"
-        notes.append(f"{name}: at most {text}{matters}." if size is not None else f"{name}: {text}{matters}.")
+        notes.append(f"{name} {text}{matters}.")
     return notes
 
 

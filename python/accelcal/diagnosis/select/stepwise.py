@@ -32,7 +32,7 @@ from accelcal.diagnosis.select.collinearity import (
     undetermined,
 )
 from accelcal.diagnosis.select.cross_validation import cross_validate, refusing
-from accelcal.diagnosis.verdict import Diagnosis, verdict_on
+from accelcal.diagnosis.verdict import Diagnosis, verdict_on, wave_comes_first
 from accelcal.effects import Effect, find, stem_of
 from accelcal.estimation.estimate import Fit, result, solve_runs
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
@@ -194,12 +194,9 @@ class StepwiseSelection:
         verdict = self.current.verdict
         gains = {candidate.effect: candidate.gain for candidate in reversed(verdict.scan.candidates)}
         waves = {test.effect: test.evidence for test in reversed(verdict.channels) if test.shape}
-        best = gains.get(verdict.scan.found[0].effect, 0.0) if verdict.scan.found else 0.0
-        ways = (
-            [self.with_wave, self.with_next]
-            if max(waves.values(), default=0.0) > best
-            else [self.with_next, self.with_wave]
-        )
+        ways = [self.with_next, self.with_wave]
+        if wave_comes_first(verdict.scan, verdict.channels):
+            ways.reverse()
         step = next((step for step in (way() for way in ways) if step is not None), None)
         if step is None:
             return False
