@@ -1,9 +1,12 @@
 """A held-out record that would show an effect, and becomes worse with it, contradicts it; one that has it does not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import accelcal as ac
+from accelcal.validation.differences import expected_distance
 from tests.selection.test_cross_validation import record
 
 
@@ -33,6 +36,22 @@ def test_friction_that_both_records_have_is_named(improved):
     assert [step.effects for step in same.steps][:2] == [(), ("coulomb",)]
     assert "coulomb" in same.best.model.effects
     assert not [note for note in same.diagnosis.remarks if note.code == "contradicted"]
+
+
+def test_a_line_above_the_band_of_the_systematic_error_is_not_expected_in_it(improved):
+    """What the error cannot show it cannot contradict; the friction of a record is the twin."""
+    before, after = (step.heldout.resolved for step in improved[1.0].steps[:2])
+    assert expected_distance(before, after) > 5.0
+    shaken = [record(seed, coulomb=2e-3) for seed in (5, 6)]
+    t = [run.accel.t for run in shaken]
+    shaken = [
+        replace(run, accel=replace(run.accel, y=run.accel.y + 0.02 * np.sin(2.0 * np.pi * 211.0 * at)))
+        for run, at in zip(shaken, t, strict=True)
+    ]
+    fit = ac.fit(shaken[0])
+    compared = ac.compare([fit, ac.add(fit, shaken[0], "tone")], shaken[1])
+    before, after = (evaluation.resolved for evaluation in compared)
+    assert 0.0 < expected_distance(before, after) < 1.0
 
 
 def test_what_entered_after_a_contradicted_effect_enters_again():

@@ -386,6 +386,14 @@ def systematic_change(before: Sequence[Resolved], after: Sequence[Resolved]) -> 
     return HeldOutChange("systematic error", first.rms, second.rms, std, 0, "m/s²", math.inf, (low, high))
 
 
+def expected_distance(before: Sequence[Resolved], after: Sequence[Resolved]) -> float:
+    """Standard deviations at which a record would show the difference of two models of one table, if it were there."""
+    apart = [later.coordinates - former.coordinates for former, later in zip(before, after, strict=True)]
+    size = sum(float(x @ x) for x in apart)
+    variance = sum(float(x @ part.covariance @ x) for x, part in zip(apart, before, strict=True))
+    return size / math.sqrt(variance) if variance > 0.0 else 0.0
+
+
 def heldout_change(before: Evaluation, after: Evaluation, horizon: float | None = None) -> HeldOutChange | None:
     """Change of the error from one comparison to another on the same data.
 

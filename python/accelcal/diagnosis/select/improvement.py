@@ -21,8 +21,7 @@ from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import Source
 from accelcal.model import Model
 from accelcal.validation.comparison import Evaluation
-from accelcal.validation.differences import HeldOutChange, heldout_change, systematic_change
-from accelcal.validation.systematic import Lacking, added_variables
+from accelcal.validation.differences import HeldOutChange, expected_distance, heldout_change, systematic_change
 
 
 @immutable
@@ -137,16 +136,12 @@ def contradicted(steps: Sequence[Step]) -> Remark | None:
         change = systematic_change(before.heldout.resolved, after.heldout.resolved)
         if change is None or change.sigma <= CONTRADICTED_SIGMA or not {*before.effects} <= {*after.effects}:
             continue
-        model, owners = after.fit.model, {term.name: term.effect.name for term in after.fit.model.terms}
-        lacking: list[Lacking] = []
-        for name in (name for name in model.added if name not in before.fit.model.added and name in last):
-            sizes = [e.value for e in after.fit.estimates if owners.get(e.name) == name]
-            if sizes and not belongs_to_its_time(find(name)):
-                lacking.append((find(name), model.shapes.get(name, {}), sizes))
-        for (effect, *_), shown in zip(lacking, added_variables(before.heldout, before.fit, lacking), strict=True):
-            if shown is not None and shown.slope_std * CONTRADICTED_D <= 1.0:
-                d = 1.0 / shown.slope_std
-                return remark("contradicted", effect=effect.name, d=d, percent=change.percent, sigma=change.sigma)
+        estimated = {term.effect.name for term in after.fit.model.free}
+        entered = [name for name in after.fit.model.added if name not in before.fit.model.added and name in last]
+        entered = [name for name in entered if name in estimated and not belongs_to_its_time(find(name))]
+        d = expected_distance(before.heldout.resolved, after.heldout.resolved)
+        if entered and d >= CONTRADICTED_D:
+            return remark("contradicted", effect=entered[0], d=d, percent=change.percent, sigma=change.sigma)
     return None
 
 
