@@ -40,7 +40,7 @@ TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 SECONDS = 60.0
 STRENGTH = 5.0
 """A hidden effect is at least this many times the smallest detectable one: some 30 standard deviations."""
-LIMITS = 8.0
+LIMITS = 12.0
 """Systematic error of the other recording under the base model, at least, in about its limits of detection."""
 DIRECTIONS = 100.0
 """That a record resolves, about."""
