@@ -96,7 +96,8 @@ def hidden_text(hidden: Hidden) -> str:
     if hidden.effect is None:
         return "nothing"
     effect = catalogue.find(hidden.effect)
-    several = words.plain(effect.unit, hidden.size, 0.0), words.with_unit(f"{hidden.size:.4g}", effect.unit)
+    exact = f"{hidden.size:.4g}".replace("-", "−")
+    several = words.plain(effect.unit, hidden.size, 0.0), words.with_unit(exact, effect.unit)
     size = " = ".join(dict.fromkeys(several))
     shapes = [
         f"{name} {words.with_unit(f'{value:.4g}', effect.shapes[name].unit)}"
