@@ -767,8 +767,8 @@ def without_other_scale(columns: RelationColumns) -> Recording | None:
             begin, end, scale = end, begin + K, 1.0 / scale
         recording, within = columns.run.recording, np.arange(begin, end) % K
         sixths = _solve(np.stack([gram[part].sum(axis=0) for part in np.array_split(within, 6)]))[:, 0]
-        apart_by = np.abs(sixths / float(np.median(sixths)) - 1.0)
-        if not np.all(apart_by < ONE_SCALE * abs(scale - 1.0) / max(1.0, abs(scale))):
+        middle, change = float(np.median(sixths)), abs(scale - 1.0) / max(1.0, abs(scale))
+        if not np.all(np.abs(sixths - middle) < ONE_SCALE * change * abs(middle)):
             continue  # a disturbance that is added has no scale of its own
         blocks = widened(np.isin(np.arange(K), within), EDGE_BLOCKS)
         out = blocks[np.clip(np.searchsorted(relation.edges, recording.accel.t, "right") - 1, 0, K - 1)]
