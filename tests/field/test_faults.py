@@ -218,7 +218,7 @@ def test_a_true_shock_is_kept(seed: int, tmp_path: Path) -> None:
 
 
 def test_a_disturbance_that_is_added_is_no_other_gain(tmp_path: Path) -> None:
-    """A bump beside a motion of its own length follows it, in 7 of 20 records 1.25 to 1.28 times the rest."""
+    """A touch that is as slow as the motion is taken up by its scale, which then looks a quarter larger."""
     codes = []
     for seed in range(47_101, 47_121):
         record = honest(seed)
@@ -226,6 +226,22 @@ def test_a_disturbance_that_is_added_is_no_other_gain(tmp_path: Path) -> None:
         examined = examine(read(record, tmp_path))
         codes += [reading.kind for reading in examined.source.recording.left_out]
     assert codes == []
+
+
+@pytest.mark.parametrize(("seed", "rest", "ratio"), [(1, 6.0, 2.0), (3, 6.0, 1.4), (5, 10.0, 1.4), (6, 3.0, 0.5)])
+def test_another_gain_is_found_where_the_part_holds_a_rest(
+    seed: int, rest: float, ratio: float, tmp_path: Path
+) -> None:
+    record = honest(seed)
+    t, k = record.t, int(0.6 * len(record.t))
+    ends = np.clip((np.abs(t - 0.75 * t[-1]) - 0.5 * rest) / 2.0, 0.0, 1.0)
+    p = record.p * np.sin(0.5 * np.pi * ends) ** 2
+    a = np.gradient(np.gradient(p, t), t)
+    record.u = record.bias + a + 3e-3 * record.rng.standard_normal(len(t))
+    record.u[k:] *= ratio
+    record.z = p + 1e-6 * record.rng.standard_normal(len(t))
+    kinds = [reading.kind for reading in examine(read(record, tmp_path)).source.recording.left_out]
+    assert kinds == ["other_scale"]
 
 
 def test_check_and_fit_list_the_same_findings(tmp_path: Path) -> None:

@@ -87,6 +87,17 @@ def test_two_processes_on_one_file_refuse_in_a_sentence_and_spoil_nothing(tmp_pa
     assert contents(store) == reference
 
 
+def test_two_processes_at_once_spoil_nothing(tmp_path: Path, reference: str) -> None:
+    """Whether they meet is a matter of the machine's pace; each ends, or is refused in a sentence."""
+    store = tmp_path / "c.sqlite"
+    both = [child(store), child(store)]
+    for process in both:
+        text = process.communicate(timeout=600)[1].strip()
+        assert process.returncode == 0 or "CampaignError: " in text.rpartition("\n")[2], text
+    whole(store)
+    assert contents(store) == reference
+
+
 def of_another_program(path: Path) -> None:
     with closing(sqlite3.connect(path)) as connection, connection:
         connection.execute("CREATE TABLE campaign (key TEXT, value BLOB)")

@@ -49,9 +49,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_init_names_the_file_that_it_wrote(tmp_path: Path) -> None:
-    (tmp_path / "run.csv").write_text("t_s,accel_g,position_mm\n0,0.1,0\n0.1,0.2,1\n")
+    (tmp_path / "run.csv").write_text("t_s,accel_g,position_mm,spare\n0,0.1,0,1\n0.1,0.2,1,2\n")
     done = accelcal(tmp_path, "init", "run.csv")
-    complete = "look through it, every column has its role"
+    complete = "check what it takes each column for"
     assert done.stderr.decode() == f"wrote run.toml: {complete}, then run: accelcal check run.csv\n"
     assert (tmp_path / "run.toml").exists()
     (tmp_path / "odd.csv").write_text("a,b,c\n0,0.1,0\n0.1,0.2,1\n")

@@ -45,8 +45,8 @@ def init(run: RunFile) -> None:
 
     Example: [bold]accelcal init run12.csv[/bold] writes run12.toml.
     """
-    needed = '"?"' in io.init(run)
-    what = "fill in the marked lines" if needed else "look through it, every column has its role"
+    needed = any('"?"' in line and not line.startswith("#") for line in io.init(run).splitlines())
+    what = "fill in the marked lines" if needed else "check what it takes each column for"
     print_status(f"wrote {io.sidecar_of(run)}: {what}, then run: accelcal check {run}")
 
 

@@ -766,9 +766,11 @@ def without_other_scale(columns: RelationColumns) -> Recording | None:
         if 2 * (end - begin) > K:
             begin, end, scale = end, begin + K, 1.0 / scale
         recording, within = columns.run.recording, np.arange(begin, end) % K
-        sixths = _solve(np.stack([gram[part].sum(axis=0) for part in np.array_split(within, 6)]))[:, 0]
-        middle, change = float(np.median(sixths)), abs(scale - 1.0) / max(1.0, abs(scale))
-        if not np.all(np.abs(sixths - middle) < ONE_SCALE * change * abs(middle)):
+        sixths = np.stack([gram[part].sum(axis=0) for part in np.array_split(within, 6)])
+        moved = sixths[sixths[:, 4, 4] > MOVED * np.max(sixths[:, 4, 4])]  # at rest there is no scale
+        scales, change = _solve(moved)[:, 0], abs(scale - 1.0) / max(1.0, abs(scale))
+        middle = float(np.median(scales))
+        if not np.all(np.abs(scales - middle) < ONE_SCALE * change * abs(middle)):
             continue  # a disturbance that is added has no scale of its own
         blocks = widened(np.isin(np.arange(K), within), EDGE_BLOCKS)
         out = blocks[np.clip(np.searchsorted(relation.edges, recording.accel.t, "right") - 1, 0, K - 1)]
@@ -777,7 +779,10 @@ def without_other_scale(columns: RelationColumns) -> Recording | None:
 
 
 ONE_SCALE = 0.25
-"""Most that scale factors of the sixths of a part differ from their middle, over what that differs from the rest."""
+"""Most by which the scale factors of the sixths of a part differ from their middle, as a share of its difference from
+the rest of the record."""
+MOVED = 0.1
+"""Sum of squares of the motion in a sixth, over the largest of them, from which the sixth is judged."""
 EDGE_BLOCKS = 2
 """Blocks beside a part with another scale factor that are left out, too: so well is its edge known."""
 

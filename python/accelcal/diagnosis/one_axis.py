@@ -226,7 +226,7 @@ def coherence_by_band(recording: Recording, start: float | None = None, end: flo
         counts: Flags = shares > EXPECTED_COHERENCE
         bins = max(1.0, (high - low) / BIN_WIDTH)
         K = OVERLAP * np.count_nonzero(counts)
-        # an output far beyond its noise, as of readings without any sense, rounds to a coherence of 1
+        # an output far beyond its noise, as from meaningless readings, rounds to a coherence of 1
         expected = min(float(np.mean(shares[counts])), 1.0 - np.finfo(float).eps) if counts.any() else 0.0
         chance = COHERENCE_ALPHA / (len(edges) - 1)
         observed, least = 0.0, 0.0

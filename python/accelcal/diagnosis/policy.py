@@ -168,8 +168,8 @@ CONTRADICTED_SIGMA = 3.0
 """Rise of the systematic error of a held-out record with an effect, in paired standard errors, above which that record
 contradicts it. A true effect lets it fall. [sigma; tests/selection/test_contradicted.py]"""
 CONTRADICTED_D = 5.0
-"""Distance from zero that an effect of the estimated size has on a held-out record, from which that record can
-contradict it. What it hardly shows it cannot deny. [sigma; tests/selection/test_contradicted.py]"""
+"""Distance between the models with and without an effect, in the systematic error of a held-out record, from which that
+record can contradict it. What it hardly shows it cannot deny. [sigma; tests/selection/test_contradicted.py]"""
 DETERMINED_ALPHA = 0.01
 """Probability of what an effect explains beside all others of the fitted model, under the null, from which it has no
 size. A delay takes up the lag that was found before it. [probability; tests/selection/test_plausibility.py]"""

@@ -220,18 +220,22 @@ def classes_of(e: Evidence, scan: Scan, tests: Sequence[NoiseTest]) -> list[Conf
             uncertain = p > e.level * math.exp(-CLEAR_LOG_EVIDENCE)
             members = (name, *(find(name).confused if uncertain else harmonics.get(name, ())))
             tested.append(Confounded(name, members, find(name).experiment.rstrip(".")))
-    groups += [*tested, *searched_for] if wave_comes_first(scan, tests) else [*searched_for, *tested]
+    wave = leading_wave(scan, tests)
+    first = [group for group in tested if group.effect == wave]
+    groups += [*first, *searched_for, *(group for group in tested if group.effect != wave)]
     for choice, telling in zip(e.seen[:1], e.telling, strict=True):
         members = (*(effect.effect for effect in e.fit.seen_by_runs), choice.instead)
         groups.append(Confounded(choice.effect, members, with_further(SEEN_EXPERIMENT, [choice.effect], telling)))
     return groups
 
 
-def wave_comes_first(scan: Scan, tests: Sequence[NoiseTest]) -> bool:
-    """Whether a wave that noise tests found explains more than the first effect of the search."""
+def leading_wave(scan: Scan, tests: Sequence[NoiseTest]) -> str:
+    """The wave of noise tests that explains more than the first effect of the search; empty where none does."""
+    if not scan.found:
+        return ""
     gains = {candidate.effect: candidate.gain for candidate in scan.candidates}
-    best = gains.get(scan.found[0].effect, 0.0) if scan.found else 0.0
-    return max((test.evidence for test in tests if test.shape), default=0.0) > best
+    waves = [test for test in tests if test.shape and test.evidence > gains.get(scan.found[0].effect, 0.0)]
+    return max(waves, key=lambda test: test.evidence).effect if waves else ""
 
 
 def with_further(experiment: str, members: Sequence[str], further: Sequence[FurtherRun]) -> str:
@@ -328,8 +332,8 @@ def forbidden(case: Case) -> Judgement | None:
 
 
 def found_by_search(case: Case) -> Judgement | None:
-    """Name the effect that explains most, or the nonparametric curve that does."""
-    if not case.scan.found or wave_comes_first(case.scan, case.tests):
+    """Name the effect that explains most, or the nonparametric curve that does; a wave may explain more."""
+    if not case.scan.found or leading_wave(case.scan, case.tests):
         return None
     name = case.scan.found[0].effect
     sigmas = [f"{candidate.snr:.0f} sigma; " for candidate in case.scan.candidates if candidate.effect == name]
@@ -343,8 +347,9 @@ def found_by_search(case: Case) -> Judgement | None:
 
 
 def found_by_tests(case: Case) -> Judgement | None:
-    """Name the effect of the first significant noise test."""
-    named = [test for test in case.tests if test.effect != WHITENESS]
+    """Name the wave that explains more than the search, or the effect of the first significant noise test."""
+    wave = leading_wave(case.scan, case.tests)
+    named = [test for test in case.tests if test.effect == wave or (not wave and test.effect != WHITENESS)]
     if not named:
         return None
     text = named[0].sentence

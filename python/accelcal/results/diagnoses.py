@@ -129,7 +129,7 @@ def contribution_notes(result: Diagnosis, listed: Collection[str]) -> list[str]:
         text = contribution(size, result.fit.rig.sensor.range) if size is not None else ""
         text = f"contributes at most {text}" if text else "adds nothing to the output that could be compared"
         matters = ""
-        if judged is not None:
+        if judged is not None and size is not None:
             limit = in_g(judged.tolerance)
             matters = "; not comparable with the tolerance, which applies to the output"
             if name in (*judged.matters, *judged.below):

@@ -55,7 +55,7 @@ class PartSizes:
             return ""
         span = f"{min(self.size):.2f} to {max(self.size):.2f} times"
         if self.homogeneous:
-            return f"one size fits all {len(self.size)} {self.of_what} ({span}, p = {self.p_value:.2g})"
+            return f"one size holds in all {len(self.size)} {self.of_what} ({span}, p = {self.p_value:.2g})"
         return f"{span} its size in {len(self.size)} {self.of_what}, p = {self.p_value:.2g}"
 
     @classmethod

@@ -32,7 +32,7 @@ from accelcal.diagnosis.select.collinearity import (
     undetermined,
 )
 from accelcal.diagnosis.select.cross_validation import cross_validate, refusing
-from accelcal.diagnosis.verdict import Diagnosis, verdict_on, wave_comes_first
+from accelcal.diagnosis.verdict import Diagnosis, leading_wave, verdict_on
 from accelcal.effects import Effect, find, stem_of
 from accelcal.estimation.estimate import Fit, result, solve_runs
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
@@ -195,7 +195,7 @@ class StepwiseSelection:
         gains = {candidate.effect: candidate.gain for candidate in reversed(verdict.scan.candidates)}
         waves = {test.effect: test.evidence for test in reversed(verdict.channels) if test.shape}
         ways = [self.with_next, self.with_wave]
-        if wave_comes_first(verdict.scan, verdict.channels):
+        if leading_wave(verdict.scan, verdict.channels):
             ways.reverse()
         step = next((step for step in (way() for way in ways) if step is not None), None)
         if step is None:
