@@ -126,15 +126,16 @@ def contribution_notes(result: Diagnosis, listed: Collection[str]) -> list[str]:
         if judged is None and name in listed:
             continue
         size = result.sizes.get(name)
-        text = contribution(size, result.fit.rig.sensor.range) if size is not None else ""
-        text = f"contributes at most {text}" if text else "adds nothing to the output that could be compared"
+        if size is None:
+            notes.append(f"{name} adds nothing to the output that could be compared.")
+            continue
         matters = ""
-        if judged is not None and size is not None:
+        if judged is not None:
             limit = in_g(judged.tolerance)
             matters = "; not comparable with the tolerance, which applies to the output"
             if name in (*judged.matters, *judged.below):
                 matters = f"; {'matters' if name in judged.matters else 'below tolerance'} (tolerance {limit})"
-        notes.append(f"{name} {text}{matters}.")
+        notes.append(f"{name} contributes at most {contribution(size, result.fit.rig.sensor.range)}{matters}.")
     return notes
 
 
