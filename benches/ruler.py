@@ -19,7 +19,7 @@ import argparse
 import sys
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,7 @@ from accelcal.validation.systematic import Grid, dictionary, resolve
 from benches.outcomes import Outcome, run_all
 from tests.worlds import MOTIONS, Hidden, World, at_d
 from tests.worlds.coloured import coloured
+from tests.worlds.world import pass_through
 
 RATE, BAND, DENSITY = 200.0, 30.0, 9.8e-4
 """Hz, Hz, (m/s²)/sqrt(Hz)."""
@@ -185,6 +186,17 @@ BUDGETS = {"cubic": 5e-4, "quadratic": 1e-3, "velocity": 0.05, "coulomb": 0.01, 
 """Effects whose part of a drift is predicted, with a size to begin with."""
 
 
+LARGEST_SHARE = 0.1
+"""Of the acceleration that an effect makes: beyond that no specification lets an accelerometer go."""
+
+
+def share_of(world: World) -> float:
+    """Largest contribution of the hidden effect over the largest acceleration."""
+    chain = pass_through(world)
+    added = chain.contributions[0].output
+    return 0.0 if added is None else float(np.max(np.abs(added)) / np.max(np.abs(chain.scene.a)))
+
+
 def of_budget(case: Case) -> Outcome:
     """Drift of a model that lacks an effect on another motion, and the sum of its parts, m."""
     rng = np.random.default_rng((case.seed, case.number, *map(ord, case.level)))
@@ -192,6 +204,9 @@ def of_budget(case: Case) -> Outcome:
     motions, (first, second) = rng.choice(["interleaved", "moves", "bursts", "fast"], 2), rng.integers(1 << 30, size=2)
     rig = World(str(motions[0]), "ADXL105", (Hidden(name, BUDGETS[name]),), seed=int(first))
     rig = at_d(rig, float(rng.uniform(15.0, 60.0))).settled()
+    share = max(share_of(rig), share_of(rig.again(str(motions[1]), int(second))))
+    hidden = Hidden(name, rig.hidden[0].magnitude * min(1.0, LARGEST_SHARE / share))
+    rig = replace(rig, hidden=(hidden,))
     with tempfile.TemporaryDirectory() as folder:
         worlds = rig, rig.again(str(motions[1]), int(second))
         train, other = (ac.load(w.record().write(folder, f"run{n}")) for n, w in enumerate(worlds))

@@ -292,6 +292,16 @@ def test_the_budget_of_a_drift_adds_up() -> None:
     assert "explained by no part" in alone.table("budget").sentence
 
 
+def test_noise_that_an_effect_holds_back_is_no_part_of_what_it_explains(tmp_path: Path) -> None:
+    hidden = World("bursts", "ADXL105", hidden=(Hidden("rail_slope", 15.0),), seed=5).settled()
+    made, unseen = (load(w.record().write(tmp_path, str(w.seed))) for w in (hidden, hidden.again("bursts", 6)))
+    fits = [estimate(Model.linear(), made), estimate(Model.linear().add("rail_slope"), made)]
+    lacking = compare(fits, unseen, horizons=(1.0,), budget=True).seen[0][0].budget
+    assert lacking is not None
+    assert 0.3 < lacking.missing / lacking.noise.value < 1.0
+    assert lacking.predicted == pytest.approx(lacking.total.value, rel=0.15)
+
+
 def test_friction_that_holds_the_motion_back_holds_noise_back(tmp_path: Path) -> None:
     hidden = World("interleaved", "ADXL105", hidden=(Hidden("coulomb", 0.05),), seconds=40.0, seed=3).settled()
     made, unseen = (load(w.record().write(tmp_path, str(w.seed))) for w in (hidden, hidden.again("interleaved", 4)))

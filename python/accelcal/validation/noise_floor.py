@@ -251,13 +251,14 @@ def error_budgets(
     budgets, whole = [], None
     for fit, evaluation, ahead, total in reversed(list(zip(fits, evaluations, predictions, totals, strict=True))):
         _, plain = evaluation.drifts[horizon]
-        whole = plain if whole is None else whole
+        followed = ahead.along_measured().at_horizon(horizon).rezeroed  # simulated motion holds noise back
+        whole = followed if whole is None else whole
         moved = (moved_by(ahead, fit, size).at_horizon(horizon).rezeroed for size in sizes_of(fit))
         moves = np.stack([other - plain for other in moved])
         draws = np.random.default_rng(SEED).standard_normal((DRAWN_PARAMETERS, len(moves)))
         low, high = np.quantile(np.sqrt(np.mean((draws @ moves) ** 2, axis=1)), [0.025, 0.975])
         parameters = RmsInterval(float(np.sqrt(np.sum(moves**2) / moves.shape[1])), float(low), float(high))
-        missing = float(np.sqrt(np.mean((plain - whole) ** 2)))
+        missing = float(np.sqrt(np.mean((followed - whole) ** 2)))
         floor, scale = evaluation.noise_floor, abs(fit.values().scale)
         spread = None if floor is None else floor.at(horizon)
         if floor is None or spread is None:

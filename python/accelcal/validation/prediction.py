@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -342,6 +343,13 @@ class Prediction:
         held_back = self.ahead is not None and self.ahead.feeds_back
         unheld = self._open_floor(starts, t[rows])[:, 0] if held_back else floor
         return Coasting(starts, ends, reading - frozen, reading - rezeroed, floor, unheld)
+
+    def along_measured(self) -> Prediction:
+        """The same with the effects on the motion that was measured, in place of the simulated one."""
+        other = copy.copy(self)
+        other.travelled, other.moved = accumulated(self.drive, np.diff(self.drive.t, prepend=self.drive.t[0]))
+        other.ahead = None
+        return other
 
     @cached_property
     def steps(self) -> Flags:
