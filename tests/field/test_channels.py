@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.integrate import cumulative_trapezoid
+from scipy.signal import bilinear, lfilter
 from typer.testing import CliRunner
 
 import accelcal as ac
@@ -382,3 +383,35 @@ def test_a_ratio_of_masses_is_accepted_by_one_line(tmp_path):
     assert line is not None
     assert float(line[1].split(" = ")[1]) == pytest.approx(0.227, abs=0.003)
     assert "implausible" not in sentence(written(path, line[1]))
+
+
+@pytest.mark.parametrize("rings", [True, False])
+def test_a_structure_that_rings_between_command_and_sensor_is_asked_for_its_response(
+    tmp_path: Path, rings: bool
+) -> None:
+    rng, rate, every = np.random.default_rng(17), 8000.0, 10
+    t = np.arange(0.0, 28.0, 1.0 / rate)
+    a = np.zeros(len(t))  # moves at constant speed, with 50 ms of acceleration
+    for begin in np.cumsum(rng.uniform(0.35, 0.9, 36)):
+        way, lasts = rng.choice([-1.0, 1.0]) * rng.uniform(0.8, 1.8), rng.uniform(0.08, 0.2)
+        a[(t >= begin) & (t < begin + 0.05)] += way
+        a[(t >= begin + lasts) & (t < begin + lasts + 0.05)] -= way
+    a = lfilter(*bilinear([1.0], [0.003, 1.0], rate), a)
+    p = cumulative_trapezoid(cumulative_trapezoid(a, t, initial=0.0), t, initial=0.0)
+    w, quality = 2.0 * np.pi * 48.0, 8.0
+    belt = bilinear([w / quality, w**2], [1.0, w / quality, w**2], rate)
+    sampled = slice(None, None, every)
+    felt = lfilter(*belt, a)[sampled] if rings else a[sampled]
+    output = 0.3 + 1.02 * felt + 0.05 * rng.standard_normal(len(felt))
+    command = p[sampled] + 1e-6 * rng.standard_normal(len(felt))
+    rows = np.column_stack([t[sampled], 1e3 * output, 1e3 * command])
+    np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header="t,accel,command", comments="", fmt="%.7f")
+    time = 'time = { column = "t", unit = "s" }'
+    (tmp_path / "run.toml").write_text(
+        f'[channels]\naccel = {{ column = "accel", unit = "mm/s^2", {time} }}\n'
+        f'position = {{ column = "command", unit = "mm", {time} }}\n'
+    )
+    run = ac.load(tmp_path / "run.csv")
+    diagnosis = ac.diagnose(ac.fit(run), run)
+    assert ("accelcal response" in diagnosis.sentence) is rings
+    assert not any(name.startswith("encoder") for name in diagnosis.effects)

@@ -123,6 +123,17 @@ def test_outliers_are_rejected_and_no_longer_inflate_the_noise(effect, channel, 
     assert 0.95 * len(at) <= dropped.count <= len(at)  # a few of them may also be jumps of the motion
 
 
+@pytest.mark.parametrize("number", [1, 5])
+def test_one_outlier_is_left_out_and_no_property_of_the_noise(number):
+    clean = record(12)
+    y = clean.position.y.copy()
+    y[np.linspace(2000, len(y) - 2000, number + 2).astype(int)[1:-1]] += 25e-6
+    spoiled = dataclasses.replace(clean, position=dataclasses.replace(clean.position, y=y))
+    found = diagnose(estimate(ac.Model.linear(), clean), spoiled)
+    assert [dropped.count for dropped in found.dropped] == [number]
+    assert ("encoder_outliers" in found.effects) is (number > 1)
+
+
 def test_nothing_is_left_out_of_a_good_record():
     # Each channel raises a false alarm once in ten thousand records.
     good = record(12)

@@ -35,6 +35,7 @@ from accelcal.diagnosis.policy import (
 )
 from accelcal.diagnosis.runs import runs_disagree
 from accelcal.diagnosis.search.confounding import DetectedEffect
+from accelcal.diagnosis.search.homogeneity import OF_FREQUENCY
 from accelcal.effects import BUILT_IN, OF_TIME, find
 from accelcal.estimation.estimate import Fit, result, solve_runs
 from accelcal.estimation.plausible import implausible_scale
@@ -522,7 +523,8 @@ def unsteady(e: Evidence) -> Iterator[Remark]:
     for change in () if e.forbidden else e.scan.changing:
         if change.effect in sigma:  # of those that explain part of what is left at the end
             sizes = {"sizes": change.unequal.text} if change.unequal else {}
-            code = "no_single_size" if change.unequal else "recurs"
+            over_frequency = change.unequal is not None and change.unequal.of_what == OF_FREQUENCY
+            code = "depends_on_frequency" if over_frequency else "no_single_size" if change.unequal else "recurs"
             yield remark(code, effect=change.effect, sigma=sigma[change.effect], **sizes)
 
 

@@ -211,7 +211,7 @@ class Evidence:
         self.scan = scan(states, model, extra=extra, separate=lines, alpha=alpha, progress=searching)
         self.level = alpha / (self.scan.examined + len(cleaned.tests))
         """Probability by chance below which one noise test is significant."""
-        significant = own_tests([test for test in cleaned.tests if test.p_value < self.level])
+        significant = own_tests([test for test in cleaned.tests if test.p_value < self.level and not test.single])
         unexplained = [test for test in significant if not test.in_model(model, self.signals)]
         named = independent_tests(unexplained, [finding.effect for finding in self.scan.found])
         self.tests = tuple(

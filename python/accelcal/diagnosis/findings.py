@@ -97,12 +97,17 @@ USUAL_STEP = (
     "look in the report for lines and bands in the spectrum of the residual and for where it is largest, then repeat "
     "the motion at another speed: what the motion makes changes with it, what the set-up adds does not"
 )
+RESPONSE_STEP = (
+    "run accelcal response, which shows over frequency what a lag, a high-pass or a resonance of either channel does"
+)
 NEXT_STEPS = {
     "implausible_scale": "correct that and diagnose again",
     "motion_beyond_sampling": "record the same motion again that way",
     "turning_sensor": "record the orientation, or mount the sensor so that it cannot turn, and repeat the run",
     "engines_disagree": "check the stamps and the reference where the residual is largest in the report, or repeat the "
     "run with another reference",
+    "changes_with_band": RESPONSE_STEP,
+    "depends_on_frequency": RESPONSE_STEP,
     "no_single_size": "fit the parts apart with --from and --to, and look for what changed between them",
     "recurs": "look for what happens at those instants: a knock, a lost count, a switch",
     "not_added": "record a longer run, or the same motion at another speed, and diagnose both together",
@@ -267,8 +272,9 @@ def present(fit: Fit, alpha: float, sizes: Mapping[str, Size]) -> tuple[Finding,
 
 
 def with_next_step(text: str, codes: Sequence[str] = ()) -> str:
-    """The sentence on a residual that nothing explains, and what to do about it, by the first code that says so."""
-    step = next((NEXT_STEPS[code] for code in codes if code in NEXT_STEPS), USUAL_STEP)
+    """The sentence on a residual that nothing explains, and what to do about it, by the code that comes first in
+    `NEXT_STEPS`."""
+    step = next((step for code, step in NEXT_STEPS.items() if code in codes), USUAL_STEP)
     return f"{text} {TO_GO_ON} {step}."
 
 

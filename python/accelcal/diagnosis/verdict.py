@@ -44,7 +44,7 @@ from accelcal.validation.comparison import Evaluation
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-UNSTEADY = ("no_single_size", "recurs")
+UNSTEADY = ("depends_on_frequency", "no_single_size", "recurs")
 """Codes of an effect that has not one size."""
 SEEN_EXPERIMENT = "a further run with the axis in another direction, or the sensor turned on its mount"
 
@@ -300,6 +300,7 @@ def judgement(case: Case) -> Judgement:
     verdict, text = next(judged for rule in RULES if (judged := rule(case)) is not None)
     vetoes = [note for note in case.remarks if note.vetoes_adequate]
     codes = [note.code for note in case.remarks if note.place == "verdict" or note.code in UNSTEADY]
+    codes += [note.code for note in case.fit.remarks]
     if verdict == "adequate" and vetoes:
         verdict = "unexplained"
         text = f"{'. '.join(note.sentence for note in vetoes)}. No effect explains that ({case.examined})."

@@ -196,6 +196,11 @@ KINDS: dict[str, Kind] = {
         "The noise is not white: it rises below {knee:.2g} Hz, and effects were judged against it; what varies more "
         "slowly than that is found only if it is larger",
     ),
+    "depends_on_frequency": Kind(
+        "beside",
+        "{effect} would explain part of what is left ({sigma:.0f} sigma), but what is left depends on frequency: "
+        "{sizes}; it is not named",
+    ),
     "no_single_size": Kind(
         "beside",
         "{effect} would explain part of what is left ({sigma:.0f} sigma), but it does not have one size: {sizes}; it "

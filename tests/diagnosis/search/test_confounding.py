@@ -74,7 +74,7 @@ def test_a_name_is_given_with_its_nearest_rival() -> None:
 def test_what_nothing_explains_ends_in_what_to_do(code):
     """Whatever the cause; the twin without the step is the sentence of the rule itself."""
     noise = SimpleNamespace(ratio=9.0, band=None)
-    fit = SimpleNamespace(runs=[SimpleNamespace(noise=noise)], seen_by_runs=(), spreads=())
+    fit = SimpleNamespace(runs=[SimpleNamespace(noise=noise)], seen_by_runs=(), spreads=(), remarks=())
     case = Case(fit, Scan((), (), 180, 200), (), remarks=(Remark(code, "Something is wrong", {}),))
     verdict, text = judgement(case)
     if verdict == "adequate":  # the remark is the cause, and no effect

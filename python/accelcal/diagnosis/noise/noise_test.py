@@ -54,6 +54,12 @@ class NoiseTest:
         """Twice the log-likelihood that its effect gains, for one that has an amplitude."""
         return (self.estimate / self.std) ** 2 if self.std > 0.0 else 0.0
 
+    @property
+    def single(self) -> bool:
+        """Whether it tells of one outlier alone, which is an event of the record and no property of the noise."""
+        noise = None if self.effect == WHITENESS else find(self.effect).traits.noise
+        return noise is not None and bool(noise.rejects) and self.parts.get("count") == 1.0
+
     def in_model(self, model: Model, s: Signals) -> bool:
         """Whether a model has what it tells: the effect, or of a wave one with as many turns over the record, or with a
         harmonic that has."""

@@ -21,6 +21,8 @@ from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scores import RUN_SPACING, CandidateScores, score_gain
 from accelcal.effects import OF_TIME
 
+OF_FREQUENCY = "bands of frequency"
+"""What a record is divided into where sizes are compared over frequency."""
 FREQUENCY_BANDS = 16
 """Bands from one cosine of the run to half the rate of the rows, equally wide in the logarithm."""
 
@@ -145,7 +147,7 @@ class PartScores:
         direction = direction_of(self.evidence, i, given)
         score, information = compared(self.G_by_band, self.c_by_band, self.every, direction)
         scatter = inflation * self.levels
-        return PartSizes.of(score / scatter, information / scatter, "bands of frequency")
+        return PartSizes.of(score / scatter, information / scatter, OF_FREQUENCY)
 
 
 def compared(G: Array, c: Array, estimate: Array, direction: Array) -> tuple[Array, Array]:
