@@ -87,7 +87,7 @@ def test_a_significant_test_whose_effect_is_not_named_forbids_that_nothing_is_mi
     driven = [line(4.0, within_motion=1.0, made_by_motion=1.0)]
     assert own_tests(driven) == driven
     assert independent_tests(driven) == ()
-    scan, fit = Scan((), (), 100, 50), SimpleNamespace(runs=(), seen_by_runs=(), spreads=())
+    scan, fit = Scan((), (), 100, 50), SimpleNamespace(runs=(), seen_by_runs=(), spreads=(), remarks=())
     assert judgement(Case(fit, scan, ()))[0] == "adequate"
     verdict, sentence = judgement(Case(fit, scan, (), driven))
     assert verdict == "unexplained"

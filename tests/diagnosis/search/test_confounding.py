@@ -65,7 +65,7 @@ def test_a_name_is_given_with_its_nearest_rival() -> None:
     alone = SimpleNamespace(effect="cubic", members=("cubic",), experiment="")
     for gain, told in ((3721.0, True), (100.0, False)):
         scan = Scan((candidate("cubic", 3931.0), candidate("odd_quadratic", gain)), (alone,), 180, 200)
-        verdict, text = judgement(Case(SimpleNamespace(runs=[1]), scan, (), groups=(alone,)))
+        verdict, text = judgement(Case(SimpleNamespace(runs=[1], remarks=()), scan, (), groups=(alone,)))
         assert verdict == "named"
         assert ("Its nearest rival is odd_quadratic, worse by 105 in log-evidence." in text) == told
 
