@@ -1,7 +1,10 @@
 """A scale factor that is a random process, on independent worlds: named or in a class with drift and step."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import accelcal as ac
 from accelcal.diagnosis.search import scan
@@ -50,3 +53,31 @@ def test_a_constant_scale_factor_is_no_process(tmp_path):
         found = ac.diagnose(ac.fit(run), run)
         assert not any(SCALE & set(group.members) for group in found.classes)
         assert np.isfinite(found.scan.detection_limits["scale_drift"])
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [("bias_gauss_markov", "bias_random_walk"), ("scale_gauss_markov", "scale_random_walk")],
+)
+def test_two_processes_of_one_coefficient_enter_in_either_order(one: str, other: str) -> None:
+    """The second is judged beside the first at its intensity: a first one left free contains it, and the intensity of
+    the second is then anything."""
+    made = ac.simulate(
+        "interleaved", seconds=60.0, rig=ac.simulation.CXL02_RIG, parameters={}, rng=np.random.default_rng(71)
+    )
+    rng, accel = np.random.default_rng(72), made.recording.accel
+    step = float(np.median(np.diff(accel.t)))
+    moving = accel.y if one.startswith("scale") else 1.0
+    size = 0.02 if one.startswith("scale") else 0.006
+    keep = np.exp(-step / np.array([1.0, 25.0]))
+    fast, slow = (lfilter([np.sqrt(1 - k * k)], [1.0, -k], rng.standard_normal(len(accel))) for k in keep)
+    y = accel.y + moving * size * (fast + 3.0 * slow)
+    recording = replace(made.recording, accel=replace(accel, y=y))
+    base = ac.fit(recording, ac.Model.linear())
+    fits = [ac.add(ac.add(base, recording, a), recording, b) for a, b in ((one, other), (other, one))]
+    for fit in fits:
+        intensities = [fit.model.priors[f"{name}.c1"].std for name in (one, other)]
+        assert all(0.0 < intensity < 1.0 for intensity in intensities)
+    for name in ("bias", "scale_factor", "time_offset"):
+        first, second = (fit[name] for fit in fits)
+        assert abs(first.value - second.value) < 0.2 * max(first.std, second.std)

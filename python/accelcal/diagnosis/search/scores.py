@@ -141,7 +141,11 @@ class BaseProjection:
         line = [k for k, term in enumerate(terms) if term.name in ("bias", "scale_factor")]
         self.line = np.array(line, dtype=np.intp)
         """Rows of the base that are a straight line of the acceleration."""
-        self.prior_information: Array = np.array([*np.zeros(len(plain)), *(std**-2.0 for _, std in uncertain)])
+        # a random process in the model keeps its intensity: left free, it would contain every other one
+        processes = {term.name for term in plain if term.effect.port == "process"}
+        drawn = {name: prior.std for name, prior in model.priors.items() if name in processes}
+        stds = [*(drawn.get(term.name, np.inf) for term in plain), *(std for _, std in uncertain)]
+        self.prior_information: Array = np.array(stds) ** -2.0
         self.B: Array = self.column_filter.whole(terms)
         self.y: Array = self.column_filter.whitened
         if given_back:
