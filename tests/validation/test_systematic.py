@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from accelcal.validation.comparison import Resolved, SystematicError
 from accelcal.validation.differences import systematic_change, verdict_of
 from accelcal.validation.systematic import added_variables
 from benches.ruler import DENSITY, ERRORS, LEVELS, RATE, Case, motion, noise, outcome, resolved, shape
+from tests.worlds import Hidden, World
 
 
 def test_intervals_and_bounds_hold_in_closed_form() -> None:
@@ -98,3 +101,18 @@ def test_density_of_the_noise_is_the_declared_one() -> None:
     low = (f > 0.5) & (f < 20.0)
     power = 2.0 * np.abs(np.fft.rfft(y)[low]) ** 2 / (RATE * len(y))
     assert np.mean(power) == pytest.approx(DENSITY**2, rel=0.1)
+
+
+def test_a_wave_of_the_encoder_is_an_error_of_the_reference(tmp_path: Path) -> None:
+    rig = World("fast", "ADXL105", (Hidden("encoder_cyclic", 0.3e-6),), seed=611).settled()
+    train, other = (ac.load(w.record().write(tmp_path, str(w.seed))) for w in (rig, rig.again("interleaved", 612)))
+    base = ac.fit(train)
+    comparison = ac.compare([base, ac.add(base, train, "encoder_cyclic")], other)
+    lacking, right = (evaluation.reference for evaluation in comparison.seen[0])
+    assert lacking is None  # it corrects nothing
+    assert right is not None
+    without, left = right
+    truth, std = 0.3e-6 / np.sqrt(2.0), (without.high - without.low) / 3.92
+    assert abs(without.value - truth) < 3.0 * std < 0.2 * truth
+    assert left.high < 0.15 * truth
+    assert "Error of the reference: 2" in comparison.table().sentence

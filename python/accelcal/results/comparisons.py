@@ -297,7 +297,9 @@ def fall(steps: Sequence[Evaluation], where: str = "", full_scale: float | None 
     """The quoted error of the first and of the last model, and what noise alone gives."""
     measure = Measure.of(steps)
     errors = " → ".join(quoted(measure, evaluation, full_scale) for evaluation in (steps[0], steps[-1])[: len(steps)])
-    return f"{measure.name[:1].upper()}{measure.name[1:]}{where}: {errors} rms{floor_of(measure, steps[0])}."
+    said = f"{measure.name[:1].upper()}{measure.name[1:]}{where}: {errors} rms{floor_of(measure, steps[0])}."
+    read = [length(end.value) if end.low else f"≤ {length(end.high)}" for end in steps[-1].reference or ()]
+    return f"{said} Error of the reference{where}: {' → '.join(read)} rms." if read else said
 
 
 def unresolved_note(evaluation: Evaluation) -> list[str]:

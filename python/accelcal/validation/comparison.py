@@ -524,6 +524,9 @@ class Evaluation(Result):
     largest: tuple[str, RmsInterval] | None = None
     """Variable and size of the mean error of the region that stands out most, m/s², set-up aside, with an interval that
     holds for the largest of all regions of all variables in 95 of 100 records; from 0 where none stands out."""
+    reference: tuple[RmsInterval, RmsInterval] | None = None
+    """Error of the readings, rms, m: without what the model corrects of them, and with it; None where it corrects
+    nothing."""
     budget: ErrorBudget | None = None
     """Parts of the drift, where they were asked for."""
 

@@ -11,16 +11,29 @@ import scipy
 
 from accelcal._support.errors import AccelcalError
 from accelcal.data import GRAVITY, POSITION_ORDER, Array, Flags
+from accelcal.estimation.columns import evaluated
 from accelcal.estimation.drive import DriveIntegrals, drive
 from accelcal.estimation.engines import ENGINES, sums_of
 from accelcal.estimation.estimate import Fit, require_band, settled_state
 from accelcal.estimation.run import PreparedRun, Source, recording_of
+from accelcal.estimation.run_state import RunState
+from accelcal.estimation.shape_parameters import linearised
 from accelcal.estimation.smoothing import output_at, side_channels_at
 from accelcal.estimation.values import Noise
 from accelcal.signals.processing import ORDER, derivative, low_pass, spectral_density
 from accelcal.signals.series import runs_of_true
 from accelcal.signals.signals import Signals
-from accelcal.validation.comparison import BINS, HORIZONS, Bins, Coast, Evaluation, ReferenceNoise, Spectrum
+from accelcal.validation.comparison import (
+    BINS,
+    HORIZONS,
+    TWO_SIDED,
+    Bins,
+    Coast,
+    Evaluation,
+    ReferenceNoise,
+    RmsInterval,
+    Spectrum,
+)
 from accelcal.validation.noise_floor import Ruler
 from accelcal.validation.prediction import MOST_STEPS, Coasting, Prediction, accumulated, left_out, rms
 from accelcal.validation.regions import outside
@@ -224,12 +237,14 @@ def accel_side(ahead: Prediction, fit: Fit, band: float | None) -> tuple[dict[st
     band = band if band is not None else min(ahead.crossover, 0.2 / run.reading_step)
     t, residual, motion = accel_residual(ahead, band)
     enough = len(residual) * run.reading_step * band >= LEAST_PERIODS
+    state = settled_state(run, ahead.values, ahead.noise) if enough else None
     fields = {
         "accel_rms": float(np.sqrt(np.mean(residual**2))) if len(residual) else math.nan,
         "band": band,
         "accel_residual": (t, residual),
         "measured": output_at(run, ahead.values.stamps(t, run.origins.t), band, run.tau(ahead.values)),
-        "motion": motion_of(ahead, band) if enough else None,
+        "motion": None if state is None else motion_of(run, state, band),
+        "reference": None if state is None else reference_error(fit, state),
     }
     return fields, t, motion
 
@@ -238,12 +253,47 @@ PER_PERIOD = 6.0
 """Samples in a period of the fastest motion on which effects are evaluated."""
 
 
-def motion_of(ahead: Prediction, band: float) -> Signals:
+def motion_of(run: PreparedRun, state: RunState, band: float) -> Signals:
     """Smoothed motion of a run on a uniform grid from its first reading on, which resolves it and a band, Hz."""
-    run = ahead.run
-    signals = settled_state(run, ahead.values, ahead.noise).signals
+    signals = state.signals
     every = max(1, int(1.0 / (PER_PERIOD * max(band, signals.cutoff) * run.reading_step)))
     return signals.resampled(np.arange(run.t[0], run.t[-1], every * run.reading_step) - run.origins.t)
+
+
+def reference_error(fit: Fit, state: RunState) -> tuple[RmsInterval, RmsInterval] | None:
+    """Error of the readings of a run without and with what a model corrects of them, rms, m; None where it is nothing.
+
+    Coefficients and shapes of what is corrected are estimated anew from the innovations of the run, beside all others;
+    the mean square of their columns is a quadratic form of them, less what noise alone gives. A wave whose period is
+    off by more than half a turn over the stroke is seen in part.
+    """
+    by_name = state.values.by_name
+    terms = [term for term in fit.model.free if term.effect.port == "position" and by_name[term.name]]
+    if not terms:
+        return None
+    held = np.array([by_name[term.name] for term in terms])
+    terms += [shape.term for shape in linearised(fit.model, state) if shape.term.effect.port == "position"]
+    held = np.concatenate([held, np.zeros(len(terms) - len(held))])
+    others = [term for term in fit.model.free if term not in terms]
+    sums = sums_of(state)
+    rows, y = sums.whole([*terms, *others]), sums.whitened
+    size = np.linalg.norm(rows, axis=1) + np.finfo(float).tiny
+    inverse = np.linalg.pinv((rows / size[:, None]) @ (rows / size[:, None]).T, rcond=1e-9, hermitian=True)
+    change = inverse @ (rows @ y / size)
+    level = max(1.0, float(np.mean((y - (change / size) @ rows) ** 2)))
+    n = len(terms)
+    change, covariance = change[:n] / size[:n], level * inverse[:n, :n] / np.outer(size[:n], size[:n])
+    columns = np.array(evaluated(state, terms))
+    columns = columns - np.mean(columns, axis=1, keepdims=True)
+    power = columns @ columns.T / columns.shape[1]
+
+    def size_of(c: Array) -> RmsInterval:
+        square, spread = float(c @ power @ c - np.trace(power @ covariance)), power @ covariance @ power
+        std = math.sqrt(float(4.0 * c @ spread @ c + 2.0 * np.trace(spread @ covariance)))
+        roots = (math.sqrt(max(0.0, square + sign * TWO_SIDED * std)) for sign in (0.0, -1.0, 1.0))
+        return RmsInterval(*roots)
+
+    return size_of(held + change), size_of(change)
 
 
 def nodes_apart(ruler: Ruler, source: Source, start: float | None, end: float | None) -> float:
