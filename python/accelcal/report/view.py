@@ -28,7 +28,7 @@ from accelcal.plots.response import (
     response_sentences,
 )
 from accelcal.report.content import Content
-from accelcal.results.comparisons import fall, outside_note, quoted
+from accelcal.results.comparisons import fall, outside_note, quoted, reference_note
 from accelcal.results.diagnoses import VERDICTS, contribution
 from accelcal.results.table import Column, Row, Table, as_sentence, as_view
 from accelcal.results.tables import CHANNEL_UNITS, parameter_rows, used_acceleration
@@ -325,7 +325,7 @@ def summary(content: Content) -> list[str]:
     steps = [evaluation]
     if content.nested is not None:
         steps = list(content.nested)[: len(content.nested) - content.lacking]
-    lines.append(fall(steps, f" on {kind}", content.fit.rig.sensor.range))
+    lines += [fall(steps, f" on {kind}", content.fit.rig.sensor.range), *reference_note(steps[-1])]
     lines += [as_sentence(score.sentence) for score in evaluation.noise_scores]
     lines.append(f"One-step prediction error: {length(evaluation.one_step_rms)} rms.")
     if content.diagnosis.verdict != "adequate":  # the region of the largest residual says what a model lacks

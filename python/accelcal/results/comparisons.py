@@ -59,6 +59,7 @@ def _(evaluation: Evaluation, which: str = "") -> Table:
         ),
         alarms=tuple(f"Suspect data: {text}" for text in suspect(evaluation)),
         notes=(
+            *reference_note(evaluation),
             *unresolved_note(evaluation),
             *floor_note(evaluation.noise_floor),
             *comparison_notes(evaluation),
@@ -297,9 +298,13 @@ def fall(steps: Sequence[Evaluation], where: str = "", full_scale: float | None 
     """The quoted error of the first and of the last model, and what noise alone gives."""
     measure = Measure.of(steps)
     errors = " → ".join(quoted(measure, evaluation, full_scale) for evaluation in (steps[0], steps[-1])[: len(steps)])
-    said = f"{measure.name[:1].upper()}{measure.name[1:]}{where}: {errors} rms{floor_of(measure, steps[0])}."
-    read = [length(end.value) if end.low else f"≤ {length(end.high)}" for end in steps[-1].reference or ()]
-    return f"{said} Error of the reference{where}: {' → '.join(read)} rms." if read else said
+    return f"{measure.name[:1].upper()}{measure.name[1:]}{where}: {errors} rms{floor_of(measure, steps[0])}."
+
+
+def reference_note(evaluation: Evaluation) -> list[str]:
+    """Error of the readings without and with what a model corrects of them."""
+    sizes = [length(end.value) if end.low else f"≤ {length(end.high)}" for end in evaluation.reference or ()]
+    return [f"Error of the reference: {' → '.join(sizes)} rms."] if sizes else []
 
 
 def unresolved_note(evaluation: Evaluation) -> list[str]:
@@ -379,6 +384,7 @@ def error_reduction(
         alarms=tuple(alarms),
         notes=(
             *notes,
+            *reference_note(steps[-1]),
             *unresolved_note(steps[-1]),
             *floor_note(steps[0].noise_floor),
             *(as_sentence(score.sentence) for score in steps[-1].noise_scores),
