@@ -215,7 +215,10 @@ def against(evaluation: Evaluation, fit: Fit, lacking: Mapping[str, systematic.L
                 drawn.x * factor, drawn.y * factor, "mean error of the output", "measured", 2.0 * drawn.std * factor
             ),
         )
-        title = f"{name}: {100.0 * drawn.explained:.0f} % of the systematic error"
+        said = f"{100.0 * drawn.explained:.0f} % of the systematic error"
+        if lacking[name][0].port == "position":  # most of it lies above the band of the output
+            said = f"slope {drawn.slope:.2f} ± {drawn.slope_std:.2f} (1: as fitted)"
+        title = f"{name}: {said}"
         panels.append(Panel(marks, Axis("contribution, rest taken off", unit, few=True), Axis("error", unit), title))
     return panels
 
