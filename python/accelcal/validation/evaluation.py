@@ -15,6 +15,7 @@ from accelcal.estimation.columns import evaluated
 from accelcal.estimation.drive import DriveIntegrals, drive
 from accelcal.estimation.engines import ENGINES, sums_of
 from accelcal.estimation.estimate import Fit, require_band, settled_state
+from accelcal.estimation.rows import inverse, normal_equations
 from accelcal.estimation.run import PreparedRun, Source, recording_of
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.shape_parameters import linearised
@@ -275,14 +276,11 @@ def reference_error(fit: Fit, state: RunState) -> tuple[RmsInterval, RmsInterval
     terms += [shape.term for shape in linearised(fit.model, state) if shape.term.effect.port == "position"]
     held = np.concatenate([held, np.zeros(len(terms) - len(held))])
     others = [term for term in fit.model.free if term not in terms]
-    sums = sums_of(state)
-    rows, y = sums.whole([*terms, *others]), sums.whitened
-    size = np.linalg.norm(rows, axis=1) + np.finfo(float).tiny
-    inverse = np.linalg.pinv((rows / size[:, None]) @ (rows / size[:, None]).T, rcond=1e-9, hermitian=True)
-    change = inverse @ (rows @ y / size)
-    level = max(1.0, float(np.mean((y - (change / size) @ rows) ** 2)))
-    n = len(terms)
-    change, covariance = change[:n] / size[:n], level * inverse[:n, :n] / np.outer(size[:n], size[:n])
+    normal, n = normal_equations(state, [*terms, *others]), len(terms)
+    unscaled = inverse(normal.gram)
+    change = unscaled @ normal.score
+    level = max(1.0, (normal.power - float(change @ normal.score)) / sums_of(state).rows)
+    change, covariance = change[:n], level * unscaled[:n, :n]
     columns = np.array(evaluated(state, terms))
     columns = columns - np.mean(columns, axis=1, keepdims=True)
     power = columns @ columns.T / columns.shape[1]
