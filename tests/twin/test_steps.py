@@ -207,7 +207,7 @@ def failing(kind: str) -> None:
             live.step(1.0, accel=0.0)
             live.step(0.5, position=0.0)
         case "Backlog":
-            for i in range(100):
+            for i in range(300):
                 live.step(float(i), position=0.0)
 
 

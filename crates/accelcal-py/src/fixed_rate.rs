@@ -49,9 +49,18 @@ impl FixedRateFilter {
             (AnySystem::Aci(system), Some((rest, gauss_markov))) => {
                 let gauss_markov: Vec<GaussMarkov> =
                     gauss_markov.into_iter().map(|(rate, q)| GaussMarkov { rate, q }).collect();
-                filter::aci_with_effects(&setup.choices.with_system(system), dt, rest, &gauss_markov, prior)
+                filter::aci_with_effects(
+                    &setup.choices.with_system(system),
+                    setup.corrected,
+                    dt,
+                    rest,
+                    &gauss_markov,
+                    prior,
+                )
             }
-            (AnySystem::Aci(system), None) => filter::aci(&setup.choices.with_system(system), dt, prior),
+            (AnySystem::Aci(system), None) => {
+                filter::aci(&setup.choices.with_system(system), setup.corrected, dt, prior)
+            }
             (AnySystem::Cwpa(system), _) => filter::cwpa(&setup.choices.with_system(system), dt, prior),
         };
         let circumstances = Circumstances::new(setup, states, P, Some(1.0 / dt), columns);
@@ -80,7 +89,9 @@ impl FixedRateFilter {
     }
 
     /// As `step`, with effects: `columns` (3, m) holds them per unit of their coefficients at the sample before, half-way and
-    /// at this one, m/s^2; `position_columns` (m,) what a unit of each adds to the position read, m.
+    /// at this one, m/s^2; `position_columns` (m,) what a unit of each adds to the position read, m; `slopes` (m,) what a
+    /// unit of the output adds to each.
+    #[pyo3(signature = (u, z, columns, position_columns, slopes=None))]
     fn step_with_effects(
         &mut self,
         py: Python<'_>,
@@ -88,6 +99,7 @@ impl FixedRateFilter {
         z: Option<f64>,
         columns: PyReadonlyArray2<'_, f64>,
         position_columns: PyReadonlyArray1<'_, f64>,
+        slopes: Option<PyReadonlyArray1<'_, f64>>,
     ) -> PyResult<Option<f64>> {
         if columns.shape() != [3, self.effects] || position_columns.len() != self.effects {
             return Err(PyValueError::new_err(format!(
@@ -100,8 +112,9 @@ impl FixedRateFilter {
         let (before, rest) = columns.as_slice()?.split_at(self.effects);
         let (middle, here) = rest.split_at(self.effects);
         let effects = [before, middle, here];
-        let sample =
-            SampleInput { u, z: z.unwrap_or(f64::NAN), effects, position_columns: position_columns.as_slice()? };
+        let slopes = slopes.as_ref().map_or(Ok(&[][..]), PyReadonlyArray1::as_slice)?;
+        let position_columns = position_columns.as_slice()?;
+        let sample = SampleInput { u, z: z.unwrap_or(f64::NAN), effects, position_columns, slopes };
         match self.filter.step(&sample) {
             Ok(innovation) => Ok(innovation.map(|innovation| innovation.e)),
             Err(error) => Err(self.failed(py, self.filter.samples(), error)),

@@ -2,7 +2,7 @@
 
 use ekf_core::dense::system::System;
 use ekf_core::dense::update::GatedReading;
-use ekf_core::{Belief, Channel, Engine, Event, Filter, InBlocks, RunError, Samples, Structured, Track, smooth};
+use ekf_core::{Belief, Channel, Engine, Event, Filter, RunError, Samples, Track, smooth};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
@@ -42,15 +42,12 @@ impl Rows {
     }
 }
 
-fn run_structured<S: System<N>, const N: usize>(
-    filter: &InBlocks<S>,
+fn run_structured<E: Engine<N, Outcome = (Event, Option<GatedReading>)>, const N: usize>(
+    filter: &E,
     prior: &Belief<N>,
     output: Samples<'_>,
     position: Samples<'_>,
-) -> Result<Rows, RunError>
-where
-    Filter<S>: Structured<N>,
-{
+) -> Result<Rows, RunError> {
     let mut rows = Rows { states: N, ..Rows::default() };
     let track = filter.run(prior, output, position, |track, (event, reading)| {
         rows.keep(event, &filter.belief(&track.state), *reading);

@@ -43,6 +43,7 @@ pub struct FilterSetup {
     pub(crate) system: AnySystem,
     pub(crate) choices: Filter<()>,
     pub(crate) structured: bool,
+    pub(crate) corrected: bool,
 }
 
 fn chosen<T: Copy>(what: &str, name: &str, choices: &[(&str, T)]) -> PyResult<T> {
@@ -61,7 +62,7 @@ impl FilterSetup {
     /// `gauss_markov` holds `(rate, q)` of k, K0, K2, K3; `tau = 0` means no low-pass, `gate = inf` no gate;
     /// `consider` holds indices of states.
     #[new]
-    #[pyo3(signature = (*, system, form, interpolation, integrator, order, carrier, consider, q, q_output, tau, gauss_markov, r_position, r_output, gate, kernel))]
+    #[pyo3(signature = (*, system, form, interpolation, integrator, order, carrier, consider, q, q_output, tau, gauss_markov, r_position, r_output, gate, kernel, corrected))]
     #[allow(clippy::too_many_arguments)] // keyword-only, called from one place
     fn new(
         system: &str,
@@ -79,6 +80,7 @@ impl FilterSetup {
         r_output: f64,
         gate: f64,
         kernel: &str,
+        corrected: bool,
     ) -> PyResult<Self> {
         let sensor =
             Sensor { form: form_named(form)?, gauss_markov: gauss_markov.map(|(rate, q)| GaussMarkov { rate, q }) };
@@ -105,7 +107,7 @@ impl FilterSetup {
             gate,
         };
         let structured = chosen("kernel", kernel, &[("structured", true), ("dense", false)])?;
-        Ok(Self { system: chosen("system", system, &[("aci", aci), ("cwpa", cwpa)])?, choices, structured })
+        Ok(Self { system: chosen("system", system, &[("aci", aci), ("cwpa", cwpa)])?, choices, structured, corrected })
     }
 }
 
@@ -133,6 +135,16 @@ macro_rules! blocks {
     };
     (@ $setup:expr, $states:expr, $filter:ident, $N:ident, $body:expr, $(($system:ident, $size:literal)),*) => {
         match (&$setup.system, $states) {
+            ($crate::setup::AnySystem::Aci(system), 4) if $setup.corrected => {
+                const $N: usize = 4;
+                let $filter = ekf_core::Corrected::new($setup.choices.with_system(*system));
+                Some($body)
+            }
+            ($crate::setup::AnySystem::Aci(system), 6) if $setup.corrected => {
+                const $N: usize = 6;
+                let $filter = ekf_core::Corrected::new($setup.choices.with_system(*system));
+                Some($body)
+            }
             $(($crate::setup::AnySystem::$system(system), $size) if $setup.structured => {
                 const $N: usize = $size;
                 let filter = $setup.choices.with_system(*system);

@@ -1,7 +1,9 @@
 //! A filter fed event by event.
 
+use ekf_core::dense::update::GatedReading;
 use ekf_core::{Channel, Engine, Event, Live, RunError, Track};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::failure::Circumstances;
@@ -9,8 +11,9 @@ use crate::setup::{FilterSetup, Matrix, belief, blocks, matrix, prior, sized};
 
 /// A [`Live`] filter of any size, dense or in blocks.
 trait Stream: Send + Sync {
-    fn push(&mut self, event: Event) -> Result<Option<f64>, RunError>;
-    fn finish(&mut self) -> Result<Option<f64>, RunError>;
+    /// Takes one event in; `keep` receives the stamp of each reading that it led to, and the reading.
+    fn push(&mut self, event: Event, keep: &mut dyn FnMut(f64, GatedReading)) -> Result<(), RunError>;
+    fn finish(&mut self, keep: &mut dyn FnMut(f64, GatedReading)) -> Result<(), RunError>;
     fn state(&self) -> StreamState;
 }
 
@@ -23,20 +26,40 @@ struct StreamState {
     waiting: usize,
 }
 
+fn hand_over<E: Engine<N>, const N: usize>(outcome: &E::Outcome, keep: &mut dyn FnMut(f64, GatedReading)) {
+    if let Some(reading) = E::reading(outcome) {
+        keep(E::event(outcome).t, reading);
+    }
+}
+
+/// Stamps, `e` and `S` of readings in the order of their events.
+#[derive(Default)]
+struct Readings {
+    t: Vec<f64>,
+    e: Vec<f64>,
+    s: Vec<f64>,
+}
+
+impl Readings {
+    fn keep(&mut self) -> impl FnMut(f64, GatedReading) + '_ {
+        |t, reading| {
+            self.t.push(t);
+            self.e.push(reading.innovation.e);
+            self.s.push(reading.innovation.s);
+        }
+    }
+}
+
 impl<E: Engine<N> + Send + Sync, const N: usize> Stream for Live<E, N>
 where
     E::State: Send + Sync,
 {
-    fn push(&mut self, event: Event) -> Result<Option<f64>, RunError> {
-        let mut newest = None;
-        Live::push(self, event, |outcome| newest = E::reading(outcome).or(newest))?;
-        Ok(newest.map(|reading| reading.innovation.e))
+    fn push(&mut self, event: Event, keep: &mut dyn FnMut(f64, GatedReading)) -> Result<(), RunError> {
+        Live::push(self, event, |outcome| hand_over::<E, N>(outcome, keep))
     }
 
-    fn finish(&mut self) -> Result<Option<f64>, RunError> {
-        let mut newest = None;
-        Live::finish(self, |outcome| newest = E::reading(outcome).or(newest))?;
-        Ok(newest.map(|reading| reading.innovation.e))
+    fn finish(&mut self, keep: &mut dyn FnMut(f64, GatedReading)) -> Result<(), RunError> {
+        Live::finish(self, |outcome| hand_over::<E, N>(outcome, keep))
     }
 
     fn state(&self) -> StreamState {
@@ -63,7 +86,17 @@ impl FilterStream {
         let rate = self.first.filter(|first| *first < t).map(|first| self.outputs as f64 / (t - first));
         self.circumstances.at(rate).raise(py, error)
     }
+
+    /// Takes one event in; the newest innovation that it led to.
+    fn push(&mut self, py: Python<'_>, event: Event) -> PyResult<Option<f64>> {
+        let mut newest = None;
+        let pushed = self.stream.push(event, &mut |_, reading| newest = Some(reading.innovation.e));
+        pushed.map_err(|error| self.failed(py, event.t, error))?;
+        Ok(newest)
+    }
 }
+
+type Vector = Py<PyArray1<f64>>;
 
 #[pymethods]
 impl FilterStream {
@@ -96,8 +129,7 @@ impl FilterStream {
 
     /// One accelerometer sample; the newest innovation that it led to.
     fn output(&mut self, py: Python<'_>, t: f64, value: f64) -> PyResult<Option<f64>> {
-        let channel = Channel::Output;
-        let pushed = self.stream.push(Event { t, channel, value }).map_err(|error| self.failed(py, t, error));
+        let pushed = self.push(py, Event { t, channel: Channel::Output, value });
         self.first = self.first.or(Some(t));
         self.outputs += 1;
         pushed
@@ -105,15 +137,51 @@ impl FilterStream {
 
     /// One encoder sample; the newest innovation that it led to.
     fn position(&mut self, py: Python<'_>, t: f64, value: f64) -> PyResult<Option<f64>> {
-        let channel = Channel::Position;
-        let pushed = self.stream.push(Event { t, channel, value });
-        pushed.map_err(|error| self.failed(py, t, error))
+        self.push(py, Event { t, channel: Channel::Position, value })
     }
 
-    /// Processes what still waits.
-    fn finish(&mut self, py: Python<'_>) -> PyResult<Option<f64>> {
-        let finished = self.stream.finish();
-        finished.map_err(|error| self.failed(py, self.t().unwrap_or(f64::NAN), error))
+    /// Takes events in, in their order: stamps, which are outputs, values, (n,) each.
+    ///
+    /// Stamps, `e` and `S` of the readings that they led to; then how many events were refused, and the last sentence.
+    #[allow(clippy::type_complexity)] // a tuple for Python
+    fn feed(
+        &mut self,
+        py: Python<'_>,
+        t: PyReadonlyArray1<'_, f64>,
+        output: PyReadonlyArray1<'_, bool>,
+        value: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<(Vector, Vector, Vector, usize, String)> {
+        let (t, output, value) = (t.as_slice()?, output.as_slice()?, value.as_slice()?);
+        if t.len() != output.len() || t.len() != value.len() {
+            return Err(PyValueError::new_err("stamps, kinds and values of events differ in number"));
+        }
+        let mut readings = Readings::default();
+        let (mut refused, mut last) = (0, None);
+        py.detach(|| {
+            for ((&t, &output), &value) in t.iter().zip(output).zip(value) {
+                let channel = if output { Channel::Output } else { Channel::Position };
+                if let Err(error) = self.stream.push(Event { t, channel, value }, &mut readings.keep()) {
+                    (refused, last) = (refused + 1, Some((t, error)));
+                }
+                if output {
+                    self.first = self.first.or(Some(t));
+                    self.outputs += 1;
+                }
+            }
+        });
+        let sentence = last.map_or(String::new(), |(t, error)| self.failed(py, t, error).value(py).to_string());
+        let Readings { t, e, s } = readings;
+        let vector = |values: Vec<f64>| values.into_pyarray(py).unbind();
+        Ok((vector(t), vector(e), vector(s), refused, sentence))
+    }
+
+    /// Processes what still waits; stamps, `e` and `S` of its readings.
+    fn finish(&mut self, py: Python<'_>) -> PyResult<(Vector, Vector, Vector)> {
+        let mut readings = Readings::default();
+        let finished = self.stream.finish(&mut readings.keep());
+        finished.map_err(|error| self.failed(py, self.t().unwrap_or(f64::NAN), error))?;
+        let vector = |values: Vec<f64>| values.into_pyarray(py).unbind();
+        Ok((vector(readings.t), vector(readings.e), vector(readings.s)))
     }
 
     #[getter]

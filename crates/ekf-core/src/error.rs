@@ -297,3 +297,21 @@ impl From<SetupError> for RunError {
         Self::Setup(error)
     }
 }
+
+#[cfg(feature = "std")]
+mod io {
+    use super::{DomainError, RunError, SetupError, StepError};
+
+    /// The errors as `std::io::Error` of kind `InvalidData`, for functions that also read files.
+    macro_rules! invalid_data {
+        ($($error:ty),*) => {
+            $(impl From<$error> for std::io::Error {
+                fn from(error: $error) -> Self {
+                    Self::new(std::io::ErrorKind::InvalidData, error)
+                }
+            })*
+        };
+    }
+
+    invalid_data!(DomainError, StepError, SetupError, RunError);
+}

@@ -1,3 +1,4 @@
+#![doc = include_str!("../README.md")]
 //! The mathematics of accelcal: sensor models, Kalman filters and the replay bank.
 //!
 //! `no_std`, no allocation, no unsafe code, no panics on data. Callers own every buffer.
@@ -6,6 +7,7 @@
 //! [`Integrator`], the [`Order`] of the expansion and the [`Carrier`] of the covariance.
 #![cfg_attr(not(feature = "std"), no_std)]
 #![forbid(unsafe_code)]
+#![deny(missing_docs)]
 #![allow(non_snake_case)] // x, P, F, H, Q, R, S as in Bar-Shalom and the paper
 #![allow(clippy::inline_always)] // a kernel must be compiled into whichever run calls it, with that run's instructions
 #![allow(clippy::neg_cmp_op_on_partial_ord)] // `!(s > 0.0)` refuses NaN too
@@ -21,6 +23,8 @@ pub mod signal;
 pub mod splines;
 pub mod stream;
 pub mod structured;
+
+pub use nalgebra;
 
 pub use dense::aci::Aci;
 pub use dense::belief::{Belief, Carrier};
@@ -38,4 +42,5 @@ pub use signal::interpolation::{Interpolation, Segment};
 pub use signal::timeline::Samples;
 pub use stream::engine::{Engine, Track};
 pub use stream::live::Live;
-pub use structured::filter::{InBlocks, Structured};
+pub use stream::own_sensor::OwnSensor;
+pub use structured::filter::{Corrected, InBlocks, Structured};

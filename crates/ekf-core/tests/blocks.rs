@@ -59,7 +59,7 @@ where
     for _ in 0..STEPS {
         let dt = DT * (1.0 + 0.5 * draw.next());
         let segment = Segment { c: [8.0 * draw.next(), 500.0 * draw.next(), 0.0, 0.0] };
-        let drive = Drive { segment, from: 0.0, to: dt };
+        let drive = Drive::held(segment, 0.0, dt);
         dense = choice.integrator.step(&system, &dense, &drive, choice.order).unwrap().0;
         let step_input = StepInput { model: effect, order: choice.order, input: |s| segment.value(s), dt };
         block.step(choice.integrator, q, &drift, &step_input).unwrap();
@@ -88,7 +88,7 @@ where
     let drift = GaussMarkovSet::new(0.0, core::array::from_fn(|i| gauss_markov[i]));
     for _ in 0..STEPS {
         let dt = DT * (1.0 + 0.5 * draw.next());
-        let drive = Drive { segment: Segment { c: [0.0; 4] }, from: 0.0, to: dt };
+        let drive = Drive::held(Segment { c: [0.0; 4] }, 0.0, dt);
         block.step(choice.integrator, dt, q, &drift);
         match choice.integrator.step(&system, &dense, &drive, choice.order) {
             Ok((stepped, _)) => dense = stepped,
@@ -195,7 +195,7 @@ fn columns_agree<const N: usize, const M: usize>(choice: Choice) {
         let segment = Segment { c: [8.0 * draw.next(), 500.0 * draw.next(), 0.0, 0.0] };
         for piece in 0..pieces {
             let at = |i: i32| DT * f64::from(i) / f64::from(pieces);
-            let drive = Drive { segment, from: at(piece), to: at(piece + 1) };
+            let drive = Drive::held(segment, at(piece), at(piece + 1));
             dense = twin.step(&system, &dense, &drive, choice.order).unwrap().0;
         }
         let input = |s: f64| {

@@ -6,14 +6,15 @@ mod common;
 use common::{DT, Draw, cases, distance, orders, prior, read};
 use ekf_core::dense::system::Drive;
 use ekf_core::dense::ud::factorise;
-use ekf_core::structured::acceleration::{AccelerationModel, Driven, InverseCubic, WithEffects};
+use ekf_core::structured::acceleration::{AccelerationModel, Driven, InverseCubic, InverseLinear, WithEffects};
 use ekf_core::structured::aci::{AciBlock, StepIntegrals};
 use ekf_core::structured::aci_step::StepInput;
 use ekf_core::structured::aci_ud::AciFactored;
+use ekf_core::structured::errors_in_variables::{AciCorrected, Taps};
 use ekf_core::structured::gauss_markov::GaussMarkovSet;
 use ekf_core::structured::number::Real;
 use ekf_core::structured::row::Plain;
-use ekf_core::{Aci, Belief, Form, GaussMarkov, Integrator, Order, Segment, Sensor};
+use ekf_core::{Aci, Belief, Form, GaussMarkov, Integrator, Interpolation, Order, Segment, Sensor};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
 
@@ -53,7 +54,7 @@ proptest! {
         let mut filter = from_belief::<f64, 6, 4>(&dense, |x| x);
         for _ in 0..60 {
             let c = [8.0 * draw.next(), 500.0 * draw.next(), 0.0, 0.0];
-            let drive = Drive { segment: Segment { c }, from: 0.0, to: DT };
+            let drive = Drive::held(Segment { c }, 0.0, DT);
             // Mean and Phi of the integrator, Q exact: as the dense filter does with its factors.
             let moved = integrator.transition(&system, &dense, &drive, order).unwrap();
             let P = moved.Phi * dense.P * moved.Phi.transpose() + moved.Q;
@@ -251,4 +252,57 @@ fn variances_stay_positive_in_double_precision_over_ten_minutes() {
     variances_stay_positive::<4, 2>(1_000_000);
     variances_stay_positive::<6, 4>(1_000_000);
     variances_stay_positive::<8, 6>(1_000_000);
+}
+
+/// What a filter with the correction knows after a record of a noisy sensor, in one precision.
+fn corrected<T: Real>(steps: usize, witness: T, taps: Option<&Taps>) -> AciCorrected<T, 4, 2> {
+    const NOISE: f64 = 1.0; // of one output, m/s^2
+    let q = NOISE * NOISE * DT;
+    let belief = diagonal::<4>(1e-2);
+    let mut filter = AciCorrected::new(from_belief::<T, 4, 2>(&belief, |x| witness.like(x)));
+    let drift = GaussMarkovSet::new(witness, [GaussMarkov::CONSTANT; 2]);
+    let mut draw = Draw(11);
+    let mut gauss = || (0..12).map(|_| 0.5 * draw.next()).sum::<f64>(); // uniform on [-1, 1]: variance 12/12
+    let mut from = Motion::output(0.0);
+    for i in 0..steps {
+        let now = (i + 1) as f64 * DT;
+        let to = Motion::output(now) + NOISE * gauss();
+        let z = Motion::position(now) + 1e-6 * gauss();
+        let input = |s: f64| witness.like(from + (to - from) / DT * s);
+        let step_input = StepInput { model: InverseLinear, order: Order::First, input, dt: DT };
+        filter.exact(witness.like(q), &drift, &step_input, taps.map(|taps| (taps, DT))).unwrap();
+        filter.noise.shift();
+        let (zero, variance) = (witness.like(0.0), witness.like(1e-12));
+        let (innovation, reading) =
+            filter.filter.innovate_with_effects(zero, &Plain([zero; 2]), witness.like(z), variance);
+        filter.correct_with(zero, variance, &reading, &innovation, taps.is_some());
+        from = to;
+    }
+    filter
+}
+
+fn corrected_precisions_agree(steps: usize) {
+    let taps = Taps::even(Interpolation::Linear, true);
+    let (double, single) = (corrected::<f64>(steps, 0.0, Some(&taps)), corrected::<f32>(steps, 0.0, Some(&taps)));
+    for i in 2..4 {
+        let sigma = double.filter.P(i, i).sqrt();
+        let apart = (f64::from(single.filter.x(i)) - double.filter.x(i)) / sigma;
+        println!("state {i}: {apart:.3} sigma of {sigma:.2e} apart after {steps} steps");
+        assert!(apart.abs() < 0.1, "state {i}: {apart} sigma");
+    }
+    let off = |filter: &AciCorrected<f64, 4, 2>| (filter.filter.x(2) - 0.01) / filter.filter.P(2, 2).sqrt();
+    let (with, without) = (off(&double), off(&corrected::<f64>(steps, 0.0, None)));
+    println!("scale factor: {with:.2} sigma off, {without:.2} without the correction");
+    assert!(with.abs() < 4.5 && without.abs() > 9.0); // one normal number: 7e-6
+}
+
+#[test]
+fn the_correction_needs_no_double_precision() {
+    corrected_precisions_agree(100_000);
+}
+
+#[test]
+#[ignore = "ten minutes of record; make test-long"]
+fn the_correction_needs_no_double_precision_over_a_million_steps() {
+    corrected_precisions_agree(1_000_000);
 }

@@ -104,7 +104,7 @@ fn fixed_rate_steps(filter: &mut dyn FixedRate, effects: usize) -> usize {
     allocations(|| {
         for j in 0..STEPS {
             let z = if j % 2 == 0 { position(j) } else { f64::NAN };
-            let sample = SampleInput { u: output(j), z, effects: [effects; 3], position_columns: effects };
+            let sample = SampleInput { u: output(j), z, effects: [effects; 3], position_columns: effects, slopes: &[] };
             filter.step(&sample).unwrap();
         }
         let mut histories = Histories { states: Some(&mut states), ..Histories::default() };
@@ -150,7 +150,7 @@ fn no_step_at_a_fixed_rate_allocates() {
             let (x, P): (Vec<f64>, Vec<f64>) = numbers(N);
             let system = Aci { sensor: sensor(form), q: 1e-6, tau: 0.0 };
             let chosen = filter(system, integrator, Carrier::Dense);
-            let mut made = aci(&chosen, DT, Prior { states: N, x: &x, P: &P }).unwrap();
+            let mut made = aci(&chosen, false, DT, Prior { states: N, x: &x, P: &P }).unwrap();
             assert_eq!(fixed_rate_steps(&mut *made, 0), 0);
             let (x, P): (Vec<f64>, Vec<f64>) = numbers(N + 1);
             let system = Cwpa { sensor: sensor(form), q: 25.0, low_pass: None };
@@ -164,7 +164,7 @@ fn no_step_at_a_fixed_rate_allocates() {
             let system = Aci { sensor: sensor(Form::Forward), q: 1e-6, tau: 1e-3 };
             let chosen = filter(system, integrator, Carrier::Dense);
             let prior = Prior { states: N, x: &x, P: &P };
-            let mut made = aci_with_effects(&chosen, DT, 9.8, &[], prior).unwrap();
+            let mut made = aci_with_effects(&chosen, false, DT, 9.8, &[], prior).unwrap();
             assert_eq!(fixed_rate_steps(&mut *made, effects), 0);
         }
     }

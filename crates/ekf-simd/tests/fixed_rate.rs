@@ -156,7 +156,7 @@ fn effects_agree<const N: usize, const M: usize>(choice: Choice) {
     let P: Vec<f64> = (0..N * N).map(|at| if at / N == at % N { sigma(2, at / N).powi(2) } else { 0.0 }).collect();
     let system = Aci { sensor: choice.sensor(), q: 1e-6, tau };
     let prior = Prior { states: N, x: &x, P: &P };
-    let mut steps = aci_with_effects(&choice.filter(system), DT, rest, &gauss_markov, prior).unwrap();
+    let mut steps = aci_with_effects(&choice.filter(system), false, DT, rest, &gauss_markov, prior).unwrap();
     let mut block = AciBlock::<Plain<f64, M>, M>::new(|i| x[i], |i, j| P[i * N + j]);
     let drift = GaussMarkovSet::new(0.0, gauss_markov);
     let column = |i: usize, j: usize| ((i + 1) as f64 * 0.3 * j as f64).cos();
@@ -172,6 +172,7 @@ fn effects_agree<const N: usize, const M: usize>(choice: Choice) {
                 z: z[j],
                 effects: [&before, &middle, &here],
                 position_columns: &position_columns,
+                slopes: &[],
             })
             .unwrap();
 
@@ -223,8 +224,8 @@ proptest! {
         // A cubic of a record looks ahead; at a fixed rate it looks back, as the test below does.
         prop_assume!(choice.interpolation != Interpolation::Cubic);
         let driven = choice.filter(Aci { sensor: choice.sensor(), q: 1e-6, tau: 0.0 });
-        agrees::<_, 4>(&driven, 2, choice.phase, |prior| aci(&driven, DT, prior).unwrap());
-        agrees::<_, 6>(&driven, 2, choice.phase, |prior| aci(&driven, DT, prior).unwrap());
+        agrees::<_, 4>(&driven, 2, choice.phase, |prior| aci(&driven, false, DT, prior).unwrap());
+        agrees::<_, 6>(&driven, 2, choice.phase, |prior| aci(&driven, false, DT, prior).unwrap());
         let read = choice.filter(Cwpa { sensor: choice.sensor(), q: 1e3, low_pass: None });
         agrees::<_, 5>(&read, 3, choice.phase, |prior| cwpa(&read, DT, prior).unwrap());
         agrees::<_, 7>(&read, 3, choice.phase, |prior| cwpa(&read, DT, prior).unwrap());
@@ -252,7 +253,7 @@ fn a_step_that_fails_leaves_the_filter_as_it_was() {
     };
     let filter = choice.filter(Aci { sensor: choice.sensor(), q: 1e-6, tau: 0.0 });
     let P: Vec<f64> = (0..16).map(|at| if at % 5 == 0 { 1e-4 } else { 0.0 }).collect();
-    let mut live = aci(&filter, DT, Prior { states: 4, x: &[0.0; 4], P: &P }).unwrap();
+    let mut live = aci(&filter, false, DT, Prior { states: 4, x: &[0.0; 4], P: &P }).unwrap();
     live.step(&SampleInput { u: 1.0, z: 0.0, ..SampleInput::default() }).unwrap();
     let before: Vec<u64> = (0..4).map(|i| live.x(i).to_bits()).collect();
     let failed = live.step(&SampleInput { u: f64::INFINITY, z: 0.0, ..SampleInput::default() });

@@ -178,7 +178,7 @@ mod tests {
     }
 
     fn drive(c: [f64; 4], from: f64, to: f64) -> Drive {
-        Drive { segment: Segment { c }, from, to }
+        Drive::held(Segment { c }, from, to)
     }
 
     #[test]

@@ -26,6 +26,21 @@ pub enum Carrier {
 const SLACK: f64 = 1e-6;
 
 impl<const N: usize> Belief<N> {
+    /// Independent states with mean `x` and standard deviations `sigma`, SI.
+    #[must_use]
+    pub fn independent(x: [f64; N], sigma: [f64; N]) -> Self {
+        Self { x: x.into(), P: SMatrix::from_diagonal(&SVector::from(sigma.map(|sigma| sigma * sigma))) }
+    }
+
+    /// The standard deviation of state `i`; not a number if its variance is negative.
+    ///
+    /// # Panics
+    /// If there is no state `i`.
+    #[must_use]
+    pub fn sigma(&self, i: usize) -> f64 {
+        libm::sqrt(self.P[(i, i)])
+    }
+
     /// Returns the belief if `x` is finite and `P` still a covariance.
     ///
     /// The test is cheap and deterministic: every variance is non-negative and no two states correlate by more than one.

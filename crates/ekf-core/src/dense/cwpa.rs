@@ -277,7 +277,7 @@ mod tests {
     }
 
     fn step<const N: usize>(system: &Cwpa, x: &SVector<f64, N>, T: f64) -> Transition<N> {
-        let drive = Drive { segment: Segment { c: [0.0; 4] }, from: 0.0, to: T };
+        let drive = Drive::held(Segment { c: [0.0; 4] }, 0.0, T);
         system.transition(x, &SMatrix::identity(), &drive, Order::First).unwrap()
     }
 

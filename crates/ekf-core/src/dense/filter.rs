@@ -85,7 +85,27 @@ pub struct Outcome<const N: usize> {
 }
 
 impl<S> Filter<S> {
+    /// A filter with the usual choices: a line between outputs, exact steps, first order, whole matrices, no gate.
+    ///
+    /// `R_position` and `R_output` are the variances of a reading, m^2 and (m/s^2)^2. Other choices are fields:
+    /// `Filter { order: Order::Second, ..Filter::new(aci, 1e-12, 0.0) }`.
+    #[must_use]
+    pub const fn new(system: S, R_position: f64, R_output: f64) -> Self {
+        Self {
+            system,
+            interpolation: Interpolation::Linear,
+            integrator: Integrator::Exact,
+            order: Order::First,
+            carrier: Carrier::Dense,
+            consider: Consider::NONE,
+            R_position,
+            R_output,
+            gate: f64::INFINITY,
+        }
+    }
+
     /// This filter with another system.
+    #[must_use]
     pub fn with_system<T>(self, system: T) -> Filter<T> {
         let Self { system: _, interpolation, integrator, order, carrier, consider, R_position, R_output, gate } = self;
         Filter { system, interpolation, integrator, order, carrier, consider, R_position, R_output, gate }
@@ -157,6 +177,32 @@ impl<S> Filter<S> {
     }
 }
 
+/// The factors of a prior, if it can be one and if readings with these variances and this gate can correct it.
+///
+/// # Errors
+/// [`SetupError::Setting`], [`SetupError::Prior`].
+pub(crate) fn checked_start<const N: usize>(
+    prior: &Belief<N>,
+    R_position: f64,
+    R_output: f64,
+    gate: f64,
+) -> Result<Factored<N>, SetupError> {
+    at_least("r_position", R_position, 0.0)?;
+    at_least("r_accel", R_output, 0.0)?;
+    if !(gate > 0.0) {
+        return Err(SetupError::Setting { name: "gate", value: gate });
+    }
+    for &x in prior.x.iter() {
+        at_least("x0", x, f64::MIN)?;
+    }
+    let factored = Factored::new(prior).map_err(|(state, pivot)| SetupError::Prior { state, pivot })?;
+    let asymmetry = (prior.P - prior.P.transpose()).amax();
+    if !(asymmetry <= 1e-12 * prior.P.amax()) {
+        return Err(SetupError::Setting { name: "asymmetry of P0", value: asymmetry });
+    }
+    Ok(factored)
+}
+
 impl<S: System<N>, const N: usize> Engine<N> for Filter<S> {
     type State = CarriedBelief<N>;
     type Outcome = Outcome<N>;
@@ -172,19 +218,7 @@ impl<S: System<N>, const N: usize> Engine<N> for Filter<S> {
         if self.carrier == Carrier::Factored {
             self.consider.refused()?;
         }
-        at_least("r_position", self.R_position, 0.0)?;
-        at_least("r_accel", self.R_output, 0.0)?;
-        if !(self.gate > 0.0) {
-            return Err(SetupError::Setting { name: "gate", value: self.gate });
-        }
-        for &x in prior.x.iter() {
-            at_least("x0", x, f64::MIN)?;
-        }
-        let factored = Factored::new(prior).map_err(|(state, pivot)| SetupError::Prior { state, pivot })?;
-        let asymmetry = (prior.P - prior.P.transpose()).amax();
-        if !(asymmetry <= 1e-12 * prior.P.amax()) {
-            return Err(SetupError::Setting { name: "asymmetry of P0", value: asymmetry });
-        }
+        let factored = checked_start(prior, self.R_position, self.R_output, self.gate)?;
         let carried = match self.carrier {
             Carrier::Dense => CarriedBelief::Dense(*prior),
             Carrier::Factored => CarriedBelief::Factored(factored),
@@ -196,6 +230,10 @@ impl<S: System<N>, const N: usize> Engine<N> for Filter<S> {
 
     fn belief(&self, state: &CarriedBelief<N>) -> Belief<N> {
         state.belief()
+    }
+
+    fn event(outcome: &Outcome<N>) -> Event {
+        outcome.event
     }
 
     fn reading(outcome: &Outcome<N>) -> Option<GatedReading> {

@@ -9,13 +9,11 @@ use crate::integration::{Derivative, Integrator, Stage, runge_kutta};
 
 /// `x`, `P` and the transition matrix within a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Flow<const N: usize> {
-    /// Mean.
-    pub x: SVector<f64, N>,
-    /// Covariance.
-    pub P: SMatrix<f64, N, N>,
-    /// `Phi` from the start of the step.
-    pub Phi: SMatrix<f64, N, N>,
+struct Flow<const N: usize> {
+    x: SVector<f64, N>,
+    P: SMatrix<f64, N, N>,
+    /// From the start of the step.
+    Phi: SMatrix<f64, N, N>,
 }
 
 impl<const N: usize> Flow<N> {

@@ -58,6 +58,18 @@ pub struct Drive {
     pub from: f64,
     /// End of the step, s.
     pub to: f64,
+    /// Between the samples of the output that the segment joins, s; zero where the output is held outside of them.
+    pub length: f64,
+    /// Stamps of the samples that the segment depends on, as in [`crate::signal::timeline::Piece`].
+    pub nodes: [f64; 4],
+}
+
+impl Drive {
+    /// A segment of which nothing is known but itself.
+    #[must_use]
+    pub fn held(segment: Segment, from: f64, to: f64) -> Self {
+        Self { segment, from, to, length: 0.0, nodes: [f64::NAN; 4] }
+    }
 }
 
 /// Time derivatives at one instant, linearised about the estimate.

@@ -16,6 +16,12 @@ pub struct Sensor {
 }
 
 impl Sensor {
+    /// A sensor whose parameters are unknown constants.
+    #[must_use]
+    pub const fn constant(form: Form) -> Self {
+        Self { form, gauss_markov: [GaussMarkov::CONSTANT; 4] }
+    }
+
     pub(crate) fn check(&self, given: usize, motion: usize) -> Result<(), SetupError> {
         if given != motion + 2 && given != motion + 4 {
             return Err(SetupError::Size { given });

@@ -89,7 +89,7 @@ pub fn check_samples(t: &[f64], u: &[f64]) -> Result<(), ConditionError> {
 ///
 /// # Errors
 /// [`ConditionError::Time`] at the first time that is not finite or not later than the one before.
-pub fn check_times(t: &[f64]) -> Result<(), ConditionError> {
+fn check_times(t: &[f64]) -> Result<(), ConditionError> {
     for (index, &now) in t.iter().enumerate() {
         if !now.is_finite() || (index > 0 && now <= t[index - 1]) {
             return Err(ConditionError::Time { index, t: now });

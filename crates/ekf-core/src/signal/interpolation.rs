@@ -48,18 +48,32 @@ impl Segment {
         Self { c: [u[i], (u[i + 1] - u[i]) / (t[i + 1] - t[i]), 0.0, 0.0] }
     }
 
-    fn cubic(t: &[f64], u: &[f64], i: usize, n: usize) -> Self {
-        if n < 4 {
-            return Self::linear(t, u, i);
-        }
-        let first = i.saturating_sub(1).min(n - 4);
+    /// The four samples that a cubic goes through: the first of them, and stamps since sample `i`; `None` for a line.
+    fn four(t: &[f64], i: usize) -> Option<(usize, [f64; 4])> {
+        let first = i.saturating_sub(1).min(t.len().checked_sub(4)?);
         let x: [f64; 4] = core::array::from_fn(|k| t[first + k] - t[i]);
         let length = t[i + 1] - t[i];
         let far = x.iter().any(|distance| distance.abs() > FAR * length);
         let long = x.windows(2).any(|pair| length > LONG * (pair[1] - pair[0]));
-        if far || long {
-            return Self::linear(t, u, i);
+        (!far && !long).then_some((first, x))
+    }
+
+    /// Of the samples `i - 1` to `i + 2`: stamps since sample `i` where the polynomial depends on one, else not a number;
+    /// beside an end of the record as if it went on.
+    pub(crate) fn nodes(t: &[f64], i: usize, how: Interpolation) -> [f64; 4] {
+        let length = t[i + 1] - t[i];
+        match (how, Self::four(t, i)) {
+            (Interpolation::Hold, _) => [f64::NAN, 0.0, f64::NAN, f64::NAN],
+            (Interpolation::Cubic, Some((first, x))) if first + 1 == i => x,
+            (Interpolation::Cubic, Some(_)) => [-length, 0.0, length, 2.0 * length],
+            _ => [f64::NAN, 0.0, length, f64::NAN],
         }
+    }
+
+    fn cubic(t: &[f64], u: &[f64], i: usize, n: usize) -> Self {
+        let Some((first, x)) = Self::four(&t[..n], i) else {
+            return Self::linear(t, u, i);
+        };
         // Newton's divided differences, then the nested form multiplied out in powers of s.
         let mut d: [f64; 4] = core::array::from_fn(|k| u[first + k]);
         for level in 1..4 {

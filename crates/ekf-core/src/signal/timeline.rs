@@ -43,21 +43,37 @@ impl Samples<'_> {
         Some(Event { t: *self.t.get(index)?, channel, value: *self.y.get(index)? })
     }
 
-    /// The output between its samples once `passed` of them lie in the past, and where that piece starts, s.
+    /// The output between its samples once `passed` of them lie in the past.
     ///
     /// Outside the samples the nearest one is held.
     #[must_use]
-    pub fn piece(&self, passed: usize, how: Interpolation) -> (Segment, f64) {
+    pub fn piece(&self, passed: usize, how: Interpolation) -> Piece {
         let last = self.t.len().min(self.y.len());
         if passed > 0 && passed < last {
-            return (Segment::between(self.t, self.y, passed - 1, how), self.t[passed - 1]);
+            let segment = Segment::between(self.t, self.y, passed - 1, how);
+            let start = self.t[passed - 1];
+            let nodes = Segment::nodes(self.t, passed - 1, how);
+            return Piece { segment, start, length: self.t[passed] - start, nodes };
         }
         let nearest = passed.min(last.saturating_sub(1));
         let held = self.y.get(nearest).copied().unwrap_or(0.0);
         let start = self.t.get(nearest).copied().unwrap_or(0.0);
-        let segment = Segment { c: [held, 0.0, 0.0, 0.0] };
-        (segment, start)
+        Piece { segment: Segment { c: [held, 0.0, 0.0, 0.0] }, start, length: 0.0, nodes: [f64::NAN; 4] }
     }
+}
+
+/// The output between two of its samples.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Piece {
+    /// Its polynomial.
+    pub segment: Segment,
+    /// Stamp of the sample at its start, s.
+    pub start: f64,
+    /// To the sample at its end, s; zero where there is none and the output is held.
+    pub length: f64,
+    /// Stamps since its start, s, of the sample before, at its start, at its end and the next one; not a number where the
+    /// polynomial does not depend on one.
+    pub nodes: [f64; 4],
 }
 
 /// The events of both channels in time order; at a tie the output comes first.

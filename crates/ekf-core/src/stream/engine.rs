@@ -6,7 +6,7 @@ use crate::dense::update::GatedReading;
 use crate::error::{RunError, SetupError, StepError};
 use crate::signal::channel::{Channel, Event};
 use crate::signal::interpolation::{Interpolation, Segment};
-use crate::signal::timeline::{Samples, Timeline};
+use crate::signal::timeline::{Piece, Samples, Timeline};
 
 /// The state of a filter between two events.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,6 +45,9 @@ pub trait Engine<const N: usize> {
     /// Mean and covariance of a state.
     fn belief(&self, state: &Self::State) -> Belief<N>;
 
+    /// The event of an outcome.
+    fn event(outcome: &Self::Outcome) -> Event;
+
     /// The reading of an outcome; `None` where an output drives the state.
     fn reading(outcome: &Self::Outcome) -> Option<GatedReading>;
 
@@ -68,7 +71,7 @@ pub trait Engine<const N: usize> {
         Ok(Track { state, t: None, events: 0, rejected: 0, log_likelihood: 0.0 })
     }
 
-    /// Processes the next event; `piece` is the output since the event before, with the time at which it starts.
+    /// Processes the next event; `piece` is the output since the event before.
     ///
     /// # Errors
     /// [`RunError::Step`] with the event; `track` is untouched.
@@ -76,11 +79,14 @@ pub trait Engine<const N: usize> {
         &self,
         track: &Track<Self::State>,
         event: &Event,
-        piece: (Segment, f64),
+        piece: Piece,
     ) -> Result<(Track<Self::State>, Self::Outcome), RunError> {
         let drive = track.t.filter(|&previous| previous < event.t).map(|previous| {
-            let (segment, start) = if Self::DRIVEN { piece } else { (Segment { c: [0.0; 4] }, previous) };
-            Drive { segment, from: previous - start, to: event.t - start }
+            if !Self::DRIVEN {
+                return Drive::held(Segment { c: [0.0; 4] }, 0.0, event.t - previous);
+            }
+            let Piece { segment, start, length, nodes } = piece;
+            Drive { segment, from: previous - start, to: event.t - start, length, nodes }
         });
         let (state, outcome) = self.step(&track.state, drive.as_ref(), event).map_err(|error| RunError::Step {
             event: track.events,
@@ -121,5 +127,39 @@ pub trait Engine<const N: usize> {
             }
         }
         Ok(track)
+    }
+
+    /// The outcomes of all events of a record in time order, as [`crate::smooth`] takes them.
+    ///
+    /// ```
+    /// use ekf_core::{Aci, Belief, Engine, Filter, Form, Samples, Sensor, smooth};
+    ///
+    /// fn smoothed() -> std::io::Result<f64> {
+    ///     let filter = Filter::new(Aci { sensor: Sensor::constant(Form::Forward), q: 1e-6, tau: 0.0 }, 1e-12, 0.0);
+    ///     let prior = Belief::independent([0.0; 4], [1e-3, 0.1, 0.05, 0.5]);
+    ///     let (output, position) = (Samples { t: &[0.0, 0.1], y: &[1.0, 1.0] }, Samples { t: &[0.0, 0.1], y: &[0.0, 0.005] });
+    ///     let mut outcomes = filter.collect(&prior, output, position)?;
+    ///     let filtered = outcomes[0].belief.sigma(1);
+    ///     smooth(&filter, &prior, &mut outcomes).map_err(|(_, error)| error)?;
+    ///     Ok(outcomes[0].belief.sigma(1) / filtered)
+    /// }
+    /// assert!(smoothed().unwrap() < 0.9); // the velocity at the start is known better from both ends
+    /// ```
+    ///
+    /// # Errors
+    /// As [`Engine::run`].
+    #[cfg(feature = "std")]
+    fn collect(
+        &self,
+        prior: &Belief<N>,
+        output: Samples<'_>,
+        position: Samples<'_>,
+    ) -> Result<Vec<Self::Outcome>, RunError>
+    where
+        Self::Outcome: Clone,
+    {
+        let mut outcomes = Vec::with_capacity(output.t.len() + position.t.len());
+        self.run(prior, output, position, |_, outcome| outcomes.push(outcome.clone()))?;
+        Ok(outcomes)
     }
 }

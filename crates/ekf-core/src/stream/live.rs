@@ -7,8 +7,8 @@ use crate::signal::interpolation::Interpolation;
 use crate::signal::timeline::Samples;
 use crate::stream::engine::{Engine, Track};
 
-/// Events that may wait for the output sample after them.
-pub const CAPACITY: usize = 64;
+/// Events that may wait for the output samples after them.
+pub const CAPACITY: usize = 256;
 
 /// Output samples that an interpolation can reach.
 const REACH: usize = 4;
@@ -112,8 +112,10 @@ impl<E: Engine<N>, const N: usize> Live<E, N> {
         if let Some(previous) = previous {
             return Err(StepError::TimeOrder { t: event.t, previous });
         }
-        if self.waiting == CAPACITY {
-            return Err(StepError::Backlog { capacity: CAPACITY });
+        // Readings leave room for the outputs that end their waiting.
+        let capacity = if event.channel == Channel::Output { CAPACITY } else { CAPACITY - REACH };
+        if self.waiting >= capacity {
+            return Err(StepError::Backlog { capacity });
         }
         Ok(())
     }

@@ -2,3 +2,4 @@
 
 pub mod engine;
 pub mod live;
+pub mod own_sensor;

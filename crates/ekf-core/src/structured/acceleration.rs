@@ -38,6 +38,15 @@ pub trait AccelerationModel<V: Row, const M: usize>: Copy {
     fn at(&self, table: &Self::Table, input: Self::Input) -> Result<AccelerationPartials<V>, DomainError>;
 }
 
+/// A model whose gradient's noise is known: what the correction for errors in variables needs of it.
+pub trait MixedPartials<V: Row, const M: usize>: AccelerationModel<V, M> {
+    /// `d2a/(du dtheta)` and `da/du` for the parameters `theta`: how the output's noise enters the gradient, and `a`.
+    ///
+    /// # Errors
+    /// [`DomainError`] where the sensor has no inverse.
+    fn mixed(&self, theta: &V, input: Self::Input) -> Result<(V, V::Number), DomainError>;
+}
+
 const SCALE: usize = 0;
 const BIAS: usize = 1;
 const SECOND: usize = 2;
@@ -88,6 +97,14 @@ impl<V: Row, const M: usize> AccelerationModel<V, M> for InverseLinear {
             h: table.h[0].plus(minus_w, table.h[1]),
             slope: -slope,
         })
+    }
+}
+
+impl<V: Row, const M: usize> MixedPartials<V, M> for InverseLinear {
+    #[inline(always)]
+    fn mixed(&self, theta: &V, _: V::Number) -> Result<(V, V::Number), DomainError> {
+        let k = theta.at(SCALE);
+        Ok((unit(k, SCALE, k.like(-1.0)), k.like(1.0) - k))
     }
 }
 
@@ -160,6 +177,17 @@ impl<V: Row, const M: usize> AccelerationModel<V, M> for InverseCubic {
     }
 }
 
+impl<V: Row, const M: usize> MixedPartials<V, M> for InverseCubic {
+    #[inline(always)]
+    fn mixed(&self, theta: &V, u: V::Number) -> Result<(V, V::Number), DomainError> {
+        let (w, K2, K3) = (u - theta.at(BIAS), theta.at(SECOND), theta.at(THIRD));
+        let c = |x: f64| u.like(x);
+        let curvature = c(2.0).times_plus(K2, c(6.0) * K3 * w);
+        let slope = (c(1.0) - theta.at(SCALE)) + w * c(2.0).times_plus(K2, c(3.0) * K3 * w);
+        Ok((row([c(-1.0), -curvature, c(2.0) * w, c(3.0) * w * w]), slope))
+    }
+}
+
 /// `b0 + b1 w + b2 w^2 + b3 w^3` in every place; a function, because a closure is compiled without the run's instructions.
 #[inline(always)]
 fn cubic<V: Row>(w: V, squared: V, b: &[V; 4]) -> V {
@@ -213,6 +241,15 @@ impl<V: Row, const M: usize> AccelerationModel<V, M> for ForwardLinear {
     }
 }
 
+impl<V: Row, const M: usize> MixedPartials<V, M> for ForwardLinear {
+    #[inline(always)]
+    fn mixed(&self, theta: &V, _: V::Number) -> Result<(V, V::Number), DomainError> {
+        let one = theta.at(SCALE).like(1.0);
+        let slope = one / (one + theta.at(SCALE));
+        Ok((unit(one, SCALE, -(slope * slope)), slope))
+    }
+}
+
 /// The forward cubic sensor (4), `w = (1 + k) a + K2 a^2 + K3 a^3` solved for `a`; one run at a time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ForwardCubic;
@@ -241,6 +278,20 @@ impl<V: Row<Number = f64>, const M: usize> AccelerationModel<V, M> for ForwardCu
             a -= slope * (m.dot(h) + 0.5 * C * g.dot(h));
         }
         Ok(AccelerationPartials { a, g, h, slope })
+    }
+}
+
+impl<V: Row<Number = f64>, const M: usize> MixedPartials<V, M> for ForwardCubic {
+    /// Of `a_theta = -phi / J` with `phi = (a, 1, a^2, a^3)`: `-(phi' - C phi / J) / J^2`.
+    #[inline(always)]
+    fn mixed(&self, theta: &V, u: f64) -> Result<(V, f64), DomainError> {
+        let at = |i: usize| theta.at(i);
+        let parameters = Parameters { k: at(SCALE), K0: at(BIAS), K2: at(SECOND), K3: at(THIRD) };
+        let (a, J, C) = Form::Forward.solved(u, &parameters)?;
+        let (slope, bent) = (1.0 / J, C / J);
+        let phi: V = row([a, 1.0, a * a, a * a * a]);
+        let rising: V = row([1.0, 0.0, 2.0 * a, 3.0 * a * a]);
+        Ok((rising.plus(-bent, phi).scaled(-slope * slope), slope))
     }
 }
 
@@ -294,5 +345,38 @@ impl<V: Row, const M: usize> AccelerationModel<V, M> for WithEffects {
             a = a - *slope * h.at(SCALE);
         }
         Ok(AccelerationPartials { a, g, h, slope: *slope })
+    }
+}
+
+/// [`WithEffects`] whose effects follow from the output, noise and all.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WithNoisyEffects<V> {
+    /// The sensor and what is given of the effects.
+    pub effects: WithEffects,
+    /// `de_j/du` over the step, per unit of the coefficient; zero in the places of the sensor's own.
+    pub slopes: V,
+}
+
+impl<V: Row, const M: usize> AccelerationModel<V, M> for WithNoisyEffects<V> {
+    type Input = Driven<V>;
+    type Table = EffectsTable<V, M>;
+
+    #[inline(always)]
+    fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> EffectsTable<V, M> {
+        self.effects.table(theta, P_theta, order)
+    }
+
+    #[inline(always)]
+    fn at(&self, table: &EffectsTable<V, M>, input: Driven<V>) -> Result<AccelerationPartials<V>, DomainError> {
+        self.effects.at(table, input)
+    }
+}
+
+impl<V: Row, const M: usize> MixedPartials<V, M> for WithNoisyEffects<V> {
+    #[inline(always)]
+    fn mixed(&self, theta: &V, _: Driven<V>) -> Result<(V, V::Number), DomainError> {
+        let one = theta.at(SCALE).like(1.0);
+        let slope = one / (one + theta.at(SCALE));
+        Ok(((unit::<V>(one, SCALE, slope) + self.slopes).scaled(-slope), slope))
     }
 }

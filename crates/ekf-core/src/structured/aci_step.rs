@@ -65,7 +65,7 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse; the block is then as it was.
     #[inline(always)]
-    pub fn fourth_order<E, I>(
+    fn fourth_order<E, I>(
         &mut self,
         q: V::Number,
         drift: &GaussMarkovSet<V, M>,

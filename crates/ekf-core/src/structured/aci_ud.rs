@@ -8,9 +8,10 @@ use core::array::from_fn;
 
 use nalgebra::SMatrix;
 
+use crate::dense::belief::{check_covariance, check_mean};
 use crate::dense::system::Order;
 use crate::dense::ud::factorise;
-use crate::error::DomainError;
+use crate::error::{DomainError, StepError};
 use crate::integration::Integrator;
 use crate::structured::acceleration::AccelerationModel;
 use crate::structured::aci::{MaskedInnovation, StepIntegrals};
@@ -64,6 +65,16 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
             U: from_fn(|i| Plain(from_fn(|j| among(i, j)))),
             d: [D(0), D(1)],
             D: Plain(from_fn(|i| D(i + 2))),
+        }
+    }
+
+    /// State `i`.
+    #[must_use]
+    pub fn x(&self, i: usize) -> T {
+        match i {
+            0 => self.p,
+            1 => self.v,
+            _ => self.theta.at(i - 2),
         }
     }
 
@@ -232,45 +243,61 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
         }
     }
 
-    /// Adds the noise of every drifting parameter: `P += c a a'`, one parameter after the other (Bierman 1977, ch. III).
+    /// Adds the noise of every drifting parameter, one after the other.
     fn add_impulses(&mut self, impulse: &DriftImpulse<Plain<T, M>>) {
         let zero = self.p.like(0.0);
         for i in 0..M {
-            let mut c = impulse.variance.at(i);
-            if !c.is_positive() {
+            let c = impulse.variance.at(i);
+            if c.is_positive() {
+                let mut a = [zero; M];
+                a[i] = impulse.left.at(i);
+                self.add_outer(c, (impulse.to_p.at(i), impulse.to_v.at(i)), a, i + 1);
+            }
+        }
+    }
+
+    /// `P[:, theta] w`: in the rows of `p`, of `v` and of the parameters.
+    #[must_use]
+    pub fn columns(&self, w: &Plain<T, M>) -> (T, T, Plain<T, M>) {
+        let mut f = *w;
+        for j in 0..M {
+            for i in 0..j {
+                f.0[j] = w.0[i].times_plus(self.U[i].0[j], f.0[j]);
+            }
+        }
+        let f = f * self.D;
+        (self.up.dot(f), self.uv.dot(f), Plain(from_fn(|i| self.U[i].dot(f))))
+    }
+
+    /// `P += c a a'` with `a = (ap, av, a)`, whose numbers behind the first `count` parameters are zero (Bierman 1977, ch. III).
+    pub fn add_outer(&mut self, mut c: T, (mut ap, mut av): (T, T), mut a: [T; M], count: usize) {
+        for j in (0..count).rev() {
+            let s = a[j];
+            let pivot = (c * s).times_plus(s, self.D.0[j]);
+            if !pivot.is_positive() {
                 continue;
             }
-            let (mut ap, mut av) = (impulse.to_p.at(i), impulse.to_v.at(i));
-            let mut a = [zero; M];
-            a[i] = impulse.left.at(i);
-            for j in (0..=i).rev() {
-                let s = a[j];
-                let pivot = (c * s).times_plus(s, self.D.0[j]);
-                if !pivot.is_positive() {
-                    continue;
-                }
-                let beta = s * (c / pivot);
-                c = c * (self.D.0[j] / pivot);
-                self.D.0[j] = pivot;
-                ap = ap - s * self.up.0[j];
-                self.up.0[j] = beta.times_plus(ap, self.up.0[j]);
-                av = av - s * self.uv.0[j];
-                self.uv.0[j] = beta.times_plus(av, self.uv.0[j]);
-                for (a, row) in a.iter_mut().zip(&mut self.U).take(j) {
-                    *a = *a - s * row.0[j];
-                    row.0[j] = beta.times_plus(*a, row.0[j]);
-                }
+            let beta = s * (c / pivot);
+            c = c * (self.D.0[j] / pivot);
+            self.D.0[j] = pivot;
+            ap = ap - s * self.up.0[j];
+            self.up.0[j] = beta.times_plus(ap, self.up.0[j]);
+            av = av - s * self.uv.0[j];
+            self.uv.0[j] = beta.times_plus(av, self.uv.0[j]);
+            for (a, row) in a.iter_mut().zip(&mut self.U).take(j) {
+                *a = *a - s * row.0[j];
+                row.0[j] = beta.times_plus(*a, row.0[j]);
             }
-            let pivot = (c * av).times_plus(av, self.d[1]);
-            if pivot.is_positive() {
-                let beta = av * (c / pivot);
-                c = c * (self.d[1] / pivot);
-                self.d[1] = pivot;
-                ap = ap - av * self.upv;
-                self.upv = beta.times_plus(ap, self.upv);
-            }
-            self.d[0] = (c * ap).times_plus(ap, self.d[0]);
         }
+        let pivot = (c * av).times_plus(av, self.d[1]);
+        if pivot.is_positive() {
+            let beta = av * (c / pivot);
+            c = c * (self.d[1] / pivot);
+            self.d[1] = pivot;
+            ap = ap - av * self.upv;
+            self.upv = beta.times_plus(ap, self.upv);
+        }
+        self.d[0] = (c * ap).times_plus(ap, self.d[0]);
     }
 
     /// `e` and `S` of a reading of `p + tau v + b'theta`: an encoder with effects `b` of its own; and `f = U' H`.
@@ -297,8 +324,13 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
         (MaskedInnovation { e, s, present: None }, FactoredReading { v, theta })
     }
 
-    /// Bierman's update by such a reading.
-    pub fn correct_with(&mut self, R: T, reading: &FactoredReading<T, M>, innovation: &MaskedInnovation<T>) {
+    /// Bierman's update by such a reading; what it would be if the parameters were known.
+    pub fn correct_with(
+        &mut self,
+        R: T,
+        reading: &FactoredReading<T, M>,
+        innovation: &MaskedInnovation<T>,
+    ) -> KnownParameters<T> {
         let zero = R.like(0.0);
         let mut s = R + self.d[0];
         let mut gp = self.d[0];
@@ -317,6 +349,7 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
         self.upv = u - lambda * gp;
         gp = u.times_plus(g, gp);
         let mut gv = g;
+        let known = KnownParameters { gain: [gp / s, gv / s], s };
 
         let mut gains = [zero; M];
         for j in 0..M {
@@ -345,7 +378,17 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
         self.p = gp.times_plus(scaled, self.p);
         self.v = gv.times_plus(scaled, self.v);
         self.theta = self.theta.plus(scaled, Plain(gains));
+        known
     }
+}
+
+/// A reading in the filter of `p, v` whose parameters are known, which is a part of the factors.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KnownParameters<T> {
+    /// Gains of `p` and `v`.
+    pub gain: [T; 2],
+    /// Variance of the innovation.
+    pub s: T,
 }
 
 /// `f = U' H` of a reading, but for position, where it is one.
@@ -365,5 +408,18 @@ impl<const N: usize, const M: usize> AciFactored<f64, N, M> {
     pub fn factored(x: impl Fn(usize) -> f64, P: impl Fn(usize, usize) -> f64) -> Result<Self, (usize, f64)> {
         let (U, D) = factorise(&SMatrix::<f64, N, N>::from_fn(|i, j| P(i.max(j), i.min(j))))?;
         Ok(Self::new(x, |i, j| U[(i, j)], |i| D[i]))
+    }
+
+    /// Whether the mean is finite and every pivot can be one.
+    ///
+    /// # Errors
+    /// [`StepError::Mean`], [`StepError::Variance`].
+    pub fn checked(&self) -> Result<(), StepError> {
+        check_mean(N, |i| self.x(i))?;
+        check_covariance(N, |i, j| match (i == j, i) {
+            (false, _) => 0.0,
+            (true, 0 | 1) => self.d[i],
+            (true, _) => self.D.0[i - 2],
+        })
     }
 }

@@ -15,10 +15,14 @@ use crate::sensor::states::Sensor;
 use crate::signal::channel::{Channel, Event};
 use crate::signal::interpolation::{Interpolation, Segment};
 use crate::stream::engine::Engine;
-use crate::structured::acceleration::{AccelerationModel, ForwardCubic, ForwardLinear, InverseCubic, InverseLinear};
+use crate::structured::acceleration::{
+    AccelerationModel, ForwardCubic, ForwardLinear, InverseCubic, InverseLinear, MixedPartials,
+};
 use crate::structured::aci::AciBlock;
 use crate::structured::aci_step::StepInput;
+use crate::structured::aci_ud::AciFactored;
 use crate::structured::cwpa::CwpaBlock;
+use crate::structured::errors_in_variables::{AciCorrected, Taps, even};
 use crate::structured::gauss_markov::GaussMarkovSet;
 use crate::structured::measurement::{OutputModel, ReadCubic, ReadInverse, ReadLinear};
 use crate::structured::row::Plain;
@@ -77,6 +81,10 @@ where
         Structured::belief(&self.0, state)
     }
 
+    fn event(outcome: &Self::Outcome) -> Event {
+        outcome.0
+    }
+
     fn reading(outcome: &Self::Outcome) -> Option<GatedReading> {
         outcome.1
     }
@@ -110,7 +118,7 @@ impl Filter<Aci> {
     where
         E: AccelerationModel<Plain<f64, M>, M, Input = f64>,
     {
-        let &Drive { segment, from, to } = drive;
+        let &Drive { segment, from, to, .. } = drive;
         let input = |s: f64| Segment::value(&segment, from + s);
         let step_input = StepInput { model: effect, order: self.order, input, dt: to - from };
         block.step(self.integrator, self.system.q, &drift(&self.system.sensor), &step_input)?;
@@ -239,3 +247,118 @@ aci!(4, 2, InverseLinear, ForwardLinear);
 aci!(6, 4, InverseCubic, ForwardCubic);
 cwpa!(5, 2, ReadLinear);
 cwpa!(7, 4, ReadCubic);
+
+/// ACI on factors without integration error, the output's noise in the gradient taken out: the filter of a live view.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Corrected {
+    filter: Filter<Aci>,
+    whole: Taps,
+}
+
+/// Shares of a segment by which stamps that count as even may be off.
+const EVEN: f64 = 1e-3;
+
+impl Corrected {
+    /// The filter with the correction; integrator and carrier are those of [`AciFactored`].
+    #[must_use]
+    pub fn new(filter: Filter<Aci>) -> Self {
+        Self { filter, whole: Taps::even(filter.interpolation, false) }
+    }
+
+    fn predict<E, const N: usize, const M: usize>(
+        &self,
+        state: &mut AciCorrected<f64, N, M>,
+        effect: E,
+        drive: &Drive,
+    ) -> Result<(), StepError>
+    where
+        E: MixedPartials<Plain<f64, M>, M, Input = f64>,
+    {
+        let &Drive { segment, from, to, length, nodes } = drive;
+        let Filter { system, order, interpolation, .. } = self.filter;
+        let shares = nodes.map(|node| node / length);
+        let near = |(share, usual): (&f64, f64)| (share - usual).abs() < EVEN || share.is_nan() && usual.is_nan();
+        let whole = from <= 0.0 && to >= length && shares.iter().zip(even(interpolation, false)).all(near);
+        let taps = if whole { self.whole } else { Taps::over(shares, (from / length, to / length)) };
+        let input = |s: f64| Segment::value(&segment, from + s);
+        let step_input = StepInput { model: effect, order, input, dt: to - from };
+        state.exact(system.q, &drift(&system.sensor), &step_input, Some((&taps, length)))?;
+        state.filter.checked()
+    }
+
+    fn update<const N: usize, const M: usize>(
+        &self,
+        state: &mut AciCorrected<f64, N, M>,
+        event: &Event,
+    ) -> Result<Option<GatedReading>, StepError> {
+        if event.channel == Channel::Output {
+            state.noise.shift();
+            return Ok(None);
+        }
+        let (R, tau) = (self.filter.R_position, self.filter.system.tau);
+        let (innovation, row) = state.filter.innovate_with_effects(tau, &Plain([0.0; M]), event.value, R);
+        let reading = GatedReading::new(innovation.e, innovation.s, self.filter.gate)?;
+        if reading.accepted {
+            state.correct_with(tau, R, &row, &innovation, true);
+            state.filter.checked()?;
+        }
+        Ok(Some(reading))
+    }
+}
+
+macro_rules! corrected {
+    ($N:literal, $M:literal, $inverse:ident, $forward:ident) => {
+        impl Engine<$N> for Corrected {
+            type State = AciCorrected<f64, $N, $M>;
+            type Outcome = (Event, Option<GatedReading>);
+
+            const DRIVEN: bool = true;
+
+            fn interpolation(&self) -> Interpolation {
+                self.filter.interpolation
+            }
+
+            fn initial(&self, prior: &Belief<$N>) -> Result<Self::State, SetupError> {
+                self.filter.initial(prior)?;
+                self.filter.consider.refused()?;
+                let factored = AciFactored::factored(|i| prior.x[i], |i, j| prior.P[(i, j)]);
+                factored.map(AciCorrected::new).map_err(|(state, pivot)| SetupError::Prior { state, pivot })
+            }
+
+            fn belief(&self, state: &Self::State) -> Belief<$N> {
+                Belief {
+                    x: nalgebra::SVector::from_fn(|i, _| state.filter.x(i)),
+                    P: nalgebra::SMatrix::from_fn(|i, j| state.filter.P(i, j)),
+                }
+            }
+
+            fn event(outcome: &Self::Outcome) -> Event {
+                outcome.0
+            }
+
+            fn reading(outcome: &Self::Outcome) -> Option<GatedReading> {
+                outcome.1
+            }
+
+            fn step(
+                &self,
+                state: &Self::State,
+                drive: Option<&Drive>,
+                event: &Event,
+            ) -> Result<(Self::State, Self::Outcome), StepError> {
+                let mut next = *state;
+                if let Some(drive) = drive {
+                    match self.filter.system.sensor.form {
+                        Form::Inverse => self.predict(&mut next, $inverse, drive)?,
+                        Form::Forward => self.predict(&mut next, $forward, drive)?,
+                    }
+                }
+                let reading = self.update(&mut next, event)?;
+                Ok((next, (*event, reading)))
+            }
+        }
+    };
+}
+
+corrected!(4, 2, InverseLinear, ForwardLinear);
+corrected!(6, 4, InverseCubic, ForwardCubic);

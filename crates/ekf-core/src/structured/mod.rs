@@ -6,6 +6,7 @@ pub mod aci_exact;
 pub mod aci_step;
 pub mod aci_ud;
 pub mod cwpa;
+pub mod errors_in_variables;
 pub mod filter;
 pub mod gauss_markov;
 pub mod measurement;

@@ -1,4 +1,4 @@
-//! The numbers that structured kernels run on: `f64`, `f32`, or several runs side by side.
+//! The numbers that structured kernels run on: `f64`, with the feature `f32` single precision, or several runs side by side.
 
 use core::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -36,6 +36,7 @@ impl Real for f64 {
     }
 }
 
+#[cfg(feature = "f32")]
 impl Real for f32 {
     #[inline(always)]
     fn is_positive(self) -> bool {
@@ -60,6 +61,7 @@ impl Number for f64 {
     }
 }
 
+#[cfg(feature = "f32")]
 impl Number for f32 {
     #[inline(always)]
     #[allow(clippy::cast_possible_truncation)] // single precision is intended

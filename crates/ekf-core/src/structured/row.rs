@@ -153,7 +153,8 @@ pub(crate) fn row<V: Row>(first: [V::Number; 4]) -> V {
 
 /// `rows a`, for symmetric rows: the combination of the rows with the weights `a`.
 #[inline(always)]
-pub(crate) fn product<V: Row, const M: usize>(rows: &[V; M], a: &V) -> V {
+#[must_use]
+pub fn product<V: Row, const M: usize>(rows: &[V; M], a: &V) -> V {
     let mut total = rows[0].scaled(a.at(0));
     for (i, row) in rows.iter().enumerate().skip(1) {
         total = total.plus(a.at(i), *row);

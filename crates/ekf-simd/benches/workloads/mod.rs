@@ -371,7 +371,7 @@ fn dense_run<S: System<N>, const N: usize>(system: &S, integrator: Integrator, o
     let mut belief = Belief { x: SVector::zeros(), P: SMatrix::from_diagonal(&diagonal) };
     for j in 0..data.u.len() - 1 {
         let (u0, u1) = (data.u[j], data.u[j + 1]);
-        let drive = Drive { segment: Segment { c: [u0, (u1 - u0) / DT, 0.0, 0.0] }, from: 0.0, to: DT };
+        let drive = Drive::held(Segment { c: [u0, (u1 - u0) / DT, 0.0, 0.0] }, 0.0, DT);
         belief = integrator.step(system, &belief, &drive, order).expect("a covariance").0;
         if let Some(reading) = system.output(&belief.x, &belief.P, order).expect("a sensor") {
             let (innovation, gain) = innovate(&belief, &reading, R_OUTPUT, u1).expect("S");

@@ -7,6 +7,7 @@ use ekf_core::dense::update::Innovation;
 use ekf_core::error::{SetupError, StepError};
 use ekf_core::structured::acceleration::{ForwardCubic, ForwardLinear, InverseCubic, InverseLinear};
 use ekf_core::structured::aci_ud::AciFactored;
+use ekf_core::structured::errors_in_variables::{AciCorrected, Taps};
 use ekf_core::structured::measurement::{ReadCubic, ReadInverse, ReadLinear};
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::{Plain, Row};
@@ -345,7 +346,7 @@ fn factored<K, const N: usize, const M: usize>(
     kernel: K,
 ) -> Result<Box<dyn FixedRate>, SetupError>
 where
-    K: FixedRateStep<Plain<f64, M>, M, Block = AciFactored<f64, N, M>> + 'static,
+    K: FixedRateStep<Plain<f64, M>, M, Block = AciCorrected<f64, N, M>> + 'static,
 {
     let Prior { states, x, P } = plan.prior;
     let at = |i: usize, j: usize| if i < states && j < states { P[i * states + j] } else { 0.0 };
@@ -376,20 +377,29 @@ fn construction<'a, S>(
     Ok(Construction { filter: filter.with_system(dynamics), dt, prior })
 }
 
-/// ACI at a fixed rate, samples `dt` apart.
+/// What a sample adds over a whole step.
+fn whole(filter: &Filter<Aci>, corrected: bool) -> Result<Option<Taps>, SetupError> {
+    if corrected && filter.carrier == Carrier::Dense {
+        return Err(SetupError::Setting { name: "corrected", value: 1.0 });
+    }
+    Ok(corrected.then(|| Taps::even(filter.interpolation, true)))
+}
+
+/// ACI at a fixed rate, samples `dt` apart; `corrected` takes the output's noise out of the gradient, on factors alone.
 ///
 /// # Errors
 /// [`SetupError`] for settings, sizes and a prior that cannot be used.
-pub fn aci(filter: &Filter<Aci>, dt: f64, prior: Prior<'_>) -> Result<Box<dyn FixedRate>, SetupError> {
+pub fn aci(filter: &Filter<Aci>, corrected: bool, dt: f64, prior: Prior<'_>) -> Result<Box<dyn FixedRate>, SetupError> {
     let Aci { sensor, q, tau } = filter.system;
     let dynamics = Dynamics { q, tau, gauss_markov: &sensor.gauss_markov };
     let plan = construction(*filter, dynamics, dt, prior, 4)?;
+    let taps = whole(filter, corrected)?;
     if filter.carrier == Carrier::Factored {
         return match (sensor.form, prior.states) {
-            (Form::Inverse, 4) => factored::<_, 4, 2>(&plan, FactoredAci { effect: InverseLinear }),
-            (Form::Inverse, 6) => factored::<_, 6, 4>(&plan, FactoredAci { effect: InverseCubic }),
-            (Form::Forward, 4) => factored::<_, 4, 2>(&plan, FactoredAci { effect: ForwardLinear }),
-            (Form::Forward, 6) => factored::<_, 6, 4>(&plan, FactoredAci { effect: ForwardCubic }),
+            (Form::Inverse, 4) => factored::<_, 4, 2>(&plan, FactoredAci { effect: InverseLinear, taps }),
+            (Form::Inverse, 6) => factored::<_, 6, 4>(&plan, FactoredAci { effect: InverseCubic, taps }),
+            (Form::Forward, 4) => factored::<_, 4, 2>(&plan, FactoredAci { effect: ForwardLinear, taps }),
+            (Form::Forward, 6) => factored::<_, 6, 4>(&plan, FactoredAci { effect: ForwardCubic, taps }),
             (_, given) => Err(SetupError::Size { given }),
         };
     }
@@ -408,6 +418,7 @@ pub fn aci(filter: &Filter<Aci>, dt: f64, prior: Prior<'_>) -> Result<Box<dyn Fi
 /// [`SetupError`] likewise; at most [`EFFECTS`] effects.
 pub fn aci_with_effects(
     filter: &Filter<Aci>,
+    corrected: bool,
     dt: f64,
     rest: f64,
     gauss_markov: &[GaussMarkov],
@@ -415,11 +426,12 @@ pub fn aci_with_effects(
 ) -> Result<Box<dyn FixedRate>, SetupError> {
     let Aci { q, tau, .. } = filter.system;
     let plan = construction(*filter, Dynamics { q, tau, gauss_markov }, dt, prior, 4)?;
+    let taps = whole(filter, corrected)?;
     if filter.carrier == Carrier::Factored {
         return match prior.states - 2 {
-            0..=4 => factored::<_, 6, 4>(&plan, FactoredAciWithEffects { rest }),
-            5..=8 => factored::<_, 10, 8>(&plan, FactoredAciWithEffects { rest }),
-            9..=16 => factored::<_, 18, 16>(&plan, FactoredAciWithEffects { rest }),
+            0..=4 => factored::<_, 6, 4>(&plan, FactoredAciWithEffects { rest, taps }),
+            5..=8 => factored::<_, 10, 8>(&plan, FactoredAciWithEffects { rest, taps }),
+            9..=16 => factored::<_, 18, 16>(&plan, FactoredAciWithEffects { rest, taps }),
             _ => Err(SetupError::Size { given: prior.states }),
         };
     }

@@ -2,11 +2,11 @@
 
 use ekf_core::dense::update::{GatedReading, Innovation};
 use ekf_core::error::StepError;
-use ekf_core::structured::acceleration::{AccelerationModel, Driven, WithEffects};
+use ekf_core::structured::acceleration::{AccelerationModel, Driven, MixedPartials, WithEffects, WithNoisyEffects};
 use ekf_core::structured::aci::{AciBlock, MaskedInnovation};
 use ekf_core::structured::aci_step::StepInput;
-use ekf_core::structured::aci_ud::AciFactored;
 use ekf_core::structured::cwpa::CwpaBlock;
+use ekf_core::structured::errors_in_variables::{AciCorrected, Taps};
 use ekf_core::structured::measurement::OutputModel;
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::{Plain, Row};
@@ -29,6 +29,8 @@ pub struct SampleInput<'a> {
     pub effects: [&'a [f64]; 3],
     /// Response of the position reading to a unit of each coefficient, m. Empty where there is none.
     pub position_columns: &'a [f64],
+    /// What a unit of the output adds to each effect over the step. Empty where noise of the output reaches none.
+    pub slopes: &'a [f64],
 }
 
 /// The gate, and sums over the readings that it accepts.
@@ -247,13 +249,15 @@ where
 pub struct FactoredAci<E, const N: usize> {
     /// How acceleration follows from the output.
     pub effect: E,
+    /// With which the output's noise is taken out of the gradient; `None` leaves it in.
+    pub taps: Option<Taps>,
 }
 
 impl<E, const N: usize, const M: usize> FixedRateStep<Plain<f64, M>, M> for FactoredAci<E, N>
 where
-    E: AccelerationModel<Plain<f64, M>, M, Input = f64> + Send + Sync,
+    E: MixedPartials<Plain<f64, M>, M, Input = f64> + Send + Sync,
 {
-    type Block = AciFactored<f64, N, M>;
+    type Block = AciCorrected<f64, N, M>;
 
     const DRIVEN: bool = true;
 
@@ -269,9 +273,11 @@ where
         if history.samples > 0 {
             let curve = history.until(sample.u, interpolation);
             let input = |s: f64| curve.at(s / dt);
-            block.exact(q, &settings.drift, &StepInput { model: self.effect, order, input, dt })?;
+            let taps = self.taps.as_ref().map(|taps| (taps, dt));
+            block.exact(q, &settings.drift, &StepInput { model: self.effect, order, input, dt }, taps)?;
+            block.noise.shift();
         }
-        read_factored(block, settings, gate, sample)
+        read_factored(block, settings, gate, sample, self.taps.is_some())
     }
 }
 
@@ -280,10 +286,12 @@ where
 pub struct FactoredAciWithEffects<const N: usize> {
     /// Specific force while the stage is at rest, m/s^2.
     pub rest: f64,
+    /// With which the output's noise is taken out of the gradient; `None` leaves it in.
+    pub taps: Option<Taps>,
 }
 
 impl<const N: usize, const M: usize> FixedRateStep<Plain<f64, M>, M> for FactoredAciWithEffects<N> {
-    type Block = AciFactored<f64, N, M>;
+    type Block = AciCorrected<f64, N, M>;
 
     const DRIVEN: bool = true;
 
@@ -299,29 +307,33 @@ impl<const N: usize, const M: usize> FixedRateStep<Plain<f64, M>, M> for Factore
         if history.samples > 0 {
             let curve = history.until(sample.u, interpolation);
             let input = sample.columns_over::<Plain<f64, M>, M>(q, dt, &curve);
-            let model = WithEffects { rest: self.rest };
-            block.exact(q, &settings.drift, &StepInput { model, order, input, dt })?;
+            let effects = WithEffects { rest: self.rest };
+            let model = WithNoisyEffects { effects, slopes: placed::<Plain<f64, M>>(0.0, sample.slopes) };
+            let taps = self.taps.as_ref().map(|taps| (taps, dt));
+            block.exact(q, &settings.drift, &StepInput { model, order, input, dt }, taps)?;
+            block.noise.shift();
         }
-        read_factored(block, settings, gate, sample)
+        read_factored(block, settings, gate, sample, self.taps.is_some())
     }
 }
 
 /// Updates the factors by the position of a sample, if there is one.
 fn read_factored<const N: usize, const M: usize>(
-    block: &mut AciFactored<f64, N, M>,
+    block: &mut AciCorrected<f64, N, M>,
     settings: &Settings<Plain<f64, M>, M>,
     gate: &mut ReadingGate<f64>,
     sample: &SampleInput<'_>,
+    corrected: bool,
 ) -> Result<Option<Innovation>, StepError> {
     if sample.z.is_nan() {
         return Ok(None);
     }
     let &Settings { R_position: R, tau, .. } = settings;
     let b = placed(0.0, sample.position_columns);
-    let (innovation, reading) = block.innovate_with_effects(tau, &b, sample.z, R);
+    let (innovation, reading) = block.filter.innovate_with_effects(tau, &b, sample.z, R);
     let read = gate.admit(&innovation)?;
     if read.accepted {
-        block.correct_with(R, &reading, &innovation);
+        block.correct_with(tau, R, &reading, &innovation, corrected);
     }
     Ok(Some(read.innovation))
 }

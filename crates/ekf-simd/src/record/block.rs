@@ -3,6 +3,7 @@
 use ekf_core::structured::aci::AciBlock;
 use ekf_core::structured::aci_ud::AciFactored;
 use ekf_core::structured::cwpa::CwpaBlock;
+use ekf_core::structured::errors_in_variables::AciCorrected;
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::{Plain, Row};
 
@@ -79,25 +80,22 @@ block!(
     CwpaBlock, 3;
 );
 
-impl<const N: usize, const M: usize> Block<Plain<f64, M>, M> for AciFactored<f64, N, M> {
+impl<const N: usize, const M: usize> Block<Plain<f64, M>, M> for AciCorrected<f64, N, M> {
     const MOTION: usize = 2;
 
     /// Of a prior that is no covariance only the diagonal; whoever builds a filter refuses it first.
     fn new(x: impl Fn(usize) -> f64, P: impl Fn(usize, usize) -> f64) -> Self {
-        Self::factored(&x, &P).unwrap_or_else(|_| Self::new(&x, |_, _| 0.0, |i| P(i, i)))
+        let diagonal = |_| AciFactored::new(&x, |_, _| 0.0, |i| P(i, i));
+        Self::new(AciFactored::factored(&x, &P).unwrap_or_else(diagonal))
     }
 
     #[inline(always)]
     fn x(&self, i: usize) -> f64 {
-        match i {
-            0 => self.p,
-            1 => self.v,
-            _ => self.theta.at(i - 2),
-        }
+        self.filter.x(i)
     }
 
     #[inline(always)]
     fn P(&self, i: usize, j: usize) -> f64 {
-        AciFactored::P(self, i, j)
+        self.filter.P(i, j)
     }
 }

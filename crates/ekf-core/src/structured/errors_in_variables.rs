@@ -1,0 +1,252 @@
+//! Errors in variables: the output's noise is in the gradient by the parameters and in the innovation at once.
+//!
+//! A sample's noise `n` adds `da/du n` to the acceleration and `d2a/(du dtheta) n` to its gradient. What either left in
+//! position differs by a factor that moves with the motion alone, so one covariance serves all parameters: `Pi`, of
+//! what a unit slope would have put into `p, v` and no reading has taken out (derivations 3.5). A reading then holds, in
+//! the mean, `b = d2a/(du dtheta) da/du H Pi H' / S` of information on the parameters that is not there, which `P b`
+//! takes out, and as much too small a variance. Gains and `S` are those of the filter of `p, v` with known parameters, in
+//! which the information on these is gathered. First order in the noise's share of the regressor's power.
+
+use core::array::from_fn;
+
+use crate::error::DomainError;
+use crate::integration::nodes as quadrature;
+use crate::signal::interpolation::Interpolation;
+use crate::structured::acceleration::MixedPartials;
+use crate::structured::aci::MaskedInnovation;
+use crate::structured::aci_step::StepInput;
+use crate::structured::aci_ud::{AciFactored, FactoredReading};
+use crate::structured::gauss_markov::GaussMarkovSet;
+use crate::structured::number::{Number, Real};
+use crate::structured::row::{Plain, Row};
+
+/// Samples of the output that a curve between two of them depends on, at most.
+pub const TAPS: usize = 4;
+
+/// Readings between two corrections of the estimate: information adds, so it need not be at each of them.
+const EVERY: u32 = 16;
+
+/// What each sample of the output adds to position and velocity over a step, in the order of their stamps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Taps {
+    /// Per unit of the output and for a segment of one second.
+    weights: [[f64; 2]; TAPS],
+}
+
+impl Taps {
+    /// Over the part `[a, b]` of a segment between samples at `nodes`, all in shares of its length; not a number for a
+    /// sample on which the polynomial does not depend.
+    #[must_use]
+    pub fn over(nodes: [f64; TAPS], (a, b): (f64, f64)) -> Self {
+        let mut weights = [[0.0; 2]; TAPS];
+        for (i, (weight, node)) in weights.iter_mut().zip(nodes).enumerate() {
+            for (x, share) in quadrature(a, b) {
+                // Lagrange's polynomial: one at its sample, zero at the others; not a number without a sample.
+                let others = nodes.iter().enumerate().filter(|(k, other)| *k != i && !other.is_nan());
+                let value = others.fold(share, |product, (_, other)| product * (x - other) / (node - other));
+                if !node.is_nan() {
+                    weight[0] += (b - x) * value;
+                    weight[1] += value;
+                }
+            }
+        }
+        Self { weights }
+    }
+
+    /// Over a whole segment between even stamps; `causal` puts a cubic through the two samples before, otherwise through
+    /// one on either side.
+    #[must_use]
+    pub fn even(how: Interpolation, causal: bool) -> Self {
+        Self::over(even(how, causal), (0.0, 1.0))
+    }
+}
+
+/// Nodes of even stamps, in shares of a segment.
+#[must_use]
+pub(crate) fn even(how: Interpolation, causal: bool) -> [f64; TAPS] {
+    match how {
+        Interpolation::Hold => [f64::NAN, 0.0, f64::NAN, f64::NAN],
+        Interpolation::Linear => [f64::NAN, 0.0, 1.0, f64::NAN],
+        Interpolation::Cubic if causal => [-2.0, -1.0, 0.0, 1.0],
+        Interpolation::Cubic => [-1.0, 0.0, 1.0, 2.0],
+    }
+}
+
+/// Covariance of what the output's noise put into `p, v` and no reading has taken out, for `da/du = 1`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OutputNoise<T> {
+    /// `Pi`: of `p`, of both, of `v`.
+    pub Pi: [T; 3],
+    /// Covariance of `p` and of `v` with the noise of each sample that still drives.
+    cross: [[T; 2]; TAPS],
+}
+
+impl<T: Number> OutputNoise<T> {
+    /// Before the first sample; of `witness` only the type is used.
+    #[must_use]
+    pub fn none(witness: T) -> Self {
+        let zero = witness.like(0.0);
+        Self { Pi: [zero; 3], cross: [[zero; 2]; TAPS] }
+    }
+
+    /// `dt` seconds of a segment that is `length` seconds long; `variance` is that of one sample.
+    #[inline(always)]
+    pub fn predict(&mut self, dt: T, length: f64, taps: &Taps, variance: T) {
+        let [pp, pv, vv] = self.Pi;
+        let two = dt.like(2.0);
+        let mut Pi = [dt.times_plus(two.times_plus(pv, dt * vv), pp), dt.times_plus(vv, pv), vv];
+        for (cross, weight) in self.cross.iter_mut().zip(&taps.weights) {
+            let (gp, gv) = (dt.like(weight[0] * length * length), dt.like(weight[1] * length));
+            let (np, nv) = (variance * gp, variance * gv);
+            let (cp, cv) = (dt.times_plus(cross[1], cross[0]), cross[1]);
+            // (F C + n/2) g' and its transpose: the noise of the step itself is in it once.
+            Pi[0] = gp.times_plus(two.times_plus(cp, np), Pi[0]);
+            Pi[1] = gv.times_plus(cp + np, gp.times_plus(cv, Pi[1]));
+            Pi[2] = gv.times_plus(two.times_plus(cv, nv), Pi[2]);
+            *cross = [cp + np, cv + nv];
+        }
+        self.Pi = Pi;
+    }
+
+    /// A sample has passed: the oldest of a curve drives no more.
+    #[inline(always)]
+    pub fn shift(&mut self) {
+        let zero = self.Pi[0].like(0.0);
+        self.cross = from_fn(|i| self.cross.get(i + 1).copied().unwrap_or([zero; 2]));
+    }
+
+    /// Its variance in a reading of `p + tau v`.
+    #[inline(always)]
+    #[must_use]
+    pub fn variance(&self, tau: T) -> T {
+        let [pp, pv, vv] = self.Pi;
+        tau.times_plus(pv + tau.times_plus(vv, pv), pp)
+    }
+
+    /// After a reading of `p + tau v` with the gains of `p` and `v`: `Pi = A Pi A'`, `A = I - K H`.
+    #[inline(always)]
+    pub fn correct(&mut self, tau: T, gain: [T; 2]) {
+        let moved = |p: T, v: T| {
+            let read = tau.times_plus(v, p);
+            [p - gain[0] * read, v - gain[1] * read]
+        };
+        let [pp, pv, vv] = self.Pi;
+        let (left, right) = (moved(pp, pv), moved(pv, vv));
+        let (top, bottom) = (moved(left[0], right[0]), moved(left[1], right[1]));
+        self.Pi = [top[0], top[1], bottom[1]];
+        for cross in &mut self.cross {
+            *cross = moved(cross[0], cross[1]);
+        }
+    }
+}
+
+/// The usual spacing after a segment of `length`: a mean of those that are not much longer, to which it creeps up.
+fn usual(spacing: f64, length: f64) -> f64 {
+    if spacing == 0.0 {
+        length
+    } else if length < 1.5 * spacing {
+        spacing + (length - spacing) / 32.0
+    } else {
+        spacing * 1.0005
+    }
+}
+
+/// ACI on factors, and what the output's noise did to its estimate; `N = M + 2`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AciCorrected<T, const N: usize, const M: usize> {
+    /// The filter.
+    pub filter: AciFactored<T, N, M>,
+    /// What the output's noise left in `p, v`.
+    pub noise: OutputNoise<T>,
+    /// Usual spacing of the samples, s: behind a lost one a segment is longer, and the noise of a sample is not.
+    spacing: f64,
+    /// Of the last step: `d2a/(du dtheta) da/du`, and `(da/du)^2`.
+    slopes: (Plain<T, M>, T),
+    /// `b` and its share of `da/du` itself, of the readings since the last correction.
+    gathered: (Plain<T, M>, T),
+    readings: u32,
+}
+
+impl<T: Real, const N: usize, const M: usize> AciCorrected<T, N, M> {
+    /// At the start.
+    #[must_use]
+    pub fn new(filter: AciFactored<T, N, M>) -> Self {
+        let zero = filter.p.like(0.0);
+        let none = (Plain::every(zero), zero);
+        Self { filter, noise: OutputNoise::none(zero), spacing: 0.0, slopes: none, gathered: none, readings: 0 }
+    }
+
+    /// One step without integration error over a part of a segment of `length` seconds; without `taps` no correction.
+    ///
+    /// # Errors
+    /// [`DomainError`] where the sensor has no inverse; the filter is then as it was.
+    #[inline(always)]
+    pub fn exact<E, I>(
+        &mut self,
+        q: T,
+        drift: &GaussMarkovSet<Plain<T, M>, M>,
+        step: &StepInput<E, I>,
+        taps: Option<(&Taps, f64)>,
+    ) -> Result<(), DomainError>
+    where
+        E: MixedPartials<Plain<T, M>, M>,
+        I: Fn(f64) -> E::Input,
+    {
+        let Some((taps, length)) = taps else {
+            return self.filter.exact(q, drift, step);
+        };
+        let theta = self.filter.theta;
+        let begin = step.model.mixed(&theta, (step.input)(0.0))?;
+        let end = step.model.mixed(&theta, (step.input)(step.dt))?;
+        self.filter.exact(q, drift, step)?;
+        let half = q.like(0.5);
+        self.slopes = (
+            begin.0.scaled(half * begin.1).plus(half * end.1, end.0),
+            half * begin.1.times_plus(begin.1, end.1 * end.1),
+        );
+        if length > 0.0 {
+            self.spacing = usual(self.spacing, length);
+            self.noise.predict(q.like(step.dt), length, taps, q / q.like(self.spacing));
+        }
+        Ok(())
+    }
+
+    /// Takes in a reading of `p + tau v + b'theta` with variance `R`; `corrected` as in [`Self::exact`].
+    #[inline(always)]
+    pub fn correct_with(
+        &mut self,
+        tau: T,
+        R: T,
+        reading: &FactoredReading<T, M>,
+        innovation: &MaskedInnovation<T>,
+        corrected: bool,
+    ) {
+        let known = self.filter.correct_with(R, reading, innovation);
+        if !corrected {
+            return;
+        }
+        let share = self.noise.variance(tau) / known.s;
+        self.noise.correct(tau, known.gain);
+        self.gathered.0 = self.gathered.0.plus(share, self.slopes.0);
+        self.gathered.1 = share.times_plus(self.slopes.1, self.gathered.1);
+        self.readings += 1;
+        if self.readings == EVERY {
+            self.apply();
+        }
+    }
+
+    /// Takes what was gathered out of estimate and covariance.
+    #[inline(always)]
+    fn apply(&mut self) {
+        let (b, share) = self.gathered;
+        let zero = share.like(0.0);
+        (self.gathered, self.readings) = ((Plain::every(zero), zero), 0);
+        if share.is_positive() {
+            let (p, v, theta) = self.filter.columns(&b);
+            self.filter.p = self.filter.p + p;
+            self.filter.v = self.filter.v + v;
+            self.filter.theta = self.filter.theta + theta;
+            self.filter.add_outer(share.like(1.0) / share, (p, v), theta.0, M);
+        }
+    }
+}
