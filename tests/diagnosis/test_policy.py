@@ -12,7 +12,7 @@ import accelcal
 from accelcal.diagnosis import policy
 from accelcal.diagnosis.policy import thresholds
 
-from ..docs.printed import with_thresholds
+from ..docs.printed import with_printed
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = Path(accelcal.__file__).parent
@@ -31,13 +31,13 @@ def unused(names: set[str]) -> set[str]:
 
 
 def test_the_page_is_what_the_module_prints():
-    assert with_thresholds(PAGE) == PAGE, "run make pages"
+    assert with_printed("method.md", PAGE) == PAGE, "run make pages"
 
 
 def test_a_page_with_another_value_is_noticed():
     changed = PAGE.replace("| 4.5 nat |", "| 4.6 nat |")
     assert changed != PAGE
-    assert with_thresholds(changed) == PAGE
+    assert with_printed("method.md", changed) == PAGE
 
 
 def test_every_threshold_decides_something():

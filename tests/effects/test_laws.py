@@ -134,8 +134,11 @@ def test_a_lag_at_unequal_times_is_the_lag_at_equal_ones():
 
 
 def test_self_heating_settles_at_the_mean_square():
-    y = find("self_heating").column(one_tone(), tau=2.0)
+    s = one_tone()
+    begun_at_rest = dataclasses.replace(s, v=np.where(s.t < s.t[0] + 0.2, 0.0, s.v))
+    y = find("self_heating").column(begun_at_rest, tau=2.0, start=0.0)
     assert y[0] == 0.0
+    assert find("self_heating").column(s, tau=2.0, start=0.0)[0] == pytest.approx(AMPLITUDE**2 / 2.0, rel=0.05)
     assert np.mean(y[-30_000:]) == pytest.approx(AMPLITUDE**2 / 2.0, rel=1e-5)  # e^-15 after 30 s
 
 
@@ -144,7 +147,7 @@ def test_memory_begins_at_rest_in_gravity():
     assert s.rest == pytest.approx(9.80665)
     upright = dataclasses.replace(s, a=np.full_like(s.a, s.rest))
     np.testing.assert_allclose(find("creep").column(upright, tau=5.0, start=0.0), s.rest, rtol=1e-12)
-    np.testing.assert_allclose(find("self_heating").column(upright, tau=5.0), s.rest**2, rtol=1e-12)
+    np.testing.assert_allclose(find("self_heating").column(upright, tau=5.0, start=0.0), s.rest**2, rtol=1e-12)
 
 
 def by_hand(x, width, start):

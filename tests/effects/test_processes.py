@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal.effects import BUILT_IN, CATALOGUE, find
+from accelcal.effects import BUILT_IN, CATALOGUE, find, has_time_constant
 from accelcal.filters.live_model import LiveModel
-from accelcal.model import Model
+from accelcal.model import Model, Prior
 from accelcal.results import model_file
 from accelcal.simulation import CXL02_RIG
 
@@ -61,15 +61,28 @@ def test_a_planted_process_is_found_and_the_mean_has_its_uncertainty(record, tmp
     assert live[NAME].std == pytest.approx(grown.model.priors[f"{NAME}.c1"].std)
 
 
+def test_the_time_constant_of_a_stem_is_none_of_its_process():
+    assert has_time_constant(find("quadratic_gauss_markov"))
+    assert not has_time_constant(find("warm_up_random_walk"))
+    assert not has_time_constant(find("warm_up"))
+
+
 @pytest.mark.parametrize("name", ["tone_gauss_markov", "nothing_random_walk", "vibration_random_walk"])
 def test_what_has_no_single_coefficient_has_no_process(name):
     with pytest.raises(ValueError, match="there is no effect called"):
         find(name)
 
 
-def test_a_process_of_what_looks_at_other_times_is_not_tracked_live():
+def test_a_process_of_an_effect_with_memory_is_tracked_live():
+    """The state multiplies what the play gives, which goes on from sample to sample."""
     model = Model.linear().add(
         "hysteresis_random_walk", shapes={"hysteresis_random_walk": {"width": 0.1, "start": 0.0, "length": 9.0}}
     )
-    with pytest.raises(ValueError, match=r"hysteresis_random_walk cannot be tracked live: .*other times"):
-        LiveModel(model, CXL02_RIG, rate=1667.0, q=1e-8, r_position=1e-12, position=0.0)
+    priors = {term.name: Prior(0.0, 1e-2) for term in model.terms if term.effect.port == "process"}
+    model = replace(model, priors=priors)
+    live = LiveModel(model, CXL02_RIG, rate=1667.0, q=1e-8, r_position=1e-12, position=0.0)
+    t = np.arange(400) / 1667.0
+    for u, z in zip(3.0 * np.sin(60.0 * t), -3.0 / 60.0**2 * np.sin(60.0 * t), strict=True):
+        live.step(float(u), float(z))
+    assert live["hysteresis_random_walk"].value != 0.0
+    assert live["hysteresis_random_walk"].std > 0.0

@@ -260,6 +260,17 @@ def coulomb(scene: Scene, f: Array, m: float, shape: Shape, rng: np.random.Gener
     return m * scene.v / np.hypot(scene.v, 1e-4)
 
 
+@declare(CATALOGUE, "m/s²", "force", "position velocity", 1e-3, draw=between(length=(1e-3, 1e-2)))
+def presliding(scene: Scene, f: Array, m: float, shape: Shape, rng: np.random.Generator) -> Array:
+    """A cable chain bends before it slides: friction comes to its full size over a way after each turn (Dahl 1968)."""
+    way = np.sign(scene.v)
+    decay = np.exp(-np.abs(np.diff(scene.p, prepend=scene.p[0])) / shape["length"])
+    z = np.zeros(len(way))
+    for i in range(1, len(z)):
+        z[i] = way[i] + (z[i - 1] - way[i]) * decay[i] if way[i] else z[i - 1]
+    return m * z
+
+
 @declare(CATALOGUE, "s/m", "response", "acceleration velocity", 1e-2)
 def acceleration_velocity(scene: Scene, f: Array, m: float, shape: Shape, rng: np.random.Generator) -> Array:
     """Induction: the scale factor changes with speed in the field of the linear motor (Faraday's law)."""

@@ -221,7 +221,7 @@ class Evidence:
         """Significant noise tests that name their effect."""
         self.unnamed = tuple(test for test in unexplained if test not in named)
         self.largest = contributions(self.fit, solution)
-        self.sizes = sizes_of(self.fit, states, self.scan.candidates, self.tests)
+        self.sizes = sizes_of(self.fit, states, [*self.scan.candidates, *self.scan.found], self.tests)
         self.seen = solution.seen_by_runs if self.scan.enough and not self.scan.found else ()
         """Effects that no single run shows, where nothing else is missing."""
         self.by_run = values_by_run(states, model, [choice.instead for choice in self.seen[:1]])

@@ -11,6 +11,7 @@ from scipy import special
 
 from accelcal.data import in_usual_unit
 from accelcal.diagnosis.noise.noise_test import NoiseTest
+from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.homogeneity import PartSizes
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.search.scores import log_survival
@@ -56,13 +57,13 @@ def split(names: Iterable[str], sizes: Mapping[str, Size], tolerance: float | No
 
 
 def sizes_of(
-    fit: Fit, states: Sequence[RunState], candidates: Sequence[Candidate], tests: Sequence[NoiseTest]
+    fit: Fit, states: Sequence[RunState], effects: Sequence[Candidate | DetectedEffect], tests: Sequence[NoiseTest]
 ) -> dict[str, Size]:
-    """Largest contribution over all runs of every effect of the model, of candidates, and of what noise tests found.
+    """Largest contribution over all runs of every effect of the model, of others, and of what noise tests found.
 
     The contribution of an effect of several columns is their sum.
     """
-    sizes = {c.effect: Size(c.largest, find(c.effect).port == "position") for c in reversed(candidates)}
+    sizes = {e.effect: Size(e.largest, find(e.effect).port == "position") for e in reversed(effects)}
     for test in tests:
         size = contribution_of_test(test, states)
         if size is not None:

@@ -120,6 +120,9 @@ the plan separates. [correlation; tests/experiment/test_design.py]"""
 RESOLVED_WAVE_PERIODS = 2.0
 """Periods on the travel from which a wave over position is known to repeat. A part of a wave is any smooth function
 of position. [periods; tests/hidden/test_hidden.py]"""
+RESOLVED_MEMORIES = 3.0
+"""Time constants in a record from which the memory of a driver is told from a drift. Within less it is an integral,
+which only rises. [time constants; benches/mechanisms.py]"""
 COLLINEAR_CORRELATION = 0.9
 """Correlation of two estimates above which both effects describe one curve of their variable. One of them then only
 bends the other's function. [correlation; tests/selection/test_collinearity.py]"""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 from accelcal._support.arguments import checked
 from accelcal._support.result import Result
 from accelcal._support.values import face, immutable
+from accelcal.data import in_usual_unit
 from accelcal.diagnosis.checks import CHECKS, FOLLOW_TIME, beside_tilt
 from accelcal.diagnosis.clean_fit import RejectedReadings
 from accelcal.diagnosis.evidence import DELAY_CLASS, DELAY_EXPERIMENT, Evidence, noise_ratio
@@ -34,8 +35,10 @@ from accelcal.diagnosis.policy import (
     VERDICT_LEAST_BLOCKS,
 )
 from accelcal.diagnosis.runs import FurtherRun
+from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Scan, Verdict
 from accelcal.effects import BUILT_IN, find
+from accelcal.effects.mechanisms import CARRIERS
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.remarks import KINDS, Remark
 from accelcal.estimation.run_to_run import REMARK_ALPHA
@@ -340,11 +343,26 @@ def found_by_search(case: Case) -> Judgement | None:
     sigmas = [f"{candidate.snr:.0f} sigma; " for candidate in case.scan.candidates if candidate.effect == name]
     evidence, effect = f"({''.join(sigmas[:1])}{case.examined})", find(name)
     if not effect.family:
-        return case.with_rivals(name, f"{name} explains what the model lacks {evidence}.")
+        return case.with_rivals(
+            name, f"{name} explains what the model lacks {evidence}.{random_variation(case.scan.found[0])}"
+        )
     return (
         "shape",
         f"No named effect explains what the model lacks; a nonparametric curve does: {effect.summary} {evidence}.",
     )
+
+
+def random_variation(process: DetectedEffect) -> str:
+    """The sentence on how a random process varies and what it may follow; empty for other effects."""
+    effect = find(process.effect)
+    if effect.port != "process" or process.prior_std is None:
+        return ""
+    followed = [name for name in process.members if find(name).mechanism or find(name).needs]
+    asked = "; no recorded quantity explains it" if effect.traits.changes in CARRIERS else ""
+    why = f"; {' or '.join(followed)} may be why" if followed else asked
+    size = in_usual_unit(process.prior_std, find(effect.traits.changes).unit)
+    varies = f"{effect.traits.changes} varies by {size} over {process.shape.get('tau', 1.0):.2g} s"
+    return f" That is no cause: {varies}{why}."
 
 
 def found_by_tests(case: Case) -> Judgement | None:

@@ -11,9 +11,9 @@ from accelcal.effects import (  # noqa: F401  (importing a file enters its effec
     nonlinear,
     stage,
     thermal,
+    mechanisms,
     interactions,
 )
-from accelcal.effects.cards import card, cards, spelled
 from accelcal.effects.registry import (
     CATALOGUE,
     HARMONICS,
@@ -29,7 +29,19 @@ from accelcal.effects.registry import (
     family,
 )
 from accelcal.effects.guard import EffectsFileError
-from accelcal.effects.processes import Names, find, names, next_name, on_demand, side_channel, side_channels, stem_of
+from accelcal.effects.mechanisms import side_channel, side_channels
+from accelcal.effects.processes import (
+    Names,
+    card,
+    cards,
+    find,
+    has_time_constant,
+    names,
+    next_name,
+    on_demand,
+    spelled,
+    stem_of,
+)
 from accelcal.effects.own import ExpressionError, Own, effect, from_expression, load_effects
 
 BUILT_IN = tuple(CATALOGUE.values())
@@ -44,7 +56,7 @@ def is_local(effect: Effect) -> bool:
     """Whether an effect is known to have no memory, so that it can be evaluated on a part of a record."""
     stem = _BY_NAME.get(stem_of(effect))
     further = stem is not None and stem.name != effect.name and stem.function is effect.function
-    return not effect.traits.memory and (stem is effect or further)
+    return not effect.traits.memory and (stem is effect or further or (stem is None and effect.product is not None))
 
 
 def of_one_record(effect: Effect) -> bool:
@@ -62,7 +74,7 @@ def users_own() -> tuple[Effect, ...]:
     return tuple(
         effect
         for effect in CATALOGUE.values()
-        if _BY_NAME.get(effect.name) is not effect and not effect.traits.follows and not on_demand(effect)
+        if _BY_NAME.get(effect.name) is not effect and not effect.product and not on_demand(effect)
     )
 
 
@@ -110,6 +122,7 @@ __all__ = [
     "find",
     "found_by",
     "from_expression",
+    "has_time_constant",
     "is_local",
     "load_effects",
     "names",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextvars import ContextVar
 
 import numpy as np
 
@@ -24,6 +25,44 @@ STILL = 2e-5
 """Least standard deviation of the velocity as a share of the top speed."""
 
 
+_CARRIED: ContextVar[tuple[Iterator[float], list[float]] | None] = ContextVar("carried", default=None)
+
+
+def carried_on(before: Sequence[float], evaluate: Callable[[], Array]) -> tuple[Array, list[float]]:
+    """What an effect gives over the next step of a stream, and what its blocks with memory hold at the end of it.
+
+    Parameters
+    ----------
+    before : what they held at the end of the step before, in the order of their calls; empty at the first sample.
+    evaluate : the effect on the signals of this step alone.
+    """
+    after: list[float] = []
+    token = _CARRIED.set((iter(before), after))
+    try:
+        return evaluate(), after
+    finally:
+        _CARRIED.reset(token)
+
+
+def is_streamed() -> bool:
+    """Whether signals are those of one step of a stream."""
+    return _CARRIED.get() is not None
+
+
+def resumed(start: float) -> float:
+    """Where a block with memory begins: at `start`, on a stream with what it held at the end of the step before."""
+    stream = _CARRIED.get()
+    return start if stream is None else next(stream[0], start)
+
+
+def held(x: Array) -> Array:
+    """What a block with memory gives, (n,), whose last value it holds."""
+    stream = _CARRIED.get()
+    if stream is not None:
+        stream[1].append(x[-1])
+    return x
+
+
 def lagged(y: Array, tau: float, step: float, start: float) -> Array:
     """First-order low-pass tau x' = y - x, exact for straight lines between samples.
 
@@ -33,8 +72,11 @@ def lagged(y: Array, tau: float, step: float, start: float) -> Array:
     tau, step : time constant and spacing, s.
     start : x at the first sample.
     """
+    start = resumed(start)
+    if step == 0.0:  # the first sample of a stream
+        return held(np.full(len(y), start))
     decay, old, new = lag_weights(tau, step)
-    return recursive_filter([new, old], [1.0, -decay], y, (start - new * y[0], 0.0))
+    return held(recursive_filter([new, old], [1.0, -decay], y, (start - new * y[0], 0.0)))
 
 
 def lag_weights(tau: float, step: float) -> tuple[float, float, float]:
@@ -53,21 +95,31 @@ def lagged_at(t: Array, y: Array, tau: float, start: float) -> Array:
     tau : time constant, s.
     start : x at the first sample.
     """
-    return _core.lagged_at(np.ascontiguousarray(t), np.ascontiguousarray(y), tau, start)
+    return held(_core.lagged_at(np.ascontiguousarray(t), np.ascontiguousarray(y), tau, resumed(start)))
 
 
 def play(x: Array, width: float, start: float) -> Array:
     """Output of the play operator of full `width` for the input `x`, (n,); its state is kept through rests."""
-    return _core.play(np.ascontiguousarray(x), width, start)
+    before = resumed(start)
+    if x.dtype != object:
+        return held(_core.play(np.ascontiguousarray(x), width, before))
+    y = np.empty_like(x)  # symbols of an export: the same, written out
+    for i in range(len(x)):
+        y[i] = before = np.minimum(np.maximum(before, x[i] - 0.5 * width), x[i] + 0.5 * width)
+    return held(y)
 
 
 def direction(s: Signals, width: float | None = None) -> Array:
     """+1 while the stage travels forwards, -1 backwards, kept through rests, straight across a reversal over a travel
     of `width` (by default as little as noise at rest allows), m; 0 before the first move."""
-    if width is None:
-        width = 2.0 * max(CORNER_NOISE * s.p_std, SLACK * float(np.ptp(s.p)), TINY)
+    width = slack(s) if width is None else width
     p = travelled(s, width)
     return (p - play(p, width, float(p[0]))) / (0.5 * width)
+
+
+def slack(s: Signals) -> float:
+    """Travel that noise at rest does not reach, m."""
+    return 2.0 * max(CORNER_NOISE * s.p_std, SLACK * float(np.ptp((s.whole or s).p)), TINY)
 
 
 def travelled(s: Signals, width: float) -> Array:
@@ -78,12 +130,13 @@ def travelled(s: Signals, width: float) -> Array:
     drifts there with the noise of the output.
     """
     speed = np.abs(s.v)
-    noise = max(s.v_std, STILL * float(np.max(speed)))
+    noise = max(s.v_std, STILL * float(np.max(np.abs((s.whole or s).v))))
     way = np.where(speed > UNSURE * noise, np.sign(s.v), 0.0)
     begins = np.flatnonzero(np.diff(way, prepend=np.nan) != 0.0)
     moving = np.maximum.reduceat(speed, begins) > MOVING * noise
     steps = np.diff(s.p, prepend=s.p[0])
-    surely = np.cumsum(np.where(np.repeat(moving, np.diff(begins, append=len(way))), steps, 0.0))
+    sure = np.where(np.repeat(moving, np.diff(begins, append=len(way))), steps, 0.0)
+    surely = held(resumed(0.0) + np.cumsum(sure))
     other = s.p - surely
     return surely + play(other, max(2.0 * CORNER_NOISE * s.p_std, width), float(other[0]))
 
@@ -95,21 +148,28 @@ def slacks(s: Signals) -> tuple[float, float]:
     return least, max(2.0 * least, 0.01 * stroke)
 
 
+def distances(s: Signals) -> tuple[float, float]:
+    """Distances from a few of what counts as a reversal to the stroke, m."""
+    least = 4.0 * slack(s)
+    return least, max(2.0 * least, float(np.ptp(s.p)))
+
+
 def held_sign(heading: Array) -> Array:
     """Sign of a direction, changed only where its magnitude is at least 0.5, so that noise at rest reverses nothing."""
     sure = np.maximum.accumulate(np.where(np.abs(heading) >= 0.5, np.arange(len(heading)), -1))
-    return np.where(sure >= 0, np.sign(heading[sure]), 0.0)
+    return held(np.where(sure >= 0, np.sign(heading[sure]), resumed(0.0)))
 
 
 def since_reversal(s: Signals, heading: Array | None = None) -> Array:
     """Time since the last reversal of the stage, (n,) s; NaN before the first; from its `direction` where that is at
     hand."""
     way = held_sign(direction(s) if heading is None else heading)
-    turned = np.flatnonzero(way[1:] != way[:-1]) + 1
+    turned = np.flatnonzero(np.diff(way, prepend=resumed(float(way[0]))))
+    held(way)
     last = np.full(len(s.t), -1, dtype=np.intp)
     last[turned] = turned
     last = np.maximum.accumulate(last)
-    return np.where(last >= 0, s.t - s.t[last], np.nan)
+    return s.t - held(np.where(last >= 0, s.t[last], resumed(np.nan)))
 
 
 def since(s: Signals, instant: float) -> Array:
@@ -147,7 +207,7 @@ def waves(s: Signals) -> tuple[float, float]:
 
 def snap(s: Signals) -> Array:
     """Second derivative of the specific force, m/s⁴."""
-    return derivative(s.jerk, s.step)
+    return derivative(s.jerk, max(s.step, TINY))
 
 
 def wave(x: Array, period: float, low: float, high: float) -> Array:

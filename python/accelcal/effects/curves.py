@@ -39,7 +39,7 @@ def cosines(t: Array, start: float, length: float, weights: Array) -> Array:
     """Columns weights_j cos(pi j (t - start)/length), j = 1.., held beyond both ends; (n, len(weights))."""
     share = np.clip((t - start) / length, 0.0, 1.0)
     first = np.cos(np.pi * share)
-    rows = np.empty((len(weights) + 1, len(t)))
+    rows = np.empty((len(weights) + 1, len(t)), dtype=first.dtype)
     rows[0] = 1.0
     rows[1] = first
     twice = 2.0 * first
@@ -52,6 +52,10 @@ def cosines(t: Array, start: float, length: float, weights: Array) -> Array:
 def splines(x: Array, low: float, high: float) -> Array:
     """Uniform cubic B-splines on [low, high], which sum to 1, x held at the ends, NaN where x is; (n, PIECES + 3)."""
     u = np.clip((x - low) * (PIECES / (high - low)), 0.0, PIECES)
+    if u.dtype == object:  # symbols of an export, which are no index: the same as truncated cubes
+        away = np.abs(u[:, None] - np.arange(-1.0, PIECES + 2.0))
+        outer, inner = np.maximum(2.0 - away, 0.0), np.maximum(1.0 - away, 0.0)
+        return np.asanyarray((outer**3 - 4.0 * inner**3) / 6.0)
     piece = np.minimum(np.nan_to_num(u).astype(np.intp), PIECES - 1)
     f = u - piece
     g = 1.0 - f

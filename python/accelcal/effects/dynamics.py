@@ -5,50 +5,41 @@ from __future__ import annotations
 import numpy as np
 
 from accelcal.data import Array
-from accelcal.effects.building_blocks import instants, jitter_at_top_jerk, lagged, since, slow, snap
-from accelcal.effects.registry import NoiseSource, Search, Shape, Traits, effect
+from accelcal.effects.building_blocks import jitter_at_top_jerk, lagged, slow, snap
+from accelcal.effects.mechanisms import INSTANT, TIME, product
+from accelcal.effects.registry import NoiseSource, Search, Shape, Traits, effect, enter
 from accelcal.signals.signals import Signals
 
-
-@effect(
-    "time_offset_step",
-    unit="s",
-    owner="timing",
-    symbol="dt0",
-    scale=6e-4,
-    source="one dropped sample at 1666 Hz",
-    shapes={"instant": Shape("s", instants, trials=16)},
-    search=Search(includes=("time_offset",)),
-)
-def time_offset_step(s: Signals, instant: float) -> Array:
-    """Step of the delay of the output: a sample was dropped or stored twice.
+enter(
+    {
+        "time_offset_step": product("time_offset", INSTANT)
+        | {
+            "card": """Step of the delay of the output: a sample was dropped or stored twice.
 
     Equation: e = -(1 + k) dt0 jerk [t >= instant].
     Looks like: a residual proportional to jerk before or after an instant only.
     Easily confused with: clock_skew.
     Separate by: sample counters; a common trigger at the beginning and at the end.
-    """
-    return -s.scale * since(s, instant) * s.jerk
-
-
-@effect(
-    "clock_skew",
-    unit="1",
-    owner="timing",
-    symbol="alpha",
-    scale=5e-5,
-    source="crystal: 50 ppm",
-    search=Search(includes=("time_offset",)),
-)
-def clock_skew(s: Signals) -> Array:
-    """Rate difference of the two clocks: the delay of the output grows linearly.
+    """,
+            "symbol": "dt0",
+            "scale": 6e-4,
+            "source": "one dropped sample at 1666 Hz",
+        },
+        "clock_skew": product("time_offset", TIME)
+        | {
+            "card": """Rate difference of the two clocks: the delay of the output grows linearly.
 
     Equation: e = -(1 + k) alpha t jerk.
     Looks like: a residual proportional to jerk whose size is a straight line over time.
     Easily confused with: time_offset_step, scale_drift when the motion has one frequency.
     Separate by: a longer record; a common trigger at the beginning and at the end.
-    """
-    return -s.scale * s.t * s.jerk
+    """,
+            "symbol": "alpha",
+            "scale": 5e-5,
+            "source": "crystal: 50 ppm",
+        },
+    }
+)
 
 
 @effect(
@@ -134,7 +125,7 @@ def sensor_lag(s: Signals, tau: float) -> Array:
     estimated.
     Separate by: a sweep of frequency up to a tenth of 1/tau; declaring and removing the low-pass.
     """
-    return s.scale * (lagged(s.a, tau, s.step, float(s.a[0])) - s.a)
+    return s.scale * (lagged(s.a, tau, s.step, s.a[0]) - s.a)
 
 
 @effect(
@@ -200,7 +191,7 @@ def creep(s: Signals, tau: float, start: float) -> Array:
     Easily confused with: warm_up, bias_gauss_markov, velocity when tau is long.
     Separate by: a long constant tilt step.
     """
-    return lagged(s.a, tau, s.step, s.rest + start * float(np.max(np.abs(s.a - s.rest))))
+    return lagged(s.a, tau, s.step, s.rest + start * np.max(np.abs(s.a - s.rest)))
 
 
 @effect(

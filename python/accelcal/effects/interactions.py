@@ -6,10 +6,12 @@ them the response stays as it is there.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from accelcal.data import Array
 from accelcal.effects.curves import RECORD, legendre, over
+from accelcal.effects.mechanisms import Driver, product
 from accelcal.effects.registry import Search, Variable, enter
 
 PROFILE = ("mean", "slope", "bend")
@@ -21,9 +23,13 @@ def profile(x: Array, low: float, high: float) -> Array:
     return legendre(x, low, high, len(PROFILE) - 1)
 
 
+ALONG_RAIL = Driver(
+    "h(p)", "1", lambda s, low, high: profile(s.p, low, high), shapes=over("m", lambda s: (s.p, s.p_std))
+)
+"""A profile along the rail, by which a coefficient is multiplied."""
 INTERACTIONS: dict[str, dict[str, Any]] = {
-    "shape_of_position_and_velocity": {
-        "function": lambda s, low, high: s.rig.polarity * s.v[:, None] * profile(s.p, low, high),
+    "shape_of_position_and_velocity": product("velocity", ALONG_RAIL)
+    | {
         "card": """Viscous friction that varies along the rail.
 
     Equation: e = v (c0 + c1 u + c2 (3 u^2 - 1)/2), u = p over its range, -1 to 1.
@@ -32,16 +38,16 @@ INTERACTIONS: dict[str, dict[str, Any]] = {
     Separate by: steady speed over the whole rail, forwards and backwards.
     """,
         "family": {"variable": Variable("position", "p", "m", per="v")},
-        "unit": "s⁻¹",
-        "owner": "rig",
         "symbol": "h(p) v",
         "scale": 1e-2,
         "source": "0.1 mg at 0.1 m/s",
-        "shapes": over("m", lambda s: (s.p, s.p_std)),
         "parts": PROFILE,
+        "search": Search(),
     },
-    "shape_of_position_and_acceleration": {
-        "function": lambda s, low, high: s.a[:, None] * profile(s.p, low, high)[:, 1:],
+    "shape_of_position_and_acceleration": product(
+        "scale_factor", replace(ALONG_RAIL, of=lambda s, low, high: profile(s.p, low, high)[:, 1:])
+    )
+    | {
         "card": """Scale factor that varies along the rail.
 
     Equation: e = a (c1 u + c2 (3 u^2 - 1)/2), u = p over its range, -1 to 1.
@@ -50,17 +56,23 @@ INTERACTIONS: dict[str, dict[str, Any]] = {
     Separate by: short fast strokes at several places of the rail.
     """,
         "family": {"variable": Variable("position", "p", "m", per="a")},
-        "unit": "1",
         "owner": "rig",
         "symbol": "h(p) a",
         "scale": 1e-3,
         "source": "a scale factor known to 0.1 %",
-        "shapes": over("m", lambda s: (s.p, s.p_std)),
         "parts": PROFILE[1:],
-        "search": Search(includes=("scale_factor",)),
     },
-    "shape_of_temperature_and_velocity": {
-        "function": lambda s, low, high: s.rig.polarity * s.v[:, None] * profile(s.temperature, low, high),
+    "shape_of_temperature_and_velocity": product(
+        "velocity",
+        Driver(
+            "h(T)",
+            "1",
+            lambda s, low, high: profile(s.temperature, low, high),
+            needs=("temperature",),
+            shapes=over("K", lambda s: (s.temperature, 0.0)),
+        ),
+    )
+    | {
         "card": """Viscous friction that varies with temperature, as that of grease.
 
     Equation: e = v (c0 + c1 u + c2 (3 u^2 - 1)/2), u = T over its range, -1 to 1.
@@ -69,17 +81,17 @@ INTERACTIONS: dict[str, dict[str, Any]] = {
     Separate by: the same motion at several temperatures that do not rise steadily.
     """,
         "family": {"variable": Variable("temperature", "temperature", "degC", per="v")},
-        "unit": "s⁻¹",
-        "owner": "rig",
         "symbol": "h(T) v",
         "scale": 1e-2,
         "source": "0.1 mg at 0.1 m/s",
-        "shapes": over("K", lambda s: (s.temperature, 0.0)),
-        "needs": ("temperature",),
         "parts": PROFILE,
+        "search": Search(),
     },
-    "shape_of_time_and_velocity": {
-        "function": lambda s, start, length: s.rig.polarity * s.v[:, None] * profile(s.t, start, start + length),
+    "shape_of_time_and_velocity": product(
+        "velocity",
+        Driver("h(t)", "1", lambda s, start, length: profile(s.t, start, start + length), shapes=RECORD),
+    )
+    | {
         "card": """Viscous friction that varies with time, as during run-in.
 
     Equation: e = v (c0 + c1 u + c2 (3 u^2 - 1)/2), u = t over the record, -1 to 1.
@@ -88,13 +100,11 @@ INTERACTIONS: dict[str, dict[str, Any]] = {
     Separate by: a second record right after the first.
     """,
         "family": {"variable": Variable("time", "t", "s", per="v")},
-        "unit": "s⁻¹",
-        "owner": "rig",
         "symbol": "h(t) v",
         "scale": 1e-2,
         "source": "0.1 mg at 0.1 m/s",
-        "shapes": RECORD,
         "parts": PROFILE,
+        "search": Search(),
     },
 }
 """The interactions, in the order of the catalogue."""

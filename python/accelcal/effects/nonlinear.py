@@ -6,87 +6,75 @@ import numpy as np
 
 from accelcal.data import Array
 from accelcal.effects.building_blocks import play
-from accelcal.effects.registry import Search, Shape, Static, Traits, effect
+from accelcal.effects.mechanisms import product
+from accelcal.effects.registry import Search, Shape, Static, Traits, effect, enter
 from accelcal.signals.signals import TINY, Signals
 
 OUT_OF_LEVEL = 0.02
 """Gravity along the axis of a rig that is taken for level, m/s²: 0.1 degree."""
 
 
-@effect(
-    "quadratic",
-    unit="(m/s²)⁻¹",
-    symbol="K2",
-    scale=1e-4,
-    source="0.1 % of ±2 g: ADXL358, IIS2ICLX",
-    traits=Traits(common=True, static=Static(2, "K2 a^2")),
-)
-def quadratic(s: Signals) -> Array:
-    """Second-order nonlinearity (IEEE 1293 K2).
+enter(
+    {
+        "quadratic": product("bias", "a2")
+        | {
+            "card": """Second-order nonlinearity (IEEE 1293 K2).
 
     Equation: e = K2 a².
     Looks like: second harmonic and a shift of the mean, both growing with the square of the amplitude.
     Easily confused with: scale_asymmetry, and velocity_squared when the motion has one frequency.
     Separate by: two frequencies at equal amplitude; a wider range of amplitudes.
-    """
-    return s.a**2
-
-
-@effect(
-    "cubic",
-    unit="(m/s²)⁻²",
-    symbol="K3",
-    scale=1e-5,
-    source="0.1 % of ±2 g: ADXL358, IIS2ICLX",
-    traits=Traits(common=True, static=Static(3, "K3 a^3", odd=True)),
-)
-def cubic(s: Signals) -> Array:
-    """Third-order nonlinearity (IEEE 1293 K3).
+    """,
+            "symbol": "K2",
+            "scale": 1e-4,
+            "source": "0.1 % of ±2 g: ADXL358, IIS2ICLX",
+            "traits": Traits(common=True, static=Static(2, "K2 a^2")),
+        },
+        "cubic": product("scale_factor", "a2")
+        | {
+            "card": """Third-order nonlinearity (IEEE 1293 K3).
 
     Equation: e = K3 a³.
     Looks like: third harmonic, growing with the cube of the amplitude.
     Easily confused with: scale_factor when there is one amplitude, odd_quadratic, the onset of saturation.
     Separate by: two amplitudes; the third harmonic of K3 grows with the cube, that of a|a| with the square.
-    """
-    return s.a * s.a * s.a
-
-
-@effect(
-    "odd_quadratic",
-    unit="(m/s²)⁻¹",
-    symbol="Koq",
-    scale=1e-4,
-    source="no published figure; taken as K2",
-    traits=Traits(common=True, static=Static(2, "Koq a|a|", odd=True)),
-)
-def odd_quadratic(s: Signals) -> Array:
-    """Odd second-order nonlinearity (IEEE 1293 Koq).
+    """,
+            "symbol": "K3",
+            "scale": 1e-5,
+            "source": "0.1 % of ±2 g: ADXL358, IIS2ICLX",
+            "traits": Traits(common=True, static=Static(3, "K3 a^3", odd=True)),
+        },
+        "odd_quadratic": product("scale_factor", "abs_a")
+        | {
+            "card": """Odd second-order nonlinearity (IEEE 1293 Koq).
 
     Equation: e = Koq a|a|.
     Looks like: third harmonic, growing with the square of the amplitude.
     Easily confused with: cubic, and scale_factor when there is one amplitude.
     Separate by: a sweep of the amplitude; the third harmonic of Koq grows with the square, that of K3 with the cube.
-    """
-    return s.a * np.abs(s.a)
-
-
-@effect(
-    "scale_asymmetry",
-    unit="1",
-    symbol="K1'/2",
-    scale=1e-4,
-    source="small in open-loop MEMS; no published figure",
-    traits=Traits(static=Static(1, "(K1'/2)|a|")),
-)
-def scale_asymmetry(s: Signals) -> Array:
-    """Scale factor that differs between the two directions (IEEE 1293 K1'/2).
+    """,
+            "symbol": "Koq",
+            "scale": 1e-4,
+            "source": "no published figure; taken as K2",
+            "traits": Traits(common=True, static=Static(2, "Koq a|a|", odd=True)),
+        },
+        "scale_asymmetry": product("bias", "abs_a")
+        | {
+            "function": lambda s: np.hypot(s.a, s.a_width),
+            "card": """Scale factor that differs between the two directions (IEEE 1293 K1'/2).
 
     Equation: e = (K1'/2) |a|, the corner rounded: sqrt(a² + w²).
     Looks like: even harmonics and a shift of the mean, both growing in proportion to the amplitude.
     Easily confused with: quadratic.
     Separate by: a sweep of the amplitude; |a| grows with it, a² with its square.
-    """
-    return np.hypot(s.a, s.a_width)
+    """,
+            "symbol": "K1'/2",
+            "scale": 1e-4,
+            "source": "small in open-loop MEMS; no published figure",
+            "traits": Traits(static=Static(1, "(K1'/2)|a|")),
+        },
+    }
+)
 
 
 def _thresholds(s: Signals) -> tuple[float, float]:

@@ -163,6 +163,18 @@ class Lumped:
     """What separates them."""
 
 
+@dataclass(frozen=True, slots=True)
+class Mechanism:
+    """What an effect is that makes a coefficient follow a driver, or a memory of one."""
+
+    carrier: str
+    """Effect whose coefficient follows."""
+    driver: str
+    """Name of the driver in `mechanisms.DRIVERS`, or of a recorded channel; empty where no memory of it is asked."""
+    text: str
+    """As the driver is written in an equation; a recorded channel by its name."""
+
+
 SizeOf = Callable[[float, Mapping[str, float], Sequence[Signals]], float | None]
 """Largest contribution (m/s², m at the encoder) from a noise test's estimate, its particulars and the signals of all
 runs; None where the test gives no size."""
@@ -275,8 +287,6 @@ class Traits:
     """Whether it delays the output, so that only fast motion separates it from the other effects of its class."""
     noise: NoiseSource | None = None
     """The noise test that finds it."""
-    follows: str = ""
-    """Recorded side channel that it is, where it is no physical effect by itself."""
 
 
 @immutable
@@ -311,6 +321,10 @@ class Effect(Result):
     search: Search = Search()
     family: Family | None = None
     """Set for a nonparametric function; None for a physical cause."""
+    mechanism: Mechanism | None = None
+    """Set where a coefficient follows a memory of a driver."""
+    product: Mechanism | None = None
+    """Set where it follows the driver itself, without memory."""
     text: str = ""
     """The user's file that it comes from, whole; empty in the built-in catalogue."""
     digest: str = ""
@@ -410,11 +424,17 @@ class Effect(Result):
         multiples = range(2, int(shape.get(HARMONICS, 1.0)) + 1)
         return (*self.parts, *(f"{part}{n}" for n in multiples for part in self.parts))
 
+    def rested(self, shape: Mapping[str, float]) -> dict[str, float]:
+        """Shape parameters with the states of its element as after a long rest."""
+        states = {name: declared.at_rest for name, declared in self.shapes.items() if declared.at_rest is not None}
+        return {**shape, **states}
+
     def column(self, s: Signals, **shape: float) -> Array:
         """Contribution per unit coefficient at the times of `s`: (n,), or (n, m), its `parts_at`, where it has
         several columns."""
-        y = np.asarray(self.function(s, **shape), dtype=np.float64)
-        return np.broadcast_to(y, s.t.shape) if self.width == 1 else y
+        y = np.asanyarray(self.function(s, **shape))
+        y = y if y.dtype == object else np.asarray(y, dtype=np.float64)  # objects are symbols of an export
+        return np.broadcast_to(y, s.t.shape, subok=True) if self.width == 1 else y
 
 
 HARMONICS = "harmonics"
@@ -549,16 +569,17 @@ def enter(table: Mapping[str, Mapping[str, Any]]) -> None:
     Parameters
     ----------
     table : by name what :func:`effect` takes, the function, its card where it has none, and for a nonparametric family
-        what :func:`family` takes.
+        what :func:`family` takes, or what follows which driver.
     """
     for name, row in table.items():
         function = row["function"]
         function.__doc__ = row.get("card", function.__doc__)
-        effect(name, **{key: value for key, value in row.items() if key not in ("function", "card", "family")})(
-            function
-        )
+        following = {key: row[key] for key in ("mechanism", "product") if key in row}
+        apart = ("function", "card", "family", *following)
+        effect(name, **{key: value for key, value in row.items() if key not in apart})(function)
         if "family" in row:
             family(**row["family"])(function)
+        CATALOGUE[name] = replace(CATALOGUE[name], **following)
 
 
 def card_line(function: Callable[..., Array], label: str) -> str:

@@ -8,9 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from accelcal.data import Array
-from accelcal.effects.building_blocks import stroke, wave, waves
-from accelcal.effects.registry import Search, Shape, effect
-from accelcal.signals.signals import Signals
+from accelcal.effects.building_blocks import direction, distances, lagged_at, slack, stroke, travelled, wave, waves
+from accelcal.effects.mechanisms import VELOCITY, product
+from accelcal.effects.registry import Search, Shape, Traits, effect, enter
+from accelcal.signals.signals import TINY, Signals
 
 
 @effect("velocity", unit="s⁻¹", owner="rig", symbol="cv", scale=1e-3, source="1e-4 m/s² at 0.1 m/s")
@@ -25,28 +26,41 @@ def velocity(s: Signals) -> Array:
     return s.rig.polarity * s.v
 
 
-@effect("velocity_squared", unit="m⁻¹", owner="rig", symbol="cvv", scale=1e-3, source="1e-5 m/s² at 0.1 m/s")
-def velocity_squared(s: Signals) -> Array:
-    """Even quadratic dependence on velocity, v²: centripetal acceleration on a curved rail, pitch of the carriage.
+enter(
+    {
+        "velocity_squared": product("bias", "v2")
+        | {
+            "function": lambda s: s.rig.polarity * s.v**2,
+            "card": "Even quadratic dependence on velocity, v²: centripetal acceleration on a curved rail, "
+            """pitch of the carriage.
 
     Equation: e = cvv v².
     Looks like: a shift of the mean that grows with speed, equal in both directions.
     Easily confused with: quadratic when the motion has one frequency, vibration_rectification.
     Separate by: a sweep of frequency at equal amplitude of acceleration.
-    """
-    return s.rig.polarity * s.v**2
-
-
-@effect("velocity_odd", unit="m⁻¹", owner="rig", symbol="cvo", scale=1e-2, source="1e-4 m/s² at 0.1 m/s")
-def velocity_odd(s: Signals) -> Array:
-    """Quadratic drag, v|v|: resistance of air or fluid.
+    """,
+            "unit": "m⁻¹",
+            "owner": "rig",
+            "symbol": "cvv",
+            "scale": 1e-3,
+            "source": "1e-5 m/s² at 0.1 m/s",
+        },
+        "velocity_odd": product("velocity", "abs_v")
+        | {
+            "card": """Quadratic drag, v|v|: resistance of air or fluid.
 
     Equation: e = cvo v|v|.
     Looks like: a residual that changes sign with direction and grows with the square of speed.
     Easily confused with: velocity, coulomb.
     Separate by: several speeds over a ratio of 4 or more.
-    """
-    return s.rig.polarity * s.v * np.abs(s.v)
+    """,
+            "unit": "m⁻¹",
+            "symbol": "cvo",
+            "scale": 1e-2,
+            "source": "1e-4 m/s² at 0.1 m/s",
+        },
+    }
+)
 
 
 @effect("coulomb", unit="m/s²", owner="rig", symbol="cf", scale=1e-3, source="no published figure; 0.1 mg")
@@ -55,62 +69,91 @@ def coulomb(s: Signals) -> Array:
 
     Equation: e = cf sgn v, the corner rounded: tanh(v/w).
     Looks like: two levels of the residual, one for either direction.
-    Easily confused with: velocity, velocity_odd, hysteresis, encoder_backlash.
+    Easily confused with: velocity, velocity_odd, hysteresis, encoder_backlash, presliding.
     Separate by: several speeds; rests, in which it vanishes and hysteresis stays.
     """
     return s.rig.polarity * np.tanh(s.v / s.v_width)
 
 
-@effect("acceleration_velocity", unit="s/m", owner="rig", symbol="cav", scale=1e-3, source="no published figure")
-def acceleration_velocity(s: Signals) -> Array:
-    """Product of acceleration and velocity: a scale factor that depends on speed.
+@effect(
+    "presliding",
+    unit="m/s²",
+    owner="rig",
+    symbol="fd",
+    scale=1e-3,
+    source="Dahl (1968); cable chains and guides: 1 mm to 10 mm",
+    shapes={"length": Shape("m", distances, trials=6, spacing="log")},
+    traits=Traits(memory=True),
+)
+def presliding(s: Signals, length: float) -> Array:
+    """Friction that builds up over a distance after each reversal (Dahl): cable chains, guides, elastic seals.
+
+    Equation: e = fd z, length dz = dp - |dp| z; z is kept through rests and 0 before the first move.
+    Looks like: a loop of the residual over position after each reversal, at any speed.
+    Easily confused with: coulomb, of which it is the slow form, velocity, rail_slope, hysteresis.
+    Separate by: strokes of several lengths about one place; the same stroke at several speeds.
+    """
+    width = slack(s)
+    way = travelled(s, width)
+    distance = np.cumsum(np.abs(np.diff(way, prepend=way[0]))) + TINY * np.arange(len(way))
+    return s.rig.polarity * lagged_at(distance, direction(s, width), length, 0.0)
+
+
+enter(
+    {
+        "acceleration_velocity": product("scale_factor", VELOCITY)
+        | {
+            "card": """Product of acceleration and velocity: a scale factor that depends on speed.
 
     Equation: e = cav a v.
     Looks like: a residual proportional to acceleration with opposite sign in either direction.
     Easily confused with: encoder_nonlinearity, clock_skew.
     Separate by: the same acceleration at several speeds; a shifted centre of the stroke.
-    """
-    return s.a * s.v
-
-
-@effect(
-    "rail_slope",
-    unit="s⁻²",
-    owner="rig",
-    symbol="c1",
-    scale=9.8e-3,
-    source="bow of 1 km radius: g0 per km",
-    search=Search(includes=("bias",)),
-)
-def rail_slope(s: Signals) -> Array:
-    """Sag of the rail: its angle to level, and with it gravity along the stage, is linear in position.
+    """,
+            "unit": "s/m",
+            "owner": "rig",
+            "symbol": "cav",
+            "scale": 1e-3,
+            "source": "no published figure",
+        },
+        "rail_slope": product("bias", "position")
+        | {
+            "function": lambda s: s.rig.polarity * s.p,
+            "card": """Sag of the rail: its angle to level, and with it gravity along the stage, is linear in position.
 
     Equation: e = c1 p.
     Looks like: a residual proportional to position, at any speed.
     Easily confused with: scale_factor when the motion has one frequency, rail_curve.
     Separate by: a very slow traverse; equal motion at another centre of the stroke.
-    """
-    return s.rig.polarity * s.p
-
-
-@effect(
-    "rail_curve",
-    unit="m⁻¹ s⁻²",
-    owner="rig",
-    symbol="c2",
-    scale=0.1,
-    source="no published figure; 1e-3 m/s² at 0.1 m",
-    search=Search(includes=("rail_slope", "bias")),
+    """,
+            "unit": "s⁻²",
+            "owner": "rig",
+            "symbol": "c1",
+            "scale": 9.8e-3,
+            "source": "bow of 1 km radius: g0 per km",
+        },
+    }
 )
-def rail_curve(s: Signals) -> Array:
-    """Uneven sag of the rail: gravity along the stage is quadratic in position.
+
+
+enter(
+    {
+        "rail_curve": product("rail_slope", "position")
+        | {
+            "card": """Uneven sag of the rail: gravity along the stage is quadratic in position.
 
     Equation: e = c2 p².
     Looks like: a residual that is a parabola over position, at any speed.
     Easily confused with: quadratic and velocity_squared when the motion has one frequency.
     Separate by: a very slow traverse over the full travel.
-    """
-    return s.rig.polarity * s.p**2
+    """,
+            "unit": "m⁻¹ s⁻²",
+            "symbol": "c2",
+            "scale": 0.1,
+            "source": "no published figure; 1e-3 m/s² at 0.1 m",
+        },
+    }
+)
 
 
 @effect(

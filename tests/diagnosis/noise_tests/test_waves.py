@@ -116,5 +116,6 @@ def test_a_shape_that_ended_on_its_bound_is_said(effect, shape, share, said):
     low, high = find(effect).shapes[shape].span(S)
     value = low * (high / low) ** share
     ended = Estimate(f"{effect}.{shape}", shape, "", value, 0.1 * value, "sensor")
-    notes = on_bounds(SimpleNamespace(states=[SimpleNamespace(signals=S)], shapes=(ended,)))
+    model = SimpleNamespace(added=(), shapes={}, fixed={})
+    notes = on_bounds(SimpleNamespace(states=[SimpleNamespace(signals=S)], shapes=(ended,), model=model))
     assert [f"{effect}.{shape} ended at {value:.4g}" in note for note in notes] == [True] * said

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import accelcal as ac
 from accelcal.diagnosis.findings import NEXT_STEPS, TO_GO_ON, USUAL_STEP
 from accelcal.diagnosis.search.beam import SearchRules
 from accelcal.diagnosis.search.confounding import confounding_class, plainest
@@ -83,3 +85,18 @@ def test_what_nothing_explains_ends_in_what_to_do(code):
     assert text.endswith(f"{TO_GO_ON} {NEXT_STEPS.get(code, USUAL_STEP)}.")
     plain = next(judged for rule in JUDGED_BY if (judged := rule(case)) is not None)
     assert TO_GO_ON not in plain[1]
+
+
+def test_every_effect_of_a_set_has_its_largest_contribution() -> None:
+    """The second one of a set has no place among the candidates for the first."""
+    truth, rng = {"bias": 0.05, "cubic": 3e-3}, np.random.default_rng(31)
+    simulated = ac.simulate(
+        "interleaved", seconds=15.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng
+    ).recording
+    p, accel = simulated.position, simulated.accel
+    v = np.interp(accel.t, p.t, np.gradient(p.y, p.t))
+    recording = replace(simulated, accel=replace(accel, y=accel.y + 0.6 * v))
+    diagnosis = ac.diagnose(ac.fit(recording), recording)
+    assert {"cubic", "velocity"} <= {*diagnosis.effects}
+    assert "velocity" not in {candidate.effect for candidate in diagnosis.scan.candidates}
+    assert diagnosis.sizes["velocity"].value == pytest.approx(0.6 * float(np.max(np.abs(v))), rel=0.1)

@@ -6,7 +6,7 @@ from accelcal.diagnosis.experiment.detectability import Detectability, Group, Po
 from accelcal.diagnosis.experiment.drift_bandwidth import DriftBandwidth, TumbleLimit, drift_bandwidth
 from accelcal.diagnosis.experiment.planned_motion import power_of_motion, power_of_set_points, through
 from accelcal.diagnosis.experiment.power_analysis import power
-from accelcal.diagnosis.search.thresholds import predicted_detection
+from accelcal.diagnosis.search.beam import predicted_detection
 
 __all__ = [
     "Detectability",

@@ -163,9 +163,10 @@ def evenly_placed(items: Sequence[Hypothesis], state: RunState) -> list[Hypothes
     """Hypotheses with the shapes that a record would propose replaced by values spread evenly over their span."""
     s = state.signals
     assert s is not None
-    placed = [item for item in items if not item.brackets]
+    picked = {item.effect.name: [n for n, shape in item.effect.shapes.items() if shape.picked] for item in items}
+    placed = [item for item in items if not item.brackets or not picked[item.effect.name]]
     for item in {item.effect.name: item for item in items if item.brackets}.values():
-        for name in item.brackets:
+        for name in picked[item.effect.name]:
             grid = item.effect.shapes[name].grid(s)
             placed += [replace(item, shape={**item.shape, name: float(value)}, brackets={}) for value in grid]
     return placed
@@ -190,7 +191,8 @@ def shapes_between(item: Hypothesis, state: RunState) -> list[Hypothesis]:
     for name, declared in item.effect.shapes.items():
         value = item.shape[name]
         grid = declared.grid(s)
-        if len(grid) < 2 or proposed_by_record(item):
+        held = item.brackets.get(name) == (value, value)
+        if len(grid) < 2 or held or proposed_by_record(item):
             choices.append([(name, value)])
             continue
         k = int(np.argmin(np.abs(grid - value)))

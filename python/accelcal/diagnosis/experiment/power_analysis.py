@@ -26,12 +26,11 @@ from accelcal.diagnosis.experiment.detectability import (
 from accelcal.diagnosis.experiment.drift_bandwidth import drift_bandwidth
 from accelcal.diagnosis.faults import usable
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION, DETECTION_PROBABILITY, FAMILYWISE_ALPHA
-from accelcal.diagnosis.search.beam import SearchRules
-from accelcal.diagnosis.search.confounding import contribution_correlation
+from accelcal.diagnosis.search.beam import SearchRules, entry_gains
+from accelcal.diagnosis.search.confounding import contribution_correlation, largest
 from accelcal.diagnosis.search.hypotheses import Hypothesis
-from accelcal.diagnosis.search.scan import detectable_sizes, largest
+from accelcal.diagnosis.search.scan import detectable_sizes
 from accelcal.diagnosis.search.scores import CandidateScores, scale_of, variance_gain
-from accelcal.diagnosis.search.thresholds import entry_gains
 from accelcal.effects import Effect
 from accelcal.estimation.estimate import Fit, solve_runs
 from accelcal.estimation.run_state import RunState

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import special
 
 from accelcal.data import Array
 from accelcal.data.arrays import VANISHING
@@ -19,6 +20,7 @@ from accelcal.diagnosis.policy import (
     BEAM_WIDTH,
     BLOCK_SECONDS,
     DEFERRED_GAIN_SHARE,
+    DETECTION_PROBABILITY,
     FAMILY_DISCOUNT,
     MODEL_NOISE_BLOCKS,
     RANDOM_PROCESS_DISCOUNT,
@@ -27,8 +29,81 @@ from accelcal.diagnosis.policy import (
 from accelcal.diagnosis.search.homogeneity import PartScores, PartSizes, direction_of, exempt
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scores import CandidateScores, log_survival, scale_of
-from accelcal.diagnosis.search.thresholds import entry_gains
 from accelcal.estimation.run_state import RunState
+
+
+def entry_gains(
+    examined: int,
+    blocks: int,
+    alpha: float,
+    *,
+    dof: int = 1,
+    comparisons: int = 1,
+    share: float = 1.0,
+    further: int = 0,
+) -> tuple[float, float]:
+    """Gain that is significant over all alternatives, and gain that equals its price; an effect needs both.
+
+    Parameters
+    ----------
+    examined : number of alternatives.
+    blocks : effective blocks of the record, which set the price of a coefficient.
+    alpha : family-wise false-alarm rate.
+    dof : coefficients of the effect.
+    comparisons : alternatives among which the effect was selected before it was tried.
+    share : of its gain that the effect may claim, below 1 for a nonparametric curve.
+    further : shape parameters that cost as much as a coefficient.
+    """
+    tail = alpha / (max(1, examined) * comparisons)
+    significant = 2.0 * float(special.gammainccinv(dof / 2.0, tail))
+    price = (dof + further) * math.log(max(blocks, 2)) + 2.0 * math.log(max(examined, 2) * comparisons)
+    return significant, price / share
+
+
+def predicted_detection(
+    d: float,
+    examined: int,
+    alpha: float,
+    *,
+    dof: int = 1,
+    blocks: int = 2,
+    comparisons: int = 1,
+    share: float = 1.0,
+) -> float:
+    """Probability that an effect enters on its own, at a distance of `d` standard deviations from zero.
+
+    The other parameters are those of :func:`entry_gains`.
+
+    Examples
+    --------
+    >>> [round(predicted_detection(d, examined=96, alpha=0.005), 2) for d in (0.0, 3.0, 4.05, 10.0)]
+    [0.0, 0.15, 0.5, 1.0]
+    """
+    required = max(entry_gains(examined, blocks, alpha, dof=dof, comparisons=comparisons, share=share))
+    return 1.0 - float(special.chndtr(required, dof, d**2))
+
+
+def least_distance(
+    examined: int, blocks: int, alpha: float, *, dof: int = 1, comparisons: int = 1, share: float = 1.0
+) -> float:
+    """Distance from zero, in standard deviations, at which an effect enters on its own with probability
+    `DETECTION_PROBABILITY`.
+
+    Examples
+    --------
+    >>> d = least_distance(96, 240, 0.005)
+    >>> round(predicted_detection(d, 96, 0.005, blocks=240), 6)
+    0.95
+    """
+    return distance_for_gain(
+        max(entry_gains(examined, blocks, alpha, dof=dof, comparisons=comparisons, share=share)), dof
+    )
+
+
+def distance_for_gain(gain: float, dof: int) -> float:
+    """Distance from zero, in standard deviations, at which an effect of `dof` coefficients gains `gain` or more with
+    probability `DETECTION_PROBABILITY`."""
+    return math.sqrt(float(special.chndtrinc(gain, dof, 1.0 - DETECTION_PROBABILITY)))
 
 
 @dataclass(frozen=True, slots=True)

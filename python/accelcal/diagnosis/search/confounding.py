@@ -15,18 +15,24 @@ from accelcal.diagnosis.policy import (
     CONFOUNDED_CORRELATION,
     CONFOUNDED_LOG_EVIDENCE,
     EQUAL_SIZE_SHARE,
+    RESOLVED_MEMORIES,
     RESOLVED_WAVE_PERIODS,
 )
 from accelcal.diagnosis.search.beam import BlockScatter, SearchRules
 from accelcal.diagnosis.search.homogeneity import PartSizes
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scores import DEGENERATE_MIX, CandidateScores, scale_of, score_gain
-from accelcal.effects import BUILT_IN, Effect
+from accelcal.effects import BUILT_IN, Effect, is_local
+from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Prior
 from accelcal.signals.signals import Signals
 
+SAME_CORRELATION = 0.99
+"""Correlation with a product from which the memory of its driver adds nothing to it."""
 EMPTY_COLUMN = 1e-8
 """Share of the power of a hypothesis's strongest column below which another column counts as empty."""
+CHUNK = 1 << 18
+"""Samples at which an effect without memory is evaluated at a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +51,8 @@ class DetectedEffect:
     """Its sizes in the parts of the runs."""
     bands: PartSizes = field(default_factory=PartSizes.none)
     """Its sizes in bands of frequency."""
+    largest: float = 0.0
+    """Its largest contribution over the runs, m/s² (m at the encoder)."""
 
     @property
     def unequal(self) -> PartSizes | None:
@@ -95,6 +103,9 @@ def confounding_class(
             continue
         gap = (own_gain - rules.net_gain_as_rival(rival_gain / inflation, rival_dof, rival)) / 2.0
         alike = not curve and reach <= gap < if_alike
+        product = rival.effect.mechanism and item.effect.name in rival.effect.search.includes
+        if product and contribution_correlation(evidence, G, i, j, estimate) > SAME_CORRELATION:
+            continue  # its memory is too short to be one
         if gap < reach or (alike and contribution_correlation(evidence, G, i, j, estimate) > CONFOUNDED_CORRELATION):
             rivals.append((gap, rival.effect.name))
     return (item.effect.name, *dict.fromkeys(name for _, name in sorted(rivals)))
@@ -115,19 +126,24 @@ def plainest(
         gains, dofs = evidence.gains(others)
         inflation, (_, _, estimate, _) = scatter.inflation(i, others), evidence.gain(i, others)
         net_gains = {
-            j: rules.net_gain(float(gains[j]) / inflation, int(dofs[j]), evidence.items[j]) for j in (i, *plainer)
+            j: rules.net_gain_as_rival(float(gains[j]) / inflation, int(dofs[j]), evidence.items[j])
+            for j in (i, *plainer)
         }
         G, _ = evidence.given(others)
         for j in plainer:
             tied = bool(dofs[j]) and net_gains[i] - net_gains[j] < 2.0 * CONFOUNDED_LOG_EVIDENCE
-            if tied and contribution_correlation(evidence, G, i, j, estimate) > CONFOUNDED_CORRELATION:
+            random = evidence.items[j].effect.port == "process"
+            if tied and (random or contribution_correlation(evidence, G, i, j, estimate) > CONFOUNDED_CORRELATION):
                 chosen = (*chosen[:position], j, *chosen[position + 1 :])
                 break
     return chosen
 
 
 def is_plainer(other: Effect, effect: Effect) -> bool:
-    """Whether an effect is the plainer one of two that look the same."""
+    """Whether an effect is the plainer one of two that look the same; of a process and what it is said to follow, the
+    process."""
+    if effect.mechanism is not None and other.port == "process":
+        return other.traits.changes == effect.mechanism.carrier
     static, plain = effect.traits.static, other.traits.static
     if other.name in effect.search.includes or static is None or plain is None:
         return other.name in effect.search.includes
@@ -177,14 +193,36 @@ def detected_effect(
         fixed=() if process else redundant(evidence, i, G),
         parts=parts,
         bands=bands,
+        largest=max(largest(item, estimate, run.state) for run in evidence.runs),
     )
 
 
-def smooth_rivals(item: Hypothesis, s: Signals) -> tuple[str, ...]:
-    """Nonparametric curves with which a wave over position is confounded while the travel holds less than two periods.
+def largest(item: Hypothesis, estimate: Array, state: RunState) -> float:
+    """Largest contribution of an effect over a run, m/s² (m at the encoder)."""
+    s = state.signals
+    stretch = CHUNK if is_local(item.effect) else len(s.t)
+    maximum = 0.0
+    for begin in range(0, len(s.t), stretch):
+        part = s.part(slice(begin, begin + stretch))
+        columns = item.effect.column(part, **item.shape).reshape(len(part.t), -1)
+        if item.effect.port == "process":
+            size = estimate[0] * np.max(np.linalg.norm(columns, axis=1))
+        else:
+            size = np.max(np.abs(columns[:, : len(estimate)] @ estimate))
+        maximum = max(maximum, float(size))
+    return maximum
 
-    A part of a wave is any smooth function.
+
+def smooth_rivals(item: Hypothesis, s: Signals) -> tuple[str, ...]:
+    """What an effect is confounded with while the record shows a part of it alone, which is any smooth function.
+
+    A wave over position with curves of it until the travel holds two periods; what follows the memory of a driver with
+    drifts of its carrier until the record holds three time constants.
     """
+    of = item.effect.mechanism
+    if of is not None and RESOLVED_MEMORIES * item.shape["tau"] > s.length:
+        drifts = (e for e in BUILT_IN if e.traits.changes == of.carrier and e.port != "process")
+        return tuple(e.name for e in drifts if "instant" not in e.shapes)
     if RESOLVED_WAVE_PERIODS * item.shape.get("period", 0.0) <= float(np.ptp(s.p)):
         return ()
     return tuple(family.name for family in BUILT_IN if item.effect.name in family.covers)

@@ -14,6 +14,7 @@ from accelcal.data import DERIVED, POSITION_ORDER, Array
 from accelcal.diagnosis.policy import FREE_SHAPE_PARAMETERS, RANDOM_PROCESS_COMPARISONS
 from accelcal.effects import BUILT_IN, Effect, find, side_channels, users_own
 from accelcal.effects.building_blocks import periods
+from accelcal.effects.mechanisms import CARRIERS, mechanisms_of
 from accelcal.estimation.columns import gradient_in_output
 from accelcal.estimation.dwell_rows import acts_at_rest
 from accelcal.estimation.dwell_rows import shown as dwells_show
@@ -246,9 +247,22 @@ def hypotheses_for(
     extra : users' effects to consider besides the built-in catalogue; by default all that are registered.
     others : further runs: one whose position was read is enough for errors of it.
     """
-    s, dwells = state.signals, state.run.recording.dwells
     recorded = [(name, channel.unit) for name, channel in state.run.recording.side.items() if name not in DERIVED]
     offered = (*BUILT_IN, *side_channels(recorded), *(users_own() if extra is None else extra))
+    return trials_of(offered, state, model, others)
+
+
+def mechanisms_for(state: RunState, model: Model, others: Sequence[RunState] = ()) -> list[Hypothesis]:
+    """Every coefficient that may follow the memory of a driver, at trial time constants."""
+    recorded = [name for name in state.run.recording.side if name not in DERIVED]
+    return trials_of([e for e in mechanisms_of(CARRIERS, recorded) if e not in BUILT_IN], state, model, others)
+
+
+def trials_of(
+    offered: Sequence[Effect], state: RunState, model: Model, others: Sequence[RunState] = ()
+) -> list[Hypothesis]:
+    """Those of several effects that may be missing from a model on this record, at each of their trial shapes."""
+    s, dwells = state.signals, state.run.recording.dwells
     moving = {find(name).traits.changes for name in model.effects if find(name).port == "process"}
     time_functions = {e.name for e in BUILT_IN if e.port != "process" and e.traits.changes in moving - {""}}
     hypotheses: list[Hypothesis] = []
@@ -261,11 +275,14 @@ def hypotheses_for(
         premature = effect.search.beside and effect.search.beside not in model.effects
         unknown = dwells is not None and acts_at_rest(effect) and not dwells_show(dwells, effect)
         foreign = lacks_its_position(effect, (state, *others))
-        if excluded or premature or unknown or foreign or any(name not in s.side for name in effect.needs):
+        lacks_a_channel = any(name not in run.signals.side for name in effect.needs for run in (state, *others))
+        if excluded or premature or unknown or foreign or lacks_a_channel:
             continue
         tried = {
             n: [InitialShape(float(v)) for v in shape.grid(s)] for n, shape in effect.shapes.items() if not shape.picked
         }
+        if effect.mechanism is not None:
+            tried["start"] = [InitialShape(0.0, (0.0, 0.0))]  # the fit estimates it
         tried |= {n: PROPOSALS[shape.picked](state) for n, shape in effect.shapes.items() if shape.picked}
         first = len(hypotheses)
         for trial in itertools.product(*tried.values()):

@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
+import scipy
 
 from accelcal.data import Array
 from accelcal.diagnosis.policy import BETWEEN_TRIALS_GAIN_SHARE, FINALISTS
 from accelcal.diagnosis.search.beam import SearchRules, log_chance
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores, variance_gain
+from accelcal.effects import has_time_constant
 from accelcal.estimation.columns import sizes
+from accelcal.estimation.run_state import RunState
+from accelcal.model import Model, Prior
 from accelcal.signals.signals import Signals
 
+STARTS = 4
+"""Best trials of several processes from which all are estimated."""
+WIDE = 7.0
+"""Furthest that an intensity grows at once, in logarithms."""
+UNSEEN_SHARE = 1e-2
+"""Information on its strongest column, in units of that of its prior, at which a process counts as not there."""
 EVALUATIONS = 14
 """Evaluations of the likelihood for each shape parameter."""
 ROOT_ROUNDING = math.sqrt(2.2e-16)
@@ -153,6 +164,71 @@ def in_step(runs: Sequence[BaseProjection], searches: Sequence[Search[Result]]) 
         for i, k in enumerate(asked):
             advance(k, (table, i))
     return [results[k] for k in range(len(searches))]
+
+
+def together(model: Model, states: Sequence[RunState]) -> tuple[Model, float, tuple[str, ...]]:
+    """A model whose random processes have their most likely intensities and time constants, all at once.
+
+    A process that enters first takes what a later one explains better; so they would depend on the order in which they
+    entered. A model of fewer than two processes is as it is.
+
+    Parameters
+    ----------
+    model : of which the processes are estimated anew, but for those whose coefficients are all held.
+    states : runs that were fitted with the model.
+
+    Returns
+    -------
+    The model; twice the log-likelihood that it gains over the one that is given; processes of which the runs show
+    nothing beside the others, which keep the intensity at which they add next to nothing.
+    """
+    terms = [term for term in model.free if term.effect.port == "process"]
+    effects = sorted({term.effect.name: term.effect for term in terms}.values(), key=lambda effect: effect.name)
+    if len(effects) < 2:
+        return model, 0.0, ()
+    s = states[0].signals
+    items = [Hypothesis(effect, model.shapes.get(effect.name, {})) for effect in effects]
+    left = model.drop(*(effect.name for effect in effects))
+    evidence = CandidateScores([BaseProjection(state, left, given_back=terms) for state in states], items)
+    free = [e for e in effects if has_time_constant(e) and f"{e.name}.tau" not in model.fixed]
+    spans = [np.log(effect.shapes["tau"].span(s)) for effect in free]
+    given = np.log([model.shapes[effect.name]["tau"] for effect in free])
+    unit = {effect.name: sizes(effect, item.shape, s) for effect, item in zip(effects, items, strict=True)}
+    first = np.array([math.log(model.priors[f"{effect.name}.{effect.parts[0]}"].std) for effect in effects])
+    # the intensity at which no column explains more than this share of its own variance
+    power = [max(float(np.max(np.diag(evidence.G)[columns])), 1e-300) for columns in evidence.columns]
+    least = 0.5 * np.log(UNSEEN_SHARE / np.array(power))
+
+    def scaled(x: Array) -> Array:
+        """Standard deviation of each column in units of those that were scored."""
+        taus = dict(zip((effect.name for effect in free), np.exp(x[len(effects) :]), strict=True))
+        stds = np.ones(len(evidence.c))
+        for item, columns, size in zip(items, evidence.columns, np.exp(x), strict=False):
+            name, shape = item.effect.name, item.shape
+            ratio = sizes(item.effect, {**shape, "tau": taus[name]}, s) / unit[name] if name in taus else 1.0
+            stds[columns] = size * ratio
+        return stds
+
+    def loss(x: Array) -> float:
+        """Minus twice the log-likelihood: b' (I + A)^-1 b - log det (I + A) of the columns in units of their stds."""
+        stds = scaled(x)
+        b = stds * evidence.c
+        factor = np.linalg.cholesky(np.eye(len(b)) + stds[:, None] * evidence.G * stds)
+        half = scipy.linalg.solve_triangular(factor, b, lower=True)
+        return float(2.0 * np.sum(np.log(np.diag(factor))) - half @ half)
+
+    begin = np.maximum(first, least)
+    bounds = [*((low, max(size, low) + WIDE) for low, size in zip(least, begin, strict=True)), *map(tuple, spans)]
+    grids = [*(size + np.array([-2.0, 0.0, 2.0]) for size in begin), *(np.linspace(a, b, 4) for a, b in spans)]
+    starts = sorted(map(np.array, itertools.product(*grids)), key=loss)[:STARTS]
+    ends = [scipy.optimize.minimize(loss, x, bounds=bounds, method="L-BFGS-B") for x in starts]
+    best = min(ends, key=lambda end: float(end.fun)).x
+    stds = {effect.name: math.exp(size) for effect, size in zip(effects, best, strict=False)}
+    priors = {t.name: Prior(0.0, float(stds[t.effect.name])) for t in terms if t.name in model.priors}
+    taus = {f"{e.name}.tau": float(math.exp(x)) for e, x in zip(free, best[len(effects) :], strict=True)}
+    unseen = tuple(e.name for e, x, low in zip(effects, best, least, strict=False) if x < low + math.log(2.0))
+    gained = loss(np.concatenate([first, given])) - loss(best)
+    return replace(model.reshaped(**taus), priors={**model.priors, **priors}), gained, unseen
 
 
 def refined(item: Hypothesis, s: Signals) -> Search[Hypothesis]:

@@ -10,16 +10,14 @@ from typing import Literal
 
 import numpy as np
 
-from accelcal.data import Array
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, RIVAL_SHARE, SHAPE_FORMS, VERDICT_LEAST_BLOCKS
-from accelcal.diagnosis.search.beam import BlockScatter, SearchRules, block_length
-from accelcal.diagnosis.search.confounding import DetectedEffect, confounding_class, detected_effect, plainest
-from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
+from accelcal.diagnosis.search.beam import BlockScatter, SearchRules, block_length, distance_for_gain
+from accelcal.diagnosis.search.confounding import DetectedEffect, confounding_class, detected_effect, largest, plainest
+from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for, mechanisms_for
 from accelcal.diagnosis.search.refine import refine, shortlist, starting_points
 from accelcal.diagnosis.search.scores import DEGENERATE, BaseProjection, CandidateScores, log_survival, score_gain
 from accelcal.diagnosis.search.slow_noise import SlowNoise
-from accelcal.diagnosis.search.thresholds import distance_for_gain
-from accelcal.effects import BUILT_IN, Effect, find, is_local, users_own
+from accelcal.effects import BUILT_IN, Effect, find, users_own
 from accelcal.estimation.gauss_newton import ROUNDS_OF_GROWN, estimated
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term
@@ -68,9 +66,6 @@ def detection_limits(evidence: CandidateScores, rules: SearchRules) -> dict[str,
 
 
 Verdict = Literal["adequate", "named", "tied", "shape", "unexplained", "too_short"]
-
-CHUNK = 1 << 18
-"""Samples at which an effect without memory is evaluated at a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +174,7 @@ def scan(
     """
     if only:
         further = users_own() if extra is None else tuple(extra)
-        extra = (*further, *(e for e in only if e not in further and e not in BUILT_IN and not e.traits.follows))
+        extra = (*further, *(e for e in only if e not in further and e not in BUILT_IN and not e.product))
     items = hypotheses_for(passes[0], model, extra, others=passes[1:])
     if only:
         names = {effect.name for effect in only}
@@ -192,14 +187,15 @@ def scan(
     runs = [BaseProjection(state, model, separate) for state in passes]
     progress(0.1)
     evidence = CandidateScores(runs, items, progress=lambda share: progress(0.1 + 0.5 * share))
-    finalists = shortlist(evidence, rules.beam(evidence), rules)
-    progress(0.65)
-    lists = refine(runs, starting_points(evidence, finalists, rules))
-    progress(0.85)
-    best = max(
-        (BestSet.of(CandidateScores(runs, hypotheses), length, rules) for hypotheses in lists),
-        key=lambda candidate: rules.net_gain_of_set(candidate.evidence, candidate.chosen),
-    )
+    best = BestSet.among(evidence, length, rules)
+    progress(0.7)
+    mechanisms = [] if only or not best.chosen else mechanisms_for(passes[0], model, passes[1:])
+    if mechanisms:
+        names = {item.effect.name for item in best.evidence.items}
+        rules = replace(rules, examined=rules.examined + len(mechanisms))
+        left = [item for item in items if item.effect.name in names or item.effect.mechanism]
+        best = BestSet.among(CandidateScores(runs, [*left, *mechanisms]), length, rules)
+    progress(0.9)
     enough = blocks >= VERDICT_LEAST_BLOCKS
     entering, changing = best.divided(evidence, rules) if enough else ((), ())
     process = best.process_instead(runs, changing, length, rules)
@@ -215,7 +211,7 @@ def scan(
     return Scan(
         rank(final, scatter, chosen, rules, passes),
         entering,
-        len(items),
+        rules.examined,
         blocks,
         detection_limits(evidence, rules),
         tuple(
@@ -304,6 +300,16 @@ class BestSet:
     def first(self) -> str:
         """Name of the effect that explains most; empty where none is significant."""
         return self.evidence.items[self.chosen[0]].effect.name if self.chosen else ""
+
+    @classmethod
+    def among(cls, evidence: CandidateScores, length: float, rules: SearchRules) -> BestSet:
+        """The best set of hypotheses whose shape parameters are first refined."""
+        finalists = shortlist(evidence, rules.beam(evidence), rules)
+        lists = refine(evidence.runs, starting_points(evidence, finalists, rules))
+        return max(
+            (cls.of(CandidateScores(evidence.runs, hypotheses), length, rules) for hypotheses in lists),
+            key=lambda candidate: rules.net_gain_of_set(candidate.evidence, candidate.chosen),
+        )
 
     @classmethod
     def of(cls, evidence: CandidateScores, length: float, rules: SearchRules) -> BestSet:
@@ -410,19 +416,3 @@ def rank(
             )
         )
     return tuple(sorted(ranked, key=lambda f: f.log_evidence, reverse=True))
-
-
-def largest(item: Hypothesis, estimate: Array, state: RunState) -> float:
-    """Largest contribution of an effect over a run, m/s² (m at the encoder)."""
-    s = state.signals
-    stretch = CHUNK if is_local(item.effect) else len(s.t)
-    maximum = 0.0
-    for begin in range(0, len(s.t), stretch):
-        part = s.part(slice(begin, begin + stretch))
-        columns = item.effect.column(part, **item.shape).reshape(len(part.t), -1)
-        if item.effect.port == "process":
-            size = estimate[0] * np.max(np.linalg.norm(columns, axis=1))
-        else:
-            size = np.max(np.abs(columns[:, : len(estimate)] @ estimate))
-        maximum = max(maximum, float(size))
-    return maximum

@@ -1,15 +1,18 @@
 """From a curve to formulas: short algebra for what a nonparametric function of one variable shows (derivations D9).
 
 One pass through a record gives the Gram matrix of hat functions over the variable. A formula is a mixture of hats, so
-that thousands are compared without another pass.
+that thousands are compared without another pass. A mechanism (derivations 7.13) is a mixture of its columns at some
+time constants.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,12 +21,19 @@ import scipy
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Storable
 from accelcal._support.values import listing
-from accelcal.data import Array
-from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, FORMULA_LACK_OF_FIT_ALPHA, FORMULA_LOG_EVIDENCE
-from accelcal.diagnosis.search.beam import block_length
-from accelcal.diagnosis.search.hypotheses import Hypothesis
+from accelcal.data import Array, concise
+from accelcal.diagnosis.policy import (
+    CONFOUNDED_LOG_EVIDENCE,
+    FAMILYWISE_ALPHA,
+    FORMULA_LACK_OF_FIT_ALPHA,
+    FORMULA_LOG_EVIDENCE,
+    RIVAL_SHARE,
+)
+from accelcal.diagnosis.search.beam import SearchRules, block_length
+from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for, mechanisms_for
+from accelcal.diagnosis.search.refine import refine
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores, log_survival, score_gain
-from accelcal.effects import Effect, Own, from_expression
+from accelcal.effects import Effect, Own, find, from_expression, spelled
 from accelcal.effects.curves import curve as smooth_curve
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model
@@ -48,6 +58,11 @@ class Element:
     power: float = 0.0
     """Of the unit of x in its functions; an inner parameter has the unit of x and divides it."""
     wave: bool = False
+    memory: tuple[Hypothesis, ...] = field(default=(), compare=False)
+    """A mechanism at several time constants, its inner parameter, and the same for what its memory begins with; their
+    columns follow the nodes."""
+    alternatives: int = 0
+    """Mechanisms that a record has; 0 where it is none."""
 
     @property
     def inner(self) -> bool:
@@ -108,9 +123,15 @@ def combinations() -> Iterator[tuple[Element, ...]]:
             yield first, second
 
 
+ALTERNATIVES = Counter(map(len, combinations()))
+"""Formulas of the grammar by their number of elements."""
+
+
 def lengths(elements: Sequence[Element], nodes: Array) -> Array:
     """Trial values of the inner parameter; one of no meaning where there is none."""
     span = float(nodes[-1] - nodes[0])
+    if elements[0].memory:
+        return np.unique([item.shape["tau"] for item in elements[0].memory])
     if any(element.wave for element in elements):
         return np.asarray(span / PERIODS)
     if any(element.inner for element in elements):
@@ -119,7 +140,7 @@ def lengths(elements: Sequence[Element], nodes: Array) -> Array:
 
 
 def columns_of(elements: Sequence[Element], nodes: Array, d: float) -> Array:
-    """Values of every summand at the nodes, (nodes, p)."""
+    """Values of every summand at the nodes, (nodes, p); of a mechanism weights of its columns, behind zeros."""
     return np.column_stack([f(nodes, d) for element in elements for f in element.functions])
 
 
@@ -135,6 +156,8 @@ DIFFERENCE = 1e-3
 """Step of the derivative with respect to the inner parameter, over its value."""
 FARTHEST = 30.0
 """Factor beyond which an interval of the inner parameter is open."""
+MOST_MEMORIES, TAUS, REACH = 3, 17, 8.0
+"""Mechanisms that enter the comparison, their time constants and the factor to which these reach on either side."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,6 +184,13 @@ class Formula(Storable):
     """Probability of what a smooth curve still explains beside it."""
     held_out: float | None = None
     """Twice the log-likelihood gained on held-out data; None without any."""
+    mechanism: str = ""
+    """Name under which `add` takes it, where it is a coefficient that follows the memory of a driver."""
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether it makes held-out data less likely."""
+        return self.held_out is not None and self.held_out < 0.0
 
     def texts(self, digits: int) -> list[str]:
         """Its summands, the inner parameter to some digits."""
@@ -169,17 +199,25 @@ class Formula(Storable):
     @property
     def text(self) -> str:
         """The formula with its numbers, for reading."""
+        if self.mechanism and self.inner is not None and self.inner_interval is not None:
+            low, high = self.inner_interval
+            memory = self.summands[0].format(d=concise(self.inner, 0.5 * (high - low)))
+            return f"{memory}, {concise(self.coefficients[0], self.std[0])} {self.units[0]} ({self.mechanism})"
         pairs = zip(self.coefficients, self.texts(4), strict=True)
         return " + ".join(f"{c:.4g}*{text}" for c, text in pairs).replace("+ -", "- ").replace(f"{TURN:.15g}", "2*pi")
 
     def effect(self, name: str, *, owner: Any = "sensor", port: Any = "output", channels: tuple[str, ...] = ()) -> Own:
         """Enter it as an effect of one coefficient, the first; `file` of the answer is its Python source.
 
+        A mechanism has a name of its own and no file.
+
         Raises
         ------
         ExpressionError
             If the name is taken.
         """
+        if self.mechanism:
+            return Own(find(self.mechanism), self.text)
         first, texts = self.coefficients[0], self.texts(9)
         ratios = (f"{c / first:.9g}*{text}" for c, text in zip(self.coefficients[1:], texts[1:], strict=True))
         whole = " + ".join([texts[0], *ratios])
@@ -214,22 +252,22 @@ class FormulaSet(Storable):
             return f"the record shows no function of {self.variable} beyond the model ({tried}, p = {self.chance:.2g})"
         if not self.formulas:
             return f"no short formula describes what depends on {self.variable}: a smooth curve rejects each ({tried})"
-        from_zero = f"; {self.variable} counts from {self.origin:.6g} {self.unit}" if self.origin else ""
+        counted = self.origin and not self.formulas[0].mechanism
+        from_zero = f"; {self.variable} counts from {self.origin:.6g} {self.unit}" if counted else ""
         tried += from_zero
-        first = self.formulas[0].text
-        if len(self.formulas) == 1:
-            return f"what depends on {self.variable} is {first} ({tried})"
-        others = "; ".join(formula.text for formula in self.formulas[1:])
-        return (
-            f"what depends on {self.variable} is {first}, or one of these, which the record does not separate: "
-            f"{others} ({tried})"
-        )
+        of = "" if self.formulas[0].mechanism else f"what depends on {self.variable} is "
+        first, *others = (formula.text for formula in self.formulas)
+        rest = f", or one of these, which the record does not separate: {'; '.join(others)}" if others else ""
+        against = ". The held-out record contradicts it" if self.formulas[0].contradicted else ""
+        return f"{of}{first}{rest} ({tried}){against}"
 
 
 class HatGram:
-    """Gram matrix and scores of hat functions over a variable, the base projected out."""
+    """Gram matrix and scores of hat functions over a variable, and of mechanisms, the base projected out."""
 
-    def __init__(self, state: RunState, model: Model, curve: Effect, nodes: Array) -> None:
+    def __init__(
+        self, state: RunState, model: Model, curve: Effect, nodes: Array, memories: Sequence[Element] = ()
+    ) -> None:
         def hats(s: Signals) -> Array:
             x = np.clip(value_of(s, curve), nodes[0], nodes[-1])
             cell = np.clip(np.searchsorted(nodes, x, side="right") - 1, 0, len(nodes) - 2)
@@ -249,21 +287,27 @@ class HatGram:
             family=None,
         )
         self.nodes = nodes
-        plain = CandidateScores([BaseProjection(state, model)], [Hypothesis(effect, {})])
-        evidence = plain.against_slow_noise()
+        items = [Hypothesis(effect, {}), *(item for element in memories for item in element.memory)]
+        evidence = CandidateScores([BaseProjection(state, model)], items).against_slow_noise()
         self.G, self.own = evidence.G, evidence.own
-        self.c = evidence.c + self.G @ fitted_curve(state, curve, nodes)  # what the fit has subtracted comes back
+        back = fitted_curve(state, curve, nodes)  # what the fit has subtracted comes back
+        self.c = evidence.c + self.G[:, : len(nodes)] @ back
         self.blocks = max(2.0, float(state.run.t[-1] - state.run.t[0]) / block_length(state))
         """Effective number of readings in the price of a coefficient."""
 
     def gain(self, columns: Array) -> tuple[float, int, Array, Array]:
-        """Gain, degrees of freedom, coefficients and covariance of columns given at the nodes, (nodes, p)."""
-        before = np.diag(self.own @ columns**2)
-        return score_gain(columns.T @ self.G @ columns, columns.T @ self.c, before)
+        """Gain, degrees of freedom, coefficients and covariance of columns given at the nodes, (nodes, p).
+
+        Further rows are weights of the columns of mechanisms.
+        """
+        m = len(columns)
+        before = np.diag(self.own[:m] @ columns**2)
+        return score_gain(columns.T @ self.G[:m, :m] @ columns, columns.T @ self.c[:m], before)
 
     def of_function(self, values: Array) -> float:
         """Twice the log-likelihood that a given function gains, (nodes,)."""
-        return float(2.0 * values @ self.c - values @ self.G @ values)
+        m = len(values)
+        return float(2.0 * values @ self.c[:m] - values @ self.G[:m, :m] @ values)
 
 
 def value_of(s: Signals, curve: Effect) -> Array:
@@ -279,6 +323,66 @@ def fitted_curve(state: RunState, curve: Effect, nodes: Array) -> Array:
     t, p, v, a, jerk = (nodes if name == letter else np.zeros_like(nodes) for name in ("t", "p", "v", "a", "jerk"))
     s = Signals(t, p, v, a, jerk, scale=state.values.scale, rig=state.run.rig, side={letter: nodes})
     return sum((state.values.by_name[term.name] * term.column(s) for term in terms), np.zeros_like(nodes))
+
+
+def memories_of(
+    base: BaseProjection, model: Model, others: Sequence[RunState], alpha: float
+) -> tuple[list[Element], int]:
+    """Mechanisms that explain more than all other effects of the catalogue and any random process; how many were tried.
+
+    Parameters
+    ----------
+    base : a run, what the model lacks left in.
+    model : its model.
+    others : further runs, which must have the channels of the drivers.
+    alpha : family-wise false-alarm rate.
+    """
+    state, s = base.state, base.state.signals
+    items = [*hypotheses_for(state, model, others=others), *mechanisms_for(state, model, others)]
+    rules = SearchRules(len(items), int((state.run.t[-1] - state.run.t[0]) / block_length(state)), alpha)
+    best: dict[str, tuple[float, Hypothesis]] = {}
+    rival = 0.0
+    for item, gain, dof in zip(items, *CandidateScores([base], items).gains(), strict=True):
+        if item.effect.mechanism is None:
+            rival = max(rival, rules.net_gain_as_rival(float(gain), int(dof), item) if dof else rival)
+        elif rules.significant(float(gain), int(dof), item) and gain > best.get(item.effect.name, (0.0, item))[0]:
+            best[item.effect.name] = float(gain), item
+    first = sorted(best.values(), key=lambda trial: -trial[0])[:MOST_MEMORIES]
+    near = [item for gain, item in first if gain > RIVAL_SHARE * max(rival, first[0][0])]
+    count = sum(item.effect.mechanism is not None for item in items)
+    if not near:
+        return [], count
+    (refined,) = refine([base], [near])
+    gains = zip(refined, *CandidateScores([base], refined).gains(), strict=True)
+    least = rival + 2.0 * CONFOUNDED_LOG_EVIDENCE
+    ahead = [item for item, gain, dof in gains if rules.net_gain(float(gain), int(dof), item) > least]
+    names = len({item.effect.name for item in items if item.effect.mechanism})
+    return [memory_element(item, s, 2 * k * TAUS, names) for k, item in enumerate(ahead)], count
+
+
+def memory_element(item: Hypothesis, s: Signals, before: int, alternatives: int) -> Element:
+    """A mechanism as an element; its columns are interpolated between time constants, `before` others precede them."""
+    effect, of, tau = item.effect, item.effect.mechanism, item.shape["tau"]
+    assert of is not None
+    low, high = effect.shapes["tau"].span(s)
+    taus = np.geomspace(max(low, tau / REACH), min(high, tau * REACH), TAUS)
+    weights = scipy.interpolate.CubicSpline(np.log(taus), np.eye(TAUS))
+
+    def begins(s: Signals, start: float, **shape: float) -> Array:
+        return effect.function(s, start=1.0, **shape) - effect.function(s, start=0.0, **shape)
+
+    def column(x: Array, d: float, part: int) -> Array:
+        shares = np.zeros((2, TAUS))
+        shares[part] = weights(math.log(min(max(d, taus[0]), taus[-1])))
+        return np.concatenate([np.zeros(len(x) + before), shares.ravel()])
+
+    parts = effect, replace(effect, name=f"{effect.name}.start", function=begins)
+    memory = tuple(
+        replace(item, effect=part, shape={**item.shape, "tau": tau}) for part in parts for tau in taus.tolist()
+    )
+    functions = partial(column, part=0), partial(column, part=1)
+    text = f"{spelled(of.carrier)} follows {of.text} with a memory of {{d}} s"
+    return Element(effect.name, (text,), functions, memory=memory, alternatives=alternatives)
 
 
 def nodes_over(x: Array, width: float = 0.0) -> Array:
@@ -321,9 +425,9 @@ class Trial:
         """The elements at an inner parameter, with their evidence: gain, price of parameters, size of the grammar."""
         gain, dof, _, _ = hats.gain(columns_of(elements, hats.nodes, d))
         inner = any(element.inner for element in elements)
-        alternatives = sum(len(other) == len(elements) for other in combinations())
+        alternatives = elements[0].alternatives or ALTERNATIVES[len(elements)]
         price = 0.5 * (dof + inner) * math.log(hats.blocks) + math.log(alternatives)
-        whole = dof == sum(len(element.functions) for element in elements)
+        whole = dof >= (1 if elements[0].memory else sum(len(element.functions) for element in elements))
         return cls(elements, d, gain, dof + inner, 0.5 * gain - price if whole else -math.inf)
 
     @classmethod
@@ -358,7 +462,7 @@ class Trial:
         step = DIFFERENCE * self.d
         above, below = (columns_of(self.elements, hats.nodes, self.d + h) for h in (step, -step))
         J = np.column_stack([columns, (above - below) @ c / (2.0 * step)])
-        information = J.T @ hats.G @ J
+        information = J.T @ hats.G[: len(J), : len(J)] @ J
         size = np.sqrt(np.maximum(np.diag(information), 1e-300))
         inverse = np.linalg.pinv(information / np.outer(size, size), rcond=1e-10, hermitian=True)
         return np.append(c, self.d), np.sqrt(np.diag(inverse)) / size
@@ -396,24 +500,29 @@ class Trial:
         p = sum(len(element.functions) for element in self.elements)
         columns = columns_of(self.elements, hats.nodes, self.d)
         smooth = smooth_curve(hats.nodes, hats.nodes[0], hats.nodes[-1])
+        smooth = np.pad(smooth, ((0, len(columns) - len(smooth)), (0, 0)))
         more, rank, _, _ = hats.gain(np.column_stack([columns, smooth]))
+        added = "m" if curve.port == "position" else "m/s²"
+        followed = self.elements[0].memory[0].effect if self.elements[0].memory else None
+        shown = 1 if followed else p  # what a memory begins with belongs to the record
         held_out = None
         if holdout is not None:
-            held_out = holdout.of_function(columns_of(self.elements, holdout.nodes, self.d) @ values[:p])
-        added = "m" if curve.port == "position" else "m/s²"
+            held_out = holdout.of_function(columns_of(self.elements, holdout.nodes, self.d)[:, :shown] @ values[:shown])
+        powers = tuple(per(added, unit, element.power) for element in self.elements for _ in element.functions)
         return Formula(
             elements=tuple(element.name for element in self.elements),
             summands=tuple(text.replace("{x}", letter) for element in self.elements for text in element.texts),
-            units=tuple(per(added, unit, element.power) for element in self.elements for _ in element.functions),
-            coefficients=tuple(values[:p].tolist()),
-            std=tuple(std[:p].tolist()),
+            units=(followed.unit,) if followed else powers,
+            coefficients=tuple(values[:shown].tolist()),
+            std=tuple(std[:shown].tolist()),
             inner=float(values[p]) if len(values) > p else None,
             inner_interval=self.inner_interval(hats) if len(values) > p else None,
-            inner_unit=unit,
+            inner_unit="s" if followed else unit,
             gain=self.gain,
             log_evidence=self.log_evidence,
             lack_of_fit=math.exp(log_survival(more - self.gain, max(0, rank - self.dof))),
             held_out=held_out,
+            mechanism=followed.name if followed else "",
         )
 
 
@@ -450,7 +559,8 @@ def formulas_of(
     if curve.family is None or curve.family.variable.per or curve.family.variable.letter == "reversal":
         raise AccelcalError(f"{curve.name} is no curve of one variable; shape_of_velocity is one")
     variable = curve.family.variable
-    for checked_state in (state, *(() if holdout is None else holdout[:1])):
+    others = () if holdout is None else holdout[:1]
+    for checked_state in (state, *others):
         if missing := [name for name in curve.needs if name not in checked_state.signals.side]:
             name = checked_state.run.recording.name or "recording"
             raise AccelcalError(f"{name} has no channel {' and '.join(missing)}, of which {curve.name} is a function")
@@ -458,12 +568,15 @@ def formulas_of(
     if not np.ptp(x) > 0.0:
         raise AccelcalError(f"{variable.name} does not change on this record, which therefore shows no function of it")
     nodes = nodes_of(state, curve)
-    hats = HatGram(state, model, curve, nodes)
-    trials = sorted((Trial.of(elements, hats) for elements in combinations()), key=lambda trial: -trial.log_evidence)
+    fitted = [term for term in state.values.terms if term.effect.name == curve.name]
+    memories, tried = memories_of(BaseProjection(state, model, given_back=fitted), model, others, alpha)
+    hats = HatGram(state, model, curve, nodes, memories)
+    elements_tried = (*combinations(), *((memory,) for memory in memories))
+    trials = sorted((Trial.of(elements, hats) for elements in elements_tried), key=lambda trial: -trial.log_evidence)
     ranked = sorted((trial.refined(hats) for trial in trials[:REFINED]), key=lambda trial: -trial.log_evidence)
-    examined = sum(len(lengths(elements, nodes)) for elements in combinations())
+    examined = tried + sum(len(lengths(elements, nodes)) for elements in combinations())
     p_value = min(1.0, math.exp(min(0.0, log_survival(ranked[0].gain, ranked[0].dof) + math.log(examined))))
-    other = None if holdout is None else HatGram(*holdout, curve, nodes_of(holdout[0], curve))
+    other = None if holdout is None else HatGram(*holdout, curve, nodes_of(holdout[0], curve), memories)
     near = [trial for trial in ranked if trial.log_evidence > ranked[0].log_evidence - FORMULA_LOG_EVIDENCE]
     candidates = [
         trial.formula(hats, curve, other) for trial in near if trial.determined(hats) and not contains(trial, near)
