@@ -11,7 +11,7 @@ RUN_TESTS := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= MALLOC_TRIM_THRESHO
 BESIDE := slow or outside or statistics
 
 .NOTPARALLEL:
-.PHONY: help demo docs pages paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-accidents bench-mistakes bench-rates bench-ruler bench-loop bench-named bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response
+.PHONY: help demo docs pages paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-noisy-live bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-accidents bench-mistakes bench-rates bench-ruler bench-loop bench-named bench-mechanisms bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -67,7 +67,8 @@ embedded: $(STAMP) ## Run the filter on a Cortex-M in QEMU: bits, instructions, 
 check: $(STAMP) ## Format, lints, types, stubs.
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --quiet -- -D warnings
-	cargo check -p ekf-core --no-default-features --quiet
+	for some in "" std f32; do cargo clippy -p ekf-core --lib --no-default-features --features "$$some" --quiet -- -D warnings || exit 1; done
+	RUSTDOCFLAGS="-D warnings" cargo doc -p ekf-core --no-deps --quiet
 	cargo fmt --manifest-path firmware/Cargo.toml --check
 	cargo fmt --manifest-path benches/peers/rust/Cargo.toml --check
 	cargo clippy --manifest-path firmware/Cargo.toml --target-dir target/firmware --lib --quiet -- -D warnings
@@ -107,6 +108,9 @@ bench-live: $(STAMP) ## Draw a million setups of live and batch filters: no nega
 bench-live-input: $(STAMP) ## Send 10 kHz to `accelcal live` for ten minutes each by TCP and by a terminal: nothing may be lost.
 	$(BIN)/python -m benches.live --over tcp
 	$(BIN)/python -m benches.live --over pty
+
+bench-noisy-live: $(STAMP) ## Follow 480 records of two hours behind noisy sensors: are scale factor and bias within their uncertainties?
+	$(BIN)/python -m benches.noisy_live
 
 bench-check: $(STAMP) ## Fail where a step costs 5 % more instructions than stored (valgrind).
 	tools/bench_check.sh
@@ -159,6 +163,9 @@ bench-loop: $(STAMP) ## Run the loop of the demo on 20 hidden effects; minutes, 
 
 bench-named: $(STAMP) ## Hide effects of all kinds: what improve names, what is in the model; an hour, restartable.
 	$(BIN)/python -m benches.named
+
+bench-mechanisms: $(STAMP) ## Coefficients that follow a driver, and true processes: what is named; twenty minutes, restartable.
+	$(BIN)/python -m benches.mechanisms
 
 bench-left-out: $(STAMP) ## Read records with saturated bursts; minutes, restartable.
 	$(BIN)/python -m benches.left_out

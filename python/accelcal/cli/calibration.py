@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 
 import typer
 
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from accelcal.calibration.export.certificate import Draft
 
 
+Language = Literal["c", "rust"]
+Precision = Literal["f32", "f64"]
 Dcc = Annotated[
     Path | None, typer.Option("--dcc", help="Write a draft certificate (DCC 3.2.1).", callback=writable_file)
 ]
@@ -161,17 +163,33 @@ def export(
     without: Annotated[
         list[str] | None, typer.Option("--without", help="Omit an effect that cannot be exported.")
     ] = None,
+    live: Annotated[
+        Language | None, typer.Option("--filter", help="Write the live filter of the whole model, as c or rust.")
+    ] = None,
+    rate: Annotated[float | None, typer.Option("--rate", help="Outputs a second that --filter takes, Hz.")] = None,
+    precision: Annotated[Precision, typer.Option("--precision", help="Numbers of --filter: f32 or f64.")] = "f32",
+    output: Annotated[Path, typer.Option("-o", "--output", help="Beginning of the names of the files of --filter.")] = (
+        Path("filter")
+    ),
     effects_file: EffectsFile = None,
     json: Json = False,
 ) -> None:
     """Export the sensor's own calibration as code for firmware, as JSON, or as a draft certificate.
 
-    The code converts a reading in V, counts or m/s² to acceleration, with a proven error bound.
+    The code converts a reading in V, counts or m/s² to acceleration, with a proven error bound. With --filter the code
+    is the live filter of the model instead: position, velocity and parameters from output and encoder.
 
     Example: [bold]accelcal export m.json --c sensor.h --rust sensor.rs --dcc draft.xml[/bold]
+    Example: [bold]accelcal export m.json --filter c --rate 1667 -o tracker[/bold]
     """
+    if live is not None or rate is not None:
+        if live is None or rate is None or c or rust or dcc or json or without:
+            raise UsageError("--filter c (or rust) and --rate 1667 go together, and with no other form of export")
+        load_own_effects(effects_file)
+        export_filter(model, live, rate, precision, output)
+        return
     if not (c or rust or dcc or json):
-        raise UsageError("nothing to write: give --c sensor.h, --rust sensor.rs, --dcc draft.xml or --json")
+        raise UsageError("nothing to write: give --c sensor.h, --rust sensor.rs, --dcc draft.xml, --filter or --json")
     require_usable(dcc, lab, schema)
     for option, path, endings in (("--c", c, (".h", ".c")), ("--rust", rust, (".rs",))):
         if path is not None and path.suffix not in endings:
@@ -193,6 +211,16 @@ def export(
     print_written(*files)
     if dcc is not None:
         tell(dcc, certificate, schema)
+
+
+def export_filter(model: Path, language: Language, rate: float, precision: Precision, output: Path) -> None:
+    """Write the live filter of a model beside the program that replays a record through it."""
+    filter_of_model = exports.live_filter(model_file.load(model), rate)
+    files = exports.filter_files(filter_of_model, output.name, language, precision, model.name)
+    with io.together():
+        for name, text in files.items():
+            io.atomic_write(output.parent / name, text)
+    print_written(*(output.parent / name for name in files))
 
 
 @app.command("app")

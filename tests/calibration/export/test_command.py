@@ -75,6 +75,9 @@ def test_what_is_left_out_is_said(folder):
         (["m.json", "--dcc", "x.xml", "--lab", "absent.toml"], 3, "absent.toml: no such file"),
         (["memory.json", "--c", "x.h", "--dcc", "x.xml"], 3, "hysteresis depends on earlier readings"),
         (["absent.json", "--c", "x.h"], 3, "absent.json: no such file"),
+        (["m.json", "--filter", "c"], 2, "--filter c (or rust) and --rate 1667 go together"),
+        (["m.json", "--rate", "100", "--c", "x.h"], 2, "and with no other form of export"),
+        (["m.json", "--filter", "c", "--rate", "100", "-o", "x"], 3, "knows neither the noise of the position"),
         (["m.json", "--c", "x.h", "--without", "creep"], 3, "'creep' is not among what cannot be exported"),
     ],
 )
@@ -111,14 +114,18 @@ def blocks(language):
 
 @pytest.mark.outside
 def test_the_examples_of_the_page_run(tmp_path):
-    (commands,) = blocks("sh")
-    for line in commands.splitlines():
-        done = accelcal(*shlex.split(line)[1:], cwd=tmp_path)
+    for line in "".join(blocks("sh")).splitlines():
+        if line.startswith("accelcal"):
+            done = accelcal(*shlex.split(line)[1:], cwd=tmp_path)
+        else:
+            done = subprocess.run(line, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=60)
         assert done.returncode == 0, f"{line}: {done.stderr}"
-    (code,) = blocks("c")
-    include, body = code.split("\n\n")
-    (tmp_path / "main.c").write_text(f"{include}\nint main(void)\n{{\ndouble volts = 0.0;\n{body}\nreturn 0;\n}}\n")
-    subprocess.run(["cc", "-std=c99", "main.c", "-o", "main"], cwd=tmp_path, check=True, timeout=60)
+    variables = ("double volts = 0.0;", "float position = 0.0f, output = 0.0f, k;")
+    for code, declared in zip(blocks("c"), variables, strict=True):
+        include, body = code.split("\n\n")
+        (tmp_path / "main.c").write_text(f"{include}\nint main(void)\n{{\n{declared}\n{body}\nreturn 0;\n}}\n")
+        command = ["cc", "-std=c99", "main.c", "-L.", "-ltracker", "-o", "main"]
+        subprocess.run(command, cwd=tmp_path, check=True, timeout=60)
     (tmp_path / "lab.toml").write_text(*blocks("toml"))
     assert read_laboratory(tmp_path / "lab.toml").missing == ()
 

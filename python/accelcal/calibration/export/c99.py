@@ -6,8 +6,7 @@ import re
 from collections.abc import Sequence
 
 from accelcal.calibration.export.approximate import READING_OUTSIDE, SINGLE, TEMPERATURE_OUTSIDE, Warmth
-from accelcal.calibration.export.calibration import Calibration, Code
-from accelcal.calibration.export.words import comment, identifier, unit
+from accelcal.calibration.export.calibration import Calibration, Code, comment, identifier, unit
 
 
 def header(c: Calibration, file: str) -> str:

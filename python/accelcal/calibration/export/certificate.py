@@ -19,8 +19,7 @@ from xml.etree import ElementTree as ET
 from accelcal._core import __version__
 from accelcal._support.errors import AccelcalError
 from accelcal.calibration.characteristic import COVERAGE_FACTOR, budget
-from accelcal.calibration.export.calibration import Calibration
-from accelcal.calibration.export.words import equation, left_out, plain, reading
+from accelcal.calibration.export.calibration import Calibration, equation, left_out, plain, reading
 from accelcal.data import Sensor
 
 PLACES = ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")

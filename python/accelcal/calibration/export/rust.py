@@ -6,8 +6,7 @@ import struct
 from collections.abc import Sequence
 
 from accelcal.calibration.export.approximate import READING_OUTSIDE, SINGLE, TEMPERATURE_OUTSIDE
-from accelcal.calibration.export.calibration import Calibration, Code
-from accelcal.calibration.export.words import comment, unit, upwards
+from accelcal.calibration.export.calibration import Calibration, Code, comment, unit, upwards
 
 
 def module(c: Calibration) -> str:

@@ -1,0 +1,281 @@
+"""The exported live filter: the estimates of `LiveModel`, equal bits on a device, its cost, builds, refusals."""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import os
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from accelcal.calibration.export import filter as export
+from accelcal.calibration.export.calibration import NotExportable
+from accelcal.calibration.export.filter import filter_files, program, replayed, with_held_as_states
+from accelcal.calibration.export.symbols import FORMATS
+from accelcal.data.rig import Rig
+from accelcal.effects import BUILT_IN
+from accelcal.filters.live_model import LiveModel
+from accelcal.live.tracker import running
+from accelcal.model import Model, Prior
+from accelcal.signals.signals import Origins
+from accelcal.simulation.sensor import CXL02_RIG
+from tests.firmware import build
+
+from .device import STRICT, compiled, estimates_after, on_device, on_host, run, write
+
+PROCESS = {"start": 0.0, "length": 10.0}
+LOW_PASS = dataclasses.replace(CXL02_RIG, resolution=None)
+LONG, CHECKS = 3000, (2, 3, 10, 100, 1000, 2000, 3000)
+"""Samples over which estimates are compared, and those after which they are."""
+
+
+def with_process(name: str, std: float, **shape: float) -> Model:
+    model = Model.linear().add(name, shapes={name: PROCESS | shape})
+    priors = {term.name: Prior(0.0, std) for term in model.terms if term.effect.name == name}
+    return Model(model.effects, shapes=model.shapes, priors=priors)
+
+
+def with_effects(*names: str, **shapes: dict[str, float]) -> Model:
+    return Model.linear().add(*names, shapes=shapes)
+
+
+LEVEL = Rig()
+MODELS: dict[str, tuple[Model, Rig]] = {
+    "linear": (Model.linear(), LEVEL),
+    "three effects": (with_effects("quadratic", "velocity"), LEVEL),  # the time offset is the third
+    "cubic, no delay": (Model.cubic().freeze(time_offset=1e-5), LEVEL),
+    "corners, upright and reversed": (with_effects("coulomb", "scale_asymmetry"), Rig(axis="up", mount="reversed")),
+    "low-pass": (with_effects("quadratic"), LOW_PASS),
+    "mechanism": (with_effects("self_heating", self_heating={"tau": 2.0, "start": 0.0}), LEVEL),
+    "mechanism of the scale factor": (
+        with_effects("scale_factor_follows_abs_v", scale_factor_follows_abs_v={"tau": 1.0, "start": 0.0}),
+        LEVEL,
+    ),
+    "temperature": (with_effects("temperature_bias", "temperature_scale"), LEVEL),
+    "process": (with_process("bias_gauss_markov", 1e-3, tau=3.0), LEVEL),
+    "walk of the scale factor": (with_process("scale_random_walk", 1e-4), LEVEL),
+    "encoder": (with_effects("encoder_cyclic", encoder_cyclic={"period": 0.02, "harmonics": 1.0}), LEVEL),
+    "time and position": (
+        with_effects(
+            "tone", "shape_of_position", tone={"frequency": 50.0}, shape_of_position={"low": -0.1, "high": 0.1}
+        ),
+        LEVEL,
+    ),
+}
+
+
+def filter_of(model: Model, rig: Rig = LEVEL) -> LiveModel:
+    origins, covariance = Origins(t=0.1, temperature=20.0), np.array([[1e-4, 2e-4], [2e-4, 1e-2]])
+    given = {"rate": 1667.0, "q": 1e-8, "r_position": 1e-12, "position": 0.0}
+    return LiveModel(with_held_as_states(model), rig, origins=origins, covariance=covariance, **given)
+
+
+def distances(folder, live: Callable[[], LiveModel], precision: str, checks=CHECKS) -> tuple[float, float]:
+    """Largest distance of estimates and of standard deviations from the live filter's, in the latter."""
+    made, fmt = program(live(), precision), FORMATS[precision]
+    replay = replayed(made)
+    library = compiled(folder, len(made.free), replay.arguments.shape[1], fmt.c)
+    rows = replay.arguments.astype(np.float32 if precision == "f32" else np.float64)
+    found = estimates_after(library, rows, checks, len(made.free))
+    spread = np.abs(np.sqrt(found[:, 1]) / replay.std - 1.0)
+    return float(np.max(np.abs(found[:, 0] - replay.values) / replay.std)), float(np.max(spread))
+
+
+@pytest.mark.outside
+@pytest.mark.parametrize("name", MODELS)
+def test_estimates_are_those_of_the_live_filter(tmp_path, monkeypatch, name):
+    model, rig = MODELS[name]
+    for precision, most in (("f64", 1e-9), ("f32", 0.1)):
+        for file, text in filter_files(filter_of(model, rig), "cal", "c", precision).items():
+            (tmp_path / file).write_text(text)
+        with monkeypatch.context() as patch:
+            patch.setattr(export, "RECORD", LONG)
+            patch.setattr(export, "CHECKS", CHECKS)
+            off, spread = distances(tmp_path, lambda: filter_of(model, rig), precision)
+        print(f"{name}, {precision}: off by {off:.2g} std, std by {spread:.2g} (at most {most:g})")
+        assert off <= most
+        assert spread <= most
+        run(["cc", *STRICT, "cal.c", "cal_replay.c", "-o", "replay"], tmp_path)
+        assert run(["./replay"], tmp_path).startswith("0 of ")
+
+
+@pytest.mark.outside
+def test_another_number_is_found_by_the_replay(tmp_path):
+    # The twin that must fail: a prior mean that is off by a standard deviation.
+    files = filter_files(filter_of(Model.linear()), "cal", "c", "f64")
+    files["cal.c"] = files["cal.c"].replace("f->theta[0] = 0.0;", "f->D[0] = 1e-6;\n    f->theta[0] = 0.01;")
+    for file, text in files.items():
+        (tmp_path / file).write_text(text)
+    run(["cc", *STRICT, "cal.c", "cal_replay.c", "-o", "replay"], tmp_path)
+    done = subprocess.run(["./replay"], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert not done.stdout.startswith("0 of ")
+
+
+@pytest.mark.outside
+def test_without_the_correction_for_noise_of_the_output_the_estimates_are_others(tmp_path, monkeypatch):
+    # The twin that must fail: correction at no reading at all.
+    monkeypatch.setattr(export, "EVERY", 10**6)
+    for file, text in filter_files(filter_of(Model.linear()), "cal", "c", "f64").items():
+        (tmp_path / file).write_text(text)
+    assert max(distances(tmp_path, lambda: filter_of(Model.linear()), "f64", export.CHECKS)) > 1e-9
+
+
+@pytest.mark.parametrize("language", ["c", "rust"])
+def test_the_top_of_a_file_states_signs_units_states_and_cost(language):
+    rig = Rig(axis="up", mount="reversed")
+    files = filter_files(filter_of(with_effects("temperature_bias"), rig), "3 axis", language, "f32", "m.json")
+    assert list(files) == (
+        ["sensor_3_axis.rs", "sensor_3_axis_replay.rs"]
+        if language == "rust"
+        else ["sensor_3_axis.h", "sensor_3_axis.c", "sensor_3_axis_replay.c"]
+    )
+    text = " ".join(next(iter(files.values())).replace("\n//!", " ").replace("\n *", " ").split())
+    for words in (
+        "Live filter of m.json",
+        "1667 outputs a second, in f32",
+        "= -(acceleration of the stage + 9.80665 m/s^2)",
+        "has k, K2 and K3 of the other sign to first order; this filter is not of that form",
+        "temperature (degC)",
+        "3 temperature_bias (m/s^2/K), prior 0 with standard deviation",
+        "density of the output 1e-08 (m/s^2)^2/Hz, two-sided; variance of a reading 1e-12 m^2",
+        "arithmetic operations a step",
+        "bytes of state",
+        "-ffp-contract=off",
+        "As a static library",
+    ):
+        assert words in text, words
+
+
+def require(*tools: str) -> None:
+    """Skip, or fail where a machine must have all tools of a device."""
+    absent = [tool for tool in tools if shutil.which(tool) is None]
+    lacking = build.lacking_for_the_device() if "arm-none-eabi-gcc" in tools else None
+    if absent or lacking:
+        reason = lacking or f"{', '.join(absent)} not installed: apt-get install {' '.join(absent)}"
+        (pytest.fail if os.environ.get("ACCELCAL_REQUIRE_EMBEDDED") == "1" else pytest.skip)(reason)
+
+
+@pytest.mark.outside
+@pytest.mark.parametrize("name", MODELS)
+def test_a_device_gives_the_bits_of_the_host(tmp_path, name):
+    require("arm-none-eabi-gcc")
+    model, rig = MODELS[name]
+    write(tmp_path, lambda: filter_of(model, rig))
+    host = on_host(tmp_path)
+    reports = {language: on_device(tmp_path, language) for language in ("c", "rust")}
+    for language, report in reports.items():
+        print(
+            f"{name}, {language}: at most {report.without:.0f} instructions a step, {report.with_reading:.0f} with a "
+            f"reading and the correction, {report.mean:.0f} in the mean"
+        )
+        assert (report.digest, report.refused) == (host.digest, 0)
+        assert 0.0 < report.without < report.with_reading
+    if name == "three effects":
+        assert reports["c"].mean <= 600.0
+
+
+@pytest.mark.outside
+def test_fused_multiplications_change_the_bits(tmp_path):
+    # The twin that must fail: what the recipe switches off.
+    write(tmp_path, lambda: filter_of(Model.linear()))
+    if " fma " not in Path("/proc/cpuinfo").read_text():
+        pytest.skip("this processor does not fuse")
+    assert on_host(tmp_path, "-ffp-contract=fast", "-mfma").digest != on_host(tmp_path).digest
+
+
+@pytest.mark.outside
+@pytest.mark.parametrize("precision", ["f32", "f64"])
+def test_rust_builds_without_a_warning_and_replays(tmp_path, precision):
+    model, rig = MODELS["low-pass"]
+    for file, text in filter_files(filter_of(model, rig), "cal", "rust", precision).items():
+        (tmp_path / file).write_text(text)
+    run(["rustc", "--edition", "2021", "-D", "warnings", "-O", "cal_replay.rs", "-o", "replay"], tmp_path)
+    assert run(["./replay"], tmp_path).startswith("0 of ")
+    (tmp_path / "lib.rs").write_text("#![no_std]\npub mod cal;\n")
+    command = ["--edition", "2021", "--crate-type", "lib", "-D", "warnings", "--emit", "metadata", "lib.rs"]
+    run(["rustc", *command], tmp_path)
+    if shutil.which("clippy-driver"):
+        run(["clippy-driver", *command], tmp_path)
+
+
+@pytest.mark.outside
+def test_cppcheck_has_nothing_to_say(tmp_path):
+    require("cppcheck")
+    for name in ("corners, upright and reversed", "process", "temperature"):
+        for file, text in filter_files(filter_of(*MODELS[name]), "cal", "c", "f32").items():
+            (tmp_path / file).write_text(text)
+        options = ["--enable=warning,style,performance,portability", "--std=c99", "--error-exitcode=1", "--quiet"]
+        run(["cppcheck", *options, "--suppress=missingIncludeSystem", "cal.c", "cal_replay.c"], tmp_path)
+
+
+@pytest.mark.outside
+def test_a_reading_or_an_output_that_is_none_changes_nothing(tmp_path):
+    for file, text in filter_files(filter_of(Model.linear()), "cal", "c", "f64").items():
+        (tmp_path / file).write_text(text)
+    library = compiled(tmp_path, 3, 2, "double")
+    rows = np.column_stack([np.sin(np.arange(50.0)), 1e-3 * np.cos(np.arange(50.0))])
+    plain = estimates_after(library, rows, (50,), 3)
+    for output in (np.nan, np.inf, -np.inf):
+        library.begin()
+        more = np.insert(rows, 20, [output, 0.0], axis=0)
+        assert library.rows(more.ctypes.data_as(ctypes.c_void_p), 51) == 1
+        y = np.zeros((2, 3))
+        library.estimates(y.ctypes.data_as(ctypes.c_void_p))
+        assert np.array_equal(y, plain[0])
+    gap = rows.copy()
+    gap[10, 1] = np.inf
+    absent = rows.copy()
+    absent[10, 1] = np.nan
+    assert np.array_equal(estimates_after(library, gap, (50,), 3), estimates_after(library, absent, (50,), 3))
+
+
+SHAPES = {"start": 0.0, "length": 30.0, "low": -0.1, "high": 0.1, "tau": 5.0, "instant": 0.1, "period": 0.02}
+SHAPES |= {"width": 0.05, "level": 20.0, "centre": 0.0, "ripple": 0.0, "frequency": 20.0, "harmonics": 1.0}
+
+
+@pytest.mark.parametrize(
+    "effect", [e for e in BUILT_IN if e.port != "noise" and e.name not in Model.linear().effects], ids=lambda e: e.name
+)
+def test_every_effect_that_the_page_lists_can_be_traced(effect):
+    answer = running(effect, "export")
+    shape = {name: SHAPES[name] for name in effect.shapes}
+    model = (
+        with_process(effect.name, 1e-3, **shape)
+        if effect.port == "process"
+        else with_effects(effect.name, **({effect.name: shape} if shape else {}))
+    )
+    if answer.how == "refused":
+        with pytest.raises(NotExportable, match=f"^{effect.name} "):
+            program(filter_of(model), "f32")
+        return
+    traced = program(filter_of(model), "f32")
+    assert len(traced.names) > 3
+
+
+def test_what_cannot_be_traced_is_refused_by_name(monkeypatch):
+    for function, said in (
+        (lambda s: s.v if s.v[0] > 0.0 else -s.v, "decides by a value that only the running program knows"),
+        (lambda s: np.log(s.v), "uses log, which exported code does not have"),
+        (lambda s: s.v**2.5, "uses a power that is no small whole number"),
+    ):
+        live = filter_of(with_effects("quadratic", "velocity"))
+        other = dataclasses.replace(live._parts[-1].effect)
+        object.__setattr__(other, "function", function)  # as one of accelcal, which nothing guards
+        live._parts = [*live._parts[:-1], dataclasses.replace(live._parts[-1], effect=other)]
+        with pytest.raises(NotExportable, match=f"^velocity {said}"):
+            program(live, "f32")
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"), [({"gate": 9.0}, "no gate"), ({"order": 2}, "first order"), ({"q": 0.0}, "noise of output")]
+)
+def test_a_setting_that_a_device_has_not_is_refused(settings, said):
+    given = {"rate": 100.0, "q": 1e-8, "r_position": 1e-12, "position": 0.0} | settings
+    with pytest.raises(NotExportable, match=said):
+        program(LiveModel(Model.linear(), LEVEL, **given), "f32")
