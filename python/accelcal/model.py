@@ -13,8 +13,8 @@ from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Result
 from accelcal._support.values import immutable, listing, short_repr
 from accelcal.data import Array
-from accelcal.effects import Effect, find, polynomial
-from accelcal.effects.processes import follows_output
+from accelcal.effects import CATALOGUE, Effect, find, polynomial
+from accelcal.effects.mechanisms import channel_of
 from accelcal.effects.registry import Owner, Port
 from accelcal.signals.signals import Signals
 
@@ -209,11 +209,12 @@ class Model(Result):
         shapes : shape parameters of those that have some, by effect.
         priors : other priors of coefficients, by name.
         """
-        physics = {name: Prior(*prior) for name in names if (prior := find(name).search.prior)}
+        effects = [find(name) for name in names]  # a pattern may have a name of its own
+        physics = {effect.name: Prior(*prior) for effect in effects if (prior := effect.search.prior)}
         return replace(
             self,
-            effects=(*self.effects, *names),
-            shapes={**self.shapes, **(shapes or {})},
+            effects=(*self.effects, *(effect.name for effect in effects)),
+            shapes={**self.shapes, **{find(name).name: shape for name, shape in (shapes or {}).items()}},
             priors={**self.priors, **physics, **(priors or {})},
         )
 
@@ -285,18 +286,27 @@ class Model(Result):
     @property
     def own(self) -> tuple[OwnEffect, ...]:
         """Effects of the user."""
-        several = map(find, self.effects)
+        several = self._with_carriers
         return tuple(OwnEffect(effect.name, effect.digest, effect.text) for effect in several if effect.text)
 
     @property
+    def _with_carriers(self) -> tuple[Effect, ...]:
+        """Its effects, and those whose coefficients its mechanisms change, each once."""
+        effects = tuple(map(find, self.effects))
+        carriers = (find(effect.mechanism.carrier) for effect in effects if effect.mechanism)
+        return tuple({effect.name: effect for effect in (*effects, *carriers)}.values())
+
+    @property
     def side_channels(self) -> Mapping[str, SideChannel]:
-        """Effects that are recorded channels, by name."""
-        several = [effect for effect in map(find, self.effects) if effect.traits.follows]
+        """Effects that are recorded channels, by name; those of a channel that a mechanism follows are among them."""
+        effects = self._with_carriers
+        remembered = {channel_of(effect) for effect in effects if effect.mechanism} - {""}
+        several = (*effects, *(effect for effect in CATALOGUE.values() if channel_of(effect) in remembered))
+        of: dict[str, Literal["output", "scale_factor"]] = {"bias": "output", "scale_factor": "scale_factor"}
         return {
-            effect.name: SideChannel(
-                effect.needs[0], effect.unit, "output" if follows_output(effect) else "scale_factor"
-            )
-            for effect in several
+            e.name: SideChannel(channel_of(e), e.unit, of[e.product.carrier])
+            for e in several
+            if e.product is not None and channel_of(e)
         }
 
     @property

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any, overload
@@ -32,6 +33,7 @@ from accelcal.diagnosis.one_axis import require_motion_above_noise, require_one_
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, SHOWN_SIGMA, VALIDATION_SIGMA
 from accelcal.diagnosis.runs import RunValues, runs_disagree, values_by_run
 from accelcal.diagnosis.search.hypotheses import lacks_its_position, may_be_refined
+from accelcal.diagnosis.search.refine import together
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.select.curve_formulas import FormulaSet, formulas_of
 from accelcal.diagnosis.select.improvement import Improvement, Step, contradicted, nested_fits
@@ -63,6 +65,8 @@ from accelcal.validation.noise_floor import Ruler, error_budgets, noise_floor
 from accelcal.validation.prediction import Prediction
 from accelcal.validation.systematic import with_resolved
 
+SETTLED, ROUNDS = 1e-3, 5
+"""Gain of twice the log-likelihood below which intensities and time constants of several processes stay; rounds."""
 MOST_EFFECTS = 3
 """Effects that `improve` adds at most by default."""
 
@@ -432,7 +436,7 @@ def add(
     ----------
     fit, recordings : the model, and what it is fitted to again.
     names : effects to add, in this order; those of the base are passed over beside others, so that `diagnosis.effects`
-        can be given.
+        can be given. A mechanism takes the place of the random processes of its coefficient that it explains.
     extra : users' effects to consider besides the built-in ones; by default all that are registered (`load_effects`,
         `effect`, `from_expression`), with () none.
     progress : called with the share of the work that is done, 0 to 1.
@@ -458,7 +462,10 @@ def add(
     several = [run.recording for run in runs]
     for recording in several:  # their channels are effects by name
         side_channels([(name, channel.unit) for name, channel in recording.side.items() if name not in DERIVED])
+    names = tuple(find(name).name for name in names)
     model, states, waves = model_in_motion(fit), restored_states(fit, runs), dict[str, float]()
+    replaced, unseen = list[Remark](), tuple[str, ...]()
+    how: dict[str, Any] = {"origins": fit.origins, "engine": fit.engine}
     # a verdict lists the delay too, which every model has
     for name in (name for name in names if name not in BASE or {*names} <= {*BASE}):
         effect = find(name)
@@ -471,25 +478,29 @@ def add(
             instead = [choice.instead for choice in fit.seen_by_runs if choice.effect == name]
             model = model.alike(*instead).add(name)  # no single run shows it: the joint fit tells whether all do
             continue
+        if gone := explained_by(effect, model, names, partial(solve_runs, sources=runs, **how)):
+            model = model.drop(*gone)
+            replaced += [remark("replaced", process=process, effect=name) for process in gone]
         if states is None or model is not fit.model:
-            shared = within(progress, 0.0, 0.4)
-            states = solve_runs(model, runs, origins=fit.origins, engine=fit.engine, progress=shared).states
+            states = solve_runs(model, runs, progress=within(progress, 0.0, 0.4), **how).states
         model, size = with_effect(effect, model, states, extra, within(progress, 0.4, 0.6))
         waves |= {name: size} if size else {}
-    origins, engine = fit.origins, fit.engine
-    grown, solution = fitted(model, runs, within(progress, 0.6, 0.9), origins=origins, engine=engine)
-    lost = [name for name in names if name not in solution.model.effects]
-    if lost:
+    grown, solution = fitted(model, runs, within(progress, 0.6, 0.9), **how)
+    for _ in range(ROUNDS if any(find(name).port == "process" for name in names) else 0):
+        model, gained, unseen = together(solution.model, solution.states)
+        if gained < SETTLED:
+            break
+        with suppress(ValueError):  # the fit at hand stays where there is no other
+            grown, solution = fitted(model, runs, within(progress, 0.9, 0.95), **how)
+    if lost := [name for name in names if name not in solution.model.effects]:
         raise AccelcalError(f"{lost[0]!r} cannot be added: these recordings do not tell it from the bias")
     require_noise_shown(grown, names)
-    shown = barely_shown(grown, names)
+    shown = [*replaced, *barely_shown(grown, names), *(remark("beside_others", effect=name) for name in unseen)]
     lost = [name for name in names if find(name).port == "noise" and not solution.converged]
     lost += [name for name, size in waves.items() if max(in_model(grown, Confounded(name, (name,), ""), {}).std) > size]
     if lost:
-        why = "does not determine its size" if solution.converged else "with it does not settle"
-        raise AccelcalError(
-            f"{lost[0]!r} cannot be added: the fit {why}; `accelcal power` says what the record can show"
-        )
+        why = "the fit does not determine its size" if solution.converged else "the fit with it does not settle"
+        raise AccelcalError(f"{lost[0]!r} cannot be added: {why}; `accelcal power` says what the record can show")
     return remembered(replace(grown, remarks=(*broken, *grown.remarks, *shown)), recordings)
 
 
@@ -529,7 +540,7 @@ def with_effect(
     if requested.entered:
         return requested.entered[0].enter(model), 0.0
     lacking = [need for need in effect.needs if need not in states[0].run.recording.side]
-    power = "`accelcal power` says what the record can show"
+    power = f"{separating(effect)} would separate it, and `accelcal power` says what the record can show"
     why = f"this record does not excite it, or not apart from what the model holds; {power}"
     if lacking:
         why = f"it needs the channel {' and '.join(lacking)}; record it, or name its column in the sidecar"
@@ -540,11 +551,32 @@ def with_effect(
     raise AccelcalError(f"{name!r} cannot be added: {why}")
 
 
+def separating(effect: Effect) -> str:
+    """What separates an effect from what it is confused with; a longer record where its card does not say."""
+    return effect.experiment.rstrip(".") or "a longer record"
+
+
+def explained_by(effect: Effect, model: Model, names: Sequence[str], solve: Callable[[Model], Solution]) -> list[str]:
+    """Random processes of a model, but for `names`, that a mechanism explains: they contain it.
+
+    A process that the runs show beside the mechanism stays. `solve` fits a model to them.
+    """
+    of = effect.mechanism
+    others = (find(name) for name in model.added if name not in names)
+    processes = [e for e in others if of is not None and e.port == "process" and e.traits.changes == of.carrier]
+    if not processes:
+        return []
+    without = model.drop(*(process.name for process in processes))
+    left = scan(solve(without).states, without, only=(effect, *processes)).found
+    true = {process.effect for process in left if effect.name not in process.members}
+    return [process.name for process in processes if process.name not in true]
+
+
 def barely_shown(fit: Fit, names: Sequence[str]) -> list[Remark]:
     """Remarks on effects of a fit that the record hardly tells from zero."""
     sigmas = {name: in_model(fit, Confounded(name, (name,), ""), {}).sigma for name in names}
     return [
-        remark("barely_shown", effect=name, sigma=sigma, expected=SHOWN_SIGMA)
+        remark("barely_shown", effect=name, sigma=sigma, expected=SHOWN_SIGMA, experiment=separating(find(name)))
         for name, sigma in sigmas.items()
         if sigma is not None and sigma < SHOWN_SIGMA
     ]

@@ -5,12 +5,17 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from accelcal.io import load, read_sidecar, write
 from accelcal.io.stream import ByteSource
 from accelcal.live import LiveSession, session, settings_of
+from accelcal.live.session import LiveEvent, LiveHistory, LiveState
+from accelcal.model import Estimate
+from accelcal.plots.timeline import live_tracks
 from tests.live.streams import RIG, stream
 
 MOST = 60.0
@@ -86,3 +91,36 @@ def test_a_defect_on_the_way_keeps_the_rows_that_came(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="a defect"), opened(tmp_path, broken()) as view:
         view.run(ends=lambda: False, on_alarm=lambda alarm: None, show=show)
     assert len(load(tmp_path / "got.parquet").accel) == view.state.used > 0
+
+
+CHANGING = (("bias",), ("scale_factor", "bias"), ("bias",))
+"""Names of the estimates from moment to moment."""
+
+
+def at_time(names: tuple[str, ...], t: float) -> LiveState:
+    return LiveState(t, tuple(Estimate(name, name, "1", 0.1 + t, 0.01, "sensor") for name in names))
+
+
+def test_an_estimate_may_come_and_go() -> None:
+    history = LiveHistory()
+    for t, names in enumerate(CHANGING):
+        history.add(LiveEvent("state", "lines", at_time(names, float(t))))
+    assert [p.name for p in history.parameters] == ["bias", "scale_factor"]
+    none = np.nan
+    np.testing.assert_allclose(history.columns.values.T, [[0.1, 1.1, 2.1], [none, 1.1, none]])
+    np.testing.assert_allclose(history.columns.stds.T, [[0.01] * 3, [none, 0.01, none]])
+    assert [panel.title for panel in live_tracks(history).panels][:2] == ["bias", "scale factor"]
+
+
+def test_the_page_shows_the_estimates_that_there_are() -> None:
+    nicegui = pytest.importorskip("nicegui")
+    live_page = pytest.importorskip("accelcal.app.live_page")
+    with nicegui.Client(nicegui.ui.page("")) as client:
+        follower = SimpleNamespace(asked=SimpleNamespace(address="lines", recording="got.parquet"))
+        readout = live_page.Readout(follower)
+        for t, names in enumerate(CHANGING):
+            readout._show_parameters(at_time(names, float(t)).estimates)
+            shown = [x for x in readout.parameters.descendants() if "data-parameter" in x.props]
+            assert [x.props["data-parameter"] for x in shown] == list(names)
+            assert {x.text for x in shown} == {f"{0.1 + t:.6g}"}
+    client.delete()

@@ -150,7 +150,6 @@ COUNTS = {
 """Counts of lines by their key, as they are named on the page."""
 MORE = {
     "dropped_bytes": "bytes dropped",
-    "untested": "readings not tested",
     "refused": "refused by the filter",
     "recorded": "rows recorded",
 }
@@ -206,7 +205,7 @@ class Readout:
         self.nis.set_text(nis_text(state.nis))
         self.innovation.set_text(innovation_text(state.innovation))
         self._show_parameters(state.estimates)
-        sentence = state.regressor_bias.sentence if state.regressor_bias else ""
+        sentence = state.noise_share.sentence if state.noise_share else ""
         self.bias.set_text(sentence)
         self.bias.set_visibility(bool(sentence))
         for key, label in self.counts.items():
@@ -221,7 +220,10 @@ class Readout:
         return f"{when}{ended}; {blocks}."
 
     def _show_parameters(self, parameters: Sequence[Estimate]) -> None:
-        if not self._values:
+        names = [p.name for p in parameters]
+        if names != list(self._values):
+            self._values.clear()
+            self._bands.clear()
             self.parameters.clear()
             with self.parameters:
                 self._table(parameters)

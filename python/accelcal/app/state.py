@@ -18,6 +18,7 @@ from accelcal._support.progress import time_left
 from accelcal.data import Dwells, Recording
 from accelcal.effects import CATALOGUE, Own, from_expression, side_channels
 from accelcal.effects.own import from_tried_expression
+from accelcal.estimation import tracks
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.run_fit import run_to_hold_out
 from accelcal.io.loading import digest_of
@@ -368,6 +369,8 @@ class Step:
     fit: Fit
     heldouts: tuple[Evaluation, ...]
     """Against each held-out recording, in their order."""
+    moving: tuple[tracks.Path, ...] = ()
+    """Coefficients that its processes and mechanisms move, over the first fitted recording."""
 
     @property
     def label(self) -> str:

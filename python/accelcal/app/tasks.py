@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
@@ -19,11 +20,12 @@ from accelcal.app.workers import Report
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module
 from accelcal.data import Dwells, Recording, RecordingError, Rig, quality
 from accelcal.demo import TRUTH, with_effect
+from accelcal.diagnosis.faults import examine
 from accelcal.diagnosis.runs import RunValues
 from accelcal.diagnosis.verdict import Diagnosis
-from accelcal.effects import Effect, find, spelled
-from accelcal.effects.processes import side_channels
-from accelcal.estimation.estimate import Fit
+from accelcal.effects import Effect, find, side_channels, spelled
+from accelcal.estimation import tracks
+from accelcal.estimation.estimate import Fit, solve_runs
 from accelcal.estimation.run import prepare
 from accelcal.io.sidecar import has_sidecar
 from accelcal.model import Model
@@ -38,7 +40,17 @@ from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.differences import Comparison
 from accelcal.validation.noise_floor import Ruler
-from accelcal.verbs import add, compare, compare_models, diagnose, drop, fit, run_values
+from accelcal.verbs import (
+    add,
+    compare,
+    compare_models,
+    diagnose,
+    drop,
+    fit,
+    model_in_motion,
+    run_values,
+    used_runs,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +196,16 @@ def diagnosed(fitted: Fit, train: Data, own_names: Sequence[str], *, progress: R
 def values_of_runs(fitted: Fit, train: Data, *, progress: Report) -> RunValues:
     """Parameters of each recording alone."""
     return run_values(fitted, list(train))
+
+
+def moving(fitted: Fit, train: Recording, *, progress: Report) -> tuple[tracks.Path, ...]:
+    """Coefficients that processes and mechanisms of a model move, over one recording that it was fitted to; none where
+    that recording alone does not determine the model."""
+    runs, _ = used_runs([examine(train)], fitted)
+    with suppress(ValueError):
+        model = model_in_motion(fitted)
+        return tracks.paths_of(solve_runs(model, runs, origins=fitted.origins, engine=fitted.engine, progress=progress))
+    return ()
 
 
 def reported(

@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from nicegui import ui
 
-from accelcal.app.state import Run, State, Stretch
+from accelcal.app.state import Run, State, Step, Stretch
 from accelcal.app.workbench import Workbench
 from accelcal.data import instant
 from accelcal.diagnosis.verdict import Diagnosis
@@ -99,6 +99,11 @@ def path_of(state: State, number: int | None = None) -> Comparison:
     )
 
 
+def labelled(step: Step) -> str:
+    """What distinguishes a model from its parent, with effect names as words."""
+    return " ".join(map(spelled, step.label.split()))
+
+
 def falling(state: State, theme: ThemeName) -> Picture:
     """One bar for each model on the path, and beside the error on all held-out data that on each of the recordings."""
     compared = path_of(state)
@@ -107,7 +112,7 @@ def falling(state: State, theme: ThemeName) -> Picture:
     measure, (factor, _) = compared.headline, ruled(compared)
     sizes = [quoted(measure, evaluation).partition(" (")[0] for evaluation in compared]
     names = [
-        f"{spelled(step.label)}: {size}\n{share_text(compared, i)}"
+        f"{labelled(step)}: {size}\n{share_text(compared, i)}"
         for i, (step, size) in enumerate(zip(state.path, sizes, strict=True))
     ]
     marks = [replace(m, text=()) if isinstance(m, Bars) else m for m in panel.marks]  # text would sit on the noise line
@@ -130,7 +135,7 @@ def falling(state: State, theme: ThemeName) -> Picture:
 
 def overlay(state: State, window: Stretch | None = None, chosen: Stretch | None = None) -> Figure:
     """Measured and simulated on held-out data, for every model on the path, and a stretch that was chosen."""
-    evaluations = [(spelled(step.label), step.heldouts[state.looked_at]) for step in state.path]
+    evaluations = [(labelled(step), step.heldouts[state.looked_at]) for step in state.path]
     return timeline.overlay(evaluations, window=window, chosen=chosen)
 
 

@@ -49,7 +49,9 @@ from accelcal.app.workers import Compute, Report, direct
 from accelcal.data import Recording, require_same_sensor
 from accelcal.diagnosis.runs import RunValues
 from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.estimation import tracks
 from accelcal.estimation.estimate import Fit, require_distinct
+from accelcal.estimation.shape_parameters import moves
 from accelcal.io.files import READABLE
 from accelcal.model import Model
 from accelcal.response import FrequencyResponse
@@ -399,7 +401,8 @@ class Workbench:
             key = keys[step.key] = next(self._keys)
             change = Change(step.kind, step.name, step.value)
             require_made(change, fitted_model, next((s.fit for s in steps if s.key == keys[step.parent]), None))
-            steps.append(Step(key, keys[step.parent], change, fitted_model, heldouts))
+            moving = self._moving(fitted_model, state)
+            steps.append(Step(key, keys[step.parent], change, fitted_model, heldouts, moving))
         return replace(state, steps=tuple(steps), current=keys[opened.content.current])
 
     def _model(self, text: str, key: int | str) -> Fit:
@@ -511,11 +514,18 @@ class Workbench:
             state.unseen,
             ruler,
             before[0] if before else grown,
-            progress=within(progress, 0.8, 1.0),
+            progress=within(progress, 0.8, 0.95),
         )
         compared = tuple(replace(step, heldouts=heldouts) for step, heldouts in zip(again, others, strict=True))
-        step = Step(next(self._keys), state.current, change, grown, last)
+        step = Step(next(self._keys), state.current, change, grown, last, self._moving(grown, state))
         return replace(state, steps=(*(compared or state.steps), step), current=step.key)
+
+    def _moving(self, fit: Fit, state: State) -> tuple[tracks.Path, ...]:
+        """Coefficients that processes and mechanisms of a model move, over the first fitted recording of a state."""
+        if not any(map(moves, fit.model.terms)):
+            return ()
+        paths: tuple[tracks.Path, ...] = self._done(tasks.moving, fit, state.first_fitted.train, state=state)
+        return paths
 
     def _done(
         self,

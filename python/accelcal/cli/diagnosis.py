@@ -169,7 +169,8 @@ def formula(
 ) -> None:
     """Find short formulas for what depends on one variable, and say which of them the recording does not separate.
 
-    With -o the first one is written as an effect, for --effects-file and `accelcal add`.
+    A coefficient that follows the memory of a driver may be the answer; `accelcal add` takes it by name.
+    With -o the first formula is written as an effect, for --effects-file and `accelcal add`.
 
     Example: [bold]accelcal formula m.json run12.csv --curve shape_of_velocity -o drag.py[/bold]
     """
@@ -189,14 +190,16 @@ def formula(
     except ValueError as error:
         raise UsageError(f"--curve {curve}: {error}") from None
     deliver(result, printing.show_formulas, None, json)
-    if output is None:
-        return
-    if not result.formulas:
-        print_status(f"{output} is not written: there is no formula")
+    first = result.formulas[0] if result.formulas else None
+    if output and (first is None or first.mechanism):
+        print_status(f"{output} is not written: {'the effect has a name' if first else 'there is no formula'}")
+    if first and first.mechanism and not first.contradicted:
+        suggest("add", model, run, "--effect", first.mechanism)
+    if output is None or first is None or first.mechanism:
         return
     try:
         owner = shape.owner if shape.owner != "timing" else "sensor"
-        effect = result.formulas[0].effect(name, owner=owner, port=shape.port, channels=shape.needs)
+        effect = first.effect(name, owner=owner, port=shape.port, channels=shape.needs)
     except catalogue.ExpressionError as error:
         raise UsageError(f"--name {name}: {error}") from None
     io.atomic_write(output, effect.file)

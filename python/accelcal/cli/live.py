@@ -261,7 +261,7 @@ def picture(state: sessions.LiveState, source: str, alarms: list[measuring.Alarm
     return Group(
         Text(visible(title, one_line=True), style="bold"),
         table,
-        *(Text(text, style="yellow") for text in bias_of(state)),
+        *(Text(text, style="yellow") for text in noise_of(state)),
         Text(innovation_of(state)),
         Text.assemble((word, style), f" ({state.alarms} of {state.blocks} blocks alarmed)"),
         Text(counts_of(state)),
@@ -278,10 +278,10 @@ def line_of(state: sessions.LiveState) -> str:
     return f"{when}: {parameters}; {innovation_of(state)}; {counts_of(state)}"
 
 
-def bias_of(state: sessions.LiveState) -> list[str]:
-    """The sentence on a scale factor that noise of the output biases by more than it is uncertain; empty else."""
-    bias = state.regressor_bias
-    return [] if bias is None or not bias.sentence else [bias.sentence]
+def noise_of(state: sessions.LiveState) -> list[str]:
+    """The sentence on a scale factor that noise of the output does not let through; empty else."""
+    share = state.noise_share
+    return [] if share is None or not share.sentence else [share.sentence]
 
 
 def innovation_of(state: sessions.LiveState) -> str:
@@ -304,7 +304,11 @@ def counts_of(state: sessions.LiveState) -> str:
         "missing": state.missing,
         "bytes dropped": state.dropped_bytes,
     }
-    more = {"not tested": state.untested, "refused by the filter": state.refused, "recorded": state.recorded}
+    more = {
+        "clock restarts": state.restarts,
+        "refused by the filter": state.refused,
+        "recorded": state.recorded,
+    }
     listed = [f"{count} {name}" for name, count in counts.items()]
     return ", ".join([f"{state.used} lines", *listed, *(f"{count} {name}" for name, count in more.items() if count)])
 
@@ -316,7 +320,7 @@ def summary_of(state: sessions.LiveState, source: str, ended: str) -> list[str]:
         if state.holds is None
         else f"{state.alarms} of {state.blocks} blocks of innovations raised an alarm"
     )
-    lines = [f"{source}: {ended}", line_of(state), *bias_of(state), judged]
+    lines = [f"{source}: {ended}", line_of(state), *noise_of(state), judged]
     return [*lines, f"the filter refused {state.refused} events: {state.refusal}"] if state.refused else lines
 
 
@@ -363,6 +367,10 @@ def live(
     settings = measuring.settings_of(declared.rig, fit)
     source = opener()
     with deferred() as stopped, measuring.LiveSession(source, declared, settings, output) as session:
+        if session.lines.left_out:
+            print_status(f"{rig}: {', '.join(session.lines.left_out)}: not needed by a live view, left out")
+        for text in settings.remarks:
+            print_status(text)
         with face_of(source.name, interval, json=json) as face:
             session.run(
                 ends=stopped,
@@ -380,8 +388,8 @@ def live(
         if output is not None and session.state.recorded:
             print_written(output)
         if fit is not None and save is not None:
-            require_small_bias(session.state, save)
-            model_file.save(followed(fit, settings, session), save)
+            require_small_noise(session.state, save)
+            model_file.save(followed(fit, session), save)
             print_written(save)
 
 
@@ -435,33 +443,25 @@ def face_of(source: str, every: float, *, json: bool) -> Lines:
     return Screen(source) if Console().is_terminal else Lines(source, every)
 
 
-def require_small_bias(state: sessions.LiveState, save: Path) -> None:
-    """Refuse to save a scale factor that noise of the output has biased.
+def require_small_noise(state: sessions.LiveState, save: Path) -> None:
+    """Refuse to save a scale factor beyond what a live filter can correct.
 
     Raises
     ------
     RecordingError
-        Saying by how much, and what to do.
+        Saying how much noise there is, and what to do.
     """
-    from accelcal.live.tracker import MOST_SAVED
-
-    bias = state.regressor_bias
-    if bias is not None and bias.sigma > MOST_SAVED:
-        raise data.RecordingError(f"--save {save}: nothing is written, since {bias.sentence}")
+    for sentence in noise_of(state):
+        raise data.RecordingError(f"--save {save}: nothing is written. {sentence}")
 
 
-def followed(fit: Fit, settings: measuring.LiveSettings, session: measuring.LiveSession) -> Fit:
+def followed(fit: Fit, session: measuring.LiveSession) -> Fit:
     """The fit with the parameters that the live filter holds now."""
-    from accelcal.estimation.engines import as_fit
     from accelcal.estimation.remarks import remark
-    from accelcal.filters.record import ForwardParameters
 
-    tracker, state = session.tracker, session.state
-    if tracker.filter is None:
+    state, fitted = session.state, session.tracker.fitted(fit)
+    if fitted is fit:
         return fit
-    m = len(settings.names)
-    parameters = ForwardParameters(settings.names, tracker.filter.estimate[-m:], tracker.covariance[-m:, -m:])
-    fitted = replace(as_fit(replace(fit, rig=settings.rig), parameters, settings.choice), rig=fit.rig)
     text = f"followed live over {state.readings} readings of {session.source.name}; {state.alarms} of {state.blocks} "
     followed = remark("live_filter", text=f"{text}blocks of innovations raised an alarm")
     return replace(fitted, remarks=(followed, *fitted.remarks))

@@ -71,7 +71,7 @@ def show_fit(fit: Fit, *recordings: data.Recording) -> None:
 
 def show_export(calibration: exports.Calibration) -> None:
     """Print what was exported: its range, its error bounds, omitted effects."""
-    from accelcal.calibration.export.words import upwards
+    from accelcal.calibration.export.calibration import upwards
 
     low, high = calibration.domain.acceleration
     say_line(calibration.equation)
@@ -146,7 +146,14 @@ def show_formulas(result: FormulaSet) -> None:
         if formula.inner is not None and formula.inner_interval is not None:
             low, high = formula.inner_interval
             span = f"{formula.inner:.3g} ({low:.3g} .. {high:.3g})"
-            rows.append(("  its length, 68 % interval", words.with_unit(span, formula.inner_unit), "", ""))
+            rows.append(
+                (
+                    f"  its {'time constant' if formula.mechanism else 'length'}, 68 % interval",
+                    words.with_unit(span, formula.inner_unit),
+                    "",
+                    "",
+                )
+            )
         held = "" if formula.held_out is None else f", held out {formula.held_out:.1f}"
         rows.append((f"  gain {formula.gain:.1f}{held}", f"lack of fit p = {formula.lack_of_fit:.2g}", "", ""))
     if rows:

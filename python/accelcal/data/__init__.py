@@ -45,7 +45,7 @@ from accelcal.data.rig import (
     low_passes,
     unsupported,
 )
-from accelcal.data.units import MICRO_G, in_usual_unit, instant, normalise, usual_unit
+from accelcal.data.units import MICRO_G, concise, in_usual_unit, instant, normalise, usual_unit
 
 __all__ = [
     "ACCELERATION",
@@ -82,6 +82,7 @@ __all__ = [
     "Rig",
     "RunLabels",
     "Sensor",
+    "concise",
     "describe",
     "high_passes",
     "in_usual_unit",

@@ -588,4 +588,27 @@ def in_usual_unit(value: float, unit: str, digits: int = 3, sign: str = "") -> s
     return f"{text} {name}".removesuffix(" 1").rstrip()
 
 
+def concise(value: float, std: float) -> str:
+    """A value with the standard uncertainty of its last two digits in parentheses.
+
+    Examples
+    --------
+    >>> concise(0.0123456, 0.000021)
+    '0.012346(21)'
+    >>> concise(1.2345e-5, 2.1e-7)
+    '1.234(21)e−5'
+    """
+    if not (math.isfinite(std) and std > 0.0):
+        return f"{value:.4g}"
+    largest = max(abs(value), std)
+    exponent = math.floor(math.log10(largest))
+    exponent = 0 if -3 <= exponent <= 4 else exponent
+    value, std = value / 10.0**exponent, float(f"{std / 10.0**exponent:.1e}")
+    digits = 1 - math.floor(math.log10(std))
+    places = max(0, digits)
+    shown = f"{round(value, digits):.{places}f}({round(std * 10.0**places)})"
+    tail = f"e{exponent}" if exponent else ""
+    return (shown + tail).replace("-", "−")
+
+
 __dir__ = listing(globals())

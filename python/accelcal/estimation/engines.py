@@ -10,8 +10,8 @@ from typing import Any, ClassVar, Literal, Protocol, TypeVar
 import numpy as np
 import scipy
 
-from accelcal.data import DERIVED, POSITION_ORDER, Array, Channel, RecordingError, Rig, unsupported
-from accelcal.effects import find, polynomial
+from accelcal.data import DERIVED, POSITION_ORDER, Array, Channel, LowPass, RecordingError, Rig, unsupported
+from accelcal.effects import find, of_one_record, polynomial
 from accelcal.estimation.columns import ColumnFilter, whitened_columns
 from accelcal.estimation.dwell_rows import DwellRows, Nuisances, dwell_rows, stepped, with_scatter
 from accelcal.estimation.noise import (
@@ -30,8 +30,9 @@ from accelcal.estimation.values import Noise, Values
 from accelcal.estimation.weak_form.covariance import NoWeakForm, factor, solved
 from accelcal.estimation.weak_form.rows import FEWEST_ROWS, WeakRows
 from accelcal.filters.choice import FilterChoice, spread_start, to_stage
+from accelcal.filters.live_model import belief, live_terms, state_names
 from accelcal.filters.record import FilterRun, ForwardParameters, forward_parameters, run
-from accelcal.model import NOMINAL, Estimate, Model, Term
+from accelcal.model import NOMINAL, Estimate, Model, Prior, Term
 
 NEAR_RATE = 0.1
 """Crossover in sampling rates of the output above which the weak form suits a recording better. The replay beside it,
@@ -57,6 +58,10 @@ class Fitted(Protocol):
     @property
     def free(self) -> tuple[Estimate, ...]:
         """Those in the order of the covariance."""
+
+    @property
+    def covariance(self) -> Array:
+        """(m, m) of the free ones, SI."""
 
     @property
     def rig(self) -> Rig:
@@ -500,3 +505,43 @@ def as_fit(replayed: AnyFit, forward: ForwardParameters, choice: FilterChoice) -
         method=ForwardFilter(choice).name,
         remarks=(remark("live_filter", text=text), *replayed.remarks),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class LiveStart:
+    """What a filter on another record begins with after a fit."""
+
+    rig: Rig
+    """With the fitted time constant of the low-pass."""
+    q: float
+    """Two-sided density of the noise of the output, (m/s²)² s."""
+    r_position: float
+    """Variance of a position reading, m²."""
+    model: Model
+    """The estimates as priors, and nothing left of the error of the low-pass."""
+    anew: tuple[str, ...]
+    """Coefficients that belong to the fitted record: they begin at zero, as wide as they were large."""
+
+    def spread(self, fit: Fitted, model: Model) -> Array:
+        """(m, m) covariance of the states of the model, which may hold more than that of the start."""
+        names, (terms, processes) = state_names(model), live_terms(model)
+        rows = {e.name: i for i, e in enumerate(fit.free) if find(e.name.split(".")[0]).port != "process"}
+        fitted = np.array([name in rows and name not in self.anew for name in names])
+        places = [rows.get(name, 0) for name in names]
+        spread = np.diag([belief(model, terms[name], processes).std ** 2 for name in names])
+        return np.where(np.outer(fitted, fitted), fit.covariance[np.ix_(places, places)], spread)
+
+
+def live_start(fit: Fitted, rig: Rig) -> LiveStart:
+    """What a filter on a record of a rig begins with after a fit."""
+    model, values, noise = fit.model, fit.values(), fit.noise().usual
+    tau = max(0.0, values.lowpass_error + (rig.lowpass.tau if rig.lowpass is not None else 0.0))
+    lowpass = LowPass(1.0 / (2.0 * math.pi * tau)) if tau > 0.0 else None
+    free = {e.name: e for e in fit.free if find(e.name.split(".")[0]).port != "process"}
+    of_record = [term.name for term in model.terms if term.effect.port != "process" and of_one_record(term.effect)]
+    anew = {name: Prior(0.0, max(abs(free[name].value), free[name].std)) for name in of_record if name in free}
+    priors = dict(model.priors) | {name: Prior(e.value, e.std) for name, e in free.items()} | anew
+    fixed = dict(model.fixed) | {name: 0.0 for name in ("lowpass_error",) if name in model.effects}
+    priors = {name: prior for name, prior in priors.items() if name not in fixed}
+    start = replace(model, priors=priors, fixed=fixed, per_run=())
+    return LiveStart(replace(rig, lowpass=lowpass), noise.q * values.scale**2, noise.r, start, tuple(anew))

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -50,7 +50,7 @@ from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of,
 from accelcal.estimation.run_fit import RunFit, differing, run_fit
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.run_to_run import REMARK_ALPHA, GoesWith, SeenByRuns, Spread, covariates_of, goes_with
-from accelcal.estimation.shape_parameters import held_shapes, on_bounds, refine_shapes
+from accelcal.estimation.shape_parameters import at_means, held_shapes, on_bounds, refine_shapes
 from accelcal.estimation.values import Noise, Values
 from accelcal.estimation.weak_form.covariance import NoWeakForm
 from accelcal.filters.choice import FilterChoice
@@ -141,6 +141,9 @@ class Fit(Result):
     """What is left of the dwells of the fit; None where it has none."""
     noise_effects: tuple[NoiseEffect, ...] = ()
     """What effects of the model that act on noise amount to; they are in no row of the covariance."""
+    at_mean: tuple[Estimate, ...] = ()
+    """Coefficients that mechanisms of the model move, at the mean of each run; in `estimates` they stand where their
+    drivers are at zero."""
 
     def __repr__(self) -> str:
         parts_text = [
@@ -261,6 +264,13 @@ class Fit(Result):
         """Measured output less what the model gives, in the same band: times (n,) s, residual (n,) m/s²."""
         t, residual = face("verbs").compare(self, recording)[0].accel_residual
         return t, residual
+
+    def paths(self, recording: Recording) -> tuple[Any, ...]:
+        """Coefficients over a recording that processes and mechanisms of the model move, each a `Path`: value and
+        standard deviation over time, and the drivers that the random part may follow, by the share that each explains.
+        """
+        moving: tuple[Any, ...] = face("estimation.tracks").paths(self, recording)
+        return moving
 
     def fit_report(self) -> str:
         """The table of the fit as text."""
@@ -575,6 +585,7 @@ def result(solution: Solution) -> Fit:
         seen_by_runs=solution.seen_by_runs,
         goes_with=covariates,
         dwells=still[0] if still else None,
+        at_mean=at_means(solution),
     )
     return solution.engine.result(fit, states[0])
 

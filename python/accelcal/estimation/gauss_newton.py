@@ -98,6 +98,8 @@ class Solution:
     """Band of each run that was chosen because its noise is not white, Hz."""
     shapes: tuple[Estimate, ...] = ()
     """Shape parameters that were estimated."""
+    joint: Array | None = None
+    """Covariance of the coefficients, then of `shapes`, (m + b, m + b); None where no shape was estimated."""
     by_band: tuple[tuple[BandTrial, ...], ...] = ()
     """Of each run whose noise is not white: what single bands say."""
     between: Mapping[str, BetweenRuns] = field(default_factory=dict)

@@ -252,8 +252,10 @@ KINDS: dict[str, Kind] = {
     "barely_shown": Kind(
         "beside",
         "{effect} is {sigma:.1f} standard deviations from zero, where {expected:g} are expected of an effect that is "
-        "there: drop it, or fit a longer record",
+        "there: drop it, or fit a record that separates it, by {experiment}",
     ),
+    "replaced": Kind("beside", "{process} was taken out: {effect} explains what it did"),
+    "beside_others": Kind("beside", "the record shows nothing of {effect} beside the other processes: drop it"),
     "not_fitted": Kind("beside", "{text}"),
     "live_filter": Kind("beside", "{text}"),
     "noted": Kind("beside", "{text}"),

@@ -1,4 +1,5 @@
-"""Shape parameters of the effects in a model (time constants, instants, periods), estimated with the coefficients.
+"""Shape parameters of the effects in a model (time constants, instants, periods), estimated with the coefficients; and
+coefficients over a run, as processes and mechanisms move them.
 
 A coefficient is linear, a shape parameter is not: its column is the difference of the effect's contribution one
 standard deviation to either side. With that column it takes part in the normal equations like any coefficient, so
@@ -12,9 +13,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from accelcal.data import Array
-from accelcal.effects import Effect, find
+from accelcal.effects import Effect, find, has_time_constant
+from accelcal.effects.drift import in_time
+from accelcal.effects.mechanisms import driver_of, memory
 from accelcal.estimation.gauss_newton import Solution, iterate
 from accelcal.estimation.rows import information, normal_equations
 from accelcal.estimation.run_state import RunState
@@ -38,6 +42,8 @@ RUNAWAY = 5.0
 """A coefficient that grows by more than this factor is not determined apart from its shape: a few readings set both."""
 DOUBLINGS = 9
 """Trial values lie half a standard deviation to either side and at this many doublings of it, less one."""
+INSTANTS = 201
+"""Instants at which a coefficient that moves is evaluated."""
 REFINEMENTS, FINER = 2, 7
 """Times that the bracket of the best value is divided, and into how many."""
 
@@ -117,29 +123,35 @@ def linearised_shape(
 
 def refine_shapes(solution: Solution) -> Solution:
     """The solution at the most likely shape parameters, with their uncertainty in the covariance."""
-    estimates = ShapeEstimates.of(solution)
-    for _ in range(ROUNDS):
-        if estimates is None:
-            return solution
-        pairs = list(zip(estimates.linear, estimates.std, strict=True))
-        moved = {shape.name: most_likely(solution, shape, float(std)) for shape, std in pairs}
-        if all(abs(moved[shape.name] - shape.value) < CONVERGED * std for shape, std in pairs):
+    estimates, stuck = ShapeEstimates.of(solution), set[str]()
+    for _ in range(ROUNDS * len(estimates.linear) if estimates else 0):
+        assert estimates is not None
+        far: dict[str, tuple[float, float]] = {}
+        for shape, std in zip(estimates.linear, estimates.std.tolist(), strict=True):
+            if shape.name not in stuck and 0.0 < std < np.inf:
+                likely = most_likely(solution, shape, std)
+                far[shape.name] = abs(likely - shape.value) / std, likely
+        furthest = max(far, key=lambda name: far[name][0], default="")
+        if not furthest or far[furthest][0] < CONVERGED:
             break
+        moved = {furthest: far[furthest][1]}  # alone: the others lean on it
         runs, bands = [state.run for state in solution.states], [state.band for state in solution.states]
         try:
             trial = replace(iterate(solution.model.reshaped(**moved), runs, bands), chosen=solution.chosen)
         except ValueError:
-            break
+            stuck.add(furthest)
+            continue
         after = ShapeEstimates.of(trial)
         believed = np.abs(solution.layout.prior_mean(solution.model))
         expected = np.abs(solution.x) + np.sqrt(np.diag(estimates.covariance)) + believed
         if after is None or np.any(np.abs(trial.x) > RUNAWAY * expected):
-            break
+            stuck.add(furthest)
+            continue
         solution, estimates = trial, after
     return (
         solution
         if estimates is None
-        else replace(solution, covariance=estimates.covariance, shapes=estimates.estimates)
+        else replace(solution, covariance=estimates.covariance, shapes=estimates.estimates, joint=estimates.joint)
     )
 
 
@@ -148,10 +160,8 @@ class ShapeEstimates:
     """Shape parameters and coefficients at a solution, linearised."""
 
     linear: Sequence[LinearisedShape]
-    std: Array
-    """Standard deviations of the shape parameters, (b,)."""
-    covariance: Array
-    """Of the coefficients, with the uncertainty of the shapes, (m, m)."""
+    joint: Array
+    """Covariance of the m coefficients, then of the b shape parameters, (m + b, m + b)."""
 
     @classmethod
     def of(cls, solution: Solution) -> ShapeEstimates | None:
@@ -168,8 +178,18 @@ class ShapeEstimates:
             total[np.ix_(rows, rows)] += normal_equations(state, terms).gram
         whole, plain = inverse(total), inverse(total[:m, :m])
         # What was added to the covariance for noise that is not white stays.
-        covariance = solution.covariance + whole[:m, :m] - plain
-        return cls(linear[0], np.sqrt(np.diag(whole)[m:]), covariance)
+        whole[:m, :m] += solution.covariance - plain
+        return cls(linear[0], whole)
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations of the shape parameters, (b,)."""
+        return np.asarray(np.sqrt(np.diag(self.joint)[-len(self.linear) :]))
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the coefficients, with the uncertainty of the shapes, (m, m)."""
+        return self.joint[: -len(self.linear), : -len(self.linear)]
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
@@ -239,17 +259,19 @@ def on_bounds(solution: Solution) -> list[str]:
 
     A wave that a noise test finds may be shorter than the trials.
     """
-    s, names = solution.states[0].signals, []
-    for e in solution.shapes:
-        effect, _, shape = e.name.rpartition(".")
+    s, names, model = solution.states[0].signals, [], solution.model
+    moving = (effect for effect in map(find, model.added) if has_time_constant(effect))
+    taus = ((f"{e.name}.tau", model.shapes[e.name]["tau"]) for e in moving if f"{e.name}.tau" not in model.fixed)
+    for name, value in (*((e.name, e.value) for e in solution.shapes), *taus):
+        effect, _, shape = name.rpartition(".")
         declared = find(effect).shapes[shape]
         low, high = declared.span(s)
         scaled = math.log if declared.spacing == "log" else float
-        place = (scaled(e.value) - scaled(low)) / (scaled(high) - scaled(low)) if low < high else 0.5
+        place = (scaled(value) - scaled(low)) / (scaled(high) - scaled(low)) if low < high else 0.5
         if min(math.inf if declared.width else abs(place), abs(1.0 - place)) < AT_BOUND:
             names.append(
-                f"{e.name} ended at {e.value:.4g} {e.unit}, on a bound of its range of {low:.4g} to {high:.4g} "
-                f"{e.unit}: the record sets no value for it; hold it at one that is known, or drop the effect"
+                f"{name} ended at {value:.4g} {declared.unit}, on a bound of its range of {low:.4g} to {high:.4g} "
+                f"{declared.unit}: the record sets no value for it; hold it at one that is known, or drop the effect"
             )
     return names
 
@@ -260,3 +282,99 @@ def held_shapes(model: Model) -> Iterator[Estimate]:
         effect, _, shape = name.partition(".")
         if effect in model.effects and shape in find(effect).shapes:
             yield Estimate(name, shape, find(effect).shapes[shape].unit, value, 0.0, find(effect).owner)
+
+
+def moves(term: Term) -> str:
+    """Name of the coefficient that a term moves in time; empty where it is none of a process or mechanism."""
+    if term.effect.mechanism is not None:
+        return term.effect.mechanism.carrier
+    return term.effect.traits.changes if term.effect.port == "process" else ""
+
+
+@dataclass(frozen=True, slots=True)
+class MovedCoefficient:
+    """A coefficient over one run, linearised about its estimates: at some instants and, last, at its mean."""
+
+    t: Array
+    """Instants from the model's origin, (n,) s."""
+    terms: tuple[Term, ...]
+    """The coefficient itself, and what moves it."""
+    columns: Array
+    """Factor of each term, (n + 1, terms)."""
+    size: Array
+    """Estimate of each term, (terms,)."""
+    std: Array
+    """Standard deviation, with that of the shape parameters, (n + 1,)."""
+    itself_std: float
+    """Standard deviation of the coefficient itself, where its drivers are at zero."""
+
+    @property
+    def value(self) -> Array:
+        """Sum of the terms, (n + 1,)."""
+        return self.columns @ self.size
+
+    @classmethod
+    def of(cls, solution: Solution, coefficient: str, index: int = 0) -> MovedCoefficient:
+        """A coefficient over the run `index` of a solution."""
+        state, model = solution.states[index], solution.model
+        s, values = state.signals, state.values.by_name
+        terms = tuple(term for term in model.terms if coefficient in (term.name, moves(term)))
+        rows = np.unique(np.linspace(0, len(s.t) - 1, INSTANTS).astype(np.intp))
+        columns = np.column_stack([_factor(term, s, rows) for term in terms])
+        joint = solution.covariance if solution.joint is None else solution.joint
+        gradient = np.zeros((len(rows) + 1, len(joint)))
+        place = dict(zip((term.name for term in model.free), solution.layout.rows(index), strict=True))
+        for k, term in enumerate(terms):
+            if term.name in place:
+                gradient[:, place[term.name]] = columns[:, k]
+        for k, e in enumerate(solution.shapes, start=len(solution.covariance)):
+            name, _, shape = e.name.rpartition(".")
+            for term in terms:
+                if term.effect.name == name and term.effect.mechanism is not None:
+                    gradient[:, k] += values[term.name] * _by_shape(term, shape, STEP * e.std, s, rows)
+        variance = np.einsum("nk,kl,nl->n", gradient, joint, gradient)
+        alone = joint[place[coefficient], place[coefficient]] if coefficient in place else 0.0
+        size = np.array([values[term.name] for term in terms])
+        return cls(s.t[rows], terms, columns, size, np.sqrt(np.maximum(variance, 0.0)), math.sqrt(alone))
+
+
+STEP = 1e-3
+"""Half width of a difference over a shape parameter of a memory, in its standard deviations."""
+
+
+def _factor(term: Term, s: Signals, rows: NDArray[np.intp]) -> Array:
+    """Factor of a term in the coefficient that it moves, (rows + 1,): at rows of `s`, and at the mean of the run."""
+    effect, shape = term.effect, term.shape
+    if effect.mechanism is not None:
+        u = memory(s, driver_of(effect.mechanism.driver), shape["tau"], shape["start"])
+        return np.append(u[rows], np.mean(u))
+    if effect.port != "process":
+        return np.ones(len(rows) + 1)
+    times = {name: shape[name] for name in ("start", "length", *(["tau"] if has_time_constant(effect) else []))}
+    y = in_time(s.t[rows], **times)[:, term.part]
+    return np.append(y, np.mean(y))
+
+
+def _by_shape(term: Term, shape: str, half: float, s: Signals, rows: NDArray[np.intp]) -> Array:
+    """Derivative of the factor of a mechanism by a shape parameter of its memory, (rows + 1,), 0 for any other."""
+    if shape not in ("tau", "start") or not 0.0 < half < math.inf:
+        return np.zeros(len(rows) + 1)
+    low, high = ({**term.shape, shape: term.shape[shape] + side * half} for side in (-1.0, 1.0))
+    low["tau"] = max(low["tau"], 0.5 * term.shape["tau"])
+    ends = [_factor(replace(term, shape=at), s, rows) for at in (low, high)]
+    return (ends[1] - ends[0]) / (high[shape] - low[shape])
+
+
+def at_means(solution: Solution) -> tuple[Estimate, ...]:
+    """Coefficients that mechanisms of a solution move, at the mean of each run: the coefficient plus c times the mean
+    of the memory, with the uncertainty of both and of the memory."""
+    carriers = dict.fromkeys(moves(term) for term in solution.model.terms if term.effect.mechanism is not None)
+    several = len(solution.states) > 1
+    means = []
+    for name in carriers:
+        effect = find(name)
+        for index in range(len(solution.states)):
+            moved = MovedCoefficient.of(solution, name, index)
+            value, std, run = float(moved.value[-1]), float(moved.std[-1]), index if several else None
+            means.append(Estimate(name, effect.symbol, effect.unit, value, std, effect.owner, run))
+    return tuple(means)

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from accelcal._support.result import Result
 from accelcal._support.values import immutable, listing
-from accelcal.data import Array, Recording
-from accelcal.effects import Variable, find
+from accelcal.data import DERIVED, Array, Recording
+from accelcal.effects import Effect, Variable, find
 from accelcal.effects.building_blocks import since_reversal
 from accelcal.effects.curves import AGES
-from accelcal.estimation.estimate import Fit, solve_runs
+from accelcal.effects.mechanisms import driver_of, mechanisms_of, memories, memory
+from accelcal.estimation.estimate import Fit, require_channels, solve_runs
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.rows import rows_of_run
-from accelcal.signals.signals import Signals
+from accelcal.estimation.shape_parameters import MovedCoefficient, moves
+from accelcal.signals.signals import TINY, Signals
 
 SINGULAR = 1e-10
 """Least eigenvalue of the scaled information at which a model is determined."""
@@ -111,6 +113,124 @@ def estimate_from(gram: Array, score: Array, x: Array) -> tuple[Array, Array]:
         return nothing, nothing
     covariance = (vectors / eigenvalues) @ vectors.T / np.outer(size, size)
     return x + covariance @ score, np.sqrt(np.diag(covariance))
+
+
+TRIALS = 25
+"""Time constants of a memory that are tried for a driver."""
+
+
+@dataclass(frozen=True, slots=True)
+class Follower:
+    """A driver that the random part of a coefficient's path may follow."""
+
+    mechanism: str
+    """Name of the effect that says so."""
+    share: float
+    """Of the path's variance that the memory of the driver explains, 0 to 1."""
+    tau: float
+    """Time constant at which it explains most, s."""
+    value: Array
+    """(n,) the path with that in place of its random part, in the unit of the coefficient."""
+
+
+@immutable
+@dataclass(frozen=True, slots=True)
+class Path(Result):
+    """Value of a coefficient over a recording, as the random processes and mechanisms of a model move it."""
+
+    coefficient: str
+    unit: str
+    itself: float
+    """Coefficient of that name, in `unit`: what it is where its drivers are at zero."""
+    itself_std: float
+    mean: float
+    """Its mean over the run, in `unit`."""
+    mean_std: float
+    t: Array
+    """(n,) s"""
+    value: Array
+    """(n,) in `unit`"""
+    std: Array
+    """(n,) in `unit`"""
+    followers: tuple[Follower, ...] = ()
+    """Drivers of what is random of it, by the share that each explains; empty where nothing is."""
+
+    def __repr__(self) -> str:
+        return f"Path({self.coefficient}: {len(self.t)} instants)"
+
+
+def paths(fit: Fit, recording: Recording, *, start: float | None = None, end: float | None = None) -> tuple[Path, ...]:
+    """Coefficients that processes and mechanisms of a model move, over a recording.
+
+    Parameters
+    ----------
+    fit : its model and origins are used; the parameters are estimated anew.
+    recording : one run.
+    start, end : s, optional; only this part is used.
+
+    Raises
+    ------
+    NotIdentifiable
+        If the whole record does not determine the model.
+    RecordingError
+        If it lacks a channel that the model needs.
+    """
+    require_channels(fit, recording)
+    model, engine = fit.model, fit.engine
+    if recording.session not in {run.session for run in fit.runs}:  # what was carried over belongs to another record
+        model = replace(model, shapes={name: find(name).rested(shape) for name, shape in model.shapes.items()})
+    return paths_of(solve_runs(model, [recording], start=start, end=end, origins=fit.origins, engine=engine))
+
+
+def paths_of(solution: Solution) -> tuple[Path, ...]:
+    """The paths of a run that has just been solved."""
+    moving = {moves(term): None for term in solution.model.terms if moves(term)}
+    return tuple(_path(solution, coefficient) for coefficient in moving)
+
+
+def _path(solution: Solution, coefficient: str) -> Path:
+    state, moved = solution.states[0], MovedCoefficient.of(solution, coefficient)
+    s, columns, size, std = state.signals, moved.columns[:-1], moved.size, moved.std[:-1]
+    random = [k for k, term in enumerate(moved.terms) if term.effect.port == "process"]
+    channels = [name for name in state.run.recording.side if name not in DERIVED]
+    followers: list[Follower] = []
+    if random:
+        path = columns[:, random] @ size[random]
+        asked, weight = mechanisms_of((coefficient,), channels), 1.0 / np.maximum(std, TINY) ** 2
+        followers = [_follower(effect, path, weight, s, moved.t) for effect in asked]
+        followers = [replace(follower, value=follower.value + columns @ size - path) for follower in followers]
+    return Path(
+        coefficient,
+        find(coefficient).unit,
+        state.values.by_name.get(coefficient, 0.0),
+        moved.itself_std,
+        float(moved.value[-1]),
+        float(moved.std[-1]),
+        moved.t + state.run.origins.t,
+        columns @ size,
+        std,
+        tuple(sorted(followers, key=lambda follower: follower.share, reverse=True)),
+    )
+
+
+def _follower(effect: Effect, path: Array, weight: Array, s: Signals, t: Array) -> Follower:
+    """What a memory of a driver explains of a path, at the time constant at which it explains most."""
+    assert effect.mechanism is not None
+    driver = driver_of(effect.mechanism.driver)
+    mean = float(np.average(path, weights=weight))
+    left = path - mean
+    rows = np.searchsorted(s.t, t)
+    best = Follower(effect.name, 0.0, 0.0, np.zeros(len(rows)))
+    for tau in np.geomspace(*memories(s), TRIALS):
+        u = memory(s, driver, float(tau))[rows]
+        u = u - np.average(u, weights=weight)
+        power = float(np.sum(weight * u**2))
+        c = float(np.sum(weight * u * left)) / power if power > 0.0 else 0.0
+        whole = float(np.sum(weight * left**2))
+        share = c**2 * power / whole if whole > 0.0 else 0.0
+        if share > best.share:
+            best = Follower(effect.name, share, float(tau), c * u + mean)
+    return best
 
 
 POINTS = 201

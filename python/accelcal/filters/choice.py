@@ -65,8 +65,17 @@ class FilterChoice:
     covariance of all other states account for them. Joseph form only: `run` without smoothing and `LiveFilter`.
     """
 
+    corrected: bool = False
+    """Take out of the estimate what the noise of the output does as it is in the gradient, too (derivations 3.5).
+
+    ACI without integration error on UD factors only; the published filters do without.
+    """
+
     def __post_init__(self) -> None:
         check_fields(self)
+        needed = (self.system, self.integrator, self.carrier) == ("aci", "exact", "factored")
+        if self.corrected and not needed:
+            raise AccelcalError('corrected: choose system="aci", integrator="exact" and carrier="factored".')
         unknown = [name for name in self.consider if name not in PARAMETERS[self.model]]
         if unknown:
             raise AccelcalError(f"consider: {', '.join(unknown)} not in the {self.model} model.")
@@ -193,6 +202,7 @@ def core_setup(
         r_output=r_accel or 0.0,
         gate=math.inf if gate is None else gate,
         kernel=choice.kernel,
+        corrected=choice.corrected,
     )
 
 

@@ -4,31 +4,39 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import Literal, NoReturn
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Literal, NoReturn
 
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
 from accelcal.data import GRAVITY, Array, Rig, unsupported
 from accelcal.effects import BUILT_IN, Effect, find, is_local
-from accelcal.effects.building_blocks import lag_weights
-from accelcal.filters.choice import GaussMarkov
+from accelcal.effects.building_blocks import carried_on, lag_weights
+from accelcal.effects.own import probe
+from accelcal.filters.choice import GaussMarkov, rate_and_density
 from accelcal.filters.stream import FACTORED, MOST_EFFECTS, fixed_rate_with_effects
-from accelcal.model import Estimate, Model, Prior, Term, evaluate
+from accelcal.model import Estimate, Model, Prior, Term
 from accelcal.signals.signals import Origins, Signals
 
 INSTANTS = np.array([0.0, 0.5, 1.0])
 """Where effects are evaluated, shares of a step."""
-_POWERS = np.linalg.inv(np.vander([-2.0, -1.0, 0.0, 1.0], increasing=True))
-CUBIC = np.stack(
+
+
+def newton(x: float) -> list[float]:
+    """Weights of the end and of the three backward differences there, in the cubic at a share of the step, (4,)."""
+    return [1.0, x - 1.0, 0.5 * x * (x - 1.0), x * (x - 1.0) * (x + 1.0) / 6.0]
+
+
+CUBIC = np.array(
     [
-        np.stack([INSTANTS**0, INSTANTS, INSTANTS**2, INSTANTS**3], axis=1) @ _POWERS,
-        np.stack([0 * INSTANTS, INSTANTS**0, 2 * INSTANTS, 3 * INSTANTS**2], axis=1) @ _POWERS,
-        np.stack([0 * INSTANTS, 0 * INSTANTS, 2 * INSTANTS**0, 6 * INSTANTS], axis=1) @ _POWERS,
+        [newton(x) for x in INSTANTS],
+        [[0.0, 1.0, x - 0.5, 0.5 * x * x - 1.0 / 6.0] for x in INSTANTS],
+        [[0.0, 0.0, 1.0, x] for x in INSTANTS],
     ]
 )
-"""(3, 3, 4): value, first and second difference at the three instants of the cubic through four samples."""
+"""(3, 3, 4): value and two derivatives by the share of the step, at the three instants, of end and differences."""
 
 
 class CausalSignals:
@@ -46,20 +54,22 @@ class CausalSignals:
         self.t = -origins.t
         self.outputs: tuple[float, ...] = ()
         self.reached = np.zeros((2, 1))
+        self.way: Array = np.empty(0)
+        """Lowest and highest position so far, m from the model's origin."""
 
     def over(self, u: float, added: Array, x: Array, variances: Array, side: Mapping[str, float]) -> Signals:
         """Signals (3,) at the sample before, half-way and at that of output `u` (m/s²); all here if none is before.
 
         Parameters
         ----------
-        added : (2,) what the effects add to the output at either end, m/s².
+        added : (2,) what the effects add to the output at the sample before, m/s², and how much more they add here.
         x, variances : state of the filter at the sample before, position, velocity, k and K0 first, SI.
         side : side channels; temperature in degC.
         """
         (p, v, k, K0), polarity = x[:4], self.rig.polarity
         h = self.step if self.outputs else 0.0
         output, slope, curvature = self._output_with_derivatives(u) / (1.0 + k)
-        rise = (added[1] - added[0]) / (1.0 + k)
+        rise = added[1] / (1.0 + k)
         force = output - (K0 + added[0]) / (1.0 + k) - INSTANTS * rise
         slope = (slope - rise) / self.step
         curvature = curvature / self.step**2
@@ -67,39 +77,55 @@ class CausalSignals:
         # The velocity of a parabola through the three, and the position that goes with it.
         speed = v + h / 24.0 * np.array([0.0, 5.0 * first + 8.0 * middle - last, 4.0 * (first + 4.0 * middle + last)])
         place = p + h * np.array([0.0, 0.25 * (speed[0] + speed[1]), (speed[0] + 4.0 * speed[1] + speed[2]) / 6.0])
-        signals = Signals(
+        p, v, a = (
+            polarity * (place + self.tau * speed) - self.origins.p,
+            polarity * (speed + self.tau * moving),
+            force + self.tau * slope,
+        )
+        signals_of = partial(
+            Signals,
             t=self.t + h * (INSTANTS - 1.0),
-            p=polarity * (place + self.tau * speed) - self.origins.p,
-            v=polarity * (speed + self.tau * moving),
-            a=force + self.tau * slope,
             jerk=slope + self.tau * curvature,
-            scale=float(1.0 + k),
-            bias=float(K0),
+            scale=1.0 + k,
+            bias=K0,
             rig=self.rig,
-            side={name: np.full(3, y - self.origins.of(name)) for name, y in side.items()},
+            side={name: np.zeros(3) + (y - self.origins.of(name)) for name, y in side.items()},
             side_origins=self.origins.side,
-            p_std=math.sqrt(variances[0]),
-            v_std=math.sqrt(variances[1]),
+            p_std=np.sqrt(variances[0]),
+            v_std=np.sqrt(variances[1]),
             a_std=self.a_std,
         )
-        a, v = np.maximum(self.reached, np.max(np.abs([signals.a, signals.v]), axis=1, keepdims=True))
-        return replace(signals, whole=replace(signals, a=a, v=v))
+        reached = np.maximum(self.reached, np.max(np.abs(np.stack([a, v])), axis=1, keepdims=True))
+        way = np.concatenate([self.way, p])
+        whole = signals_of(p=np.stack([np.min(way), np.max(way)]), v=reached[1], a=reached[0])
+        return signals_of(p=p, v=v, a=a, whole=whole)
 
     def advance(self, u: float, signals: Signals) -> None:
         """The sample of output `u`, whose signals these were, has been taken in."""
         assert signals.whole is not None
-        self.reached = np.array([signals.whole.a, signals.whole.v])
+        self.reached, self.way = np.stack([signals.whole.a, signals.whole.v]), signals.whole.p
         self.t, self.outputs = self.t + self.step, (*self.outputs[-2:], u)
+
+    def restart(self, t: float) -> float:
+        """The next sample is `t` (s) after the first one, and none is before it; the time from the last one, s."""
+        last = self.t - self.step if self.outputs else self.t
+        self.t, self.outputs = t - self.origins.t, ()
+        return max(0.0, self.t - last)
 
     def _output_with_derivatives(self, u: float) -> Array:
         """Output at the three instants and its first and second derivatives per step, (3, 3): the filter's own cubic
         through the last four samples, a line while there are fewer."""
-        if len(self.outputs) == 3:
-            return np.asarray(CUBIC @ np.array([*self.outputs, u]))
         before = self.outputs[-1] if self.outputs else u
-        return np.array([before + INSTANTS * (u - before), np.full(3, u - before), np.zeros(3)])
+        differences = [u - before, 0.0, 0.0]
+        if len(self.outputs) == 3:
+            rise = before - self.outputs[1]
+            bend = differences[0] - rise
+            differences[1:] = bend, bend - (rise - (self.outputs[1] - self.outputs[0]))
+        return np.asarray(CUBIC @ np.array([u, *differences]))
 
 
+SIMPSON = np.array([1.0, 4.0, 1.0]) / 6.0
+"""Weights of the three instants in a mean over the step."""
 WIDE = 30.0
 """Standard deviation before the first sample where the model gives no prior, in typical sizes of the coefficient."""
 DIFFUSE = 1e4
@@ -118,9 +144,11 @@ class LiveModel:
     first order, -(1 + k) t0 jerk, so it should be small against a period of the motion. Steps have no integration error
     and the covariance is kept in UD factors, so no variance falls below zero at any rate or prior.
 
-    Coefficients that the model holds fixed keep their value; the others start from the model's prior, or from zero with
-    30 typical sizes. A random process of the model (`scale_gauss_markov`, ...) is one more state: what it adds to its
-    parameter at present, which the estimate under its name is.
+    Coefficients of effects that the model holds fixed are no states: what they add is subtracted. The others start from
+    the model's prior, or from zero with 30 typical sizes. A random process of the model (`scale_gauss_markov`, ...) is
+    one more state: what it adds to its parameter at present, which the estimate under its name is. An effect with
+    memory begins as after a long rest and goes on from step to step. One that acts on the noise is part of `q` and
+    `r_position`.
 
     Parameters
     ----------
@@ -132,6 +160,7 @@ class LiveModel:
     position : position of the stage at the first sample, m: the first reading will do.
     speed : a speed that the stage surely does not exceed there, m/s.
     origins : zero points of time, position and side channels; the first sample is at time zero.
+    covariance : (m, m) of the first coefficients as the filter begins, those in `names`; by default that of the priors.
     gauss_markov : coefficients that are not constant, by name.
     order : first- or second-order filter.
     gate : reject readings with e²/S above this; None for no gate.
@@ -139,8 +168,8 @@ class LiveModel:
     Raises
     ------
     ValueError
-        For an effect that cannot be tracked live, by name, for more than 14 coefficients besides bias and scale, and
-        for a rate that is not positive, or another setting that is negative or not finite.
+        For an effect that cannot be tracked live, by name, for more than 14 coefficients besides bias and scale that
+        are not fixed, and for a rate that is not positive, or another setting that is negative or not finite.
 
     Examples
     --------
@@ -164,6 +193,7 @@ class LiveModel:
         speed: float = 1.0,
         origins: Origins | None = None,
         gauss_markov: Mapping[str, GaussMarkov] | None = None,
+        covariance: Array | None = None,
         order: Literal[1, 2] = 1,
         gate: float | None = None,
     ) -> None:
@@ -173,58 +203,78 @@ class LiveModel:
         if not math.isfinite(position):
             raise AccelcalError(f"LiveModel: position = {position:g} m; give where the stage is at the first sample.")
         for name in model.effects:
-            reason = refusal(find(name))
+            reason = refusal(find(name), model.shapes.get(name))
             if reason is not None:
                 raise AccelcalError(f"{name} cannot be tracked live: {reason}.")
         terms, processes = live_terms(model)
         self.model, self.rig = model, rig
-        self.names = (*SENSOR, *(name for name in terms if name not in SENSOR))
+        self.names = state_names(model)
         """Coefficients in the order of `values` and `covariance`."""
-        self._terms = tuple(terms.values())
-        self._added = tuple(terms[name] for name in self.names[len(SENSOR) :])
-        m = len(self._added)
+        self._terms, states = tuple(terms.values()), {name: j for j, name in enumerate(self.names[len(SENSOR) :])}
+        self._parts = [
+            _Part.of([term for term in self._terms if term.effect is effect], states, model.fixed)
+            for effect in {term.effect.name: term.effect for term in self._terms}.values()
+            if effect.name not in SENSOR
+        ]
+        self._parts = [part for part in self._parts if part.states or np.any(part.values)]
+        """Effects whose coefficients are states, or fixed at another value than zero."""
+        m = len(states)
         if m > MOST_EFFECTS:
             raise AccelcalError(
                 f"a live filter has room for {MOST_EFFECTS} coefficients beside bias and scale_factor; "
-                f"the model has {m}: drop some."
+                f"the model has {m}: drop some, or hold some at a value."
             )
         moving = {**processes, **(gauss_markov or {})}
-        unknown = sorted(set(moving) - set(terms))
+        unknown = sorted(set(moving) - set(self.names))
         if unknown:
-            raise AccelcalError(f"gauss_markov: {', '.join(unknown)} not in the model; it has {', '.join(terms)}.")
-        beliefs = [_belief(model, terms[name], processes) for name in self.names]
+            raise AccelcalError(f"gauss_markov: {', '.join(unknown)} not in the model; it has {', '.join(self.names)}.")
         refused = unsupported(rig.filters, "a live filter")
         if refused:
             raise AccelcalError(refused)
-        tau = rig.lowpass.tau if rig.lowpass is not None else 0.0
+        beliefs = [belief(model, terms[name], processes) for name in self.names]
+        spread = np.diag([prior.std**2 for prior in beliefs])
+        if covariance is not None:
+            spread[: len(covariance), : len(covariance)] = covariance
+        self._tau = tau = rig.lowpass.tau if rig.lowpass is not None else 0.0
         # Behind a low-pass the filter's motion lags: it begins tau v behind the stage.
-        P0 = np.diag([DIFFUSE * r_position + (tau * speed) ** 2, speed**2, *(b.std**2 for b in beliefs)])
-        P0[0, 1] = P0[1, 0] = -tau * speed**2
-        self._filter = fixed_rate_with_effects(
-            dt=1.0 / rate,
-            q=q,
-            r_position=r_position,
-            x0=[rig.polarity * position, 0.0, *(b.mean for b in beliefs)],
-            P0=P0,
-            rest=rig.polarity * rig.gravity,
-            tau=tau,
-            parameters=[moving.get(name) for name in self.names],
-            choice=replace(FACTORED, order=order),
-            gate=gate,
-        )
+        lag = -tau * speed**2
+        self._motion = np.array([[DIFFUSE * r_position + (tau * speed) ** 2, lag], [lag, speed**2]])
+        """Covariance of position and velocity where a filter begins."""
+        self.settings: dict[str, Any] = {
+            "dt": 1.0 / rate,
+            "q": q,
+            "r_position": r_position,
+            "rest": rig.polarity * rig.gravity,
+            "tau": tau,
+            "parameters": [moving.get(name) for name in self.names],
+            "choice": replace(FACTORED, order=order),
+            "gate": gate,
+        }
+        """Those of `fixed_rate_with_effects`; the start is that of the last beginning."""
+        self._begin(position, np.array([prior.mean for prior in beliefs]), spread)
         self._signals = CausalSignals(rig, origins or Origins(), 1.0 / rate, q)
         self._lag = lag_weights(tau, 0.5 / rate) if tau > 0.0 else None
         self._x, self._variances = np.zeros(MOTION + 2 + m), np.zeros(MOTION + 2 + m)
-        self._columns = np.zeros((3, m))
+        self._columns, self._constant = np.zeros((3, m)), np.zeros(3)
+        self._memories: list[list[float]] = [[] for _ in self._parts]
         self._side: dict[str, float] = {}
+
+    def _begin(self, position: float, values: Array, covariance: Array, velocity: float = 0.0) -> None:
+        """Begin with nothing known of the motion but the place, and the likely velocity."""
+        P0 = np.zeros((MOTION + len(values),) * 2)
+        P0[:MOTION, :MOTION], P0[MOTION:, MOTION:] = self._motion, covariance
+        p, v = self.rig.polarity * (position - self._tau * velocity), self.rig.polarity * velocity
+        self.settings |= {"x0": np.array([p, v, *values]), "P0": P0}
+        self._filter = fixed_rate_with_effects(**self.settings)
 
     def __reduce__(self) -> NoReturn:
         raise TypeError("a LiveModel is a running filter and cannot be pickled or copied; make another one")
 
-    def step(self, u: float, z: float | None = None, **side: float) -> float | None:
+    def step(self, u: float, z: float | None = None, early: float = 0.0, **side: float) -> float | None:
         """Take in the next sample: output (m/s²), position (m) where it was read, side channels where they changed.
 
-        Side channels are in SI, temperature in degC; the last value holds. Returns the innovation, m, or None.
+        Side channels are in SI, temperature in degC; the last value holds. Position that was read `early` (s) before
+        the sample, by less than a step, is carried to it along the motion. Returns the innovation, m, or None.
 
         Raises
         ------
@@ -240,16 +290,36 @@ class LiveModel:
         self._side.update(side)
         self._require_side()
         self._filter.read(self._x, self._variances)
-        theta = self._x[MOTION + len(SENSOR) :]
-        before, _, here = self._columns @ theta
-        added = np.array([here, 2.0 * here - before])  # a line through the last step
-        signals = self._signals.over(u, added, self._x, self._variances, self._side)
-        columns, position_columns = self._evaluate(signals)
+        signals, step, way = self.until(u, early)
         polarity = self.rig.polarity
-        e = self._filter.step_with_effects(u, None if z is None else polarity * z, columns, position_columns)
-        self._columns = columns
+        z = None if z is None else polarity * (z + way - step.reading)
+        e = self._filter.step_with_effects(u - step.constant[2], z, step.columns, step.position_columns, step.slopes)
+        self._columns, self._constant, self._memories = step.columns, step.constant, step.memories
         self._signals.advance(u, signals)
         return None if e is None else polarity * e
+
+    def until(self, u: float, early: float = 0.0) -> tuple[Signals, Step, float]:
+        """Signals over the step to output `u` (m/s²), what the effects add over it, and the way (m) from a reading that
+        is `early` (s); nothing is changed."""
+        before, _, here = self._columns @ self._x[MOTION + len(SENSOR) :] + self._constant
+        added = np.stack([here, here - before])  # a line through the last step
+        signals = self._signals.over(u, added, self._x, self._variances, self._side)
+        reading, way = (signals, 0.0) if early == 0.0 else before_sample(signals, early)
+        return signals, self._evaluate(signals, reading), way
+
+    def restart(self, position: float, velocity: float, t: float) -> None:
+        """Go on behind a hole of the output: coefficients and memories as they are, random processes as much later as
+        the hole is long, the motion unknown but for the position (m) of the stage at the next sample and its likely
+        velocity (m/s), `t` (s) after the first one."""
+        gap = self._signals.restart(t)
+        moving = np.array([rate_and_density(moves) for moves in self.settings["parameters"]])
+        rates, q = moving.T
+        stays = np.exp(-rates * gap)
+        # The integral of q exp(-2 rate s) over the hole; of a walk q gap.
+        grown = q * np.where(rates > 0.0, -np.expm1(-2.0 * rates * gap) / np.where(rates > 0.0, 2.0 * rates, 1.0), gap)
+        covariance = np.outer(stays, stays) * self.covariance + np.diag(grown)
+        self._begin(position, stays * self.values, covariance, velocity)
+        self._columns, self._constant = np.zeros_like(self._columns), np.zeros_like(self._constant)
 
     def run(self, u: Array, z: Array, **side: Array) -> None:
         """Take a record in, (n,) each; NaN where position was not read."""
@@ -278,9 +348,16 @@ class LiveModel:
     @property
     def estimates(self) -> tuple[Estimate, ...]:
         """Every coefficient with its standard deviation, in the model's order."""
-        values = dict(zip(self.names, self.values.tolist(), strict=True))
+        values = {**self.model.fixed, **dict(zip(self.names, self.values.tolist(), strict=True))}
         std = dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
-        return tuple(Estimate(t.name, t.symbol, t.unit, values[t.name], std[t.name], t.owner) for t in self._terms)
+        return tuple(
+            Estimate(t.name, t.symbol, t.unit, values[t.name], std.get(t.name, 0.0), t.owner) for t in self._terms
+        )
+
+    @property
+    def innovation_variance(self) -> float | None:
+        """Variance of the newest innovation that the model expects, m²."""
+        return self._filter.innovation_variance
 
     @property
     def nis(self) -> float | None:
@@ -292,42 +369,144 @@ class LiveModel:
         """Readings that the gate rejected."""
         return self._filter.rejected
 
+    @property
+    def noisy_names(self) -> set[str]:
+        """Coefficients whose gradient follows from the output, which carries noise; the scale factor is one of them."""
+        added = self.names[len(SENSOR) :]
+        return {SENSOR[0], *(added[j] for part in self._parts if part.noisy for j in part.states)}
+
     def _require_side(self) -> None:
-        for term in self._added:
-            for name in term.effect.needs:
+        for part in self._parts:
+            for name in part.effect.needs:
                 if name not in self._side:
                     raise AccelcalError(
-                        f"{term.effect.name} needs the channel {name!r}, which was never given: "
+                        f"{part.effect.name} needs the channel {name!r}, which was never given: "
                         f"call step(u, z, {name}=...) with the first sample."
                     )
 
-    def _evaluate(self, s: Signals) -> tuple[Array, Array]:
-        """What effects add per unit over the step: (3, m) m/s² to the low-passed output, (m,) m to a reading."""
-        columns, position_columns = np.zeros_like(self._columns), np.zeros(len(self._added))
-        for j, (term, column) in enumerate(zip(self._added, evaluate(self._added, s), strict=True)):
-            if term.port == "position":
-                position_columns[j] = self.rig.polarity * column[2]
-            else:
-                columns[:, j] = column
+    def _evaluate(self, s: Signals, reading_signals: Signals) -> Step:
+        """What effects add over the step, and to a reading at the last of its signals; what those with memory hold."""
+        columns = np.zeros_like(self._columns)
+        position_columns, slopes = np.zeros_like(columns[0]), np.zeros_like(columns[0])
+        constant, reading, memories = np.zeros_like(self._constant), 0.0, []
+        for part, before in zip(self._parts, self._memories, strict=True):
+            signals = reading_signals if part.position else s
+            y, after = part.over(signals, before)
+            memories.append(after)
+            if part.position:
+                position_columns[part.states] = self.rig.polarity * y[2, part.tracked]
+                reading += y[2] @ part.values if part.values.any() else 0.0
+                continue
+            columns[:, part.states] = y[:, part.tracked]
+            if part.values.any():
+                constant = constant + y @ part.values
+            if part.noisy and s.a_std > 0.0:
+                up, down = (part.over(replace(s, a=s.a + way), before)[0] for way in (s.a_std, -s.a_std))
+                slopes[part.states] = SIMPSON @ (up - down)[:, part.tracked] / (2.0 * s.a_std * s.scale)
         if self._lag is not None and self._filter.samples > 0:
-            decay, old, new = self._lag
-            start = self._columns[2]
-            middle = decay * start + old * columns[0] + new * columns[1]
-            columns[:] = start, middle, decay * middle + old * columns[1] + new * columns[2]
-        return columns, position_columns
+            for behind, begun in ((columns, self._columns), (constant, self._constant)):
+                decay, old, new = self._lag
+                middle = decay * begun[2] + old * behind[0] + new * behind[1]
+                behind[:] = np.stack([begun[2], middle, decay * middle + old * behind[1] + new * behind[2]])
+        return Step(columns, position_columns, slopes, constant, reading, memories)
 
 
-def refusal(effect: Effect) -> str | None:
-    """Why an effect cannot be tracked live; None where it can."""
-    if effect.port == "noise":
-        return "it changes the noise, and a live filter follows means"
-    if effect.port == "process":
-        return refusal(find(effect.traits.changes))
-    if is_local(effect):
+def before_sample(s: Signals, early: float) -> tuple[Signals, float]:
+    """Signals whose last values are those `early` (s) before the last time, and the way from there, m."""
+    t, p, v = s.t.copy(), s.p.copy(), s.v.copy()
+    a = float(s.rig.polarity * s.a[-1] - s.rig.gravity)
+    way = early * (float(v[-1]) - 0.5 * early * a)
+    t[-1], p[-1], v[-1] = t[-1] - early, p[-1] - way, v[-1] - early * a
+    return replace(s, t=t, p=p, v=v), way
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What effects add over one step."""
+
+    columns: Array
+    """(3, m) to the low-passed output per unit of each state, m/s²."""
+    position_columns: Array
+    """(m,) to a reading per unit of each state, m, along the filter's axis."""
+    slopes: Array
+    """(m,) to the output per unit of each state and of the output, 1."""
+    constant: Array
+    """(3,) to the low-passed output by coefficients that are fixed, m/s²."""
+    reading: float
+    """To a reading by those, m."""
+    memories: list[list[float]]
+    """What each effect holds at the end."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """One effect: which of its columns are states, and what the others are multiplied by."""
+
+    effect: Effect
+    shape: Mapping[str, float]
+    """As after a long rest."""
+    position: bool
+    tracked: list[int]
+    """Columns that are states."""
+    states: list[int]
+    """Which states."""
+    values: Array
+    """Fixed coefficient of each column; 0 for a state."""
+    noisy: bool
+    """Whether it follows from the acceleration at the same instant, which carries the noise of the output."""
+
+    def over(self, s: Signals, before: list[float]) -> tuple[Array, list[float]]:
+        """Its columns over a step, (3, width), and what it holds at the end, from what it held `before`."""
+        y, after = carried_on(before, partial(self.effect.column, s, **self.shape))
+        return y.reshape(len(y), -1), after
+
+    @classmethod
+    def of(cls, terms: list[Term], states: Mapping[str, int], fixed: Mapping[str, float]) -> _Part:
+        """From all terms of one effect."""
+        first = terms[0]
+        tracked = [term.part for term in terms if term.name in states]
+        values = np.array([0.0 if term.name in states else fixed[term.name] for term in terms])
+        shape = first.effect.rested(first.shape)
+        places, position = [states[terms[i].name] for i in tracked], first.port == "position"
+        noisy = bool(places) and not position and follows_acceleration(first.effect, shape)
+        return cls(first.effect, shape, position, tracked, places, values, noisy)
+
+
+def state_names(model: Model) -> tuple[str, ...]:
+    """Coefficients of a model that are states of a `LiveModel`, in its order."""
+    return (*SENSOR, *(name for name in live_terms(model)[0] if name not in SENSOR and name not in model.fixed))
+
+
+def refusal(effect: Effect, shape: Mapping[str, float] | None = None) -> str | None:
+    """Why an effect cannot be tracked live; None where it can.
+
+    Effects of the catalogue with memory go on from step to step by the blocks that they are made of. Of an effect of
+    the user's own that is not known: it can be tracked where its values on parts of a motion are those on the whole.
+    """
+    changes = (
+        effect.traits.changes if effect.port == "process" else effect.mechanism.carrier if effect.mechanism else ""
+    )
+    if changes:
+        return refusal(find(changes), shape)
+    given = {name: value for name, value in (shape or {}).items() if name in effect.shapes}
+    if effect.port == "noise" or effect in BUILT_IN or is_local(effect) or _is_pointwise(effect, given):
         return None
-    if effect in BUILT_IN:
-        return "its value at one time depends on the signals at other times; fit it to a record"
-    return "an effect of your own may look at other times than the present; fit it to a record"
+    return "an effect of your own that looks at other times than the present; fit it to a record"
+
+
+def follows_acceleration(effect: Effect, shape: Mapping[str, float]) -> bool:
+    """Whether the values of an effect at some times change with the acceleration there."""
+    s = probe(effect.needs)
+    here, moved = (effect.column(signals, **shape) for signals in (s, replace(s, a=s.a + 1e-3)))
+    return not np.array_equal(here, moved)
+
+
+def _is_pointwise(effect: Effect, shape: Mapping[str, float]) -> bool:
+    """Whether the values of an effect at some times are the same when the times before and behind them are cut off."""
+    whole = probe(effect.needs)
+    y = effect.column(whole, **shape)
+    cuts = [slice(k, k + 3) for k in range(0, len(whole.t) - 2, 3)]
+    return all(np.allclose(y[cut], effect.column(whole.part(cut), **shape), rtol=1e-9, atol=0.0) for cut in cuts)
 
 
 def live_terms(model: Model) -> tuple[dict[str, Term], dict[str, GaussMarkov]]:
@@ -360,7 +539,7 @@ def live_terms(model: Model) -> tuple[dict[str, Term], dict[str, GaussMarkov]]:
     return terms, processes
 
 
-def _belief(model: Model, term: Term, processes: Mapping[str, GaussMarkov]) -> Prior:
+def belief(model: Model, term: Term, processes: Mapping[str, GaussMarkov]) -> Prior:
     """What is believed of a coefficient before the first sample."""
     if term.name in processes:  # a walk starts at its parameter, a Gauss-Markov process anywhere
         moves = processes[term.name]

@@ -4,15 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from accelcal import _core
 from accelcal._support.errors import AccelcalError
-from accelcal.data import Array
+from accelcal.data import Array, Flags
 from accelcal.filters.choice import FilterChoice, GaussMarkov, core_prior, core_setup, rate_and_density
+
+
+class Readings(NamedTuple):
+    """Position readings that a filter took in, and how many events it refused."""
+
+    t: Array
+    """(n,) stamps, s."""
+    e: Array
+    """(n,) innovations, reading minus expectation, m."""
+    variance: Array
+    """(n,) of the innovations as the filter expects it, m²."""
+    refused: int = 0
+    refusal: str = ""
+    """Why the last of them was refused."""
 
 
 @dataclass(slots=True)
@@ -65,9 +79,20 @@ class LiveFilter:
         later = None if position is None else self._stream.position(t, position)
         return e if later is None else later
 
-    def finish(self) -> float | None:
+    def feed(self, t: Array, output: Flags, value: Array) -> Readings:
+        """Process many measurements at once, in their order; one that is refused leaves the filter as it was.
+
+        Parameters
+        ----------
+        t : (n,) stamps, s.
+        output : (n,) whether each is one of the accelerometer, m/s², or of the position, m.
+        value : (n,) the measurements.
+        """
+        return Readings(*self._stream.feed(t, output, value))
+
+    def finish(self) -> Readings:
         """Process what is still queued, as at the end of a record."""
-        return self._stream.finish()
+        return Readings(*self._stream.finish())
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -164,8 +189,9 @@ MOST_EFFECTS = 14
 """Effects that the compiled filter has room for in addition to k and K0."""
 
 
-FACTORED = FilterChoice("aci", "linear", interpolation="cubic", carrier="factored")
-"""First order, no integration error, UD factors: what runs live unless chosen otherwise."""
+FACTORED = FilterChoice("aci", "linear", interpolation="cubic", carrier="factored", corrected=True)
+"""First order, no integration error, UD factors, corrected for errors in variables: what runs live unless chosen
+otherwise."""
 
 
 def fixed_rate_with_effects(
@@ -186,7 +212,8 @@ def fixed_rate_with_effects(
     u = K0 + (1 + k) (p'' + rest) + sum c_j e_j, z = p + tau v + sum c_j b_j; states p, v, k, K0, c_1 ... c_m. No
     integration error, and a covariance in UD factors that cannot lose positive definiteness, unless chosen otherwise.
     `step_with_effects(u, z, columns, position_columns)` takes e_j per unit of c_j at the sample before, half-way
-    and at this one, (3, m) m/s², and b_j at this one, (m,) m; all else is as in `fixed_rate`, a cubic between samples.
+    and at this one, (3, m) m/s², and b_j at this one, (m,) m; `slopes`, (m,) de_j/du, let the correction for errors in
+    variables reach effects that follow from the output; all else is as in `fixed_rate`, a cubic between samples.
 
     Parameters
     ----------

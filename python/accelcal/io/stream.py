@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import csv
+import difflib
 import math
 import os
 import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from accelcal._support.errors import MissingExtra
 from accelcal.data import Array, RecordingError
-from accelcal.io.assign import Plan, assign, in_seconds, in_si
+from accelcal.io import naming
+from accelcal.io.assign import Plan, assign, in_si
 from accelcal.io.files import open_regular
-from accelcal.io.sidecar import Clock, Sidecar
-from accelcal.io.table import Column, Table
+from accelcal.io.sidecar import Sidecar, Source
+from accelcal.io.table import Table
 
 PATIENCE = 0.2
 """Longest wait for bytes before a source is asked whether it should end, s."""
@@ -244,8 +247,8 @@ class Intake:
 
 LONGEST = 1000
 """Bytes of a line; what is longer is no line."""
-MOST_AHEAD = 60.0
-"""A row waits for the next from this step on while the usual step is not known, s."""
+FIRST_LINES = 20
+"""Lines among which the header is sought."""
 MOST_TIME, MOST_ACCEL, MOST_POSITION = 1e12, 1e6, 1e6
 """What no clock shows and no stage does, s, m/s² and m: such a number is a line that was damaged on its way."""
 MOST_RANGES = 2.0
@@ -265,9 +268,20 @@ class Rows:
     """(n,) m/s², NaN where not sampled."""
     position: Array
     """(n,) m, NaN where not sampled."""
+    side: Mapping[str, Array] = field(default_factory=dict)
+    """Side channels that were asked for, (n,) each, SI, temperature in degC; NaN where not sampled."""
 
     def __len__(self) -> int:
         return len(self.t)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Rows]) -> Rows:
+        """Several in a row, at least one."""
+        t, accel, position = (
+            np.concatenate([getattr(part, name) for part in parts]) for name in ("t", "accel", "position")
+        )
+        side = {name: np.concatenate([part.side[name] for part in parts]) for name in parts[0].side}
+        return cls(t, accel, position, side)
 
 
 @dataclass(slots=True)
@@ -281,6 +295,8 @@ class LineCounts:
     """Stamps that do not rise, or are far ahead of those after them."""
     missing: int = 0
     """Rows that gaps in evenly spaced stamps leave out."""
+    restarts: int = 0
+    """Times that the clock began anew, or went on behind where it had been; the stamps then go on from the last."""
 
 
 @dataclass
@@ -292,24 +308,45 @@ class LineReader:
     declared : the sidecar: names of the columns, units, scale of the sensor.
     source : name of the source, for messages.
     from_its_start : whether the first byte begins a line; else the first line is skipped, unless it is a header.
+    needed : side channels that are read beside output and position; all others that are declared are left out.
     """
 
     declared: Sidecar
     source: str
     from_its_start: bool = True
+    needed: tuple[str, ...] = ()
     counts: LineCounts = field(default_factory=LineCounts)
     _rest: bytes = b""
     _skipping: bool = False
     """Inside a line that is no use: too long, or with bytes missing."""
-    _begun: bool = False
+    _seen: int = 0
+    """Lines before the first row."""
     _header: bytes = b""
     _columns: _Columns | None = None
+    _misnamed: RecordingError | None = None
+    """What is wrong with the header; the next lines may be a header that is whole."""
+    _names: int = 0
+    """How many names that header has: lines of another number of fields are not of it."""
     _order: _Order = field(default_factory=lambda: _Order())
 
+    def __post_init__(self) -> None:
+        _require_lines(self.declared, self.source)
+
     @property
-    def _most_accel(self) -> float:
+    def units(self) -> dict[str, str]:
+        """SI units of the side channels; empty before the first row."""
+        return {} if self._columns is None else {name: self._columns.units[name] for name in self.needed}
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What the sidecar declares and nobody needs: channels, and the attitude."""
+        attitude = ("attitude",) if self.declared.attitude is not None else ()
+        return (*(name for name in self.declared.channels if name not in (*CHANNELS, *self.needed)), *attitude)
+
+    @property
+    def _most(self) -> tuple[float, float]:
         span = self.declared.rig.sensor.range
-        return MOST_ACCEL if span is None else MOST_RANGES * span
+        return MOST_ACCEL if span is None else MOST_RANGES * span, MOST_POSITION
 
     def feed(self, chunk: bytes | None) -> Rows:
         """Rows of the lines that end in these bytes; None where bytes of the stream were lost.
@@ -321,7 +358,7 @@ class LineReader:
         """
         if chunk is None:
             self._drop_line()
-            return _NO_ROWS
+            return self._as_rows([])
         *lines, self._rest = (self._rest + chunk).split(b"\n")
         if self._skipping and lines:
             del lines[0]
@@ -331,17 +368,24 @@ class LineReader:
         return self._rows(lines)
 
     def finish(self, *, whole: bool) -> Rows:
-        """Rows of the last line, which no line end follows; one that may not be whole is broken."""
+        """Rows of the last line, which no line end follows; one that may not be whole is broken.
+
+        Raises
+        ------
+        RecordingError
+            As `feed`.
+        """
         line, self._rest = self._rest, b""
-        last = _NO_ROWS
+        last = []
         if line.strip() and not self._skipping:
             if whole:
-                last = self._rows([line])
+                last = [line]
             else:
                 self.counts.broken += 1
-        waited = self._ordered(np.empty((0, 3)), ended=True)
-        names = ("t", "accel", "position")
-        return Rows(*(np.concatenate([getattr(last, name), getattr(waited, name)]) for name in names))
+        rows = [self._rows(last)]
+        if self._columns is None and self._misnamed is not None:
+            raise self._misnamed
+        return Rows.joined([*rows, self._ordered(np.empty((0, len(USUAL) + len(self.needed))), ended=True)])
 
     def _drop_line(self) -> None:
         """Skip everything up to the next line end."""
@@ -350,43 +394,61 @@ class LineReader:
         self._rest, self._skipping = b"", True
 
     def _rows(self, lines: list[bytes]) -> Rows:
-        if not self._begun:
+        if self._columns is None:
             lines = self._begin(lines)
         if self._columns is None or not lines:
-            return _NO_ROWS
+            return self._as_rows([])
         rows = self._columns.converted(self._numbers(lines, self._columns))
-        most = (self._most_accel, MOST_POSITION)
-        plausible = (np.abs(rows[:, 0]) <= MOST_TIME) & ~np.any(np.abs(rows[:, 1:]) > most, axis=1)
+        plausible = (np.abs(rows[:, 0]) <= MOST_TIME) & ~np.any(np.abs(rows[:, 1:3]) > self._most, axis=1)
         self.counts.broken += len(rows) - int(plausible.sum())
         return self._ordered(rows[plausible])
 
     def _ordered(self, rows: Array, *, ended: bool = False) -> Rows:
-        """Those of the rows (n, 3) that follow the rows before."""
-        ordered = self._order.kept(rows, ended=ended)
-        self.counts.out_of_order, self.counts.missing = self._order.late, self._order.missing
-        self.counts.used += len(ordered)
-        return Rows(ordered[:, 0], ordered[:, 1], ordered[:, 2])
+        """Those of the rows (n, m) that follow the rows before."""
+        order, counts = self._order, self.counts
+        ordered = order.kept(rows, ended=ended)
+        counts.out_of_order, counts.missing, counts.restarts = order.late, order.missing, order.restarts
+        counts.used += len(ordered)
+        return self._as_rows(ordered)
+
+    def _as_rows(self, rows: ArrayLike) -> Rows:
+        t, accel, position, *side = np.reshape(rows, (-1, len(USUAL) + len(self.needed))).T
+        return Rows(t, accel, position, dict(zip(self.needed, side, strict=True)))
 
     def _begin(self, lines: list[bytes]) -> list[bytes]:
-        """Understand the first line: a header, the first row, or the end of a row that began before."""
-        while lines and not lines[0].strip():
-            del lines[0]
-        if not lines:
-            return lines
-        self._begun = True
-        first, named = lines[0], _names(lines[0])
-        if named is not None:
-            self._header = first.strip()
-            self._columns = _Columns.of(self.declared, self.source, named)
-            return lines[1:]
-        self._columns = _Columns.of(self.declared, self.source, None)
-        if self.from_its_start:
-            return lines
-        self.counts.broken += 1
-        return lines[1:]
+        """Look for a header, or the first row that has none; return the lines behind it, or from it on.
+
+        A header that was damaged on its way is as good as none where every name is all but the expected one; another
+        one does not fit the sidecar, and is said if no header that fits is among the first lines.
+        """
+        for i, line in enumerate(lines):
+            if not line.strip():
+                continue
+            self._seen += 1
+            named = _names(line)
+            if named is not None:
+                try:
+                    self._columns = _Columns.of(self.declared, self.source, named, self.needed)
+                except RecordingError as error:
+                    expected = _usual_names(self.declared, self.needed, len(named))
+                    if not _nearly(named, expected):
+                        self._misnamed, self._names = self._misnamed or error, len(named)
+                else:
+                    self._header = line.strip()
+                    return lines[i + 1 :]
+            elif self._names != line.count(b",") + 1 and (self._seen > 1 or self.from_its_start):
+                expected = _usual_names(self.declared, self.needed, line.count(b",") + 1)
+                if len(expected) == line.count(b",") + 1:
+                    self._columns = _Columns.of(self.declared, self.source, None, self.needed, expected)
+                    return lines[i:]
+            if self._misnamed is not None and self._seen >= FIRST_LINES:
+                raise self._misnamed
+            self.counts.broken += 1
+        return []
 
     def _numbers(self, lines: list[bytes], columns: _Columns) -> Array:
-        """Time, output and position of the lines that have them, (n, 3) in their units; NaN where not sampled."""
+        """Time, output, position and side channels of the lines that have them, (n, m) in their units; NaN where not
+        sampled."""
         count, places, longest = columns.count, columns.places, LONGEST
         numbers: list[float] = []
         for line in lines:
@@ -407,63 +469,126 @@ class LineReader:
                 self.counts.broken += 1
                 continue
             numbers += row
-        return np.array(numbers).reshape(-1, 3)
+        return np.array(numbers).reshape(-1, len(places))
+
+
+FIRST_ROWS = 8
+"""Rows before the first of which is believed: their spacing is the usual step until more are known."""
+STEPS = 100
+"""Steps whose median is the usual one."""
+AHEAD, FAR = 2.5, 20.0
+"""Usual steps from which on a row waits for others, and beyond which two rows do not agree, or `SHORT`."""
+SHORT = 0.4
+"""A jump ahead of at most this needs `FEWEST` rows that agree, a longer one `SEVERAL` that last as long, s."""
+FEWEST, SEVERAL = 3, 5
+BEHIND = 0.9
+"""How long rows behind the last must agree until the clock has begun anew, s."""
+MOST_CHAINS = 50
+"""Runs of waiting rows that are followed."""
 
 
 class _Order:
     """Which rows follow those before them, and how many are missing between them.
 
-    A damaged stamp that is too large would make every honest one after it late. So a row that is far ahead waits for
-    the next: it is believed if that one is later still.
+    A damaged stamp that is too large would make every honest one after it late. So a row that does not follow the last
+    waits, in a run of rows that agree with each other. A run that is long enough is believed, unless a row that follows
+    the last comes first; then all that wait were damaged.
     """
 
     def __init__(self) -> None:
         self.late = 0
         """Rows that were skipped."""
         self.missing = 0
+        self.restarts = 0
         self._last = -math.inf
-        self._waiting = np.empty((0, 3))
+        self._shift = 0.0
+        """What is added to stamps since the clock began anew, s."""
+        self._pool: Array | None = None
+        """Rows that wait."""
+        self._chains: list[list[int]] = []
+        """Runs of those that agree."""
         self._steps: list[float] = []
         self._step = 0.0
         """Usual step of the stamps, s; 0 while it is not known."""
 
     def kept(self, rows: Array, *, ended: bool = False) -> Array:
-        """The rows (n, 3) that follow, with the one that waited, without one that waits now; its stamp is first."""
-        rows = np.concatenate([self._waiting, rows])
-        self._waiting = rows[:0]
-        stamps = rows[:, 0].tolist()
-        follows, last = np.zeros(len(rows), dtype=bool), self._last
-        for i, stamp in enumerate(stamps):
-            if stamp > last and self._is_far(stamp - last):
-                if i + 1 == len(stamps) and not ended:
-                    self._waiting = rows[i:]
-                    break
-                if i + 1 < len(stamps) and stamps[i + 1] <= stamp:
-                    continue
-            if stamp > last:
-                follows[i] = True
-                self._learn(stamp - last)
-                last = stamp
-        self._last = last
-        self.late += len(rows) - int(follows.sum()) - len(self._waiting)
+        """The rows (n, m) that follow, among them those that waited until now; the stamp is first."""
+        waiting = 0 if self._pool is None else len(self._pool)
+        rows = rows if self._pool is None else np.concatenate([self._pool, rows])
+        self._pool = None
+        if not self._step:
+            if len(rows) < FIRST_ROWS and not ended:
+                self._pool = rows
+                return rows[:0]
+            steps, waiting = np.diff(rows[:, 0]), 0
+            self._step = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 1.0
+        t, follows = rows[:, 0].tolist(), list[int]()
+        for i in range(waiting, len(t)):
+            if 0.0 < t[i] + self._shift - self._last <= AHEAD * self._step:
+                self._take(rows, follows, [i])
+            else:
+                self._wait(rows, t, follows, i)
+        if ended:
+            for chain in sorted(self._chains, key=len, reverse=True)[:1]:
+                if t[chain[0]] + self._shift > self._last and (len(chain) > 1 or self._last == -math.inf):
+                    self._take(rows, follows, chain)
+            self._skip()
+        waits = sorted({i for chain in self._chains for i in chain})
+        if waits:
+            self._pool, place = rows[waits], {i: k for k, i in enumerate(waits)}
+            self._chains = [[place[i] for i in chain] for chain in self._chains]
         return rows[follows]
 
-    def _is_far(self, step: float) -> bool:
-        return step > (_FAR * self._step if self._step else MOST_AHEAD)
+    def _wait(self, rows: Array, t: list[float], follows: list[int], i: int) -> None:
+        """Add row i to the run that it agrees with, which may then be long enough."""
+        far, last = max(FAR * self._step, SHORT), self._last - self._shift
+
+        def agrees(chain: list[int]) -> bool:
+            return 0.0 < t[i] - t[chain[-1]] <= far and (t[chain[0]] > last) == (t[i] > last)
+
+        chain = next(filter(agrees, self._chains), None)
+        if chain is None:
+            if len(self._chains) == MOST_CHAINS:
+                self._chains.remove(shortest := min(self._chains, key=len))
+                self.late += len(shortest)
+            self._chains.append(chain := [])
+        chain.append(i)
+        jump, lasts = t[chain[0]] - last, t[i] - t[chain[0]]
+        if jump > 0.0:
+            short = jump <= SHORT or jump == math.inf
+            believed = len(chain) >= FEWEST if short else len(chain) >= SEVERAL and lasts >= SHORT
+        else:
+            believed = len(chain) >= SEVERAL and lasts >= BEHIND
+            if believed:
+                self._shift += self._step - jump
+                self.restarts += 1
+        if believed:
+            self._take(rows, follows, chain)
+
+    def _take(self, rows: Array, follows: list[int], chain: list[int]) -> None:
+        """Let the rows of a run follow; all others that wait were damaged."""
+        for i in chain:
+            rows[i, 0] = stamp = rows[i, 0] + self._shift
+            self._learn(stamp - self._last)
+            self._last = stamp
+        follows += chain
+        if self._chains:
+            self._skip(-len(chain) if chain in self._chains else 0)
+
+    def _skip(self, but: int = 0) -> None:
+        """Nothing waits any more."""
+        self.late += sum(map(len, self._chains)) + but
+        self._chains = []
 
     def _learn(self, step: float) -> None:
         """Count rows that this step leaves out; the usual step is the median of the first hundred."""
-        if len(self._steps) == _STEPS:
-            self.missing += max(0, round(step / self._step) - 1)
+        if len(self._steps) == STEPS:
+            if math.isfinite(left_out := step / self._step):
+                self.missing += max(0, round(left_out) - 1)
         elif step < math.inf:
             self._steps.append(step)
-            if len(self._steps) in (_STEPS // 5, _STEPS):
+            if len(self._steps) in (STEPS // 5, STEPS):
                 self._step = float(np.median(self._steps))
-
-
-_STEPS = 100
-_FAR = 20.0
-"""Usual steps from which on a row waits for the next."""
 
 
 @dataclass(frozen=True)
@@ -471,64 +596,101 @@ class _Columns:
     """Which field is which, and their units."""
 
     count: int
-    places: tuple[int, int, int]
-    """Of time, output and position."""
+    places: tuple[int, ...]
+    """Of time, output, position and the side channels that are needed."""
     plan: Plan
     table: Table
     declared: Sidecar
+    channels: tuple[str, ...]
 
     @classmethod
-    def of(cls, declared: Sidecar, source: str, named: tuple[str, ...] | None) -> _Columns:
-        """Find time, output and position as in a file with these columns."""
-        _require_lines(declared, source)
-        columns = named or _usual_names(declared)
+    def of(
+        cls,
+        declared: Sidecar,
+        source: str,
+        named: tuple[str, ...] | None,
+        needed: tuple[str, ...],
+        usual: tuple[str, ...] = USUAL,
+    ) -> _Columns:
+        """Find time, output, position and what else is needed as in a file with these columns, or the usual ones."""
+        channels = (*CHANNELS, *needed)
+        columns = named or usual
         table = Table(Path(source), columns, read=lambda names: {}, row=lambda i: f"line {i + 1}")
-        plan, _ = assign(table, declared, CHANNELS)
-        clocks = {plan.sources[name].time for name in CHANNELS}
+        read = {name: channel for name, channel in declared.channels.items() if name in channels}
+        declared = replace(declared, channels=read, attitude=None)
+        plan, _ = assign(table, declared, channels)
+        absent = [name for name in needed if name not in plan.sources]
+        if absent:
+            raise RecordingError(
+                f"{source}: the model needs the channel {', '.join(absent)}; send it in a column of the lines and "
+                f"declare it in [channels] of {declared.path}, or drop the effect with accelcal drop"
+            )
         clock = plan.sources["accel"].time
-        if len(clocks) > 1 or clock is None or clock.column is None:
-            raise RecordingError(f"{declared.path}: a line has one time for both channels; declare one [channels] time")
-        names = (clock.column, *(plan.sources[name].column for name in CHANNELS))
-        places = tuple(columns.index(name) for name in names)
-        return cls(len(columns), (places[0], places[1], places[2]), plan, table, declared)
+        if any(plan.sources[name].time != clock for name in channels) or clock is None or clock.column is None:
+            raise RecordingError(f"{declared.path}: a line has one time for all channels; declare one [channels] time")
+        names = (clock.column, *(plan.sources[name].column for name in channels))
+        return cls(len(columns), tuple(map(columns.index, names)), plan, table, declared, channels)
 
     def converted(self, rows: Array) -> Array:
-        """Time, output and position in SI, (n, 3), of rows in the units of the lines."""
-        stamps, *readings = (Column(column) for column in rows.T)
-        t = in_seconds(self.table, self.plan, self._clock(), stamps, readings)[0].values
-        accel, position = (
-            in_si(self.table, self.plan, name, self.plan.sources[name], self.declared.rig, rows[:, i])[0]
-            for i, name in enumerate(CHANNELS, 1)
-        )
-        return np.stack([t, accel, position], axis=1)
+        """Time, output, position and side channels in SI, (n, m), of rows in the units of the lines."""
+        return np.stack([values for values, _ in self._in_si(rows).values()], axis=1)
 
-    def _clock(self) -> Clock:
+    @property
+    def units(self) -> dict[str, str]:
+        """SI units by channel."""
+        return {name: unit for name, (_, unit) in self._in_si(np.empty((0, len(self.places)))).items()}
+
+    def _in_si(self, rows: Array) -> dict[str, tuple[Array, str]]:
         clock = self.plan.sources["accel"].time
         assert clock is not None  # `of` found it
-        return clock
+        assert clock.column is not None
+        sources = {"time": Source(clock.column, clock.unit)}
+        sources |= {name: self.plan.sources[name] for name in self.channels}
+        return {
+            name: in_si(self.table, self.plan, name, source, self.declared.rig, rows[:, i])
+            for i, (name, source) in enumerate(sources.items())
+        }
 
 
 def _require_lines(declared: Sidecar, source: str) -> None:
-    """Refuse what lines of three fields cannot be."""
+    """Refuse what lines of a few fields cannot be."""
     for count, what in (
-        (declared.attitude is not None, "[channels.attitude]"),
         (declared.time is not None and declared.time.rate is not None, "[channels] rate"),
         (declared.time is not None and (declared.time.date or declared.time.fraction), "date and fraction of the time"),
-        (any(source.where for source in declared.channels.values()), "where"),
-        (bool(set(declared.channels) - set(CHANNELS)), ", ".join(sorted(set(declared.channels) - set(CHANNELS)))),
+        (any(declared.channels[name].where for name in CHANNELS if name in declared.channels), "where"),
     ):
         if count:
             raise RecordingError(
-                f"{declared.path}: {what}: lines of {source} hold time, output and position alone; leave it out of the "
-                "sidecar of a live view"
+                f"{declared.path}: {what}: lines of {source} begin with their time in one field; declare that field "
+                'as time = { column = "t", unit = "s" }'
             )
 
 
-def _usual_names(declared: Sidecar) -> tuple[str, ...]:
-    """Names of the columns without a header: those of the sidecar, in the order time, output, position."""
+def _usual_names(declared: Sidecar, needed: tuple[str, ...], count: int) -> tuple[str, ...]:
+    """Names of the columns without a header: those of the sidecar, in the order time, output, position; where lines
+    have more fields, then those of the other channels as the sidecar lists them."""
     time = declared.time.column if declared.time is not None else None
     given = (time, *(declared.channels[name].column if name in declared.channels else None for name in CHANNELS))
-    return tuple(name or usual for name, usual in zip(given, USUAL, strict=True))
+    three = tuple(name or usual for name, usual in zip(given, USUAL, strict=True))
+    if count == len(USUAL) and not needed:
+        return three
+    return (*three, *(source.column for name, source in declared.channels.items() if name not in CHANNELS))
+
+
+SIMILAR = 0.6
+"""Share of the letters of a name that are left of it where it was damaged."""
+
+
+def _nearly(named: tuple[str, ...], expected: tuple[str, ...]) -> bool:
+    """Whether a header is the expected one but for damage: names that are no other quantity and differ in little."""
+
+    def damaged(name: str, meant: str) -> bool:
+        role, expected_role = (naming.role(naming.take_apart(text).base) for text in (name, meant))
+        letters = difflib.SequenceMatcher(None, name, meant).ratio()
+        return role in (None, expected_role) and (len(meant) == 1 or letters >= SIMILAR)
+
+    pairs = list(zip(named, expected, strict=False))
+    return len(named) == len(expected) and all(name == meant or damaged(name, meant) for name, meant in pairs)
 
 
 def _names(line: bytes) -> tuple[str, ...] | None:
@@ -549,6 +711,3 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-_NO_ROWS = Rows(np.empty(0), np.empty(0), np.empty(0))

@@ -329,17 +329,14 @@ class GrowingParquet:
     """
 
     def __init__(self, path: Path, units: Mapping[str, str]) -> None:
-        import pyarrow as pa
-
         self.path = path
+        self.units = dict(units)
+        """More may be named until the first row group."""
         self.rows, self.groups = 0, 0
         self.size = 0
         """Bytes of the file under its name."""
         self.broken = False
         """Whether an append failed or was cut short: copies and table may not match, and none can follow."""
-        self._schema = pa.schema(
-            [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in units.items()]
-        )
         self._table: Any = None
         self._copies: list[_Copy] = []
         self._new = len(_MAGIC)
@@ -381,7 +378,8 @@ class GrowingParquet:
             raise OSError(errno.EIO, f"{self.path}: an earlier row group could not be written, so none can follow")
         self.broken = True  # until all of it is done
         values = {name: pa.array(y, mask=np.isnan(y)) for name, y in columns.items()}
-        group, table = _encoded(pa.table(values, schema=self._schema), self._new)
+        fields = [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in self.units.items()]
+        group, table = _encoded(pa.table(values, schema=pa.schema(fields)), self._new)
         if self._table is None:
             self._table = table
         else:

@@ -16,6 +16,7 @@ import numpy as np
 
 from accelcal._support.result import Storable
 from accelcal.data import Array
+from accelcal.filters.stream import Readings
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
 from accelcal.io.stream import ByteSource, Intake, LineReader, Rows
 from accelcal.io.write import GrowingParquet, write_sidecar
@@ -25,9 +26,9 @@ from accelcal.live.tracker import (
     InnovationMonitor,
     Interval,
     LiveSettings,
-    RegressorBias,
+    ModelTracker,
+    NoiseShare,
     Tracker,
-    normalised,
 )
 from accelcal.model import Estimate
 
@@ -47,9 +48,9 @@ class LiveState:
     t: float | None = None
     """Stamp of the newest row, s."""
     estimates: tuple[Estimate, ...] = ()
-    """Their uncertainty contains `regressor_bias`."""
-    regressor_bias: RegressorBias | None = None
-    """What noise of the output biases the scale factor by; None before there is motion."""
+    """Of the parameters that hold: see `noise_share`."""
+    noise_share: NoiseShare | None = None
+    """Noise of the output over motion; None while nothing is known of the scale factor."""
     innovation: Innovation | None = None
     """The newest."""
     nis: Interval | None = None
@@ -63,8 +64,8 @@ class LiveState:
     broken: int = 0
     out_of_order: int = 0
     missing: int = 0
+    restarts: int = 0
     dropped_bytes: int = 0
-    untested: int = 0
     refused: int = 0
     refusal: str = ""
     recorded: int = 0
@@ -103,12 +104,12 @@ class LiveSession:
         self, source: ByteSource, declared: Sidecar, settings: LiveSettings, recording: Path | None = None
     ) -> None:
         self.source, self.declared = source, declared
-        self.lines = LineReader(declared, source.name, source.from_its_start)
-        self.tracker = Tracker(settings)
+        self.lines = LineReader(declared, source.name, source.from_its_start, settings.needs)
+        self.tracker = Tracker(settings) if settings.model is None else ModelTracker(settings)
         self.monitor = InnovationMonitor()
         self._newest: Innovation | None = None
         self._t: float | None = None
-        self._recorder = None if recording is None else _Recorder(recording, declared)
+        self._recorder = None if recording is None else _Recorder(recording, declared, self.lines)
         self._stack = ExitStack()
         self._intake: Intake | None = None
         self._stopped = False
@@ -181,7 +182,7 @@ class LiveSession:
         return LiveState(
             t=self._t,
             estimates=tracker.estimates,
-            regressor_bias=tracker.regressor_bias,
+            noise_share=tracker.noise_share,
             innovation=self._newest,
             nis=monitor.nis,
             holds=monitor.holds,
@@ -193,8 +194,8 @@ class LiveSession:
             broken=counts.broken,
             out_of_order=counts.out_of_order,
             missing=counts.missing,
+            restarts=counts.restarts,
             dropped_bytes=0 if self._intake is None else self._intake.dropped,
-            untested=tracker.untested,
             refused=tracker.refused,
             refusal=tracker.refusal,
             recorded=0 if self._recorder is None else self._recorder.file.rows,
@@ -208,20 +209,20 @@ class LiveSession:
             self._recorder.add(rows)
         self._judge(self.tracker.feed(rows), on_alarm)
 
-    def _judge(self, innovations: list[Innovation], on_alarm: Callable[[Alarm], None]) -> None:
-        for innovation in innovations:
-            alarm = self.monitor.add(innovation.t, normalised(innovation))
+    def _judge(self, readings: Readings, on_alarm: Callable[[Alarm], None]) -> None:
+        for t, e in zip(readings.t.tolist(), (readings.e / np.sqrt(readings.variance)).tolist(), strict=True):
+            alarm = self.monitor.add(t, e)
             if alarm is not None:
                 on_alarm(alarm)
-        if innovations:
-            self._newest = innovations[-1]
+        if len(readings.t):
+            self._newest = Innovation(float(readings.t[-1]), float(readings.e[-1]), float(readings.variance[-1]))
 
 
 class _Recorder:
     """Rows to a file that is whole at any time."""
 
-    def __init__(self, path: Path, declared: Sidecar) -> None:
-        self.path, self.declared = path, declared
+    def __init__(self, path: Path, declared: Sidecar, lines: LineReader) -> None:
+        self.path, self.declared, self.lines = path, declared, lines
         self.file = GrowingParquet(path, UNITS)
         self._rows: list[Rows] = []
         self._began = self._last = time.monotonic()
@@ -241,12 +242,12 @@ class _Recorder:
         self._last = time.monotonic()
         if not self._rows:
             return
-        names = ("t", "accel", "position")
-        first = not self.file.rows
-        self.file.append({name: np.concatenate([getattr(rows, name) for rows in self._rows]) for name in names})
+        first, rows = not self.file.rows, Rows.joined(self._rows)
         self._rows.clear()
+        self.file.units |= self.lines.units
+        self.file.append({"t": rows.t, "accel": rows.accel, "position": rows.position, **rows.side})
         if first:
-            channels = {"accel": Source("accel", "m/s^2"), "position": Source("position", "m")}
+            channels = {name: Source(name, unit) for name, unit in self.file.units.items() if name != "t"}
             write_sidecar(
                 self.declared.rig,
                 {"time": Clock("t", "s"), **channels},
@@ -280,7 +281,7 @@ class LiveHistory:
         self.most = most
         self.newest: LiveEvent | None = None
         """The newest state, or the end."""
-        self.parameters: tuple[Estimate, ...] = ()
+        self._parameters: dict[str, Estimate] = {}
         self.alarms: deque[Alarm] = deque(maxlen=MOST_ALARMS)
         """The newest alarms; of blocks in a row the last, whose `since` tells the first."""
         self._kept: list[LiveState] = []
@@ -296,7 +297,7 @@ class LiveHistory:
         t = event.state.t
         if t is None or (self._last is not None and t <= (self._last.t or 0.0)):
             return
-        self.parameters = event.state.estimates
+        self._parameters |= {e.name: e for e in event.state.estimates}
         self._last = event.state
         if self._count % self._stride == 0:
             self._kept.append(self._last)
@@ -312,9 +313,14 @@ class LiveHistory:
         return moments if self._last is None or (moments and moments[-1] is self._last) else [*moments, self._last]
 
     @property
+    def parameters(self) -> tuple[Estimate, ...]:
+        """Every parameter that was told at some time, as it was last."""
+        return tuple(self._parameters.values())
+
+    @property
     def columns(self) -> Columns:
         """Moments as arrays."""
-        return Columns.of(self.moments, len(self.parameters))
+        return Columns.of(self.moments, tuple(self._parameters))
 
     def _alarm(self, alarm: Alarm) -> None:
         if self.alarms and self.alarms[-1].since == alarm.since:
@@ -324,7 +330,7 @@ class LiveHistory:
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """States over time, (n,) each, or (n, m) for m parameters; NaN where there is no innovation."""
+    """States over time, (n,) each, or (n, m) for m parameters; NaN where there is no innovation or no estimate."""
 
     t: Array
     """s"""
@@ -341,10 +347,12 @@ class Columns:
     """Interval of the running NIS."""
 
     @classmethod
-    def of(cls, states: list[LiveState], parameters: int) -> Columns:
-        """From states of so many parameters."""
+    def of(cls, states: list[LiveState], parameters: tuple[str, ...]) -> Columns:
+        """From states, the parameters of these names in this order."""
         n, none = len(states), math.nan
-        both = np.array([[(e.value, e.std) for e in s.estimates] for s in states], float).reshape(n, parameters, 2)
+        told = [{e.name: (e.value, e.std) for e in s.estimates} for s in states]
+        rows = [[by_name.get(name, (none, none)) for name in parameters] for by_name in told]
+        both = np.array(rows, float).reshape(n, len(parameters), 2)
         read = [(none, none) if (e := s.innovation) is None else (e.e, math.sqrt(e.variance)) for s in states]
         nis = [
             (none,) * 3 if (running := s.nis) is None else (running.value, running.low, running.high) for s in states

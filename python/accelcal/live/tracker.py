@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import ClassVar, Literal, TypeVar
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Literal, TypeVar, get_args
 
 import numpy as np
 
-from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Storable
-from accelcal.data import Array, RecordingError, Rig, unsupported
-from accelcal.effects import find
-from accelcal.estimation.engines import PARAMETER_OF, PRIOR_STD
+from accelcal.data import DERIVED, Array, Flags, RecordingError, Rig, unsupported
+from accelcal.effects import BUILT_IN, Effect, find, of_one_record
+from accelcal.estimation.engines import PARAMETER_OF, PRIOR_STD, LiveStart, as_fit, live_start
 from accelcal.estimation.estimate import Fit
 from accelcal.filters.choice import PARAMETERS, FilterChoice, GaussMarkov, spread_start, to_stage
-from accelcal.filters.stream import LiveFilter
+from accelcal.filters.live_model import LiveModel, live_terms, refusal, state_names
+from accelcal.filters.record import ForwardParameters
+from accelcal.filters.stream import MOST_EFFECTS, LiveFilter, Readings
 from accelcal.io.stream import Rows
-from accelcal.model import BASE, Estimate
+from accelcal.model import BASE, NOMINAL, Estimate, Model
+from accelcal.signals.signals import Origins
 
-TRACKED = (*BASE, *PARAMETER_OF.values(), "lowpass_error")
-"""Effects of a model that a live view takes: it estimates the parameters of its filter and keeps the rest."""
+SHIFTED = tuple(name for name in NOMINAL if find(name).unit == "s")
+"""Effects that are taken from the stamps and from the low-pass, at their fitted values."""
+PAPER = (*BASE, *PARAMETER_OF.values(), *SHIFTED)
+"""Effects of a model that a `LiveFilter` takes."""
 Scalar = TypeVar("Scalar", float, Array)
 SPEED = 10.0
 """Standard deviation of the velocity at the start, m/s."""
@@ -50,6 +54,20 @@ class LiveSettings:
     """What the stamps of the output are late by, s."""
     parameters: Mapping[str, GaussMarkov] = field(default_factory=dict)
     """How parameters move that are not constant."""
+    model: Model | None = None
+    """With effects that a `LiveFilter` does not have, its priors those of the start; None without."""
+    origins: Origins = field(default_factory=Origins)
+    """Of the model."""
+    spread: Array = field(default_factory=lambda: np.empty((0, 0)))
+    """(m, m) covariance of the coefficients of the model at the start, of those in `state_names`."""
+    remarks: tuple[str, ...] = ()
+    """Sentences on what the model has and the filter does not estimate."""
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Side channels that the effects of the model take."""
+        names = () if self.model is None else self.model.effects
+        return tuple(dict.fromkeys(channel for name in names for channel in find(name).needs))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -70,11 +88,15 @@ class LiveSettings:
         return x0, P0
 
     def estimates(self, states: Array, covariance: Array) -> tuple[Estimate, ...]:
-        """Parameters of the sensor, by their public names, from all states (N,) and their covariance (N, N)."""
+        """Parameters of the sensor that are estimated, by their public names, from all states (N,) and their covariance
+        (N, N)."""
         T = np.linalg.inv(to_stage(self.names, self.rig.polarity, self.rig.gravity))
+        begun = np.diag(T @ self.covariance @ T.T)
         values, spread = T @ states[2:], T @ covariance[2:, 2:] @ T.T
         estimates = []
         for i, name in enumerate(self.names):
+            if begun[i] <= 0.0 and name not in self.parameters:  # not estimated
+                continue
             effect = find(PARAMETER_OF[name])
             std = math.sqrt(max(0.0, float(spread[i, i])))
             estimates.append(Estimate(effect.name, effect.symbol, effect.unit, float(values[i]), std, effect.owner))
@@ -90,7 +112,7 @@ def settings_of(rig: Rig, fit: Fit | None = None) -> LiveSettings:
     ------
     RecordingError
         For a filter that a live filter does not undo, for noise that is not declared, and for a model with effects that
-        it does not track. The sentence says what to do.
+        cannot run on a stream. The sentence says what to do.
     """
     refused = unsupported(rig.filters, "a live view")
     if refused:
@@ -105,19 +127,116 @@ def settings_of(rig: Rig, fit: Fit | None = None) -> LiveSettings:
         return LiveSettings(choice, rig, q, r, np.zeros(len(spread)), spread, tau, 0.0, parameters)
     theta, spread, choice = _of_fit(fit)
     A = to_stage(PARAMETERS[choice.model], rig.polarity, rig.gravity)
-    values, noise = fit.values(), fit.noise().usual
-    tau = max(0.0, tau + values.lowpass_error)
-    return LiveSettings(
+    start = live_start(fit, rig)
+    settings = LiveSettings(
         choice,
         rig,
-        noise.q * values.scale**2,
-        noise.r,
+        start.q,
+        start.r_position,
         A @ theta,
         A @ spread @ A.T,
-        tau,
-        values.by_name.get("time_offset", 0.0),
+        start.rig.lowpass.tau if start.rig.lowpass is not None else 0.0,
+        fit.values().by_name.get("time_offset", 0.0),
         parameters,
     )
+    others = [name for name in fit.model.added if name not in PAPER and find(name).port != "noise"]
+    return _with_model(settings, fit, start) if others else settings
+
+
+ANEW = "its clock is that of the fitted record; it is estimated anew, from nothing and of about the size that it had"
+SUBTRACTED = "held at the fitted value, and what it adds is subtracted"
+AT_ZERO = "held at zero, as its clock is that of the fitted record"
+
+
+def _with_model(settings: LiveSettings, fit: Fit, start: LiveStart) -> LiveSettings:
+    """Settings for a model with effects that a `LiveFilter` does not have.
+
+    Effects are states that begin where the fit ended, as many as there is room for; others are held at their fitted
+    values. Those that belong to one record begin from zero.
+    """
+    for name in fit.model.added:
+        answer = running(find(name), "live", fit.model.shapes.get(name))
+        if answer.how == "refused":
+            raise RecordingError(f"live: {name} cannot run on a stream: {answer.reason}; drop it with accelcal drop")
+    fixed = {**start.model.fixed, **dict.fromkeys((name for name in SHIFTED if name in fit.model.effects), 0.0)}
+    priors = {name: prior for name, prior in start.model.priors.items() if name not in fixed}
+    model, held = _within_room(replace(start.model, priors=priors, fixed=fixed))
+    of_record = {name.split(".")[0] for name in start.anew}
+    remarks = [f"{name}: {ANEW}" for name in model.added if name in of_record and name not in held]
+    for name in held:
+        how = AT_ZERO if name in of_record else SUBTRACTED
+        remarks.append(f"{name}: {how}, since a live filter has room for {MOST_EFFECTS} coefficients")
+    return replace(
+        settings,
+        rig=start.rig,
+        model=model,
+        origins=replace(fit.origins, t=0.0),
+        spread=start.spread(fit, model),
+        remarks=tuple(remarks),
+    )
+
+
+def _within_room(model: Model) -> tuple[Model, list[str]]:
+    """The model with the widest effects held at the means of their priors until a filter has room; their names."""
+    held: list[str] = []
+    while len(state_names(model)) > len(PARAMETERS["linear"]) + MOST_EFFECTS:
+        widths = {name: _width(model, name) for name in model.added}
+        widest = max(widths, key=lambda name: widths[name])
+        if widths[widest] == 0:
+            raise RecordingError(
+                f"live: a live filter has room for {MOST_EFFECTS} coefficients beside bias and scale_factor; the model "
+                "has more random processes, none of which can be held: drop some with accelcal drop"
+            )
+        columns = [term.name for term in model.terms if term.effect.name == widest]
+        values = {name: model.priors[name].mean for name in columns if name not in model.fixed}
+        priors = {name: prior for name, prior in model.priors.items() if name not in columns}
+        model = replace(model, priors=priors, fixed={**model.fixed, **values})
+        held.append(widest)
+    return model, held
+
+
+def _width(model: Model, name: str) -> int:
+    """States of an effect that could be held: those of a process cannot."""
+    terms = live_terms(model)[0].values() if find(name).port != "process" else ()
+    return sum(term.effect.name == name and term.name not in model.fixed for term in terms)
+
+
+Place = Literal["LiveModel", "live", "export"]
+
+
+@dataclass(frozen=True, slots=True)
+class Running:
+    """Whether an effect runs as a state of a filter, and why not."""
+
+    how: Literal["runs", "held and subtracted", "refused"]
+    reason: str = ""
+
+
+def running(effect: Effect, place: Place, shape: Mapping[str, float] | None = None) -> Running:
+    """Whether an effect runs in a `LiveModel`, on a stream, or in exported code, at shape parameters."""
+    if (reason := refusal(effect, shape)) is not None:
+        return Running("refused", reason)
+    if effect.name in {"live": SHIFTED, "export": ("lowpass_error",)}.get(place, ()):
+        return Running("held and subtracted", "a stamp or the low-pass is corrected by its fitted value")
+    if place == "live" and set(effect.needs) & set(DERIVED):
+        return Running("refused", "its channels follow from an orientation, which a live view does not take in")
+    if place == "export":
+        from accelcal.calibration.export.filter import untraced
+
+        if (reason := untraced(effect)) is not None:
+            return Running("refused", f"it {reason}")
+    return Running("runs", "in the noise, at its fitted level" if effect.port == "noise" else "")
+
+
+def markdown() -> str:
+    """The effects of the catalogue with what becomes of each in a `LiveModel`, on a stream and in exported code."""
+    places = get_args(Place)
+    lines = [f"| effect | {' | '.join(f'`{place}`' for place in places)} |", "|---" * (1 + len(places)) + "|"]
+    for effect in BUILT_IN:
+        cells = [running(effect, place) for place in places]
+        texts = [cell.how + (f": {cell.reason}" if cell.reason else "") for cell in cells]
+        lines.append(f"| {effect.name} | {' | '.join(texts)} |")
+    return "\n".join(lines) + "\n"
 
 
 def declared_noise(rig: Rig) -> tuple[float, float]:
@@ -142,18 +261,13 @@ def declared_noise(rig: Rig) -> tuple[float, float]:
 
 
 def _choice(model: str) -> FilterChoice:
-    """Exact integrals, straight lines between outputs, and UD factors, which no rate and no prior makes indefinite."""
-    return FilterChoice("aci", "cubic" if model == "cubic" else "linear", interpolation="linear", carrier="factored")
+    """Exact integrals, cubics between outputs, and UD factors, which no rate and no prior makes indefinite."""
+    sensor: Literal["cubic", "linear"] = "cubic" if model == "cubic" else "linear"
+    return FilterChoice("aci", sensor, interpolation="cubic", carrier="factored", corrected=True)
 
 
 def _of_fit(fit: Fit) -> tuple[Array, Array, FilterChoice]:
     """Parameters of a fit and their covariance, in the order of the filter that tracks them."""
-    other = [name for name in fit.model.effects if name not in TRACKED]
-    if other:
-        raise RecordingError(
-            f"live: {', '.join(other)} cannot be tracked from time, output and position alone; a live view tracks "
-            f"{', '.join(PARAMETER_OF.values())}: drop the rest with accelcal drop"
-        )
     by_name = {e.name: e.value for e in fit.estimates}
     choice = _choice("cubic" if {"quadratic", "cubic"} & set(by_name) else "linear")
     names = [PARAMETER_OF[name] for name in PARAMETERS[choice.model]]
@@ -330,44 +444,37 @@ def normal_bound(alpha: float) -> float:
     return -float(ndtri(alpha / 2.0))
 
 
-NOTICEABLE = 1.0
-"""Standard deviations of the filter above which the bias is said."""
-MOST_SAVED = 3.0
-"""The same above which the parameters are not saved: the value is wrong, not only less sure."""
+MOST_SAID = 1e3
+"""Largest noise over motion that is said: beyond, the stage is at rest."""
+MOST_SHARE = 0.15
+"""Noise over motion, `NoiseShare.value`, up to which the scale factor is within its uncertainty (docs/measured.md)."""
 
 
 @dataclass(frozen=True, slots=True)
-class RegressorBias(Storable):
-    """Expected error of the scale factor by noise of the output, and by straight lines between its samples."""
+class NoiseShare(Storable):
+    """Power of the output's noise over that of the motion, in the band in which the filter believes the output."""
 
-    derived: ClassVar[tuple[str, ...]] = ("sigma", "sentence")
+    derived: ClassVar[tuple[str, ...]] = ("sentence",)
 
     value: float
-    """Estimate less truth, 1."""
-    std: float
-    """Standard deviation that the filter has for it, 1."""
-
-    @property
-    def sigma(self) -> float:
-        """The error in standard deviations of the filter, at least 0."""
-        return abs(self.value) / self.std if self.std > 0.0 else 0.0
+    """N² min(f_c, f_s/2)/<a²>, 1."""
 
     @property
     def sentence(self) -> str:
-        """What is wrong and what to do, where it is above one standard deviation; else empty."""
-        if self.sigma <= NOTICEABLE:
+        """Why the scale factor is not told, where the share is above `MOST_SHARE`; else empty."""
+        if self.value <= MOST_SHARE:
             return ""
         return (
-            f"the noise of the output biases scale_factor by about {self.value:.2g}, {self.sigma:.2g} standard "
-            "deviations of the live filter; its uncertainty contains that. Record with -o and fit the recording, which "
-            "smooths the output: accelcal fit"
+            f"scale_factor: the noise of the output has {self.value:.2g} times the power of the motion in the filter's "
+            f"band, and above {MOST_SHARE:g} its estimate leaves its uncertainty. Move the stage with more "
+            "acceleration, or record with -o and fit the recording, which smooths the output: accelcal fit"
         )
 
 
 class OutputMoments:
     """Running moments of output and readings: a few numbers, however long it runs.
 
-    Products of samples one and two apart hold motion alone, since the noise is white.
+    The product of neighbouring samples holds motion alone, since the noise is white.
     """
 
     def __init__(self) -> None:
@@ -377,9 +484,9 @@ class OutputMoments:
         """First and last stamp of outputs and of readings, s."""
         self._zero = 0.0
         self._last: Array = np.empty(0)
-        """The last two samples less the first of all, m/s²."""
+        """The last sample less the first of all, m/s²."""
         self._sum = 0.0
-        self._products: Array = np.zeros(2)
+        self._product = 0.0
 
     def add(self, rows: Rows) -> None:
         """Take rows in."""
@@ -391,13 +498,10 @@ class OutputMoments:
             return
         if self.outputs == len(u):
             self._zero = float(u[0])
-        before = len(self._last)
         y = np.concatenate([self._last, u - self._zero])
-        self._sum += float(np.sum(y[before:]))
-        for k in (1, 2):
-            begin = max(before, k)
-            self._products[k - 1] += float(y[begin:] @ y[begin - k : len(y) - k])
-        self._last = y[-2:]
+        self._sum += float(np.sum(y[len(self._last) :]))
+        self._product += float(y[1:] @ y[:-1])
+        self._last = y[-1:]
 
     def _counted(self, channel: int, count: int, t: Array) -> int:
         """Number of samples of a channel so far, with those at `t` (s)."""
@@ -406,31 +510,15 @@ class OutputMoments:
             self._to[channel] = t[-1]
         return count + len(t)
 
-    def bias(self, settings: LiveSettings, variance: float) -> RegressorBias | None:
-        """What the scale factor is biased by, where the filter has a `variance` for it; None before there is motion.
-
-        A filter that began with a model shares the bias only as far as the new readings count.
-        """
+    def noise_share(self, settings: LiveSettings) -> NoiseShare | None:
+        """Noise over motion, at most `MOST_SAID`; None before there are three samples of either."""
         if self.outputs < 3 or self.readings < 3:
             return None
         step, apart = (self._to - self._from) / (np.array([self.outputs, self.readings]) - 1)
-        first, two = self._products / (self.outputs - np.array([1, 2])) - (self._sum / self.outputs) ** 2
-        slowed = max((first - two) / 1.5, 0.0)  # <a²> <w²> dt²; products k apart are <a²> (1 - k² <w²> dt²/2)
-        motion = max(first + 0.5 * slowed, 0.0)
+        motion = self._product / (self.outputs - 1) - (self._sum / self.outputs) ** 2
         crossover = (settings.q / (settings.r_position * apart)) ** 0.25 / (2.0 * math.pi)
-        noise = 2.0 * settings.q * min(1.11 * crossover, 1.0 / (3.0 * step))
-        row = settings.names.index("k")
-        begun = float(settings.covariance[row, row])
-        share = max(0.0, 1.0 - variance / begun) if begun > 0.0 else 0.0
-        return RegressorBias(share * (noise - slowed / 12.0) / (motion + noise), math.sqrt(max(variance, 0.0)))
-
-
-OUTPUT, READING = 0, 1
-"""Kinds of events; at a tie the output comes first."""
-MOST_BETWEEN = 63
-"""Readings between two outputs that the filter has room for, beside the output itself."""
-Event = tuple[float, int, float]
-"""Time in s, kind, value in SI."""
+        noise = 2.0 * settings.q * min(crossover, 0.5 / step)
+        return NoiseShare(float(noise / max(motion, noise / MOST_SAID)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -461,130 +549,111 @@ class Tracker:
         self.filter: LiveFilter | None = None
         """None before the first reading."""
         self.outputs, self.readings = 0, 0
-        self.untested = 0
-        """Readings taken in whose innovation is not known: all but the last of those between two outputs."""
         self.refused = 0
         """Events that the filter refused; its state is as it was before them."""
         self.refusal = ""
         """What it said of the last of them."""
         self.moments = OutputMoments()
-        self._scale = 2 + settings.names.index("k")
-        self._first: tuple[float, float] | None = None
-        self._waiting: list[tuple[float, float]] = []
-        """Time and expected variance of the readings that wait for the next output."""
-        self._held_back: list[Event] = []
-        self._output = 0.0
+        self._waiting: tuple[Array, Flags, Array] = (np.empty(0), np.empty(0, dtype=bool), np.empty(0))
+        """Events that one before them may still join: stamps, which are outputs, values."""
 
-    def feed(self, rows: Rows) -> list[Innovation]:
-        """Take rows in; return the innovations that they led to, which lag by one output."""
+    def feed(self, rows: Rows) -> Readings:
+        """Take rows in; the readings that the filter processed then, which lag by two outputs."""
         self.moments.add(rows)
-        return self._take(self._released(rows))
+        offset = self.settings.offset
+        outputs, readings = np.isfinite(rows.accel), np.isfinite(rows.position)
+        stage = self.settings.stage_output(rows.accel[outputs])
+        self._waiting = in_order(
+            np.concatenate([self._waiting[0], rows.t[outputs] - offset, rows.t[readings]]),
+            np.concatenate([self._waiting[1], np.ones(len(stage), dtype=bool), np.zeros(int(readings.sum()), bool)]),
+            np.concatenate([self._waiting[2], stage, rows.position[readings]]),
+        )
+        newest = float(rows.t[-1]) if len(rows) else -math.inf
+        return self._take(newest - max(0.0, offset))
 
-    def finish(self) -> list[Innovation]:
+    def finish(self) -> Readings:
         """Take in what still waits, as at the end of a record."""
-        innovations = self._take(iter(sorted(self._held_back)))
-        self._held_back = []
-        if self.filter is not None:
-            try:
-                self._settle(self.filter.finish(), innovations)
-            except (ValueError, ArithmeticError) as error:
-                self._refuse(error)
-        return innovations
+        last = self._take(math.inf)
+        if self.filter is None:
+            self.outputs += len(self._waiting[0])
+            return last
+        waiting = self.filter.waiting
+        try:
+            rest = self.filter.finish()
+        except (ValueError, ArithmeticError) as error:  # none of what waited comes out
+            self.refused, self.refusal = self.refused + waiting, str(error)
+            return last
+        t, e, variance = (np.concatenate(pair) for pair in zip(last[:3], rest[:3], strict=True))
+        return Readings(t, e, variance)
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
-        """Parameters of the sensor with standard deviations, which contain the bias by noise of the output; before the
-        first reading those of the start."""
+        """Parameters of the sensor with standard deviations; before the first reading those of the start."""
         if self.filter is None:
             return self.settings.estimates(*self.settings.start(0.0, 0.0))
-        return self.settings.estimates(self.filter.estimate, self.covariance)
+        return self._held_to(self.settings.estimates(self.filter.estimate, self.filter.covariance))
 
-    @property
-    def covariance(self) -> Array:
-        """Covariance of all states of the filter, (N, N), with the square of what noise of the output biases the scale
-        factor by."""
-        assert self.filter is not None
-        P = self.filter.covariance.copy()
-        bias = self.regressor_bias
-        P[self._scale, self._scale] += 0.0 if bias is None else bias.value**2
-        return P
+    def _held_to(self, estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
+        """Those of the estimates that hold: beyond what the correction can, none whose gradient is the noisy output."""
+        share = self.noise_share
+        noisy = self._noisy() if share is not None and share.sentence else set[str]()
+        return tuple(e for e in estimates if e.name not in noisy)
 
-    @property
-    def regressor_bias(self) -> RegressorBias | None:
-        """What noise of the output biases the scale factor by; None before there is motion."""
+    def _noisy(self) -> set[str]:
+        """Coefficients whose gradient is the output itself."""
+        return {PARAMETER_OF[name] for name in self.settings.names if name != "K0"}
+
+    def fitted(self, fit: Fit) -> Fit:
+        """The fit with the parameters as the filter holds them now."""
         if self.filter is None:
+            return fit
+        settings, m = self.settings, len(self.settings.names)
+        values = ForwardParameters(settings.names, self.filter.estimate[-m:], self.filter.covariance[-m:, -m:])
+        return replace(as_fit(replace(fit, rig=settings.rig), values, settings.choice), rig=fit.rig)
+
+    @property
+    def noise_share(self) -> NoiseShare | None:
+        """Noise of the output over motion; None while it is large and the readings have hardly been used yet."""
+        share, (begun, now) = self.moments.noise_share(self.settings), self._scale_variances()
+        if share is None or not begun > 0.0:
             return None
-        return self.moments.bias(self.settings, float(self.filter.covariance[self._scale, self._scale]))
+        worst = (1.0 - now / begun) * share.value / (1.0 + share.value)  # what readings without a correction would give
+        return share if share.value <= MOST_SHARE or worst > 0.5 * math.sqrt(now) else None
 
-    def _released(self, rows: Rows) -> Iterator[Event]:
-        """Events of the rows in time order, kept back as long as one before them may still come."""
-        offset = self.settings.offset
-        cells = zip(rows.t.tolist(), rows.accel.tolist(), rows.position.tolist(), strict=True)
-        if offset == 0.0:
-            for t, u, z in cells:
-                if u == u:
-                    yield t, OUTPUT, u
-                if z == z:
-                    yield t, READING, z
-            return
-        for t, u, z in cells:
-            if u == u:
-                self._held_back.append((t - offset, OUTPUT, u))
-            if z == z:
-                self._held_back.append((t, READING, z))
-        if len(rows):
-            newest = float(rows.t[-1])
-            settled = min(newest, newest - offset)
-            self._held_back.sort()
-            ready = sum(event[0] <= settled for event in self._held_back)
-            yield from self._held_back[:ready]
-            del self._held_back[:ready]
+    def _scale_variances(self) -> tuple[float, float]:
+        """Variance of the scale factor at the start, and now."""
+        row = self.settings.names.index("k")
+        begun = float(self.settings.covariance[row, row])
+        return begun, begun if self.filter is None else float(self.filter.covariance[2 + row, 2 + row])
 
-    def _take(self, events: Iterator[Event]) -> list[Innovation]:
-        innovations: list[Innovation] = []
-        for t, kind, value in events:
-            try:
-                if kind == OUTPUT:
-                    self._take_output(t, self.settings.stage_output(value), innovations)
-                else:
-                    self._take_reading(t, value)
-            except (ValueError, ArithmeticError) as error:
-                self._refuse(error)
-        return innovations
-
-    def _take_output(self, t: float, u: float, innovations: list[Innovation]) -> None:
-        self.outputs += 1
+    def _take(self, until: float) -> Readings:
+        """Hand the events up to an instant (s) to the filter, which starts at the first reading among them."""
+        t, output, value = self._waiting
+        ready = int(np.searchsorted(t, until, side="right"))
+        begin = 0
         if self.filter is None:
-            self._first = t, u
-            return
-        self._output = u
-        self._settle(self.filter.step(t, accel=u), innovations)
-
-    def _take_reading(self, t: float, z: float) -> None:
-        if self.filter is None:
-            self._start(t, z)
+            first = np.flatnonzero(~output[:ready])
+            if not len(first):  # of outputs that no reading has followed yet, the last will do
+                dropped = max(0, ready - 1)
+                self.outputs += dropped
+                self._waiting = t[dropped:], output[dropped:], value[dropped:]
+                return Readings(*(np.empty(0),) * 3)
+            # At the last output before the first reading, or at the reading where there is none.
+            begin = max(0, int(first[0]) - 1)
+            self.outputs += begin
+            self._start(float(value[first[0]]), float(t[first[0]] - t[begin]))
         assert self.filter is not None
-        if len(self._waiting) == MOST_BETWEEN:
-            raise AccelcalError(f"more than {MOST_BETWEEN} readings without an output between them")
-        variance = self._expected_variance(t)
-        self.filter.step(t, position=z)
-        self._waiting.append((t, variance))
-        self.readings += 1
+        self._waiting = t[ready:], output[ready:], value[ready:]
+        readings = self.filter.feed(t[begin:ready], output[begin:ready], value[begin:ready])
+        self.outputs += int(output[begin:ready].sum())
+        self.readings += int((~output[begin:ready]).sum())
+        self.refused += readings.refused
+        self.refusal = readings.refusal or self.refusal
+        return readings
 
-    def _settle(self, e: float | None, innovations: list[Innovation]) -> None:
-        """The filter took in all that waited; `e` is the innovation of the last reading of it."""
-        if e is not None and self._waiting:
-            t, variance = self._waiting[-1]
-            if len(self._waiting) == 1:
-                innovations.append(Innovation(t, e, variance))
-            else:
-                self.untested += len(self._waiting)
-        self._waiting.clear()
-
-    def _start(self, t: float, z: float) -> None:
-        """Begin at the last output before the first reading, or at the reading where there is none."""
+    def _start(self, z: float, ahead: float) -> None:
         settings = self.settings
-        x0, P0 = settings.start(z, t - (t if self._first is None else self._first[0]))
+        x0, P0 = settings.start(z, ahead)
         self.filter = LiveFilter(
             settings.choice,
             q=settings.q,
@@ -594,44 +663,216 @@ class Tracker:
             tau=settings.tau,
             parameters=settings.parameters,
         )
-        if self._first is not None:
-            self._output = self._first[1]
-            self.filter.step(self._first[0], accel=self._first[1])
-
-    def _expected_variance(self, t: float) -> float:
-        """Variance of the innovation of a reading at `t` (s), m²: exact at the stamp of an output.
-
-        Between outputs the state is carried on by the motion that the last output drives, to first order in the
-        parameters, which is good to a part in a thousand of what they add.
-        """
-        assert self.filter is not None
-        settings, P = self.settings, self.filter.covariance
-        time, tau = self.filter.time, settings.tau
-        h = 0.0 if time is None else t - time
-        if h <= 0.0:
-            p, pv, v = float(P[0, 0]), float(P[0, 1]), float(P[1, 1])
-            return p + 2.0 * tau * pv + tau**2 * v + settings.r_position
-        gradient, slope = self._acceleration_gradient()
-        row = np.concatenate([[1.0, h + tau], (h**2 / 2.0 + tau * h) * gradient])
-        added = settings.q * ((h + tau) ** 3 - tau**3) / 3.0 / slope**2
-        return float(row @ P @ row) + added + settings.r_position
-
-    def _acceleration_gradient(self) -> tuple[Array, float]:
-        """Gradient of the acceleration by the parameters at the last output, (m,), and d output / d acceleration."""
-        assert self.filter is not None
-        theta = dict(zip(self.settings.names, self.filter.estimate[2:].tolist(), strict=True))
-        a = (self._output - theta["K0"]) / (1.0 + theta["k"])
-        slope = 1.0 + theta["k"] + 2.0 * theta.get("K2", 0.0) * a + 3.0 * theta.get("K3", 0.0) * a * a
-        powers = {"k": a, "K0": 1.0, "K2": a * a, "K3": a * a * a}
-        return np.array([-powers[name] / slope for name in self.settings.names]), slope
-
-    def _refuse(self, error: Exception) -> None:
-        self.refused += 1
-        self.refusal = str(error)
-        waiting = 0 if self.filter is None else self.filter.waiting
-        del self._waiting[: max(0, len(self._waiting) - waiting)]
 
 
-def normalised(innovation: Innovation) -> float:
-    """An innovation in standard deviations."""
-    return innovation.e / math.sqrt(innovation.variance)
+def in_order(t: Array, output: Flags, value: Array) -> tuple[Array, Flags, Array]:
+    """Events by their stamps, the output first at a tie."""
+    order = np.lexsort((~output, t))
+    return t[order], output[order], value[order]
+
+
+OUTPUT, READING, SIDE = 0, 1, 2
+"""Kinds of events, the last of the first side channel; at a tie the output comes first."""
+Event = tuple[float, int, float]
+"""Time in s, kind, value in SI."""
+RATE_OUTPUTS = 50
+"""Outputs from which the rate of a stream is taken."""
+MOST_WAITING = 252
+"""Readings that wait for the next output; of more the newest."""
+HOLE = 8.0
+"""Usual steps of the output beyond which what the stage did between two outputs is unknown."""
+
+
+def as_readings(innovations: list[Innovation]) -> Readings:
+    """Innovations one below the other."""
+    columns = np.array([(i.t, i.e, i.variance) for i in innovations]).reshape(-1, 3).T
+    return Readings(columns[0].copy(), columns[1].copy(), columns[2].copy())
+
+
+class ModelTracker(Tracker):
+    """A `LiveModel` on rows of a stream, for a model with more effects than a `LiveFilter` has.
+
+    It runs at the rate of the first outputs. The output at its instants is on the straight line between the two outputs
+    around each; a reading is carried by at most half a step to the nearest instant along the motion. Behind a hole of
+    the output, and behind a step that was refused, the motion begins anew, and the coefficients stay. Innovations lag
+    by one or two outputs.
+
+    Parameters
+    ----------
+    settings : of the filter, with a model.
+    """
+
+    def __init__(self, settings: LiveSettings) -> None:
+        super().__init__(settings)
+        assert settings.model is not None
+        self.live: LiveModel | None = None
+        """None before the rate and a reading are known."""
+        self._channels = tuple(sorted(settings.needs))
+        self._held_back: list[Event] = []
+        """Events that one before them may still join."""
+        self._ahead: list[Event] = []
+        """Events until the rate is known."""
+        self._outputs: deque[tuple[float, float]] = deque()
+        """Outputs around the next instant."""
+        self._readings: deque[tuple[float, float]] = deque(maxlen=MOST_WAITING)
+        self._side: dict[str, float] = {}
+        self._step = self._at = self._zero = 0.0
+        """Step between instants, the next of them, and the first, s."""
+        self._behind_hole = False
+        self._before: tuple[float, float] | None = None
+        """The reading before the one with which the filter begins."""
+
+    def feed(self, rows: Rows) -> Readings:
+        """Take rows in; the readings that they led to."""
+        self.moments.add(rows)
+        values = (rows.accel, rows.position, *(rows.side[name] for name in self._channels))
+        for kind, y in enumerate(values):
+            at = np.flatnonzero(~np.isnan(y))
+            late = self.settings.offset if kind == OUTPUT else 0.0
+            self._held_back += zip((rows.t[at] - late).tolist(), [kind] * len(at), y[at].tolist(), strict=True)
+        if not len(rows):
+            return as_readings([])
+        self._held_back.sort()
+        settled = float(rows.t[-1]) - max(self.settings.offset, 0.0)
+        ready = sum(event[0] <= settled for event in self._held_back)
+        events, self._held_back = self._held_back[:ready], self._held_back[ready:]
+        return as_readings(self._processed(events))
+
+    def finish(self) -> Readings:
+        """Take in what still waits, as at the end of a record."""
+        events, self._held_back = self._held_back, []
+        innovations = self._processed(events, ended=True)
+        return as_readings(innovations + self._stepped(math.inf))
+
+    def _processed(self, events: list[Event], *, ended: bool = False) -> list[Innovation]:
+        innovations: list[Innovation] = []
+        if self._step == 0.0:
+            self._ahead += events
+            stamps = [t for t, kind, _ in self._ahead if kind == OUTPUT]
+            if len(stamps) < (3 if ended else RATE_OUTPUTS):
+                self._drop_from_ahead()
+                return innovations
+            steps = np.diff(stamps)
+            self._step = float(np.mean(steps[steps < 1.5 * np.median(steps)]))
+            events, self._ahead = self._ahead, []
+        for t, kind, value in events:
+            if kind == OUTPUT:
+                self.outputs += 1
+                if self._outputs and t - self._outputs[-1][0] > HOLE * self._step:
+                    innovations += self._stepped(math.inf)
+                    self._outputs.clear()
+                    self._readings.clear()
+                    self._behind_hole = True
+                if not self._outputs:
+                    self._at = t
+                self._outputs.append((t, value))
+                innovations += self._stepped(t)
+            elif kind == READING:
+                self.readings += 1
+                self._readings.append((t, value))
+            else:
+                self._side[self._channels[kind - SIDE]] = value
+        return innovations
+
+    def _drop_from_ahead(self) -> None:
+        """Keep of the events behind the newest output the newest readings, and the last value of each side channel."""
+        begin = max((i for i, event in enumerate(self._ahead) if event[1] == OUTPUT), default=-1) + 1
+        behind = self._ahead[begin:]
+        readings = [event for event in behind if event[1] == READING]
+        sides = {event[1]: event for event in behind if event[1] >= SIDE}
+        self.readings += max(0, len(readings) - MOST_WAITING)
+        self._ahead[begin:] = sorted([*readings[-MOST_WAITING:], *sides.values()])
+
+    def _stepped(self, until: float) -> list[Innovation]:
+        """Go on to the last instant whose readings are all known, before the output at `until` (s)."""
+        innovations, half = list[Innovation](), 0.5 * self._step
+        while self._outputs and self._at + half <= until and self._at <= self._outputs[-1][0] + 1e-3 * self._step:
+            while len(self._outputs) > 1 and self._outputs[1][0] <= self._at:
+                self._outputs.popleft()
+            try:
+                innovations += self._one_step(self._at, self._output_at(self._at), self._reading_at(self._at, half))
+            except (ValueError, ArithmeticError) as error:
+                self.refused += 1
+                self.refusal = str(error)
+                self._behind_hole, self._before = True, None  # the filter has stayed behind
+            self._at += self._step
+        return innovations
+
+    def _output_at(self, t: float) -> float:
+        """The output at an instant, on the line between the outputs around it; close to one of them its own."""
+        (before, u), (behind, v) = self._outputs[0], self._outputs[min(1, len(self._outputs) - 1)]
+        share = (t - before) / (behind - before) if behind > before else 0.0
+        return u if share < 1e-3 else v if share > 1.0 - 1e-3 else u + share * (v - u)
+
+    def _reading_at(self, t: float, half: float) -> tuple[float, float] | None:
+        """The reading nearest to an instant, within half a step."""
+        near = []
+        while self._readings and self._readings[0][0] < t + half:
+            near.append(self._readings.popleft())
+        near = [reading for reading in near if reading[0] >= t - half]
+        return min(near, key=lambda reading: abs(reading[0] - t)) if near else None
+
+    def _one_step(self, t: float, u: float, reading: tuple[float, float] | None) -> list[Innovation]:
+        read, z = (t, None) if reading is None else reading
+        if self.live is None or self._behind_hole:
+            if z is None or len(self._side) < len(self._channels):
+                return []
+            before, self._before = self._before, reading
+            if before is None:
+                return []
+            # A reading is carried to its instant along the motion, so the velocity must be known from the first on.
+            v = (z - before[1]) / (read - before[0])
+            if self.live is None:
+                self.live, self._zero = self._begun(1.0 / self._step, z), t
+            self.live.restart(z + v * (t - read), v, t - self._zero)
+            self._behind_hole, self._before = False, None
+        e = self.live.step(u, z, t - read, **self._side)
+        if e is None or reading is None or self.live.innovation_variance is None:
+            return []
+        return [Innovation(reading[0], e, self.live.innovation_variance)]
+
+    def _begun(self, rate: float, position: float) -> LiveModel:
+        settings = self.settings
+        assert settings.model is not None
+        return LiveModel(
+            settings.model,
+            settings.rig,
+            rate=rate,
+            q=settings.q,
+            r_position=settings.r_position,
+            position=position,
+            speed=SPEED,
+            origins=settings.origins,
+            gauss_markov={PARAMETER_OF[name]: moves for name, moves in settings.parameters.items()},
+            covariance=settings.spread,
+        )
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """Coefficients that are estimated, with standard deviations."""
+        live = self.live or self._begun(1.0, 0.0)
+        return self._held_to(tuple(e for e in live.estimates if e.std > 0.0))
+
+    def _scale_variances(self) -> tuple[float, float]:
+        assert self.settings.spread is not None
+        begun = float(self.settings.spread[0, 0])  # the scale factor is the first state of a `LiveModel`
+        return begun, begun if self.live is None else float(self.live.covariance[0, 0])
+
+    def _noisy(self) -> set[str]:
+        return set[str]() if self.live is None else self.live.noisy_names
+
+    def fitted(self, fit: Fit) -> Fit:
+        """The fit with the coefficients as the filter holds them, but for those that belong to the fitted record."""
+        if self.live is None:
+            return fit
+        rows = {e.name: i for i, e in enumerate(fit.free) if not of_one_record(find(e.name.split(".")[0]))}
+        states = [(j, rows[name]) for j, name in enumerate(self.live.names) if name in rows]
+        here, there = (list(places) for places in zip(*states, strict=True))
+        covariance = fit.covariance.copy()
+        covariance[there, :] = covariance[:, there] = 0.0
+        covariance[np.ix_(there, there)] = self.live.covariance[np.ix_(here, here)]
+        now = {e.name: e for e in self.estimates if e.name in rows}
+        estimates = tuple(
+            replace(e, value=now[e.name].value, std=now[e.name].std) if e.name in now else e for e in fit.estimates
+        )
+        return replace(fit, estimates=estimates, covariance=covariance)

@@ -26,6 +26,7 @@ from accelcal.plots.figure import (
     Tiles,
     candidate_groups,
     error_reduction_sentence,
+    on_rows,
     ruled,
     sentence,
     share_text,
@@ -92,8 +93,8 @@ def ranking(diagnosis: Diagnosis, most: int = CANDIDATES) -> Figure:
     for group in groups:
         end = begin + len(group) - 1
         if len(group) > 1:
-            x, y = np.array([1.5, 1.53, 1.53, 1.5]) * top, np.repeat([begin - 0.3, end + 0.3], 2)
-            brackets += [Line(x, y, role="other", solid=True), Text(1.56 * top, 0.5 * (begin + end), "confounded")]
+            x, y = np.array([1.62, 1.65, 1.65, 1.62]) * top, np.repeat([begin - 0.3, end + 0.3], 2)
+            brackets += [Line(x, y, role="other", solid=True), Text(1.68 * top, 0.5 * (begin + end), "confounded")]
         begin = end + 1
     bars = Bars(
         snr,
@@ -103,8 +104,8 @@ def ranking(diagnosis: Diagnosis, most: int = CANDIDATES) -> Figure:
         text=[f"{c.snr:.1f} σ" for c in flat],
         hover=[f"{c.snr:.1f} σ, family-wise p {c.p_value:.2g}: {_amount(c)}" for c in flat],
     )
-    names = Axis(range=(len(flat) - 0.4, -0.6), ticks=(range(len(flat)), [spelled(c.effect) for c in flat]), grid=False)
-    significance = Axis("significance", "σ", range=(0.0, 2.4 * top))
+    names = Axis(range=(len(flat) - 0.4, -0.6), ticks=(range(len(flat)), on_rows(c.effect for c in flat)), grid=False)
+    significance = Axis("significance", "σ", range=(0.0, 2.6 * top))
     panel = Panel((bars, *brackets), significance, names, height=20.0 + 30.0 * len(flat))
     return Figure((panel,), headline, f"family-wise false-alarm rate {diagnosis.alpha:g}")
 

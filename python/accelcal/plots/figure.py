@@ -6,7 +6,8 @@ A mark holds numbers in the units of its axes, a name, and a role; which colour 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+import textwrap
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, wraps
 from inspect import Signature, signature
@@ -20,6 +21,7 @@ from accelcal._support.errors import AccelcalError
 from accelcal.data import MICRO_G, Array
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.effects import spelled
 from accelcal.results import words as formatting
 from accelcal.results.comparisons import fall, source_of_noise
 from accelcal.results.words import grouped, label
@@ -282,6 +284,15 @@ class Axis:
         if self.ticks is None and self.scale == "log" and self.range is not None:
             return decades(*self.range)
         return self.ticks
+
+
+def on_rows(names: Iterable[str]) -> list[str]:
+    """Names of effects beside rows as people write them; the long ones on two lines, so that the marks keep room."""
+    return [textwrap.fill(spelled(name), ROW) for name in names]
+
+
+ROW = 18
+"""Letters of a line beside a row."""
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ __all__ = [
     "one_step",
     "overlay",
     "parameters",
+    "paths",
     "quantile_plot",
     "ranking",
     "regions",
@@ -34,9 +35,10 @@ __all__ = [
 accel_residual, coasting = moving(comparison.accel_residual), moving(comparison.coasting)
 detectable_sizes, drift_limits = moving(diagnosis.detectable_sizes), moving(diagnosis.drift_limits)
 error_reduction, ranking = moving(diagnosis.error_reduction), moving(diagnosis.ranking)
-fitted_curve, live_tracks, tracks = (
+fitted_curve, live_tracks, paths, tracks = (
     moving(over_time.fitted_curve),
     moving(over_time.live_tracks),
+    moving(over_time.paths),
     moving(over_time.tracks),
 )
 linked, overlay, timeline = moving(over_time.linked), moving(over_time.overlay), moving(over_time.timeline)

@@ -23,6 +23,7 @@ from accelcal.plots.figure import (
     Role,
     Stretch,
     Text,
+    on_rows,
 )
 from accelcal.results.words import concise, prefixed, with_unit
 
@@ -146,9 +147,7 @@ def agreement(result: Agreement) -> Figure:
     shown = [parameter for parameter in result.parameters if parameter.en is not None]
     en, rows = np.array([parameter.en for parameter in shown], dtype=np.float64), np.arange(float(len(shown)))
     reach = 1.15 * max(2.0, float(np.abs(en).max(initial=0.0)))
-    names = Axis(
-        range=(len(shown) - 0.5, -0.5), ticks=(rows.tolist(), [spelled(parameter.name) for parameter in shown])
-    )
+    names = Axis(range=(len(shown) - 0.5, -0.5), ticks=(rows.tolist(), on_rows(parameter.name for parameter in shown)))
     scaled = Axis("En", "1", "symlog" if reach > REACH else "linear", (-reach, reach))
     right = Panel(
         (Level(low=-LIMIT, high=LIMIT, role="band", upright=True), Points(en, rows)), scaled, names, height=240.0

@@ -425,7 +425,7 @@ def _needs_digits(values: NDArray[np.float64]) -> bool:
 
 def label_margin(names: Sequence[str]) -> int:
     """Margin that the longest of some labels needs, pixels."""
-    return int(30 + LETTER * max(map(len, names), default=0))
+    return int(30 + LETTER * max((len(line) for name in names for line in name.splitlines()), default=0))
 
 
 def lines(text: str) -> str:

@@ -15,7 +15,7 @@ from accelcal.diagnosis.faults import Fault, examine
 from accelcal.diagnosis.left_out import MILLISECOND
 from accelcal.effects import spelled
 from accelcal.estimation.remarks import Remark
-from accelcal.estimation.tracks import Shape, Track
+from accelcal.estimation.tracks import Path, Shape, Track
 from accelcal.plots.figure import (
     COLUMNS,
     Axis,
@@ -360,6 +360,30 @@ def tracks(track: Track) -> Figure:
     note = f"{left} further parameters are not drawn" if left else ""
     headline = "Parameter estimates from the readings up to each instant, with their uncertainty"
     return Figure(tuple(panels), headline, note, columns=2)
+
+
+def paths(moving: Sequence[Path]) -> Figure:
+    """Draw coefficients over a recording with a 95 % band, and the driver that each follows best.
+
+    Parameters
+    ----------
+    moving : from `accelcal.estimation.tracks.paths`.
+    """
+    panels = []
+    for path in moving:
+        reach = 1.96 * path.std
+        factor, unit = (100.0, "%") if path.unit == "1" else formatting.prefixed(path.unit, path.value)
+        low, high, y = ((path.value + side * reach) * factor for side in (-1.0, 1.0, 0.0))
+        marks: list[Mark] = [Band(path.t, low, high, "95 %"), Line(path.t, y, "estimate", "residual")]
+        if path.followers:
+            best = path.followers[0]
+            name = f"{spelled(best.mechanism)}: {100.0 * best.share:.0f} %"
+            marks.append(Line(path.t, best.value * factor, name, "other"))
+        name = spelled(path.coefficient)
+        panels.append(Panel(tuple(marks), TIME, Axis(name, unit), name, 200.0))
+    note = "the share is that of the variance of the path which the driver explains"
+    subtitle = note if any(path.followers for path in moving) else ""
+    return Figure(tuple(panels), "Coefficients that change during the run", subtitle)
 
 
 def milliseconds(*values: float) -> tuple[float, str]:

@@ -17,7 +17,7 @@ from accelcal.diagnosis.select.improvement import NestedFits, nested_fits
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect
 from accelcal.estimation.estimate import Fit, solve_runs
-from accelcal.estimation.tracks import Shape, Track, shapes, track_of
+from accelcal.estimation.tracks import Path, Shape, Track, paths_of, shapes, track_of
 from accelcal.plots import comparison, diagnosis, residuals, timeline
 from accelcal.plots.figure import Figure
 from accelcal.plots.response import sensitivity
@@ -55,6 +55,7 @@ class Content:
     """Number of models at the end of `nested` with effects that the model lacks."""
     power: Power | None
     track: Track | None
+    paths: tuple[Path, ...]
     shapes: tuple[Shape, ...]
     response: FrequencyResponse | None
     """Of `recording`; None where its motion is not one of sine steps."""
@@ -119,6 +120,7 @@ def gather(
         lambda: solve_runs(fit.model, [recording], origins=fit.origins, engine=fit.engine, **span),
     )
     followed = evaluation = None
+    moving = () if solution is None else attempt("the paths of coefficients", lambda: paths_of(solution)) or ()
     if solution is not None:
         state, followed = solution.states[0], attempt("the parameter tracks", lambda: track_of(solution))
         evaluation = attempt("the detection limits", lambda: with_drift(detectability_of(state, fit.model, extra)))
@@ -142,6 +144,7 @@ def gather(
         lacking=0 if grown is None else grown.lacking,
         power=evaluation,
         track=followed,
+        paths=moving,
         shapes=named,
         response=response,
         remarks=tuple(sorted(remarks)),
@@ -247,6 +250,9 @@ def entries(c: Content) -> Iterator[Entry]:
     if c.response is not None:
         said = f"{c.response.recording or 'Recording'}, with U (k = 2). Deviation: measured − parametric fit."
         yield _both("sensitivity", "response", said, partial(sensitivity, c.response))
+    if c.paths:
+        said = "Coefficients that processes and mechanisms of the model move, and what they follow best."
+        yield Entry("paths", "parameters", said, partial(timeline.paths, c.paths))
     if c.track is not None:
         said = "Estimates from the readings up to each instant; noise and smoothed motion from the whole record."
         yield Entry("tracks", "parameters", said, partial(timeline.tracks, c.track))

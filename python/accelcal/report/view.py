@@ -96,7 +96,8 @@ def first_page(content: Content) -> dict[str, Any]:
 def with_budget(content: Content, row: Row) -> Row:
     """One parameter with its expanded uncertainty, that of the budget where there is one."""
     e = row.get("estimate")
-    named = {"name": f"{spelled(row['name'])}{row['parameter'].removeprefix(row['name'])}", "symbol": row["symbol"]}
+    beside = f"{row['parameter'].removeprefix(row['name'])}{row.get('where', '')}"
+    named = {"name": f"{spelled(row['name'])}{beside}", "symbol": row["symbol"]}
     if e is None:
         return named | {"shown": row["worded"], "at_full_scale": "", "si": row["si"]}
     std = standard_uncertainty(content.budget, e)
@@ -468,7 +469,7 @@ def parameters(content: Content) -> Table:
     sizes = {name: Size(value, name in at_encoder) for name, value in largest.items()} | dict(content.diagnosis.sizes)
 
     def contributed(row: Row) -> str:
-        size = sizes.get(row["name"])
+        size = None if row["kind"] == "mean" else sizes.get(row["name"])
         return "" if size is None else contribution(size, fit.rig.sensor.range)
 
     def expanded(row: Row) -> float | None:

@@ -17,7 +17,7 @@ from accelcal.data import Dwells, Recording
 from accelcal.diagnosis.experiment.detectability import Power
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.estimation.estimate import Fit
-from accelcal.estimation.tracks import Track
+from accelcal.estimation.tracks import Path, Track
 from accelcal.filters.choice import STATE_UNITS
 from accelcal.filters.record import FilterRun
 from accelcal.io.write import common_rows, common_stamps
@@ -46,7 +46,7 @@ def frame(result: Result, which: str = "") -> DataFrame:
     ValueError
         If there is no table of that name.
     """
-    if not which and isinstance(result, Recording | Dwells | Coast | Track | FilterRun):
+    if not which and isinstance(result, Recording | Dwells | Coast | Path | Track | FilterRun):
         columns, name = series(result)
         data = pandas_module().DataFrame({key: values for key, (values, _) in columns.items()})
         data = data.set_index(next(iter(columns)))
@@ -94,6 +94,12 @@ def _(track: Track) -> tuple[Columns, str]:
     for k, (name, unit) in enumerate(zip(track.names, track.units, strict=True)):
         columns |= {name: (track.values[:, k], unit), f"{name}_std": (track.std[:, k], unit)}
     return columns, ""
+
+
+@series.register
+def _(path: Path) -> tuple[Columns, str]:
+    followers = {follower.mechanism: (follower.value, path.unit) for follower in path.followers}
+    return {"t": (path.t, "s"), "value": (path.value, path.unit), "std": (path.std, path.unit)} | followers, ""
 
 
 @series.register
@@ -248,6 +254,13 @@ def _(track: Track) -> Any:
             "unit": ("parameter", list(track.units)),
         },
     )
+
+
+@dataset.register
+def _(path: Path) -> Any:
+    arrays = {"value": path.value, "std": path.std} | {f.mechanism: f.value for f in path.followers}
+    times = {"t": variable("t", path.t, "s")}
+    return xarray_module().Dataset({name: variable("t", y, path.unit) for name, y in arrays.items()}, times)
 
 
 @dataset.register

@@ -16,10 +16,10 @@ from accelcal._core import __version__
 from accelcal._support.arguments import checked
 from accelcal._support.errors import OBEYED_IN_NAMES, visible
 from accelcal._support.values import face, listing
-from accelcal.effects import CATALOGUE, Effect, side_channel
+from accelcal.effects import CATALOGUE, Effect, find, side_channel
 from accelcal.effects.guard import LONGEST
+from accelcal.effects.mechanisms import unit_of_channel
 from accelcal.effects.own import ExpressionError, from_written, probe
-from accelcal.effects.processes import side_channel_scale
 from accelcal.estimation.drive import LEAST_SCALE
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.remarks import KINDS
@@ -60,7 +60,7 @@ def migrated(content: Any) -> dict[str, Any]:
         raise ModelFileError(f'found the schema "{schema}", which is no longer read; {MAKE}')
     for step in range(int(number[1]), PRESENT):
         content = STEPS[step](content)
-    return _without("version", _without("schema", content))
+    return {"at_mean": [], **_without("version", _without("schema", content))}  # schema 5 began without it
 
 
 def _is_newer(version: object) -> bool:
@@ -215,7 +215,7 @@ _POSITIVE = (
     *("runs.noise.band", "rig.lowpass.cutoff", "rig.resolution", "rig.reading_noise", "rig.tolerance", "dwells.std"),
 )
 _NOT_NEGATIVE = (
-    *("estimates.std", "estimates.run", "shapes.std", "runs.nis", "runs.readings", "runs.samples"),
+    *("estimates.std", "estimates.run", "shapes.std", "at_mean.std", "runs.nis", "runs.readings", "runs.samples"),
     *(f"spreads.{key}" for key in ("value", "low", "high", "mean_half", "next_half")),
     *(f"{level}.{key}" for level in _LEVELS for key in ("density_std", "reading_std", "count")),
     *(f"runs.noise.noise.growth.{key}" for key in ("q", "r", "mean")),
@@ -238,7 +238,7 @@ RANGES: Mapping[str, tuple[float, float]] = {
         "rig.gravity_along_axis": (-1e3, 1e3),
         "dwells.freedom": (-1e6, 1e6),
     },
-    **dict.fromkeys(("estimates.run", "shapes.run"), (0.0, MOST_RUNS - 1.0)),
+    **dict.fromkeys(("estimates.run", "shapes.run", "at_mean.run"), (0.0, MOST_RUNS - 1.0)),
 }
 """Least and largest value of numbers that may not be any, by path."""
 UNKNOWN = {
@@ -260,7 +260,7 @@ def require_consistent(fit: Fit) -> None:
     unknown = [note.code for note in fit.remarks if note.code not in KINDS]
     if unknown:
         raise ModelFileError(f"remarks: code is {unknown[0]!r}; expected one of docs/loop.md")
-    for check in (_leaves, _once, _runs, _parameters, _fixed, _shapes, _spans, _spreads, _noise, _rig, _dwells):
+    for check in (_leaves, _once, _runs, _parameters, _means, _fixed, _shapes, _spans, _spreads, _noise, _rig, _dwells):
         for where, sentence in check(fit):
             raise ModelFileError(f"{where}: {sentence}")
     _require_covariance(fit)
@@ -341,6 +341,16 @@ def _parameters(fit: Fit) -> Found:
     scale = fit.values().scale
     if not abs(scale) >= LEAST_SCALE:
         yield "estimates", f"1 + scale_factor is {scale:.4g}, expected at least {LEAST_SCALE:g} in magnitude"
+
+
+def _means(fit: Fit) -> Found:
+    moved = {effect.mechanism.carrier for effect in map(find, fit.model.effects) if effect.mechanism is not None}
+    listed = [None] if len(fit.runs) == 1 else [*range(len(fit.runs))]
+    for i, e in enumerate(fit.at_mean):
+        if e.name not in moved or e.run not in listed:
+            yield f"at_mean[{i}]", f"found {e.name!r} of the run {e.run}, expected a coefficient that a mechanism moves"
+        elif e.unit != find(e.name).unit:
+            yield f"at_mean[{i}].unit", f"found {e.unit!r}, expected {find(e.name).unit!r}"
 
 
 def _fixed(fit: Fit) -> Found:
@@ -592,10 +602,8 @@ def enter_effects(model: Any) -> None:
     except ModelFileError as error:
         raise ModelFileError(f"model.{error}") from None
     for stored in needs.side_channels.values():
-        if stored.of == "output":
-            side_channel(stored.channel, stored.unit.removeprefix("m/s²/").strip("()"))
-        else:
-            side_channel_scale(stored.channel, stored.unit.removesuffix("⁻¹").strip("()"))
+        carrier = "bias" if stored.of == "output" else "scale_factor"
+        side_channel(stored.channel, unit_of_channel(stored.unit, carrier), carrier)
     for item in needs.own:
         try:
             formula = None if item.name in CATALOGUE else from_written(item.name, item.source)
@@ -612,14 +620,21 @@ def enter_effects(model: Any) -> None:
                 f"{CATALOGUE[item.name].digest[:12]}… instead of {item.digest[:12]}…). Fit again, or load the old file"
             )
     names = model.get("effects")
-    missing = (
-        [name for name in names if isinstance(name, str) and name not in CATALOGUE] if isinstance(names, list) else []
-    )
+    missing = [name for name in names if isinstance(name, str) and not known(name)] if isinstance(names, list) else []
     if missing:
         raise MissingEffectError(
             f"the model uses {missing[0]!r}, which is no effect of accelcal; if it is one of your own, {LOAD}, or run "
             "the lines that enter it"
         )
+
+
+def known(name: str) -> bool:
+    """Whether there is an effect of a name, or `find` makes it."""
+    try:
+        find(name)
+    except ValueError:
+        return False
+    return True
 
 
 def require_coefficients(fit: Fit) -> None:

@@ -11,16 +11,18 @@ import numpy as np
 from accelcal._support.values import listing
 from accelcal.data import ACCELERATION, MICRO_G, VELOCITY, Dwells, Recording, describe, instant
 from accelcal.effects import CATALOGUE, Effect, find, spelled
+from accelcal.effects.mechanisms import driver_of
 from accelcal.effects.registry import CARD
 from accelcal.estimation.estimate import Fit, tied_sum
 from accelcal.estimation.noise import Level, NoiseEffect, NoiseReport
-from accelcal.estimation.tracks import Track
+from accelcal.estimation.tracks import Path, Track
 from accelcal.filters.choice import STATE_UNITS
 from accelcal.filters.record import FilterRun
 from accelcal.model import Estimate, Model
 from accelcal.results.comparisons import length_column
 from accelcal.results.table import Column, Row, Table, as_sentence, require, table
 from accelcal.results.words import amount, at_full_scale, decimal, grouped, interval, label, number, plain, with_unit
+from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import Coast
 
 MOST_COLUMNS = 4
@@ -75,7 +77,7 @@ MOST_NOTES = 3
 
 
 PARAMETER_COLUMNS = (
-    Column("parameter", "parameter"),
+    Column("parameter", "parameter", lambda r: f"{r['parameter']}{r.get('where', '')}"),
     Column("symbol", "symbol"),
     Column("", "value", lambda r: r["worded"]),
     Column("", "at full scale", lambda r: r["at_full_scale"]),
@@ -88,7 +90,7 @@ PARAMETER_COLUMNS = (
 
 
 def parameter_rows(fit: Fit, *, in_full: bool = False) -> tuple[Row, ...]:
-    """Parameters of a fit: coefficients, shapes and effects on noise, in this order.
+    """Parameters of a fit: coefficients, those at the mean of a run, shapes and effects on noise, in this order.
 
     An effect with more than MOST_COLUMNS coefficients is one row, unless `in_full`. Columns of a curve that are held at
     zero, because a simpler curve suffices, are no parameters.
@@ -105,7 +107,9 @@ def parameter_rows(fit: Fit, *, in_full: bool = False) -> tuple[Row, ...]:
             counts[name] *= -1  # its row stands
             rows.append(curve_row(fit, name, -counts[name]))
         elif counts[name] > 0 and (in_full or e not in unused):
-            rows.append(estimate_row(fit, e))
+            rows.append({**estimate_row(fit, e), "where": at_zero(fit, e.name)})
+            rows += [mean_row(fit, mean) for mean in fit.at_mean if mean.name == e.name and e.run in (None, mean.run)]
+    rows += [mean_row(fit, mean) for mean in fit.at_mean if mean.name not in counts]
     rows += [estimate_row(fit, e, "shape") for e in fit.shapes]
     rows += [noise_row(effect) for effect in fit.noise_effects]
     return tuple(rows)
@@ -140,6 +144,30 @@ def estimate_row(fit: Fit, e: Estimate, kind: str = "coefficient") -> Row:
         "includes": tied_sum(fit, e.name),
         "estimate": e,
     }
+
+
+def mean_row(fit: Fit, e: Estimate) -> Row:
+    """Row of a coefficient that mechanisms move, at the mean of a run."""
+    run = "this run" if e.run is None else fit.runs[e.run].name
+    return {**estimate_row(fit, e, "mean"), "parameter": f"{e.name}, at the mean of {run}"}
+
+
+def at_zero(fit: Fit, coefficient: str) -> str:
+    """Where the drivers of the mechanisms that move a coefficient are at zero; empty where none does."""
+    moving = [of for of in (find(name).mechanism for name in fit.model.added) if of and of.carrier == coefficient]
+    zero = np.zeros(2)
+    still, places = Signals(t=zero, p=zero, v=zero, a=zero, jerk=zero, scale=1.0, rig=fit.rig), []
+    for of in moving:
+        driver = driver_of(of.driver)
+        if driver.at_rest is not None:
+            places.append("at rest" if driver.at_rest(still) == 0.0 else f"at {of.text} = 0")
+        elif of.driver in driver.needs:
+            places.append(f"at the mean of {of.text}")
+        else:
+            places.append(
+                f"at {of.text} = {with_unit(number(fit.origins.p if of.driver == 'position' else 0.0), driver.unit)}"
+            )
+    return "".join(f", {place}" for place in dict.fromkeys(places))
 
 
 def curve_row(fit: Fit, name: str, count: int) -> Row:
@@ -412,6 +440,34 @@ def _(track: Track, which: str = "") -> Table:
         f"{grouped(len(track.t))} instants, {instant(track.t[0])} s to {instant(track.t[-1])} s.",
         zip(track.names, track.values[-1].tolist(), track.std[-1].tolist(), track.units, strict=True),
     )
+
+
+@table.register
+def _(path: Path, which: str = "") -> Table:
+    require(which)
+    name, low, high = spelled(path.coefficient), float(path.value.min()), float(path.value.max())
+    ends = [(low, float(path.std[path.value.argmin()])), (high, float(path.std[path.value.argmax()]))]
+    several = [(path.itself, path.itself_std), (path.mean, path.mean_std), *ends]
+    rest, middle, least, most = (plain(path.unit, y, std) for y, std in several)
+    said = f"{name}: {rest} by itself, {middle} at the mean of this run, from {least} to {most}."
+    best = path.followers[0] if path.followers else None
+    if best is not None and best.share < EXPLAINED:
+        most_likely = f"{spelled(best.mechanism)} {100.0 * best.share:.0f} % of its variance"
+        said += f" No recorded quantity explains it: {most_likely}."
+    return Table(
+        title=f"Path of {name}",
+        sentence=said,
+        columns=(
+            Column("mechanism", "what it may follow", lambda r: spelled(r["mechanism"])),
+            Column("share", "explains of its variance", lambda r: f"{100.0 * r['share']:.0f} %"),
+            Column("tau", "memory", lambda r: f"{number(r['tau'], 2)} s", "s"),
+        ),
+        rows=tuple({key: getattr(f, key) for key in ("mechanism", "share", "tau")} for f in path.followers),
+    )
+
+
+EXPLAINED = 0.8
+"""Share of a path's variance from which a driver is said to explain it."""
 
 
 def last_values(kind: str, title: str, sentence: str, rows: Iterable[tuple[str, float, float, str]]) -> Table:

@@ -9,30 +9,9 @@ import numpy as np
 
 from accelcal._support.values import listing
 from accelcal.data import MICRO_G, Array, usual_unit
+from accelcal.data import concise as concise
 from accelcal.effects import CATALOGUE, spelled, static_terms
-
-
-def concise(value: float, std: float) -> str:
-    """A value with the standard uncertainty of its last two digits in parentheses.
-
-    Examples
-    --------
-    >>> concise(0.0123456, 0.000021)
-    '0.012346(21)'
-    >>> concise(1.2345e-5, 2.1e-7)
-    '1.234(21)e−5'
-    """
-    if not (math.isfinite(std) and std > 0.0):
-        return f"{value:.4g}"
-    largest = max(abs(value), std)
-    exponent = math.floor(math.log10(largest))
-    exponent = 0 if -3 <= exponent <= 4 else exponent
-    value, std = value / 10.0**exponent, float(f"{std / 10.0**exponent:.1e}")
-    digits = 1 - math.floor(math.log10(std))
-    places = max(0, digits)
-    shown = f"{round(value, digits):.{places}f}({round(std * 10.0**places)})"
-    tail = f"e{exponent}" if exponent else ""
-    return (shown + tail).replace("-", "−")
+from accelcal.effects.mechanisms import PATTERN
 
 
 def interval(value: float, std: float, factor: float = 1.96) -> str:
@@ -187,9 +166,11 @@ MOST_PLACES = 12
 
 def readable(text: str) -> str:
     """A sentence of the library with effect names written as words."""
-    for name in sorted((n for n in CATALOGUE if "_" in n), key=len, reverse=True):
-        text = text.replace(name, spelled(name))
-    return text.replace(" sigma", " σ")
+
+    def worded(name: re.Match[str]) -> str:
+        return spelled(name[0]) if name[0] in CATALOGUE or PATTERN.fullmatch(name[0]) else name[0]
+
+    return re.sub(r"\w+_\w+", worded, text).replace(" sigma", " σ")
 
 
 def prefixed(unit: str, *values: Array | float) -> tuple[float, str]:

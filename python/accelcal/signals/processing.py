@@ -79,7 +79,14 @@ def recursive_filter(
 
     The state is that of SciPy's `lfilter`, whose import alone would take as long as a fit.
     """
-    return _core.cascade([((*b, 0.0, 0.0)[:3], (*a[1:], 0.0, 0.0)[:2], state)], x)
+    (b0, b1, b2), (a1, a2) = section = (*b, 0.0, 0.0)[:3], (*a[1:], 0.0, 0.0)[:2]
+    if x.dtype != object:
+        return _core.cascade([(*section, state)], x)
+    y = np.empty_like(x)  # symbols of an export: the same recursion, written out
+    for i in range(len(x)):
+        y[i] = b0 * x[i] + state[0]
+        state = b1 * x[i] - a1 * y[i] + state[1], b2 * x[i] - a2 * y[i]
+    return y
 
 
 def cosine_window(n: int, weights: Sequence[float] = (0.5, 0.5)) -> Array:

@@ -197,7 +197,8 @@ TINY = 1e-12
 
 def corner(y: Array, std: float) -> float:
     """Half-width over which a corner at zero is rounded, in the unit of `y`."""
-    return max(CORNER_NOISE * std, CORNER_SHARE * float(np.max(np.abs(y))), TINY)
+    width: float = np.maximum(np.maximum(CORNER_NOISE * std, CORNER_SHARE * np.max(np.abs(y))), TINY)
+    return width
 
 
 __dir__ = listing(globals())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data import Array, Flags, Recording
-from accelcal.effects import Effect, find, of_one_record
+from accelcal.effects import find, of_one_record
 from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
 from accelcal.estimation.estimate import Fit, require_channels
 from accelcal.estimation.noise import variance_functions, with_growth
@@ -37,7 +36,7 @@ def values_on(fit: Fit, recording: Recording) -> Values:
         parts = [index for index, run in enumerate(fit.runs) if run.session and run.session == recording.session]
         return fit.values(same[0] if same else parts[0] if len(parts) == 1 else None)
     values = fit.values()
-    terms = tuple(replace(term, shape=at_rest(term.effect, term.shape)) for term in values.terms)
+    terms = tuple(replace(term, shape=term.effect.rested(term.shape)) for term in values.terms)
     lost = {term.name for term in terms if of_one_record(term.effect)}
     return Values({name: 0.0 if name in lost else value for name, value in values.by_name.items()}, terms)
 
@@ -47,7 +46,7 @@ def left_out(fit: Fit, recording: Recording) -> tuple[str, ...]:
     if is_fitted(fit, recording):
         return ()
     names = [name for name in fit.model.added if of_one_record(find(name))]
-    anew = [name for name in fit.model.added if name not in names and at_rest(find(name), {})]
+    anew = [name for name in fit.model.added if name not in names and find(name).rested({})]
     sentences = []
     if names:
         sentences.append(f"{' and '.join(names)}: follows the clock of the fitted recording; left out on this one")
@@ -65,12 +64,6 @@ def start_of_history(fit: Fit, recording: Recording, start: float) -> float:
     """Time from which elements with memory are to be followed up to `start`, s: they began with the fitted part of the
     same recording; on another one, and before that part, there is no history."""
     return min([start, *(run.start for run in fit.runs if run.session and run.session == recording.session)])
-
-
-def at_rest(effect: Effect, shape: Mapping[str, float]) -> dict[str, float]:
-    """Shape parameters of an effect, states of its element as after a long rest."""
-    states = {name: declared.at_rest for name, declared in effect.shapes.items() if declared.at_rest is not None}
-    return {**shape, **states}
 
 
 MOST_STARTS = 200

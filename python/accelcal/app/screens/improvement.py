@@ -22,7 +22,7 @@ from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find, spelled
 from accelcal.model import Estimate
-from accelcal.plots import comparison
+from accelcal.plots import comparison, timeline
 from accelcal.plots.diagnosis import added_variable
 from accelcal.plots.figure import ThemeName, candidate_groups
 from accelcal.plots.residuals import before_after
@@ -241,6 +241,9 @@ def show(page: Page) -> None:
                 with widgets.card("An example"):
                     files.answer(example)
         with ui.element("div").classes("stack"):
+            if state.step.moving:
+                with widgets.card("What changes during the run", "paths"):
+                    followed(page, state.step)
             with ui.element("div").classes("wall"):
                 with widgets.card("The error of each model"):
                     page.pictures(
@@ -250,7 +253,7 @@ def show(page: Page) -> None:
                 before = page.bench.before()
                 if before is not None:
                     with widgets.card("Before and after"):
-                        step = state.step.label.replace("_", " ")
+                        step = widgets.labelled(state.step)
                         page.pictures(
                             ("step", shown),
                             lambda theme: [
@@ -262,7 +265,7 @@ def show(page: Page) -> None:
             with ui.element("div").classes("wall"):
                 with widgets.card("Residuals on held-out data"):
                     if state.previous is not None:
-                        ui.label(f"Grey: before {state.step.label}.").classes("note")
+                        ui.label(f"Grey: before {widgets.labelled(state.step)}.").classes("note")
                     page.pictures(
                         ("left", shown),
                         lambda theme: [
@@ -280,11 +283,50 @@ def show(page: Page) -> None:
 
     def of_diagnosis() -> None:
         place.clear()
-        page.of_rest.clear()
+        page.of_rest[:] = [button for button in page.of_rest if not button.is_deleted]
         with place, widgets.card("Diagnosis", "verdict"):
             verdict(page)
 
     page.of_diagnosis = of_diagnosis
+
+
+def followed(page: Page, step: Step) -> None:
+    """Coefficients that processes and mechanisms of the model move, and the drivers that a random one may follow."""
+    page.pictures(("paths", step.key), lambda theme: [timeline.paths(step.moving)], height=PATH * len(step.moving))
+    if step.moving and len(page.bench.state.train) > 1:
+        ui.label(f"Over {page.bench.state.first_fitted.name}, fitted alone.").classes("note")
+    for path in step.moving:
+        shown = path.table()
+        ui.label(shown.sentence).classes("verdict-text")
+        head, worded = shown.cells
+        rows: list[list[widgets.Cell]] = [
+            [*cells, partial(add_button, page, follower.mechanism)]
+            for cells, follower in zip(worded, path.followers, strict=True)
+        ]
+        if not rows:
+            continue
+        ui.label(FOLLOWING).classes("note")
+        label = f"What {spelled(path.coefficient)} may follow"
+        widgets.table([*head, ""], rows[:LIMITS], label)
+        if rows[LIMITS:]:
+            with ui.expansion("More drivers", icon="list").classes("full"):
+                widgets.table([*head, ""], rows[LIMITS:], f"{label}, further drivers")
+
+
+FOLLOWING = (
+    "A random process describes the change and predicts no other motion; a mechanism does. Add puts the mechanism in "
+    "place of a process that it explains."
+)
+PATH = 300
+"""Height of the figure of one path, px."""
+
+
+def add_button(page: Page, effect: str, *, primary: bool = False) -> None:
+    """The button that adds an effect, disabled while something else is under way."""
+    label = f"Add {spelled(effect)}"
+    button = widgets.button("Add", "add", lambda: page.improve(page.bench.add, effect), primary=primary, label=label)
+    button.set_enabled(page.bench.job is None)
+    page.of_rest.append(button)
 
 
 def overlay(page: Page, evaluation: Evaluation, shown: tuple[int, ...]) -> None:
@@ -398,11 +440,7 @@ def heading(page: Page, effect: str, title: str, *, primary: bool = False) -> No
     """Title of a card, and the button that adds its effect."""
     with ui.row().classes("line spread"):
         ui.label(title).classes("strong large-name")
-        button = widgets.button(
-            "Add", "add", lambda: page.improve(page.bench.add, effect), primary=primary, label=f"Add {title}"
-        )
-        button.set_enabled(page.bench.job is None)
-        page.of_rest.append(button)
+        add_button(page, effect, primary=primary)
 
 
 def of_noise(page: Page, name: str, title: str, text: str) -> None:
@@ -464,7 +502,7 @@ def tree(page: Page) -> None:
     def line(step: Step) -> None:
         short = math.isnan(measure.error(step.heldout))
         here = step.key == state.current
-        text = f"{step.label.replace('_', ' ')} · {'too short' if short else quoted(measure, step.heldout)}"
+        text = f"{widgets.labelled(step)} · {'too short' if short else quoted(measure, step.heldout)}"
         button = ui.button(text, icon="radio_button_checked" if here else "radio_button_unchecked", color=None)
         button.on_click(lambda: page.change(lambda: bench.look_at(step.key)))
         button.props(f"flat no-caps align=left aria-pressed={'true' if here else 'false'}").classes("node")

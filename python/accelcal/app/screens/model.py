@@ -35,7 +35,7 @@ def errors_by_run(page: Page) -> None:
     if len(held) < 2 or state.step is None:
         return
     alone = widgets.path_of(state).headline.alone
-    titles = ["held out", *(spelled(step.label) for step in state.path), alone, "bias less that of the fit"]
+    titles = ["held out", *(widgets.labelled(step) for step in state.path), alone, "bias less that of the fit"]
     rows = [error_row(state, number, run.name) for number, run in enumerate(held)]
     widgets.table(titles, [*rows, error_row(state, None, "together")], "Error on each held-out recording")
     names = {number: run.name for number, run in enumerate(held)}
@@ -283,13 +283,13 @@ def parameters(page: Page) -> None:
     shown = step.fit.table()
     rows = [
         [
-            spelled(row["parameter"]),
+            f"{spelled(row['parameter'])}{row.get('where', '')}",
             row["symbol"],
             f"{row['worded']}, {row['si']}" if row["kind"] == "curve" else row["worded"],
             row["at_full_scale"] if row["at_full_scale"].removesuffix(" FS") != row["worded"] else "",
             with_unit(row["span"], row["unit"]) if row["span"] else "",
             row["includes"] if row["includes"] != row["symbol"] else "",
-            partial(fix_or_free, page, row["estimate"]) if "estimate" in row else "",
+            partial(fix_or_free, page, row["estimate"]) if row["kind"] in ("coefficient", "shape") else "",
         ]
         for row in shown.rows
     ]
