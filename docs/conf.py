@@ -16,7 +16,7 @@ import accelcal
 import accelcal.plots.interactive
 from accelcal.cli import app as cli
 from accelcal.effects import BUILT_IN, Effect, spelled
-from accelcal.effects.cards import symptoms
+from accelcal.effects.processes import symptoms
 from accelcal.plots import matplotlib
 from accelcal.plots.figure import THEMES
 from accelcal.plots.signature import caption, signature

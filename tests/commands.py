@@ -50,6 +50,7 @@ class Parent:
 
     def __init__(self) -> None:
         self.socket: socket.socket | None = None
+        self.pid: int | None = None
         self.spent = 0.0
         self.environment: dict[str, str] = {}
 
@@ -61,6 +62,7 @@ class Parent:
             root = Path(__file__).parents[1]
             child = subprocess.Popen(command, cwd=root, pass_fds=[other.fileno()], **silent)
             other.close()
+            self.pid = child.pid
             self.environment = at_start(os.environ)
             atexit.register(lambda: (self.socket and self.socket.close(), child.wait()))
         return self.socket

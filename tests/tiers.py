@@ -15,6 +15,7 @@ import os
 import sys
 from collections import Counter, defaultdict
 from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean
 from types import CodeType
@@ -32,16 +33,52 @@ JUDGED = ("estimation/", "diagnosis/", "data/", "io/", "validation/")
 SLOW = 1.5
 """Processor seconds above which a case is slow; of a test function above it, every second or third case stays."""
 LONG = 4.0
-"""Processor seconds above which `ACCELCAL_LONG=0/2` runs every second case, from the first; `1/2` runs the others."""
+"""Processor seconds above which `ACCELCAL_LONG=0/4` runs every fourth case, from the first; 1/4 to 3/4 the others."""
 LISTED = 0.3
 """Processor seconds above which a case is listed in `durations.json`."""
 OUTSIDE = {"browser", "device_tools", "host_tools"}
 """Fixtures that start a browser, an emulator or a compiler; where a test starts one itself it is marked by hand."""
 
 
+@dataclass
+class Spent:
+    """Processor seconds at the last look, and those of what had ended before it with no parent that waited."""
+
+    last: float = 0.0
+    lost: float = 0.0
+
+    def now(self, seconds: float) -> float:
+        """Return all seconds, where `seconds` are those that the system still knows of."""
+        self.lost += max(self.last - seconds, 0.0)
+        self.last = seconds
+        return seconds + self.lost
+
+
+SPENT = Spent()
+
+
 def processor() -> float:
-    """Return the processor seconds of this process, of its ended children and of the commands that it had forked."""
-    return sum(os.times()[:4]) + PARENT.spent
+    """Return the processor seconds of this process, of its ended children, of the commands that it had forked, and of
+    what it has started that still runs: browsers, servers."""
+    return SPENT.now(sum(os.times()[:4]) + PARENT.spent + living(os.getpid(), PARENT.pid))
+
+
+def living(process: int, but: int | None = None) -> float:
+    """Return the processor seconds of all living descendants of a process and of their ended children, but of one
+    child with its own; 0 without /proc."""
+    parents, spent = {}, {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            numbers = path.read_text().rpartition(")")[2].split()
+        except OSError:  # it has ended
+            continue
+        name = int(path.parent.name)
+        parents[name], spent[name] = int(numbers[1]), sum(map(int, numbers[11:15]))
+    generation, found = {process}, 0
+    while generation:
+        generation = {name for name, parent in parents.items() if parent in generation and name != but}
+        found += sum(spent[name] for name in generation)
+    return found / os.sysconf("SC_CLK_TCK")
 
 
 def stored() -> tuple[dict[str, float], dict[str, str]]:
@@ -159,6 +196,10 @@ class Stopwatch:
                 seconds = processor() - begin - (self.shared - inner)
                 self.shared += seconds
                 self.write(fixture=f"{fixturedef.baseid}::{fixturedef.argname}", seconds=seconds)
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_teardown(self) -> None:
+        processor()  # while servers and browsers still run
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: Any) -> Generator[None, object, object]:

@@ -44,6 +44,35 @@ def with_delay(path, cutoff=None, shift=0.0, seed=72):
     return path
 
 
+SAG, TAU = -0.03, 0.4
+"""Of the scale factor per m/s² of the memory of |a|, and that memory, s."""
+SIDECAR = """sensor.noise = "20 ug/sqrt(Hz)"
+rig.axis = "level"
+[channels]
+time = { column = "t", unit = "s" }
+accel = { column = "accel", unit = "m/s^2" }
+position = { column = "position", unit = "m", resolution = "1 um" }
+"""
+
+
+def sagging(path, size=SAG, seed=4711, seconds=45, rate=1000, over=8):
+    """Write tones of slowly changing amplitudes, measured with a gain that falls with the last 0.4 s of |a|."""
+    rng, t = np.random.default_rng(seed), np.arange(-5 * rate * over, seconds * rate * over) / (rate * over)
+    a, p = np.zeros_like(t), np.zeros_like(t)
+    for f in (0.6, 1.3, 2.4, 4.1):
+        slow, phases, w = rng.uniform(0.02, 0.06), rng.uniform(0.0, 6.28, 2), 2.0 * np.pi * f
+        p += 0.6 / w**2 * (1.0 + 0.8 * np.sin(2.0 * np.pi * slow * t + phases[0])) * np.sin(w * t + phases[1])
+    a = np.gradient(np.gradient(p, t), t)
+    weight = 1.0 - np.exp(-1.0 / (rate * over * TAU))
+    memory = lfilter([weight], [1.0, weight - 1.0], np.abs(a))
+    u, p = (0.05 + (1.004 + size * memory) * a)[5 * rate * over :: over], p[5 * rate * over :: over]
+    u = u + 20e-6 * STANDARD_GRAVITY * np.sqrt(0.5 * rate) * rng.standard_normal(len(u))
+    rows = (f"{k / rate:.4f},{x:.7f},{1e-6 * round(y / 1e-6):.6f}\n" for k, (x, y) in enumerate(zip(u, p, strict=True)))
+    path.write_text("t,accel,position\n" + "".join(rows))
+    path.with_suffix(".toml").write_text(SIDECAR)
+    return path
+
+
 @pytest.fixture(scope="session")
 def files(tmp_path_factory):
     """Return the folder of all files."""

@@ -26,7 +26,7 @@ from accelcal.results import json as results_json
 from accelcal.results import model_file
 from tests.commands import accelcal, python
 
-from .conftest import with_delay
+from .conftest import sagging, with_delay
 
 
 @pytest.fixture
@@ -228,6 +228,30 @@ def test_a_whole_recording_can_be_held_out(grown, files, tmp_path):
     assert bench.state.step.heldout.recording == "other.csv"
     expected = ac.compare(estimate(ac.Model.linear(), ac.load(files / "cubic.csv")), ac.load(files / "other.csv"))[0]
     assert bench.state.step.heldout.coast_rms == expected.coast_rms
+
+
+def test_a_mechanism_takes_the_place_of_a_process_whose_path_is_shown(bench, tmp_path):
+    bench.load(sagging(tmp_path / "sag.csv", seconds=40))
+    bench.fit()
+    assert bench.state.step.moving == ()  # nothing of the base moves
+    bench.add("scale_gauss_markov")
+    (path,) = bench.state.step.moving
+    assert path.followers[0].mechanism in ("scale_factor_follows_abs_a", "scale_factor_follows_a2")
+    bench.add("scale_factor_follows_abs_a")
+    (mechanism,) = bench.state.step.moving
+    assert mechanism.followers == ()
+    assert bench.state.step.fit.model.added == ("scale_factor_follows_abs_a",)
+    base, random = (step.heldout.systematic.rms for step in (bench.state.steps[0], bench.state.steps[1]))
+    last = bench.state.step.heldout.systematic.rms
+    assert last < 0.3 * min(base, random)
+    assert widgets.labelled(bench.state.step) == "+ scale factor follows |a|"
+    (tmp_path / "s.accelcal").write_bytes(bench.session())
+    bench.open(tmp_path / "s.accelcal")
+    if bench.state.opened is not None:
+        bench.give([tmp_path / "sag.csv", tmp_path / "sag.toml"])
+    assert bench.sentence == ""
+    assert [len(step.moving) for step in bench.state.path] == [0, 1, 1]
+    assert bench.state.step.moving[0].mean == pytest.approx(mechanism.mean, rel=1e-6)
 
 
 def test_an_own_formula_becomes_a_candidate(bench, files):

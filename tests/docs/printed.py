@@ -4,24 +4,28 @@ from __future__ import annotations
 
 from accelcal.diagnosis import policy
 from accelcal.effects import BUILT_IN, cards
+from accelcal.live import tracker
 
 from .pages import DOCS
 
-BEGIN, END = "<!-- thresholds: begin -->\n", "<!-- thresholds: end -->"
-"""Marks of the page of the method around the tables of thresholds."""
+PRINTED = {"method.md": ("thresholds", policy.markdown), "live.md": ("effects", tracker.markdown)}
+"""Pages with a part that the package prints, between marks that name it."""
 
 
-def with_thresholds(page: str) -> str:
-    """The page of the method with the tables that the policy prints."""
-    before, _, rest = page.partition(BEGIN)
-    return before + BEGIN + policy.markdown() + END + rest.partition(END)[2]
+def with_printed(page: str, text: str) -> str:
+    """A page with what the package prints between its marks."""
+    part, markdown = PRINTED[page]
+    begin, end = f"<!-- {part}: begin -->\n", f"<!-- {part}: end -->"
+    before, _, rest = text.partition(begin)
+    return before + begin + markdown() + end + rest.partition(end)[2]
 
 
 def main() -> None:
-    """Write the cards of effects and the tables of thresholds."""
+    """Write the cards of effects, the tables of thresholds and what becomes of each effect live."""
     (DOCS / "effects.md").write_text(cards(BUILT_IN), encoding="utf-8")
-    method = DOCS / "method.md"
-    method.write_text(with_thresholds(method.read_text(encoding="utf-8")), encoding="utf-8")
+    for page in PRINTED:
+        path = DOCS / page
+        path.write_text(with_printed(page, path.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,6 @@ from .pages import DOCS, examples
 
 ENVIRONMENT = os.environ | {"COLUMNS": "160"}
 PAGES = (
-    "quick-start",
     "loop",
     "your-data",
     "own-effect",
@@ -30,7 +29,11 @@ PAGES = (
     "motion-capture",
 )
 """Pages with examples that run. Blocks of other languages are output, files, or what a person starts (`bash`)."""
-ELSEWHERE = {"export": "calibration/export/test_command.py"}
+ELSEWHERE = {
+    "export": "calibration/export/test_command.py",
+    "embedded": "firmware/test_page.py",
+    "quick-start": "house/test_readme.py",
+}
 """Pages whose examples are run by a test of what they are about."""
 BY_HAND = {
     "quick-start": ["make demo", "make test"],

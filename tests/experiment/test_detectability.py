@@ -16,8 +16,8 @@ from accelcal.diagnosis.experiment.detectability import Power
 from accelcal.diagnosis.experiment.planned_motion import planned_noise, planned_state
 from accelcal.diagnosis.experiment.power_analysis import detectability_of, with_drift
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
+from accelcal.diagnosis.search.beam import least_distance
 from accelcal.diagnosis.search.scan import scan
-from accelcal.diagnosis.search.thresholds import least_distance
 from accelcal.effects import BUILT_IN
 from accelcal.model import Model
 from accelcal.simulation import ADXL105_RIG

@@ -15,9 +15,9 @@ from accelcal.diagnosis.experiment import Plan, plan
 from accelcal.diagnosis.experiment.detectability import DetectionModel
 from accelcal.diagnosis.experiment.power_analysis import detectability_of, with_drift
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
+from accelcal.diagnosis.search.beam import least_distance
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scan import scan
-from accelcal.diagnosis.search.thresholds import least_distance
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model

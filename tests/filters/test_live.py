@@ -10,12 +10,14 @@ import pytest
 from scipy import stats
 
 from accelcal.data.rig import Rig, Sensor
-from accelcal.effects import BUILT_IN, is_local
+from accelcal.effects import BUILT_IN, CATALOGUE, find
+from accelcal.effects import effect as declare
 from accelcal.estimation.estimate import estimate
 from accelcal.filters.choice import FilterChoice, GaussMarkov
-from accelcal.filters.live_model import LiveModel
+from accelcal.filters.live_model import LiveModel, refusal
 from accelcal.filters.stream import fixed_rate
 from accelcal.model import Model, Prior
+from accelcal.signals.signals import Signals
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from tests.filters.worlds import MODEL, NOISE, RATE, READING, RIG, TRUE, World, followed, world
 
@@ -114,7 +116,7 @@ def test_without_effects_it_is_the_forward_filter() -> None:
     made = world(2, seconds=2.0)
     model = Model.linear().freeze(time_offset=0.0)
     live = followed(model, made)
-    choice = FilterChoice("aci", "linear", interpolation="cubic")
+    choice = FilterChoice("aci", "linear", interpolation="cubic", carrier="factored", corrected=True)
     P0 = np.diag([1e4 * READING**2, 1.0, 0.3**2, 3.0**2])
     given = {"q": NOISE**2 / 2, "r_position": READING**2, "x0": [made.z[0], 0.0, 0.0, 0.0], "P0": P0}
     same = fixed_rate(choice, dt=1 / RATE, **given)  # type: ignore[arg-type]
@@ -178,45 +180,151 @@ def test_a_random_scale_factor_is_tracked_as_one_more_state() -> None:
     assert live_filter(model)["scale_gauss_markov"].std == pytest.approx(sigma)
 
 
-REFUSED = {
-    "vibration": "changes the noise",
-    "temperature_rate": "other times",
-    "hysteresis": "other times",
-    "sensor_lag": "other times",
-    "encoder_backlash": "other times",
-    "encoder_lag": "other times",
-    "ac_coupling": "other times",
-}
+@pytest.mark.parametrize("tau", [3.0, np.inf])
+def test_behind_a_hole_a_process_is_as_old_as_the_hole_is_long(tau: float) -> None:
+    """Against a filter that takes in the hole without a reading, whose coefficients it leaves alone."""
+    sigma, q = 0.02, 1e-4
+    moves = GaussMarkov(2.0 * sigma**2 / tau if tau < np.inf else q, tau)
+    u, z, _ = small_record()
+    through, behind = (
+        live_filter(Model.linear().freeze(time_offset=0.0), rate=SMALL, gauss_markov={"bias": moves}) for _ in range(2)
+    )
+    for live in (through, behind):
+        live.run(u, z)
+    gap = 400
+    for _ in range(gap):
+        through.step(0.0)
+    behind.restart(0.0, 0.0, (len(u) - 1 + gap) / SMALL)
+    np.testing.assert_allclose(behind.values, through.values, rtol=1e-9)
+    np.testing.assert_allclose(behind.covariance, through.covariance, rtol=1e-9)
+    before = behind.covariance
+    behind.restart(0.0, 0.0, (len(u) - 1 + gap) / SMALL)
+    np.testing.assert_allclose(behind.covariance, before, rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", sorted(REFUSED))
-def test_what_cannot_be_followed_live_is_refused_by_name(name: str) -> None:
-    effect = next(effect for effect in BUILT_IN if effect.name == name)
-    shapes = {name: {shape: 1.0 for shape in effect.shapes}}
-    with pytest.raises(ValueError, match=f"{name} cannot be tracked live: .*{REFUSED[name]}"):
-        live_filter(Model.linear().add(name, shapes=shapes))
+def test_behind_a_hole_nothing_is_left_of_what_effects_added_before_it() -> None:
+    live = live_filter(model_with("quadratic"), rate=SMALL)
+    live.run(*small_record()[:2])
+    assert np.any(live._columns)
+    live.restart(0.0, 0.0, 100.0)
+    assert not np.any(live._columns)
+    assert not np.any(live._constant)
 
 
-def test_every_effect_with_memory_is_refused_and_every_local_mean_is_tracked() -> None:
-    for effect in BUILT_IN:
-        if effect.name in ("bias", "scale_factor", "time_offset"):
-            continue
-        model = Model.linear().add(
-            effect.name, shapes={effect.name: {shape: -1.0 if shape == "low" else 1.0 for shape in effect.shapes}}
+SHAPES = {"low": -0.5, "high": 0.5, "tau": 0.05, "width": 1e-3, "period": 0.05, "frequency": 5.0, "start": 0.0}
+SHAPES |= {"length": 1.0, "instant": 0.5, "level": 3.0, "centre": 0.0, "ripple": 0.0}
+"""Shape parameters of effects that run on a small record; 1 for all others."""
+
+
+def model_with(name: str) -> Model:
+    """A model with one effect of the catalogue, as a fit may leave it."""
+    base = Model.linear() if name == "time_offset" else Model.linear().freeze(time_offset=0.0)
+    if name in base.effects:
+        return base
+    effect = find(name)
+    given = {shape: SHAPES.get(shape, 1.0) for shape in effect.shapes}
+    model = base.add(name, shapes={name: given} if given else None)
+    processes = [term.name for term in model.terms if term.effect.port == "process"]
+    return replace(model, priors={**model.priors, **{term: Prior(0.0, effect.scale) for term in processes}})
+
+
+SMALL = 200.0
+"""Rate of a small record of 1.5 s, Hz."""
+
+
+def small_record(needs: tuple[str, ...] = ()) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Output and position of a stage that turns back several times, and side channels."""
+    t, rng = np.arange(300) / SMALL, np.random.default_rng(11)
+    motions = [(0.12, 5.0, 0.4), (0.03, 17.0, 1.1)]
+    p = sum(size * np.sin(w * t + phase) for size, w, phase in motions)
+    a = sum(-size * w**2 * np.sin(w * t + phase) for size, w, phase in motions)
+    u = 0.05 + 1.01 * a + NOISE * np.sqrt(SMALL / 2) * rng.standard_normal(len(t))
+    side = {name: 0.5 + 0.3 * np.sin((1.3 + i) * t) for i, name in enumerate(needs)}
+    return u, p - p[0] + READING * rng.standard_normal(len(t)), side
+
+
+@pytest.mark.parametrize("name", [effect.name for effect in BUILT_IN])
+def test_every_effect_of_the_catalogue_runs_and_its_estimate_moves(name: str) -> None:
+    effect = find(name)
+    assert refusal(effect) is None
+    live = live_filter(model_with(name), rate=SMALL)
+    before = {estimate.name: estimate for estimate in live.estimates}
+    u, z, side = small_record(effect.needs)
+    live.run(u, z, **side)
+    assert np.all(np.isfinite(live.values))
+    tracked = [e for e in live.estimates if e.name.split(".")[0] == name]
+    assert bool(tracked) == (effect.port != "noise")
+    moved = [before[e.name].value != e.value and before[e.name].std != e.std for e in tracked]
+    assert all(moved) if effect.width == 1 else any(moved) or not tracked  # a spline may lie where no motion is
+
+
+def planted(name: str, t: np.ndarray, p: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """What one unit of an effect with memory adds, by a loop of its own in small steps of the formula."""
+    h, x, at, y = t[1] - t[0], 0.0, float(p[0]), np.empty(len(t))
+    play_a, steps = 0.0, 20
+    for k in range(len(t)):
+        for _ in range(steps if k else 0):
+            x += h / steps / 0.05 * (0.5 * (a[k - 1] + a[k]) - x)
+        at = min(max(at, p[k] - 5e-4), p[k] + 5e-4)
+        play_a = min(max(play_a, a[k] - 0.5), a[k] + 0.5)
+        y[k] = {"creep": x, "hysteresis": play_a, "encoder_backlash": (p[k] - at) / 1e-3}[name]
+    return y
+
+
+@pytest.mark.parametrize(("name", "size"), [("creep", 0.02), ("hysteresis", 0.02), ("encoder_backlash", 4e-5)])
+def test_an_effect_with_memory_is_estimated_or_subtracted(name: str, size: float) -> None:
+    rate, rng = 500.0, np.random.default_rng(23)
+    t = np.arange(3000) / rate
+    motions = [(0.15, 3.0, 0.4), (0.05, 7.0, 1.1), (0.012, 17.0, 2.0)]
+    p, a = (
+        sum(
+            size * w**n * (-1.0) ** (n // 2) * (np.sin(w * t + phase) - (n == 0) * np.sin(phase))
+            for size, w, phase in motions
         )
-        if effect.port == "process":
-            with pytest.raises(ValueError, match=f"{effect.name} has no standard deviation; fit it"):
-                live_filter(model)
-            continue
-        if effect.port == "noise" or not is_local(effect):
-            with pytest.raises(ValueError, match=f"{effect.name} cannot be tracked live"):
-                live_filter(model)
-        else:
-            live = live_filter(model)
-            side = dict.fromkeys(effect.needs, 0.0)
-            for j in range(4):
-                live.step(0.1 * j, 1e-6 * j, **side)
-            assert np.all(np.isfinite(live.values))
+        for n in (0, 2)
+    )
+    u = 0.05 + 1.01 * a + NOISE * np.sqrt(rate / 2) * rng.standard_normal(len(t))
+    z = p + READING * rng.standard_normal(len(t))
+    added = size * planted(name, t, p, a)
+    u, z = (u, z + added) if find(name).port == "position" else (u + added, z)
+    shapes = {name: {"tau": 0.05, "start": 0.0, "width": 1e-3 if find(name).unit == "m" else 1.0}}
+    shapes[name] = {shape: shapes[name][shape] for shape in find(name).shapes}
+    known = {"bias": Prior(0.05, 5e-3), "scale_factor": Prior(0.01, 1e-3)}  # of a fit; then the velocity is known, too
+    model = Model.linear().freeze(time_offset=0.0).add(name, shapes=shapes, priors=known)
+
+    def errors(model: Model) -> dict[str, float]:
+        live = live_filter(model, rate=rate)
+        live.run(u, z)
+        truth = {"bias": 0.05, "scale_factor": 0.01, name: size}
+        return {e.name: (e.value - truth[e.name]) / e.std for e in live.estimates if e.std > 0.0}
+
+    found, subtracted, without = errors(model), errors(model.freeze(**{name: size})), errors(model.drop(name))
+    print(f"\n{name}: estimated {found}; subtracted {subtracted}; left out {without}")
+    assert set(found) == {"bias", "scale_factor", name}
+    assert max(map(abs, found.values())) < 5.0
+    assert set(subtracted) == {"bias", "scale_factor"}
+    assert max(map(abs, subtracted.values())) < 5.0
+    assert max(map(abs, without.values())) > 8.0  # the twin
+
+
+def test_an_own_effect_is_tracked_where_it_looks_at_the_present_alone() -> None:
+    with CATALOGUE.apart():
+
+        @declare("own_present", unit="(m/s²)⁻⁴", symbol="K5", scale=1e-6)
+        def present(s: Signals) -> np.ndarray:
+            """Fifth power."""
+            return s.a**5
+
+        @declare("own_past", unit="1", symbol="c", scale=1e-3)
+        def past(s: Signals) -> np.ndarray:
+            """Sum of all before."""
+            return np.cumsum(s.a)
+
+        assert live_filter(Model.linear().add("own_present")).names[-1] == "own_present"
+        with pytest.raises(
+            ValueError, match="own_past cannot be tracked live: an effect of your own that looks at other"
+        ):
+            live_filter(Model.linear().add("own_past"))
 
 
 def test_an_unknown_instant_is_asked_for() -> None:
@@ -241,3 +349,25 @@ def test_too_many_coefficients_are_refused() -> None:
 def test_a_process_of_a_missing_coefficient_is_refused() -> None:
     with pytest.raises(ValueError, match="cubic not in the model"):
         live_filter(Model.linear(), gauss_markov={"cubic": GaussMarkov(1.0)})
+
+
+@pytest.mark.parametrize("corrected", [True, False])
+def test_noise_of_the_output_in_an_effect_is_corrected(corrected: bool) -> None:
+    """The gradient by a cubic term is the third power of the noisy output: false-alarm rate 3e-5; 6 sigma without."""
+    rate, noise, n = 200.0, 3e-2, 6000
+    rng, t = np.random.default_rng(4107), np.arange(n) / rate
+    w, size = np.array([2.0, 5.0, 9.0]), np.array([1.5, 1.0, 0.7])
+    s = np.sin(w[:, None] * t + rng.uniform(0, 6, (3, 1)))
+    a = size @ s
+    u = 0.05 + 1.01 * a + 2e-3 * a**2 + 3e-4 * a**3 + rng.standard_normal(n) * noise * np.sqrt(rate / 2.0)
+    z = -(size / w**2) @ s + 3e-8 * rng.standard_normal(n)
+    model = Model.cubic().freeze(time_offset=0.0)
+    live = LiveModel(model, Rig(), rate=rate, q=noise**2 / 2, r_position=9e-16, position=float(z[0]))
+    assert [part.effect.name for part in live._parts if part.noisy] == ["quadratic", "cubic"]
+    if not corrected:
+        live._parts = [replace(part, noisy=False) for part in live._parts]
+    live.run(u, z)
+    truth = {"scale_factor": 0.01, "quadratic": 2e-3, "cubic": 3e-4}
+    worst = max(abs(live[name].value - value) / live[name].std for name, value in truth.items())
+    print(f"worst of {list(truth)}: {worst:.2f} sigma")
+    assert worst < 4.5 if corrected else worst > 6.0

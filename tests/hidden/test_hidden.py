@@ -86,7 +86,7 @@ def test_two_collinear_effects_are_reported_as_one_curve() -> None:
 
 @pytest.mark.parametrize(
     ("name", "shape"),
-    [("drag_along_rail", "shape_of_position_and_velocity"), ("micro_nonlinearity", "shape_of_acceleration")],
+    [("drag_along_rail", "velocity_follows_position"), ("micro_nonlinearity", "shape_of_acceleration")],
 )
 def test_functions_of_two_variables_and_fine_ripples_are_reported_as_such(name: str, shape: str) -> None:
     # 5 %

@@ -109,8 +109,16 @@ def _family(name: str) -> bool:
     return name.startswith(LEAST_EXPLAINED)
 
 
+FOLLOWED = {"abs_a": "acceleration", "a2": "acceleration", "abs_v": "velocity", "v2": "velocity"}
+CARRIED = {"bias": set[str](), "scale_factor": {"acceleration"}, "time_offset": {"jerk"}, "velocity": {"velocity"}}
+"""Variables of the drivers and of the carriers of mechanisms, where they are not their names."""
+
+
 def variables(name: str) -> set[str]:
     """Variables of an effect or a curve."""
+    carrier, follows, driver = name.partition("_follows_")
+    if follows:
+        return CARRIED[carrier] | {FOLLOWED.get(driver, driver)}
     if name.startswith("encoder_shape_of_"):
         return {"encoder_position"}
     for head in LEAST_EXPLAINED:
@@ -197,11 +205,19 @@ SUMS = {"rail_two_waves": {"rail_wave", "rail_second_wave"}}
 
 
 def right_shape(outcome: Outcome) -> bool:
-    """Whether the curve of the right variable entered."""
+    """Whether the curve of the right variables entered, or what is a product of them."""
+    if right_product(outcome):
+        return True
     truth = set(OUTSIDE[outcome["names"][0]].explains)
     if SUMS.get(outcome["names"][0], {""}) <= set(named(outcome)):
         return True
     return any(_family(name) and variables(name) == truth for name in named(outcome))
+
+
+def right_product(outcome: Outcome) -> bool:
+    """Whether a coefficient that follows the right variable entered."""
+    truth = set(OUTSIDE[outcome["names"][0]].explains)
+    return any("_follows_" in name and variables(name) == truth for name in named(outcome))
 
 
 SHAPED = ("acceleration", "position", "velocity", "time", "temperature", "since_reversal", "jerk", "encoder_position")
@@ -213,7 +229,7 @@ def _outside(ran: list[Outcome]) -> list[Line]:
     return [
         share(6, "right variable or unexplained", [right_variable(o) for o in ran], 0.97),
         share(6, "right shape", [right_shape(o) for o in single], 0.80),
-        at_most(6, "a wrong name as certain", [certain(o) for o in ran], 0.01),
+        at_most(6, "a wrong name as certain", [certain(o) and not right_product(o) for o in ran], 0.01),
     ]
 
 

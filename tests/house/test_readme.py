@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.commands import accelcal, python
+from tests.docs.pages import examples
 
 pytestmark = pytest.mark.always
 README = Path(__file__).parents[2] / "README.md"
@@ -63,6 +64,13 @@ def test_shell_examples_run_in_order(tmp_path):
         assert program == "accelcal"
         done = accelcal(*arguments, cwd=tmp_path, env=environment)
         assert done.returncode == 0, f"{line}: {done.stderr}"
+
+
+def test_the_examples_of_quick_start_are_these():
+    """Those of quick-start.md, which are run here."""
+    runnable = [example.text for example in examples("quick-start") if example.language in ("sh", "python")]
+    first, *others = blocks("sh")
+    assert runnable == [first, *blocks("python"), *others]
 
 
 def test_there_are_exactly_two_set_up_commands():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import os
 import re
 import subprocess
 import sys
@@ -40,14 +41,34 @@ def test_tests_and_guards_exist_and_no_guard_is_slow() -> None:
     assert not set(guards.values()) & guards.keys()
 
 
+def test_what_a_test_has_started_counts_while_it_runs() -> None:
+    work = "for _ in range(10 ** 7): pass\nprint(flush=True)\ninput()"
+    before = tiers.processor()
+    with subprocess.Popen([sys.executable, "-c", work], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        spent = tiers.processor() - before
+        assert spent > 0.1
+        assert tiers.living(os.getpid()) - tiers.living(os.getpid(), child.pid) > 0.1
+        child.communicate(b"\n")
+    assert 0.9 * spent < tiers.processor() - before < spent + 0.5  # counted once, ended too
+
+
+def test_what_ends_with_nobody_waiting_has_still_counted() -> None:
+    spent = tiers.Spent()
+    assert [spent.now(seconds) for seconds in (1.0, 6.0, 2.0, 2.5)] == [1.0, 6.0, 6.0, 6.5]
+
+
 def test_shares_of_the_long_cases_are_apart_and_make_up_all() -> None:
     seconds, _ = tiers.stored()
     long = sorted(case for case, spent in seconds.items() if spent > tiers.LONG)
     items = [SimpleNamespace(nodeid=case, get_closest_marker=lambda name: None) for case in (*long, "a.py::fast")]
-    left_out = [{item.nodeid for item in tiers.left_out(items, share)} for share in ("0/2", "1/2")]  # type: ignore[arg-type]
-    assert left_out[0] | left_out[1] == set(long)
-    assert left_out[0] & left_out[1] == set()
-    assert min(map(len, left_out)) > 50
+    shares = [f"{part}/4" for part in range(4)]
+    left_out = [{item.nodeid for item in tiers.left_out(items, share)} for share in shares]  # type: ignore[arg-type]
+    kept = [case for absent in left_out for case in long if case not in absent]
+    assert sorted(kept) == long
+    assert not any("a.py::fast" in absent for absent in left_out)
+    assert min(len(long) - len(absent) for absent in left_out) > 50
 
 
 def test_guards_are_chosen_by_the_lines_that_few_tests_reach(tmp_path: Path) -> None:
@@ -100,6 +121,7 @@ def test_the_proof_runs_every_test_once() -> None:
     assert '-m "$(BESIDE)"' in makefile
     assert "BESIDE := slow or outside or statistics\n" in makefile
     assert re.findall(r"^stage (test[\w-]*)", proof, re.M) == ["test", "test-rest"]
+    assert "--ignore" not in proof
 
 
 @pytest.mark.parametrize("words", [("--version",), ("fit",), ("fit", "absent.csv"), ("doctor", "--json")])

@@ -35,7 +35,7 @@ def read(reader: LineReader, content: bytes, size: int = 7) -> Rows:
     """Fed in pieces of `size` bytes."""
     parts = [reader.feed(content[i : i + size]) for i in range(0, len(content), size)]
     parts.append(reader.finish(whole=True))
-    return Rows(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("t", "accel", "position")))
+    return Rows.joined(parts)
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 7, 64, 10_000])
@@ -111,7 +111,7 @@ def test_an_endless_line_is_not_kept(declared: Sidecar) -> None:
         reader.feed(b"9" * 10_000)
         assert len(reader._rest) <= LONGEST
     assert reader.counts.broken == 1
-    assert reader.feed(b"9,9,9\n1,1,1\n2,1,1\n3,1,1\n").t.tolist() == [0.001, 0.002, 0.003]
+    assert read(reader, b"9,9,9\n1,1,1\n2,1,1\n3,1,1\n").t.tolist() == [0.001, 0.002, 0.003]
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -136,10 +136,11 @@ def test_stamps_that_do_not_rise_are_counted_and_skipped(declared: Sidecar) -> N
     assert reader.counts.out_of_order == 3  # 9e9 ms is months ahead, and no line confirms it
 
 
-def test_a_pause_is_believed_when_the_next_line_confirms_it(declared: Sidecar) -> None:
+def test_a_pause_is_believed_when_the_next_lines_agree_with_it(declared: Sidecar) -> None:
     reader = LineReader(declared, "device")
-    rows = read(reader, b"1,1,1\n2,1,1\n900000,1,1\n900001,1,1\n1900002,1,1\n")
-    assert rows.t.tolist() == pytest.approx([0.001, 0.002, 900.0, 900.001, 1900.002])
+    stamps = [*range(1, 10), *range(900_000, 901_000), *range(1_900_002, 1_900_500)]
+    rows = read(reader, b"".join(b"%d,1,1\n" % stamp for stamp in stamps))
+    assert (1e3 * rows.t).tolist() == pytest.approx(stamps)
     assert reader.counts.out_of_order == 0
 
 
@@ -167,16 +168,16 @@ def test_the_first_line_of_a_port_is_skipped_but_for_a_header(declared: Sidecar)
 
 def test_bytes_that_were_lost_break_the_lines_around_them(declared: Sidecar) -> None:
     reader = LineReader(declared, "device")
-    assert len(reader.feed(b"0,1,1\n1,1,1\n2,1,0.12")) == 2
+    assert len(reader.feed(b"".join(b"%d,1,1\n" % i for i in range(-8, 2)) + b"2,1,0.12")) == 10
     assert len(reader.feed(None)) == 0
-    assert reader.feed(b"34,0.5,0.5\n4,1,1\n").t.tolist() == [0.004]
+    assert reader.feed(b"34,0.5,0.5\n3,1,1\n").t.tolist() == [0.003]
     assert reader.counts.broken == 1
 
 
 def test_the_last_line_counts_where_it_is_whole(declared: Sidecar) -> None:
     for whole in (True, False):
         reader = LineReader(declared, "device")
-        assert len(reader.feed(b"0,1,1\n1,1,1\n2,1,1")) == 2
+        assert len(reader.feed(b"".join(b"%d,1,1\n" % i for i in range(9)) + b"9,1,1")) == 9
         assert len(reader.finish(whole=whole)) == whole
         assert reader.counts.broken == (not whole)
 
@@ -187,13 +188,99 @@ def test_the_last_line_counts_where_it_is_whole(declared: Sidecar) -> None:
         ("", b"1,1,1\n", "has no unit; write in .*rig.toml"),
         (SIDECAR, b"t,acc,angle\n1,1,1\n", 'there is no column "enc"'),
         (SIDECAR.replace('"mm"', '"kg"'), b"1,1,1\n", "position|length"),
-        (SIDECAR + 'temperature = { column = "T", unit = "degC" }\n', b"1,1,1\n", "temperature: lines of device hold"),
-        (SIDECAR.replace('time = { column = "t", unit = "ms" }', 'rate = "1 kHz"'), b"1,1,1\n", "rate: lines of"),
+        (
+            SIDECAR.replace('time = { column = "t", unit = "ms" }', 'rate = "1 kHz"'),
+            b"1,1,1\n",
+            "rate: lines of device begin",
+        ),
     ],
-    ids=["no unit", "no column", "wrong unit", "side channel", "rate"],
+    ids=["no unit", "no column", "wrong unit", "rate"],
 )
 def test_columns_that_are_not_understood_are_refused_at_once(
     tmp_path: Path, text: str, content: bytes, said: str
 ) -> None:
     with pytest.raises(RecordingError, match=said):
         read(LineReader(sidecar(tmp_path, text), "device"), content)
+
+
+TEMPERATURE = SIDECAR + 'temperature = { column = "T", unit = "degC" }\n'
+"""A sidecar as of a recording: one more channel than a live view needs."""
+
+
+def test_a_channel_that_is_not_needed_is_left_out(tmp_path: Path) -> None:
+    for content in (b"1,0.5,2\n2,,3\n", b"t,acc,T,enc\n1,0.5,20,2\n2,,20,3\n"):
+        reader = LineReader(sidecar(tmp_path, TEMPERATURE), "device")
+        rows = read(reader, content)
+        assert reader.left_out == ("temperature",)
+        assert (rows.t.tolist(), rows.position.tolist(), rows.side) == ([0.001, 0.002], [0.002, 0.003], {})
+
+
+def test_a_channel_that_is_needed_is_read(tmp_path: Path) -> None:
+    for content in (b"1,0.5,2,68\n2,,3,\n", b"T,t,acc,enc\n68,1,0.5,2\n,2,,3\n"):
+        text = TEMPERATURE.replace("degC", "degF")
+        reader = LineReader(sidecar(tmp_path, text), "device", needed=("temperature",))
+        rows = read(reader, content)
+        assert reader.left_out == ()
+        assert rows.t.tolist() == [0.001, 0.002]
+        assert rows.side["temperature"][0] == pytest.approx(20.0)
+        assert np.isnan(rows.side["temperature"][1])
+
+
+def test_a_channel_that_no_column_holds_is_asked_for(tmp_path: Path) -> None:
+    reader = LineReader(sidecar(tmp_path, SIDECAR), "device", needed=("temperature",))
+    with pytest.raises(RecordingError, match="the model needs the channel temperature; send it in a column"):
+        read(reader, b"1,1,1\n2,1,1\n")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"t,a\x80c,enc\n1,1,1\n",
+        b"t,acc,exc\n1,1,1\n",
+        b"t acc,enc\n1,1,1\n",
+        b"q,acc,enc\n1,1,1\n",
+        b"t,a,c,enc\n1,1,1\n",
+        b"c,enc\nt,acc,enc\n1,1,1\n",
+        b"\xff\xfe\n# device 7\nready\nt,acc,enc\n1,1,1\n",
+    ],
+)
+def test_a_header_is_sought_in_the_first_lines_or_counts_as_damaged(declared: Sidecar, content: bytes) -> None:
+    rows = read(LineReader(declared, "device"), content)
+    assert rows.t.tolist() == [0.001]
+
+
+def rows_of(stamps: list[float]) -> bytes:
+    return b"".join(b"%r,1,1\n" % stamp for stamp in stamps)
+
+
+@pytest.mark.parametrize("damaged", [1, 2, 3, 20, 300])
+def test_damaged_rows_with_later_stamps_cost_those_rows(declared: Sidecar, damaged: int) -> None:
+    """They agree among themselves, as if the clock had jumped ahead, and yet the stream goes on as before."""
+    stamps = [float(i) for i in range(4000)]
+    for i in range(1000, 1000 + damaged):
+        stamps[i] += 7e5
+    reader = LineReader(declared, "device")
+    assert len(read(reader, rows_of(stamps))) == 4000 - damaged
+    assert (reader.counts.out_of_order, reader.counts.restarts) == (damaged, 0)
+
+
+def test_a_clock_that_begins_anew_is_followed(declared: Sidecar) -> None:
+    stamps = [float(i % 2500) for i in range(5000)]
+    reader = LineReader(declared, "device")
+    rows = read(reader, rows_of(stamps))
+    assert len(rows) == 5000
+    assert np.diff(rows.t) == pytest.approx(1e-3)
+    assert (reader.counts.out_of_order, reader.counts.restarts) == (0, 1)
+
+
+def test_lines_that_are_sent_twice_are_no_new_clock(declared: Sidecar) -> None:
+    stamps = [float(i) for i in (*range(2000), *range(1300, 2000), *range(2000, 4000))]
+    reader = LineReader(declared, "device")
+    assert len(read(reader, rows_of(stamps))) == 4000
+    assert (reader.counts.out_of_order, reader.counts.restarts) == (700, 0)
+
+
+def test_no_step_is_too_small_for_a_measurement(declared: Sidecar) -> None:
+    content = rows_of([k * 1e-310 for k in range(130)]) + b"9e11,1,1\n9e11,1,1\n9.1e11,1,1\n"
+    reader = LineReader(declared, "device")
+    assert len(read(reader, content)) >= 130

@@ -15,7 +15,7 @@ from accelcal.diagnosis.findings import Confounded
 from accelcal.diagnosis.noise.noise_test import NoiseTest
 from accelcal.diagnosis.select.improvement import nested_fits
 from accelcal.estimation.estimate import estimate
-from accelcal.estimation.tracks import shapes, track
+from accelcal.estimation.tracks import Follower, Path, shapes, track
 from accelcal.live.session import LiveEvent, LiveHistory, LiveState
 from accelcal.live.tracker import Alarm, Innovation, Interval
 from accelcal.model import Estimate
@@ -85,6 +85,7 @@ class Example:
             "quantile_plot": residuals.quantile_plot(seen),
             "tiles": residuals.tiles(seen),
             "tracks": over_time.tracks(self.track),
+            "paths": over_time.paths([a_path()]),
             "ranking": findings.ranking(self.diagnosis),
             "signatures": diagnosis.signatures(self.power),
             "error_reduction": findings.error_reduction(self.nested, lacking=self.grown.lacking),
@@ -117,6 +118,14 @@ def followed():
 @pytest.fixture(scope="module")
 def example():
     return Example()
+
+
+def a_path():
+    """A scale factor that wanders within its band, and what it follows."""
+    t = np.linspace(0.0, 60.0, 61)
+    value = 1e-3 * np.sin(0.2 * t)
+    follower = Follower("scale_factor_follows_abs_a", 0.9, 0.4, 0.9 * value)
+    return Path("scale_factor", "1", 0.0, 1e-4, float(np.mean(value)), 1e-4, t, value, np.full(61, 2e-4), (follower,))
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,8 @@ from accelcal._support.errors import MissingExtra
 from accelcal.diagnosis.clean_fit import RejectedReadings
 from accelcal.estimation.estimate import estimate
 from accelcal.estimation.remarks import Remark
+from accelcal.estimation.tracks import Path as PathOverRun
+from accelcal.report.content import entries
 from accelcal.report.page import script_json
 from accelcal.report.view import METHOD, view
 from accelcal.results.words import readable
@@ -61,6 +63,14 @@ def test_numbers_are_those_of_the_api(pages, lacking, complete):
     fitted = complete.fit
     assert volts[0] == pytest.approx(1e3 * 0.1 * (1.0 + fitted["scale_factor"].value) * 9.80665, rel=1e-14)  # mV/g
     assert volts[1] == pytest.approx(1e3 * (2.5 + 0.1 * fitted["bias"].value), rel=1e-14)  # mV
+
+
+def test_every_figure_is_placed_once(complete):
+    t = np.linspace(0.0, 20.0, 41)
+    moving = PathOverRun("scale_factor", "1", 0.01, 1e-4, 0.01, 1e-4, t, 0.01 + 1e-3 * np.sin(t), np.full(41, 1e-4))
+    names = [entry.name for entry in entries(replace(complete, paths=(moving,)))]
+    assert "paths" in names
+    assert len(set(names)) == len(names)
 
 
 def test_the_verdict_comes_first(pages, lacking):

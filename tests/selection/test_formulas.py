@@ -17,7 +17,9 @@ from accelcal.model import Model
 from accelcal.results import model_file
 from accelcal.signals.signals import Signals
 from accelcal.simulation import CXL02_RIG
+from benches import mechanisms
 from benches.formulas import NONE, WORLDS, answer, normalised, record, records, size_at
+from benches.outcomes import Trial as Planted
 from tests.commands import accelcal
 
 CURVE = "shape_of_velocity"
@@ -28,6 +30,43 @@ def breakaway():
     one = WORLDS["v tanh"]
     run = record(np.random.default_rng(7), one, 0.004)
     return run, ac.fit(run)
+
+
+def planted(kind, number, folder):
+    """A record of another simulator and its fit; a mechanism is at 20 standard deviations."""
+    trial = Planted(kind, number, 515)
+    rng = np.random.default_rng([trial.seed, number])
+    scene = mechanisms.scene(rng)
+    run = ac.load(mechanisms.write(scene, mechanisms.added(scene, trial, rng), rng, folder / "record.csv"))
+    return run, ac.fit(run)
+
+
+@pytest.fixture(scope="module")
+def sagging(tmp_path_factory):
+    return planted("mechanism", 0, tmp_path_factory.mktemp("sagging"))
+
+
+def test_a_gain_that_sags_is_a_mechanism_with_its_driver(sagging):
+    run, fit = sagging
+    formulas = ac.formulas(fit, run, CURVE)
+    first = formulas.formulas[0]
+    assert formulas.sentence.startswith("scale factor follows |a| with a memory of 0.")
+    assert (first.mechanism, first.units, first.inner_unit) == ("scale_factor_follows_abs_a", ("(m/s²)⁻¹",), "s")
+    low, high = first.inner_interval
+    assert first.inner == pytest.approx(0.4, abs=2.0 * (high - low))  # 4 standard deviations
+    assert first.effect("sag").effect.name == first.mechanism
+    grown = ac.add(fit, run, first.mechanism)
+    assert first.coefficients[0] == pytest.approx(grown[first.mechanism].value, abs=0.3 * first.std[0])
+    assert first.inner == pytest.approx(grown.shapes[0].value, abs=0.3 * (high - low))
+    assert first.std[0] == pytest.approx(grown[first.mechanism].std, rel=0.2)
+
+
+@pytest.mark.parametrize(("kind", "number"), [("process", 0), ("null", 0)])
+def test_a_gauss_markov_scale_factor_follows_no_driver(tmp_path, kind, number):
+    """The sister: a Gauss-Markov scale factor, and nothing."""
+    run, fit = planted(kind, number, tmp_path)
+    formulas = ac.formulas(fit, run, "shape_of_acceleration")
+    assert not [each.mechanism for each in formulas.formulas if each.mechanism], formulas.sentence
 
 
 @pytest.mark.parametrize("name", ["v signed root", "v resonance", "p peak", "a tanh"])
@@ -131,6 +170,28 @@ def test_a_formula_can_be_written_read_and_added(breakaway, tmp_path):
     text = CliRunner().invoke(app, command).stdout
     assert "its length" in text
     assert "lack of fit" in text
+
+
+def test_a_mechanism_is_added_by_name_and_not_written(sagging, tmp_path):
+    run, fit = sagging
+    write_recording(run, tmp_path / "run.csv")
+    model_file.save(fit, tmp_path / "m.json")
+    command = ["formula", str(tmp_path / "m.json"), str(tmp_path / "run.csv"), "--curve", CURVE]
+    done = CliRunner().invoke(app, [*command, "-o", str(tmp_path / "sag.py")])
+    assert done.exit_code == 0, done.output
+    assert not (tmp_path / "sag.py").exists()
+    assert "its time constant, 68 % interval" in done.stdout
+    assert "is not written: the effect has a name" in done.stderr
+    assert "--effect scale_factor_follows_abs_a" in done.stderr
+
+
+def test_a_formula_that_held_out_data_contradict_says_so(sagging, tmp_path):
+    run, fit = sagging
+    honest, _ = planted("null", 0, tmp_path)
+    contradicted = ac.formulas(fit, run, CURVE, holdout=honest)
+    assert contradicted.formulas[0].contradicted
+    assert contradicted.sentence.endswith("The held-out record contradicts it")
+    assert "contradicts" not in ac.formulas(fit, run, CURVE).sentence
 
 
 @pytest.mark.parametrize(

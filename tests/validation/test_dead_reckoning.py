@@ -126,11 +126,12 @@ class OneNodeAfterTheOther:
         return new
 
 
+AHEAD = "shape_since_reversal", "creep", "temperature_rate", "presliding", "self_heating"
+"""Effects that look at the whole motion: for its range, what it carries over, or a difference to either side."""
 CAUSAL = [
     effect
     for effect in BUILT_IN
-    if effect.port in ("output", "process")
-    and effect.name not in (*NOMINAL, "temperature_rate", "sensor_resonance", "shape_since_reversal", "creep", "bias")
+    if effect.port in ("output", "process") and effect.name not in (*NOMINAL, *AHEAD, "sensor_resonance", "bias")
 ]
 
 
@@ -167,7 +168,7 @@ def test_windows_give_what_one_node_after_the_other_gives(effect: Effect, rig: R
     np.testing.assert_allclose(found[0], expected, rtol=0.0, atol=1e-9 * largest + 1e-18)
 
 
-@pytest.mark.parametrize("name", ["shape_since_reversal", "creep", "temperature_rate"])
+@pytest.mark.parametrize("name", AHEAD)
 def test_effects_that_look_ahead_satisfy_their_equation_on_the_whole_path(name: str) -> None:
     known, bare = record()
     values = values_of(find(name), known)

@@ -96,7 +96,7 @@ def test_an_effect_with_memory_has_the_history_of_its_record() -> None:
     assert after.accel_residual[0][0] >= SPLIT
     assert after.coast_rms[5.0] < 0.5 * before.coast_rms[5.0]
     assert after.accel_rms < before.accel_rms
-    # the twin: of another record the history is not known, and the sensor begins cold
+    # the twin: of another record the history is not known
     anew = replace(recording, digest="another")
-    before, after = compare_models([base, added], anew, ruler, start=SPLIT)
-    assert after.coast_rms[5.0] > before.coast_rms[5.0]
+    _, without = compare_models([base, added], anew, ruler, start=SPLIT)
+    assert without.coast_rms[5.0] > 1.2 * after.coast_rms[5.0]

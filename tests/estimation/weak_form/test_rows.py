@@ -112,8 +112,9 @@ def test_stretches_are_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def with_memory(*names: str) -> list[Term]:
-    """Terms of effects with memory at some value of their shape parameter."""
-    return [term for name in names for term in terms_of(find(name), {next(iter(find(name).shapes)): 1e-3})]
+    """Terms of effects with memory at some value of their first shape parameter."""
+    shapes = {name: dict.fromkeys(find(name).shapes, 0.0) | {next(iter(find(name).shapes)): 1e-3} for name in names}
+    return [term for name in names for term in terms_of(find(name), shapes[name])]
 
 
 def test_an_effect_with_memory_is_evaluated_once_for_many_stretches(monkeypatch: pytest.MonkeyPatch) -> None:
