@@ -206,6 +206,15 @@ impl FixedRateFilter {
         self.filter.innovation().map(|innovation| innovation.nis())
     }
 
+    /// What whitening leaves of the innovation, its variance, slopes of the log-likelihood by k, K0 and their variances.
+    #[getter]
+    fn score(&self) -> Option<[f64; 6]> {
+        self.filter.score().map(|score| {
+            let [[first, of_first], [second, of_second]] = score.parameters;
+            [score.left, score.variance, first, second, of_first, of_second]
+        })
+    }
+
     /// Samples processed.
     #[getter]
     fn samples(&self) -> usize {

@@ -42,15 +42,15 @@ impl Rows {
     }
 }
 
-fn run_structured<E: Engine<N, Outcome = (Event, Option<GatedReading>)>, const N: usize>(
+fn run_structured<E: Engine<N>, const N: usize>(
     filter: &E,
     prior: &Belief<N>,
     output: Samples<'_>,
     position: Samples<'_>,
 ) -> Result<Rows, RunError> {
     let mut rows = Rows { states: N, ..Rows::default() };
-    let track = filter.run(prior, output, position, |track, (event, reading)| {
-        rows.keep(event, &filter.belief(&track.state), *reading);
+    let track = filter.run(prior, output, position, |track, outcome| {
+        rows.keep(&E::event(outcome), &filter.belief(&track.state), E::reading(outcome));
     })?;
     rows.end(filter, &track);
     Ok(rows)

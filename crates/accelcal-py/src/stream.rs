@@ -1,6 +1,7 @@
 //! A filter fed event by event.
 
-use ekf_core::dense::update::GatedReading;
+use ekf_core::dense::update::{GatedReading, Innovation};
+use ekf_core::structured::whitening::Score;
 use ekf_core::{Channel, Engine, Event, Live, RunError, Track};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
@@ -9,11 +10,17 @@ use pyo3::prelude::*;
 use crate::failure::Circumstances;
 use crate::setup::{FilterSetup, Matrix, belief, blocks, matrix, prior, sized};
 
+/// Numbers of a reading, in the order of [`COLUMNS`].
+type Row = [f64; COLUMNS];
+
+/// Stamp, value, `e`, `S`, what whitening leaves of `e`, its variance, slopes of the log-likelihood and their variances.
+const COLUMNS: usize = 10;
+
 /// A [`Live`] filter of any size, dense or in blocks.
 trait Stream: Send + Sync {
-    /// Takes one event in; `keep` receives the stamp of each reading that it led to, and the reading.
-    fn push(&mut self, event: Event, keep: &mut dyn FnMut(f64, GatedReading)) -> Result<(), RunError>;
-    fn finish(&mut self, keep: &mut dyn FnMut(f64, GatedReading)) -> Result<(), RunError>;
+    /// Takes one event in; `keep` receives each reading that it led to.
+    fn push(&mut self, event: Event, keep: &mut dyn FnMut(Row)) -> Result<(), RunError>;
+    fn finish(&mut self, keep: &mut dyn FnMut(Row)) -> Result<(), RunError>;
     fn state(&self) -> StreamState;
 }
 
@@ -26,27 +33,12 @@ struct StreamState {
     waiting: usize,
 }
 
-fn hand_over<E: Engine<N>, const N: usize>(outcome: &E::Outcome, keep: &mut dyn FnMut(f64, GatedReading)) {
-    if let Some(reading) = E::reading(outcome) {
-        keep(E::event(outcome).t, reading);
-    }
-}
-
-/// Stamps, `e` and `S` of readings in the order of their events.
-#[derive(Default)]
-struct Readings {
-    t: Vec<f64>,
-    e: Vec<f64>,
-    s: Vec<f64>,
-}
-
-impl Readings {
-    fn keep(&mut self) -> impl FnMut(f64, GatedReading) + '_ {
-        |t, reading| {
-            self.t.push(t);
-            self.e.push(reading.innovation.e);
-            self.s.push(reading.innovation.s);
-        }
+fn hand_over<E: Engine<N>, const N: usize>(outcome: &E::Outcome, keep: &mut dyn FnMut(Row)) {
+    if let Some(GatedReading { innovation: Innovation { e, s }, .. }) = E::reading(outcome) {
+        let Event { t, value, .. } = E::event(outcome);
+        let score = E::score(outcome).unwrap_or(Score { left: e, variance: s, parameters: [[0.0; 2]; 2] });
+        let [[first, of_first], [second, of_second]] = score.parameters;
+        keep([t, value, e, s, score.left, score.variance, first, second, of_first, of_second]);
     }
 }
 
@@ -54,11 +46,11 @@ impl<E: Engine<N> + Send + Sync, const N: usize> Stream for Live<E, N>
 where
     E::State: Send + Sync,
 {
-    fn push(&mut self, event: Event, keep: &mut dyn FnMut(f64, GatedReading)) -> Result<(), RunError> {
+    fn push(&mut self, event: Event, keep: &mut dyn FnMut(Row)) -> Result<(), RunError> {
         Live::push(self, event, |outcome| hand_over::<E, N>(outcome, keep))
     }
 
-    fn finish(&mut self, keep: &mut dyn FnMut(f64, GatedReading)) -> Result<(), RunError> {
+    fn finish(&mut self, keep: &mut dyn FnMut(Row)) -> Result<(), RunError> {
         Live::finish(self, |outcome| hand_over::<E, N>(outcome, keep))
     }
 
@@ -90,13 +82,11 @@ impl FilterStream {
     /// Takes one event in; the newest innovation that it led to.
     fn push(&mut self, py: Python<'_>, event: Event) -> PyResult<Option<f64>> {
         let mut newest = None;
-        let pushed = self.stream.push(event, &mut |_, reading| newest = Some(reading.innovation.e));
+        let pushed = self.stream.push(event, &mut |row| newest = Some(row[2]));
         pushed.map_err(|error| self.failed(py, event.t, error))?;
         Ok(newest)
     }
 }
-
-type Vector = Py<PyArray1<f64>>;
 
 #[pymethods]
 impl FilterStream {
@@ -142,25 +132,24 @@ impl FilterStream {
 
     /// Takes events in, in their order: stamps, which are outputs, values, (n,) each.
     ///
-    /// Stamps, `e` and `S` of the readings that they led to; then how many events were refused, and the last sentence.
-    #[allow(clippy::type_complexity)] // a tuple for Python
+    /// The readings that they led to, (n, 10); then how many events were refused, and the last sentence.
     fn feed(
         &mut self,
         py: Python<'_>,
         t: PyReadonlyArray1<'_, f64>,
         output: PyReadonlyArray1<'_, bool>,
         value: PyReadonlyArray1<'_, f64>,
-    ) -> PyResult<(Vector, Vector, Vector, usize, String)> {
+    ) -> PyResult<(Matrix, usize, String)> {
         let (t, output, value) = (t.as_slice()?, output.as_slice()?, value.as_slice()?);
         if t.len() != output.len() || t.len() != value.len() {
             return Err(PyValueError::new_err("stamps, kinds and values of events differ in number"));
         }
-        let mut readings = Readings::default();
+        let mut readings = Vec::new();
         let (mut refused, mut last) = (0, None);
         py.detach(|| {
             for ((&t, &output), &value) in t.iter().zip(output).zip(value) {
                 let channel = if output { Channel::Output } else { Channel::Position };
-                if let Err(error) = self.stream.push(Event { t, channel, value }, &mut readings.keep()) {
+                if let Err(error) = self.stream.push(Event { t, channel, value }, &mut |row| readings.extend(row)) {
                     (refused, last) = (refused + 1, Some((t, error)));
                 }
                 if output {
@@ -170,18 +159,15 @@ impl FilterStream {
             }
         });
         let sentence = last.map_or(String::new(), |(t, error)| self.failed(py, t, error).value(py).to_string());
-        let Readings { t, e, s } = readings;
-        let vector = |values: Vec<f64>| values.into_pyarray(py).unbind();
-        Ok((vector(t), vector(e), vector(s), refused, sentence))
+        Ok((matrix(py, readings, COLUMNS)?, refused, sentence))
     }
 
-    /// Processes what still waits; stamps, `e` and `S` of its readings.
-    fn finish(&mut self, py: Python<'_>) -> PyResult<(Vector, Vector, Vector)> {
-        let mut readings = Readings::default();
-        let finished = self.stream.finish(&mut readings.keep());
+    /// Processes what still waits; its readings, (n, 10).
+    fn finish(&mut self, py: Python<'_>) -> PyResult<Matrix> {
+        let mut readings = Vec::new();
+        let finished = self.stream.finish(&mut |row| readings.extend(row));
         finished.map_err(|error| self.failed(py, self.t().unwrap_or(f64::NAN), error))?;
-        let vector = |values: Vec<f64>| values.into_pyarray(py).unbind();
-        Ok((vector(readings.t), vector(readings.e), vector(readings.s)))
+        matrix(py, readings, COLUMNS)
     }
 
     #[getter]

@@ -365,6 +365,13 @@ class LiveModel:
         return self._filter.nis
 
     @property
+    def score(self) -> tuple[float, ...] | None:
+        """Of the newest innovation: what those before it do not predict (m), its variance, slopes of the log-likelihood
+        by scale factor and bias, and their variances; None for the first readings."""
+        score = self._filter.score
+        return None if score is None else tuple(score)
+
+    @property
     def rejected(self) -> int:
         """Readings that the gate rejected."""
         return self._filter.rejected

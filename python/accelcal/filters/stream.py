@@ -18,15 +18,56 @@ from accelcal.filters.choice import FilterChoice, GaussMarkov, core_prior, core_
 class Readings(NamedTuple):
     """Position readings that a filter took in, and how many events it refused."""
 
-    t: Array
-    """(n,) stamps, s."""
-    e: Array
-    """(n,) innovations, reading minus expectation, m."""
-    variance: Array
-    """(n,) of the innovations as the filter expects it, m²."""
+    table: Array
+    """(n, 10) what the properties name, a reading a row."""
     refused: int = 0
     refusal: str = ""
     """Why the last of them was refused."""
+
+    @classmethod
+    def of(cls, rows: Sequence[Sequence[float]]) -> Readings:
+        """Readings of rows of ten numbers, or of none."""
+        return cls(np.asarray(rows, dtype=np.float64).reshape(-1, 10))
+
+    @property
+    def t(self) -> Array:
+        """(n,) stamps, s."""
+        return self.table[:, 0]
+
+    @property
+    def position(self) -> Array:
+        """(n,) values, m."""
+        return self.table[:, 1]
+
+    @property
+    def e(self) -> Array:
+        """(n,) innovations, reading minus expectation, m."""
+        return self.table[:, 2]
+
+    @property
+    def variance(self) -> Array:
+        """(n,) of the innovations as the filter expects it, m²."""
+        return self.table[:, 3]
+
+    @property
+    def white(self) -> Array:
+        """(n,) what the innovations before do not predict, m: `e` of a filter without the correction."""
+        return self.table[:, 4]
+
+    @property
+    def white_variance(self) -> Array:
+        """(n,) of that, m²."""
+        return self.table[:, 5]
+
+    @property
+    def slopes(self) -> Array:
+        """(n, 2) of the log-likelihood by scale factor and bias, per unit; zero of a filter without the correction."""
+        return self.table[:, 6:8]
+
+    @property
+    def informations(self) -> Array:
+        """(n, 2) variances of the slopes."""
+        return self.table[:, 8:10]
 
 
 @dataclass(slots=True)
@@ -92,7 +133,7 @@ class LiveFilter:
 
     def finish(self) -> Readings:
         """Process what is still queued, as at the end of a record."""
-        return Readings(*self._stream.finish())
+        return Readings(self._stream.finish())
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -58,6 +58,8 @@ class LiveState:
     """Whether the newest block of innovations is what the model expects; None before the first."""
     blocks: int = 0
     alarms: int = 0
+    remark: str = ""
+    """Of the newest block, where it has less noise than declared."""
     outputs: int = 0
     readings: int = 0
     used: int = 0
@@ -106,7 +108,7 @@ class LiveSession:
         self.source, self.declared = source, declared
         self.lines = LineReader(declared, source.name, source.from_its_start, settings.needs)
         self.tracker = Tracker(settings) if settings.model is None else ModelTracker(settings)
-        self.monitor = InnovationMonitor()
+        self.monitor = InnovationMonitor(resolution=settings.sharp_resolution)
         self._newest: Innovation | None = None
         self._t: float | None = None
         self._recorder = None if recording is None else _Recorder(recording, declared, self.lines)
@@ -188,6 +190,7 @@ class LiveSession:
             holds=monitor.holds,
             blocks=monitor.blocks,
             alarms=monitor.alarms,
+            remark=monitor.remark,
             outputs=tracker.outputs,
             readings=tracker.readings,
             used=counts.used,
@@ -210,10 +213,8 @@ class LiveSession:
         self._judge(self.tracker.feed(rows), on_alarm)
 
     def _judge(self, readings: Readings, on_alarm: Callable[[Alarm], None]) -> None:
-        for t, e in zip(readings.t.tolist(), (readings.e / np.sqrt(readings.variance)).tolist(), strict=True):
-            alarm = self.monitor.add(t, e)
-            if alarm is not None:
-                on_alarm(alarm)
+        for alarm in self.monitor.add(readings):
+            on_alarm(alarm)
         if len(readings.t):
             self._newest = Innovation(float(readings.t[-1]), float(readings.e[-1]), float(readings.variance[-1]))
 

@@ -70,6 +70,13 @@ class LiveSettings:
         return tuple(dict.fromkeys(channel for name in names for channel in find(name).needs))
 
     @property
+    def sharp_resolution(self) -> float:
+        """Resolution of an encoder whose other noise does not hide its rounding, m; else zero."""
+        resolution = self.rig.resolution or 0.0
+        other = self.r_position - resolution**2 / 12.0
+        return resolution if other < 0.25 * resolution**2 else 0.0
+
+    @property
     def names(self) -> tuple[str, ...]:
         """(m,) names of the parameters in the filter."""
         return PARAMETERS[self.choice.model]
@@ -294,6 +301,25 @@ RUNNING = 1000
 """Readings of the running NIS."""
 CONFIDENCE = 0.99
 """Of the interval of the running NIS."""
+TESTS = 5
+"""Of a block: noise, scale factor, bias, whiteness, the largest reading."""
+WHITENESS_TOLERANCE = 0.02
+"""Correlation of neighbours that counts as white: of noise that is declared `TOLERANCE` off."""
+CALM = 64
+"""Readings before a jump whose noise must be the declared one."""
+
+Cause = Literal["noise", "mean", "whiteness", "jump"]
+CAUSES: dict[Cause, str] = {
+    "noise": "the innovations have {value:.3g} times the declared variance; the noise of the sensor or of the reference "
+    "has grown, or less is declared than there is",
+    "mean": "the innovations follow a change of scale factor or bias, by {value:.3g} standard deviations; the sensor "
+    "has changed, or the model lacks an effect",
+    "whiteness": "neighbouring innovations correlate by {value:.3g}; a vibration, a tone, or an effect that the model "
+    "lacks",
+    "jump": "a reading lies {value:.3g} standard deviations from what the readings before it predict; lost counts, a "
+    "knock, or an outlier",
+}
+"""What an alarm says of its cause."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -304,9 +330,9 @@ class Alarm(Storable):
 
     t: float
     """End of the block, s."""
-    kind: Literal["nis", "mean"]
-    """Mean of e²/S, or of e/sqrt(S)."""
+    kind: Cause
     value: float
+    """Of the statistic that tells: mean square, slope by scale factor or bias, correlation, largest reading; all 1."""
     low: float
     high: float
     readings: int
@@ -315,19 +341,10 @@ class Alarm(Storable):
 
     @property
     def sentence(self) -> str:
-        """What was found, what was expected, and what it may be."""
+        """What was observed, what was expected, and what it may be."""
         expected = f"expected {self.low:.3g} to {self.high:.3g} over {self.readings} readings"
-        if self.kind == "mean":
-            return (
-                f"t = {self.t:.6g} s: the innovations have a mean of {self.value:.3g} standard deviations, {expected}; "
-                "the bias or the scale factor has changed, or the model lacks an effect"
-            )
-        cause = (
-            "the sensor has changed, the model lacks an effect, or less noise is declared than there is"
-            if self.value > self.high
-            else "more noise is declared than there is"
-        )
-        return f"t = {self.t:.6g} s: NIS {self.value:.3g}, {expected}; {cause}"
+        what, cause = CAUSES[self.kind].format(value=self.value).split("; ", 1)
+        return f"t = {self.t:.6g} s: {what}, {expected}; {cause}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -341,10 +358,13 @@ class Interval:
 
 
 class InnovationMonitor:
-    """Tests normalised innovations, block by block, against the standard normal distribution.
+    """Tests of the innovations of a live filter, block by block, each by a statistic of known distribution.
 
-    In a block of n readings the sum of e²/S is chi-square with n degrees of freedom and the mean of e/sqrt(S) has the
-    variance 1/n. Either test has half of `false_alarm`; both let the true variance be off by `tolerance`.
+    What the innovations before do not predict is white and normal, with a known variance (derivations 6.18): its mean
+    square is chi-square, neighbours do not correlate, and its largest is that of as many normal numbers. The slopes of
+    the log-likelihood by scale factor and bias are normal. Each test has a fifth of `false_alarm`, and lets the true
+    variance be off by `tolerance`; less noise than declared is a remark. The error of a rounding encoder repeats itself
+    at rest: readings that do not leave the last count are not judged.
 
     Parameters
     ----------
@@ -352,15 +372,19 @@ class InnovationMonitor:
     tolerance : relative error of the expected variance that still counts as holding.
     least_readings, least_time : a block ends when both are reached; readings, s.
     settling : first readings, which are not judged.
+    resolution : of an encoder whose rounding is not hidden by other noise, m; zero for none.
 
     Examples
     --------
+    >>> import numpy as np
     >>> monitor = InnovationMonitor(least_readings=100, least_time=0.0, settling=0)
-    >>> alarms = [monitor.add(0.01 * i, (-1.0) ** i) for i in range(100)]
-    >>> alarms[-1] is None
-    True
-    >>> [monitor.add(1.0 + 0.01 * i, 2.0) for i in range(100)][-1].kind
-    'mean'
+    >>> rows = np.zeros((100, 10))  # columns of `Readings`: t, position, e, S, what is white and its variance, slopes
+    >>> rows[:, 0], rows[:, 4], rows[:, 3:6:2] = np.arange(100), np.random.default_rng(1).standard_normal(100), 1.0
+    >>> monitor.add(Readings(rows))
+    []
+    >>> rows[:, 4] *= 3.0
+    >>> [alarm.kind for alarm in monitor.add(Readings(rows))]
+    ['noise']
     """
 
     def __init__(
@@ -371,63 +395,174 @@ class InnovationMonitor:
         least_readings: int = LEAST_READINGS,
         least_time: float = LEAST_TIME,
         settling: int = SETTLING,
+        resolution: float = 0.0,
     ) -> None:
         self.false_alarm, self.tolerance = false_alarm, tolerance
         self.least_readings, self.least_time = least_readings, least_time
+        self.resolution = resolution
         self.blocks, self.alarms = 0, 0
         """Blocks that were judged, and those that raised an alarm."""
         self.holds: bool | None = None
         """Whether the newest block is what the model expects; None before the first."""
+        self.p: float | None = None
+        """Probability of a block as far from the model as the newest, while the model holds."""
+        self.remark = ""
+        """Of the newest block, where it has less noise than declared."""
         self._settling = settling
-        self._recent: deque[float] = deque(maxlen=RUNNING)
-        self._count, self._sum, self._square = 0, 0.0, 0.0
-        self._began = 0.0
+        self._last_position = math.nan
+        self._recent = np.empty(0)
+        self._waiting = np.empty((0, 10))
+        """Judged readings of the block that has begun."""
+        self._before = np.empty(0)
+        """The last scores of the block before."""
         self._since: float | None = None
 
-    def add(self, t: float, normalised: float) -> Alarm | None:
-        """Take in an innovation at `t` (s) in standard deviations; the alarm of the block that it ends, if any."""
-        square = normalised * normalised
-        self._recent.append(square)
-        if self._settling > 0:
-            self._settling -= 1
-            return None
-        if self._count == 0:
-            self._began = t
-        self._count += 1
-        self._sum += normalised
-        self._square += square
-        if self._count < self.least_readings or t - self._began < self.least_time:
-            return None
-        alarm = self._judged(t)
-        self.blocks += 1
-        self.alarms += alarm is not None
-        self.holds = alarm is None
-        self._since = None if alarm is None else alarm.since
-        self._count, self._sum, self._square = 0, 0.0, 0.0
-        return alarm
+    def add(self, readings: Readings) -> list[Alarm]:
+        """Take in readings; the alarms of the blocks that they end."""
+        rows = readings.table
+        if not len(rows):
+            return []
+        moved = np.abs(np.diff(rows[:, 1], prepend=self._last_position)) > 1.5 * self.resolution
+        self._last_position = float(rows[-1, 1])
+        judged = moved if self.resolution else np.ones(len(rows), dtype=bool)
+        squares = rows[:, 4] ** 2 / rows[:, 5]
+        self._recent = np.concatenate([self._recent, squares[judged]])[-RUNNING:]
+        early, self._settling = min(self._settling, len(rows)), max(0, self._settling - len(rows))
+        self._waiting = np.concatenate([self._waiting, rows[early:][judged[early:]]])
+        return self._ended()
+
+    def _ended(self) -> list[Alarm]:
+        """Alarms of the blocks that have ended."""
+        alarms, t, begin = list[Alarm](), self._waiting[:, 0], 0
+        while begin < len(t):
+            end = int(np.searchsorted(t, t[begin] + self.least_time))
+            end = max(end + 1, begin + self.least_readings)
+            if end > len(t):
+                break
+            alarm = self._judged(Readings(self._waiting[begin:end]))
+            self.blocks += 1
+            self.alarms += alarm is not None
+            self.holds = alarm is None
+            self._since = None if alarm is None else alarm.since
+            alarms += [] if alarm is None else [alarm]
+            begin = end
+        self._waiting = self._waiting[begin:]
+        return alarms
 
     @property
     def nis(self) -> Interval | None:
-        """Mean e²/S of the last `RUNNING` readings with its interval of 99 %; None before the first reading."""
+        """Mean normalised square of the last `RUNNING` readings, whitened, with its interval of 99 %; None before the
+        first reading."""
         n = len(self._recent)
         if n == 0:
             return None
         low, high = chi_square_bounds(n, 1.0 - CONFIDENCE)
-        return Interval(math.fsum(self._recent) / n, low, high, n)
+        return Interval(float(np.mean(self._recent)), low, high, n)
 
-    def _judged(self, t: float) -> Alarm | None:
-        """The alarm of the block that ends here: of the mean first, which names a cause."""
-        n, off = self._count, 1.0 + self.tolerance
-        since = t if self._since is None else self._since
-        bound = normal_bound(self.false_alarm / 2.0) * math.sqrt(off / n)
-        mean = self._sum / n
-        if not abs(mean) <= bound:
-            return Alarm(t, "mean", mean, -bound, bound, n, since)
-        low, high = chi_square_bounds(n, self.false_alarm / 2.0)
-        nis = self._square / n
-        if not low / off <= nis <= high * off:
-            return Alarm(t, "nis", nis, low / off, high * off, n, since)
-        return None
+    def _judged(self, block: Readings) -> Alarm | None:
+        """The alarm of a block, by the cause that explains most."""
+        n, off, alpha = len(block.t), 1.0 + self.tolerance, self.false_alarm / TESTS
+        since = float(block.t[-1]) if self._since is None else self._since
+        tests = BlockTests(block, self.resolution)
+        self.p = tests.p
+        low, high = tests.noise_bounds(alpha)
+        normal = math.sqrt(off) * normal_bound(alpha)
+        correlated = normal_bound(alpha) / math.sqrt(n) + WHITENESS_TOLERANCE
+        largest = math.sqrt(off) * tests.largest_bound(alpha)
+        slope = tests.slopes[int(np.argmax(np.abs(tests.slopes)))]
+        before = np.concatenate([self._before, tests.scores])[: len(self._before) + tests.first_beyond(largest)]
+        self._before = tests.scores[-CALM:]
+        self.remark = ""
+        values = {
+            "jump": (tests.largest, -largest, largest),
+            "mean": (slope, -normal, normal),
+            "noise": (tests.power, low / off, high * off),
+            "whiteness": (tests.correlation, -correlated, correlated),
+        }
+        outside = [kind for kind, (value, lowest, highest) in values.items() if not lowest <= value <= highest]
+        if outside == ["noise"] and tests.power < 1.0:
+            self.remark = (
+                f"the innovations have {tests.power:.3g} times the declared variance: more noise is declared than there is"
+            )
+            outside = []
+        calm = before[-CALM:]
+        abrupt = float(calm @ calm) <= len(calm) * off * chi_square_bounds(max(len(calm), 1), 1e-3)[1]
+        explained = slope**2 >= 0.5 * n * (tests.power - 1.0)
+        order: tuple[tuple[Cause, bool], ...] = (
+            ("jump", abrupt), ("mean", explained), ("noise", True), ("jump", True), ("mean", True), ("whiteness", True),
+        )  # fmt: skip
+        kind = next((kind for kind, likely in order if likely and kind in outside), None)
+        if kind is None:
+            return None
+        return Alarm(float(block.t[-1]), kind, *map(float, values[kind]), n, since)
+
+
+class BlockTests:
+    """Statistics of a block of readings, with what they are while the model holds."""
+
+    def __init__(self, block: Readings, resolution: float) -> None:
+        self.scores: Array = block.white / np.sqrt(block.white_variance)
+        self.n = len(self.scores)
+        self.uniform = float(np.mean(np.minimum(resolution**2 / 12.0 / block.white_variance, 1.0)))
+        """Share of rounding in the variance, 1."""
+        self.power = float(np.mean(self.scores**2))
+        """Mean square, 1."""
+        self.correlation = float(self.scores[1:] @ self.scores[:-1] / (self.n * self.power)) if self.power > 0.0 else 0.0
+        """Of neighbours, 1."""
+        self.largest = float(self.scores[np.argmax(np.abs(self.scores))])
+        information = np.sum(block.informations, axis=0)
+        there = information > 0.0
+        self.slopes: Array = np.where(there, np.sum(block.slopes, axis=0) / np.sqrt(np.where(there, information, 1.0)), 0.0)
+        """By scale factor and bias, in standard deviations, (2,)."""
+
+    @property
+    def p(self) -> float:
+        """Probability of a statistic as far off as the farthest, of all five, while the model holds."""
+        from scipy.special import erfc, gammainc, gammaincc
+
+        shape, x = self._gamma
+        noise = 2.0 * min(float(gammainc(shape, x)), float(gammaincc(shape, x)))
+        normal = erfc(np.abs([*self.slopes, self.correlation * math.sqrt(self.n)]) / math.sqrt(2.0))
+        least = min(noise, float(np.min(normal)), self._of_largest(abs(self.largest)))
+        return -math.expm1(TESTS * math.log1p(-least)) if least < 1.0 else 1.0
+
+    @property
+    def _gamma(self) -> tuple[float, float]:
+        """Shape of the gamma distribution of the sum of squares, and the sum in its unit."""
+        scale = 2.0 - 1.2 * self.uniform**2  # their variance: rounding has the fourth cumulant -1.2
+        return self.n / scale, self.n * self.power / scale
+
+    def noise_bounds(self, alpha: float) -> tuple[float, float]:
+        """Where the mean square lies but for the probability `alpha`."""
+        from scipy.special import gammainccinv, gammaincinv
+
+        shape = self._gamma[0]
+        return float(gammaincinv(shape, alpha / 2.0)) / shape, float(gammainccinv(shape, alpha / 2.0)) / shape
+
+    def first_beyond(self, bound: float) -> int:
+        """Readings before the first that is as large."""
+        beyond = np.flatnonzero(~(np.abs(self.scores) <= bound))
+        return int(beyond[0]) if len(beyond) else self.n
+
+    def largest_bound(self, alpha: float) -> float:
+        """What the largest of as many normal numbers exceeds with a probability of `alpha`."""
+        return normal_bound(-math.expm1(math.log1p(-alpha) / self.n))
+
+    def _of_largest(self, size: float) -> float:
+        """Probability that the largest is as large: of normal numbers and rounding together."""
+        from scipy.special import ndtr
+
+        def beyond(z: Array) -> Array:
+            """Integral of the upper tail of the normal distribution from z on."""
+            return np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi) - z * ndtr(-z)
+
+        half, sigma = math.sqrt(3.0 * self.uniform), math.sqrt(max(1.0 - self.uniform, 1e-12))
+        if half < 1e-3:
+            single = 2.0 * float(ndtr(-size))
+        else:
+            low, high = beyond(np.array([size - half, size + half]) / sigma)
+            single = sigma / half * float(low - high)
+        return -math.expm1(self.n * math.log1p(-min(single, 1.0 - 1e-16)))
 
 
 def chi_square_bounds(n: int, alpha: float) -> tuple[float, float]:
@@ -583,8 +718,7 @@ class Tracker:
         except (ValueError, ArithmeticError) as error:  # none of what waited comes out
             self.refused, self.refusal = self.refused + waiting, str(error)
             return last
-        t, e, variance = (np.concatenate(pair) for pair in zip(last[:3], rest[:3], strict=True))
-        return Readings(t, e, variance)
+        return Readings(np.concatenate([last.table, rest.table]))
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
@@ -637,7 +771,7 @@ class Tracker:
                 dropped = max(0, ready - 1)
                 self.outputs += dropped
                 self._waiting = t[dropped:], output[dropped:], value[dropped:]
-                return Readings(*(np.empty(0),) * 3)
+                return Readings.of(())
             # At the last output before the first reading, or at the reading where there is none.
             begin = max(0, int(first[0]) - 1)
             self.outputs += begin
@@ -683,10 +817,8 @@ HOLE = 8.0
 """Usual steps of the output beyond which what the stage did between two outputs is unknown."""
 
 
-def as_readings(innovations: list[Innovation]) -> Readings:
-    """Innovations one below the other."""
-    columns = np.array([(i.t, i.e, i.variance) for i in innovations]).reshape(-1, 3).T
-    return Readings(columns[0].copy(), columns[1].copy(), columns[2].copy())
+Row = tuple[float, ...]
+"""Of a reading, as in `Readings`."""
 
 
 class ModelTracker(Tracker):
@@ -731,21 +863,21 @@ class ModelTracker(Tracker):
             late = self.settings.offset if kind == OUTPUT else 0.0
             self._held_back += zip((rows.t[at] - late).tolist(), [kind] * len(at), y[at].tolist(), strict=True)
         if not len(rows):
-            return as_readings([])
+            return Readings.of(())
         self._held_back.sort()
         settled = float(rows.t[-1]) - max(self.settings.offset, 0.0)
         ready = sum(event[0] <= settled for event in self._held_back)
         events, self._held_back = self._held_back[:ready], self._held_back[ready:]
-        return as_readings(self._processed(events))
+        return Readings.of(self._processed(events))
 
     def finish(self) -> Readings:
         """Take in what still waits, as at the end of a record."""
         events, self._held_back = self._held_back, []
         innovations = self._processed(events, ended=True)
-        return as_readings(innovations + self._stepped(math.inf))
+        return Readings.of(innovations + self._stepped(math.inf))
 
-    def _processed(self, events: list[Event], *, ended: bool = False) -> list[Innovation]:
-        innovations: list[Innovation] = []
+    def _processed(self, events: list[Event], *, ended: bool = False) -> list[Row]:
+        innovations: list[Row] = []
         if self._step == 0.0:
             self._ahead += events
             stamps = [t for t, kind, _ in self._ahead if kind == OUTPUT]
@@ -783,9 +915,9 @@ class ModelTracker(Tracker):
         self.readings += max(0, len(readings) - MOST_WAITING)
         self._ahead[begin:] = sorted([*readings[-MOST_WAITING:], *sides.values()])
 
-    def _stepped(self, until: float) -> list[Innovation]:
+    def _stepped(self, until: float) -> list[Row]:
         """Go on to the last instant whose readings are all known, before the output at `until` (s)."""
-        innovations, half = list[Innovation](), 0.5 * self._step
+        innovations, half = list[Row](), 0.5 * self._step
         while self._outputs and self._at + half <= until and self._at <= self._outputs[-1][0] + 1e-3 * self._step:
             while len(self._outputs) > 1 and self._outputs[1][0] <= self._at:
                 self._outputs.popleft()
@@ -812,7 +944,7 @@ class ModelTracker(Tracker):
         near = [reading for reading in near if reading[0] >= t - half]
         return min(near, key=lambda reading: abs(reading[0] - t)) if near else None
 
-    def _one_step(self, t: float, u: float, reading: tuple[float, float] | None) -> list[Innovation]:
+    def _one_step(self, t: float, u: float, reading: tuple[float, float] | None) -> list[Row]:
         read, z = (t, None) if reading is None else reading
         if self.live is None or self._behind_hole:
             if z is None or len(self._side) < len(self._channels):
@@ -829,7 +961,8 @@ class ModelTracker(Tracker):
         e = self.live.step(u, z, t - read, **self._side)
         if e is None or reading is None or self.live.innovation_variance is None:
             return []
-        return [Innovation(reading[0], e, self.live.innovation_variance)]
+        variance = self.live.innovation_variance
+        return [(*reading, e, variance, *(self.live.score or (e, variance, 0.0, 0.0, 0.0, 0.0)))]
 
     def _begun(self, rate: float, position: float) -> LiveModel:
         settings = self.settings

@@ -7,6 +7,7 @@ use crate::error::{RunError, SetupError, StepError};
 use crate::signal::channel::{Channel, Event};
 use crate::signal::interpolation::{Interpolation, Segment};
 use crate::signal::timeline::{Piece, Samples, Timeline};
+use crate::structured::whitening::Score;
 
 /// The state of a filter between two events.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,6 +51,12 @@ pub trait Engine<const N: usize> {
 
     /// The reading of an outcome; `None` where an output drives the state.
     fn reading(outcome: &Self::Outcome) -> Option<GatedReading>;
+
+    /// The innovation of an outcome as monitors see it; `None` of an engine that has no whitening, and before it begins.
+    #[must_use]
+    fn score(_outcome: &Self::Outcome) -> Option<Score<f64>> {
+        None
+    }
 
     /// Predicts over `drive`, if time has passed, and takes in the event.
     ///

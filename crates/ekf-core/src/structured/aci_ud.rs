@@ -256,6 +256,13 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
         }
     }
 
+    /// Covariance of `p, v` if the parameters were known: of `p`, of both, of `v`.
+    #[must_use]
+    pub fn with_known_parameters(&self) -> [T; 3] {
+        let pv = self.upv * self.d[1];
+        [self.upv.times_plus(pv, self.d[0]), pv, self.d[1]]
+    }
+
     /// `P[:, theta] w`: in the rows of `p`, of `v` and of the parameters.
     #[must_use]
     pub fn columns(&self, w: &Plain<T, M>) -> (T, T, Plain<T, M>) {

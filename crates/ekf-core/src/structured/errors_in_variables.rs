@@ -19,6 +19,7 @@ use crate::structured::aci_ud::{AciFactored, FactoredReading};
 use crate::structured::gauss_markov::GaussMarkovSet;
 use crate::structured::number::{Number, Real};
 use crate::structured::row::{Plain, Row};
+use crate::structured::whitening::{Score, Whitening};
 
 /// Samples of the output that a curve between two of them depends on, at most.
 pub const TAPS: usize = 4;
@@ -30,7 +31,7 @@ const EVERY: u32 = 16;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Taps {
     /// Per unit of the output and for a segment of one second.
-    weights: [[f64; 2]; TAPS],
+    pub(crate) weights: [[f64; 2]; TAPS],
 }
 
 impl Taps {
@@ -158,8 +159,14 @@ pub struct AciCorrected<T, const N: usize, const M: usize> {
     pub filter: AciFactored<T, N, M>,
     /// What the output's noise left in `p, v`.
     pub noise: OutputNoise<T>,
+    /// Of the innovations; none before the first [`EVERY`] of them.
+    whitening: Option<Whitening<T>>,
+    /// Of the newest reading.
+    pub score: Option<Score<T>>,
     /// Usual spacing of the samples, s: behind a lost one a segment is longer, and the noise of a sample is not.
     spacing: f64,
+    /// Variance of the noise of a sample.
+    sample: T,
     /// Of the last step: `d2a/(du dtheta) da/du`, and `(da/du)^2`.
     slopes: (Plain<T, M>, T),
     /// `b` and its share of `da/du` itself, of the readings since the last correction.
@@ -173,7 +180,18 @@ impl<T: Real, const N: usize, const M: usize> AciCorrected<T, N, M> {
     pub fn new(filter: AciFactored<T, N, M>) -> Self {
         let zero = filter.p.like(0.0);
         let none = (Plain::every(zero), zero);
-        Self { filter, noise: OutputNoise::none(zero), spacing: 0.0, slopes: none, gathered: none, readings: 0 }
+        let noise = OutputNoise::none(zero);
+        Self {
+            filter,
+            noise,
+            whitening: None,
+            score: None,
+            spacing: 0.0,
+            sample: zero,
+            slopes: none,
+            gathered: none,
+            readings: 0,
+        }
     }
 
     /// One step without integration error over a part of a segment of `length` seconds; without `taps` no correction.
@@ -206,9 +224,23 @@ impl<T: Real, const N: usize, const M: usize> AciCorrected<T, N, M> {
         );
         if length > 0.0 {
             self.spacing = usual(self.spacing, length);
-            self.noise.predict(q.like(step.dt), length, taps, q / q.like(self.spacing));
+            let dt = q.like(step.dt);
+            self.sample = q / q.like(self.spacing);
+            self.noise.predict(dt, length, taps, self.sample);
+            if let Some(whitening) = &mut self.whitening {
+                whitening.predict(dt, length, taps, half * (begin.1 + end.1));
+            }
         }
         Ok(())
+    }
+
+    /// A sample has passed.
+    #[inline(always)]
+    pub fn passed(&mut self) {
+        self.noise.shift();
+        if let Some(whitening) = &mut self.whitening {
+            whitening.shift(self.sample);
+        }
     }
 
     /// Takes in a reading of `p + tau v + b'theta` with variance `R`; `corrected` as in [`Self::exact`].
@@ -221,17 +253,32 @@ impl<T: Real, const N: usize, const M: usize> AciCorrected<T, N, M> {
         innovation: &MaskedInnovation<T>,
         corrected: bool,
     ) {
+        let between = self.filter.U[0].0[1];
         let known = self.filter.correct_with(R, reading, innovation);
         if !corrected {
             return;
         }
+        let MaskedInnovation { e, s, .. } = *innovation;
         let share = self.noise.variance(tau) / known.s;
+        self.score = self.whitening.as_mut().map(|whitening| {
+            let (left, variance) = whitening.correct(tau, R, e, known.gain);
+            // `U' H` of the first two parameters, without what the second has of the first.
+            let [first, second] = [reading.theta.0[0], reading.theta.0[1]];
+            let parameter = |h: T, slope: T| {
+                [(h / s).times_plus(e, share * slope), h * h / s - share * slope * slope / self.slopes.1]
+            };
+            let parameters =
+                [parameter(first, self.slopes.0.0[0]), parameter(second - between * first, self.slopes.0.0[1])];
+            Score { left, variance: variance + (s - known.s), parameters }
+        });
         self.noise.correct(tau, known.gain);
         self.gathered.0 = self.gathered.0.plus(share, self.slopes.0);
         self.gathered.1 = share.times_plus(self.slopes.1, self.gathered.1);
         self.readings += 1;
         if self.readings == EVERY {
             self.apply();
+            let sample = self.sample;
+            self.whitening = self.whitening.or_else(|| Some(Whitening::new(self.filter.with_known_parameters(), sample)));
         }
     }
 

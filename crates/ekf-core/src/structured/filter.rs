@@ -26,6 +26,7 @@ use crate::structured::errors_in_variables::{AciCorrected, Taps, even};
 use crate::structured::gauss_markov::GaussMarkovSet;
 use crate::structured::measurement::{OutputModel, ReadCubic, ReadInverse, ReadLinear};
 use crate::structured::row::Plain;
+use crate::structured::whitening::Score;
 
 /// A system whose blocks carry the belief of `N` states.
 pub trait Structured<const N: usize> {
@@ -290,9 +291,9 @@ impl Corrected {
         &self,
         state: &mut AciCorrected<f64, N, M>,
         event: &Event,
-    ) -> Result<Option<GatedReading>, StepError> {
+    ) -> Result<Option<(GatedReading, Option<Score<f64>>)>, StepError> {
         if event.channel == Channel::Output {
-            state.noise.shift();
+            state.passed();
             return Ok(None);
         }
         let (R, tau) = (self.filter.R_position, self.filter.system.tau);
@@ -302,7 +303,7 @@ impl Corrected {
             state.correct_with(tau, R, &row, &innovation, true);
             state.filter.checked()?;
         }
-        Ok(Some(reading))
+        Ok(Some((reading, state.score.filter(|_| reading.accepted))))
     }
 }
 
@@ -310,7 +311,7 @@ macro_rules! corrected {
     ($N:literal, $M:literal, $inverse:ident, $forward:ident) => {
         impl Engine<$N> for Corrected {
             type State = AciCorrected<f64, $N, $M>;
-            type Outcome = (Event, Option<GatedReading>);
+            type Outcome = (Event, Option<(GatedReading, Option<Score<f64>>)>);
 
             const DRIVEN: bool = true;
 
@@ -337,7 +338,11 @@ macro_rules! corrected {
             }
 
             fn reading(outcome: &Self::Outcome) -> Option<GatedReading> {
-                outcome.1
+                outcome.1.map(|(reading, _)| reading)
+            }
+
+            fn score(outcome: &Self::Outcome) -> Option<Score<f64>> {
+                outcome.1.and_then(|(_, score)| score)
             }
 
             fn step(

@@ -12,3 +12,4 @@ pub mod gauss_markov;
 pub mod measurement;
 pub mod number;
 pub mod row;
+pub mod whitening;

@@ -11,6 +11,7 @@ use ekf_core::structured::errors_in_variables::{AciCorrected, Taps};
 use ekf_core::structured::measurement::{ReadCubic, ReadInverse, ReadLinear};
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::{Plain, Row};
+use ekf_core::structured::whitening::Score;
 use ekf_core::{Aci, Carrier, Cwpa, Filter, Form, GaussMarkov};
 use pulp::NullaryFnOnce;
 #[cfg(target_arch = "x86_64")]
@@ -64,6 +65,9 @@ pub trait FixedRate: Send + Sync {
 
     /// The newest innovation of all.
     fn innovation(&self) -> Option<Innovation>;
+
+    /// Of that innovation; `None` of a filter without the correction, and before its whitening begins.
+    fn score(&self) -> Option<Score<f64>>;
 
     /// Samples processed.
     fn samples(&self) -> usize;
@@ -271,6 +275,10 @@ where
 
     fn innovation(&self) -> Option<Innovation> {
         self.at.innovation
+    }
+
+    fn score(&self) -> Option<Score<f64>> {
+        self.at.block.score().map(|score| score.map(Scalar::value))
     }
 
     fn samples(&self) -> usize {

@@ -275,7 +275,7 @@ where
             let input = |s: f64| curve.at(s / dt);
             let taps = self.taps.as_ref().map(|taps| (taps, dt));
             block.exact(q, &settings.drift, &StepInput { model: self.effect, order, input, dt }, taps)?;
-            block.noise.shift();
+            block.passed();
         }
         read_factored(block, settings, gate, sample, self.taps.is_some())
     }
@@ -311,7 +311,7 @@ impl<const N: usize, const M: usize> FixedRateStep<Plain<f64, M>, M> for Factore
             let model = WithNoisyEffects { effects, slopes: placed::<Plain<f64, M>>(0.0, sample.slopes) };
             let taps = self.taps.as_ref().map(|taps| (taps, dt));
             block.exact(q, &settings.drift, &StepInput { model, order, input, dt }, taps)?;
-            block.noise.shift();
+            block.passed();
         }
         read_factored(block, settings, gate, sample, self.taps.is_some())
     }

@@ -6,6 +6,7 @@ use ekf_core::structured::cwpa::CwpaBlock;
 use ekf_core::structured::errors_in_variables::AciCorrected;
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::{Plain, Row};
+use ekf_core::structured::whitening::Score;
 
 /// The motion's states first, then `M` parameters.
 pub trait Block<V: Row, const M: usize>: Copy {
@@ -49,6 +50,12 @@ pub trait Block<V: Row, const M: usize>: Copy {
             sum = sum + self.P(i, i);
         }
         (least, sum)
+    }
+
+    /// The newest innovation as its monitors see it; `None` of blocks that have no whitening.
+    #[must_use]
+    fn score(&self) -> Option<Score<V::Number>> {
+        None
     }
 }
 
@@ -97,5 +104,9 @@ impl<const N: usize, const M: usize> Block<Plain<f64, M>, M> for AciCorrected<f6
     #[inline(always)]
     fn P(&self, i: usize, j: usize) -> f64 {
         self.filter.P(i, j)
+    }
+
+    fn score(&self) -> Option<Score<f64>> {
+        self.score
     }
 }
