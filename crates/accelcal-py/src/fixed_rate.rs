@@ -206,12 +206,13 @@ impl FixedRateFilter {
         self.filter.innovation().map(|innovation| innovation.nis())
     }
 
-    /// What whitening leaves of the innovation, its variance, slopes of the log-likelihood by k, K0 and their variances.
+    /// What whitening leaves of the innovation, its variance, the reading's share of that; slopes of the log-likelihood by
+    /// k, K0 and their variances.
     #[getter]
-    fn score(&self) -> Option<[f64; 6]> {
+    fn score(&self) -> Option<[f64; 7]> {
         self.filter.score().map(|score| {
             let [[first, of_first], [second, of_second]] = score.parameters;
-            [score.left, score.variance, first, second, of_first, of_second]
+            [score.left, score.variance, score.of_readings, first, second, of_first, of_second]
         })
     }
 

@@ -13,8 +13,9 @@ use crate::setup::{FilterSetup, Matrix, belief, blocks, matrix, prior, sized};
 /// Numbers of a reading, in the order of [`COLUMNS`].
 type Row = [f64; COLUMNS];
 
-/// Stamp, value, `e`, `S`, what whitening leaves of `e`, its variance, slopes of the log-likelihood and their variances.
-const COLUMNS: usize = 10;
+/// Stamp, value, `e`, `S`, what whitening leaves of `e`, its variance, the readings' share of that, slopes of the
+/// log-likelihood and their variances.
+const COLUMNS: usize = 11;
 
 /// A [`Live`] filter of any size, dense or in blocks.
 trait Stream: Send + Sync {
@@ -36,9 +37,9 @@ struct StreamState {
 fn hand_over<E: Engine<N>, const N: usize>(outcome: &E::Outcome, keep: &mut dyn FnMut(Row)) {
     if let Some(GatedReading { innovation: Innovation { e, s }, .. }) = E::reading(outcome) {
         let Event { t, value, .. } = E::event(outcome);
-        let score = E::score(outcome).unwrap_or(Score { left: e, variance: s, parameters: [[0.0; 2]; 2] });
+        let score = E::score(outcome).unwrap_or(Score { left: e, variance: s, of_readings: 1.0, parameters: [[0.0; 2]; 2] });
         let [[first, of_first], [second, of_second]] = score.parameters;
-        keep([t, value, e, s, score.left, score.variance, first, second, of_first, of_second]);
+        keep([t, value, e, s, score.left, score.variance, score.of_readings, first, second, of_first, of_second]);
     }
 }
 
@@ -132,7 +133,7 @@ impl FilterStream {
 
     /// Takes events in, in their order: stamps, which are outputs, values, (n,) each.
     ///
-    /// The readings that they led to, (n, 10); then how many events were refused, and the last sentence.
+    /// The readings that they led to, (n, 11); then how many events were refused, and the last sentence.
     fn feed(
         &mut self,
         py: Python<'_>,
@@ -162,7 +163,7 @@ impl FilterStream {
         Ok((matrix(py, readings, COLUMNS)?, refused, sentence))
     }
 
-    /// Processes what still waits; its readings, (n, 10).
+    /// Processes what still waits; its readings, (n, 11).
     fn finish(&mut self, py: Python<'_>) -> PyResult<Matrix> {
         let mut readings = Vec::new();
         let finished = self.stream.finish(&mut |row| readings.extend(row));

@@ -19,15 +19,15 @@ class Readings(NamedTuple):
     """Position readings that a filter took in, and how many events it refused."""
 
     table: Array
-    """(n, 10) what the properties name, a reading a row."""
+    """(n, 11) what the properties name, a reading a row."""
     refused: int = 0
     refusal: str = ""
     """Why the last of them was refused."""
 
     @classmethod
     def of(cls, rows: Sequence[Sequence[float]]) -> Readings:
-        """Readings of rows of ten numbers, or of none."""
-        return cls(np.asarray(rows, dtype=np.float64).reshape(-1, 10))
+        """Readings of rows of eleven numbers, or of none."""
+        return cls(np.asarray(rows, dtype=np.float64).reshape(-1, 11))
 
     @property
     def t(self) -> Array:
@@ -60,14 +60,19 @@ class Readings(NamedTuple):
         return self.table[:, 5]
 
     @property
+    def reading_share(self) -> Array:
+        """(n,) of the noise of the readings in that variance, 1."""
+        return self.table[:, 6]
+
+    @property
     def slopes(self) -> Array:
         """(n, 2) of the log-likelihood by scale factor and bias, per unit; zero of a filter without the correction."""
-        return self.table[:, 6:8]
+        return self.table[:, 7:9]
 
     @property
     def informations(self) -> Array:
         """(n, 2) variances of the slopes."""
-        return self.table[:, 8:10]
+        return self.table[:, 9:11]
 
 
 @dataclass(slots=True)

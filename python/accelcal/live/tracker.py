@@ -378,7 +378,7 @@ class InnovationMonitor:
     --------
     >>> import numpy as np
     >>> monitor = InnovationMonitor(least_readings=100, least_time=0.0, settling=0)
-    >>> rows = np.zeros((100, 10))  # columns of `Readings`: t, position, e, S, what is white and its variance, slopes
+    >>> rows = np.zeros((100, 11))  # columns of `Readings`: t, position, e, S, what is white and its variance, slopes
     >>> rows[:, 0], rows[:, 4], rows[:, 3:6:2] = np.arange(100), np.random.default_rng(1).standard_normal(100), 1.0
     >>> monitor.add(Readings(rows))
     []
@@ -411,7 +411,7 @@ class InnovationMonitor:
         self._settling = settling
         self._last_position = math.nan
         self._recent = np.empty(0)
-        self._waiting = np.empty((0, 10))
+        self._waiting = np.empty((0, 11))
         """Judged readings of the block that has begun."""
         self._before = np.empty(0)
         """The last scores of the block before."""
@@ -503,7 +503,7 @@ class BlockTests:
     def __init__(self, block: Readings, resolution: float) -> None:
         self.scores: Array = block.white / np.sqrt(block.white_variance)
         self.n = len(self.scores)
-        self.uniform = float(np.mean(np.minimum(resolution**2 / 12.0 / block.white_variance, 1.0)))
+        self.rounding = float(np.mean(block.reading_share)) if resolution else 0.0
         """Share of rounding in the variance, 1."""
         self.power = float(np.mean(self.scores**2))
         """Mean square, 1."""
@@ -517,19 +517,21 @@ class BlockTests:
 
     @property
     def p(self) -> float:
-        """Probability of a statistic as far off as the farthest, of all five, while the model holds."""
+        """Probability of a statistic as far off as the farthest while the model holds: of all five, or without the
+        largest where it is that of a rounding error, which has an end."""
         from scipy.special import erfc, gammainc, gammaincc
 
-        shape, x = self._gamma
-        noise = 2.0 * min(float(gammainc(shape, x)), float(gammaincc(shape, x)))
+        noise = 2.0 * min(float(gammainc(*self._gamma)), float(gammaincc(*self._gamma)))
         normal = erfc(np.abs([*self.slopes, self.correlation * math.sqrt(self.n)]) / math.sqrt(2.0))
-        least = min(noise, float(np.min(normal)), self._of_largest(abs(self.largest)))
-        return -math.expm1(TESTS * math.log1p(-least)) if least < 1.0 else 1.0
+        single = float(erfc(abs(self.largest) / math.sqrt(2.0)))
+        largest = [] if self.rounding > 0.0 else [-math.expm1(self.n * math.log1p(-single)) if single < 1.0 else 1.0]
+        every = np.minimum([noise, *normal, *largest], 1.0)
+        return float(1.0 - (1.0 - np.min(every)) ** len(every))
 
     @property
     def _gamma(self) -> tuple[float, float]:
         """Shape of the gamma distribution of the sum of squares, and the sum in its unit."""
-        scale = 2.0 - 1.2 * self.uniform**2  # their variance: rounding has the fourth cumulant -1.2
+        scale = 2.0 - 1.2 * self.rounding**2  # rounding has the fourth cumulant -1.2 (derivations 6.18)
         return self.n / scale, self.n * self.power / scale
 
     def noise_bounds(self, alpha: float) -> tuple[float, float]:
@@ -547,22 +549,6 @@ class BlockTests:
     def largest_bound(self, alpha: float) -> float:
         """What the largest of as many normal numbers exceeds with a probability of `alpha`."""
         return normal_bound(-math.expm1(math.log1p(-alpha) / self.n))
-
-    def _of_largest(self, size: float) -> float:
-        """Probability that the largest is as large: of normal numbers and rounding together."""
-        from scipy.special import ndtr
-
-        def beyond(z: Array) -> Array:
-            """Integral of the upper tail of the normal distribution from z on."""
-            return np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi) - z * ndtr(-z)
-
-        half, sigma = math.sqrt(3.0 * self.uniform), math.sqrt(max(1.0 - self.uniform, 1e-12))
-        if half < 1e-3:
-            single = 2.0 * float(ndtr(-size))
-        else:
-            low, high = beyond(np.array([size - half, size + half]) / sigma)
-            single = sigma / half * float(low - high)
-        return -math.expm1(self.n * math.log1p(-min(single, 1.0 - 1e-16)))
 
 
 def chi_square_bounds(n: int, alpha: float) -> tuple[float, float]:
@@ -962,7 +948,7 @@ class ModelTracker(Tracker):
         if e is None or reading is None or self.live.innovation_variance is None:
             return []
         variance = self.live.innovation_variance
-        return [(*reading, e, variance, *(self.live.score or (e, variance, 0.0, 0.0, 0.0, 0.0)))]
+        return [(*reading, e, variance, *(self.live.score or (e, variance, 1.0, 0.0, 0.0, 0.0, 0.0)))]
 
     def _begun(self, rate: float, position: float) -> LiveModel:
         settings = self.settings

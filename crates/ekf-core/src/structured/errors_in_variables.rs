@@ -19,7 +19,7 @@ use crate::structured::aci_ud::{AciFactored, FactoredReading};
 use crate::structured::gauss_markov::GaussMarkovSet;
 use crate::structured::number::{Number, Real};
 use crate::structured::row::{Plain, Row};
-use crate::structured::whitening::{Score, Whitening};
+use crate::structured::whitening::{Score, Whitened, Whitening};
 
 /// Samples of the output that a curve between two of them depends on, at most.
 pub const TAPS: usize = 4;
@@ -258,18 +258,14 @@ impl<T: Real, const N: usize, const M: usize> AciCorrected<T, N, M> {
         if !corrected {
             return;
         }
-        let MaskedInnovation { e, s, .. } = *innovation;
         let share = self.noise.variance(tau) / known.s;
         self.score = self.whitening.as_mut().map(|whitening| {
-            let (left, variance) = whitening.correct(tau, R, e, known.gain);
             // `U' H` of the first two parameters, without what the second has of the first.
             let [first, second] = [reading.theta.0[0], reading.theta.0[1]];
-            let parameter = |h: T, slope: T| {
-                [(h / s).times_plus(e, share * slope), h * h / s - share * slope * slope / self.slopes.1]
-            };
-            let parameters =
-                [parameter(first, self.slopes.0.0[0]), parameter(second - between * first, self.slopes.0.0[1])];
-            Score { left, variance: variance + (s - known.s), parameters }
+            let innovation_slopes = [innovation.e, first, second - between * first];
+            let slopes = [self.slopes.0.0[0] / self.slopes.1, self.slopes.0.0[1] / self.slopes.1];
+            let others = innovation.s - known.s;
+            whitening.correct(tau, R, &Whitened { innovation: innovation_slopes, gain: known.gain, others, slopes })
         });
         self.noise.correct(tau, known.gain);
         self.gathered.0 = self.gathered.0.plus(share, self.slopes.0);

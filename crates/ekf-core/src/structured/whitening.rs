@@ -10,11 +10,16 @@ use crate::structured::number::Number;
 /// Error of `p`, of `v`, and the noise of each sample that still drives.
 const STATES: usize = 2 + TAPS;
 
+type Vector<T> = [T; STATES];
+
 /// The filter of a filter's own errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Whitening<T> {
-    mean: [T; STATES],
-    P: [[T; STATES]; STATES],
+    /// Of the errors, and what a unit of the first two parameters adds to it.
+    means: [Vector<T>; 3],
+    P: [Vector<T>; STATES],
+    /// What the noise of the readings has in `P`.
+    of_readings: [Vector<T>; STATES],
 }
 
 /// One innovation as its monitors see it.
@@ -24,15 +29,31 @@ pub struct Score<T> {
     pub left: T,
     /// Variance of that.
     pub variance: T,
+    /// Share of the noise of the readings in it.
+    pub of_readings: T,
     /// Slope of the log-likelihood by the first two parameters, and the variance of either.
     pub parameters: [[T; 2]; 2],
+}
+
+/// An innovation and what its filter did with it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Whitened<T> {
+    /// The innovation, and its slope by the first two parameters.
+    pub innovation: [T; 3],
+    /// Of the filter with known parameters.
+    pub gain: [T; 2],
+    /// What unknown parameters add to its variance.
+    pub others: T,
+    /// `d2a/(du dtheta)` by the first two parameters over `da/du`.
+    pub slopes: [T; 2],
 }
 
 impl<T: Copy> Score<T> {
     /// In another arithmetic.
     pub fn map<U>(self, convert: impl Fn(T) -> U + Copy) -> Score<U> {
         let parameters = self.parameters.map(|pair| pair.map(convert));
-        Score { left: convert(self.left), variance: convert(self.variance), parameters }
+        let Self { left, variance, of_readings, .. } = self;
+        Score { left: convert(left), variance: convert(variance), of_readings: convert(of_readings), parameters }
     }
 }
 
@@ -40,76 +61,92 @@ impl<T: Number> Whitening<T> {
     /// From the covariance of `p` and `v` with known parameters, in the order `pp, pv, vv`, and the variance of a sample.
     #[must_use]
     pub fn new([pp, pv, vv]: [T; 3], sample: T) -> Self {
-        let zero = pp.like(0.0);
-        let mut P = [[zero; STATES]; STATES];
+        let none = [pp.like(0.0); STATES];
+        let mut P = [none; STATES];
         (P[0][0], P[0][1], P[1][0], P[1][1]) = (pp, pv, pv, vv);
-        for i in 2..STATES {
-            P[i][i] = sample;
+        for (i, row) in P.iter_mut().enumerate().skip(2) {
+            row[i] = sample;
         }
-        Self { mean: [zero; STATES], P }
+        Self { means: [none; 3], P, of_readings: [none; STATES] }
     }
 
     /// `dt` seconds of a segment that is `length` seconds long; `slope` is `da/du`.
     #[inline(always)]
     pub fn predict(&mut self, dt: T, length: f64, taps: &Taps, slope: T) {
-        let gains = taps.weights.map(|weight| {
-            [slope * dt.like(weight[0] * length * length), slope * dt.like(weight[1] * length)]
-        });
-        let Self { mean, P } = self;
-        (mean[0], mean[1]) = moved(dt, &gains, |i| mean[i]);
-        for j in 0..STATES {
-            (P[0][j], P[1][j]) = moved(dt, &gains, |i| P[i][j]);
+        let gains = taps
+            .weights
+            .map(|[p, v]| [slope * dt.like(p * length * length), slope * dt.like(v * length)]);
+        let moved = |at: &Vector<T>| {
+            let (mut p, mut v) = (dt.times_plus(at[1], at[0]), at[1]);
+            for (noise, [gp, gv]) in at[2..].iter().zip(&gains) {
+                (p, v) = (gp.times_plus(*noise, p), gv.times_plus(*noise, v));
+            }
+            [p, v]
+        };
+        for mean in &mut self.means {
+            [mean[0], mean[1]] = moved(mean);
         }
-        for row in P {
-            (row[0], row[1]) = moved(dt, &gains, |i| row[i]);
+        for covariance in [&mut self.P, &mut self.of_readings] {
+            for j in 0..STATES {
+                [covariance[0][j], covariance[1][j]] = moved(&covariance.map(|row| row[j]));
+            }
+            for row in covariance {
+                [row[0], row[1]] = moved(row);
+            }
         }
     }
 
     /// A sample has passed: the oldest of a curve drives no more, and one of `variance` comes.
     #[inline(always)]
     pub fn shift(&mut self, variance: T) {
-        let Self { mean, P } = self;
         let zero = variance.like(0.0);
-        mean.copy_within(3.., 2);
-        P.copy_within(3.., 2);
-        for row in P.iter_mut() {
-            row.copy_within(3.., 2);
-            row[STATES - 1] = zero;
+        for mean in &mut self.means {
+            mean.copy_within(3.., 2);
+            mean[STATES - 1] = zero;
         }
-        mean[STATES - 1] = zero;
-        P[STATES - 1] = [zero; STATES];
-        P[STATES - 1][STATES - 1] = variance;
+        for covariance in [&mut self.P, &mut self.of_readings] {
+            covariance.copy_within(3.., 2);
+            for row in covariance.iter_mut() {
+                row.copy_within(3.., 2);
+                row[STATES - 1] = zero;
+            }
+            covariance[STATES - 1] = [zero; STATES];
+        }
+        self.P[STATES - 1][STATES - 1] = variance;
     }
 
-    /// What is left of an innovation `e` of `p + tau v`, and its variance; `gain` is what the filter with known parameters
-    /// does with it.
+    /// Takes in the innovation of a reading of `p + tau v` with variance `R`.
     #[inline(always)]
-    pub fn correct(&mut self, tau: T, R: T, e: T, gain: [T; 2]) -> (T, T) {
-        let Self { mean, P } = self;
-        let mut PH = [e.like(0.0); STATES];
-        for (PH, row) in PH.iter_mut().zip(P.iter()) {
-            *PH = tau.times_plus(row[1], row[0]);
+    pub fn correct(&mut self, tau: T, R: T, whitened: &Whitened<T>) -> Score<T> {
+        let Whitened { innovation, gain, others, slopes } = *whitened;
+        let read = |at: &Vector<T>| tau.times_plus(at[1], at[0]);
+        let (PH, WH) = (self.P.map(|row| read(&row)), self.of_readings.map(|row| read(&row)));
+        let (s, noise) = (read(&PH) + R, read(&WH) + R);
+        let over = R.like(1.0) / s;
+        let L = PH.map(|x| x * over);
+        let mut left = innovation;
+        for (mean, left) in self.means.iter_mut().zip(&mut left) {
+            let e = *left;
+            *left = e - read(mean);
+            for (mean, L) in mean.iter_mut().zip(L) {
+                *mean = L.times_plus(*left, *mean);
+            }
+            (mean[0], mean[1]) = (mean[0] - gain[0] * e, mean[1] - gain[1] * e);
         }
-        let s = tau.times_plus(PH[1], PH[0]) + R;
-        let left = e - tau.times_plus(mean[1], mean[0]);
-        let over = e.like(1.0) / s;
         for i in 0..STATES {
-            mean[i] = (PH[i] * over).times_plus(left, mean[i]);
             for j in 0..STATES {
-                P[i][j] = P[i][j] - PH[i] * PH[j] * over;
+                self.P[i][j] = self.P[i][j] - L[i] * PH[j];
+                let both = L[i] * L[j] * noise;
+                self.of_readings[i][j] = self.of_readings[i][j] - (L[i] * WH[j] + WH[i] * L[j]) + both;
             }
         }
-        (mean[0], mean[1]) = (mean[0] - gain[0] * e, mean[1] - gain[1] * e);
-        (left, s)
+        let variance = s + others;
+        let share = (s - noise) / variance;
+        let parameter = |h: T, slope: T| {
+            // The output's noise is in the slope and in what is left: its mean is taken out, its variance counted.
+            [h.times_plus(left[0] / variance, share * slope), h.times_plus(h / variance, share * slope * slope)]
+        };
+        let parameters = [parameter(left[1], slopes[0]), parameter(left[2], slopes[1])];
+        Score { left: left[0], variance, of_readings: noise / variance, parameters }
     }
-}
-
-/// `p` and `v` after `dt`, driven by what the samples have.
-#[inline(always)]
-fn moved<T: Number>(dt: T, gains: &[[T; 2]; TAPS], at: impl Fn(usize) -> T) -> (T, T) {
-    let (mut p, mut v) = (dt.times_plus(at(1), at(0)), at(1));
-    for (k, [gp, gv]) in gains.iter().enumerate() {
-        (p, v) = (gp.times_plus(at(2 + k), p), gv.times_plus(at(2 + k), v));
-    }
-    (p, v)
 }
