@@ -111,7 +111,7 @@ class Change:
     t: float = math.inf
     """s"""
     size: float = 0.0
-    """Factor of the noise, added scale factor, or counts."""
+    """Factor of the noise, added scale factor or bias, or counts."""
 
 
 class Record:
@@ -134,7 +134,8 @@ class Record:
         after = t >= change.t
         scale = SCALE + np.where(after & (change.kind == "scale"), change.size, 0.0)
         factor = np.where(after & (change.kind == "noise"), change.size, 1.0)
-        u = BIAS + (1.0 + scale) * a + factor * rng.standard_normal(n) * rig.noise * math.sqrt(rig.rate / 2.0)
+        bias = BIAS + np.where(after & (change.kind == "bias"), change.size, 0.0)
+        u = bias + (1.0 + scale) * a + factor * rng.standard_normal(n) * rig.noise * math.sqrt(rig.rate / 2.0)
         if not rig.readings:
             rows = Rows(t, u, self._read(x, t))
         else:
@@ -174,16 +175,17 @@ class Remembering(InnovationMonitor):
         return alarm
 
 
-def null(task: tuple[int, int, int]) -> dict[str, object]:
-    """An hour of an honest rig."""
+def null(task: tuple[int, int, int], hours: float = 1.0) -> dict[str, object]:
+    """Hours of an honest rig."""
     at, run, seed = task
     rng = np.random.default_rng((seed, at, run))
     rig = SETTINGS[at]
     chosen = settings(rig, rng)
     record, tracker = Record(rig, rng), Tracker(chosen)
     monitor, alarms, squares, readings = Remembering(chosen.sharp_resolution), list[Alarm](), 0.0, 0
-    for _ in range(math.ceil(3600 * rig.rate / CHUNK)):
-        rows = tracker.feed(record.take(min(CHUNK, math.ceil(3600 * rig.rate) - record.rows)))
+    most = math.ceil(hours * 3600 * rig.rate)
+    while record.rows < most:
+        rows = tracker.feed(record.take(min(CHUNK, most - record.rows)))
         squares += float(np.sum(rows.white**2 / rows.white_variance))
         readings += len(rows.t)
         alarms += monitor.add(rows)
@@ -241,8 +243,9 @@ def block_deviation(rig: Setting, chosen: LiveSettings, rng: np.random.Generator
 
 def simulated(seeds: range) -> tuple[int, int]:
     """Blocks and alarms of `accelcal simulate` followed by `accelcal live`."""
-    from accelcal.cli import application
     from typer.testing import CliRunner
+
+    from accelcal.cli import app
 
     runner, blocks, alarms = CliRunner(), 0, 0
     with TemporaryDirectory() as folder:
@@ -252,7 +255,7 @@ def simulated(seeds: range) -> tuple[int, int]:
                 ["simulate", "--seconds", "200", "--seed", str(seed), "-o", str(run)],
                 ["live", "--file", str(run), "--rig", str(run.with_suffix(".toml")), "--json"],
             ):
-                answer = runner.invoke(application, words)
+                answer = runner.invoke(app, words)
                 assert answer.exit_code == 0, answer.output
             end = json.loads([line for line in answer.stdout.splitlines() if line.startswith("{")][-1])
             blocks, alarms = blocks + end["state"]["blocks"], alarms + end["state"]["alarms"]

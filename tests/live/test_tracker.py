@@ -55,7 +55,7 @@ def tracked(settings: LiveSettings, made: Stream, seed: int) -> tuple[Tracker, t
         found.append(tracker.feed(Rows(made.t[i:j], made.u[i:j], made.z[i:j])))
         i = j
     found.append(tracker.finish())
-    return tracker, tuple(np.concatenate([of[k] for of in found]) for k in range(3))
+    return tracker, tuple(np.concatenate([of.table[:, k] for of in found]) for k in (0, 2, 3))
 
 
 def test_outputs_before_the_first_reading_do_not_pile_up(rig: Rig) -> None:

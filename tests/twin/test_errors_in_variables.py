@@ -218,3 +218,77 @@ def test_blocks_of_events_are_the_events() -> None:
 def test_published_filters_stay_as_published(choice: dict[str, Any]) -> None:
     with pytest.raises(AccelcalError, match='integrator="exact" and carrier="factored"'):
         FilterChoice(**{"carrier": "factored"} | choice, corrected=True)
+
+
+def whole_scores(u: np.ndarray, dt: float, q: float, r: float, every: int, first: int) -> Any:
+    """Cholesky factor of all innovations behind reading `first` at once, the readings' share of each score, and what a
+    unit of k and of K0 adds to each innovation.
+
+    Innovations are linear in the errors of p, v at that reading, in the noise of the samples and in that of the readings:
+    columns of one matrix, from a filter of known parameters. The curve has another shape in the first segment.
+    """
+    n, begin, readings = len(u), first * every, (len(u) - 1) // every - first
+    F, Q = np.array([[1.0, dt], [0.0, 1.0]]), q * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
+    x, weight = 0.5 * (NODES + 1.0), 0.5 * WEIGHTS
+
+    def gains(nodes: list[float]) -> np.ndarray:
+        curve = np.array([lagrange(share, np.array(nodes)) for share in x])
+        return np.stack([dt**2 * (weight * (1.0 - x)) @ curve, dt * weight @ curve])
+
+    usual, at_start = gains([-1.0, 0.0, 1.0, 2.0]), gains([0.0, 1.0, 2.0, 3.0])
+    error, unit = np.zeros((2, 2 + n + readings)), np.zeros((2, 2))
+    P, rows, units = np.diag([r, 1.0]), [], []
+    gradient = -np.stack([u, np.ones(n)], axis=1)  # of a = (u - K0)/(1 + k) at k = K0 = 0
+    for i in range(n - 1):
+        if i:
+            error, P, j = F @ error, F @ P @ F.T + Q, max(i - 2, 0)
+            G = usual if i > 1 else at_start
+            unit = F @ unit + G @ gradient[j : j + 4]
+            if i > begin:
+                error[:, 2 + j : 6 + j] += G
+        if i % every:
+            continue
+        K = P[0] / (P[0, 0] + r)
+        P = P - np.outer(K, P[0])
+        if i == begin:
+            known, error[:, :2] = P.copy(), np.eye(2)
+        elif i > begin:
+            row = error[0].copy()
+            row[2 + n + len(rows)] += 1.0
+            rows.append(row)
+            units.append(unit[0].copy())
+            error = error - np.outer(K, row)
+        unit = unit - np.outer(K, unit[0])
+    M = np.stack(rows)
+    prior = np.diag([0.0, 0.0, *[q / dt] * n, *[r] * readings])
+    prior[:2, :2] = known
+    L = np.linalg.cholesky(M @ prior @ M.T)
+    of_readings = np.sum(np.linalg.solve(L, M[:, 2 + n :]) ** 2 * r, axis=1)
+    return L, of_readings, np.stack(units)
+
+
+@pytest.mark.parametrize(("rate", "noise", "r", "every"), [(50, 2e-3, 8e-14, 1), (1000, 2e-2, 8e-16, 3)])
+def test_white_scores_are_those_of_all_innovations_at_once(rate: float, noise: float, r: float, every: int) -> None:
+    dt, n, rng, first = 1.0 / rate, 180, np.random.default_rng(8), 15
+    t = dt * np.arange(n)
+    u = 1.5 * np.sin(2.0 * t) + rng.standard_normal(n) * noise * np.sqrt(rate / 2.0)
+    z = -1.5 / 4.0 * np.sin(2.0 * t) + np.sqrt(r) * rng.standard_normal(n)
+    choice = FilterChoice("aci", interpolation="cubic", carrier="factored", corrected=True)
+    q, P0 = noise**2 / 2.0, np.diag([r, 1.0, 1e-28, 1e-28])
+    live = LiveFilter(choice, q=q, r_position=r, x0=[0.0, -0.75, 0.0, 0.0], P0=P0)
+    there = np.ones(2 * n, dtype=bool)
+    there[1::2] = np.arange(n) % every == 0
+    events = np.repeat(t, 2), np.tile([True, False], n), np.column_stack([u, z]).ravel()
+    rows = live.feed(*(column[there] for column in events)).table[first + 1 :]
+    L, of_readings, units = (part[: len(rows)] for part in whole_scores(u, dt, q, r, every, first))
+    L = L[:, : len(rows)]
+    white, slopes = np.linalg.solve(L, rows[:, 2]), np.linalg.solve(L, -units)
+    deviation = np.sqrt(rows[:, 5])
+    assert deviation == pytest.approx(np.diag(L), rel=1e-7)
+    assert rows[:, 4] / deviation == pytest.approx(white, rel=1e-6, abs=1e-6)
+    assert rows[:, 6] == pytest.approx(of_readings, rel=1e-6)
+    share = np.outer(1.0 - of_readings, [1.0, 0.0])  # a by k and u has the slope -1, by K0 and u none
+    assert rows[:, 7:9] == pytest.approx(-slopes * white[:, None] - share, rel=1e-4, abs=1e-4)
+    assert rows[:, 9:11] == pytest.approx(slopes**2 + share, rel=1e-4, abs=1e-4)
+    # The twin: raw innovations are not white where the noise of the output dominates.
+    assert np.max(np.abs(rows[:, 2] / np.sqrt(rows[:, 3]) - white)) > 0.01

@@ -205,9 +205,8 @@ class Readout:
         self.nis.set_text(nis_text(state.nis))
         self.innovation.set_text(innovation_text(state.innovation))
         self._show_parameters(state.estimates)
-        sentence = state.noise_share.sentence if state.noise_share else ""
-        self.bias.set_text(sentence)
-        self.bias.set_visibility(bool(sentence))
+        self.bias.set_text(" ".join(state.sentences))
+        self.bias.set_visibility(bool(state.sentences))
         for key, label in self.counts.items():
             label.set_text(f"{getattr(state, key):,}".replace(",", " "))
         self._show_alarms()

@@ -261,7 +261,7 @@ def picture(state: sessions.LiveState, source: str, alarms: list[measuring.Alarm
     return Group(
         Text(visible(title, one_line=True), style="bold"),
         table,
-        *(Text(text, style="yellow") for text in noise_of(state)),
+        *(Text(text, style="yellow") for text in state.sentences),
         Text(innovation_of(state)),
         Text.assemble((word, style), f" ({state.alarms} of {state.blocks} blocks alarmed)"),
         Text(counts_of(state)),
@@ -276,12 +276,6 @@ def line_of(state: sessions.LiveState) -> str:
     parameters = ", ".join(f"{e.name} {words.with_unit(band, e.unit)}" for e, band in pairs)
     when = "no row yet" if state.t is None else f"t = {state.t:.3f} s"
     return f"{when}: {parameters}; {innovation_of(state)}; {counts_of(state)}"
-
-
-def noise_of(state: sessions.LiveState) -> list[str]:
-    """The sentence on a scale factor that noise of the output does not let through; empty else."""
-    share = state.noise_share
-    return [] if share is None or not share.sentence else [share.sentence]
 
 
 def innovation_of(state: sessions.LiveState) -> str:
@@ -320,7 +314,7 @@ def summary_of(state: sessions.LiveState, source: str, ended: str) -> list[str]:
         if state.holds is None
         else f"{state.alarms} of {state.blocks} blocks of innovations raised an alarm"
     )
-    lines = [f"{source}: {ended}", line_of(state), *noise_of(state), judged]
+    lines = [f"{source}: {ended}", line_of(state), *state.sentences, judged]
     return [*lines, f"the filter refused {state.refused} events: {state.refusal}"] if state.refused else lines
 
 

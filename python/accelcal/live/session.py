@@ -72,6 +72,12 @@ class LiveState:
     refusal: str = ""
     recorded: int = 0
 
+    @property
+    def sentences(self) -> list[str]:
+        """What the declared noise of output and readings leads to."""
+        share = "" if self.noise_share is None else self.noise_share.sentence
+        return [sentence for sentence in (share, self.remark) if sentence]
+
 
 @dataclass(frozen=True, slots=True)
 class LiveEvent(Storable):
