@@ -11,7 +11,7 @@ RUN_TESTS := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= MALLOC_TRIM_THRESHO
 BESIDE := slow or outside or statistics
 
 .NOTPARALLEL:
-.PHONY: help demo docs pages paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-noisy-live bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-accidents bench-mistakes bench-rates bench-ruler bench-loop bench-named bench-mechanisms bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response
+.PHONY: help demo docs pages paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-noisy-live bench-monitoring bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-accidents bench-mistakes bench-rates bench-ruler bench-loop bench-named bench-mechanisms bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -111,6 +111,11 @@ bench-live-input: $(STAMP) ## Send 10 kHz to `accelcal live` for ten minutes eac
 
 bench-noisy-live: $(STAMP) ## Follow 480 records of two hours behind noisy sensors: are scale factor and bias within their uncertainties?
 	$(BIN)/python -m benches.noisy_live
+
+bench-monitoring: $(STAMP) ## Follow 200 hours of honest rigs, and rigs to which something happens: alarms as rare as stated, of the right cause? (half an hour)
+	$(BIN)/python -m benches.monitoring null
+	$(BIN)/python -m benches.monitoring causes
+	$(BIN)/python -m benches.monitoring simulate
 
 bench-check: $(STAMP) ## Fail where a step costs 5 % more instructions than stored (valgrind).
 	tools/bench_check.sh

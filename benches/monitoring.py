@@ -30,7 +30,7 @@ from scipy import stats
 from accelcal.data import Array, Rig, Sensor
 from accelcal.filters.stream import Readings
 from accelcal.io.stream import Rows
-from accelcal.live.tracker import Alarm, InnovationMonitor, LiveSettings, Tracker, settings_of
+from accelcal.live.tracker import SETTLING, Alarm, InnovationMonitor, LiveSettings, Tracker, settings_of
 
 W = 2.0 * np.pi * np.array([0.11, 0.23, 0.37, 0.59])
 SIZE = np.array([1.4, 1.05, 0.7, 0.49])
@@ -84,7 +84,7 @@ def settings(rig: Setting, rng: np.random.Generator, seconds: float = 1e4) -> Li
         return anew
     spread = np.diag([1e-4, 1e-4]) ** 2
     truth = np.array([SCALE, BIAS]) + 1e-4 * rng.standard_normal(2)
-    return replace(anew, theta=truth, covariance=spread)
+    return replace(anew, theta=truth, covariance=spread, begun=True)
 
 
 def place(t: Array, phase: Array, rests: bool) -> tuple[Array, Array]:
@@ -162,8 +162,8 @@ class Record:
 class Remembering(InnovationMonitor):
     """A monitor that keeps the p of each block."""
 
-    def __init__(self, resolution: float) -> None:
-        super().__init__(resolution=resolution)
+    def __init__(self, chosen: LiveSettings) -> None:
+        super().__init__(resolution=chosen.sharp_resolution, settling=1 if chosen.begun else SETTLING)
         self.every: list[float] = []
         self.remarks = 0
 
@@ -182,7 +182,7 @@ def null(task: tuple[int, int, int], hours: float = 1.0) -> dict[str, object]:
     rig = SETTINGS[at]
     chosen = settings(rig, rng)
     record, tracker = Record(rig, rng), Tracker(chosen)
-    monitor, alarms, squares, readings = Remembering(chosen.sharp_resolution), list[Alarm](), 0.0, 0
+    monitor, alarms, squares, readings = Remembering(chosen), list[Alarm](), 0.0, 0
     most = math.ceil(hours * 3600 * rig.rate)
     while record.rows < most:
         rows = tracker.feed(record.take(min(CHUNK, most - record.rows)))

@@ -62,7 +62,7 @@ class FilterSetup:
         r_output: float,
         gate: float,
         kernel: str,
-        corrected: bool,
+        correction: str,
     ) -> FilterSetup: ...
 
 @final

@@ -36,7 +36,7 @@ def monitor(**given: float) -> InnovationMonitor:
 def readings(scores: np.ndarray, slope: float = 1.0) -> Readings:
     """White readings a second apart, of variance one, with the same slope by the bias, and none by the scale factor."""
     n = len(scores)
-    table = np.zeros((n, 11))
+    table = np.zeros((n, 12))
     table[:, 0], table[:, 1], table[:, 2], table[:, 4] = np.arange(n), 1e3 * np.arange(n), scores, scores
     table[:, [3, 5, 6]] = 1.0
     table[:, 8], table[:, 10] = slope * scores, slope**2
@@ -46,12 +46,11 @@ def readings(scores: np.ndarray, slope: float = 1.0) -> Readings:
 def test_false_alarms_are_as_many_as_stated() -> None:
     rng = np.random.default_rng(1)
     alarms = monitor(false_alarm=RAISED, tolerance=0.0).add(readings(rng.standard_normal(READINGS * BLOCKS)))
-    # Four of the five tests look at something here; the largest and the mean square at much the same. The correlation
-    # may be 0.02 off, and less noise is no alarm: of a fifth each, 2.5 count.
-    expected = 0.5 * RAISED * BLOCKS
-    low, high = stats.binom.ppf([OF_TEST / 2, 1 - OF_TEST / 2], BLOCKS, 0.5 * RAISED)
+    # Of four tests with a quarter each, one may be 0.02 off, and less noise is no alarm: about 2.75 count.
+    expected = 0.6875 * RAISED * BLOCKS
+    low, high = stats.binom.ppf([OF_TEST / 2, 1 - OF_TEST / 2], BLOCKS, 0.6875 * RAISED)
     print(f"{len(alarms)} alarms in {BLOCKS} blocks, expected about {expected:g}, {low:g} to {high:g}")
-    assert 0.8 * low <= len(alarms) <= 1.2 * high
+    assert low <= len(alarms) <= high
     assert {"mean", "noise", "jump"} <= {alarm.kind for alarm in alarms}
 
 
@@ -74,7 +73,7 @@ def test_raw_innovations_are_not_what_the_tests_are_for() -> None:
     rows = Tracker(chosen).feed(Record(rig, rng).take(60_000))
     raw = rows.table.copy()
     raw[:, 4:6] = raw[:, 2:4]
-    white, crude = InnovationMonitor(), InnovationMonitor(tolerance=0.0)
+    white, crude = InnovationMonitor(settling=5), InnovationMonitor(tolerance=0.0)
     assert not white.add(rows)
     crude.add(Readings(raw))
     assert crude.nis is not None
@@ -130,7 +129,7 @@ def test_an_alarm_says_the_cause(at: int, change: str, size: float, kind: str) -
     while record.rows < 60.0 * rig.rate:
         alarms += tested.add(tracker.feed(record.take(int(rig.rate))))
     assert alarms
-    assert alarms[0].t > 40.0
+    assert alarms[0].t >= 40.0
     assert Counter(alarm.kind for alarm in alarms).most_common(1)[0][0] == kind
     assert CAUSES[alarms[0].kind].split("; ")[1] in alarms[0].sentence
 
@@ -144,10 +143,10 @@ def test_a_tone_makes_neighbours_correlate() -> None:
 
 
 def test_blocks_last_as_long_as_stated_and_the_first_readings_do_not_count() -> None:
-    tested = InnovationMonitor(least_readings=10, least_time=1.0, settling=5)
-    table = readings(np.concatenate([np.full(5, 100.0), np.random.default_rng(1).standard_normal(110)])).table
+    tested = InnovationMonitor(least_readings=10, least_time=1.0, settling=1)
+    table = readings(np.concatenate([np.full(5, 100.0), np.random.default_rng(1).standard_normal(210)])).table
     table[:, 0] *= 0.01
-    for rows in np.array_split(table[:106], 9):  # in pieces, whose ends are no ends of blocks
+    for rows in np.array_split(table[:206], 9):  # in pieces, whose ends are no ends of blocks
         assert not tested.add(Readings(rows))
     assert (tested.blocks, tested.alarms, tested.holds) == (1, 0, True)
 

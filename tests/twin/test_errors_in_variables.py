@@ -273,7 +273,7 @@ def test_white_scores_are_those_of_all_innovations_at_once(rate: float, noise: f
     t = dt * np.arange(n)
     u = 1.5 * np.sin(2.0 * t) + rng.standard_normal(n) * noise * np.sqrt(rate / 2.0)
     z = -1.5 / 4.0 * np.sin(2.0 * t) + np.sqrt(r) * rng.standard_normal(n)
-    choice = FilterChoice("aci", interpolation="cubic", carrier="factored", corrected=True)
+    choice = FilterChoice("aci", interpolation="cubic", carrier="factored", corrected=True, scores=True)
     q, P0 = noise**2 / 2.0, np.diag([r, 1.0, 1e-28, 1e-28])
     live = LiveFilter(choice, q=q, r_position=r, x0=[0.0, -0.75, 0.0, 0.0], P0=P0)
     there = np.ones(2 * n, dtype=bool)
@@ -290,5 +290,6 @@ def test_white_scores_are_those_of_all_innovations_at_once(rate: float, noise: f
     share = np.outer(1.0 - of_readings, [1.0, 0.0])  # a by k and u has the slope -1, by K0 and u none
     assert rows[:, 7:9] == pytest.approx(-slopes * white[:, None] - share, rel=1e-4, abs=1e-4)
     assert rows[:, 9:11] == pytest.approx(slopes**2 + share, rel=1e-4, abs=1e-4)
+    assert rows[:, 11] == pytest.approx(slopes[:, 0] * slopes[:, 1], rel=1e-4, abs=1e-4)
     # The twin: raw innovations are not white where the noise of the output dominates.
     assert np.max(np.abs(rows[:, 2] / np.sqrt(rows[:, 3]) - white)) > 0.01

@@ -2,7 +2,7 @@
 
 use ekf_core::{GaussMarkov, RunError};
 use ekf_simd::fixed_rate::filter::{self, FixedRate, Histories};
-use ekf_simd::fixed_rate::step::SampleInput;
+use ekf_simd::fixed_rate::step::{EffectColumns, SampleInput};
 use numpy::{
     Element, IntoPyArray, PyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray,
     PyUntypedArrayMethods,
@@ -51,7 +51,7 @@ impl FixedRateFilter {
                     gauss_markov.into_iter().map(|(rate, q)| GaussMarkov { rate, q }).collect();
                 filter::aci_with_effects(
                     &setup.choices.with_system(system),
-                    setup.corrected,
+                    setup.correction,
                     dt,
                     rest,
                     &gauss_markov,
@@ -59,7 +59,7 @@ impl FixedRateFilter {
                 )
             }
             (AnySystem::Aci(system), None) => {
-                filter::aci(&setup.choices.with_system(system), setup.corrected, dt, prior)
+                filter::aci(&setup.choices.with_system(system), setup.correction, dt, prior)
             }
             (AnySystem::Cwpa(system), _) => filter::cwpa(&setup.choices.with_system(system), dt, prior),
         };
@@ -81,7 +81,7 @@ impl FixedRateFilter {
                 self.effects
             )));
         }
-        let sample = SampleInput { u, z: z.unwrap_or(f64::NAN), ..SampleInput::default() };
+        let sample = SampleInput { u, z: z.unwrap_or(f64::NAN), effects: None };
         match self.filter.step(&sample) {
             Ok(innovation) => Ok(innovation.map(|innovation| innovation.e)),
             Err(error) => Err(self.failed(py, self.filter.samples(), error)),
@@ -114,7 +114,8 @@ impl FixedRateFilter {
         let effects = [before, middle, here];
         let slopes = slopes.as_ref().map_or(Ok(&[][..]), PyReadonlyArray1::as_slice)?;
         let position_columns = position_columns.as_slice()?;
-        let sample = SampleInput { u, z: z.unwrap_or(f64::NAN), effects, position_columns, slopes };
+        let columns = EffectColumns { over: effects, position: position_columns, slopes };
+        let sample = SampleInput { u, z: z.unwrap_or(f64::NAN), effects: Some(&columns) };
         match self.filter.step(&sample) {
             Ok(innovation) => Ok(innovation.map(|innovation| innovation.e)),
             Err(error) => Err(self.failed(py, self.filter.samples(), error)),
@@ -207,12 +208,12 @@ impl FixedRateFilter {
     }
 
     /// What whitening leaves of the innovation, its variance, the reading's share of that; slopes of the log-likelihood by
-    /// k, K0 and their variances.
+    /// k, K0, their variances and covariance.
     #[getter]
-    fn score(&self) -> Option<[f64; 7]> {
+    fn score(&self) -> Option<[f64; 8]> {
         self.filter.score().map(|score| {
-            let [[first, of_first], [second, of_second]] = score.parameters;
-            [score.left, score.variance, score.of_readings, first, second, of_first, of_second]
+            let ([first, second], [of_first, of_second, of_both]) = (score.slopes, score.informations);
+            [score.left, score.variance, score.of_readings, first, second, of_first, of_second, of_both]
         })
     }
 

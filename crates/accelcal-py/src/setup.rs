@@ -1,8 +1,8 @@
 //! The set-up of a filter: names to choices, the number of states to a constant, errors to Python.
 
 use ekf_core::{
-    Aci, Belief, Carrier, Consider, Cwpa, Filter, Form, GaussMarkov, Integrator, Interpolation, LowPass, Order,
-    Parameters, RunError, Sensor,
+    Aci, Belief, Carrier, Consider, Correction, Cwpa, Filter, Form, GaussMarkov, Integrator, Interpolation, LowPass,
+    Order, Parameters, RunError, Sensor,
 };
 use nalgebra::{SMatrix, SVector};
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
@@ -43,7 +43,7 @@ pub struct FilterSetup {
     pub(crate) system: AnySystem,
     pub(crate) choices: Filter<()>,
     pub(crate) structured: bool,
-    pub(crate) corrected: bool,
+    pub(crate) correction: Correction,
 }
 
 fn chosen<T: Copy>(what: &str, name: &str, choices: &[(&str, T)]) -> PyResult<T> {
@@ -62,7 +62,7 @@ impl FilterSetup {
     /// `gauss_markov` holds `(rate, q)` of k, K0, K2, K3; `tau = 0` means no low-pass, `gate = inf` no gate;
     /// `consider` holds indices of states.
     #[new]
-    #[pyo3(signature = (*, system, form, interpolation, integrator, order, carrier, consider, q, q_output, tau, gauss_markov, r_position, r_output, gate, kernel, corrected))]
+    #[pyo3(signature = (*, system, form, interpolation, integrator, order, carrier, consider, q, q_output, tau, gauss_markov, r_position, r_output, gate, kernel, correction))]
     #[allow(clippy::too_many_arguments)] // keyword-only, called from one place
     fn new(
         system: &str,
@@ -80,7 +80,7 @@ impl FilterSetup {
         r_output: f64,
         gate: f64,
         kernel: &str,
-        corrected: bool,
+        correction: &str,
     ) -> PyResult<Self> {
         let sensor =
             Sensor { form: form_named(form)?, gauss_markov: gauss_markov.map(|(rate, q)| GaussMarkov { rate, q }) };
@@ -107,7 +107,16 @@ impl FilterSetup {
             gate,
         };
         let structured = chosen("kernel", kernel, &[("structured", true), ("dense", false)])?;
-        Ok(Self { system: chosen("system", system, &[("aci", aci), ("cwpa", cwpa)])?, choices, structured, corrected })
+        let correction = chosen(
+            "correction",
+            correction,
+            &[
+                ("none", Correction::None),
+                ("estimate", Correction::Estimate),
+                ("scores", Correction::EstimateAndScores),
+            ],
+        )?;
+        Ok(Self { system: chosen("system", system, &[("aci", aci), ("cwpa", cwpa)])?, choices, structured, correction })
     }
 }
 
@@ -135,14 +144,14 @@ macro_rules! blocks {
     };
     (@ $setup:expr, $states:expr, $filter:ident, $N:ident, $body:expr, $(($system:ident, $size:literal)),*) => {
         match (&$setup.system, $states) {
-            ($crate::setup::AnySystem::Aci(system), 4) if $setup.corrected => {
+            ($crate::setup::AnySystem::Aci(system), 4) if $setup.correction != ekf_core::Correction::None => {
                 const $N: usize = 4;
-                let $filter = ekf_core::Corrected::new($setup.choices.with_system(*system));
+                let $filter = ekf_core::Corrected::new($setup.choices.with_system(*system), $setup.correction);
                 Some($body)
             }
-            ($crate::setup::AnySystem::Aci(system), 6) if $setup.corrected => {
+            ($crate::setup::AnySystem::Aci(system), 6) if $setup.correction != ekf_core::Correction::None => {
                 const $N: usize = 6;
-                let $filter = ekf_core::Corrected::new($setup.choices.with_system(*system));
+                let $filter = ekf_core::Corrected::new($setup.choices.with_system(*system), $setup.correction);
                 Some($body)
             }
             $(($crate::setup::AnySystem::$system(system), $size) if $setup.structured => {

@@ -14,8 +14,8 @@ use crate::setup::{FilterSetup, Matrix, belief, blocks, matrix, prior, sized};
 type Row = [f64; COLUMNS];
 
 /// Stamp, value, `e`, `S`, what whitening leaves of `e`, its variance, the readings' share of that, slopes of the
-/// log-likelihood and their variances.
-const COLUMNS: usize = 11;
+/// log-likelihood, their variances and covariance.
+const COLUMNS: usize = 12;
 
 /// A [`Live`] filter of any size, dense or in blocks.
 trait Stream: Send + Sync {
@@ -37,9 +37,16 @@ struct StreamState {
 fn hand_over<E: Engine<N>, const N: usize>(outcome: &E::Outcome, keep: &mut dyn FnMut(Row)) {
     if let Some(GatedReading { innovation: Innovation { e, s }, .. }) = E::reading(outcome) {
         let Event { t, value, .. } = E::event(outcome);
-        let score = E::score(outcome).unwrap_or(Score { left: e, variance: s, of_readings: 1.0, parameters: [[0.0; 2]; 2] });
-        let [[first, of_first], [second, of_second]] = score.parameters;
-        keep([t, value, e, s, score.left, score.variance, score.of_readings, first, second, of_first, of_second]);
+        let score = E::score(outcome).unwrap_or(Score {
+            left: e,
+            variance: s,
+            of_readings: 1.0,
+            slopes: [0.0; 2],
+            informations: [0.0; 3],
+        });
+        let ([first, second], [of_first, of_second, of_both]) = (score.slopes, score.informations);
+        let white = [score.left, score.variance, score.of_readings];
+        keep([t, value, e, s, white[0], white[1], white[2], first, second, of_first, of_second, of_both]);
     }
 }
 
@@ -133,7 +140,7 @@ impl FilterStream {
 
     /// Takes events in, in their order: stamps, which are outputs, values, (n,) each.
     ///
-    /// The readings that they led to, (n, 11); then how many events were refused, and the last sentence.
+    /// The readings that they led to, (n, 12); then how many events were refused, and the last sentence.
     fn feed(
         &mut self,
         py: Python<'_>,
@@ -163,7 +170,7 @@ impl FilterStream {
         Ok((matrix(py, readings, COLUMNS)?, refused, sentence))
     }
 
-    /// Processes what still waits; its readings, (n, 11).
+    /// Processes what still waits; its readings, (n, 12).
     fn finish(&mut self, py: Python<'_>) -> PyResult<Matrix> {
         let mut readings = Vec::new();
         let finished = self.stream.finish(&mut |row| readings.extend(row));

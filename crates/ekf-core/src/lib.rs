@@ -43,4 +43,5 @@ pub use signal::timeline::Samples;
 pub use stream::engine::{Engine, Track};
 pub use stream::live::Live;
 pub use stream::own_sensor::OwnSensor;
+pub use structured::errors_in_variables::Correction;
 pub use structured::filter::{Corrected, InBlocks, Structured};

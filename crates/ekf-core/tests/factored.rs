@@ -10,7 +10,7 @@ use ekf_core::structured::acceleration::{AccelerationModel, Driven, InverseCubic
 use ekf_core::structured::aci::{AciBlock, StepIntegrals};
 use ekf_core::structured::aci_step::StepInput;
 use ekf_core::structured::aci_ud::AciFactored;
-use ekf_core::structured::errors_in_variables::{AciCorrected, Taps};
+use ekf_core::structured::errors_in_variables::{AciCorrected, Correction, Taps};
 use ekf_core::structured::gauss_markov::GaussMarkovSet;
 use ekf_core::structured::number::Real;
 use ekf_core::structured::row::Plain;
@@ -264,6 +264,7 @@ fn corrected<T: Real>(steps: usize, witness: T, taps: Option<&Taps>) -> AciCorre
     let mut draw = Draw(11);
     let mut gauss = || (0..12).map(|_| 0.5 * draw.next()).sum::<f64>(); // uniform on [-1, 1]: variance 12/12
     let mut from = Motion::output(0.0);
+    let correction = if taps.is_some() { Correction::EstimateAndScores } else { Correction::None };
     for i in 0..steps {
         let now = (i + 1) as f64 * DT;
         let to = Motion::output(now) + NOISE * gauss();
@@ -271,11 +272,11 @@ fn corrected<T: Real>(steps: usize, witness: T, taps: Option<&Taps>) -> AciCorre
         let input = |s: f64| witness.like(from + (to - from) / DT * s);
         let step_input = StepInput { model: InverseLinear, order: Order::First, input, dt: DT };
         filter.exact(witness.like(q), &drift, &step_input, taps.map(|taps| (taps, DT))).unwrap();
-        filter.noise.shift();
+        filter.passed();
         let (zero, variance) = (witness.like(0.0), witness.like(1e-12));
         let (innovation, reading) =
             filter.filter.innovate_with_effects(zero, &Plain([zero; 2]), witness.like(z), variance);
-        filter.correct_with(zero, variance, &reading, &innovation, taps.is_some());
+        filter.correct_with(zero, variance, &reading, &innovation, correction);
         from = to;
     }
     filter

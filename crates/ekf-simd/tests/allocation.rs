@@ -10,12 +10,12 @@ use ekf_core::structured::aci::StepIntegrals;
 use ekf_core::structured::aci_ud::AciFactored;
 use ekf_core::structured::row::Plain;
 use ekf_core::{
-    Aci, Belief, Carrier, Channel, Consider, Cwpa, Engine, Event, Filter, Form, GaussMarkov, InBlocks, Integrator,
-    Interpolation, Live, Order, Sensor,
+    Aci, Belief, Carrier, Channel, Consider, Correction, Cwpa, Engine, Event, Filter, Form, GaussMarkov, InBlocks,
+    Integrator, Interpolation, Live, Order, Sensor,
 };
 use ekf_simd::Prior;
 use ekf_simd::fixed_rate::filter::{FixedRate, Histories, aci, aci_with_effects, cwpa};
-use ekf_simd::fixed_rate::step::SampleInput;
+use ekf_simd::fixed_rate::step::{EffectColumns, SampleInput};
 use nalgebra::{SMatrix, SVector};
 
 /// The system's allocator, counting what the present thread asks for.
@@ -104,7 +104,8 @@ fn fixed_rate_steps(filter: &mut dyn FixedRate, effects: usize) -> usize {
     allocations(|| {
         for j in 0..STEPS {
             let z = if j % 2 == 0 { position(j) } else { f64::NAN };
-            let sample = SampleInput { u: output(j), z, effects: [effects; 3], position_columns: effects, slopes: &[] };
+            let columns = EffectColumns { over: [effects; 3], position: effects, slopes: &[] };
+            let sample = SampleInput { u: output(j), z, effects: Some(&columns) };
             filter.step(&sample).unwrap();
         }
         let mut histories = Histories { states: Some(&mut states), ..Histories::default() };
@@ -150,7 +151,7 @@ fn no_step_at_a_fixed_rate_allocates() {
             let (x, P): (Vec<f64>, Vec<f64>) = numbers(N);
             let system = Aci { sensor: sensor(form), q: 1e-6, tau: 0.0 };
             let chosen = filter(system, integrator, Carrier::Dense);
-            let mut made = aci(&chosen, false, DT, Prior { states: N, x: &x, P: &P }).unwrap();
+            let mut made = aci(&chosen, Correction::None, DT, Prior { states: N, x: &x, P: &P }).unwrap();
             assert_eq!(fixed_rate_steps(&mut *made, 0), 0);
             let (x, P): (Vec<f64>, Vec<f64>) = numbers(N + 1);
             let system = Cwpa { sensor: sensor(form), q: 25.0, low_pass: None };
@@ -164,7 +165,7 @@ fn no_step_at_a_fixed_rate_allocates() {
             let system = Aci { sensor: sensor(Form::Forward), q: 1e-6, tau: 1e-3 };
             let chosen = filter(system, integrator, Carrier::Dense);
             let prior = Prior { states: N, x: &x, P: &P };
-            let mut made = aci_with_effects(&chosen, false, DT, 9.8, &[], prior).unwrap();
+            let mut made = aci_with_effects(&chosen, Correction::None, DT, 9.8, &[], prior).unwrap();
             assert_eq!(fixed_rate_steps(&mut *made, effects), 0);
         }
     }

@@ -9,12 +9,12 @@ use ekf_core::structured::aci_step::StepInput;
 use ekf_core::structured::gauss_markov::GaussMarkovSet;
 use ekf_core::structured::row::Plain;
 use ekf_core::{
-    Aci, Belief, Carrier, Consider, Cwpa, Engine, Filter, Form, GaussMarkov, InBlocks, Integrator, Interpolation,
-    Order, Samples, Segment, Sensor, StepError, Structured, dense::system::System,
+    Aci, Belief, Carrier, Consider, Correction, Cwpa, Engine, Filter, Form, GaussMarkov, InBlocks, Integrator,
+    Interpolation, Order, Samples, Segment, Sensor, StepError, Structured, dense::system::System,
 };
 use ekf_simd::Prior;
 use ekf_simd::fixed_rate::filter::{FixedRate, Histories, aci, aci_with_effects, cwpa};
-use ekf_simd::fixed_rate::step::SampleInput;
+use ekf_simd::fixed_rate::step::{EffectColumns, SampleInput};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
 
@@ -126,7 +126,7 @@ fn agrees<S: System<N>, const N: usize>(
         Histories { states: Some(&mut states), innovations: Some(&mut innovations), ..Histories::default() };
     one.over(&u, &z, &mut histories).unwrap();
     for j in 0..STEPS {
-        let found = steps.step(&SampleInput { u: u[j], z: z[j], ..SampleInput::default() }).unwrap();
+        let found = steps.step(&SampleInput { u: u[j], z: z[j], effects: None }).unwrap();
         assert_eq!(found.map_or(f64::NAN, |found| found.e).to_bits(), innovations[j].to_bits());
         for i in 0..N {
             assert_eq!(steps.x(i).to_bits(), states[N * j + i].to_bits());
@@ -156,7 +156,7 @@ fn effects_agree<const N: usize, const M: usize>(choice: Choice) {
     let P: Vec<f64> = (0..N * N).map(|at| if at / N == at % N { sigma(2, at / N).powi(2) } else { 0.0 }).collect();
     let system = Aci { sensor: choice.sensor(), q: 1e-6, tau };
     let prior = Prior { states: N, x: &x, P: &P };
-    let mut steps = aci_with_effects(&choice.filter(system), false, DT, rest, &gauss_markov, prior).unwrap();
+    let mut steps = aci_with_effects(&choice.filter(system), Correction::None, DT, rest, &gauss_markov, prior).unwrap();
     let mut block = AciBlock::<Plain<f64, M>, M>::new(|i| x[i], |i, j| P[i * N + j]);
     let drift = GaussMarkovSet::new(0.0, gauss_markov);
     let column = |i: usize, j: usize| ((i + 1) as f64 * 0.3 * j as f64).cos();
@@ -166,15 +166,8 @@ fn effects_agree<const N: usize, const M: usize>(choice: Choice) {
         let at = |j: usize| -> Vec<f64> { (0..M - 2).map(|i| column(i, j)).collect() };
         let (before, middle, here) = (at(j.saturating_sub(1)), at(j + STEPS), at(j));
         let position_columns: Vec<f64> = (0..M - 2).map(|i| lean(i, j)).collect();
-        steps
-            .step(&SampleInput {
-                u: u[j],
-                z: z[j],
-                effects: [&before, &middle, &here],
-                position_columns: &position_columns,
-                slopes: &[],
-            })
-            .unwrap();
+        let columns = EffectColumns { over: [&before, &middle, &here], position: &position_columns, slopes: &[] };
+        steps.step(&SampleInput { u: u[j], z: z[j], effects: Some(&columns) }).unwrap();
 
         if j > 0 {
             // The last four samples on a clock of their own; too few are a line.
@@ -224,8 +217,8 @@ proptest! {
         // A cubic of a record looks ahead; at a fixed rate it looks back, as the test below does.
         prop_assume!(choice.interpolation != Interpolation::Cubic);
         let driven = choice.filter(Aci { sensor: choice.sensor(), q: 1e-6, tau: 0.0 });
-        agrees::<_, 4>(&driven, 2, choice.phase, |prior| aci(&driven, false, DT, prior).unwrap());
-        agrees::<_, 6>(&driven, 2, choice.phase, |prior| aci(&driven, false, DT, prior).unwrap());
+        agrees::<_, 4>(&driven, 2, choice.phase, |prior| aci(&driven, Correction::None, DT, prior).unwrap());
+        agrees::<_, 6>(&driven, 2, choice.phase, |prior| aci(&driven, Correction::None, DT, prior).unwrap());
         let read = choice.filter(Cwpa { sensor: choice.sensor(), q: 1e3, low_pass: None });
         agrees::<_, 5>(&read, 3, choice.phase, |prior| cwpa(&read, DT, prior).unwrap());
         agrees::<_, 7>(&read, 3, choice.phase, |prior| cwpa(&read, DT, prior).unwrap());
@@ -253,12 +246,12 @@ fn a_step_that_fails_leaves_the_filter_as_it_was() {
     };
     let filter = choice.filter(Aci { sensor: choice.sensor(), q: 1e-6, tau: 0.0 });
     let P: Vec<f64> = (0..16).map(|at| if at % 5 == 0 { 1e-4 } else { 0.0 }).collect();
-    let mut live = aci(&filter, false, DT, Prior { states: 4, x: &[0.0; 4], P: &P }).unwrap();
-    live.step(&SampleInput { u: 1.0, z: 0.0, ..SampleInput::default() }).unwrap();
+    let mut live = aci(&filter, Correction::None, DT, Prior { states: 4, x: &[0.0; 4], P: &P }).unwrap();
+    live.step(&SampleInput { u: 1.0, z: 0.0, effects: None }).unwrap();
     let before: Vec<u64> = (0..4).map(|i| live.x(i).to_bits()).collect();
-    let failed = live.step(&SampleInput { u: f64::INFINITY, z: 0.0, ..SampleInput::default() });
+    let failed = live.step(&SampleInput { u: f64::INFINITY, z: 0.0, effects: None });
     assert_eq!(failed, Err(StepError::Innovation { e: f64::INFINITY }));
-    let failed = live.step(&SampleInput { u: 1.0, z: f64::INFINITY, ..SampleInput::default() });
+    let failed = live.step(&SampleInput { u: 1.0, z: f64::INFINITY, effects: None });
     assert_eq!(failed, Err(StepError::Innovation { e: f64::INFINITY }));
     assert_eq!(before, (0..4).map(|i| live.x(i).to_bits()).collect::<Vec<_>>());
     assert_eq!(live.samples(), 1);

@@ -71,8 +71,13 @@ class FilterChoice:
     ACI without integration error on UD factors only; the published filters do without.
     """
 
+    scores: bool = False
+    """Whiten the innovations, too, for a monitor (derivations 6.18); it takes twice the time."""
+
     def __post_init__(self) -> None:
         check_fields(self)
+        if self.scores and not self.corrected:
+            raise AccelcalError("scores: choose corrected=True, too.")
         needed = (self.system, self.integrator, self.carrier) == ("aci", "exact", "factored")
         if self.corrected and not needed:
             raise AccelcalError('corrected: choose system="aci", integrator="exact" and carrier="factored".')
@@ -202,7 +207,7 @@ def core_setup(
         r_output=r_accel or 0.0,
         gate=math.inf if gate is None else gate,
         kernel=choice.kernel,
-        corrected=choice.corrected,
+        correction="scores" if choice.scores else "estimate" if choice.corrected else "none",
     )
 
 

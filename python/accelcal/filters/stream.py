@@ -19,15 +19,15 @@ class Readings(NamedTuple):
     """Position readings that a filter took in, and how many events it refused."""
 
     table: Array
-    """(n, 11) what the properties name, a reading a row."""
+    """(n, 12) what the properties name, a reading a row."""
     refused: int = 0
     refusal: str = ""
     """Why the last of them was refused."""
 
     @classmethod
     def of(cls, rows: Sequence[Sequence[float]]) -> Readings:
-        """Readings of rows of eleven numbers, or of none."""
-        return cls(np.asarray(rows, dtype=np.float64).reshape(-1, 11))
+        """Readings of rows of twelve numbers, or of none."""
+        return cls(np.asarray(rows, dtype=np.float64).reshape(-1, 12))
 
     @property
     def t(self) -> Array:
@@ -71,8 +71,8 @@ class Readings(NamedTuple):
 
     @property
     def informations(self) -> Array:
-        """(n, 2) variances of the slopes."""
-        return self.table[:, 9:11]
+        """(n, 3) variances of the slopes, and their covariance."""
+        return self.table[:, 9:12]
 
 
 @dataclass(slots=True)
@@ -235,8 +235,8 @@ MOST_EFFECTS = 14
 """Effects that the compiled filter has room for in addition to k and K0."""
 
 
-FACTORED = FilterChoice("aci", "linear", interpolation="cubic", carrier="factored", corrected=True)
-"""First order, no integration error, UD factors, corrected for errors in variables: what runs live unless chosen
+FACTORED = FilterChoice("aci", "linear", interpolation="cubic", carrier="factored", corrected=True, scores=True)
+"""First order, no integration error, UD factors, corrected for errors in variables, watched: what runs live unless chosen
 otherwise."""
 
 

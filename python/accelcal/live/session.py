@@ -21,6 +21,7 @@ from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
 from accelcal.io.stream import ByteSource, Intake, LineReader, Rows
 from accelcal.io.write import GrowingParquet, write_sidecar
 from accelcal.live.tracker import (
+    SETTLING,
     Alarm,
     Innovation,
     InnovationMonitor,
@@ -114,7 +115,9 @@ class LiveSession:
         self.source, self.declared = source, declared
         self.lines = LineReader(declared, source.name, source.from_its_start, settings.needs)
         self.tracker = Tracker(settings) if settings.model is None else ModelTracker(settings)
-        self.monitor = InnovationMonitor(resolution=settings.sharp_resolution)
+        self.monitor = InnovationMonitor(
+            resolution=settings.sharp_resolution, settling=1 if settings.begun else SETTLING
+        )
         self._newest: Innovation | None = None
         self._t: float | None = None
         self._recorder = None if recording is None else _Recorder(recording, declared, self.lines)

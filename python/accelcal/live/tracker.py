@@ -54,6 +54,8 @@ class LiveSettings:
     """What the stamps of the output are late by, s."""
     parameters: Mapping[str, GaussMarkov] = field(default_factory=dict)
     """How parameters move that are not constant."""
+    begun: bool = False
+    """Whether parameters begin where a fit ended."""
     model: Model | None = None
     """With effects that a `LiveFilter` does not have, its priors those of the start; None without."""
     origins: Origins = field(default_factory=Origins)
@@ -145,6 +147,7 @@ def settings_of(rig: Rig, fit: Fit | None = None) -> LiveSettings:
         start.rig.lowpass.tau if start.rig.lowpass is not None else 0.0,
         fit.values().by_name.get("time_offset", 0.0),
         parameters,
+        True,
     )
     others = [name for name in fit.model.added if name not in PAPER and find(name).port != "noise"]
     return _with_model(settings, fit, start) if others else settings
@@ -270,7 +273,7 @@ def declared_noise(rig: Rig) -> tuple[float, float]:
 def _choice(model: str) -> FilterChoice:
     """Exact integrals, cubics between outputs, and UD factors, which no rate and no prior makes indefinite."""
     sensor: Literal["cubic", "linear"] = "cubic" if model == "cubic" else "linear"
-    return FilterChoice("aci", sensor, interpolation="cubic", carrier="factored", corrected=True)
+    return FilterChoice("aci", sensor, interpolation="cubic", carrier="factored", corrected=True, scores=True)
 
 
 def _of_fit(fit: Fit) -> tuple[Array, Array, FilterChoice]:
@@ -295,14 +298,14 @@ LEAST_READINGS = 200
 """Of a block."""
 LEAST_TIME = 1.0
 """Length of a block, s: at most 86 400 blocks, and on average 0.09 false alarms, a day."""
-SETTLING = 50
-"""First readings, which are not judged: the filter still learns where it is."""
+SETTLING = 10
+"""First blocks of a filter that begins with nothing, which are not judged: it still learns what the sensor is."""
 RUNNING = 1000
 """Readings of the running NIS."""
 CONFIDENCE = 0.99
 """Of the interval of the running NIS."""
-TESTS = 5
-"""Of a block: noise, scale factor, bias, whiteness, the largest reading."""
+TESTS = 4
+"""Of a block: noise, scale factor and bias, whiteness, the largest reading."""
 WHITENESS_TOLERANCE = 0.02
 """Correlation of neighbours that counts as white: of noise that is declared `TOLERANCE` off."""
 CALM = 64
@@ -312,8 +315,8 @@ Cause = Literal["noise", "mean", "whiteness", "jump"]
 CAUSES: dict[Cause, str] = {
     "noise": "the innovations have {value:.3g} times the declared variance; the noise of the sensor or of the reference "
     "has grown, or less is declared than there is",
-    "mean": "the innovations follow a change of scale factor or bias, by {value:.3g} standard deviations; the sensor "
-    "has changed, or the model lacks an effect",
+    "mean": "the innovations follow a change of scale factor and bias, {value:.3g} standard deviations away; the "
+    "sensor has changed, or the model lacks an effect",
     "whiteness": "neighbouring innovations correlate by {value:.3g}; a vibration, a tone, or an effect that the model "
     "lacks",
     "jump": "a reading lies {value:.3g} standard deviations from what the readings before it predict; lost counts, a "
@@ -332,7 +335,7 @@ class Alarm(Storable):
     """End of the block, s."""
     kind: Cause
     value: float
-    """Of the statistic that tells: mean square, slope by scale factor or bias, correlation, largest reading; all 1."""
+    """Of the statistic that tells: mean square, distance from scale factor and bias, correlation, largest reading; 1."""
     low: float
     high: float
     readings: int
@@ -362,7 +365,7 @@ class InnovationMonitor:
 
     What the innovations before do not predict is white and normal, with a known variance (derivations 6.18): its mean
     square is chi-square, neighbours do not correlate, and its largest is that of as many normal numbers. The slopes of
-    the log-likelihood by scale factor and bias are normal. Each test has a fifth of `false_alarm`, and lets the true
+    the log-likelihood by scale factor and bias are normal. Each test has a quarter of `false_alarm`, and lets the true
     variance be off by `tolerance`; less noise than declared is a remark. The error of a rounding encoder repeats itself
     at rest: readings that do not leave the last count are not judged.
 
@@ -371,14 +374,14 @@ class InnovationMonitor:
     false_alarm : probability of an alarm in one block while the model holds.
     tolerance : relative error of the expected variance that still counts as holding.
     least_readings, least_time : a block ends when both are reached; readings, s.
-    settling : first readings, which are not judged.
+    settling : first blocks, which are not judged, at least one.
     resolution : of an encoder whose rounding is not hidden by other noise, m; zero for none.
 
     Examples
     --------
     >>> import numpy as np
     >>> monitor = InnovationMonitor(least_readings=100, least_time=0.0, settling=0)
-    >>> rows = np.zeros((100, 11))  # columns of `Readings`: t, position, e, S, what is white and its variance, slopes
+    >>> rows = np.zeros((100, 12))  # columns of `Readings`: t, position, e, S, what is white and its variance, slopes
     >>> rows[:, 0], rows[:, 4], rows[:, 3:6:2] = np.arange(100), np.random.default_rng(1).standard_normal(100), 1.0
     >>> monitor.add(Readings(rows))
     []
@@ -394,7 +397,7 @@ class InnovationMonitor:
         tolerance: float = TOLERANCE,
         least_readings: int = LEAST_READINGS,
         least_time: float = LEAST_TIME,
-        settling: int = SETTLING,
+        settling: int = 1,
         resolution: float = 0.0,
     ) -> None:
         self.false_alarm, self.tolerance = false_alarm, tolerance
@@ -411,7 +414,7 @@ class InnovationMonitor:
         self._settling = settling
         self._last_position = math.nan
         self._recent = np.empty(0)
-        self._waiting = np.empty((0, 11))
+        self._waiting = np.empty((0, 12))
         """Judged readings of the block that has begun."""
         self._before = np.empty(0)
         """The last scores of the block before."""
@@ -427,8 +430,7 @@ class InnovationMonitor:
         judged = moved if self.resolution else np.ones(len(rows), dtype=bool)
         squares = rows[:, 4] ** 2 / rows[:, 5]
         self._recent = np.concatenate([self._recent, squares[judged]])[-RUNNING:]
-        early, self._settling = min(self._settling, len(rows)), max(0, self._settling - len(rows))
-        self._waiting = np.concatenate([self._waiting, rows[early:][judged[early:]]])
+        self._waiting = np.concatenate([self._waiting, rows[judged]])
         return self._ended()
 
     def _ended(self) -> list[Alarm]:
@@ -439,13 +441,16 @@ class InnovationMonitor:
             end = max(end + 1, begin + self.least_readings)
             if end > len(t):
                 break
-            alarm = self._judged(Readings(self._waiting[begin:end]))
+            block, begin = Readings(self._waiting[begin:end]), end
+            if self._settling > 0:
+                self._settling -= 1
+                continue
+            alarm = self._judged(block)
             self.blocks += 1
             self.alarms += alarm is not None
             self.holds = alarm is None
             self._since = None if alarm is None else alarm.since
             alarms += [] if alarm is None else [alarm]
-            begin = end
         self._waiting = self._waiting[begin:]
         return alarms
 
@@ -466,16 +471,15 @@ class InnovationMonitor:
         tests = BlockTests(block, self.resolution)
         self.p = tests.p
         low, high = tests.noise_bounds(alpha)
-        normal = math.sqrt(off) * normal_bound(alpha)
+        farthest = math.sqrt(off) * tests.distance_bound(alpha)
         correlated = normal_bound(alpha) / math.sqrt(n) + WHITENESS_TOLERANCE
         largest = math.sqrt(off) * tests.largest_bound(alpha)
-        slope = tests.slopes[int(np.argmax(np.abs(tests.slopes)))]
         before = np.concatenate([self._before, tests.scores])[: len(self._before) + tests.first_beyond(largest)]
         self._before = tests.scores[-CALM:]
         self.remark = ""
         values = {
             "jump": (tests.largest, -largest, largest),
-            "mean": (slope, -normal, normal),
+            "mean": (tests.distance, 0.0, farthest),
             "noise": (tests.power, low / off, high * off),
             "whiteness": (tests.correlation, -correlated, correlated),
         }
@@ -487,7 +491,7 @@ class InnovationMonitor:
             outside = []
         calm = before[-CALM:]
         abrupt = float(calm @ calm) <= len(calm) * off * chi_square_bounds(max(len(calm), 1), 1e-3)[1]
-        explained = slope**2 >= 0.5 * n * (tests.power - 1.0)
+        explained = n * (tests.power - 1.0) <= 1.25 * tests.distance**2 + 3.0 * math.sqrt(2.0 * n)
         order: tuple[tuple[Cause, bool], ...] = (
             ("jump", abrupt), ("mean", explained), ("noise", True), ("jump", True), ("mean", True), ("whiteness", True),
         )  # fmt: skip
@@ -510,22 +514,21 @@ class BlockTests:
         self.correlation = float(self.scores[1:] @ self.scores[:-1] / (self.n * self.power)) if self.power > 0.0 else 0.0
         """Of neighbours, 1."""
         self.largest = float(self.scores[np.argmax(np.abs(self.scores))])
-        information = np.sum(block.informations, axis=0)
-        there = information > 0.0
-        self.slopes: Array = np.where(there, np.sum(block.slopes, axis=0) / np.sqrt(np.where(there, information, 1.0)), 0.0)
-        """By scale factor and bias, in standard deviations, (2,)."""
+        self.distance, self.freedom = _distance(np.sum(block.slopes, axis=0), np.sum(block.informations, axis=0))
+        """From scale factor and bias as they are, in standard deviations; how many of them the block tells, 0 to 2."""
 
     @property
     def p(self) -> float:
-        """Probability of a statistic as far off as the farthest while the model holds: of all five, or without the
+        """Probability of a statistic as far off as the farthest while the model holds: of all four, or without the
         largest where it is that of a rounding error, which has an end."""
-        from scipy.special import erfc, gammainc, gammaincc
+        from scipy.special import chdtrc, erfc, gammainc, gammaincc
 
         noise = 2.0 * min(float(gammainc(*self._gamma)), float(gammaincc(*self._gamma)))
-        normal = erfc(np.abs([*self.slopes, self.correlation * math.sqrt(self.n)]) / math.sqrt(2.0))
+        white = float(erfc(abs(self.correlation) * math.sqrt(self.n / 2.0)))
+        mean = [float(chdtrc(self.freedom, self.distance**2))] if self.freedom else []
         single = float(erfc(abs(self.largest) / math.sqrt(2.0)))
         largest = [] if self.rounding > 0.0 else [-math.expm1(self.n * math.log1p(-single)) if single < 1.0 else 1.0]
-        every = np.minimum([noise, *normal, *largest], 1.0)
+        every = np.minimum([noise, white, *mean, *largest], 1.0)
         return float(1.0 - (1.0 - np.min(every)) ** len(every))
 
     @property
@@ -541,6 +544,12 @@ class BlockTests:
         shape = self._gamma[0]
         return float(gammaincinv(shape, alpha / 2.0)) / shape, float(gammainccinv(shape, alpha / 2.0)) / shape
 
+    def distance_bound(self, alpha: float) -> float:
+        """What the distance from scale factor and bias exceeds with a probability of `alpha`."""
+        from scipy.special import chdtri
+
+        return math.sqrt(float(chdtri(self.freedom, alpha))) if self.freedom else math.inf
+
     def first_beyond(self, bound: float) -> int:
         """Readings before the first that is as large."""
         beyond = np.flatnonzero(~(np.abs(self.scores) <= bound))
@@ -549,6 +558,19 @@ class BlockTests:
     def largest_bound(self, alpha: float) -> float:
         """What the largest of as many normal numbers exceeds with a probability of `alpha`."""
         return normal_bound(-math.expm1(math.log1p(-alpha) / self.n))
+
+
+def _distance(slopes: Array, informations: Array) -> tuple[float, int]:
+    """Root of g' J⁻¹ g for slopes g (2,) with variances and covariance (3,), and the rank of J."""
+    d = np.sqrt(np.maximum(informations[:2], 0.0))
+    told = d > 0.0
+    z = slopes[told] / d[told]
+    if not told.all():
+        return (math.sqrt(float(z @ z)), int(told.sum()))
+    r = float(informations[2] / (d[0] * d[1]))
+    if abs(r) > 1.0 - 1e-6:  # one motion tells one of them
+        return abs(float(z[np.argmax(np.abs(z))])), 1
+    return math.sqrt(float(z @ z - 2.0 * r * z[0] * z[1]) / (1.0 - r * r)), 2
 
 
 def chi_square_bounds(n: int, alpha: float) -> tuple[float, float]:
@@ -948,7 +970,7 @@ class ModelTracker(Tracker):
         if e is None or reading is None or self.live.innovation_variance is None:
             return []
         variance = self.live.innovation_variance
-        return [(*reading, e, variance, *(self.live.score or (e, variance, 1.0, 0.0, 0.0, 0.0, 0.0)))]
+        return [(*reading, e, variance, *(self.live.score or (e, variance, 1.0, *(0.0,) * 5)))]
 
     def _begun(self, rate: float, position: float) -> LiveModel:
         settings = self.settings

@@ -152,6 +152,17 @@ fn usual(spacing: f64, length: f64) -> f64 {
     }
 }
 
+/// What is done about the output's noise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Correction {
+    /// Nothing: the published filter.
+    None,
+    /// It is taken out of estimate and covariance.
+    Estimate,
+    /// So it is, and innovations are whitened for a monitor.
+    EstimateAndScores,
+}
+
 /// ACI on factors, and what the output's noise did to its estimate; `N = M + 2`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AciCorrected<T, const N: usize, const M: usize> {
@@ -159,7 +170,7 @@ pub struct AciCorrected<T, const N: usize, const M: usize> {
     pub filter: AciFactored<T, N, M>,
     /// What the output's noise left in `p, v`.
     pub noise: OutputNoise<T>,
-    /// Of the innovations; none before the first [`EVERY`] of them.
+    /// Of the innovations; none without [`Correction::EstimateAndScores`], and before the first [`EVERY`] of them.
     whitening: Option<Whitening<T>>,
     /// Of the newest reading.
     pub score: Option<Score<T>>,
@@ -243,7 +254,7 @@ impl<T: Real, const N: usize, const M: usize> AciCorrected<T, N, M> {
         }
     }
 
-    /// Takes in a reading of `p + tau v + b'theta` with variance `R`; `corrected` as in [`Self::exact`].
+    /// Takes in a reading of `p + tau v + b'theta` with variance `R`; without a correction also give [`Self::exact`] no taps.
     #[inline(always)]
     pub fn correct_with(
         &mut self,
@@ -251,11 +262,11 @@ impl<T: Real, const N: usize, const M: usize> AciCorrected<T, N, M> {
         R: T,
         reading: &FactoredReading<T, M>,
         innovation: &MaskedInnovation<T>,
-        corrected: bool,
+        correction: Correction,
     ) {
         let between = self.filter.U[0].0[1];
         let known = self.filter.correct_with(R, reading, innovation);
-        if !corrected {
+        if correction == Correction::None {
             return;
         }
         let share = self.noise.variance(tau) / known.s;
@@ -273,8 +284,9 @@ impl<T: Real, const N: usize, const M: usize> AciCorrected<T, N, M> {
         self.readings += 1;
         if self.readings == EVERY {
             self.apply();
-            let sample = self.sample;
-            self.whitening = self.whitening.or_else(|| Some(Whitening::new(self.filter.with_known_parameters(), sample)));
+            if correction == Correction::EstimateAndScores && self.whitening.is_none() {
+                self.whitening = Some(Whitening::new(self.filter.with_known_parameters(), self.sample));
+            }
         }
     }
 

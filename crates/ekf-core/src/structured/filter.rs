@@ -22,7 +22,7 @@ use crate::structured::aci::AciBlock;
 use crate::structured::aci_step::StepInput;
 use crate::structured::aci_ud::AciFactored;
 use crate::structured::cwpa::CwpaBlock;
-use crate::structured::errors_in_variables::{AciCorrected, Taps, even};
+use crate::structured::errors_in_variables::{AciCorrected, Correction, Taps, even};
 use crate::structured::gauss_markov::GaussMarkovSet;
 use crate::structured::measurement::{OutputModel, ReadCubic, ReadInverse, ReadLinear};
 use crate::structured::row::Plain;
@@ -254,16 +254,20 @@ cwpa!(7, 4, ReadCubic);
 pub struct Corrected {
     filter: Filter<Aci>,
     whole: Taps,
+    correction: Correction,
 }
+
+/// A reading, and its score where there is one.
+pub type ScoredReading = (GatedReading, Option<Score<f64>>);
 
 /// Shares of a segment by which stamps that count as even may be off.
 const EVEN: f64 = 1e-3;
 
 impl Corrected {
-    /// The filter with the correction; integrator and carrier are those of [`AciFactored`].
+    /// The filter with a correction; integrator and carrier are those of [`AciFactored`].
     #[must_use]
-    pub fn new(filter: Filter<Aci>) -> Self {
-        Self { filter, whole: Taps::even(filter.interpolation, false) }
+    pub fn new(filter: Filter<Aci>, correction: Correction) -> Self {
+        Self { filter, whole: Taps::even(filter.interpolation, false), correction }
     }
 
     fn predict<E, const N: usize, const M: usize>(
@@ -291,7 +295,7 @@ impl Corrected {
         &self,
         state: &mut AciCorrected<f64, N, M>,
         event: &Event,
-    ) -> Result<Option<(GatedReading, Option<Score<f64>>)>, StepError> {
+    ) -> Result<Option<ScoredReading>, StepError> {
         if event.channel == Channel::Output {
             state.passed();
             return Ok(None);
@@ -300,7 +304,7 @@ impl Corrected {
         let (innovation, row) = state.filter.innovate_with_effects(tau, &Plain([0.0; M]), event.value, R);
         let reading = GatedReading::new(innovation.e, innovation.s, self.filter.gate)?;
         if reading.accepted {
-            state.correct_with(tau, R, &row, &innovation, true);
+            state.correct_with(tau, R, &row, &innovation, self.correction);
             state.filter.checked()?;
         }
         Ok(Some((reading, state.score.filter(|_| reading.accepted))))
@@ -311,7 +315,7 @@ macro_rules! corrected {
     ($N:literal, $M:literal, $inverse:ident, $forward:ident) => {
         impl Engine<$N> for Corrected {
             type State = AciCorrected<f64, $N, $M>;
-            type Outcome = (Event, Option<(GatedReading, Option<Score<f64>>)>);
+            type Outcome = (Event, Option<ScoredReading>);
 
             const DRIVEN: bool = true;
 

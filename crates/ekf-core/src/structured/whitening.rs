@@ -31,8 +31,10 @@ pub struct Score<T> {
     pub variance: T,
     /// Share of the noise of the readings in it.
     pub of_readings: T,
-    /// Slope of the log-likelihood by the first two parameters, and the variance of either.
-    pub parameters: [[T; 2]; 2],
+    /// Slopes of the log-likelihood by the first two parameters.
+    pub slopes: [T; 2],
+    /// Their variances, and their covariance.
+    pub informations: [T; 3],
 }
 
 /// An innovation and what its filter did with it.
@@ -51,9 +53,14 @@ pub struct Whitened<T> {
 impl<T: Copy> Score<T> {
     /// In another arithmetic.
     pub fn map<U>(self, convert: impl Fn(T) -> U + Copy) -> Score<U> {
-        let parameters = self.parameters.map(|pair| pair.map(convert));
-        let Self { left, variance, of_readings, .. } = self;
-        Score { left: convert(left), variance: convert(variance), of_readings: convert(of_readings), parameters }
+        let Self { left, variance, of_readings, slopes, informations } = self;
+        Score {
+            left: convert(left),
+            variance: convert(variance),
+            of_readings: convert(of_readings),
+            slopes: slopes.map(convert),
+            informations: informations.map(convert),
+        }
     }
 }
 
@@ -73,9 +80,7 @@ impl<T: Number> Whitening<T> {
     /// `dt` seconds of a segment that is `length` seconds long; `slope` is `da/du`.
     #[inline(always)]
     pub fn predict(&mut self, dt: T, length: f64, taps: &Taps, slope: T) {
-        let gains = taps
-            .weights
-            .map(|[p, v]| [slope * dt.like(p * length * length), slope * dt.like(v * length)]);
+        let gains = taps.weights.map(|[p, v]| [slope * dt.like(p * length * length), slope * dt.like(v * length)]);
         let moved = |at: &Vector<T>| {
             let (mut p, mut v) = (dt.times_plus(at[1], at[0]), at[1]);
             for (noise, [gp, gv]) in at[2..].iter().zip(&gains) {
@@ -142,11 +147,20 @@ impl<T: Number> Whitening<T> {
         }
         let variance = s + others;
         let share = (s - noise) / variance;
-        let parameter = |h: T, slope: T| {
-            // The output's noise is in the slope and in what is left: its mean is taken out, its variance counted.
-            [h.times_plus(left[0] / variance, share * slope), h.times_plus(h / variance, share * slope * slope)]
-        };
-        let parameters = [parameter(left[1], slopes[0]), parameter(left[2], slopes[1])];
-        Score { left: left[0], variance, of_readings: noise / variance, parameters }
+        // The output's noise is in the slopes and in what is left: its mean is taken out, its variance counted.
+        let [left, first, second] = left;
+        let slope = |h: T, of_noise: T| h.times_plus(left / variance, share * of_noise);
+        let both = |h: T, g: T, of_noise: T| h.times_plus(g / variance, share * of_noise);
+        Score {
+            left,
+            variance,
+            of_readings: noise / variance,
+            slopes: [slope(first, slopes[0]), slope(second, slopes[1])],
+            informations: [
+                both(first, first, slopes[0] * slopes[0]),
+                both(second, second, slopes[1] * slopes[1]),
+                both(first, second, slopes[0] * slopes[1]),
+            ],
+        }
     }
 }

@@ -7,7 +7,7 @@ use ekf_core::dense::update::Innovation;
 use ekf_core::error::{SetupError, StepError};
 use ekf_core::structured::acceleration::{ForwardCubic, ForwardLinear, InverseCubic, InverseLinear};
 use ekf_core::structured::aci_ud::AciFactored;
-use ekf_core::structured::errors_in_variables::{AciCorrected, Taps};
+use ekf_core::structured::errors_in_variables::{AciCorrected, Correction, Taps};
 use ekf_core::structured::measurement::{ReadCubic, ReadInverse, ReadLinear};
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::{Plain, Row};
@@ -254,7 +254,7 @@ where
 
     fn over(&mut self, u: &[f64], z: &[f64], histories: &mut Histories<'_>) -> Result<(), (usize, StepError)> {
         for (j, (&u, &z)) in u.iter().zip(z).enumerate() {
-            let found = self.step(&SampleInput { u, z, ..SampleInput::default() }).map_err(|error| (j, error))?;
+            let found = self.step(&SampleInput { u, z, effects: None }).map_err(|error| (j, error))?;
             let block = &self.at.block;
             histories.keep(j, self.states, found, |i| block.x(i).value(), |i| block.P(i, i).value());
         }
@@ -386,28 +386,33 @@ fn construction<'a, S>(
 }
 
 /// What a sample adds over a whole step.
-fn whole(filter: &Filter<Aci>, corrected: bool) -> Result<Option<Taps>, SetupError> {
-    if corrected && filter.carrier == Carrier::Dense {
+fn whole(filter: &Filter<Aci>, correction: Correction) -> Result<Taps, SetupError> {
+    if correction != Correction::None && filter.carrier == Carrier::Dense {
         return Err(SetupError::Setting { name: "corrected", value: 1.0 });
     }
-    Ok(corrected.then(|| Taps::even(filter.interpolation, true)))
+    Ok(Taps::even(filter.interpolation, true))
 }
 
-/// ACI at a fixed rate, samples `dt` apart; `corrected` takes the output's noise out of the gradient, on factors alone.
+/// ACI at a fixed rate, samples `dt` apart; a correction needs factors.
 ///
 /// # Errors
 /// [`SetupError`] for settings, sizes and a prior that cannot be used.
-pub fn aci(filter: &Filter<Aci>, corrected: bool, dt: f64, prior: Prior<'_>) -> Result<Box<dyn FixedRate>, SetupError> {
+pub fn aci(
+    filter: &Filter<Aci>,
+    correction: Correction,
+    dt: f64,
+    prior: Prior<'_>,
+) -> Result<Box<dyn FixedRate>, SetupError> {
     let Aci { sensor, q, tau } = filter.system;
     let dynamics = Dynamics { q, tau, gauss_markov: &sensor.gauss_markov };
     let plan = construction(*filter, dynamics, dt, prior, 4)?;
-    let taps = whole(filter, corrected)?;
+    let taps = whole(filter, correction)?;
     if filter.carrier == Carrier::Factored {
         return match (sensor.form, prior.states) {
-            (Form::Inverse, 4) => factored::<_, 4, 2>(&plan, FactoredAci { effect: InverseLinear, taps }),
-            (Form::Inverse, 6) => factored::<_, 6, 4>(&plan, FactoredAci { effect: InverseCubic, taps }),
-            (Form::Forward, 4) => factored::<_, 4, 2>(&plan, FactoredAci { effect: ForwardLinear, taps }),
-            (Form::Forward, 6) => factored::<_, 6, 4>(&plan, FactoredAci { effect: ForwardCubic, taps }),
+            (Form::Inverse, 4) => factored::<_, 4, 2>(&plan, FactoredAci { effect: InverseLinear, taps, correction }),
+            (Form::Inverse, 6) => factored::<_, 6, 4>(&plan, FactoredAci { effect: InverseCubic, taps, correction }),
+            (Form::Forward, 4) => factored::<_, 4, 2>(&plan, FactoredAci { effect: ForwardLinear, taps, correction }),
+            (Form::Forward, 6) => factored::<_, 6, 4>(&plan, FactoredAci { effect: ForwardCubic, taps, correction }),
             (_, given) => Err(SetupError::Size { given }),
         };
     }
@@ -426,7 +431,7 @@ pub fn aci(filter: &Filter<Aci>, corrected: bool, dt: f64, prior: Prior<'_>) -> 
 /// [`SetupError`] likewise; at most [`EFFECTS`] effects.
 pub fn aci_with_effects(
     filter: &Filter<Aci>,
-    corrected: bool,
+    correction: Correction,
     dt: f64,
     rest: f64,
     gauss_markov: &[GaussMarkov],
@@ -434,12 +439,12 @@ pub fn aci_with_effects(
 ) -> Result<Box<dyn FixedRate>, SetupError> {
     let Aci { q, tau, .. } = filter.system;
     let plan = construction(*filter, Dynamics { q, tau, gauss_markov }, dt, prior, 4)?;
-    let taps = whole(filter, corrected)?;
+    let taps = whole(filter, correction)?;
     if filter.carrier == Carrier::Factored {
         return match prior.states - 2 {
-            0..=4 => factored::<_, 6, 4>(&plan, FactoredAciWithEffects { rest, taps }),
-            5..=8 => factored::<_, 10, 8>(&plan, FactoredAciWithEffects { rest, taps }),
-            9..=16 => factored::<_, 18, 16>(&plan, FactoredAciWithEffects { rest, taps }),
+            0..=4 => factored::<_, 6, 4>(&plan, FactoredAciWithEffects { rest, taps, correction }),
+            5..=8 => factored::<_, 10, 8>(&plan, FactoredAciWithEffects { rest, taps, correction }),
+            9..=16 => factored::<_, 18, 16>(&plan, FactoredAciWithEffects { rest, taps, correction }),
             _ => Err(SetupError::Size { given: prior.states }),
         };
     }

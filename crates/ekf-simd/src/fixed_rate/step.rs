@@ -6,7 +6,7 @@ use ekf_core::structured::acceleration::{AccelerationModel, Driven, MixedPartial
 use ekf_core::structured::aci::{AciBlock, MaskedInnovation};
 use ekf_core::structured::aci_step::StepInput;
 use ekf_core::structured::cwpa::CwpaBlock;
-use ekf_core::structured::errors_in_variables::{AciCorrected, Taps};
+use ekf_core::structured::errors_in_variables::{AciCorrected, Correction, Taps};
 use ekf_core::structured::measurement::OutputModel;
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::{Plain, Row};
@@ -19,16 +19,23 @@ use crate::record::likelihood::LogLikelihood;
 use crate::record::settings::Settings;
 
 /// The input of one step: a sample of both channels, and effects over the step.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 pub struct SampleInput<'a> {
     /// The output, m/s^2; not a number where missing (CWPA).
     pub u: f64,
     /// The position, m; not a number where missing.
     pub z: f64,
-    /// Effects per unit of their coefficients, m/s^2: at the sample before, half-way, and here. Empty without effects.
-    pub effects: [&'a [f64]; 3],
+    /// What the caller gives of effects.
+    pub effects: Option<&'a EffectColumns<'a>>,
+}
+
+/// Effects over a step, one number for each.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct EffectColumns<'a> {
+    /// Per unit of their coefficients, m/s^2: at the sample before, half-way, and here.
+    pub over: [&'a [f64]; 3],
     /// Response of the position reading to a unit of each coefficient, m. Empty where there is none.
-    pub position_columns: &'a [f64],
+    pub position: &'a [f64],
     /// What a unit of the output adds to each effect over the step. Empty where noise of the output reaches none.
     pub slopes: &'a [f64],
 }
@@ -187,7 +194,7 @@ fn placed<V: Row>(witness: V::Number, each: &[f64]) -> V {
     V::from_fn(witness, |i| witness.like(if i < 2 { 0.0 } else { each.get(i - 2).copied().unwrap_or(0.0) }))
 }
 
-impl<'a> SampleInput<'a> {
+impl<'a> EffectColumns<'a> {
     /// Output and effects `s` seconds into the step: the effects on the parabola through their three instants.
     #[inline(always)]
     fn columns_over<V: Row, const M: usize>(
@@ -196,7 +203,7 @@ impl<'a> SampleInput<'a> {
         dt: f64,
         curve: &'a BackwardCubic,
     ) -> impl Fn(f64) -> Driven<V> + use<'a, V, M> {
-        let [start, middle, end] = self.effects.map(|each| placed::<V>(q, each));
+        let [start, middle, end] = self.over.map(|each| placed::<V>(q, each));
         move |s: f64| {
             let x = s / dt;
             let weights = [(2.0 * x - 1.0) * (x - 1.0), 4.0 * x * (1.0 - x), x * (2.0 * x - 1.0)].map(|w| q.like(w));
@@ -227,14 +234,14 @@ where
         let &Settings { dt, integrator, interpolation, order, q, R_position: R, tau, .. } = settings;
         if history.samples > 0 {
             let curve = history.until(sample.u, interpolation);
-            let input = sample.columns_over::<V, M>(q, dt, &curve);
+            let input = sample.effects.copied().unwrap_or_default().columns_over::<V, M>(q, dt, &curve);
             let model = WithEffects { rest: self.rest };
             block.step(integrator, q, &settings.drift, &StepInput { model, order, input, dt })?;
         }
         if sample.z.is_nan() {
             return Ok(None);
         }
-        let b = placed(q, sample.position_columns);
+        let b = placed(q, sample.effects.map_or(&[], |effects| effects.position));
         let (innovation, cross) = block.innovate_with_effects(q.like(tau), &b, q.like(sample.z), R);
         let read = gate.admit(&innovation)?;
         if read.accepted {
@@ -249,8 +256,10 @@ where
 pub struct FactoredAci<E, const N: usize> {
     /// How acceleration follows from the output.
     pub effect: E,
-    /// With which the output's noise is taken out of the gradient; `None` leaves it in.
-    pub taps: Option<Taps>,
+    /// What a sample adds over a step.
+    pub taps: Taps,
+    /// What is done about the output's noise.
+    pub correction: Correction,
 }
 
 impl<E, const N: usize, const M: usize> FixedRateStep<Plain<f64, M>, M> for FactoredAci<E, N>
@@ -273,11 +282,11 @@ where
         if history.samples > 0 {
             let curve = history.until(sample.u, interpolation);
             let input = |s: f64| curve.at(s / dt);
-            let taps = self.taps.as_ref().map(|taps| (taps, dt));
+            let taps = (self.correction != Correction::None).then_some((&self.taps, dt));
             block.exact(q, &settings.drift, &StepInput { model: self.effect, order, input, dt }, taps)?;
             block.passed();
         }
-        read_factored(block, settings, gate, sample, self.taps.is_some())
+        read_factored(block, settings, gate, sample, self.correction)
     }
 }
 
@@ -286,8 +295,10 @@ where
 pub struct FactoredAciWithEffects<const N: usize> {
     /// Specific force while the stage is at rest, m/s^2.
     pub rest: f64,
-    /// With which the output's noise is taken out of the gradient; `None` leaves it in.
-    pub taps: Option<Taps>,
+    /// What a sample adds over a step.
+    pub taps: Taps,
+    /// What is done about the output's noise.
+    pub correction: Correction,
 }
 
 impl<const N: usize, const M: usize> FixedRateStep<Plain<f64, M>, M> for FactoredAciWithEffects<N> {
@@ -306,14 +317,17 @@ impl<const N: usize, const M: usize> FixedRateStep<Plain<f64, M>, M> for Factore
         let &Settings { dt, interpolation, order, q, .. } = settings;
         if history.samples > 0 {
             let curve = history.until(sample.u, interpolation);
-            let input = sample.columns_over::<Plain<f64, M>, M>(q, dt, &curve);
+            let input = sample.effects.copied().unwrap_or_default().columns_over::<Plain<f64, M>, M>(q, dt, &curve);
             let effects = WithEffects { rest: self.rest };
-            let model = WithNoisyEffects { effects, slopes: placed::<Plain<f64, M>>(0.0, sample.slopes) };
-            let taps = self.taps.as_ref().map(|taps| (taps, dt));
+            let model = WithNoisyEffects {
+                effects,
+                slopes: placed::<Plain<f64, M>>(0.0, sample.effects.map_or(&[], |effects| effects.slopes)),
+            };
+            let taps = (self.correction != Correction::None).then_some((&self.taps, dt));
             block.exact(q, &settings.drift, &StepInput { model, order, input, dt }, taps)?;
             block.passed();
         }
-        read_factored(block, settings, gate, sample, self.taps.is_some())
+        read_factored(block, settings, gate, sample, self.correction)
     }
 }
 
@@ -323,17 +337,17 @@ fn read_factored<const N: usize, const M: usize>(
     settings: &Settings<Plain<f64, M>, M>,
     gate: &mut ReadingGate<f64>,
     sample: &SampleInput<'_>,
-    corrected: bool,
+    correction: Correction,
 ) -> Result<Option<Innovation>, StepError> {
     if sample.z.is_nan() {
         return Ok(None);
     }
     let &Settings { R_position: R, tau, .. } = settings;
-    let b = placed(0.0, sample.position_columns);
+    let b = placed(0.0, sample.effects.map_or(&[], |effects| effects.position));
     let (innovation, reading) = block.filter.innovate_with_effects(tau, &b, sample.z, R);
     let read = gate.admit(&innovation)?;
     if read.accepted {
-        block.correct_with(tau, R, &reading, &innovation, corrected);
+        block.correct_with(tau, R, &reading, &innovation, correction);
     }
     Ok(Some(read.innovation))
 }
