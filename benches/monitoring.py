@@ -1,10 +1,10 @@
-"""Alarms of a live view: how often a block is as far from an honest model as stated, and what is said of dishonest ones.
+"""Alarms of a live view: how often a block is as far from an honest model as stated, what is said of dishonest ones.
 
-From the top of the repository: python -m benches.monitoring [null|causes|simulate] [--hours 20] [--seed 1] [--out f.jsonl]
-null: ten rigs that are declared right, an hour a line; blocks whose p is below 1e-2, 1e-3 and 1e-4 within the exact 99 %
+From the top of the repository: python -m benches.monitoring [null|causes|simulate] [--hours 20] [--seed 1] [--out FILE]
+null: ten rigs that are declared right, an hour a line; blocks whose p is below 1e-2, 1e-3, 1e-4 within the exact 99 %
 interval over all, at most 2 alarms in 200 h.
-causes: noise of the sensor that doubles, a scale factor that steps by five standard deviations of what a block tells of
-it, lost counts: an alarm of the right cause within 30 s in at least 57 of 60.
+causes: noise of the sensor that doubles, a scale factor that steps by five standard deviations of what a block tells
+of it, lost counts: an alarm of the right cause within 30 s in at least 57 of 60.
 simulate: the rows of `accelcal simulate` under the sidecar that it writes: no alarm in 1000 blocks.
 A later call goes on behind the file. Exit code 1 where a bar is missed.
 """
@@ -88,7 +88,7 @@ def settings(rig: Setting, rng: np.random.Generator, seconds: float = 1e4) -> Li
 
 
 def place(t: Array, phase: Array, rests: bool) -> tuple[Array, Array]:
-    """Position (m) and acceleration (m/s²) of the stage, (n,) each: sines, which rests slow down to nothing and back."""
+    """Position (m) and acceleration (m/s²) of the stage, (n,) each: sines, which rests slow to nothing and back."""
     if not rests:
         s = np.sin(W[:, None] * t + phase[:, None])
         return -(SIZE / W**2) @ s, SIZE @ s

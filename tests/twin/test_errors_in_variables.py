@@ -224,8 +224,8 @@ def whole_scores(u: np.ndarray, dt: float, q: float, r: float, every: int, first
     """Cholesky factor of all innovations behind reading `first` at once, the readings' share of each score, and what a
     unit of k and of K0 adds to each innovation.
 
-    Innovations are linear in the errors of p, v at that reading, in the noise of the samples and in that of the readings:
-    columns of one matrix, from a filter of known parameters. The curve has another shape in the first segment.
+    Innovations are linear in the errors of p, v at that reading and in the noise of samples and readings: columns of
+    one matrix, from a filter of known parameters. The curve has another shape in the first segment.
     """
     n, begin, readings = len(u), first * every, (len(u) - 1) // every - first
     F, Q = np.array([[1.0, dt], [0.0, 1.0]]), q * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])

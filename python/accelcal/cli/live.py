@@ -445,8 +445,8 @@ def require_small_noise(state: sessions.LiveState, save: Path) -> None:
     RecordingError
         Saying how much noise there is, and what to do.
     """
-    for sentence in noise_of(state):
-        raise data.RecordingError(f"--save {save}: nothing is written. {sentence}")
+    if state.noise_share is not None and state.noise_share.sentence:
+        raise data.RecordingError(f"--save {save}: nothing is written. {state.noise_share.sentence}")
 
 
 def followed(fit: Fit, session: measuring.LiveSession) -> Fit:

@@ -367,7 +367,8 @@ class LiveModel:
     @property
     def score(self) -> tuple[float, ...] | None:
         """Of the newest innovation: what those before it do not predict (m), its variance, the share of the reading's
-        noise in that, slopes of the log-likelihood by scale factor and bias, their variances and covariance; None for the first."""
+        noise in that, slopes of the log-likelihood by scale factor and bias, their variances and covariance; None at
+        the start."""
         score = self._filter.score
         return None if score is None else tuple(score)
 

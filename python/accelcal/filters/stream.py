@@ -236,8 +236,8 @@ MOST_EFFECTS = 14
 
 
 FACTORED = FilterChoice("aci", "linear", interpolation="cubic", carrier="factored", corrected=True, scores=True)
-"""First order, no integration error, UD factors, corrected for errors in variables, watched: what runs live unless chosen
-otherwise."""
+"""First order, no integration error, UD factors, corrected for errors in variables, with scores: what runs live unless
+chosen otherwise."""
 
 
 def fixed_rate_with_effects(

@@ -313,8 +313,8 @@ CALM = 64
 
 Cause = Literal["noise", "mean", "whiteness", "jump"]
 CAUSES: dict[Cause, str] = {
-    "noise": "the innovations have {value:.3g} times the declared variance; the noise of the sensor or of the reference "
-    "has grown, or less is declared than there is",
+    "noise": "the innovations have {value:.3g} times the declared variance; the noise of sensor or reference has "
+    "grown, or less is declared than there is",
     "mean": "the innovations follow a change of scale factor and bias, {value:.3g} standard deviations away; the "
     "sensor has changed, or the model lacks an effect",
     "whiteness": "neighbouring innovations correlate by {value:.3g}; a vibration, a tone, or an effect that the model "
@@ -335,7 +335,7 @@ class Alarm(Storable):
     """End of the block, s."""
     kind: Cause
     value: float
-    """Of the statistic that tells: mean square, distance from scale factor and bias, correlation, largest reading; 1."""
+    """Of the statistic that tells: mean square, distance from scale factor and bias, correlation, largest; 1."""
     low: float
     high: float
     readings: int
@@ -486,7 +486,8 @@ class InnovationMonitor:
         outside = [kind for kind, (value, lowest, highest) in values.items() if not lowest <= value <= highest]
         if outside == ["noise"] and tests.power < 1.0:
             self.remark = (
-                f"the innovations have {tests.power:.3g} times the declared variance: more noise is declared than there is"
+                f"the innovations have {tests.power:.3g} times the declared variance: "
+                "more noise is declared than there is"
             )
             outside = []
         calm = before[-CALM:]
@@ -498,7 +499,8 @@ class InnovationMonitor:
         kind = next((kind for kind, likely in order if likely and kind in outside), None)
         if kind is None:
             return None
-        return Alarm(float(block.t[-1]), kind, *map(float, values[kind]), n, since)
+        value, lowest, highest = values[kind]
+        return Alarm(float(block.t[-1]), kind, value, lowest, highest, n, since)
 
 
 class BlockTests:
@@ -511,7 +513,8 @@ class BlockTests:
         """Share of rounding in the variance, 1."""
         self.power = float(np.mean(self.scores**2))
         """Mean square, 1."""
-        self.correlation = float(self.scores[1:] @ self.scores[:-1] / (self.n * self.power)) if self.power > 0.0 else 0.0
+        squares = float(self.scores @ self.scores)
+        self.correlation = float(self.scores[1:] @ self.scores[:-1]) / squares if squares > 0.0 else 0.0
         """Of neighbours, 1."""
         self.largest = float(self.scores[np.argmax(np.abs(self.scores))])
         self.distance, self.freedom = _distance(np.sum(block.slopes, axis=0), np.sum(block.informations, axis=0))
