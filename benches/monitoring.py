@@ -206,7 +206,7 @@ def null(task: tuple[int, int, int], hours: float = 1.0) -> dict[str, object]:
 
 LIMITS = (1e-2, 1e-3, 1e-4)
 CAUSES = {"noise": "noise", "scale": "mean", "counts": "jump"}
-QUIET = 120.0
+BEFORE = 120.0
 """Time before something happens, s."""
 
 
@@ -218,10 +218,10 @@ def cause(task: tuple[int, int, int]) -> dict[str, object]:
     kind = list(CAUSES)[at]
     chosen = replace(settings(rig, rng), covariance=np.diag([1e-4, 1e-4]) ** 2, theta=np.array([SCALE, BIAS]))
     size = {"noise": 2.0, "counts": 20.0}.get(kind) or 5.0 * block_deviation(rig, chosen, rng)
-    change = Change(kind, QUIET + rng.uniform(0.0, 5.0), size)
+    change = Change(kind, BEFORE + rng.uniform(0.0, 5.0), size)
     record, tracker = Record(rig, rng, change), Tracker(chosen)
     monitor, alarms = InnovationMonitor(resolution=chosen.sharp_resolution), list[Alarm]()
-    while record.rows < (QUIET + 35.0) * rig.rate:
+    while record.rows < (BEFORE + 35.0) * rig.rate:
         alarms += monitor.add(tracker.feed(record.take(max(100, int(rig.rate)))))
     early = [alarm.kind for alarm in alarms if alarm.t < change.t]
     kinds = [alarm.kind for alarm in alarms if change.t <= alarm.t < change.t + 30.0]

@@ -121,7 +121,7 @@ def require_equal_to_record(folder: Path, end: dict[str, Any], made: Stream, nam
 
 
 def test_a_file_is_followed_recorded_and_equal_to_its_record(folder: Path) -> None:
-    made = stream(10.0)
+    made = stream(13.0)
     (folder / "lines.txt").write_bytes(made.lines() + b"broken\n")
     found = done(folder, "--file", "lines.txt", "-o", "got.parquet", "--json")
     assert found.returncode == 0, found.stderr
@@ -272,7 +272,7 @@ def test_a_model_is_followed_and_saved(tmp_path: Path) -> None:
 
 
 def test_a_terminal_shows_a_screen(folder: Path) -> None:
-    (folder / "lines.txt").write_bytes(stream(5.0).lines())
+    (folder / "lines.txt").write_bytes(stream(13.0).lines())
     master, slave = pty.openpty()
     child = started(folder, "--file", "lines.txt", stdout=slave)
     os.close(slave)
@@ -285,7 +285,7 @@ def test_a_terminal_shows_a_screen(folder: Path) -> None:
     child.communicate(timeout=60)
     os.close(master)
     assert child.returncode == 0
-    for word in ("± 2 sigma", "scale_factor", "the model holds", "NIS", "0 broken", "10000 lines", "source has ended"):
+    for word in ("± 2 sigma", "scale_factor", "the model holds", "NIS", "0 broken", "26000 lines", "source has ended"):
         assert word in shown.decode(), word
 
 

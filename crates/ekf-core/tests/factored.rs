@@ -10,10 +10,11 @@ use ekf_core::structured::acceleration::{AccelerationModel, Driven, InverseCubic
 use ekf_core::structured::aci::{AciBlock, StepIntegrals};
 use ekf_core::structured::aci_step::StepInput;
 use ekf_core::structured::aci_ud::AciFactored;
-use ekf_core::structured::errors_in_variables::{AciCorrected, Correction, Taps};
+use ekf_core::structured::errors_in_variables::{AciCorrected, Correction};
 use ekf_core::structured::gauss_markov::GaussMarkovSet;
 use ekf_core::structured::number::Real;
 use ekf_core::structured::row::Plain;
+use ekf_core::structured::taps::Taps;
 use ekf_core::{Aci, Belief, Form, GaussMarkov, Integrator, Interpolation, Order, Segment, Sensor};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;

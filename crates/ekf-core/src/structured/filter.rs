@@ -22,10 +22,11 @@ use crate::structured::aci::AciBlock;
 use crate::structured::aci_step::StepInput;
 use crate::structured::aci_ud::AciFactored;
 use crate::structured::cwpa::CwpaBlock;
-use crate::structured::errors_in_variables::{AciCorrected, Correction, Taps, even};
+use crate::structured::errors_in_variables::{AciCorrected, Correction};
 use crate::structured::gauss_markov::GaussMarkovSet;
 use crate::structured::measurement::{OutputModel, ReadCubic, ReadInverse, ReadLinear};
 use crate::structured::row::Plain;
+use crate::structured::taps::{Taps, even};
 use crate::structured::whitening::Score;
 
 /// A system whose blocks carry the belief of `N` states.

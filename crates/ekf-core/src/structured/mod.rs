@@ -12,4 +12,5 @@ pub mod gauss_markov;
 pub mod measurement;
 pub mod number;
 pub mod row;
+pub mod taps;
 pub mod whitening;

@@ -4,8 +4,8 @@
 //! innovations are correlated and smaller or larger than `S` (derivations 6.18). A second Kalman filter with the noise of
 //! the samples as states predicts each innovation from those before it; what is left is white, with a known variance.
 
-use crate::structured::errors_in_variables::{TAPS, Taps};
 use crate::structured::number::Number;
+use crate::structured::taps::{TAPS, Taps};
 
 /// Error of `p`, of `v`, and the noise of each sample that still drives.
 const STATES: usize = 2 + TAPS;

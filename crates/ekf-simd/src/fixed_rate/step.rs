@@ -6,10 +6,11 @@ use ekf_core::structured::acceleration::{AccelerationModel, Driven, MixedPartial
 use ekf_core::structured::aci::{AciBlock, MaskedInnovation};
 use ekf_core::structured::aci_step::StepInput;
 use ekf_core::structured::cwpa::CwpaBlock;
-use ekf_core::structured::errors_in_variables::{AciCorrected, Correction, Taps};
+use ekf_core::structured::errors_in_variables::{AciCorrected, Correction};
 use ekf_core::structured::measurement::OutputModel;
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::{Plain, Row};
+use ekf_core::structured::taps::Taps;
 use ekf_core::{Integrator, Interpolation};
 
 use crate::arch::fma::Scalar;
