@@ -5,6 +5,10 @@ from accelcal.data.arrays import Array, Counts, Flags, Places
 from accelcal.data.clocks import usual_step
 from accelcal.data.dwells import Dwells, DwellSetup
 from accelcal.data.orientation import (
+    ANGLE,
+    BENDING,
+    ECCENTRICITY,
+    TILTS,
     ANGULAR_ACCELERATION,
     DERIVED,
     GRAVITY,
@@ -48,6 +52,10 @@ from accelcal.data.rig import (
 from accelcal.data.units import MICRO_G, concise, in_usual_unit, instant, normalise, usual_unit
 
 __all__ = [
+    "ANGLE",
+    "BENDING",
+    "ECCENTRICITY",
+    "TILTS",
     "ACCELERATION",
     "ANGULAR_ACCELERATION",
     "DERIVED",

@@ -29,7 +29,15 @@ PLACE = ("position_e", "position_n", "position_u")
 """Channels: place to the east, to the north and up, m."""
 QUATERNION = ("q_w", "q_x", "q_y", "q_z")
 """Columns of an attitude, in this order."""
-DERIVED = (GRAVITY, *LEVERS, *TURNED)
+ANGLE = "angle"
+"""Channel: angle of an arm about its axle, rad; at 0 the arm is level, and it rises as the angle grows."""
+TILTS = ("axle_tilt_sin", "axle_tilt_cos")
+"""Side channels: gravity along the axis of a sensor on an arm for each radian by which the axle leans, m/s²."""
+ECCENTRICITY = ("eccentricity_sin", "eccentricity_cos")
+"""Side channels: acceleration along the axis for each radian of an error of the angle once per turn, m/s²."""
+BENDING = "arm_bending"
+"""Side channel: acceleration along the axis of an arm that lengthens by itself times the rate squared, m/s⁴."""
+DERIVED = (GRAVITY, *LEVERS, *TURNED, *TILTS, *ECCENTRICITY, BENDING)
 """Side channels that are part of the model of a turning body, and no effects by themselves."""
 HOLE = 8.0
 """Spacing beyond this many usual ones that is a hole: across it the path of a turning body is unknown; behind it the
@@ -52,11 +60,13 @@ class Turning:
     gravity: Channel
     """What the acceleration along the turning axis, gravity included, exceeds that of the path by, m/s²."""
     levers: tuple[Channel, Channel, Channel]
+    further: tuple[Channel, ...] = ()
+    """What errors of an arm do along the axis."""
 
     @property
     def side(self) -> dict[str, Channel]:
         """The side channels, by name."""
-        return {channel.name: channel for channel in (self.gravity, *self.levers)}
+        return {channel.name: channel for channel in (self.gravity, *self.levers, *self.further)}
 
 
 def rotated(q: Array, v: Array, sense: Sense) -> Array:
@@ -121,6 +131,61 @@ def turning(t: Array, place: Array, attitude: tuple[Array, Array], axis: Array, 
     )
 
 
+def on_arm(t: Array, angle: Array, arm: float, axle: float, axis: Array) -> Turning:
+    """Path and gravity along an axis of a sensor on an arm that turns about a fixed axle (derivations 7.9).
+
+    Parameters
+    ----------
+    t : (n,) s.
+    angle : (n,) rad, 0 where the arm is level, growing as it rises; unwrapped.
+    arm : distance from the axle to the sensor, m.
+    axle : elevation of the axle, rad: 0 is horizontal.
+    axis : (3,) input axis, of length 1: outward along the arm, in the direction in which the angle grows, along the
+        axle.
+    """
+    outward, forward, along = axis
+    level, g = np.cos(axle), STANDARD_GRAVITY
+    path, gravity = np.empty(len(t)), np.empty(len(t))
+    columns = np.empty((3 + len(TILTS) + len(ECCENTRICITY) + 1, len(t)))
+    for rows in unbroken(t):
+        at = t[rows]
+        spline = smooth_spline(at, angle[rows], KNOT_READINGS)
+        theta, rate, alpha, jerk = (np.asarray(spline(at, n)) for n in range(4))
+        sine, cosine = np.sin(theta), np.cos(theta)
+        pull = -outward * arm * rate**2
+        pulled = scipy.interpolate.CubicSpline(at, pull).antiderivative(2) if len(at) > 1 else np.zeros_like
+        wide = smooth_spline(at, pulled(at), max(KNOT_READINGS, int(len(at) * PATH_KNOTS / max(np.ptp(at), PATH_KNOTS))))
+        rest = angle[rows] - theta
+        swept = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(rest))])
+        slipped = -2.0 * outward * arm * scipy.integrate.cumulative_trapezoid(swept, at, initial=0.0)
+        path[rows] = forward * arm * angle[rows] + pulled(at) - wide(at) + slipped
+        gravity[rows] = wide(at, 2) + g * (level * (outward * sine + forward * cosine) + along * np.sin(axle))
+        turn = [(sine, cosine * rate, cosine * alpha - sine * rate**2)]
+        turn += [(cosine, -sine * rate, -sine * alpha - cosine * rate**2)]
+        stretch, stretched = 2.0 * rate * alpha, 2.0 * (alpha**2 + rate * jerk)
+        columns[:, rows] = [
+            forward * alpha - outward * rate**2,
+            -outward * alpha - forward * rate**2,
+            np.zeros_like(at),
+            g * (outward * sine + forward * cosine),
+            g * (outward * cosine - forward * sine),
+            *(
+                outward * (-2.0 * arm * rate * first + g * level * cosine * error)
+                + forward * (arm * second - g * level * sine * error)
+                for error, first, second in turn
+            ),
+            arm * (outward * (stretched - rate**4) + forward * (alpha * rate**2 + 2.0 * stretch * rate)),
+        ]
+    names = (*LEVERS, *TILTS, *ECCENTRICITY, BENDING)
+    units = (*("rad/s^2",) * len(LEVERS), *("m/s^2",) * (len(TILTS) + len(ECCENTRICITY)), "m/s^4")
+    x, y, z, *further = (Channel(*entry) for entry in zip(names, [t] * len(names), columns, units, strict=True))
+    return Turning(Channel("position", t, path, "m"), Channel(GRAVITY, t, gravity, "m/s^2"), (x, y, z), tuple(further))
+
+
+PATH_KNOTS = 1.0
+"""Spacing of the knots of the spline that keeps what is slow of the pull of a turning arm out of the path, s."""
+
+
 def path_along(t: Array, r: Array, e: Array) -> Array:
     """The path s with s'' = e . r'', from 0 at rest at the first time on, (n,).
 
@@ -142,13 +207,24 @@ def path_along(t: Array, r: Array, e: Array) -> Array:
 
 def smoothed(t: Array, y: Array) -> tuple[Array, Array]:
     """A spline of degree 5 through a series, a knot every few readings: values and second derivatives, (n,) each."""
-    degree = min(5, len(t) - 1)
-    if degree < 1:
+    if len(t) < 2:
         return y.copy(), np.zeros_like(y)
-    inner = t[KNOT_READINGS : len(t) - KNOT_READINGS : KNOT_READINGS] if len(t) > 3 * KNOT_READINGS else t[:0]
+    spline = smooth_spline(t, y, KNOT_READINGS)
+    return np.asarray(spline(t)), np.asarray(spline(t, 2))
+
+
+def smooth_spline(t: Array, y: Array, readings: int) -> scipy.interpolate.BSpline:
+    """A spline of degree 5 through a series of (n,) with a knot at every so many readings; a lower one where few are.
+
+    Parameters
+    ----------
+    t : (n,) rising; at least 2.
+    readings : from one knot to the next.
+    """
+    degree = min(5, len(t) - 1)
+    inner = t[readings : len(t) - readings : readings] if len(t) > 3 * readings else t[:0]
     knots = np.concatenate([np.full(degree + 1, t[0]), inner, np.full(degree + 1, t[-1])])
-    spline = scipy.interpolate.make_lsq_spline(t, y, knots, k=degree)
-    return np.asarray(spline(t)), np.asarray(spline.derivative(2)(t) if degree > 1 else np.zeros_like(y))
+    return scipy.interpolate.make_lsq_spline(t, y, knots, k=degree)
 
 
 def unbroken(t: Array) -> list[slice]:

@@ -38,7 +38,7 @@ from accelcal._support.values import listing
 from accelcal.data import units
 from accelcal.data.arrays import Array
 from accelcal.data.clocks import FEWEST_STAMPS, rounding_std, slewed, stamp_grid, steady_clock, uniform_clock
-from accelcal.data.orientation import GRAVITY, LEVERS, PLACE, TURNED
+from accelcal.data.orientation import ANGLE, GRAVITY, LEVERS, PLACE, TURNED
 from accelcal.data.recording import ORDERS, Channel, Finding, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.data.units import instant
@@ -102,12 +102,12 @@ def clean(samples: Samples, rig: Rig) -> tuple[Channel, list[Finding]]:
     _require_order(samples)
     t, y, findings = _without_duplicates(samples)
     name, unit = samples.name, samples.unit
-    t, noticed = _unrounded(name, t) if name in ("accel", "position", *PLACE) else (t, [])
+    t, noticed = _unrounded(name, t) if name in ("accel", "position", ANGLE, *PLACE) else (t, [])
     findings += noticed
     if len(t) < 2 and name in ("accel", "position"):
         raise RecordingError(_too_few(samples.file, name, len(t)))
     require_pace(samples.file, name, t)
-    if name in ("accel", "position", *ORDERS):
+    if name in ("accel", "position", ANGLE, *ORDERS):
         for better in (_unscattered, _counted_through):
             t, noticed = better(name, t, y)
             findings += noticed

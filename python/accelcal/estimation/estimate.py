@@ -19,6 +19,7 @@ from accelcal.data import (
     DERIVED,
     LEVERS,
     STANDARD_GRAVITY,
+    TILTS,
     TURNED,
     Array,
     Dwells,
@@ -67,8 +68,15 @@ SEPARATED_BY_TURNING = tuple(effect.name for effect in BUILT_IN if effect.traits
 SEPARATED_BY_ROLLING = tuple(effect.name for effect in BUILT_IN if effect.traits.separated_by == "rolling")
 WITH_GYROSCOPE = tuple(effect.name for effect in BUILT_IN if effect.needs == TURNED)
 WITH_ATTITUDE = tuple(effect.name for effect in BUILT_IN if effect.needs == LEVERS)
+WITH_ANGLE = tuple(effect.name for effect in BUILT_IN if effect.needs == TILTS)
 DWELLS_ALONE = "dwells"
 """Method of a fit to static dwells without a motion."""
+ARM_STD = 0.01
+"""Relative standard uncertainty of an arm that is taken where none is declared: a ruler's."""
+ACROSS_ARM = 0.01
+"""Distance of a sensor from the line of its arm that is ordinary, m."""
+AXLE_TILT = 0.02
+"""Standard uncertainty of the level of an axle, and of an angle zero, that is taken where none is declared, rad."""
 FARTHEST = 0.3
 """Distance of a sensor from the tracked point that is ordinary, m: where a body hardly turns, its motion says less."""
 SCALE_STD_LIMIT = 0.5
@@ -709,11 +717,31 @@ def complete(model: Model, recordings: Sequence[Recording]) -> Model:
     if all(name in r.side for r in recordings for name in LEVERS):
         away = {term.name: Prior(0.0, FARTHEST) for name in WITH_ATTITUDE for term in terms_of(find(name))}
         missing = [name for name in WITH_ATTITUDE if name not in model.effects]
-        model = model.add(*missing, priors=away) if missing else model
+        if all(r.rig.arm is not None for r in recordings):
+            model = on_arms(model, [r.rig for r in recordings], away)
+        else:
+            model = model.add(*missing, priors=away) if missing else model
     unsure = max((r.rig.lowpass_prior for r in recordings), default=0.0)
     if unsure > 0.0 and "lowpass_error" not in model.effects:
         model = model.add("lowpass_error", priors={"lowpass_error": Prior(0.0, unsure)})
     return model.add(*extra) if extra else model
+
+
+def on_arms(model: Model, rigs: Sequence[Rig], away: Mapping[str, Prior]) -> Model:
+    """The model with the error of an arm, the sensor's distance from its line, and the tilt of its axle.
+
+    A turn about one axle shows no distance along it. About a horizontal axle gravity is turned, not scaled.
+    """
+    names = [name for name in (*WITH_ATTITUDE, *WITH_ANGLE) if name not in model.effects]
+    if not names:
+        return model
+    radial, across, along = away
+    sine, cosine = (term.name for term in terms_of(find(WITH_ANGLE[0])))
+    arm_std = max(rig.arm_std or ARM_STD * (rig.arm or 0.0) for rig in rigs)
+    level = Prior(0.0, max(rig.uncertainty.level or AXLE_TILT for rig in rigs))
+    held = {along: 0.0} | ({sine: 0.0} if all(abs(rig.axle or 0.0) < AXLE_TILT for rig in rigs) else {})
+    priors = {radial: Prior(0.0, arm_std), across: Prior(0.0, max(ACROSS_ARM, arm_std)), sine: level, cosine: level}
+    return model.add(*names, priors={n: p for n, p in priors.items() if n not in held}).freeze(**held)
 
 
 def without(model: Model, names: Sequence[str]) -> Model:

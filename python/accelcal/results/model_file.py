@@ -60,7 +60,9 @@ def migrated(content: Any) -> dict[str, Any]:
         raise ModelFileError(f'found the schema "{schema}", which is no longer read; {MAKE}')
     for step in range(int(number[1]), PRESENT):
         content = STEPS[step](content)
-    return {"at_mean": [], **_without("version", _without("schema", content))}  # schema 5 began without it
+    if isinstance(rig := content.get("rig"), dict):  # schema 5 began without an arm, and without what follows
+        content = {**content, "rig": {"arm": None, "arm_std": None, "axle": None, **rig}}
+    return {"at_mean": [], **_without("version", _without("schema", content))}
 
 
 def _is_newer(version: object) -> bool:
@@ -212,7 +214,7 @@ _POSITIVE = (
     *(f"{level}.{key}" for level in _LEVELS for key in ("density", "reading")),
     *(f"rig.sensor.{key}" for key in ("noise", "range", "bias_instability", "random_walk")),
     *(f"{path}.{key}" for path in _FILTERS for key in ("cutoff", "rate")),
-    *("runs.noise.band", "rig.lowpass.cutoff", "rig.resolution", "rig.reading_noise", "rig.tolerance", "dwells.std"),
+    *("runs.noise.band", "rig.lowpass.cutoff", "rig.resolution", "rig.reading_noise", "rig.arm", "rig.arm_std", "rig.tolerance", "dwells.std"),
 )
 _NOT_NEGATIVE = (
     *("estimates.std", "estimates.run", "shapes.std", "at_mean.std", "runs.nis", "runs.readings", "runs.samples"),
@@ -236,6 +238,7 @@ RANGES: Mapping[str, tuple[float, float]] = {
         "rig.lowpass.tolerance": (0.0, 1.0),
         "tilt": (0.0, 180.0),
         "rig.gravity_along_axis": (-1e3, 1e3),
+        "rig.axle": (-1.6, 1.6),
         "dwells.freedom": (-1e6, 1e6),
     },
     **dict.fromkeys(("estimates.run", "shapes.run", "at_mean.run"), (0.0, MOST_RUNS - 1.0)),
