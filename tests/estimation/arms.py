@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import lfilter
 
 import accelcal as ac
 from accelcal import io
@@ -87,8 +88,7 @@ def columns(rig: Rigged) -> dict[str, np.ndarray]:
     late = np.interp(t - rig.delay, t, force)
     if rig.lag:
         decay = np.exp(-h / rig.lag)
-        for i in range(1, len(late)):
-            late[i] = decay * late[i - 1] + (1.0 - decay) * late[i]
+        late = lfilter([1.0 - decay], [1.0, -decay], late, zi=[decay * late[0]])[0]
     n = np.arange(int(rig.seconds * rig.rate))
     at = n * FINE + round(1.0 / h)
     a = late[at]
