@@ -58,7 +58,9 @@ def drawn(trial: Trial) -> Rigged:
     """A rig whose declared quantities are off by what is declared of them."""
     rng = np.random.default_rng([trial.seed, trial.number])
     rig = RIGS[trial.number % len(RIGS)]
-    level = {"zero": 1e-3 * rng.standard_normal()} if rig.axle == "horizontal" else {"lean": 1e-3 * rng.standard_normal()}
+    level = (
+        {"zero": 1e-3 * rng.standard_normal()} if rig.axle == "horizontal" else {"lean": 1e-3 * rng.standard_normal()}
+    )
     return replace(
         rig,
         seed=1000 * trial.seed + trial.number,

@@ -4,6 +4,7 @@ product."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +66,7 @@ def angle_of(rig: Rigged, t: np.ndarray) -> np.ndarray:
     speeds = np.linspace(2.0, 14.0, 12)  # a centrifuge
     each = rig.seconds / len(speeds)
     rate = np.full_like(t, speeds[0])
-    for n, (low, high) in enumerate(zip(speeds[:-1], speeds[1:], strict=True)):
+    for n, (low, high) in enumerate(pairwise(speeds)):
         x = np.clip((t - (n + 0.7) * each) / (0.6 * each), 0.0, 1.0)
         rate += (high - low) * x**4 * (35.0 - 84.0 * x + 70.0 * x**2 - 20.0 * x**3)
     step = t[1] - t[0]

@@ -6,17 +6,17 @@ from accelcal.data.clocks import usual_step
 from accelcal.data.dwells import Dwells, DwellSetup
 from accelcal.data.orientation import (
     ANGLE,
-    BENDING,
-    ECCENTRICITY,
-    TILTS,
     ANGULAR_ACCELERATION,
+    BENDING,
     DERIVED,
+    ECCENTRICITY,
     GRAVITY,
     GYROSCOPE,
     LEVERS,
     PLACE,
     QUATERNION,
     RATES,
+    TILTS,
     TURNED,
 )
 from accelcal.data.quality import describe, require_few_holes, require_usable
@@ -52,13 +52,12 @@ from accelcal.data.rig import (
 from accelcal.data.units import MICRO_G, concise, in_usual_unit, instant, normalise, usual_unit
 
 __all__ = [
-    "ANGLE",
-    "BENDING",
-    "ECCENTRICITY",
-    "TILTS",
     "ACCELERATION",
+    "ANGLE",
     "ANGULAR_ACCELERATION",
+    "BENDING",
     "DERIVED",
+    "ECCENTRICITY",
     "GRAVITY",
     "GYROSCOPE",
     "LEVERS",
@@ -69,6 +68,7 @@ __all__ = [
     "QUATERNION",
     "RATES",
     "STANDARD_GRAVITY",
+    "TILTS",
     "TURNED",
     "UNITS",
     "VELOCITY",

@@ -145,21 +145,23 @@ def on_arm(t: Array, angle: Array, arm: float, axle: float, axis: Array) -> Turn
     """
     outward, forward, along = axis
     level, g = np.cos(axle), STANDARD_GRAVITY
-    path, gravity = np.empty(len(t)), np.empty(len(t))
-    columns = np.empty((3 + len(TILTS) + len(ECCENTRICITY) + 1, len(t)))
+    path, gravity = np.zeros((2, len(t)))
+    columns = np.zeros((len(LEVERS) + len(TILTS) + len(ECCENTRICITY) + 1, len(t)))
     for rows in unbroken(t):
         at = t[rows]
+        if len(at) < 2:
+            continue
         spline = smooth_spline(at, angle[rows], KNOT_READINGS)
         theta, rate, alpha, jerk = (np.asarray(spline(at, n)) for n in range(4))
         sine, cosine = np.sin(theta), np.cos(theta)
-        pull = -outward * arm * rate**2
-        pulled = scipy.interpolate.CubicSpline(at, pull).antiderivative(2) if len(at) > 1 else np.zeros_like
-        wide = smooth_spline(at, pulled(at), max(KNOT_READINGS, int(len(at) * PATH_KNOTS / max(np.ptp(at), PATH_KNOTS))))
+        pull = level * g * (outward * sine + forward * cosine) - outward * arm * rate**2
+        pulled = scipy.interpolate.CubicSpline(at, pull).antiderivative(2)(at)
+        wide = smooth_spline(at, pulled, max(KNOT_READINGS, int(len(at) * PATH_KNOTS / max(np.ptp(at), PATH_KNOTS))))
         rest = angle[rows] - theta
         swept = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(rest))])
         slipped = -2.0 * outward * arm * scipy.integrate.cumulative_trapezoid(swept, at, initial=0.0)
-        path[rows] = forward * arm * angle[rows] + pulled(at) - wide(at) + slipped
-        gravity[rows] = wide(at, 2) + g * (level * (outward * sine + forward * cosine) + along * np.sin(axle))
+        path[rows] = forward * arm * angle[rows] + pulled - wide(at) + slipped
+        gravity[rows] = wide(at, 2) + g * along * np.sin(axle)
         turn = [(sine, cosine * rate, cosine * alpha - sine * rate**2)]
         turn += [(cosine, -sine * rate, -sine * alpha - cosine * rate**2)]
         stretch, stretched = 2.0 * rate * alpha, 2.0 * (alpha**2 + rate * jerk)

@@ -268,7 +268,7 @@ class Rig:
     arm: float | None = None
     """Distance of the sensor from the axle about which it turns, m; None = it does not turn about one."""
     arm_std: float | None = None
-    """Standard uncertainty of that distance, m; None = `ARM_STD` of it."""
+    """Standard uncertainty of that distance, m; None = not declared."""
     axle: float | None = None
     """Elevation of that axle, rad: 0 is horizontal."""
     uncertainty: Uncertainty = field(default_factory=Uncertainty)

@@ -192,8 +192,8 @@ def arm_bending(s: Signals) -> Array:
     Equation: e = (1 + k) r0 ab (i_r ((rate²)'' - rate⁴) + 5 i_t rate² rate'), i_r and i_t as in axle_tilt.
     Looks like: a residual with the fourth power of the rate.
     Easily confused with: quadratic on a radial axis, whose a² is r² rate⁴: the same about a vertical axle.
-    Separate by: the sensor turned by 180 degrees on the arm, where a² keeps its sign; arms of two lengths; gravity along
-    the axis about a horizontal axle.
+    Separate by: the sensor turned by 180 degrees on the arm, where a² keeps its sign; arms of two lengths; gravity
+    along the axis about a horizontal axle.
     """
     return s.scale * s.side[BENDING]
 

@@ -73,6 +73,8 @@ DWELLS_ALONE = "dwells"
 """Method of a fit to static dwells without a motion."""
 ARM_STD = 0.01
 """Relative standard uncertainty of an arm that is taken where none is declared: a ruler's."""
+LEAST_ARM_STD = 1e-3
+"""And that of a short one, m."""
 ACROSS_ARM = 0.01
 """Distance of a sensor from the line of its arm that is ordinary, m."""
 AXLE_TILT = 0.02
@@ -737,7 +739,7 @@ def on_arms(model: Model, rigs: Sequence[Rig], away: Mapping[str, Prior]) -> Mod
         return model
     radial, across, along = away
     sine, cosine = (term.name for term in terms_of(find(WITH_ANGLE[0])))
-    arm_std = max(rig.arm_std or ARM_STD * (rig.arm or 0.0) for rig in rigs)
+    arm_std = max(rig.arm_std or max(ARM_STD * (rig.arm or 0.0), LEAST_ARM_STD) for rig in rigs)
     level = Prior(0.0, max(rig.uncertainty.level or AXLE_TILT for rig in rigs))
     held = {along: 0.0} | ({sine: 0.0} if all(abs(rig.axle or 0.0) < AXLE_TILT for rig in rigs) else {})
     priors = {radial: Prior(0.0, arm_std), across: Prior(0.0, max(ACROSS_ARM, arm_std)), sine: level, cosine: level}
@@ -768,9 +770,8 @@ def require_shown(model: Model, recordings: Sequence[Recording]) -> None:
 
 
 def require_motion(run: PreparedRun) -> None:
-    """Refuse a record in which the position never changes."""
-    travel = float(np.ptp(run.z))
-    if travel == 0.0:
+    """Refuse a record in which the position never changes, and gravity along the axis does not either."""
+    if float(np.ptp(run.z)) == 0.0 and not run.turns:
         raise NotIdentifiable(
             f"{run.recording.name or 'recording'}: position is {run.z[0] + 0.0:.6g} m throughout; acceleration was not "
             "excited, so scale_factor and time_offset cannot be estimated. Record a run in which the stage moves"

@@ -221,7 +221,9 @@ def _of_angle(
             f"the angle changes by up to {np.max(steps):.2g} turns from one reading to the next (first at t = "
             f"{units.instant(t[first])} s): beyond half a turn the direction is unknown; read the encoder more often"
         )
-        findings.append(Finding("fast_angle", "position", int(np.sum(steps > FASTEST_TURN)), float(t[first]), text, "warning"))
+        findings.append(
+            Finding("fast_angle", "position", int(np.sum(steps > FASTEST_TURN)), float(t[first]), text, "warning")
+        )
     made = on_arm(t, angle - declared.angle_zero, rig.arm, rig.axle, np.array(declared.input_axis))
     turns, rate = float(np.ptp(angle)) / (2.0 * math.pi), np.abs(np.diff(angle) / np.diff(t))
     text = (

@@ -44,7 +44,9 @@ from accelcal.data.rig import KINDS, Pass, Uncertainty
 from accelcal.io.files import content_of, is_there, shown
 from accelcal.io.table import SIDECAR_BYTES, Order
 
-ASSUMED_ARM = "arm_std is not declared: 1 % of the arm is assumed, which the scale factor shares where both act alike"
+ASSUMED_ARM = (
+    "arm_std is not declared: 1 % of the arm is assumed, at least 1 mm; the scale factor shares it where both act alike"
+)
 ASSUMED_OFFSET_TOLERANCE = "offset_tolerance is not declared: the clocks are taken as meant to agree"
 
 
@@ -736,13 +738,13 @@ KEYS: dict[str, dict[str, Key]] = {
             note="of a body that turns: x | y | z | [0.0, 0.6, 0.8], in axes of attitude or gyroscope",
         ),
         "arm": Key(
-            _amount("length", "positive"),
+            _amount("length", "not negative"),
             "rig.arm",
             "m",
             "mm",
             (
                 'a length, as in `"200 mm"`',
-                "distance of the sensor from the axle about which it turns by `[channels] angle`",
+                "distance of the sensor from the axle about which it turns by `[channels] angle`; 0 on the axle",
                 "needed beside an angle",
             ),
         ),
@@ -754,7 +756,7 @@ KEYS: dict[str, dict[str, Key]] = {
             (
                 'a length, as in `"0.1 mm"`',
                 "standard uncertainty of the arm: it is estimated with that as its prior",
-                "1 % of the arm",
+                "1 % of the arm, at least 1 mm",
             ),
             assumed=ASSUMED_ARM,
         ),

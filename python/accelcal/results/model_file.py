@@ -214,7 +214,8 @@ _POSITIVE = (
     *(f"{level}.{key}" for level in _LEVELS for key in ("density", "reading")),
     *(f"rig.sensor.{key}" for key in ("noise", "range", "bias_instability", "random_walk")),
     *(f"{path}.{key}" for path in _FILTERS for key in ("cutoff", "rate")),
-    *("runs.noise.band", "rig.lowpass.cutoff", "rig.resolution", "rig.reading_noise", "rig.arm", "rig.arm_std", "rig.tolerance", "dwells.std"),
+    *("runs.noise.band", "rig.lowpass.cutoff", "rig.resolution", "rig.reading_noise", "rig.tolerance", "dwells.std"),
+    "rig.arm_std",
 )
 _NOT_NEGATIVE = (
     *("estimates.std", "estimates.run", "shapes.std", "at_mean.std", "runs.nis", "runs.readings", "runs.samples"),
@@ -224,6 +225,7 @@ _NOT_NEGATIVE = (
     *(f"{spectrum}.{key}" for spectrum in _SPECTRA for key in ("f", "floor")),
     *(f"rig.uncertainty.{key}" for key in ("clock_rate", "encoder_scale", "reference_zero", "level", "misalignment")),
     "rig.offset_tolerance",
+    "rig.arm",
     *("noise_effects.std", "dwells.ratio", "dwells.scatter"),
 )
 RANGES: Mapping[str, tuple[float, float]] = {

@@ -235,8 +235,8 @@ def continued(f: Array, ratio: Array, edge: float) -> float:
 def resample(channel: Channel, t: Array) -> Array:
     """Values of a side channel at times `t`, straight lines between its samples, held beyond its ends.
 
-    What follows from an orientation is part of the model of the motion, and as smooth: straight lines would cut it short
-    by (w h)²/12 at the angular frequency w, which the scale factor shows.
+    What follows from an orientation is part of the model of the motion, and as smooth: straight lines would cut it
+    short by (w h)²/12 at the angular frequency w, which the scale factor shows.
     """
     if channel.name in DERIVED:
         return cubic(channel.t, channel.y, t)
