@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -37,7 +38,9 @@ ECCENTRICITY = ("eccentricity_sin", "eccentricity_cos")
 """Side channels: acceleration along the axis for each radian of an error of the angle once per turn, m/s²."""
 BENDING = "arm_bending"
 """Side channel: acceleration along the axis of an arm that lengthens by itself times the rate squared, m/s⁴."""
-DERIVED = (GRAVITY, *LEVERS, *TURNED, *TILTS, *ECCENTRICITY, BENDING)
+OF_ARM = (*TILTS, *ECCENTRICITY, BENDING)
+"""Side channels of a sensor on an arm alone."""
+DERIVED = (GRAVITY, *LEVERS, *TURNED, *OF_ARM)
 """Side channels that are part of the model of a turning body, and no effects by themselves."""
 HOLE = 8.0
 """Spacing beyond this many usual ones that is a hole: across it the path of a turning body is unknown; behind it the
@@ -146,7 +149,7 @@ def on_arm(t: Array, angle: Array, arm: float, axle: float, axis: Array) -> Turn
     outward, forward, along = axis
     level, g = np.cos(axle), STANDARD_GRAVITY
     path, gravity = np.zeros((2, len(t)))
-    columns = np.zeros((len(LEVERS) + len(TILTS) + len(ECCENTRICITY) + 1, len(t)))
+    columns = np.zeros((len(LEVERS) + len(OF_ARM), len(t)))
     for rows in unbroken(t):
         at = t[rows]
         if len(at) < 2:
@@ -178,13 +181,63 @@ def on_arm(t: Array, angle: Array, arm: float, axle: float, axis: Array) -> Turn
             ),
             arm * (outward * (stretched - rate**4) + forward * (alpha * rate**2 + 2.0 * stretch * rate)),
         ]
-    names = (*LEVERS, *TILTS, *ECCENTRICITY, BENDING)
-    units = (*("rad/s^2",) * len(LEVERS), *("m/s^2",) * (len(TILTS) + len(ECCENTRICITY)), "m/s^4")
-    x, y, z, *further = (Channel(*entry) for entry in zip(names, [t] * len(names), columns, units, strict=True))
+    units = dict.fromkeys(LEVERS, "rad/s^2") | dict.fromkeys(OF_ARM, "m/s^2") | {BENDING: "m/s^4"}
+    x, y, z, *further = (Channel(name, t, y, unit) for (name, unit), y in zip(units.items(), columns, strict=True))
     return Turning(Channel("position", t, path, "m"), Channel(GRAVITY, t, gravity, "m/s^2"), (x, y, z), tuple(further))
 
 
-PATH_KNOTS = 1.0
+TURNS_THAT_TELL = {
+    "scale_factor": "turn the arm about a level axle, where gravity along it is known",
+    "bias": "turn farther, at best whole turns, and at several rates, or declare [uncertainty] level",
+    "time_offset": "change the rate while you record",
+    "quadratic": "turn the arm about a level axle, or fit it together with a run on an arm of another length",
+}
+"""Coefficients that an arm is for, and the motion that determines each."""
+SHARED = 1e-3
+"""Share of the power of a column that the others leave, below which the record does not tell it from them."""
+
+
+def shared(made: Turning, arm: float, axle: float) -> list[tuple[str, str, str]]:
+    """What the motion of an arm does not tell apart: a coefficient, what it is one with, and the motion that would.
+
+    Parameters
+    ----------
+    made : what the angle says of the axis.
+    arm : m.
+    axle : elevation of the axle, rad.
+    """
+    side = {name: channel.y for name, channel in made.side.items()}
+    a = arm * side[LEVERS[0]] + np.cos(axle) * side[TILTS[0]]
+    columns = {
+        **{"bias": np.ones_like(a), "scale_factor": a, "time_offset": np.gradient(a, made.path.t), "quadratic": a**2},
+        **{
+            "the length of the arm": side[LEVERS[0]],
+            "the tilt of the axle": side[TILTS[0]],
+            "the angle zero": side[TILTS[1]],
+        },
+        **{"the distance across the arm": side[LEVERS[1]], BENDING: side[BENDING]},
+    }
+    if np.cos(axle) > np.cos(LEVEL_AXLE):
+        columns.pop("the tilt of the axle")
+    sizes = {name: float(np.linalg.norm(y)) for name, y in columns.items()}
+    columns = {name: y / sizes[name] for name, y in columns.items() if sizes[name] > 0.0}
+
+    def left(name: str, others: Sequence[str]) -> float:
+        matrix = np.column_stack([columns[other] for other in others])
+        return float(np.sum((columns[name] - matrix @ np.linalg.lstsq(matrix, columns[name], rcond=None)[0]) ** 2))
+
+    told = []
+    for name, motion in TURNS_THAT_TELL.items():
+        others = [n for n in columns if n not in (name, "quadratic") and (n != BENDING or name == "quadratic")]
+        if name in columns and left(name, others) < SHARED:
+            without = {n: left(name, [other for other in others if other != n]) for n in others}
+            told.append((name, max(without, key=without.__getitem__), motion))
+    return told
+
+
+LEVEL_AXLE = 0.02
+"""Elevation below which gravity across an axle hardly depends on it, rad."""
+PATH_KNOTS = 10.0
 """Spacing of the knots of the spline that keeps what is slow of the pull of a turning arm out of the path, s."""
 
 

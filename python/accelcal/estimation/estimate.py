@@ -29,6 +29,7 @@ from accelcal.data import (
     high_passes,
     require_same_sensor,
 )
+from accelcal.data.orientation import LEVEL_AXLE
 from accelcal.data.recording import dwells_with_first, listed
 from accelcal.effects import BUILT_IN, CATALOGUE, find
 from accelcal.estimation.bands import best_band, change_with_band, needs_band, trial_bands
@@ -79,6 +80,8 @@ ACROSS_ARM = 0.01
 """Distance of a sensor from the line of its arm that is ordinary, m."""
 AXLE_TILT = 0.02
 """Standard uncertainty of the level of an axle, and of an angle zero, that is taken where none is declared, rad."""
+FAR_ZERO = 0.005
+"""Error of an angle zero from which on half its square shows in the scale factor, rad."""
 FARTHEST = 0.3
 """Distance of a sensor from the tracked point that is ordinary, m: where a body hardly turns, its motion says less."""
 SCALE_STD_LIMIT = 0.5
@@ -561,6 +564,13 @@ def result(solution: Solution) -> Fit:
         if not run.rig.coupled
     ]
     remarks += mostly_prior(layout, covariance, model)
+    remarks += [
+        remark("angle_zero", recording=name_of(run), degrees=math.degrees(e.value))
+        for run in runs[:1]
+        for e in estimates
+        if e.name == f"{WITH_ANGLE[0]}.cos" and run.rig.arm is not None and abs(run.rig.axle or 0.0) < LEVEL_AXLE
+        if abs(e.value) > FAR_ZERO
+    ]
     remarks += [remark("on_bound", text=text) for text in on_bounds(solution)]
     remarks += [remark("seen_by_runs", text=choice.sentence, effect=choice.effect) for choice in solution.seen_by_runs]
     still = [
@@ -741,7 +751,7 @@ def on_arms(model: Model, rigs: Sequence[Rig], away: Mapping[str, Prior]) -> Mod
     sine, cosine = (term.name for term in terms_of(find(WITH_ANGLE[0])))
     arm_std = max(rig.arm_std or max(ARM_STD * (rig.arm or 0.0), LEAST_ARM_STD) for rig in rigs)
     level = Prior(0.0, max(rig.uncertainty.level or AXLE_TILT for rig in rigs))
-    held = {along: 0.0} | ({sine: 0.0} if all(abs(rig.axle or 0.0) < AXLE_TILT for rig in rigs) else {})
+    held = {along: 0.0} | ({sine: 0.0} if all(abs(rig.axle or 0.0) < LEVEL_AXLE for rig in rigs) else {})
     priors = {radial: Prior(0.0, arm_std), across: Prior(0.0, max(ACROSS_ARM, arm_std)), sine: level, cosine: level}
     return model.add(*names, priors={n: p for n, p in priors.items() if n not in held}).freeze(**held)
 

@@ -41,7 +41,7 @@ from accelcal.data import (
     units,
 )
 from accelcal.data.clocks import THE_OUTPUT, lost_rows, relation
-from accelcal.data.orientation import HOLE, QUATERNION_TOLERANCE, on_arm, rotated, turned, turning
+from accelcal.data.orientation import HOLE, QUATERNION_TOLERANCE, on_arm, rotated, shared, turned, turning
 from accelcal.data.recording import UNITS, Origin
 from accelcal.io import naming
 from accelcal.io.assign import (
@@ -232,6 +232,16 @@ def _of_angle(
         f"{np.max(made.gravity.y):.3g} m/s^2"
     )
     findings.append(Finding("turning", "position", len(t), float(t[0]), text))
+    findings += [
+        Finding(
+            "shared",
+            name,
+            1,
+            float(t[0]),
+            f"this turning does not tell {name} from {other.replace('_', ' ')}; {motion}",
+        )
+        for name, other, motion in shared(made, rig.arm, rig.axle)
+    ]
     rig = replace(rig, gravity_along_axis=float(np.mean(made.gravity.y)))
     return {**channels, "position": made.path, **made.side}, rig, findings
 

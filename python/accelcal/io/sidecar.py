@@ -293,7 +293,7 @@ def _input_axis(value: object) -> tuple[float, float, float]:
     words = AXES | ON_ARM
     if isinstance(value, str) and value in words:
         return words[value]
-    return _unit_vector(value, '"x", "y", "z", on an arm "radial", "tangential", "axial",')
+    return _unit_vector(value, '"x", "y", "z"', ', on an arm "radial", "tangential" or "axial"')
 
 
 def _axle(value: object) -> float:
@@ -302,12 +302,13 @@ def _axle(value: object) -> float:
         return AXLES[value]
     if isinstance(value, str) and value[:1].isdigit():
         return _amount("angle")(value)  # type: ignore[no-any-return]
-    return math.asin(_unit_vector(value, '"horizontal", "vertical", its elevation such as "30 deg",')[2])
+    return math.asin(_unit_vector(value, '"horizontal", "vertical", an elevation such as "30 deg"')[2])
 
 
-def _unit_vector(value: object, words: str) -> tuple[float, float, float]:
+def _unit_vector(value: object, words: str, further: str = "") -> tuple[float, float, float]:
     if not isinstance(value, list) or len(value) != 3:
-        raise AccelcalError(f"found {units.shown(value)}, expected {words} or a unit vector such as [0.0, 0.6, 0.8]")
+        vector = "a unit vector such as [0.0, 0.6, 0.8]"
+        raise AccelcalError(f"found {units.shown(value)}, expected {words} or {vector}{further}")
     x, y, z = _numbers(value)
     length = math.hypot(x, y, z)
     if not abs(length - 1.0) < UNIT_LENGTH:
