@@ -59,7 +59,7 @@ def drawn(trial: Trial) -> Rigged:
     rng = np.random.default_rng([trial.seed, trial.number])
     rig = RIGS[trial.number % len(RIGS)]
     level = (
-        {"zero": 1e-3 * rng.standard_normal()} if rig.axle == "horizontal" else {"lean": 1e-3 * rng.standard_normal()}
+        {"zero": 1e-3 * rng.standard_normal()} if rig.axle == "horizontal" else {"tilt": 1e-3 * rng.standard_normal()}
     )
     return replace(
         rig,
@@ -105,9 +105,9 @@ def outcome_of(trial: Trial) -> Outcome:
 def consistency(rig: Rigged, recording: object) -> Outcome:
     """Normalised estimation error squared of five parameters, and the error of each in standard deviations."""
     fit = verbs.fit(recording)  # type: ignore[call-overload]
-    tilt = ("axle_tilt.cos", rig.zero) if rig.axle == "horizontal" else ("axle_tilt.sin", rig.lean)
+    of_axle = ("axle_tilt.cos", rig.zero) if rig.axle == "horizontal" else ("axle_tilt.sin", rig.tilt)
     truth = {"bias": rig.bias, "scale_factor": rig.k, "time_offset": rig.delay, "lever_arm.x": rig.arm_error}
-    truth |= dict([tilt])
+    truth |= dict([of_axle])
     names = [e.name for e in fit.free]
     at = [names.index(name) for name in truth]
     errors = np.array([fit[name].value - truth[name] for name in truth])

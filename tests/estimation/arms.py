@@ -41,7 +41,7 @@ class Rigged:
     across: float = 0.0
     zero: float = 0.0
     """True angle where the encoder reads 0, rad."""
-    lean: float = 0.0
+    tilt: float = 0.0
     """Of a vertical axle, rad."""
     quadratic: float = 0.0
     cubic: float = 0.0
@@ -84,7 +84,7 @@ def columns(rig: Rigged) -> dict[str, np.ndarray]:
     forward = np.column_stack([-np.sin(theta), np.cos(theta)])
     place = reach[:, None] * outward + rig.across * forward
     acceleration = np.gradient(np.gradient(place, h, axis=0), h, axis=0)
-    up = np.array([0.0, 1.0]) if rig.axle == "horizontal" else np.array([0.0, np.sin(rig.lean)])
+    up = np.array([0.0, 1.0]) if rig.axle == "horizontal" else np.array([0.0, np.sin(rig.tilt)])
     force = np.einsum("ni,ni->n", {"radial": outward, "tangential": forward}[rig.input_axis], acceleration + G * up)
     late = np.interp(t - rig.delay, t, force)
     if rig.lag:

@@ -197,19 +197,19 @@ SHARED = 1e-3
 """Share of the power of a column that the others leave, below which the record does not tell it from them."""
 
 
-def shared(made: Turning, arm: float, axle: float) -> list[tuple[str, str, str]]:
+def shared(motion: Turning, arm: float, axle: float) -> list[tuple[str, str, str]]:
     """What the motion of an arm does not tell apart: a coefficient, what it is one with, and the motion that would.
 
     Parameters
     ----------
-    made : what the angle says of the axis.
+    motion : what the angle says of the axis.
     arm : m.
     axle : elevation of the axle, rad.
     """
-    side = {name: channel.y for name, channel in made.side.items()}
+    side = {name: channel.y for name, channel in motion.side.items()}
     a = arm * side[LEVERS[0]] + np.cos(axle) * side[TILTS[0]]
     columns = {
-        **{"bias": np.ones_like(a), "scale_factor": a, "time_offset": np.gradient(a, made.path.t), "quadratic": a**2},
+        **{"bias": np.ones_like(a), "scale_factor": a, "time_offset": np.gradient(a, motion.path.t), "quadratic": a**2},
         **{
             "the length of the arm": side[LEVERS[0]],
             "the tilt of the axle": side[TILTS[0]],
@@ -226,13 +226,13 @@ def shared(made: Turning, arm: float, axle: float) -> list[tuple[str, str, str]]
         matrix = np.column_stack([columns[other] for other in others])
         return float(np.sum((columns[name] - matrix @ np.linalg.lstsq(matrix, columns[name], rcond=None)[0]) ** 2))
 
-    told = []
-    for name, motion in TURNS_THAT_TELL.items():
+    listed = []
+    for name, turning_that_tells in TURNS_THAT_TELL.items():
         others = [n for n in columns if n not in (name, "quadratic") and (n != BENDING or name == "quadratic")]
         if name in columns and left(name, others) < SHARED:
             without = {n: left(name, [other for other in others if other != n]) for n in others}
-            told.append((name, max(without, key=without.__getitem__), motion))
-    return told
+            listed.append((name, max(without, key=without.__getitem__), turning_that_tells))
+    return listed
 
 
 LEVEL_AXLE = 0.02

@@ -224,12 +224,12 @@ def _of_angle(
         findings.append(
             Finding("fast_angle", "position", int(np.sum(steps > FASTEST_TURN)), float(t[first]), text, "warning")
         )
-    made = on_arm(t, angle - declared.angle_zero, rig.arm, rig.axle, np.array(declared.input_axis))
+    motion = on_arm(t, angle - declared.angle_zero, rig.arm, rig.axle, np.array(declared.input_axis))
     turns, rate = float(np.ptp(angle)) / (2.0 * math.pi), np.abs(np.diff(angle) / np.diff(t))
     text = (
         f"the arm turns over {turns:.3g} turns, at up to {np.quantile(rate, 0.99):.3g} rad/s; position is the path "
-        f"along the axis on the arm, and {GRAVITY} what the axis reads beside it: {np.min(made.gravity.y):.3g} to "
-        f"{np.max(made.gravity.y):.3g} m/s^2"
+        f"along the axis on the arm, and {GRAVITY} what the axis reads beside it: {np.min(motion.gravity.y):.3g} to "
+        f"{np.max(motion.gravity.y):.3g} m/s^2"
     )
     findings.append(Finding("turning", "position", len(t), float(t[0]), text))
     findings += [
@@ -238,12 +238,12 @@ def _of_angle(
             name,
             1,
             float(t[0]),
-            f"this turning does not tell {name} from {other.replace('_', ' ')}; {motion}",
+            f"this turning does not tell {name} from {other.replace('_', ' ')}; {turning_that_tells}",
         )
-        for name, other, motion in shared(made, rig.arm, rig.axle)
+        for name, other, turning_that_tells in shared(motion, rig.arm, rig.axle)
     ]
-    rig = replace(rig, gravity_along_axis=float(np.mean(made.gravity.y)))
-    return {**channels, "position": made.path, **made.side}, rig, findings
+    rig = replace(rig, gravity_along_axis=float(np.mean(motion.gravity.y)))
+    return {**channels, "position": motion.path, **motion.side}, rig, findings
 
 
 def together(parts: Sequence[Channel]) -> tuple[Array, Array]:

@@ -555,11 +555,12 @@ def _reference(kind: str, **further: _Check) -> _Check:
 def _angle(value: object) -> tuple[Source, dict[str, Any]]:
     """The angle of an arm: its zero is a reading, in the unit of the scale or an angle."""
     zero, rest = None, value
-    if isinstance(value, Mapping) and "zero" in value and "scale" not in value:
+    if isinstance(value, Mapping) and "zero" in value:
         try:
             zero, rest = _amount("angle")(value["zero"]), {k: y for k, y in value.items() if k != "zero"}
         except ValueError as error:
-            raise _KeyError("zero", str(error)) from None
+            if "scale" not in value:
+                raise _KeyError("zero", str(error)) from None
     amounts = {"noise": _amount("angle", "positive"), "resolution": _amount("angle", "positive")}
     source, extra = _scaled_source("angle", **amounts)(rest)
     return source, extra | {"zero": zero or 0.0}
