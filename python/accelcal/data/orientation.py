@@ -154,17 +154,17 @@ def on_arm(t: Array, angle: Array, arm: float, axle: float, axis: Array) -> Turn
         at = t[rows]
         if len(at) < 2:
             continue
-        spline = smooth_spline(at, angle[rows], KNOT_READINGS)
+        spline, rest = resolving_spline(at, angle[rows])
         theta, rate, alpha, jerk = (np.asarray(spline(at, n)) for n in range(4))
         sine, cosine = np.sin(theta), np.cos(theta)
         pull = level * g * (outward * sine + forward * cosine) - outward * arm * rate**2
-        pulled = scipy.interpolate.CubicSpline(at, pull).antiderivative(2)(at)
-        wide = smooth_spline(at, pulled, max(KNOT_READINGS, int(len(at) * PATH_KNOTS / max(np.ptp(at), PATH_KNOTS))))
-        rest = angle[rows] - theta
+        knots = max(KNOT_READINGS, int(len(at) * PATH_KNOTS / max(np.ptp(at), PATH_KNOTS)))
+        quick = without_ends(at, pull - smooth_spline(at, pull, knots)(at))
+        pulled = scipy.interpolate.CubicSpline(at, quick).antiderivative(2)(at)
         swept = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(rest))])
         slipped = -2.0 * outward * arm * scipy.integrate.cumulative_trapezoid(swept, at, initial=0.0)
-        path[rows] = forward * arm * angle[rows] + pulled - wide(at) + slipped
-        gravity[rows] = wide(at, 2) + g * along * np.sin(axle)
+        path[rows] = forward * arm * angle[rows] + pulled + slipped
+        gravity[rows] = pull - quick + g * along * np.sin(axle)
         turn = [(sine, cosine * rate, cosine * alpha - sine * rate**2)]
         turn += [(cosine, -sine * rate, -sine * alpha - cosine * rate**2)]
         stretch, stretched = 2.0 * rate * alpha, 2.0 * (alpha**2 + rate * jerk)
@@ -239,6 +239,23 @@ LEVEL_AXLE = 0.02
 """Elevation below which gravity across an axle hardly depends on it, rad."""
 PATH_KNOTS = 10.0
 """Spacing of the knots of the spline that keeps what is slow of the pull of a turning arm out of the path, s."""
+ENDS = 4.0
+"""Time next to either end of a stretch over which a steady pull is kept out of the path, s."""
+
+
+def without_ends(t: Array, y: Array) -> Array:
+    """A series without the straight lines through its ends, (n,), which fade out away from them.
+
+    Next to an end no position tells an acceleration: what is steady there would seem to be a jerk.
+    """
+    left, width = y.copy(), min(ENDS, 0.3 * float(np.ptp(t)))
+    for distance in (t - t[0], t[-1] - t):
+        near = distance <= width
+        if np.count_nonzero(near) > 2:
+            far = distance[near] / width
+            line = np.polynomial.Polynomial.fit(t[near], y[near], 1)(t[near])
+            left[near] -= (1.0 - far**3 * (10.0 - 15.0 * far + 6.0 * far**2)) * line
+    return left
 
 
 def path_along(t: Array, r: Array, e: Array) -> Array:
@@ -280,6 +297,34 @@ def smooth_spline(t: Array, y: Array, readings: int) -> scipy.interpolate.BSplin
     inner = t[readings : len(t) - readings : readings] if len(t) > 3 * readings else t[:0]
     knots = np.concatenate([np.full(degree + 1, t[0]), inner, np.full(degree + 1, t[-1])])
     return scipy.interpolate.make_lsq_spline(t, y, knots, k=degree)
+
+
+SPACINGS = (4, 8, 16, 32, 64)
+"""Readings from knot to knot of the splines tried for an angle; the widest whose rest is no larger is taken."""
+
+
+def resolving_spline(t: Array, y: Array) -> tuple[scipy.interpolate.BSpline, Array]:
+    """The smoothest spline that holds the motion of a series, and what it leaves of the motion, (n,).
+
+    A wider spacing of the knots is taken as long as the variance of the rest stays within four standard deviations of
+    that of the narrowest. Then the rest is noise, and 0 is returned in its place; of motion that even the narrowest
+    does not resolve, the rest itself.
+
+    Parameters
+    ----------
+    t : (n,) rising; at least 2.
+    y : (n,).
+    """
+    best = smooth_spline(t, y, SPACINGS[0])
+    motion = y - best(t)
+    least = float(motion @ motion) / max(1, len(t) - len(best.c))
+    for readings in SPACINGS[1:]:
+        spline = smooth_spline(t, y, readings)
+        rest = y - spline(t)
+        if float(rest @ rest) > (1.0 + 4.0 * np.sqrt(2.0 / len(t))) * least * max(1, len(t) - len(spline.c)):
+            break
+        best, motion = spline, np.zeros_like(y)
+    return best, motion
 
 
 def unbroken(t: Array) -> list[slice]:
