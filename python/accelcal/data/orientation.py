@@ -237,7 +237,7 @@ def shared(motion: Turning, arm: float, axle: float) -> list[tuple[str, str, str
 
 LEVEL_AXLE = 0.02
 """Elevation below which gravity across an axle hardly depends on it, rad."""
-PATH_KNOTS = 10.0
+PATH_KNOTS = 3.0
 """Spacing of the knots of the spline that keeps what is slow of the pull of a turning arm out of the path, s."""
 ENDS = 4.0
 """Time next to either end of a stretch over which a steady pull is kept out of the path, s."""

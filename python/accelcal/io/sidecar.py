@@ -554,16 +554,24 @@ def _reference(kind: str, **further: _Check) -> _Check:
 
 def _angle(value: object) -> tuple[Source, dict[str, Any]]:
     """The angle of an arm: its zero is a reading, in the unit of the scale or an angle."""
-    zero, rest = None, value
-    if isinstance(value, Mapping) and "zero" in value:
+
+    def zero(given: object) -> object:
         try:
-            zero, rest = _amount("angle")(value["zero"]), {k: y for k, y in value.items() if k != "zero"}
-        except ValueError as error:
-            if "scale" not in value:
-                raise _KeyError("zero", str(error)) from None
+            return _amount("angle")(given)
+        except units.UnitError as error:
+            if not isinstance(value, Mapping) or "scale" not in value:
+                raise AccelcalError(str(error)) from None
+            return _electrical(given)
+
     amounts = {"noise": _amount("angle", "positive"), "resolution": _amount("angle", "positive")}
-    source, extra = _scaled_source("angle", **amounts)(rest)
-    return source, extra | {"zero": zero or 0.0}
+    scale = partial(units.sensitivity, kind="angle")
+    values = _table(value, "", _SOURCE | amounts | {"scale": scale, "zero": zero})
+    if "column" not in values:
+        raise AccelcalError('column is missing; expected e.g. { column = "angle", unit = "deg" }')
+    level = values.pop("zero") if isinstance(values.get("zero"), float) else 0.0
+    sensitivity, electrical, _ = _scaled(values, "")
+    extra = {key: values.pop(key) for key in amounts if key in values}
+    return Source(**values, scale=sensitivity, zero=electrical or 0.0), extra | {"zero": level}
 
 
 def _noticed(value: object) -> tuple[Finding, ...]:
