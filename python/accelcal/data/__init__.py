@@ -5,14 +5,19 @@ from accelcal.data.arrays import Array, Counts, Flags, Places
 from accelcal.data.clocks import usual_step
 from accelcal.data.dwells import Dwells, DwellSetup
 from accelcal.data.orientation import (
+    ANGLE,
     ANGULAR_ACCELERATION,
+    BENDING,
     DERIVED,
+    ECCENTRICITY,
     GRAVITY,
     GYROSCOPE,
     LEVERS,
+    OF_ARM,
     PLACE,
     QUATERNION,
     RATES,
+    TILTS,
     TURNED,
 )
 from accelcal.data.quality import describe, require_few_holes, require_usable
@@ -49,18 +54,23 @@ from accelcal.data.units import MICRO_G, concise, in_usual_unit, instant, normal
 
 __all__ = [
     "ACCELERATION",
+    "ANGLE",
     "ANGULAR_ACCELERATION",
+    "BENDING",
     "DERIVED",
+    "ECCENTRICITY",
     "GRAVITY",
     "GYROSCOPE",
     "LEVERS",
     "MICRO_G",
     "NO_LABELS",
+    "OF_ARM",
     "PLACE",
     "POSITION_ORDER",
     "QUATERNION",
     "RATES",
     "STANDARD_GRAVITY",
+    "TILTS",
     "TURNED",
     "UNITS",
     "VELOCITY",

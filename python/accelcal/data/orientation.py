@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -29,7 +30,17 @@ PLACE = ("position_e", "position_n", "position_u")
 """Channels: place to the east, to the north and up, m."""
 QUATERNION = ("q_w", "q_x", "q_y", "q_z")
 """Columns of an attitude, in this order."""
-DERIVED = (GRAVITY, *LEVERS, *TURNED)
+ANGLE = "angle"
+"""Channel: angle of an arm about its axle, rad; at 0 the arm is level, and it rises as the angle grows."""
+TILTS = ("axle_tilt_sin", "axle_tilt_cos")
+"""Side channels: gravity along the axis of a sensor on an arm for each radian by which the axle leans, m/s²."""
+ECCENTRICITY = ("eccentricity_sin", "eccentricity_cos")
+"""Side channels: acceleration along the axis for each radian of an error of the angle once per turn, m/s²."""
+BENDING = "arm_bending"
+"""Side channel: acceleration along the axis of an arm that lengthens by itself times the rate squared, m/s⁴."""
+OF_ARM = (*TILTS, *ECCENTRICITY, BENDING)
+"""Side channels of a sensor on an arm alone."""
+DERIVED = (GRAVITY, *LEVERS, *TURNED, *OF_ARM)
 """Side channels that are part of the model of a turning body, and no effects by themselves."""
 HOLE = 8.0
 """Spacing beyond this many usual ones that is a hole: across it the path of a turning body is unknown; behind it the
@@ -52,11 +63,13 @@ class Turning:
     gravity: Channel
     """What the acceleration along the turning axis, gravity included, exceeds that of the path by, m/s²."""
     levers: tuple[Channel, Channel, Channel]
+    further: tuple[Channel, ...] = ()
+    """What errors of an arm do along the axis."""
 
     @property
     def side(self) -> dict[str, Channel]:
         """The side channels, by name."""
-        return {channel.name: channel for channel in (self.gravity, *self.levers)}
+        return {channel.name: channel for channel in (self.gravity, *self.levers, *self.further)}
 
 
 def rotated(q: Array, v: Array, sense: Sense) -> Array:
@@ -121,6 +134,130 @@ def turning(t: Array, place: Array, attitude: tuple[Array, Array], axis: Array, 
     )
 
 
+def on_arm(t: Array, angle: Array, arm: float, axle: float, axis: Array) -> Turning:
+    """Path and gravity along an axis of a sensor on an arm that turns about a fixed axle (derivations 7.9).
+
+    Parameters
+    ----------
+    t : (n,) s.
+    angle : (n,) rad, 0 where the arm is level, growing as it rises; unwrapped.
+    arm : distance from the axle to the sensor, m.
+    axle : elevation of the axle, rad: 0 is horizontal.
+    axis : (3,) input axis, of length 1: outward along the arm, in the direction in which the angle grows, along the
+        axle.
+    """
+    outward, forward, along = axis
+    level, g = np.cos(axle), STANDARD_GRAVITY
+    path, gravity = np.zeros((2, len(t)))
+    columns = np.zeros((len(LEVERS) + len(OF_ARM), len(t)))
+    for rows in unbroken(t):
+        at = t[rows]
+        if len(at) < 2:
+            continue
+        spline, rest = resolving_spline(at, angle[rows])
+        theta, rate, alpha, jerk = (np.asarray(spline(at, n)) for n in range(4))
+        sine, cosine = np.sin(theta), np.cos(theta)
+        pull = level * g * (outward * sine + forward * cosine) - outward * arm * rate**2
+        knots = max(KNOT_READINGS, int(len(at) * PATH_KNOTS / max(np.ptp(at), PATH_KNOTS)))
+        quick = without_ends(at, pull - smooth_spline(at, pull, knots)(at))
+        pulled = scipy.interpolate.CubicSpline(at, quick).antiderivative(2)(at)
+        swept = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(rest))])
+        slipped = -2.0 * outward * arm * scipy.integrate.cumulative_trapezoid(swept, at, initial=0.0)
+        path[rows] = forward * arm * angle[rows] + pulled + slipped
+        gravity[rows] = pull - quick + g * along * np.sin(axle)
+        turn = [(sine, cosine * rate, cosine * alpha - sine * rate**2)]
+        turn += [(cosine, -sine * rate, -sine * alpha - cosine * rate**2)]
+        stretch, stretched = 2.0 * rate * alpha, 2.0 * (alpha**2 + rate * jerk)
+        columns[:, rows] = [
+            forward * alpha - outward * rate**2,
+            -outward * alpha - forward * rate**2,
+            np.zeros_like(at),
+            g * (outward * sine + forward * cosine),
+            g * (outward * cosine - forward * sine),
+            *(
+                outward * (-2.0 * arm * rate * first + g * level * cosine * error)
+                + forward * (arm * second - g * level * sine * error)
+                for error, first, second in turn
+            ),
+            arm * (outward * (stretched - rate**4) + forward * (alpha * rate**2 + 2.0 * stretch * rate)),
+        ]
+    units = dict.fromkeys(LEVERS, "rad/s^2") | dict.fromkeys(OF_ARM, "m/s^2") | {BENDING: "m/s^4"}
+    x, y, z, *further = (Channel(name, t, y, unit) for (name, unit), y in zip(units.items(), columns, strict=True))
+    return Turning(Channel("position", t, path, "m"), Channel(GRAVITY, t, gravity, "m/s^2"), (x, y, z), tuple(further))
+
+
+TURNS_THAT_TELL = {
+    "scale_factor": "turn the arm about a level axle, where gravity along it is known",
+    "bias": "turn farther, at best whole turns, and at several rates, or declare [uncertainty] level",
+    "time_offset": "change the rate while you record",
+    "quadratic": "turn the arm about a level axle, or fit it together with a run on an arm of another length",
+}
+"""Coefficients that an arm is for, and the motion that determines each."""
+SHARED = 1e-3
+"""Share of the power of a column that the others leave, below which the record does not tell it from them."""
+
+
+def shared(motion: Turning, arm: float, axle: float) -> list[tuple[str, str, str]]:
+    """What the motion of an arm does not tell apart: a coefficient, what it is one with, and the motion that would.
+
+    Parameters
+    ----------
+    motion : what the angle says of the axis.
+    arm : m.
+    axle : elevation of the axle, rad.
+    """
+    side = {name: channel.y for name, channel in motion.side.items()}
+    a = arm * side[LEVERS[0]] + np.cos(axle) * side[TILTS[0]]
+    columns = {
+        **{"bias": np.ones_like(a), "scale_factor": a, "time_offset": np.gradient(a, motion.path.t), "quadratic": a**2},
+        **{
+            "the length of the arm": side[LEVERS[0]],
+            "the tilt of the axle": side[TILTS[0]],
+            "the angle zero": side[TILTS[1]],
+        },
+        **{"the distance across the arm": side[LEVERS[1]], BENDING: side[BENDING]},
+    }
+    if np.cos(axle) > np.cos(LEVEL_AXLE):
+        columns.pop("the tilt of the axle")
+    sizes = {name: float(np.linalg.norm(y)) for name, y in columns.items()}
+    columns = {name: y / sizes[name] for name, y in columns.items() if sizes[name] > 0.0}
+
+    def left(name: str, others: Sequence[str]) -> float:
+        matrix = np.column_stack([columns[other] for other in others])
+        return float(np.sum((columns[name] - matrix @ np.linalg.lstsq(matrix, columns[name], rcond=None)[0]) ** 2))
+
+    listed = []
+    for name, turning_that_tells in TURNS_THAT_TELL.items():
+        others = [n for n in columns if n not in (name, "quadratic") and (n != BENDING or name == "quadratic")]
+        if name in columns and left(name, others) < SHARED:
+            without = {n: left(name, [other for other in others if other != n]) for n in others}
+            listed.append((name, max(without, key=without.__getitem__), turning_that_tells))
+    return listed
+
+
+LEVEL_AXLE = 0.02
+"""Elevation below which gravity across an axle hardly depends on it, rad."""
+PATH_KNOTS = 3.0
+"""Spacing of the knots of the spline that keeps what is slow of the pull of a turning arm out of the path, s."""
+ENDS = 4.0
+"""Time next to either end of a stretch over which a steady pull is kept out of the path, s."""
+
+
+def without_ends(t: Array, y: Array) -> Array:
+    """A series without the straight lines through its ends, (n,), which fade out away from them.
+
+    Next to an end no position tells an acceleration: what is steady there would seem to be a jerk.
+    """
+    left, width = y.copy(), min(ENDS, 0.3 * float(np.ptp(t)))
+    for distance in (t - t[0], t[-1] - t):
+        near = distance <= width
+        if np.count_nonzero(near) > 2:
+            far = distance[near] / width
+            line = np.polynomial.Polynomial.fit(t[near], y[near], 1)(t[near])
+            left[near] -= (1.0 - far**3 * (10.0 - 15.0 * far + 6.0 * far**2)) * line
+    return left
+
+
 def path_along(t: Array, r: Array, e: Array) -> Array:
     """The path s with s'' = e . r'', from 0 at rest at the first time on, (n,).
 
@@ -142,13 +279,52 @@ def path_along(t: Array, r: Array, e: Array) -> Array:
 
 def smoothed(t: Array, y: Array) -> tuple[Array, Array]:
     """A spline of degree 5 through a series, a knot every few readings: values and second derivatives, (n,) each."""
-    degree = min(5, len(t) - 1)
-    if degree < 1:
+    if len(t) < 2:
         return y.copy(), np.zeros_like(y)
-    inner = t[KNOT_READINGS : len(t) - KNOT_READINGS : KNOT_READINGS] if len(t) > 3 * KNOT_READINGS else t[:0]
+    spline = smooth_spline(t, y, KNOT_READINGS)
+    return np.asarray(spline(t)), np.asarray(spline(t, 2))
+
+
+def smooth_spline(t: Array, y: Array, readings: int) -> scipy.interpolate.BSpline:
+    """A spline of degree 5 through a series of (n,) with a knot at every so many readings; a lower one where few are.
+
+    Parameters
+    ----------
+    t : (n,) rising; at least 2.
+    readings : from one knot to the next.
+    """
+    degree = min(5, len(t) - 1)
+    inner = t[readings : len(t) - readings : readings] if len(t) > 3 * readings else t[:0]
     knots = np.concatenate([np.full(degree + 1, t[0]), inner, np.full(degree + 1, t[-1])])
-    spline = scipy.interpolate.make_lsq_spline(t, y, knots, k=degree)
-    return np.asarray(spline(t)), np.asarray(spline.derivative(2)(t) if degree > 1 else np.zeros_like(y))
+    return scipy.interpolate.make_lsq_spline(t, y, knots, k=degree)
+
+
+SPACINGS = (4, 8, 16, 32, 64)
+"""Readings from knot to knot of the splines tried for an angle; the widest whose rest is no larger is taken."""
+
+
+def resolving_spline(t: Array, y: Array) -> tuple[scipy.interpolate.BSpline, Array]:
+    """The smoothest spline that holds the motion of a series, and what it leaves of the motion, (n,).
+
+    A wider spacing of the knots is taken as long as the variance of the rest stays within four standard deviations of
+    that of the narrowest. Then the rest is noise, and 0 is returned in its place; of motion that even the narrowest
+    does not resolve, the rest itself.
+
+    Parameters
+    ----------
+    t : (n,) rising; at least 2.
+    y : (n,).
+    """
+    best = smooth_spline(t, y, SPACINGS[0])
+    motion = y - best(t)
+    least = float(motion @ motion) / max(1, len(t) - len(best.c))
+    for readings in SPACINGS[1:]:
+        spline = smooth_spline(t, y, readings)
+        rest = y - spline(t)
+        if float(rest @ rest) > (1.0 + 4.0 * np.sqrt(2.0 / len(t))) * least * max(1, len(t) - len(spline.c)):
+            break
+        best, motion = spline, np.zeros_like(y)
+    return best, motion
 
 
 def unbroken(t: Array) -> list[slice]:

@@ -38,7 +38,7 @@ from accelcal._support.values import listing
 from accelcal.data import units
 from accelcal.data.arrays import Array
 from accelcal.data.clocks import FEWEST_STAMPS, rounding_std, slewed, stamp_grid, steady_clock, uniform_clock
-from accelcal.data.orientation import GRAVITY, LEVERS, PLACE, TURNED
+from accelcal.data.orientation import ANGLE, GRAVITY, LEVERS, PLACE, TURNED
 from accelcal.data.recording import ORDERS, Channel, Finding, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.data.units import instant
@@ -102,12 +102,12 @@ def clean(samples: Samples, rig: Rig) -> tuple[Channel, list[Finding]]:
     _require_order(samples)
     t, y, findings = _without_duplicates(samples)
     name, unit = samples.name, samples.unit
-    t, noticed = _unrounded(name, t) if name in ("accel", "position", *PLACE) else (t, [])
+    t, noticed = _unrounded(name, t) if name in ("accel", "position", ANGLE, *PLACE) else (t, [])
     findings += noticed
     if len(t) < 2 and name in ("accel", "position"):
         raise RecordingError(_too_few(samples.file, name, len(t)))
     require_pace(samples.file, name, t)
-    if name in ("accel", "position", *ORDERS):
+    if name in ("accel", "position", ANGLE, *ORDERS):
         for better in (_unscattered, _counted_through):
             t, noticed = better(name, t, y)
             findings += noticed
@@ -627,7 +627,7 @@ def describe(recording: Recording) -> dict[str, Any]:
     -------
     ``name``, ``digest``; ``channels``: by name ``samples``, ``start_s``, ``end_s``, ``rate_hz`` (gaps left out),
     ``longest_interval_s``, ``unit``, ``min``, ``max``; ``range_used`` (share of the declared full scale, or None);
-    ``orientation``: "attitude", "gravity_along_axis", "gyroscope" or None; ``rest_s``: list of [start, end];
+    ``orientation``: "angle", "attitude", "gravity_along_axis", "gyroscope" or None; ``rest_s``: list of [start, end];
     ``dwells``: file of those fitted together with it, or None; ``findings``; ``assumptions``.
     """
     channels = [recording.accel, *([recording.position] if len(recording.position) else []), *recording.side.values()]
@@ -646,13 +646,16 @@ def describe(recording: Recording) -> dict[str, Any]:
 
 
 def orientation(recording: Recording) -> str | None:
-    """What says how the axis turns: "attitude", "gravity_along_axis" or "gyroscope"; None where nothing does."""
+    """What says how the axis turns: "angle", "attitude", "gravity_along_axis" or "gyroscope"; None: nothing does."""
+    if recording.rig.arm is not None:
+        return "angle"
     words = {"attitude": LEVERS[0], GRAVITY: GRAVITY, "gyroscope": TURNED[0]}
     return next((name for name, channel in words.items() if channel in recording.side), None)
 
 
 _ORIENTATIONS = {
     "attitude": "recorded; the acceleration along the turning axis is used, gravity included",
+    "angle": "by the angle of the arm; the acceleration along the turning axis is used, gravity included",
     GRAVITY: "gravity along the axis is recorded and used",
     "gyroscope": "angles from the gyroscope; every fit estimates gravity along the axis with their drift",
     None: "not recorded; the axis is taken to keep its direction. If the body can turn, declare gravity_along_axis, an "
@@ -704,7 +707,11 @@ def rest(recording: Recording) -> list[tuple[float, float]]:
     step = np.abs(np.diff(y))
     quantum = recording.rig.resolution or float(step.min(where=step > 0, initial=np.ptp(y)))
     limit = max(STILL_STEPS * quantum, STILL_SHARE * float(np.ptp(y)))
-    still = np.concatenate(([False], reach <= limit, [False]))
+    small = reach <= limit
+    if recording.rig.arm is not None and LEVERS[0] in recording.side:
+        turning = np.hypot(*(recording.side[name].y for name in LEVERS[:2]))
+        small &= np.maximum.reduceat(turning, edges) <= STILL_SHARE * float(np.max(turning))
+    still = np.concatenate(([False], small, [False]))
     starts, ends = np.flatnonzero(~still[:-1] & still[1:]), np.flatnonzero(still[:-1] & ~still[1:])
     last = np.append(edges[1:], len(t)) - 1
     return [(float(t[edges[a]]), float(t[last[b - 1]])) for a, b in zip(starts, ends, strict=True) if b - a >= 2]

@@ -543,7 +543,7 @@ def require_reference(channel: Channel) -> tuple[Order, str]:
     if not units.same_unit(channel.unit, order[1]):
         raise RecordingError(
             f"{channel.name} is in {channel.unit}; expected {order[1]}, or a unit that converts to it: the reference "
-            "moves along one axis, and turning tables are not calibrated"
+            "moves along one axis; the angle of an arm is [channels] angle, with arm, axle and input_axis in [rig]"
         )
     return order
 

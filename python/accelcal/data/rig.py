@@ -265,6 +265,12 @@ class Rig:
     """Standard deviation of the noise of one reading of the reference, in its unit: m of a position."""
     ratio: float | None = None
     """1 + k that the rig makes by itself, a lever or a ratio of masses; None = 1."""
+    arm: float | None = None
+    """Distance of the sensor from the axle about which it turns, m; None = it does not turn about one."""
+    arm_std: float | None = None
+    """Standard uncertainty of that distance, m; None = not declared."""
+    axle: float | None = None
+    """Elevation of that axle, rad: 0 is horizontal."""
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     tolerance: float | None = None
     """Contribution to the output below which an effect does not matter to the user, m/s²; None = not declared."""

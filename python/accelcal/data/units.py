@@ -199,7 +199,7 @@ USUAL = {
     },
     "voltage": {"uV": 1e-6, "mV": 1e-3},
     "count": {"counts": 1.0, "LSB": 1.0, "lsb": 1.0},
-    "angle": {"deg": 0.017453292519943295, "mrad": 1e-3},
+    "angle": {"deg": 0.017453292519943295, "mrad": 1e-3, **dict.fromkeys(("rev", "turn"), 6.283185307179586)},
     "angular rate": {"deg/s": 0.017453292519943295, "dps": 0.017453292519943295},
     "frequency": {"kHz": 1e3},
     "pressure": {"hPa": 1e2, "kPa": 1e3, "bar": 1e5},
@@ -318,6 +318,7 @@ SCALE_EXAMPLES = {
     "acceleration": {"V": "0.25 V/g", "count": "1024 count/g"},
     "length": {"V": "20 V/m", "count": "200 count/mm"},
     "speed": {"V": "20 V/(m/s)", "count": "1000 count/(m/s)"},
+    "angle": {"V": "2 V/rev", "count": "4096 count/rev"},
     "temperature": {"V": "10 mV/degC", "count": "10 count/degC"},
 }
 """Scale factors as a data sheet prints them, by kind of what is measured."""

@@ -55,12 +55,12 @@ def require_motion_above_noise(runs: Sequence[PreparedRun]) -> None:
 
 
 def at_rest(run: PreparedRun) -> bool:
-    """Whether the readings are noise about a steady drift, and the output explains none of it.
+    """Whether the readings are noise about a steady drift, the output explains none of it, and gravity does not turn.
 
     The second condition keeps a vibration that is smaller than the noise of a reading but that the output sees.
     """
     noise = float(np.sqrt(run.reading_variance_guess))
-    return departure(run) <= REST_NOISE_RATIO * noise and not explained(run)
+    return not run.turns and departure(run) <= REST_NOISE_RATIO * noise and not explained(run)
 
 
 def departure(run: PreparedRun) -> float:

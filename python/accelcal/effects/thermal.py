@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from accelcal.data import ANGULAR_ACCELERATION, LEVERS, RATES, TURNED, Array
+from accelcal.data import ANGULAR_ACCELERATION, BENDING, ECCENTRICITY, LEVERS, RATES, TILTS, TURNED, Array
 from accelcal.effects.building_blocks import slow
 from accelcal.effects.mechanisms import DRIVERS, POWER_ON, mechanism, product, state_of
 from accelcal.effects.registry import Search, Shape, Static, Traits, effect, enter
@@ -126,6 +126,76 @@ def lever_arm(s: Signals) -> Array:
     Separate by: turning about each axis with the tracked point at rest; a ruler.
     """
     return s.scale * np.column_stack([s.side[name] for name in LEVERS])
+
+
+@effect(
+    "axle_tilt",
+    unit="rad",
+    owner="rig",
+    symbol="th",
+    scale=1e-3,
+    source="1 mm over 1 m by a spirit level",
+    needs=TILTS,
+    parts=("sin", "cos"),
+    traits=Traits(visible=False),
+)
+def axle_tilt(s: Signals) -> Array:
+    """The axle of an arm leans, or the arm is level at another reading of the angle (derivations 7.9).
+
+    A fit has it where an angle is the reference: about a horizontal axle the cosine alone, which is the error of the
+    angle zero.
+
+    Equation: e = (1 + k) g0 (th.sin (i_r sin angle + i_t cos angle) + th.cos (i_r cos angle - i_t sin angle)), i_r and
+    i_t the components of the input axis outward along the arm and in the direction in which the angle grows.
+    Looks like: a wave once per turn of one size at all speeds.
+    Easily confused with: bias where the arm hardly turns; scale_factor about a horizontal axle.
+    Separate by: whole turns at several speeds; a level on the axle.
+    """
+    return s.scale * np.column_stack([s.side[name] for name in TILTS])
+
+
+@effect(
+    "angle_eccentricity",
+    unit="rad",
+    owner="encoder",
+    symbol="ae",
+    scale=1e-4,
+    source="5 µm between disk and axle at a radius of 50 mm",
+    needs=ECCENTRICITY,
+    parts=("sin", "cos"),
+)
+def angle_eccentricity(s: Signals) -> Array:
+    """The disk of the angle encoder sits beside the axle: an error of the angle once per turn (derivations 7.9).
+
+    Equation: the true angle is the reading plus d = ae.sin sin angle + ae.cos cos angle; e = (1 + k)(i_r (-2 r rate d'
+    + g_h cos angle d) + i_t (r d'' - g_h sin angle d)), g_h = g0 cos(elevation of the axle), i_r and i_t as in
+    axle_tilt.
+    Looks like: a wave once per turn that grows with the square of the rate.
+    Easily confused with: axle_tilt at one speed.
+    Separate by: several speeds; a second reading head across the disk.
+    """
+    return s.scale * np.column_stack([s.side[name] for name in ECCENTRICITY])
+
+
+@effect(
+    "arm_bending",
+    unit="s²",
+    owner="rig",
+    symbol="ab",
+    scale=1e-6,
+    source="0.01 % at 10 rad/s: an arm of plastics of 0.2 m that holds 50 g",
+    needs=(BENDING,),
+)
+def arm_bending(s: Signals) -> Array:
+    """The arm lengthens as it turns: r = r0 (1 + ab rate²) (derivations 7.9).
+
+    Equation: e = (1 + k) r0 ab (i_r ((rate²)'' - rate⁴) + 5 i_t rate² rate'), i_r and i_t as in axle_tilt.
+    Looks like: a residual with the fourth power of the rate.
+    Easily confused with: quadratic on a radial axis, whose a² is r² rate⁴: the same about a vertical axle.
+    Separate by: the sensor turned by 180 degrees on the arm, where a² keeps its sign; arms of two lengths; gravity
+    along the axis about a horizontal axle.
+    """
+    return s.scale * s.side[BENDING]
 
 
 @effect(

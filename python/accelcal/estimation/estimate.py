@@ -19,6 +19,7 @@ from accelcal.data import (
     DERIVED,
     LEVERS,
     STANDARD_GRAVITY,
+    TILTS,
     TURNED,
     Array,
     Dwells,
@@ -28,6 +29,7 @@ from accelcal.data import (
     high_passes,
     require_same_sensor,
 )
+from accelcal.data.orientation import LEVEL_AXLE
 from accelcal.data.recording import dwells_with_first, listed
 from accelcal.effects import BUILT_IN, CATALOGUE, find
 from accelcal.estimation.bands import best_band, change_with_band, needs_band, trial_bands
@@ -67,8 +69,19 @@ SEPARATED_BY_TURNING = tuple(effect.name for effect in BUILT_IN if effect.traits
 SEPARATED_BY_ROLLING = tuple(effect.name for effect in BUILT_IN if effect.traits.separated_by == "rolling")
 WITH_GYROSCOPE = tuple(effect.name for effect in BUILT_IN if effect.needs == TURNED)
 WITH_ATTITUDE = tuple(effect.name for effect in BUILT_IN if effect.needs == LEVERS)
+WITH_ANGLE = tuple(effect.name for effect in BUILT_IN if effect.needs == TILTS)
 DWELLS_ALONE = "dwells"
 """Method of a fit to static dwells without a motion."""
+ARM_STD = 0.01
+"""Relative standard uncertainty of an arm that is taken where none is declared: a ruler's."""
+LEAST_ARM_STD = 1e-3
+"""And that of a short one, m."""
+ACROSS_ARM = 0.01
+"""Distance of a sensor from the line of its arm that is ordinary, m."""
+AXLE_TILT = 0.02
+"""Standard uncertainty of the level of an axle, and of an angle zero, that is taken where none is declared, rad."""
+FAR_ZERO = 0.005
+"""Error of an angle zero from which on half its square shows in the scale factor, rad."""
 FARTHEST = 0.3
 """Distance of a sensor from the tracked point that is ordinary, m: where a body hardly turns, its motion says less."""
 SCALE_STD_LIMIT = 0.5
@@ -551,6 +564,13 @@ def result(solution: Solution) -> Fit:
         if not run.rig.coupled
     ]
     remarks += mostly_prior(layout, covariance, model)
+    remarks += [
+        remark("angle_zero", recording=name_of(run), degrees=math.degrees(e.value))
+        for run in runs[:1]
+        for e in estimates
+        if e.name == f"{WITH_ANGLE[0]}.cos" and run.rig.arm is not None and abs(run.rig.axle or 0.0) < LEVEL_AXLE
+        if abs(e.value) > FAR_ZERO
+    ]
     remarks += [remark("on_bound", text=text) for text in on_bounds(solution)]
     remarks += [remark("seen_by_runs", text=choice.sentence, effect=choice.effect) for choice in solution.seen_by_runs]
     still = [
@@ -709,11 +729,31 @@ def complete(model: Model, recordings: Sequence[Recording]) -> Model:
     if all(name in r.side for r in recordings for name in LEVERS):
         away = {term.name: Prior(0.0, FARTHEST) for name in WITH_ATTITUDE for term in terms_of(find(name))}
         missing = [name for name in WITH_ATTITUDE if name not in model.effects]
-        model = model.add(*missing, priors=away) if missing else model
+        if all(r.rig.arm is not None for r in recordings):
+            model = on_arms(model, [r.rig for r in recordings], away)
+        else:
+            model = model.add(*missing, priors=away) if missing else model
     unsure = max((r.rig.lowpass_prior for r in recordings), default=0.0)
     if unsure > 0.0 and "lowpass_error" not in model.effects:
         model = model.add("lowpass_error", priors={"lowpass_error": Prior(0.0, unsure)})
     return model.add(*extra) if extra else model
+
+
+def on_arms(model: Model, rigs: Sequence[Rig], away: Mapping[str, Prior]) -> Model:
+    """The model with the error of an arm, the sensor's distance from its line, and the tilt of its axle.
+
+    A turn about one axle shows no distance along it. About a horizontal axle gravity is turned, not scaled.
+    """
+    names = [name for name in (*WITH_ATTITUDE, *WITH_ANGLE) if name not in model.effects]
+    if not names:
+        return model
+    radial, across, along = away
+    sine, cosine = (term.name for term in terms_of(find(WITH_ANGLE[0])))
+    arm_std = max(rig.arm_std or max(ARM_STD * (rig.arm or 0.0), LEAST_ARM_STD) for rig in rigs)
+    level = Prior(0.0, max(rig.uncertainty.level or AXLE_TILT for rig in rigs))
+    held = {along: 0.0} | ({sine: 0.0} if all(abs(rig.axle or 0.0) < LEVEL_AXLE for rig in rigs) else {})
+    priors = {radial: Prior(0.0, arm_std), across: Prior(0.0, max(ACROSS_ARM, arm_std)), sine: level, cosine: level}
+    return model.add(*names, priors={n: p for n, p in priors.items() if n not in held}).freeze(**held)
 
 
 def without(model: Model, names: Sequence[str]) -> Model:
@@ -740,9 +780,8 @@ def require_shown(model: Model, recordings: Sequence[Recording]) -> None:
 
 
 def require_motion(run: PreparedRun) -> None:
-    """Refuse a record in which the position never changes."""
-    travel = float(np.ptp(run.z))
-    if travel == 0.0:
+    """Refuse a record in which the position never changes, and gravity along the axis does not either."""
+    if float(np.ptp(run.z)) == 0.0 and not run.turns:
         raise NotIdentifiable(
             f"{run.recording.name or 'recording'}: position is {run.z[0] + 0.0:.6g} m throughout; acceleration was not "
             "excited, so scale_factor and time_offset cannot be estimated. Record a run in which the stage moves"

@@ -143,6 +143,8 @@ def hole_variances(accel: Channel, step: float, filled: FilledSeries) -> tuple[A
 Answer = TypeVar("Answer")
 SETTLE = 5.0
 """Time constants of the filter after a start whose innovations are not used."""
+TURNED_GRAVITY = 0.05
+"""Standard deviation of gravity along the axis from which on a body turns, m/s²: 5 mrad, which no attitude errs by."""
 TOO_GOOD = 0.2
 """Crossover in sampling rates of the output above which readings are thinned: closer to it the noise of two readings is
 that of the same samples, interpolated, and no longer white from reading to reading."""
@@ -313,6 +315,12 @@ class RunSamples:
     def gravity(self) -> AxisGravity:
         """Specific force at rest along the axis."""
         return AxisGravity(self.rig.gravity, self.recording.side.get(GRAVITY), self.filters)
+
+    @property
+    def turns(self) -> bool:
+        """Whether gravity along the axis is recorded and changes: a sensor on an axle is not at rest."""
+        gravity = self.recording.side.get(GRAVITY)
+        return gravity is not None and float(np.std(gravity.y)) > TURNED_GRAVITY
 
     @cached_property
     def gravity_integrals(self) -> tuple[Array, Array]:

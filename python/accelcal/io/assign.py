@@ -13,6 +13,7 @@ import numpy as np
 from accelcal._support.errors import OBEYED_IN_NAMES, visible
 from accelcal.data import (
     ACCELERATION,
+    ANGLE,
     QUATERNION,
     VELOCITY,
     Array,
@@ -112,7 +113,7 @@ def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, 
     mapped = {source.column for source in sources.values()}
     unused, served = [], _of_clocks(declared)
     for column, (channel, own_clock) in discover(table).items():
-        moved = declared.attitude is not None or reference_among(declared.channels) is not None
+        moved = declared.turns or reference_among(declared.channels) is not None
         essential = channel == "accel" or (channel == "position" and not moved)
         if channel == "time" or channel in declared.channels or column in mapped:
             continue
@@ -451,7 +452,7 @@ IN_MEMORY = "units"
 """Where the units of arrays come from: what is missing is given, and no sidecar written."""
 MEASURED = {
     **{"accel": "acceleration", "position": "length", VELOCITY: "speed", ACCELERATION: "acceleration"},
-    **{"time": "time", "temperature": "temperature"},
+    **{"time": "time", "temperature": "temperature", ANGLE: "angle"},
 }
 """What a known channel measures; any other takes any unit."""
 

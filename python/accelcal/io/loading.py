@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from accelcal._support.arguments import checked
 from accelcal.data import (
+    ANGLE,
     DERIVED,
     GRAVITY,
     GYROSCOPE,
@@ -40,7 +41,7 @@ from accelcal.data import (
     units,
 )
 from accelcal.data.clocks import THE_OUTPUT, lost_rows, relation
-from accelcal.data.orientation import HOLE, QUATERNION_TOLERANCE, rotated, turned, turning
+from accelcal.data.orientation import HOLE, QUATERNION_TOLERANCE, on_arm, rotated, shared, turned, turning
 from accelcal.data.recording import UNITS, Origin
 from accelcal.io import naming
 from accelcal.io.assign import (
@@ -85,7 +86,7 @@ MOST_PARTS = 16
 
 def parts_of_orientation(declared: Sidecar) -> tuple[str, ...]:
     """Channels that are read as parts of an orientation, and are none of the recording."""
-    return (*PLACE, *ATTITUDE) if declared.attitude is not None else ()
+    return (*PLACE, *ATTITUDE) if declared.attitude is not None else (ANGLE,) if declared.turns else ()
 
 
 def with_orientation(
@@ -107,6 +108,8 @@ def with_orientation(
     """
     if declared.attitude is not None:
         return _of_attitude(file, dict(channels), declared)
+    if declared.angle_zero is not None:
+        return _of_angle(file, dict(channels), declared)
     gyroscope = declared.input_axis is not None
     if gyroscope:
         return _of_gyroscope(file, dict(channels), declared)
@@ -189,6 +192,58 @@ def _of_attitude(
     )
     findings.append(Finding("turning", "position", len(q), float(t[0]), text))
     return {**channels, "position": position, **directions.side}, rig, findings
+
+
+FASTEST_TURN = 0.35
+"""Turns from one reading to the next beyond which it is not sure in which direction an arm turned."""
+
+
+def _of_angle(
+    file: str, channels: dict[str, Channel], declared: Sidecar
+) -> tuple[dict[str, Channel], Rig, list[Finding]]:
+    rig, column = declared.rig, declared.channels[ANGLE].column
+    assert declared.angle_zero is not None
+    assert declared.input_axis is not None
+    assert rig.arm is not None
+    assert rig.axle is not None
+    if ANGLE not in channels or float(np.ptp(channels[ANGLE].y)) == 0.0:
+        what = f"{channels[ANGLE].y[0]:.6g} rad throughout" if ANGLE in channels else "every cell is empty"
+        raise RecordingError(
+            f'{file}: column "{column}", {ANGLE}: {what}; expected the angle of an arm that turns. Give its column, or '
+            "leave arm, axle and angle out and record a sensor at rest as a dwell ([dwell] angle)"
+        )
+    t, read, findings = channels[ANGLE].t, channels.pop(ANGLE).y, list[Finding]()
+    angle = np.unwrap(read) if float(np.ptp(read)) <= 2.0 * math.pi * 1.001 else read
+    steps = np.abs(np.diff(angle)) / (2.0 * math.pi)
+    if np.max(steps) > FASTEST_TURN:
+        first = int(np.argmax(steps > FASTEST_TURN))
+        text = (
+            f"the angle changes by up to {np.max(steps):.2g} turns from one reading to the next (first at t = "
+            f"{units.instant(t[first])} s): beyond half a turn the direction is unknown; read the encoder more often"
+        )
+        findings.append(
+            Finding("fast_angle", "position", int(np.sum(steps > FASTEST_TURN)), float(t[first]), text, "warning")
+        )
+    motion = on_arm(t, angle - declared.angle_zero, rig.arm, rig.axle, np.array(declared.input_axis))
+    turns, rate = float(np.ptp(angle)) / (2.0 * math.pi), np.abs(np.diff(angle) / np.diff(t))
+    text = (
+        f"the arm turns over {turns:.3g} turns, at up to {np.quantile(rate, 0.99):.3g} rad/s; position is the path "
+        f"along the axis on the arm, and {GRAVITY} what the axis reads beside it: {np.min(motion.gravity.y):.3g} to "
+        f"{np.max(motion.gravity.y):.3g} m/s^2"
+    )
+    findings.append(Finding("turning", "position", len(t), float(t[0]), text))
+    findings += [
+        Finding(
+            "shared",
+            name,
+            1,
+            float(t[0]),
+            f"this turning does not tell {name} from {other.replace('_', ' ')}; {turning_that_tells}",
+        )
+        for name, other, turning_that_tells in shared(motion, rig.arm, rig.axle)
+    ]
+    rig = replace(rig, gravity_along_axis=float(np.mean(motion.gravity.y)))
+    return {**channels, "position": motion.path, **motion.side}, rig, findings
 
 
 def together(parts: Sequence[Channel]) -> tuple[Array, Array]:
@@ -475,7 +530,7 @@ def recording_of(
 ) -> Recording:
     """The recording that a table holds, without its digest; parameters and errors are those of `load`."""
     path = table.path
-    needs = {"accel": need_accel, "position": need_position and declared.attitude is None}
+    needs = {"accel": need_accel, "position": need_position and not declared.turns}
     required = tuple(name for name, needed in needs.items() if needed)
     plan, unused = assign(table, declared, required)
     findings, parts = notes + unused + asked(table, declared), parts_of_orientation(declared)
@@ -520,7 +575,7 @@ def recording_of(
         origin=origin_of(table, plan, declared),
     )
     clocks = {name: source.time for name, source in plan.sources.items()}
-    told_by = "position" if reference is None else reference.name
+    told_by = ANGLE if declared.angle_zero is not None else "position" if reference is None else reference.name
     if len(accel) and clocks.get(told_by, clocks["accel"]) != clocks["accel"]:
         beside = [name for name in channels if clocks.get(name) == clocks["accel"]]
         rates = declared_rate(declared, "accel"), declared_rate(declared, told_by)

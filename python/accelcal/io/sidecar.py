@@ -18,8 +18,10 @@ from accelcal._support.arguments import check_fields
 from accelcal._support.errors import AccelcalError
 from accelcal.data import (
     ACCELERATION,
+    ANGLE,
     GRAVITY,
     GYROSCOPE,
+    LEVERS,
     NO_LABELS,
     PLACE,
     QUATERNION,
@@ -42,6 +44,9 @@ from accelcal.data.rig import KINDS, Pass, Uncertainty
 from accelcal.io.files import content_of, is_there, shown
 from accelcal.io.table import SIDECAR_BYTES, Order
 
+ASSUMED_ARM = (
+    "arm_std is not declared: 1 % of the arm is assumed, at least 1 mm; the scale factor shares it where both act alike"
+)
 ASSUMED_OFFSET_TOLERANCE = "offset_tolerance is not declared: the clocks are taken as meant to agree"
 
 
@@ -100,13 +105,20 @@ class Sidecar:
     """By channel name; without time."""
     attitude: Attitude | None = None
     input_axis: tuple[float, float, float] | None = None
-    """Direction of the input axis in axes of the sensor, of length 1."""
+    """Direction of the input axis in axes of the sensor, of length 1; on an arm outward, forward, along the axle."""
+    angle_zero: float | None = None
+    """What the angle of an arm reads where the arm is level, rad; None where there is no arm."""
     labels: RunLabels = NO_LABELS
     """When, how mounted, by whom."""
     noticed: tuple[Finding, ...] = ()
     """What was noticed in the recording that this is a part of."""
     dwell: DwellSetup | None = None
     """What is declared of dwells; None without that table."""
+
+    @property
+    def turns(self) -> bool:
+        """Whether the position is made from what is recorded of a body that turns."""
+        return self.attitude is not None or self.angle_zero is not None
 
 
 def read_sidecar(path: Path) -> Sidecar:
@@ -270,15 +282,33 @@ def _numbers(value: object) -> tuple[float, ...]:
     return numbers
 
 
+AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+ON_ARM = dict(zip(("radial", "tangential", "axial"), AXES.values(), strict=True))
+AXLES = {"horizontal": 0.0, "vertical": 0.5 * math.pi}
+"""Elevation of an axle, rad."""
+
+
 def _input_axis(value: object) -> tuple[float, float, float]:
-    """A letter, or a direction of length 1."""
-    letters = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-    if isinstance(value, str) and value in letters:
-        return letters[value]
+    """A letter, a word for a direction on an arm, or a direction of length 1."""
+    words = AXES | ON_ARM
+    if isinstance(value, str) and value in words:
+        return words[value]
+    return _unit_vector(value, '"x", "y", "z"', ', on an arm "radial", "tangential" or "axial"')
+
+
+def _axle(value: object) -> float:
+    """The elevation of an axle, rad: a word, an angle, or its direction to the east, to the north and up."""
+    if isinstance(value, str) and value in AXLES:
+        return AXLES[value]
+    if isinstance(value, str) and value[:1].isdigit():
+        return _amount("angle")(value)  # type: ignore[no-any-return]
+    return math.asin(_unit_vector(value, '"horizontal", "vertical", an elevation such as "30 deg"')[2])
+
+
+def _unit_vector(value: object, words: str, further: str = "") -> tuple[float, float, float]:
     if not isinstance(value, list) or len(value) != 3:
-        raise AccelcalError(
-            f'found {units.shown(value)}, expected "x", "y", "z" or a unit vector such as [0.0, 0.6, 0.8]'
-        )
+        vector = "a unit vector such as [0.0, 0.6, 0.8]"
+        raise AccelcalError(f"found {units.shown(value)}, expected {words} or {vector}{further}")
     x, y, z = _numbers(value)
     length = math.hypot(x, y, z)
     if not abs(length - 1.0) < UNIT_LENGTH:
@@ -522,6 +552,28 @@ def _reference(kind: str, **further: _Check) -> _Check:
     return _scaled_source(kind, **reading_checks, **_FILTERED, **further)
 
 
+def _angle(value: object) -> tuple[Source, dict[str, Any]]:
+    """The angle of an arm: its zero is a reading, in the unit of the scale or an angle."""
+
+    def zero(given: object) -> object:
+        try:
+            return _amount("angle")(given)
+        except units.UnitError as error:
+            if not isinstance(value, Mapping) or "scale" not in value:
+                raise AccelcalError(str(error)) from None
+            return _electrical(given)
+
+    amounts = {"noise": _amount("angle", "positive"), "resolution": _amount("angle", "positive")}
+    scale = partial(units.sensitivity, kind="angle")
+    values = _table(value, "", _SOURCE | amounts | {"scale": scale, "zero": zero})
+    if "column" not in values:
+        raise AccelcalError('column is missing; expected e.g. { column = "angle", unit = "deg" }')
+    level = values.pop("zero") if isinstance(values.get("zero"), float) else 0.0
+    sensitivity, electrical, _ = _scaled(values, "")
+    extra = {key: values.pop(key) for key in amounts if key in values}
+    return Source(**values, scale=sensitivity, zero=electrical or 0.0), extra | {"zero": level}
+
+
 def _noticed(value: object) -> tuple[Finding, ...]:
     try:
         findings = tuple(Finding(**entry) for entry in value)  # type: ignore[attr-defined]
@@ -695,6 +747,40 @@ KEYS: dict[str, dict[str, Key]] = {
             example='"x"',
             note="of a body that turns: x | y | z | [0.0, 0.6, 0.8], in axes of attitude or gyroscope",
         ),
+        "arm": Key(
+            _amount("length", "not negative"),
+            "rig.arm",
+            "m",
+            "mm",
+            (
+                'a length, as in `"200 mm"`',
+                "distance of the sensor from the axle about which it turns by `[channels] angle`; 0 on the axle",
+                "needed beside an angle",
+            ),
+        ),
+        "arm_std": Key(
+            _amount("length", "positive"),
+            "rig.arm_std",
+            "m",
+            "mm",
+            (
+                'a length, as in `"0.1 mm"`',
+                "standard uncertainty of the arm: it is estimated with that as its prior",
+                "1 % of the arm, at least 1 mm",
+            ),
+            assumed=ASSUMED_ARM,
+        ),
+        "axle": Key(
+            _axle,
+            "rig.axle",
+            "deg",
+            about=(
+                '`"horizontal"`, `"vertical"`, its elevation as in `"30 deg"`, or its direction to the east, to the '
+                "north and up",
+                "how much gravity turns along the axis of a sensor on an arm",
+                "needed beside an angle",
+            ),
+        ),
     },
     "clock": {
         "offset_tolerance": Key(
@@ -730,6 +816,7 @@ KEYS: dict[str, dict[str, Key]] = {
         VELOCITY: Key(_reference("speed")),
         ACCELERATION: Key(_reference("acceleration", u_zero=_amount("acceleration", "not negative"))),
         "attitude": Key(_attitude),
+        ANGLE: Key(_angle),
         "temperature": Key(_scaled_source("temperature")),
         _ANY_OTHER: Key(_scaled_source()),
     },
@@ -898,11 +985,12 @@ def _sidecar(content: Mapping[str, Any], path: Path) -> Sidecar:
         attitude, input_axis = channels.pop("attitude", None), tables["rig"].pop("input_axis", None)
         return Sidecar(
             path=path,
-            rig=_rig(tables, turning=attitude is not None),
+            rig=_rig(tables, input_axis if ANGLE in channels else None, turning=attitude is not None),
             time=Clock(rate=rate) if rate is not None else time,
             channels={name: source for name, (source, _) in channels.items()},
             attitude=attitude,
             input_axis=input_axis,
+            angle_zero=channels[ANGLE][1]["zero"] if ANGLE in channels else None,
             noticed=tables["run"].pop("noticed", ()),
             labels=RunLabels(**tables["run"]),
             dwell=_dwell(tables["dwell"]) if "dwell" in content else None,
@@ -923,6 +1011,9 @@ def _dwell(values: dict[str, Any]) -> DwellSetup:
 def _require_one_orientation(tables: Mapping[str, dict[str, Any]]) -> None:
     """Refuse an orientation that is declared twice, or in part."""
     rig, channels = tables["rig"], tables["channels"]
+    if ANGLE in channels or ("arm" in rig and LEVERS[0] not in channels):
+        _require_whole_arm(rig, channels)
+        return
     attitude, level, axis = "attitude" in channels, GRAVITY in channels, "input_axis" in rig
     given = "[channels.attitude] gives" if attitude else "channels.gravity_along_axis gives"
     twice = f"{given} gravity along the axis already; keep one of the two"
@@ -937,7 +1028,7 @@ def _require_one_orientation(tables: Mapping[str, dict[str, Any]]) -> None:
             axis and not attitude and (level or not rates),
             "rig.input_axis",
             "is the direction of the axis in a body whose turning is recorded; declare [channels.attitude] with "
-            f"{', '.join(PLACE)}, or a gyroscope as {', '.join(GYROSCOPE)}, or leave it out",
+            f"{', '.join(PLACE)}, an angle with rig.arm, or a gyroscope as {', '.join(GYROSCOPE)}, or leave it out",
         ),
         (
             axis and not attitude and rate,
@@ -971,12 +1062,43 @@ def _require_one_orientation(tables: Mapping[str, dict[str, Any]]) -> None:
             raise _KeyError(where, text)
 
 
-def _rig(tables: Mapping[str, dict[str, Any]], *, turning: bool) -> Rig:
+def _require_whole_arm(rig: Mapping[str, Any], channels: Mapping[str, Any]) -> None:
+    """Refuse the angle of an arm that is declared in part, or beside another reference."""
+    if ANGLE not in channels:
+        example = f'[channels] {ANGLE} = {{ column = "...", unit = "deg" }}'
+        raise _KeyError("rig.arm", f"is that of a sensor that turns by an angle; write {example}, or leave it out")
+    others = ("position", VELOCITY, ACCELERATION, *PLACE, "attitude", GRAVITY, *GYROSCOPE)
+    other = next((name for name in others if name in channels), "")
+    if other:
+        raise _KeyError(
+            f"channels.{other}",
+            f"beside channels.{ANGLE} the motion is made from the angle and rig.arm; leave one of the two out, or call "
+            "an angle that is no reference otherwise, shaft_angle for example",
+        )
+    for key, what in (
+        ("arm", 'the distance from the axle to the sensor; write arm = "200 mm"'),
+        ("axle", 'write axle = "horizontal", "vertical", its elevation or its direction'),
+        ("input_axis", 'write input_axis = "radial", "tangential", "axial" or a unit vector of these three'),
+    ):
+        if key not in rig:
+            raise _KeyError(f"rig.{key}", f"is missing beside channels.{ANGLE}: {what}")
+    for key in (GRAVITY, "mount"):
+        if rig.get(key, "normal") != "normal":
+            raise _KeyError(
+                f"rig.{key}", f"beside channels.{ANGLE} axle and input_axis say how the sensor points; leave it out"
+            )
+
+
+def _rig(tables: Mapping[str, dict[str, Any]], arm_axis: tuple[float, ...] | None = None, *, turning: bool) -> Rig:
     rig, channels = tables["rig"], tables["channels"]
+    turning = turning or arm_axis is not None
     lowpass, output_filters = _of_output(channels)
     reference = reference_among(channels) or "position"
     reading = channels[reference][1] if reference in channels else {}
     resolution, noise = reading.get("resolution"), reading.get("noise")
+    if arm_axis is not None:  # of the path that is made of an angle
+        reach = rig["arm"] * abs(arm_axis[1])
+        resolution, noise = (channels[ANGLE][1].get(key, 0.0) * reach or None for key in ("resolution", "noise"))
     uncertainty = dict(tables["uncertainty"])
     for key, of_budget in (("u_scale", "encoder_scale"), ("u_zero", "reference_zero")):
         if key in reading and of_budget in uncertainty:
@@ -990,7 +1112,9 @@ def _rig(tables: Mapping[str, dict[str, Any]], *, turning: bool) -> Rig:
         "tolerance of the low-pass is not declared: the fit takes its corner as exact; a delay counts as an effect "
         "only beyond 5 % of its time constant": lowpass is None or lowpass.tolerance is not None,
         "encoder resolution is not declared: position noise is estimated from the data alone": bool(resolution or noise)
-        or reference != "position",
+        or reference != "position"
+        or (arm_axis is not None and abs(arm_axis[1]) < UNIT_LENGTH),
+        ASSUMED_ARM: arm_axis is None or "arm_std" in rig,
         "sensor noise density is not declared: there is nothing to compare the fitted noise with": sensor.noise
         is not None,
         "sensor zero is not declared: 0 is assumed, so the whole electrical offset counts as bias": sensor.scale is None

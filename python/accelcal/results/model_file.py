@@ -60,7 +60,9 @@ def migrated(content: Any) -> dict[str, Any]:
         raise ModelFileError(f'found the schema "{schema}", which is no longer read; {MAKE}')
     for step in range(int(number[1]), PRESENT):
         content = STEPS[step](content)
-    return {"at_mean": [], **_without("version", _without("schema", content))}  # schema 5 began without it
+    if isinstance(rig := content.get("rig"), dict):  # schema 5 began without an arm, and without what follows
+        content = {**content, "rig": {"arm": None, "arm_std": None, "axle": None, **rig}}
+    return {"at_mean": [], **_without("version", _without("schema", content))}
 
 
 def _is_newer(version: object) -> bool:
@@ -213,6 +215,7 @@ _POSITIVE = (
     *(f"rig.sensor.{key}" for key in ("noise", "range", "bias_instability", "random_walk")),
     *(f"{path}.{key}" for path in _FILTERS for key in ("cutoff", "rate")),
     *("runs.noise.band", "rig.lowpass.cutoff", "rig.resolution", "rig.reading_noise", "rig.tolerance", "dwells.std"),
+    "rig.arm_std",
 )
 _NOT_NEGATIVE = (
     *("estimates.std", "estimates.run", "shapes.std", "at_mean.std", "runs.nis", "runs.readings", "runs.samples"),
@@ -222,6 +225,7 @@ _NOT_NEGATIVE = (
     *(f"{spectrum}.{key}" for spectrum in _SPECTRA for key in ("f", "floor")),
     *(f"rig.uncertainty.{key}" for key in ("clock_rate", "encoder_scale", "reference_zero", "level", "misalignment")),
     "rig.offset_tolerance",
+    "rig.arm",
     *("noise_effects.std", "dwells.ratio", "dwells.scatter"),
 )
 RANGES: Mapping[str, tuple[float, float]] = {
@@ -236,6 +240,7 @@ RANGES: Mapping[str, tuple[float, float]] = {
         "rig.lowpass.tolerance": (0.0, 1.0),
         "tilt": (0.0, 180.0),
         "rig.gravity_along_axis": (-1e3, 1e3),
+        "rig.axle": (-1.6, 1.6),
         "dwells.freedom": (-1e6, 1e6),
     },
     **dict.fromkeys(("estimates.run", "shapes.run", "at_mean.run"), (0.0, MOST_RUNS - 1.0)),

@@ -18,7 +18,7 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal import _core
-from accelcal.data import Array, Channel, ChannelFilter
+from accelcal.data import DERIVED, Array, Channel, ChannelFilter
 from accelcal.signals.series import lagrange_weights
 
 Section = tuple[float, float, float]
@@ -233,7 +233,13 @@ def continued(f: Array, ratio: Array, edge: float) -> float:
 
 
 def resample(channel: Channel, t: Array) -> Array:
-    """Values of a side channel at times `t`, straight lines between its samples, held beyond its ends."""
+    """Values of a side channel at times `t`, straight lines between its samples, held beyond its ends.
+
+    What follows from an orientation is part of the model of the motion, and as smooth: straight lines would cut it
+    short by (w h)²/12 at the angular frequency w, which the scale factor shows.
+    """
+    if channel.name in DERIVED:
+        return cubic(channel.t, channel.y, t)
     return np.asarray(np.interp(t, channel.t, channel.y), dtype=np.float64)
 
 

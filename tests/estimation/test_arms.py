@@ -1,0 +1,172 @@
+"""Sensors on arms about axles: how an angle is read, what is estimated, and what is said of what it leaves open."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import accelcal as ac
+from accelcal import io
+from accelcal.data.orientation import GRAVITY
+from accelcal.data.quality import describe, summarise
+from accelcal.signals import processing
+
+from .arms import Rigged, columns, record, sidecar
+
+CHI2_5 = 25.7
+"""Of five parameters, exceeded in 1e-4 of fits."""
+ARMS = {
+    "a swing about a level axle": Rigged(arm_error=3e-4, across=1e-3, zero=1e-3),
+    "whole turns, wrapped, in degrees": Rigged(motion="turns", wrap=True, zero=-1e-3, seed=3),
+    "whole turns in counts": Rigged(motion="turns", unit="count", wrap=True, input_axis="tangential", seed=4),
+    "a vertical axle that leans": Rigged(motion="turns", axle="vertical", tilt=2e-3, unit="rad", seed=5),
+    "a centrifuge": Rigged(motion="steps", axle="vertical", unit="rev", seed=6, seconds=48.0, delay=0.0),
+    "a sensor on the axle": Rigged(arm=0.0, keys={"arm_std": '"2 mm"'}, seed=7),
+}
+
+
+def errors(rig: Rigged, fit: ac.Fit) -> tuple[float, np.ndarray]:
+    """Normalised error squared of five parameters, and the error of each in standard deviations."""
+    of_axle = ("axle_tilt.cos", rig.zero) if rig.axle == "horizontal" else ("axle_tilt.sin", rig.tilt)
+    truth = {"bias": rig.bias, "scale_factor": rig.k, "time_offset": rig.delay, "lever_arm.x": rig.arm_error}
+    truth |= dict([of_axle])
+    at = [[e.name for e in fit.free].index(name) for name in truth]
+    covariance = np.asarray(fit.covariance)[np.ix_(at, at)]
+    off = np.array([fit[name].value - value for name, value in truth.items()])
+    return float(off @ np.linalg.solve(covariance, off)), off / np.sqrt(np.diag(covariance))
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_an_arm_gives_bias_scale_delay_length_and_tilt(tmp_path: Path, name: str) -> None:
+    rig = ARMS[name]
+    fit = ac.fit(record(rig, tmp_path))
+    nees, z = errors(rig, fit)
+    print(nees, z)
+    assert nees < CHI2_5
+    assert fit["lever_arm.z"].std == 0.0 == fit["lever_arm.z"].value
+
+
+def test_a_wrong_arm_shows_about_a_level_axle(tmp_path: Path) -> None:
+    rig = Rigged(arm_error=0.005, keys={"arm_std": '"1 um"'}, seconds=12.0)
+    assert errors(rig, ac.fit(record(rig, tmp_path)))[0] > 2.0 * CHI2_5
+
+
+def test_gravity_that_turns_is_not_cut_short_between_its_samples(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At 8 rad/s and 5 ms straight lines are (w h)²/8 = 2e-4 of gravity short halfway between samples."""
+    rig = Rigged(arm=0.0, keys={"arm_std": '"1 nm"'}, motion="turns", delay=0.0, seconds=12.0)
+    recording = record(replace(rig, density=1e-4), tmp_path)
+    series = recording.side[GRAVITY]
+    middle = 0.5 * (series.t[1:] + series.t[:-1])
+    exact = CubicSpline(series.t, series.y)(middle)
+    off = processing.resample(series, middle) - exact
+    monkeypatch.setattr(processing, "DERIVED", ())
+    straight = processing.resample(series, middle) - exact
+    assert np.std(off[4:-4]) < 0.05 * np.std(straight[4:-4])
+
+
+def test_the_plateaus_of_a_centrifuge_give_the_same_quadratic(tmp_path: Path) -> None:
+    """Means of twelve plateaus on a² by weighted least squares, the arm known; the fit has the ramps as well, and may
+    differ by what the plateaus leave open."""
+    rig = Rigged(motion="steps", axle="vertical", seconds=48.0, delay=0.0, quadratic=2e-4, k=0.0, seed=9)
+    rig = replace(rig, keys={"arm_std": '"1 nm"'})
+    table, each = columns(rig), rig.seconds / 12
+    t, read = table["t"], table["angle"]
+    rows = []
+    for n in range(12):
+        flat = (t > (n + 0.32) * each) & (t < (n + 0.68) * each)
+        angle = flat & np.isfinite(read)
+        rate = np.polyfit(t[angle], np.radians(read[angle]), 1)[0]
+        rows.append((-rig.arm * rate**2, np.mean(table["acc"][flat]), rig.density / np.sqrt(2.0 * 0.36 * each)))
+    a, mean, std = np.array(rows).T
+    matrix = np.column_stack([np.ones(12), a, a**2]) / std[:, None]
+    value = np.linalg.lstsq(matrix, mean / std, rcond=None)[0][2]
+    spread = np.sqrt(np.linalg.inv(matrix.T @ matrix)[2, 2])
+    fit = ac.fit(record(rig, tmp_path), ac.Model.linear().add("quadratic"))["quadratic"]
+    print(value, spread, fit.value, fit.std)
+    assert fit.std < spread
+    assert abs(fit.value - value) < 4.0 * np.sqrt(spread**2 - fit.std**2)
+    assert abs(fit.value - rig.quadratic) < 4.0 * fit.std
+
+
+def test_nothing_is_named_on_an_arm_and_an_eccentric_disk_is(tmp_path: Path) -> None:
+    """False names come in at most 3 % of records (make bench-arms)."""
+    rig = Rigged(motion="turns", delay=0.0, seed=2)
+    recording = record(rig, tmp_path)
+    found = ac.diagnose(ac.fit(recording), recording)
+    assert found.verdict == "adequate", found.sentence
+    recording = record(replace(rig, eccentricity=1e-3), tmp_path, "disk")
+    found = ac.diagnose(ac.fit(recording), recording)
+    assert "angle_eccentricity" in found.sentence, found.sentence
+
+
+def test_check_says_how_the_axis_turns_and_what_that_leaves_open(tmp_path: Path) -> None:
+    level = record(Rigged(motion="steps", seconds=12.0), tmp_path)
+    assert describe(level)["orientation"] == "angle"
+    assert describe(level)["rest_s"] == []
+    assert not [finding for finding in level.findings if finding.kind == "shared"]
+    upright = summarise(record(Rigged(motion="turns", axle="vertical", seconds=12.0), tmp_path))
+    assert "does not tell scale_factor from the length of the arm; turn the arm about a level axle" in upright
+    assert "does not tell quadratic from arm bending" in upright
+
+
+def test_an_angle_zero_that_is_far_off_is_a_remark(tmp_path: Path) -> None:
+    rig = Rigged(zero=0.05, seconds=12.0)
+    fit = ac.fit(record(rig, tmp_path))
+    sentences = [note.sentence for note in fit.remarks if note.code == "angle_zero"]
+    assert len(sentences) == 1
+    assert "2.8" in sentences[0]
+    mended = sidecar(rig).replace('unit = "deg"', f'unit = "deg", zero = "{-np.degrees(0.05):.6f} deg"')
+    (tmp_path / "arm.toml").write_text(mended)
+    fit = ac.fit(io.load(tmp_path / "arm.csv"))
+    assert not [note for note in fit.remarks if note.code == "angle_zero"]
+    assert errors(replace(rig, zero=0.0), fit)[0] < CHI2_5
+
+
+WRONG = {
+    "axle": ('axle = "horizontal"\n', "", "rig.axle: is missing beside channels.angle"),
+    "axle word": ('"horizontal"', '"diagonal"', 'expected "horizontal", "vertical"'),
+    "arm": ('arm = "0.2 m"\n', "", "rig.arm: is missing beside channels.angle"),
+    "axis": ('input_axis = "radial"\n', "", "rig.input_axis: is missing beside channels.angle"),
+    "counts": ('unit = "deg"', 'unit = "count"', 'no scale is declared; write.*scale = "4096 count/rev"'),
+    "length": ('unit = "deg"', 'unit = "mm"', "does not measure an angle"),
+    "position": ("angle =", 'position = { column = "acc", unit = "m" }\nangle =', "leave one of the two out"),
+    "mount": ("[rig]\n", '[rig]\nmount = "reversed"\n', "rig.mount: beside channels.angle axle and input_axis say"),
+    "no angle": ("angle =", "shaft_angle =", "rig.arm: is that of a sensor that turns by an angle"),
+    "zero": ('unit = "deg"', 'unit = "deg", zero = 3', "channels.angle.zero: 3 has no unit"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_declared_wrongly_is_refused_with_the_next_step(tmp_path: Path, name: str) -> None:
+    old, new, said = WRONG[name]
+    rig = Rigged(seconds=2.0)
+    record(rig, tmp_path)
+    assert sidecar(rig).count(old) == 1
+    (tmp_path / "arm.toml").write_text(sidecar(rig).replace(old, new))
+    with pytest.raises(ac.RecordingError, match=f"(?s){said}"):
+        io.load(tmp_path / "arm.csv")
+
+
+def test_an_angle_that_never_changes_is_refused(tmp_path: Path) -> None:
+    rig = Rigged(seconds=2.0)
+    record(rig, tmp_path)
+    lines = [line.rsplit(",", 1)[0] + ",12.5" for line in (tmp_path / "arm.csv").read_text().splitlines()[1:]]
+    (tmp_path / "arm.csv").write_text("\n".join(["t,acc,angle", *lines]) + "\n")
+    with pytest.raises(ac.RecordingError, match=r"0.218166 rad throughout; expected the angle of an arm that turns"):
+        io.load(tmp_path / "arm.csv")
+
+
+def test_an_arm_that_is_cut_keeps_its_priors(tmp_path: Path) -> None:
+    recording = record(Rigged(axle="vertical", motion="turns", seconds=12.0), tmp_path)
+    declared = io.write_csv(recording, tmp_path / "part.csv")
+    io.write_sidecar(recording.rig, declared, tmp_path / "part.toml")
+    again = io.load(tmp_path / "part.csv")
+    assert (again.rig.arm, again.rig.arm_std, again.rig.axle) == (0.2, 1e-3, recording.rig.axle)
+    first, second = ac.fit(recording), ac.fit(again)
+    assert second["scale_factor"].std == pytest.approx(first["scale_factor"].std, rel=1e-3)
