@@ -67,7 +67,7 @@ def test_p_of_a_block_is_as_often_small_as_stated(at: int) -> None:
 
 
 def test_raw_innovations_are_not_what_the_tests_are_for() -> None:
-    """The twin: where noise of the output dominates, e²/S is 0.7 with nothing wrong, and nearly no block holds."""
+    """The twin: where noise of the output dominates, e²/S is 0.8 with nothing wrong, and nearly no block holds."""
     rig, rng = SETTINGS[5], np.random.default_rng(3)
     chosen = settings(rig, rng)
     rows = Tracker(chosen).feed(Record(rig, rng).take(60_000))
