@@ -21,13 +21,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from scipy import stats
 
-from accelcal.data import Array, Rig, Sensor
+from accelcal.data import Array, Flags, Rig, Sensor
 from accelcal.filters.stream import Readings
 from accelcal.io.stream import Rows
 from accelcal.live.tracker import SETTLING, Alarm, InnovationMonitor, LiveSettings, Tracker, settings_of
@@ -167,15 +168,16 @@ class Remembering(InnovationMonitor):
         self.every: list[float] = []
         self.remarks = 0
 
-    def _judged(self, block: Readings) -> Alarm | None:
-        alarm = super()._judged(block)
+    def _judged(self, block: Readings, moved: Flags) -> Alarm | None:
+        alarm = super()._judged(block, moved)
         assert self.p is not None
-        self.every.append(self.p)
+        if np.sum(moved) > 0.5 * len(moved):  # the slopes alone are too small at rest
+            self.every.append(self.p)
         self.remarks += bool(self.remark)
         return alarm
 
 
-def null(task: tuple[int, int, int], hours: float = 1.0) -> dict[str, object]:
+def null(task: tuple[int, int, int], hours: float = 1.0) -> dict[str, Any]:
     """Hours of an honest rig."""
     at, run, seed = task
     rng = np.random.default_rng((seed, at, run))

@@ -111,7 +111,7 @@ def followed():
         newest, nis = Innovation(0.5 * i, 1e-7, 4e-14), Interval(1.0, 0.9, 1.1, 100)
         state = LiveState(0.5 * i, estimates, innovation=newest, nis=nis)
         history.add(LiveEvent("state", "lines", state))
-    history.add(LiveEvent("alarm", "lines", state, Alarm(4.0, "nis", 2.0, 0.9, 1.1, 100, since=3.0)))
+    history.add(LiveEvent("alarm", "lines", state, Alarm(4.0, "noise", 2.0, 0.9, 1.1, 100, since=3.0)))
     return history
 
 

@@ -264,7 +264,7 @@ class Readout:
 def nis_text(nis: Interval | None) -> str:
     """The running NIS with its interval."""
     if nis is None:
-        return "NIS: no innovation yet"
+        return "NIS: no innovation yet, or a position that stays on one count"
     return f"NIS {nis.value:.3f}; 99 % in {nis.low:.3f} to {nis.high:.3f} ({nis.readings} readings)"
 
 

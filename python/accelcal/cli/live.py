@@ -280,14 +280,16 @@ def line_of(state: sessions.LiveState) -> str:
 
 def innovation_of(state: sessions.LiveState) -> str:
     """The newest innovation and the running NIS."""
-    if state.innovation is None or state.nis is None:
+    if state.innovation is None:
         return "no innovation yet"
     e, nis = state.innovation, state.nis
     error, expected = words.number(1e6 * e.e, 3), words.number(2e6 * math.sqrt(e.variance), 3)
-    return (
-        f"innovation {error} µm, expected ± {expected}; NIS {nis.value:.3f}, 99 % in {nis.low:.3f} .. {nis.high:.3f} "
-        f"({nis.readings} readings)"
+    power = (
+        "no NIS, since the position stays on one count"
+        if nis is None
+        else f"NIS {nis.value:.3f}, 99 % in {nis.low:.3f} .. {nis.high:.3f} ({nis.readings} readings)"
     )
+    return f"innovation {error} µm, expected ± {expected}; {power}"
 
 
 def counts_of(state: sessions.LiveState) -> str:

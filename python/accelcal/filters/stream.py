@@ -195,8 +195,8 @@ def fixed_rate(
     sample, and returns the innovation or None. `run(u, z)` processes a whole record, (n,) each and NaN where position
     was not read, with results equal to the last bit; it fills `states` (n, N), `variances` (n, N), `innovations` (n,)
     and `innovation_variances` (n,) if the caller gives arrays for them. `x`, `covariance`, `innovation`,
-    `innovation_variance`, `nis`, `log_likelihood`, `rejected` and `samples` are properties; `read` copies states and
-    variances into arrays of the caller's.
+    `innovation_variance`, `nis`, `score` (of `choice.scores`), `log_likelihood`, `rejected` and `samples` are
+    properties; `read` copies states and variances into arrays of the caller's.
 
     Parameters
     ----------
@@ -235,9 +235,9 @@ MOST_EFFECTS = 14
 """Effects that the compiled filter has room for in addition to k and K0."""
 
 
-FACTORED = FilterChoice("aci", "linear", interpolation="cubic", carrier="factored", corrected=True, scores=True)
-"""First order, no integration error, UD factors, corrected for errors in variables, with scores: what runs live unless
-chosen otherwise."""
+FACTORED = FilterChoice("aci", "linear", interpolation="cubic", carrier="factored", corrected=True)
+"""First order, no integration error, UD factors, corrected for errors in variables: what runs live unless chosen
+otherwise."""
 
 
 def fixed_rate_with_effects(

@@ -349,6 +349,8 @@ fn read_factored<const N: usize, const M: usize>(
     let read = gate.admit(&innovation)?;
     if read.accepted {
         block.correct_with(tau, R, &reading, &innovation, correction);
+    } else {
+        block.score = None;
     }
     Ok(Some(read.innovation))
 }
