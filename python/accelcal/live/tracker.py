@@ -490,7 +490,7 @@ class InnovationMonitor:
             "whiteness": (tests.correlation, -correlated, correlated),
         }
         outside = [kind for kind, (value, lowest, highest) in values.items() if not lowest <= value <= highest]
-        # What the model lacks adds power: without it, a correlation is that of a filter that trusts a channel too little.
+        # What the model lacks adds power: without it, a correlation is that of a filter trusting a channel too little.
         if tests.power < low / off or (outside == ["whiteness"] and tests.power < 1.0):
             self.remark = (
                 f"the innovations have {tests.power:.3g} times the declared variance: "
