@@ -85,7 +85,8 @@ def columns(rig: Rigged) -> dict[str, np.ndarray]:
     place = reach[:, None] * outward + rig.across * forward
     acceleration = np.gradient(np.gradient(place, h, axis=0), h, axis=0)
     up = np.array([0.0, 1.0]) if rig.axle == "horizontal" else np.array([0.0, np.sin(rig.tilt)])
-    force = np.einsum("ni,ni->n", {"radial": outward, "tangential": forward}[rig.input_axis], acceleration + G * up)
+    axis = {"radial": outward, "tangential": forward}.get(rig.input_axis, np.zeros_like(outward))
+    force = np.einsum("ni,ni->n", axis, acceleration + G * up)  # an axis along the axle: gravity is in the bias
     late = np.interp(t - rig.delay, t, force)
     if rig.lag:
         decay = np.exp(-h / rig.lag)
@@ -106,7 +107,8 @@ def columns(rig: Rigged) -> dict[str, np.ndarray]:
 
 def sidecar(rig: Rigged) -> str:
     """What is declared of the rig."""
-    keys = {"arm": f'"{rig.arm} m"', "arm_std": '"1 mm"', "axle": f'"{rig.axle}"', "input_axis": f'"{rig.input_axis}"'}
+    axis = rig.input_axis if rig.input_axis.startswith("[") else f'"{rig.input_axis}"'
+    keys = {"arm": f'"{rig.arm} m"', "arm_std": '"1 mm"', "axle": f'"{rig.axle}"', "input_axis": axis}
     lines = "".join(f"{key} = {value}\n" for key, value in (keys | rig.keys).items())
     scale = ', scale = "4e6 count/rev"' if rig.unit == "count" else ""
     return (

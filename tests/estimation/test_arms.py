@@ -109,10 +109,22 @@ def test_check_says_how_the_axis_turns_and_what_that_leaves_open(tmp_path: Path)
     level = record(Rigged(motion="steps", seconds=12.0), tmp_path)
     assert describe(level)["orientation"] == "angle"
     assert describe(level)["rest_s"] == []
-    assert not [finding for finding in level.findings if finding.kind == "shared"]
+    assert not [finding for finding in level.findings if finding.kind == "tie"]
     upright = summarise(record(Rigged(motion="turns", axle="vertical", seconds=12.0), tmp_path))
     assert "does not tell scale_factor from the length of the arm; turn the arm about a level axle" in upright
     assert "does not tell quadratic from arm bending" in upright
+
+
+@pytest.mark.parametrize("axle", ["horizontal", "vertical"])
+@pytest.mark.parametrize("axis", ["axial", "[0, 0, 1]"])
+def test_an_axis_along_the_axle_reads_a_constant(tmp_path: Path, axis: str, axle: str) -> None:
+    recording = record(Rigged(input_axis=axis, axle=axle, seconds=4.0), tmp_path)
+    listed = {finding.channel: finding.text for finding in recording.findings if finding.kind == "tie"}
+    assert set(listed) == {"scale_factor", "time_offset", "quadratic"}
+    assert all("reads a constant however the arm turns" in text for text in listed.values())
+    assert recording.rig.gravity == pytest.approx(9.80665 if axle == "vertical" else 0.0, abs=1e-12)
+    with pytest.raises(ac.AccelcalError):
+        ac.fit(recording)
 
 
 def test_an_angle_zero_that_is_far_off_is_a_remark(tmp_path: Path) -> None:

@@ -190,15 +190,17 @@ TURNS_THAT_TELL = {
     "scale_factor": "turn the arm about a level axle, where gravity along it is known",
     "bias": "turn farther, at best whole turns, and at several rates, or declare [uncertainty] level",
     "time_offset": "change the rate while you record",
-    "quadratic": "turn the arm about a level axle, or fit it together with a run on an arm of another length",
+    "quadratic": "turn the arm about a level axle",
 }
 """Coefficients that an arm is for, and the motion that determines each."""
-SHARED = 1e-3
+TIED = 1e-3
 """Share of the power of a column that the others leave, below which the record does not tell it from them."""
+LEAST_CHANGE = 1e-9
+"""Root mean square of a column below which the axis reads a constant; that of the largest acceleration is above 1."""
 
 
-def shared(motion: Turning, arm: float, axle: float) -> list[tuple[str, str, str]]:
-    """What the motion of an arm does not tell apart: a coefficient, what it is one with, and the motion that would.
+def ties_of_arm(motion: Turning, arm: float, axle: float) -> list[tuple[str, str]]:
+    """Coefficients that the motion of an arm leaves open, each with a sentence: what it is one with, and what to do.
 
     Parameters
     ----------
@@ -220,18 +222,25 @@ def shared(motion: Turning, arm: float, axle: float) -> list[tuple[str, str, str
     if np.cos(axle) > np.cos(LEVEL_AXLE):
         columns.pop("the tilt of the axle")
     sizes = {name: float(np.linalg.norm(y)) for name, y in columns.items()}
-    columns = {name: y / sizes[name] for name, y in columns.items() if sizes[name] > 0.0}
+    least = LEAST_CHANGE * np.sqrt(len(a))
+    columns = {name: y / sizes[name] for name, y in columns.items() if sizes[name] > least}
 
     def left(name: str, others: Sequence[str]) -> float:
+        if not others:
+            return 1.0
         matrix = np.column_stack([columns[other] for other in others])
         return float(np.sum((columns[name] - matrix @ np.linalg.lstsq(matrix, columns[name], rcond=None)[0]) ** 2))
 
     listed = []
-    for name, turning_that_tells in TURNS_THAT_TELL.items():
+    for name, remedy in TURNS_THAT_TELL.items():
         others = [n for n in columns if n not in (name, "quadratic") and (n != BENDING or name == "quadratic")]
-        if name in columns and left(name, others) < SHARED:
+        if name not in columns:
+            text = f"the axis reads a constant however the arm turns, so it shows nothing of {name}"
+            listed.append((name, f"{text}; point it across the axle, radial or tangential, and the axle level"))
+        elif left(name, others) < TIED:
             without = {n: left(name, [other for other in others if other != n]) for n in others}
-            listed.append((name, max(without, key=without.__getitem__), turning_that_tells))
+            other = max(without, key=without.__getitem__).replace("_", " ")
+            listed.append((name, f"this turning does not tell {name} from {other}; {remedy}"))
     return listed
 
 

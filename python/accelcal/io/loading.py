@@ -41,7 +41,7 @@ from accelcal.data import (
     units,
 )
 from accelcal.data.clocks import THE_OUTPUT, lost_rows, relation
-from accelcal.data.orientation import HOLE, QUATERNION_TOLERANCE, on_arm, rotated, shared, turned, turning
+from accelcal.data.orientation import HOLE, QUATERNION_TOLERANCE, on_arm, rotated, ties_of_arm, turned, turning
 from accelcal.data.recording import UNITS, Origin
 from accelcal.io import naming
 from accelcal.io.assign import (
@@ -232,16 +232,8 @@ def _of_angle(
         f"{np.max(motion.gravity.y):.3g} m/s^2"
     )
     findings.append(Finding("turning", "position", len(t), float(t[0]), text))
-    findings += [
-        Finding(
-            "shared",
-            name,
-            1,
-            float(t[0]),
-            f"this turning does not tell {name} from {other.replace('_', ' ')}; {turning_that_tells}",
-        )
-        for name, other, turning_that_tells in shared(motion, rig.arm, rig.axle)
-    ]
+    ties = ties_of_arm(motion, rig.arm, rig.axle)
+    findings += [Finding("tie", name, 1, float(t[0]), text) for name, text in ties]
     rig = replace(rig, gravity_along_axis=float(np.mean(motion.gravity.y)))
     return {**channels, "position": motion.path, **motion.side}, rig, findings
 
