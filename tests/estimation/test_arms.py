@@ -127,6 +127,16 @@ def test_an_axis_along_the_axle_reads_a_constant(tmp_path: Path, axis: str, axle
         ac.fit(recording)
 
 
+def test_arms_of_different_length_are_not_fitted_together(tmp_path: Path) -> None:
+    short = record(Rigged(motion="turns", axle="vertical", seconds=6.0), tmp_path, "short")
+    long = record(Rigged(motion="turns", axle="vertical", arm=0.3, seconds=6.0, seed=2), tmp_path, "long")
+    assert "another length" not in summarise(short)
+    with pytest.raises(ac.RecordingError, match=r"arm = 200 mm, but .*arm = 300 mm; .*Fit each recording alone"):
+        ac.fit([short, long])
+    again = record(Rigged(motion="turns", axle="vertical", seconds=6.0, seed=2, keys={"arm": '"200 mm"'}), tmp_path, "again")
+    assert ac.fit([short, again]).runs[1].name == again.name
+
+
 def test_an_angle_zero_that_is_far_off_is_a_remark(tmp_path: Path) -> None:
     rig = Rigged(zero=0.05, seconds=12.0)
     fit = ac.fit(record(rig, tmp_path))

@@ -729,7 +729,8 @@ def complete(model: Model, recordings: Sequence[Recording]) -> Model:
     if all(name in r.side for r in recordings for name in LEVERS):
         away = {term.name: Prior(0.0, FARTHEST) for name in WITH_ATTITUDE for term in terms_of(find(name))}
         missing = [name for name in WITH_ATTITUDE if name not in model.effects]
-        if all(r.rig.arm is not None for r in recordings):
+        require_one_arm(recordings)
+        if recordings[0].rig.arm is not None:
             model = on_arms(model, [r.rig for r in recordings], away)
         else:
             model = model.add(*missing, priors=away) if missing else model
@@ -737,6 +738,28 @@ def complete(model: Model, recordings: Sequence[Recording]) -> Model:
     if unsure > 0.0 and "lowpass_error" not in model.effects:
         model = model.add("lowpass_error", priors={"lowpass_error": Prior(0.0, unsure)})
     return model.add(*extra) if extra else model
+
+
+def require_one_arm(recordings: Sequence[Recording]) -> None:
+    """Refuse recordings on arms of different length in one fit: one error of the length cannot be that of both.
+
+    Raises
+    ------
+    RecordingError
+        Naming two recordings and their arms.
+    """
+    first, *others = recordings
+    for other in others:
+        lengths = [-1.0 if r.rig.arm is None else r.rig.arm for r in (first, other)]
+        if not math.isclose(*lengths, rel_tol=1e-9):
+            arms = [
+                f"{r.name or 'recording'}: {'no arm' if r.rig.arm is None else f'arm = {1e3 * r.rig.arm:.6g} mm'}"
+                for r in (first, other)
+            ]
+            raise RecordingError(
+                f"{arms[0]}, but {arms[1]}; expected the same [rig] arm in all recordings of a fit, which estimates "
+                "one error of its length (lever_arm.x). Fit each recording alone, and compare the results"
+            )
 
 
 def on_arms(model: Model, rigs: Sequence[Rig], away: Mapping[str, Prior]) -> Model:
