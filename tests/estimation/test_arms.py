@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 import accelcal as ac
 from accelcal import io
-from accelcal.data.orientation import GRAVITY
+from accelcal.data.orientation import GRAVITY, unwrapped
 from accelcal.data.quality import describe, summarise
 from accelcal.signals import processing
 
@@ -135,6 +135,73 @@ def test_arms_of_different_length_are_not_fitted_together(tmp_path: Path) -> Non
         ac.fit([short, long])
     again = record(Rigged(motion="turns", axle="vertical", seconds=6.0, seed=2, keys={"arm": '"200 mm"'}), tmp_path, "again")
     assert ac.fit([short, again]).runs[1].name == again.name
+
+
+def turning_arm(rate: float = 6.0) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps and an angle, rad, of twelve seconds: there and back at a changing rate."""
+    t = np.arange(0.0, 12.0, 0.005)
+    return t, rate * t * (1.0 - t / 18.0) + 0.4 * np.sin(3.0 * t)
+
+
+COUNT = 2.0 * np.pi / 20000
+READ = {
+    "whole turns": lambda y: y % (2.0 * np.pi),
+    "half turns on either side": lambda y: (y + np.pi) % (2.0 * np.pi) - np.pi,
+    "many turns": lambda y: y,
+    "a counter that overflows": lambda y: (np.rint(y / COUNT) % 65536) * COUNT,
+    "a counter little larger than a turn": lambda y: (np.rint(y / COUNT) % 20160) * COUNT,
+}
+
+
+@pytest.mark.parametrize("wrong", [(), ((700, 9.0), (1501, -2.2 * np.pi), (1503, 60.0))])
+@pytest.mark.parametrize("name", READ)
+def test_jumps_are_told_from_single_wrong_readings(name: str, wrong: tuple[tuple[int, float], ...]) -> None:
+    t, angle = turning_arm()
+    read = READ[name](angle)
+    for k, size in wrong:
+        read[k] += size
+    behind = unwrapped(t, read, COUNT if "counter" in name else 0.0)
+    assert not len(behind.jumps)
+    assert set(np.flatnonzero(~behind.kept)) <= {k for k, _ in wrong}
+    right = np.setdiff1d(np.flatnonzero(behind.kept), [k for k, _ in wrong])
+    off = (behind.angle - angle[behind.kept])[np.searchsorted(np.flatnonzero(behind.kept), right)]
+    off -= 2.0 * np.pi * np.rint(off[0] / (2.0 * np.pi))
+    assert np.max(np.abs(off)) < COUNT
+    assert np.max(np.abs((behind.angle - angle[behind.kept] + np.pi) % (2.0 * np.pi) - np.pi)) < 1.0
+
+
+def test_jumps_that_nothing_explains_are_refused(tmp_path: Path) -> None:
+    t, angle = turning_arm()
+    slipped = angle + np.where(t > 5.0, 0.7 * 2.0 * np.pi, 0.0)
+    for read in (slipped, turning_arm(900.0)[1], turning_arm(900.0)[1] % (2.0 * np.pi)):
+        assert len(unwrapped(t, read).jumps)
+    record(Rigged(seconds=4.0), tmp_path)
+    head, *lines = (tmp_path / "arm.csv").read_text().splitlines()
+    rows = [line.rsplit(",", 1) for line in lines]
+    late = [f"{first},{float(y) + 250.0 * (k > 800) if y else y}" for k, (first, y) in enumerate(rows)]
+    (tmp_path / "arm.csv").write_text("\n".join([head, *late]) + "\n")
+    with pytest.raises(ac.RecordingError, match=r'"angle", angle: jumps .*: 1, .* by 0\.69\d+ turns; .*overflows\. Check'):
+        io.load(tmp_path / "arm.csv")
+
+
+def test_one_wrong_reading_leaves_the_fit_as_it_is(tmp_path: Path) -> None:
+    rig = Rigged(motion="turns", wrap=True, seconds=12.0, seed=3)
+    record(rig, tmp_path)
+    head, *lines = (tmp_path / "arm.csv").read_text().splitlines()
+    lines[2000] = lines[2000].rsplit(",", 1)[0] + ",7200"
+    (tmp_path / "arm.csv").write_text("\n".join([head, *lines]) + "\n")
+    recording = io.load(tmp_path / "arm.csv")
+    assert [finding.count for finding in recording.findings if finding.kind == "wrong_angle"] == [1]
+    assert errors(rig, ac.fit(recording))[0] < CHI2_5
+
+
+def test_a_turn_across_lost_rows_is_not_called_fast(tmp_path: Path) -> None:
+    record(Rigged(motion="turns", seconds=6.0, angle_std=1e-5), tmp_path)
+    head, *lines = (tmp_path / "arm.csv").read_text().splitlines()
+    (tmp_path / "arm.csv").write_text("\n".join([head, *lines[:900], *lines[1064:]]) + "\n")
+    recording = io.load(tmp_path / "arm.csv")
+    assert "gap" in {finding.kind for finding in recording.findings}
+    assert "fast_angle" not in {finding.kind for finding in recording.findings}
 
 
 def test_an_angle_zero_that_is_far_off_is_a_remark(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel
@@ -184,6 +185,99 @@ def on_arm(t: Array, angle: Array, arm: float, axle: float, axis: Array) -> Turn
     units = dict.fromkeys(LEVERS, "rad/s^2") | dict.fromkeys(OF_ARM, "m/s^2") | {BENDING: "m/s^4"}
     x, y, z, *further = (Channel(name, t, y, unit) for (name, unit), y in zip(units.items(), columns, strict=True))
     return Turning(Channel("position", t, path, "m"), Channel(GRAVITY, t, gravity, "m/s^2"), (x, y, z), tuple(further))
+
+
+FASTEST_TURN = 0.35
+"""Turns from one reading to the next beyond which it is not sure in which direction an arm turned."""
+HALF_TURN = 0.5
+"""Turns between two readings beyond which the reading jumped."""
+ISOLATED = 0.01
+"""Share of the readings of an angle that may be wrong, each alone between right ones."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unwrapped:
+    """An angle without the jumps of its readings at the end of their range."""
+
+    angle: Array
+    """(n,) rad, of the readings that are kept."""
+    kept: NDArray[np.bool_]
+    """(m,) False for isolated readings that jump by more than half a turn and back."""
+    modulus: float
+    """What the reading jumps by, rad; a turn where it never does, NaN where its jumps agree on nothing."""
+    jumps: NDArray[np.intp]
+    """Indices, among the kept, of readings that nothing of this explains."""
+
+
+def unwrapped(t: Array, read: Array, step: float = 0.0) -> Unwrapped:
+    """The angle behind readings that jump at a whole turn, or where their counter runs over.
+
+    Parameters
+    ----------
+    t : (m,) s. Jumps are judged within stretches without a hole.
+    read : (m,) rad.
+    step : one count, rad; 0 = not counted.
+    """
+    turns, inside = read / (2.0 * np.pi), within(t)
+    modulus = jumps_by(turns, inside, step / (2.0 * np.pi))
+
+    def wrong(d: Array) -> NDArray[np.bool_]:
+        return (np.abs(d) > HALF_TURN) & ~(np.abs(np.abs(d) - modulus) <= FASTEST_TURN)
+
+    bad = wrong(np.diff(turns)) & inside
+    bad_before, bad_behind = np.concatenate([[False], bad]), np.concatenate([bad, [False]])
+    bridged = np.concatenate([[True], ~wrong(turns[2:] - turns[:-2]), [True]])
+    bridged[[0, -1]] = ~bad[[min(1, len(bad) - 1), max(len(bad) - 2, 0)]]
+    kept = np.ones(len(t), dtype=np.bool_)
+    for k in np.flatnonzero((bad_before | bad_behind) & bridged):
+        kept[k] = k > 0 and not kept[k - 1]
+    if np.count_nonzero(~kept) > max(1.0, ISOLATED * len(t)):
+        kept[:] = True
+    turns, inside = turns[kept], within(t[kept])
+    d = np.diff(turns)
+    wraps = np.where((np.abs(d) > HALF_TURN) & (np.abs(np.abs(d) - modulus) < 0.5 * modulus), -np.sign(d), 0.0)
+    bad = wrong(d) & inside
+    bad[1:] |= (wraps[1:] * wraps[:-1] > 0.0) & inside[1:] & inside[:-1]  # none turns that fast
+    angle = turns + np.concatenate([[0.0], np.cumsum(wraps)]) * (modulus if np.isfinite(modulus) else 0.0)
+    return Unwrapped(2.0 * np.pi * angle, kept, 2.0 * np.pi * modulus, np.flatnonzero(bad) + 1)
+
+
+def jumps_by(turns: Array, inside: NDArray[np.bool_], step: float) -> float:
+    """What the readings of an angle jump by, turns: 1, or the range of a counter that runs over; NaN if neither.
+
+    The range is the median jump plus the motion meanwhile, which is that between the readings on either side; a
+    counter's is a whole number of counts.
+
+    Parameters
+    ----------
+    turns : (m,)
+    inside : (m - 1,) whether no hole is between two readings.
+    step : one count, turns; 0 = not counted.
+    """
+    d = np.diff(turns)
+    large = (np.abs(d) > HALF_TURN) & inside
+    returning = large[1:] & large[:-1] & (d[1:] * d[:-1] < 0.0)
+    alone = np.concatenate([[True], ~returning, [True]])
+    steady = np.where(large | ~inside, 0.0, d)
+    padded, counted = (np.pad(x, 1) for x in (steady, (~large & inside).astype(float)))
+    meanwhile = (padded[2:] + padded[:-2]) / np.maximum(1.0, counted[2:] + counted[:-2])
+    large &= alone[1:] & alone[:-1]
+    if not large.any():
+        return 1.0
+    modulus = float(np.median(np.abs(d[large]) - np.sign(d[large]) * meanwhile[large]))
+    span, fastest = float(np.ptp(turns[alone])), float(np.max(np.abs(steady)))
+    if abs(modulus - 1.0) <= (0.001 if span > 1.001 else 0.02 + 0.1 * fastest):
+        return 1.0
+    if abs(modulus - span) > 0.001 + 2.0 * fastest:
+        return np.nan
+    return round(modulus / step) * step if step else modulus
+
+
+def within(t: Array) -> NDArray[np.bool_]:
+    """Whether no hole lies between each time and the next, (n - 1,)."""
+    inside = np.ones(max(0, len(t) - 1), dtype=np.bool_)
+    inside[[k - 1 for k in holes(t)]] = False
+    return inside
 
 
 TURNS_THAT_TELL = {
