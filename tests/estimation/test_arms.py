@@ -227,6 +227,9 @@ WRONG = {
     "position": ("angle =", 'position = { column = "acc", unit = "m" }\nangle =', "leave one of the two out"),
     "mount": ("[rig]\n", '[rig]\nmount = "reversed"\n', "rig.mount: beside channels.angle axle and input_axis say"),
     "no angle": ("angle =", "shaft_angle =", "rig.arm: is that of a sensor that turns by an angle"),
+    "too steep": ('"horizontal"', '"120 deg"', "rig.axle: found '120 deg', expected an elevation from -90 deg to 90"),
+    "axle unit": ('"horizontal"', '"-30"', 'rig.axle: "-30" has no unit'),
+    "letter": ('"radial"', '"x"', "rig.input_axis: found 'x' beside channels.angle, expected \"radial\", \"tangential\""),
     "zero": ('unit = "deg"', 'unit = "deg", zero = 3', "channels.angle.zero: 3 has no unit"),
 }
 
@@ -240,6 +243,23 @@ def test_what_is_declared_wrongly_is_refused_with_the_next_step(tmp_path: Path, 
     (tmp_path / "arm.toml").write_text(sidecar(rig).replace(old, new))
     with pytest.raises(ac.RecordingError, match=f"(?s){said}"):
         io.load(tmp_path / "arm.csv")
+
+
+@pytest.mark.parametrize("axle", ["[0.8, 0.0, -0.6]", '"-30 deg"', '".5 rad"', '"-90 deg"', '"horizontal"'])
+def test_the_elevation_of_an_axle_is_read_as_it_was_written(tmp_path: Path, axle: str) -> None:
+    elevation = {"[": -np.arcsin(0.6), '"-3': -np.pi / 6.0, '".': 0.5, '"-9': -0.5 * np.pi, '"h': 0.0}
+    recording = record(Rigged(seconds=2.0, keys={"axle": axle}), tmp_path)
+    assert recording.rig.axle == pytest.approx(next(y for start, y in elevation.items() if axle.startswith(start)))
+    io.write_sidecar(recording.rig, io.write_csv(recording, tmp_path / "part.csv"), tmp_path / "part.toml")
+    assert io.load(tmp_path / "part.csv").rig.axle == pytest.approx(recording.rig.axle, abs=1e-15)
+
+
+def test_a_word_for_an_axis_on_an_arm_is_none_beside_a_gyroscope(tmp_path: Path) -> None:
+    rates = "".join(f'gyr_{axis} = {{ column = "angle", unit = "rad/s" }}\n' for axis in "xyz")
+    head = '[channels]\ntime = { column = "t", unit = "s" }\naccel = { column = "acc", unit = "m/s^2" }\n'
+    (tmp_path / "arm.toml").write_text(f'[rig]\ninput_axis = "radial"\n{head}{rates}')
+    with pytest.raises(ac.RecordingError, match="input_axis: found 'radial' without .*, expected \"x\", \"y\", \"z\" or"):
+        io.read_sidecar(tmp_path / "arm.toml")
 
 
 def test_an_angle_that_never_changes_is_refused(tmp_path: Path) -> None:
