@@ -564,13 +564,7 @@ def result(solution: Solution) -> Fit:
         if not run.rig.coupled
     ]
     remarks += mostly_prior(layout, covariance, model)
-    remarks += [
-        remark("angle_zero", recording=name_of(run), degrees=math.degrees(e.value))
-        for run in runs[:1]
-        for e in estimates
-        if e.name == f"{WITH_ANGLE[0]}.cos" and run.rig.arm is not None and abs(run.rig.axle or 0.0) < LEVEL_AXLE
-        if abs(e.value) > FAR_ZERO
-    ]
+    remarks += far_zeros(estimates, runs)
     remarks += [remark("on_bound", text=text) for text in on_bounds(solution)]
     remarks += [remark("seen_by_runs", text=choice.sentence, effect=choice.effect) for choice in solution.seen_by_runs]
     still = [
@@ -608,6 +602,22 @@ def result(solution: Solution) -> Fit:
         at_mean=at_means(solution),
     )
     return solution.engine.result(fit, states[0])
+
+
+def far_zeros(estimates: Sequence[Estimate], runs: Sequence[PreparedRun]) -> Iterator[Remark]:
+    """Remarks on angle zeros that are far off, of all runs on arms whose axle is not vertical.
+
+    An error z of the zero turns gravity across the axle, g cos(elevation), by z (derivations 7.9).
+    """
+    of_zero = f"{WITH_ANGLE[0]}.cos"
+    for number, run in enumerate(runs):
+        level = math.cos(run.rig.axle or 0.0)
+        if run.rig.arm is None or level < LEVEL_AXLE:
+            continue
+        for e in estimates:
+            if e.name == of_zero and e.run in (None, number) and abs(e.value / level) > FAR_ZERO:
+                z = e.value / level
+                yield remark("angle_zero", recording=name_of(run), degrees=math.degrees(z), turns=z / (2.0 * math.pi))
 
 
 def over_runs(solution: Solution) -> tuple[tuple[Estimate, ...], Array, tuple[Spread, ...]]:

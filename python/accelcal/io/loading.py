@@ -253,9 +253,9 @@ def _unwrapped(file: str, channel: Channel, source: Source) -> tuple[Array, Arra
         k = int(behind.jumps[0])
         jump = abs(channel.y[behind.kept][k] - channel.y[behind.kept][k - 1]) / turn
         raise RecordingError(
-            f'{file}: column "{source.column}", {ANGLE}: jumps of more than half a turn: {len(behind.jumps)}, the first '
-            f"at t = {units.instant(t[k])} s by {jump:.4g} turns; expected less than {FASTEST_TURN:g} turns between "
-            "readings, or jumps by a whole turn, or by the range of a counter that overflows. Check unit and scale, "
+            f'{file}: column "{source.column}", {ANGLE}: jumps of more than half a turn: {len(behind.jumps)}, the '
+            f"first at t = {units.instant(t[k])} s by {jump:.4g} turns; expected less than {FASTEST_TURN:g} turns "
+            "between readings, or jumps by a whole turn, or by the range of a counter that overflows. Check unit and scale, "
             "read the encoder more often, or load a part without the jumps (--from, --to)"
         )
     wrong = np.flatnonzero(~behind.kept)
