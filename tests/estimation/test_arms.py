@@ -14,7 +14,7 @@ import accelcal as ac
 from accelcal import io
 from accelcal.data.orientation import GRAVITY, unwrapped
 from accelcal.data.quality import describe, summarise
-from accelcal.estimation.estimate import far_zeros
+from accelcal.estimation.estimate import complete, far_zeros
 from accelcal.signals import processing
 
 from .arms import Rigged, columns, record, sidecar
@@ -226,6 +226,18 @@ def test_an_angle_zero_is_judged_about_every_axle_but_a_vertical_one(axle: float
     estimate = SimpleNamespace(name="axle_tilt.cos", run=None, value=0.008)
     turns = [note.values["turns"] for note in far_zeros([estimate], [run])]
     assert turns == pytest.approx([zero / (2.0 * np.pi) for zero in expected])
+
+
+def test_priors_that_a_model_has_stay(tmp_path: Path) -> None:
+    recording = record(Rigged(motion="turns", axle="vertical", seconds=4.0), tmp_path)
+    declared = {name: ac.Prior(0.0, 1e-5) for name in ("lever_arm.x", "lever_arm.y", "lever_arm.z")}
+    model = complete(ac.Model.linear().add("lever_arm", priors=declared), [recording])
+    assert {name: model.priors[name] for name in declared} == declared
+    assert set(model.priors) == {*declared, "axle_tilt.sin", "axle_tilt.cos"}
+    assert "lever_arm.z" not in model.fixed
+    usual = complete(ac.Model.linear(), [recording])
+    assert usual.priors["lever_arm.x"] == ac.Prior(0.0, 1e-3)
+    assert usual.fixed == {"lever_arm.z": 0.0}
 
 
 WRONG = {

@@ -775,7 +775,8 @@ def require_one_arm(recordings: Sequence[Recording]) -> None:
 def on_arms(model: Model, rigs: Sequence[Rig], away: Mapping[str, Prior]) -> Model:
     """The model with the error of an arm, the sensor's distance from its line, and the tilt of its axle.
 
-    A turn about one axle shows no distance along it. About a horizontal axle gravity is turned, not scaled.
+    A turn about one axle shows no distance along it. About a horizontal axle gravity is turned, not scaled. What the
+    model has of them stays as it is.
     """
     names = [name for name in (*WITH_ATTITUDE, *WITH_ANGLE) if name not in model.effects]
     if not names:
@@ -786,7 +787,9 @@ def on_arms(model: Model, rigs: Sequence[Rig], away: Mapping[str, Prior]) -> Mod
     level = Prior(0.0, max(rig.uncertainty.level or AXLE_TILT for rig in rigs))
     held = {along: 0.0} | ({sine: 0.0} if all(abs(rig.axle or 0.0) < LEVEL_AXLE for rig in rigs) else {})
     priors = {radial: Prior(0.0, arm_std), across: Prior(0.0, max(ACROSS_ARM, arm_std)), sine: level, cosine: level}
-    return model.add(*names, priors={n: p for n, p in priors.items() if n not in held}).freeze(**held)
+    new = {term.name for name in names for term in terms_of(find(name))}
+    model = model.add(*names, priors={n: p for n, p in priors.items() if n in new and n not in held})
+    return model.freeze(**{n: y for n, y in held.items() if n in new})
 
 
 def without(model: Model, names: Sequence[str]) -> Model:

@@ -255,8 +255,8 @@ def _unwrapped(file: str, channel: Channel, source: Source) -> tuple[Array, Arra
         raise RecordingError(
             f'{file}: column "{source.column}", {ANGLE}: jumps of more than half a turn: {len(behind.jumps)}, the '
             f"first at t = {units.instant(t[k])} s by {jump:.4g} turns; expected less than {FASTEST_TURN:g} turns "
-            "between readings, or jumps by a whole turn, or by the range of a counter that overflows. Check unit and scale, "
-            "read the encoder more often, or load a part without the jumps (--from, --to)"
+            "between readings, or jumps by a whole turn, or by the range of a counter that overflows. Check unit and "
+            "scale, read the encoder more often, or load a part without the jumps (--from, --to)"
         )
     wrong = np.flatnonzero(~behind.kept)
     if len(wrong):
