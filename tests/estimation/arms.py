@@ -64,10 +64,10 @@ def angle_of(rig: Rigged, t: np.ndarray) -> np.ndarray:
         tones = [(f, rng.uniform(0.0, 2.0 * np.pi)) for f in (0.05, 0.13, 0.31)]
         return 6.0 * t + sum(2.5 / (2.0 * np.pi * f) * np.sin(2.0 * np.pi * f * t + p) for f, p in tones)
     speeds = np.linspace(2.0, 14.0, 12)  # a centrifuge
-    each = rig.seconds / len(speeds)
+    plateau = rig.seconds / len(speeds)
     rate = np.full_like(t, speeds[0])
     for n, (low, high) in enumerate(pairwise(speeds)):
-        x = np.clip((t - (n + 0.7) * each) / (0.6 * each), 0.0, 1.0)
+        x = np.clip((t - (n + 0.7) * plateau) / (0.6 * plateau), 0.0, 1.0)
         rate += (high - low) * x**4 * (35.0 - 84.0 * x + 70.0 * x**2 - 20.0 * x**3)
     step = t[1] - t[0]
     return np.concatenate([[0.0], np.cumsum(0.5 * step * (rate[1:] + rate[:-1]))])

@@ -77,14 +77,14 @@ def test_the_plateaus_of_a_centrifuge_give_the_same_quadratic(tmp_path: Path) ->
     differ by what the plateaus leave open."""
     rig = Rigged(motion="steps", axle="vertical", seconds=48.0, delay=0.0, quadratic=2e-4, k=0.0, seed=9)
     rig = replace(rig, keys={"arm_std": '"1 nm"'})
-    table, each = columns(rig), rig.seconds / 12
+    table, plateau = columns(rig), rig.seconds / 12
     t, read = table["t"], table["angle"]
     rows = []
     for n in range(12):
-        flat = (t > (n + 0.32) * each) & (t < (n + 0.68) * each)
+        flat = (t > (n + 0.32) * plateau) & (t < (n + 0.68) * plateau)
         angle = flat & np.isfinite(read)
         rate = np.polyfit(t[angle], np.radians(read[angle]), 1)[0]
-        rows.append((-rig.arm * rate**2, np.mean(table["acc"][flat]), rig.density / np.sqrt(2.0 * 0.36 * each)))
+        rows.append((-rig.arm * rate**2, np.mean(table["acc"][flat]), rig.density / np.sqrt(2.0 * 0.36 * plateau)))
     a, mean, std = np.array(rows).T
     matrix = np.column_stack([np.ones(12), a, a**2]) / std[:, None]
     value = np.linalg.lstsq(matrix, mean / std, rcond=None)[0][2]
@@ -100,11 +100,11 @@ def test_nothing_is_named_on_an_arm_and_an_eccentric_disk_is(tmp_path: Path) -> 
     """False names come in at most 3 % of records (make bench-arms)."""
     rig = Rigged(motion="turns", delay=0.0, seed=2)
     recording = record(rig, tmp_path)
-    found = ac.diagnose(ac.fit(recording), recording)
-    assert found.verdict == "adequate", found.sentence
+    diagnosis = ac.diagnose(ac.fit(recording), recording)
+    assert diagnosis.verdict == "adequate", diagnosis.sentence
     recording = record(replace(rig, eccentricity=1e-3), tmp_path, "disk")
-    found = ac.diagnose(ac.fit(recording), recording)
-    assert "angle_eccentricity" in found.sentence, found.sentence
+    diagnosis = ac.diagnose(ac.fit(recording), recording)
+    assert "angle_eccentricity" in diagnosis.sentence, diagnosis.sentence
 
 
 def test_check_says_how_the_axis_turns_and_what_that_leaves_open(tmp_path: Path) -> None:
