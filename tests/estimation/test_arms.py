@@ -173,6 +173,25 @@ def test_jumps_are_told_from_single_wrong_readings(name: str, wrong: tuple[tuple
     assert np.max(np.abs((behind.angle - angle[behind.kept] + np.pi) % (2.0 * np.pi) - np.pi)) < 1.0
 
 
+def test_a_wrong_reading_beside_a_whole_turn_is_the_one_left_out() -> None:
+    t = 0.005 * np.arange(40)
+    angle = 2.0 * np.pi * (0.01 * np.arange(40) + 0.75)
+    read = angle % (2.0 * np.pi)
+    read[26] += 2.0 * np.pi * 2.17  # the reading before it is the first of the turn
+    behind = unwrapped(t, read)
+    assert np.flatnonzero(~behind.kept).tolist() == [26]
+    np.testing.assert_allclose(behind.angle, angle[behind.kept], atol=1e-12)
+
+
+def test_a_counter_that_runs_over_while_its_arm_is_jerked_is_exact() -> None:
+    """A range that is wrong by one count is wrong by 1.3e-4 rad at every jump, and there are 27."""
+    t, step = 0.005 * np.arange(1500), 2.0 * np.pi / 50000
+    angle = 30.0 * t + 6.0 * np.sin(8.0 * t)
+    behind = unwrapped(t, np.rint(angle / step) % 65536 * step, step)
+    assert behind.modulus == pytest.approx(65536 * step, abs=1e-9)
+    assert np.max(np.abs(behind.angle - angle)) < step
+
+
 def test_jumps_that_nothing_explains_are_refused(tmp_path: Path) -> None:
     t, angle = turning_arm()
     slipped = angle + np.where(t > 5.0, 0.7 * 2.0 * np.pi, 0.0)

@@ -225,12 +225,14 @@ def unwrapped(t: Array, read: Array, step: float = 0.0) -> Unwrapped:
         return (np.abs(d) > HALF_TURN) & ~(np.abs(np.abs(d) - modulus) <= FASTEST_TURN)
 
     bad = wrong(np.diff(turns)) & inside
-    bad_before, bad_behind = np.concatenate([[False], bad]), np.concatenate([bad, [False]])
-    bridged = np.concatenate([[True], ~wrong(turns[2:] - turns[:-2]), [True]])
-    bridged[[0, -1]] = ~bad[[min(1, len(bad) - 1), max(len(bad) - 2, 0)]]
+    count = np.pad(bad, (1, 0)).astype(int) + np.pad(bad, (0, 1))  # bad steps on both sides
+    bridges = np.pad(~wrong(turns[2:] - turns[:-2]), 1)
+    if len(bad) > 1:
+        bridges[[0, -1]] = ~bad[[1, -2]]
     kept = np.ones(len(t), dtype=np.bool_)
-    for k in np.flatnonzero((bad_before | bad_behind) & bridged):
-        kept[k] = k > 0 and not kept[k - 1]
+    for most in (2, 1):
+        for k in np.flatnonzero((count == most) & bridges):
+            kept[k] = not np.all(kept[max(0, k - 1) : k + 2])
     if np.count_nonzero(~kept) > max(1.0, ISOLATED * len(t)):
         kept[:] = True
     turns, inside = turns[kept], within(t[kept])
@@ -245,7 +247,7 @@ def unwrapped(t: Array, read: Array, step: float = 0.0) -> Unwrapped:
 def jumps_by(turns: Array, inside: NDArray[np.bool_], step: float) -> float:
     """What the readings of an angle jump by, turns: 1, or the range of a counter that runs over; NaN if neither.
 
-    The range is the median jump plus the motion meanwhile, which is that between the readings on either side; a
+    The range is the median jump plus the motion meanwhile, which a cubic through the steps on either side gives; a
     counter's is a whole number of counts.
 
     Parameters
@@ -256,16 +258,19 @@ def jumps_by(turns: Array, inside: NDArray[np.bool_], step: float) -> float:
     """
     d = np.diff(turns)
     large = (np.abs(d) > HALF_TURN) & inside
-    returning = large[1:] & large[:-1] & (d[1:] * d[:-1] < 0.0)
-    alone = np.concatenate([[True], ~returning, [True]])
-    steady = np.where(large | ~inside, 0.0, d)
-    padded, counted = (np.pad(x, 1) for x in (steady, (~large & inside).astype(float)))
-    meanwhile = (padded[2:] + padded[:-2]) / np.maximum(1.0, counted[2:] + counted[:-2])
+    spikes = large[1:] & large[:-1] & (d[1:] * d[:-1] < 0.0)
+    alone = np.concatenate([[True], ~spikes, [True]])
+    steady = np.where(large | ~inside, np.nan, d)
+    padded = np.pad(steady, 2, constant_values=np.nan)
+    near, far = (np.array([np.roll(padded, k)[2:-2] for k in (-n, n)]) for n in (1, 2))
+    cubic = np.sum(4.0 * near - far, axis=0) / 6.0
+    one_sided = np.nan_to_num(near).sum(axis=0) / np.maximum(1, np.isfinite(near).sum(axis=0))
+    meanwhile = np.where(np.isfinite(cubic), cubic, one_sided)
     large &= alone[1:] & alone[:-1]
     if not large.any():
         return 1.0
     modulus = float(np.median(np.abs(d[large]) - np.sign(d[large]) * meanwhile[large]))
-    span, fastest = float(np.ptp(turns[alone])), float(np.max(np.abs(steady)))
+    span, fastest = float(np.ptp(turns[alone])), float(np.nanmax(np.abs(steady), initial=0.0))
     if abs(modulus - 1.0) <= (0.001 if span > 1.001 else 0.02 + 0.1 * fastest):
         return 1.0
     if abs(modulus - span) > 0.001 + 2.0 * fastest:
