@@ -14,6 +14,7 @@ import accelcal as ac
 from accelcal import io
 from accelcal.data.orientation import GRAVITY, unwrapped
 from accelcal.data.quality import describe, summarise
+from accelcal.data.recording import Origin
 from accelcal.estimation.estimate import complete, far_zeros
 from accelcal.signals import processing
 
@@ -231,7 +232,7 @@ def test_an_angle_zero_that_is_far_off_is_a_remark(tmp_path: Path) -> None:
     fit = ac.fit([record(rig, tmp_path), record(replace(rig, seed=2), tmp_path, "second")])
     sentences = [note.sentence for note in fit.remarks if note.code == "angle_zero"]
     assert [sentence.split(":")[0] for sentence in sentences] == ["arm.csv", "second.csv"]
-    assert all("2.8" in sentence and "by 0.0079" in sentence for sentence in sentences)
+    assert all("level 2.8" in sentence and "degrees from" in sentence for sentence in sentences)
     mended = sidecar(rig).replace('unit = "deg"', f'unit = "deg", zero = "{-np.degrees(0.05):.6f} deg"')
     (tmp_path / "arm.toml").write_text(mended)
     fit = ac.fit(io.load(tmp_path / "arm.csv"))
@@ -241,10 +242,25 @@ def test_an_angle_zero_that_is_far_off_is_a_remark(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("axle", "expected"), [(0.0, [0.008]), (1.0, [0.008 / np.cos(1.0)]), (0.5 * np.pi, [])])
 def test_an_angle_zero_is_judged_about_every_axle_but_a_vertical_one(axle: float, expected: list[float]) -> None:
-    run = SimpleNamespace(rig=ac.Rig(arm=0.2, axle=axle), recording=SimpleNamespace(name="arm"))
+    origin = Origin(scales={"angle": (-20000 / (2.0 * np.pi), "count")})
+    run = SimpleNamespace(rig=ac.Rig(arm=0.2, axle=axle), recording=SimpleNamespace(name="arm", origin=origin))
     estimate = SimpleNamespace(name="axle_tilt.cos", run=None, value=0.008)
-    turns = [note.values["turns"] for note in far_zeros([estimate], [run])]
-    assert turns == pytest.approx([zero / (2.0 * np.pi) for zero in expected])
+    remarks = list(far_zeros([estimate], [run]))
+    assert [note.values["degrees"] for note in remarks] == pytest.approx(np.degrees(expected).tolist())
+    assert [note.values["counts"] for note in remarks] == [
+        f" ({-20000 * z / (2.0 * np.pi):.6g} count)" for z in expected
+    ]
+
+
+def test_a_zero_in_counts_is_mended_by_the_counts_that_the_remark_names(tmp_path: Path) -> None:
+    rig = Rigged(motion="turns", unit="count", zero=-0.03, seconds=12.0, seed=4)
+    fit = ac.fit(record(rig, tmp_path))
+    (counts,) = (str(note.values["counts"]) for note in fit.remarks if note.code == "angle_zero")
+    zero = -float(counts.strip(" ()").removesuffix(" count"))
+    assert zero == pytest.approx(0.03 * 4e6 / (2.0 * np.pi), rel=0.02)
+    declared = sidecar(rig).replace('unit = "count"', f'unit = "count", zero = "{zero:.0f} count"')
+    (tmp_path / "arm.toml").write_text(declared)
+    assert not [note for note in ac.fit(io.load(tmp_path / "arm.csv")).remarks if note.code == "angle_zero"]
 
 
 def test_priors_that_a_model_has_stay(tmp_path: Path) -> None:

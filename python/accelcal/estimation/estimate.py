@@ -29,7 +29,7 @@ from accelcal.data import (
     high_passes,
     require_same_sensor,
 )
-from accelcal.data.orientation import LEVEL_AXLE
+from accelcal.data.orientation import ANGLE, LEVEL_AXLE
 from accelcal.data.recording import dwells_with_first, listed
 from accelcal.effects import BUILT_IN, CATALOGUE, find
 from accelcal.estimation.bands import best_band, change_with_band, needs_band, trial_bands
@@ -616,8 +616,9 @@ def far_zeros(estimates: Sequence[Estimate], runs: Sequence[PreparedRun]) -> Ite
             continue
         for e in estimates:
             if e.name == of_zero and e.run in (None, number) and abs(e.value / level) > FAR_ZERO:
-                z = e.value / level
-                yield remark("angle_zero", recording=name_of(run), degrees=math.degrees(z), turns=z / (2.0 * math.pi))
+                z, scale = e.value / level, run.recording.origin.scales.get(ANGLE)
+                counts = "" if scale is None else f" ({z * scale[0]:.6g} {scale[1]})"
+                yield remark("angle_zero", recording=name_of(run), degrees=math.degrees(z), counts=counts)
 
 
 def over_runs(solution: Solution) -> tuple[tuple[Estimate, ...], Array, tuple[Spread, ...]]:

@@ -623,7 +623,8 @@ def origin_of(table: Table, plan: Plan, declared: Sidecar) -> Origin:
     clock = plan.sources["accel"].time if "accel" in plan.sources else None
     if clock is not None and clock.rate is None and clock.column is not None:
         columns["time"] = clock.column, stated_unit(table, plan, "time", clock.column, clock.unit)
-    return Origin(str(table.path), str(declared.path or ""), given(table.path, declared.path), columns)
+    scales = {name: source.scale[:2] for name, source in plan.sources.items() if source.scale is not None}
+    return Origin(str(table.path), str(declared.path or ""), given(table.path, declared.path), columns, scales)
 
 
 def given(path: Path, sidecar: Path | None) -> str:
