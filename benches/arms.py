@@ -86,8 +86,8 @@ def outcome_of(trial: Trial) -> Outcome:
         if trial.kind != "null":
             effect = HIDDEN[trial.kind][0]
             model = Model.linear() if effect == "time_offset" else Model.linear().add(effect)
-            known = verbs.fit(record(rig, folder), model)
-            stds = [e.std for e in known.free if e.name.partition(".")[0] == effect]
+            quiet = verbs.fit(record(rig, folder), model)
+            stds = [e.std for e in quiet.free if e.name.partition(".")[0] == effect]
             rig = replace(rig, **{trial.kind: D * min(stds)})  # type: ignore[arg-type]
             outcome["size"] = D * min(stds)
         recording = record(rig, folder)

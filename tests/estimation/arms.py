@@ -64,10 +64,10 @@ def angle_of(rig: Rigged, t: np.ndarray) -> np.ndarray:
         tones = [(f, rng.uniform(0.0, 2.0 * np.pi)) for f in (0.05, 0.13, 0.31)]
         return 6.0 * t + sum(2.5 / (2.0 * np.pi * f) * np.sin(2.0 * np.pi * f * t + p) for f, p in tones)
     speeds = np.linspace(2.0, 14.0, 12)  # a centrifuge
-    each = rig.seconds / len(speeds)
+    plateau = rig.seconds / len(speeds)
     rate = np.full_like(t, speeds[0])
     for n, (low, high) in enumerate(pairwise(speeds)):
-        x = np.clip((t - (n + 0.7) * each) / (0.6 * each), 0.0, 1.0)
+        x = np.clip((t - (n + 0.7) * plateau) / (0.6 * plateau), 0.0, 1.0)
         rate += (high - low) * x**4 * (35.0 - 84.0 * x + 70.0 * x**2 - 20.0 * x**3)
     step = t[1] - t[0]
     return np.concatenate([[0.0], np.cumsum(0.5 * step * (rate[1:] + rate[:-1]))])
@@ -85,7 +85,8 @@ def columns(rig: Rigged) -> dict[str, np.ndarray]:
     place = reach[:, None] * outward + rig.across * forward
     acceleration = np.gradient(np.gradient(place, h, axis=0), h, axis=0)
     up = np.array([0.0, 1.0]) if rig.axle == "horizontal" else np.array([0.0, np.sin(rig.tilt)])
-    force = np.einsum("ni,ni->n", {"radial": outward, "tangential": forward}[rig.input_axis], acceleration + G * up)
+    axis = {"radial": outward, "tangential": forward}.get(rig.input_axis, np.zeros_like(outward))
+    force = np.einsum("ni,ni->n", axis, acceleration + G * up)  # an axis along the axle: gravity is in the bias
     late = np.interp(t - rig.delay, t, force)
     if rig.lag:
         decay = np.exp(-h / rig.lag)
@@ -106,7 +107,8 @@ def columns(rig: Rigged) -> dict[str, np.ndarray]:
 
 def sidecar(rig: Rigged) -> str:
     """What is declared of the rig."""
-    keys = {"arm": f'"{rig.arm} m"', "arm_std": '"1 mm"', "axle": f'"{rig.axle}"', "input_axis": f'"{rig.input_axis}"'}
+    axis = rig.input_axis if rig.input_axis.startswith("[") else f'"{rig.input_axis}"'
+    keys = {"arm": f'"{rig.arm} m"', "arm_std": '"1 mm"', "axle": f'"{rig.axle}"', "input_axis": axis}
     lines = "".join(f"{key} = {value}\n" for key, value in (keys | rig.keys).items())
     scale = ', scale = "4e6 count/rev"' if rig.unit == "count" else ""
     return (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +12,10 @@ from scipy.interpolate import CubicSpline
 
 import accelcal as ac
 from accelcal import io
-from accelcal.data.orientation import GRAVITY
+from accelcal.data.orientation import GRAVITY, unwrapped
 from accelcal.data.quality import describe, summarise
+from accelcal.data.recording import Origin
+from accelcal.estimation.estimate import complete, far_zeros
 from accelcal.signals import processing
 
 from .arms import Rigged, columns, record, sidecar
@@ -75,14 +78,14 @@ def test_the_plateaus_of_a_centrifuge_give_the_same_quadratic(tmp_path: Path) ->
     differ by what the plateaus leave open."""
     rig = Rigged(motion="steps", axle="vertical", seconds=48.0, delay=0.0, quadratic=2e-4, k=0.0, seed=9)
     rig = replace(rig, keys={"arm_std": '"1 nm"'})
-    table, each = columns(rig), rig.seconds / 12
+    table, plateau = columns(rig), rig.seconds / 12
     t, read = table["t"], table["angle"]
     rows = []
     for n in range(12):
-        flat = (t > (n + 0.32) * each) & (t < (n + 0.68) * each)
+        flat = (t > (n + 0.32) * plateau) & (t < (n + 0.68) * plateau)
         angle = flat & np.isfinite(read)
         rate = np.polyfit(t[angle], np.radians(read[angle]), 1)[0]
-        rows.append((-rig.arm * rate**2, np.mean(table["acc"][flat]), rig.density / np.sqrt(2.0 * 0.36 * each)))
+        rows.append((-rig.arm * rate**2, np.mean(table["acc"][flat]), rig.density / np.sqrt(2.0 * 0.36 * plateau)))
     a, mean, std = np.array(rows).T
     matrix = np.column_stack([np.ones(12), a, a**2]) / std[:, None]
     value = np.linalg.lstsq(matrix, mean / std, rcond=None)[0][2]
@@ -98,34 +101,178 @@ def test_nothing_is_named_on_an_arm_and_an_eccentric_disk_is(tmp_path: Path) -> 
     """False names come in at most 3 % of records (make bench-arms)."""
     rig = Rigged(motion="turns", delay=0.0, seed=2)
     recording = record(rig, tmp_path)
-    found = ac.diagnose(ac.fit(recording), recording)
-    assert found.verdict == "adequate", found.sentence
+    diagnosis = ac.diagnose(ac.fit(recording), recording)
+    assert diagnosis.verdict == "adequate", diagnosis.sentence
     recording = record(replace(rig, eccentricity=1e-3), tmp_path, "disk")
-    found = ac.diagnose(ac.fit(recording), recording)
-    assert "angle_eccentricity" in found.sentence, found.sentence
+    diagnosis = ac.diagnose(ac.fit(recording), recording)
+    assert "angle_eccentricity" in diagnosis.sentence, diagnosis.sentence
 
 
 def test_check_says_how_the_axis_turns_and_what_that_leaves_open(tmp_path: Path) -> None:
     level = record(Rigged(motion="steps", seconds=12.0), tmp_path)
     assert describe(level)["orientation"] == "angle"
     assert describe(level)["rest_s"] == []
-    assert not [finding for finding in level.findings if finding.kind == "shared"]
+    assert not [finding for finding in level.findings if finding.kind == "tie"]
     upright = summarise(record(Rigged(motion="turns", axle="vertical", seconds=12.0), tmp_path))
     assert "does not tell scale_factor from the length of the arm; turn the arm about a level axle" in upright
     assert "does not tell quadratic from arm bending" in upright
 
 
+@pytest.mark.parametrize("axle", ["horizontal", "vertical"])
+@pytest.mark.parametrize("axis", ["axial", "[0, 0, 1]"])
+def test_an_axis_along_the_axle_reads_a_constant(tmp_path: Path, axis: str, axle: str) -> None:
+    recording = record(Rigged(input_axis=axis, axle=axle, seconds=4.0), tmp_path)
+    listed = {finding.channel: finding.text for finding in recording.findings if finding.kind == "tie"}
+    assert set(listed) == {"scale_factor", "time_offset", "quadratic"}
+    assert all("reads a constant however the arm turns" in text for text in listed.values())
+    assert recording.rig.gravity == pytest.approx(9.80665 if axle == "vertical" else 0.0, abs=1e-12)
+    with pytest.raises(ac.AccelcalError):
+        ac.fit(recording)
+
+
+def test_arms_of_different_length_are_not_fitted_together(tmp_path: Path) -> None:
+    short = record(Rigged(motion="turns", axle="vertical", seconds=6.0), tmp_path, "short")
+    long = record(Rigged(motion="turns", axle="vertical", arm=0.3, seconds=6.0, seed=2), tmp_path, "long")
+    assert "another length" not in summarise(short)
+    with pytest.raises(ac.RecordingError, match=r"arm = 200 mm, but .*arm = 300 mm; .*Fit each recording alone"):
+        ac.fit([short, long])
+    rig = Rigged(motion="turns", axle="vertical", seconds=6.0, seed=2, keys={"arm": '"200 mm"'})
+    again = record(rig, tmp_path, "again")
+    assert ac.fit([short, again]).runs[1].name == again.name
+
+
+def turning_arm(rate: float = 6.0) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps and an angle, rad, of twelve seconds: there and back at a changing rate."""
+    t = np.arange(0.0, 12.0, 0.005)
+    return t, rate * t * (1.0 - t / 18.0) + 0.4 * np.sin(3.0 * t)
+
+
+COUNT = 2.0 * np.pi / 20000
+READ = {
+    "whole turns": lambda y: y % (2.0 * np.pi),
+    "half turns on either side": lambda y: (y + np.pi) % (2.0 * np.pi) - np.pi,
+    "many turns": lambda y: y,
+    "a counter that overflows": lambda y: (np.rint(y / COUNT) % 65536) * COUNT,
+    "a counter little larger than a turn": lambda y: (np.rint(y / COUNT) % 20160) * COUNT,
+}
+
+
+@pytest.mark.parametrize("wrong", [(), ((700, 9.0), (1501, -2.2 * np.pi), (1503, 60.0))])
+@pytest.mark.parametrize("name", READ)
+def test_jumps_are_told_from_single_wrong_readings(name: str, wrong: tuple[tuple[int, float], ...]) -> None:
+    t, angle = turning_arm()
+    read = READ[name](angle)
+    for k, size in wrong:
+        read[k] += size
+    behind = unwrapped(t, read, COUNT if "counter" in name else 0.0)
+    assert not len(behind.jumps)
+    assert set(np.flatnonzero(~behind.kept)) <= {k for k, _ in wrong}
+    right = np.setdiff1d(np.flatnonzero(behind.kept), [k for k, _ in wrong])
+    off = (behind.angle - angle[behind.kept])[np.searchsorted(np.flatnonzero(behind.kept), right)]
+    off -= 2.0 * np.pi * np.rint(off[0] / (2.0 * np.pi))
+    assert np.max(np.abs(off)) < COUNT
+    assert np.max(np.abs((behind.angle - angle[behind.kept] + np.pi) % (2.0 * np.pi) - np.pi)) < 1.0
+
+
+def test_a_wrong_reading_beside_a_whole_turn_is_the_one_left_out() -> None:
+    t = 0.005 * np.arange(40)
+    angle = 2.0 * np.pi * (0.01 * np.arange(40) + 0.75)
+    read = angle % (2.0 * np.pi)
+    read[26] += 2.0 * np.pi * 2.17  # the reading before it is the first of the turn
+    behind = unwrapped(t, read)
+    assert np.flatnonzero(~behind.kept).tolist() == [26]
+    np.testing.assert_allclose(behind.angle, angle[behind.kept], atol=1e-12)
+
+
+def test_a_counter_that_runs_over_while_its_arm_is_jerked_is_exact() -> None:
+    """A range that is wrong by one count is wrong by 1.3e-4 rad at every jump, and there are 27."""
+    t, step = 0.005 * np.arange(1500), 2.0 * np.pi / 50000
+    angle = 30.0 * t + 6.0 * np.sin(8.0 * t)
+    behind = unwrapped(t, np.rint(angle / step) % 65536 * step, step)
+    assert behind.modulus == pytest.approx(65536 * step, abs=1e-9)
+    assert np.max(np.abs(behind.angle - angle)) < step
+
+
+def test_jumps_that_nothing_explains_are_refused(tmp_path: Path) -> None:
+    t, angle = turning_arm()
+    slipped = angle + np.where(t > 5.0, 0.7 * 2.0 * np.pi, 0.0)
+    for read in (slipped, turning_arm(900.0)[1], turning_arm(900.0)[1] % (2.0 * np.pi)):
+        assert len(unwrapped(t, read).jumps)
+    record(Rigged(seconds=4.0), tmp_path)
+    head, *lines = (tmp_path / "arm.csv").read_text().splitlines()
+    rows = [line.rsplit(",", 1) for line in lines]
+    late = [f"{first},{float(y) + 250.0 * (k > 800) if y else y}" for k, (first, y) in enumerate(rows)]
+    (tmp_path / "arm.csv").write_text("\n".join([head, *late]) + "\n")
+    with pytest.raises(ac.RecordingError, match=r"angle: jumps .*: 1, .* by 0\.69\d+ turns; .*overflows\. Check"):
+        io.load(tmp_path / "arm.csv")
+
+
+def test_one_wrong_reading_leaves_the_fit_as_it_is(tmp_path: Path) -> None:
+    rig = Rigged(motion="turns", wrap=True, seconds=12.0, seed=3)
+    record(rig, tmp_path)
+    head, *lines = (tmp_path / "arm.csv").read_text().splitlines()
+    lines[2000] = lines[2000].rsplit(",", 1)[0] + ",7200"
+    (tmp_path / "arm.csv").write_text("\n".join([head, *lines]) + "\n")
+    recording = io.load(tmp_path / "arm.csv")
+    assert [finding.count for finding in recording.findings if finding.kind == "wrong_angle"] == [1]
+    assert errors(rig, ac.fit(recording))[0] < CHI2_5
+
+
+def test_a_turn_across_lost_rows_is_not_called_fast(tmp_path: Path) -> None:
+    record(Rigged(motion="turns", seconds=6.0, angle_std=1e-5), tmp_path)
+    head, *lines = (tmp_path / "arm.csv").read_text().splitlines()
+    (tmp_path / "arm.csv").write_text("\n".join([head, *lines[:900], *lines[1064:]]) + "\n")
+    recording = io.load(tmp_path / "arm.csv")
+    assert "gap" in {finding.kind for finding in recording.findings}
+    assert "fast_angle" not in {finding.kind for finding in recording.findings}
+
+
 def test_an_angle_zero_that_is_far_off_is_a_remark(tmp_path: Path) -> None:
     rig = Rigged(zero=0.05, seconds=12.0)
-    fit = ac.fit(record(rig, tmp_path))
+    fit = ac.fit([record(rig, tmp_path), record(replace(rig, seed=2), tmp_path, "second")])
     sentences = [note.sentence for note in fit.remarks if note.code == "angle_zero"]
-    assert len(sentences) == 1
-    assert "2.8" in sentences[0]
+    assert [sentence.split(":")[0] for sentence in sentences] == ["arm.csv", "second.csv"]
+    assert all("level 2.8" in sentence and "degrees from" in sentence for sentence in sentences)
     mended = sidecar(rig).replace('unit = "deg"', f'unit = "deg", zero = "{-np.degrees(0.05):.6f} deg"')
     (tmp_path / "arm.toml").write_text(mended)
     fit = ac.fit(io.load(tmp_path / "arm.csv"))
     assert not [note for note in fit.remarks if note.code == "angle_zero"]
     assert errors(replace(rig, zero=0.0), fit)[0] < CHI2_5
+
+
+@pytest.mark.parametrize(("axle", "expected"), [(0.0, [0.008]), (1.0, [0.008 / np.cos(1.0)]), (0.5 * np.pi, [])])
+def test_an_angle_zero_is_judged_about_every_axle_but_a_vertical_one(axle: float, expected: list[float]) -> None:
+    origin = Origin(scales={"angle": (-20000 / (2.0 * np.pi), "count")})
+    run = SimpleNamespace(rig=ac.Rig(arm=0.2, axle=axle), recording=SimpleNamespace(name="arm", origin=origin))
+    estimate = SimpleNamespace(name="axle_tilt.cos", run=None, value=0.008)
+    remarks = list(far_zeros([estimate], [run]))
+    assert [note.values["degrees"] for note in remarks] == pytest.approx(np.degrees(expected).tolist())
+    assert [note.values["counts"] for note in remarks] == [
+        f" ({-20000 * z / (2.0 * np.pi):.6g} count)" for z in expected
+    ]
+
+
+def test_a_zero_in_counts_is_mended_by_the_counts_that_the_remark_names(tmp_path: Path) -> None:
+    rig = Rigged(motion="turns", unit="count", zero=-0.03, seconds=12.0, seed=4)
+    fit = ac.fit(record(rig, tmp_path))
+    (counts,) = (str(note.values["counts"]) for note in fit.remarks if note.code == "angle_zero")
+    zero = -float(counts.strip(" ()").removesuffix(" count"))
+    assert zero == pytest.approx(0.03 * 4e6 / (2.0 * np.pi), rel=0.02)
+    declared = sidecar(rig).replace('unit = "count"', f'unit = "count", zero = "{zero:.0f} count"')
+    (tmp_path / "arm.toml").write_text(declared)
+    assert not [note for note in ac.fit(io.load(tmp_path / "arm.csv")).remarks if note.code == "angle_zero"]
+
+
+def test_priors_that_a_model_has_stay(tmp_path: Path) -> None:
+    recording = record(Rigged(motion="turns", axle="vertical", seconds=4.0), tmp_path)
+    declared = {name: ac.Prior(0.0, 1e-5) for name in ("lever_arm.x", "lever_arm.y", "lever_arm.z")}
+    model = complete(ac.Model.linear().add("lever_arm", priors=declared), [recording])
+    assert {name: model.priors[name] for name in declared} == declared
+    assert set(model.priors) == {*declared, "axle_tilt.sin", "axle_tilt.cos"}
+    assert "lever_arm.z" not in model.fixed
+    usual = complete(ac.Model.linear(), [recording])
+    assert usual.priors["lever_arm.x"] == ac.Prior(0.0, 1e-3)
+    assert usual.fixed == {"lever_arm.z": 0.0}
 
 
 WRONG = {
@@ -138,6 +285,9 @@ WRONG = {
     "position": ("angle =", 'position = { column = "acc", unit = "m" }\nangle =', "leave one of the two out"),
     "mount": ("[rig]\n", '[rig]\nmount = "reversed"\n', "rig.mount: beside channels.angle axle and input_axis say"),
     "no angle": ("angle =", "shaft_angle =", "rig.arm: is that of a sensor that turns by an angle"),
+    "too steep": ('"horizontal"', '"120 deg"', "rig.axle: found '120 deg', expected an elevation from -90 deg to 90"),
+    "axle unit": ('"horizontal"', '"-30"', 'rig.axle: "-30" has no unit'),
+    "letter": ('"radial"', '"x"', "rig.input_axis: found 'x' beside channels.angle, expected .radial."),
     "zero": ('unit = "deg"', 'unit = "deg", zero = 3', "channels.angle.zero: 3 has no unit"),
 }
 
@@ -151,6 +301,23 @@ def test_what_is_declared_wrongly_is_refused_with_the_next_step(tmp_path: Path, 
     (tmp_path / "arm.toml").write_text(sidecar(rig).replace(old, new))
     with pytest.raises(ac.RecordingError, match=f"(?s){said}"):
         io.load(tmp_path / "arm.csv")
+
+
+@pytest.mark.parametrize("axle", ["[0.8, 0.0, -0.6]", '"-30 deg"', '".5 rad"', '"-90 deg"', '"horizontal"'])
+def test_the_elevation_of_an_axle_is_read_as_it_was_written(tmp_path: Path, axle: str) -> None:
+    elevation = {"[": -np.arcsin(0.6), '"-3': -np.pi / 6.0, '".': 0.5, '"-9': -0.5 * np.pi, '"h': 0.0}
+    recording = record(Rigged(seconds=2.0, keys={"axle": axle}), tmp_path)
+    assert recording.rig.axle == pytest.approx(next(y for start, y in elevation.items() if axle.startswith(start)))
+    io.write_sidecar(recording.rig, io.write_csv(recording, tmp_path / "part.csv"), tmp_path / "part.toml")
+    assert io.load(tmp_path / "part.csv").rig.axle == pytest.approx(recording.rig.axle, abs=1e-15)
+
+
+def test_a_word_for_an_axis_on_an_arm_is_none_beside_a_gyroscope(tmp_path: Path) -> None:
+    rates = "".join(f'gyr_{axis} = {{ column = "angle", unit = "rad/s" }}\n' for axis in "xyz")
+    head = '[channels]\ntime = { column = "t", unit = "s" }\naccel = { column = "acc", unit = "m/s^2" }\n'
+    (tmp_path / "arm.toml").write_text(f'[rig]\ninput_axis = "radial"\n{head}{rates}')
+    with pytest.raises(ac.RecordingError, match=r"input_axis: found 'radial' without .*, expected .x."):
+        io.read_sidecar(tmp_path / "arm.toml")
 
 
 def test_an_angle_that_never_changes_is_refused(tmp_path: Path) -> None:

@@ -261,7 +261,7 @@ def test_every_effect_that_acts_at_rest_does_so_without_motion():
         if not acts_at_rest(effect) or set(effect.needs) - {"temperature"}:
             continue
         try:
-            shape = {name: float(np.median(each.grid(s))) for name, each in effect.shapes.items() if not each.picked}
+            shape = {name: float(np.median(p.grid(s))) for name, p in effect.shapes.items() if not p.picked}
         except (ValueError, ZeroDivisionError):
             continue
         if len(shape) < len(effect.shapes):

@@ -228,9 +228,9 @@ def test_a_lever_arm_is_estimated(tmp_path: Path) -> None:
     recording = read(tmp_path, columns(fast, X, lever), TRACKED)
     found = estimate(Model.linear(), recording)
     for axis, true in zip("xyz", lever, strict=True):
-        each = found[f"lever_arm.{axis}"]
-        print(each)
-        assert abs(each.value - true) < 4.5 * each.std
+        lever = found[f"lever_arm.{axis}"]
+        print(lever)
+        assert abs(lever.value - true) < 4.5 * lever.std
     twin = estimate(Model.linear(), read(tmp_path, columns(made, X), TRACKED, "twin"))
     assert max(abs(twin[f"lever_arm.{axis}"].value) / twin[f"lever_arm.{axis}"].std for axis in "xyz") < 4.5
 

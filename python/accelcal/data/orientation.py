@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel
@@ -186,19 +187,119 @@ def on_arm(t: Array, angle: Array, arm: float, axle: float, axis: Array) -> Turn
     return Turning(Channel("position", t, path, "m"), Channel(GRAVITY, t, gravity, "m/s^2"), (x, y, z), tuple(further))
 
 
+FASTEST_TURN = 0.35
+"""Turns from one reading to the next beyond which it is not sure in which direction an arm turned."""
+HALF_TURN = 0.5
+"""Turns between two readings beyond which the reading jumped."""
+ISOLATED = 0.01
+"""Share of the readings of an angle that may be wrong, each alone between right ones."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unwrapped:
+    """An angle without the jumps of its readings at the end of their range."""
+
+    angle: Array
+    """(n,) rad, of the readings that are kept."""
+    kept: NDArray[np.bool_]
+    """(m,) False for isolated readings that jump by more than half a turn and back."""
+    modulus: float
+    """What the reading jumps by, rad; a turn where it never does, NaN where its jumps agree on nothing."""
+    jumps: NDArray[np.intp]
+    """Indices, among the kept, of readings that nothing of this explains."""
+
+
+def unwrapped(t: Array, read: Array, step: float = 0.0) -> Unwrapped:
+    """The angle behind readings that jump at a whole turn, or where their counter runs over.
+
+    Parameters
+    ----------
+    t : (m,) s. Jumps are judged within stretches without a hole.
+    read : (m,) rad.
+    step : one count, rad; 0 = not counted.
+    """
+    turns, inside = read / (2.0 * np.pi), within(t)
+    modulus = jumps_by(turns, inside, step / (2.0 * np.pi))
+
+    def wrong(d: Array) -> NDArray[np.bool_]:
+        return (np.abs(d) > HALF_TURN) & ~(np.abs(np.abs(d) - modulus) <= FASTEST_TURN)
+
+    bad = wrong(np.diff(turns)) & inside
+    count = np.pad(bad, (1, 0)).astype(int) + np.pad(bad, (0, 1))  # bad steps on both sides
+    bridges = np.pad(~wrong(turns[2:] - turns[:-2]), 1)
+    if len(bad) > 1:
+        bridges[[0, -1]] = ~bad[[1, -2]]
+    kept = np.ones(len(t), dtype=np.bool_)
+    for most in (2, 1):
+        for k in np.flatnonzero((count == most) & bridges):
+            kept[k] = not np.all(kept[max(0, k - 1) : k + 2])
+    if np.count_nonzero(~kept) > max(1.0, ISOLATED * len(t)):
+        kept[:] = True
+    turns, inside = turns[kept], within(t[kept])
+    d = np.diff(turns)
+    wraps = np.where((np.abs(d) > HALF_TURN) & (np.abs(np.abs(d) - modulus) < 0.5 * modulus), -np.sign(d), 0.0)
+    bad = wrong(d) & inside
+    bad[1:] |= (wraps[1:] * wraps[:-1] > 0.0) & inside[1:] & inside[:-1]  # none turns that fast
+    angle = turns + np.concatenate([[0.0], np.cumsum(wraps)]) * (modulus if np.isfinite(modulus) else 0.0)
+    return Unwrapped(2.0 * np.pi * angle, kept, 2.0 * np.pi * modulus, np.flatnonzero(bad) + 1)
+
+
+def jumps_by(turns: Array, inside: NDArray[np.bool_], step: float) -> float:
+    """What the readings of an angle jump by, turns: 1, or the range of a counter that runs over; NaN if neither.
+
+    The range is the median jump plus the motion meanwhile, which a cubic through the steps on either side gives; a
+    counter's is a whole number of counts.
+
+    Parameters
+    ----------
+    turns : (m,)
+    inside : (m - 1,) whether no hole is between two readings.
+    step : one count, turns; 0 = not counted.
+    """
+    d = np.diff(turns)
+    large = (np.abs(d) > HALF_TURN) & inside
+    spikes = large[1:] & large[:-1] & (d[1:] * d[:-1] < 0.0)
+    alone = np.concatenate([[True], ~spikes, [True]])
+    steady = np.where(large | ~inside, np.nan, d)
+    padded = np.pad(steady, 2, constant_values=np.nan)
+    near, far = (np.array([np.roll(padded, k)[2:-2] for k in (-n, n)]) for n in (1, 2))
+    cubic = np.sum(4.0 * near - far, axis=0) / 6.0
+    one_sided = np.nan_to_num(near).sum(axis=0) / np.maximum(1, np.isfinite(near).sum(axis=0))
+    meanwhile = np.where(np.isfinite(cubic), cubic, one_sided)
+    large &= alone[1:] & alone[:-1]
+    if not large.any():
+        return 1.0
+    modulus = float(np.median(np.abs(d[large]) - np.sign(d[large]) * meanwhile[large]))
+    span, fastest = float(np.ptp(turns[alone])), float(np.nanmax(np.abs(steady), initial=0.0))
+    if abs(modulus - 1.0) <= (0.001 if span > 1.001 else 0.02 + 0.1 * fastest):
+        return 1.0
+    if abs(modulus - span) > 0.001 + 2.0 * fastest:
+        return np.nan
+    return round(modulus / step) * step if step else modulus
+
+
+def within(t: Array) -> NDArray[np.bool_]:
+    """Whether no hole lies between each time and the next, (n - 1,)."""
+    inside = np.ones(max(0, len(t) - 1), dtype=np.bool_)
+    inside[[k - 1 for k in holes(t)]] = False
+    return inside
+
+
 TURNS_THAT_TELL = {
     "scale_factor": "turn the arm about a level axle, where gravity along it is known",
     "bias": "turn farther, at best whole turns, and at several rates, or declare [uncertainty] level",
     "time_offset": "change the rate while you record",
-    "quadratic": "turn the arm about a level axle, or fit it together with a run on an arm of another length",
+    "quadratic": "turn the arm about a level axle",
 }
 """Coefficients that an arm is for, and the motion that determines each."""
-SHARED = 1e-3
+TIED = 1e-3
 """Share of the power of a column that the others leave, below which the record does not tell it from them."""
+LEAST_CHANGE = 1e-9
+"""Root mean square of a column below which the axis reads a constant; that of the largest acceleration is above 1."""
 
 
-def shared(motion: Turning, arm: float, axle: float) -> list[tuple[str, str, str]]:
-    """What the motion of an arm does not tell apart: a coefficient, what it is one with, and the motion that would.
+def ties_of_arm(motion: Turning, arm: float, axle: float) -> list[tuple[str, str]]:
+    """Coefficients that the motion of an arm leaves open, each with a sentence: what it is one with, and what to do.
 
     Parameters
     ----------
@@ -220,18 +321,25 @@ def shared(motion: Turning, arm: float, axle: float) -> list[tuple[str, str, str
     if np.cos(axle) > np.cos(LEVEL_AXLE):
         columns.pop("the tilt of the axle")
     sizes = {name: float(np.linalg.norm(y)) for name, y in columns.items()}
-    columns = {name: y / sizes[name] for name, y in columns.items() if sizes[name] > 0.0}
+    least = LEAST_CHANGE * np.sqrt(len(a))
+    columns = {name: y / sizes[name] for name, y in columns.items() if sizes[name] > least}
 
     def left(name: str, others: Sequence[str]) -> float:
+        if not others:
+            return 1.0
         matrix = np.column_stack([columns[other] for other in others])
         return float(np.sum((columns[name] - matrix @ np.linalg.lstsq(matrix, columns[name], rcond=None)[0]) ** 2))
 
     listed = []
-    for name, turning_that_tells in TURNS_THAT_TELL.items():
+    for name, remedy in TURNS_THAT_TELL.items():
         others = [n for n in columns if n not in (name, "quadratic") and (n != BENDING or name == "quadratic")]
-        if name in columns and left(name, others) < SHARED:
+        if name not in columns:
+            text = f"the axis reads a constant however the arm turns, so it shows nothing of {name}"
+            listed.append((name, f"{text}; point it across the axle, radial or tangential, and the axle level"))
+        elif left(name, others) < TIED:
             without = {n: left(name, [other for other in others if other != n]) for n in others}
-            listed.append((name, max(without, key=without.__getitem__), turning_that_tells))
+            other = max(without, key=without.__getitem__).replace("_", " ")
+            listed.append((name, f"this turning does not tell {name} from {other}; {remedy}"))
     return listed
 
 

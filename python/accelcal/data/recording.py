@@ -211,6 +211,8 @@ class Origin:
     """What a command is given to read it, as a shell takes it; empty where the channels were arrays."""
     columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """Column and unit by channel, those of the stamps of the output as "time"."""
+    scales: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+    """By channel, where one is declared beside the column: counts or V for each SI unit, and which of both."""
 
 
 WrongKind = Literal["denied", "saturated", "stuck", "other_scale", "unrelated", "lost_signal"]

@@ -29,7 +29,7 @@ from accelcal.data import (
     high_passes,
     require_same_sensor,
 )
-from accelcal.data.orientation import LEVEL_AXLE
+from accelcal.data.orientation import ANGLE, LEVEL_AXLE
 from accelcal.data.recording import dwells_with_first, listed
 from accelcal.effects import BUILT_IN, CATALOGUE, find
 from accelcal.estimation.bands import best_band, change_with_band, needs_band, trial_bands
@@ -564,13 +564,7 @@ def result(solution: Solution) -> Fit:
         if not run.rig.coupled
     ]
     remarks += mostly_prior(layout, covariance, model)
-    remarks += [
-        remark("angle_zero", recording=name_of(run), degrees=math.degrees(e.value))
-        for run in runs[:1]
-        for e in estimates
-        if e.name == f"{WITH_ANGLE[0]}.cos" and run.rig.arm is not None and abs(run.rig.axle or 0.0) < LEVEL_AXLE
-        if abs(e.value) > FAR_ZERO
-    ]
+    remarks += far_zeros(estimates, runs)
     remarks += [remark("on_bound", text=text) for text in on_bounds(solution)]
     remarks += [remark("seen_by_runs", text=choice.sentence, effect=choice.effect) for choice in solution.seen_by_runs]
     still = [
@@ -608,6 +602,23 @@ def result(solution: Solution) -> Fit:
         at_mean=at_means(solution),
     )
     return solution.engine.result(fit, states[0])
+
+
+def far_zeros(estimates: Sequence[Estimate], runs: Sequence[PreparedRun]) -> Iterator[Remark]:
+    """Remarks on angle zeros that are far off, of all runs on arms whose axle is not vertical.
+
+    An error z of the zero turns gravity across the axle, g cos(elevation), by z (derivations 7.9).
+    """
+    of_zero = f"{WITH_ANGLE[0]}.cos"
+    for number, run in enumerate(runs):
+        level = math.cos(run.rig.axle or 0.0)
+        if run.rig.arm is None or level < LEVEL_AXLE:
+            continue
+        for e in estimates:
+            if e.name == of_zero and e.run in (None, number) and abs(e.value / level) > FAR_ZERO:
+                z, scale = e.value / level, run.recording.origin.scales.get(ANGLE)
+                counts = "" if scale is None else f" ({z * scale[0]:.6g} {scale[1]})"
+                yield remark("angle_zero", recording=name_of(run), degrees=math.degrees(z), counts=counts)
 
 
 def over_runs(solution: Solution) -> tuple[tuple[Estimate, ...], Array, tuple[Spread, ...]]:
@@ -729,7 +740,8 @@ def complete(model: Model, recordings: Sequence[Recording]) -> Model:
     if all(name in r.side for r in recordings for name in LEVERS):
         away = {term.name: Prior(0.0, FARTHEST) for name in WITH_ATTITUDE for term in terms_of(find(name))}
         missing = [name for name in WITH_ATTITUDE if name not in model.effects]
-        if all(r.rig.arm is not None for r in recordings):
+        require_one_arm(recordings)
+        if recordings[0].rig.arm is not None:
             model = on_arms(model, [r.rig for r in recordings], away)
         else:
             model = model.add(*missing, priors=away) if missing else model
@@ -739,10 +751,33 @@ def complete(model: Model, recordings: Sequence[Recording]) -> Model:
     return model.add(*extra) if extra else model
 
 
+def require_one_arm(recordings: Sequence[Recording]) -> None:
+    """Refuse recordings on arms of different length in one fit: one error of the length cannot be that of both.
+
+    Raises
+    ------
+    RecordingError
+        Naming two recordings and their arms.
+    """
+    first, *others = recordings
+    for other in others:
+        lengths = [-1.0 if r.rig.arm is None else r.rig.arm for r in (first, other)]
+        if not math.isclose(*lengths, rel_tol=1e-9):
+            arms = [
+                f"{r.name or 'recording'}: {'no arm' if r.rig.arm is None else f'arm = {1e3 * r.rig.arm:.6g} mm'}"
+                for r in (first, other)
+            ]
+            raise RecordingError(
+                f"{arms[0]}, but {arms[1]}; expected the same [rig] arm in all recordings of a fit, which estimates "
+                "one error of its length (lever_arm.x). Fit each recording alone, and compare the results"
+            )
+
+
 def on_arms(model: Model, rigs: Sequence[Rig], away: Mapping[str, Prior]) -> Model:
     """The model with the error of an arm, the sensor's distance from its line, and the tilt of its axle.
 
-    A turn about one axle shows no distance along it. About a horizontal axle gravity is turned, not scaled.
+    A turn about one axle shows no distance along it. About a horizontal axle gravity is turned, not scaled. What the
+    model has of them stays as it is.
     """
     names = [name for name in (*WITH_ATTITUDE, *WITH_ANGLE) if name not in model.effects]
     if not names:
@@ -753,7 +788,9 @@ def on_arms(model: Model, rigs: Sequence[Rig], away: Mapping[str, Prior]) -> Mod
     level = Prior(0.0, max(rig.uncertainty.level or AXLE_TILT for rig in rigs))
     held = {along: 0.0} | ({sine: 0.0} if all(abs(rig.axle or 0.0) < LEVEL_AXLE for rig in rigs) else {})
     priors = {radial: Prior(0.0, arm_std), across: Prior(0.0, max(ACROSS_ARM, arm_std)), sine: level, cosine: level}
-    return model.add(*names, priors={n: p for n, p in priors.items() if n not in held}).freeze(**held)
+    new = {term.name for name in names for term in terms_of(find(name))}
+    model = model.add(*names, priors={n: p for n, p in priors.items() if n in new and n not in held})
+    return model.freeze(**{n: y for n, y in held.items() if n in new})
 
 
 def without(model: Model, names: Sequence[str]) -> Model:

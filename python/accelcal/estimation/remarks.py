@@ -242,8 +242,8 @@ KINDS: dict[str, Kind] = {
     "mostly_prior": Kind("beside", "{parameter} is dominated by its prior, {mean:g} ± {std:g}: the record says little"),
     "angle_zero": Kind(
         "beside",
-        "{recording}: the arm is level {degrees:.3g} degrees from the declared zero of the angle; reduce zero in "
-        "[channels] angle by that and fit again, for the scale factor errs by half the square of that angle",
+        "{recording}: the arm is level {degrees:.3g} degrees{counts} from the declared zero of the angle; reduce zero "
+        "in [channels] angle by that and fit again, for the scale factor errs by half the square of that angle",
     ),
     "on_bound": Kind("beside", "{text}"),
     "seen_by_runs": Kind("beside", "{text}"),

@@ -41,7 +41,18 @@ from accelcal.data import (
     units,
 )
 from accelcal.data.clocks import THE_OUTPUT, lost_rows, relation
-from accelcal.data.orientation import HOLE, QUATERNION_TOLERANCE, on_arm, rotated, shared, turned, turning
+from accelcal.data.orientation import (
+    FASTEST_TURN,
+    HOLE,
+    QUATERNION_TOLERANCE,
+    on_arm,
+    rotated,
+    ties_of_arm,
+    turned,
+    turning,
+    unwrapped,
+    within,
+)
 from accelcal.data.recording import UNITS, Origin
 from accelcal.io import naming
 from accelcal.io.assign import (
@@ -194,10 +205,6 @@ def _of_attitude(
     return {**channels, "position": position, **directions.side}, rig, findings
 
 
-FASTEST_TURN = 0.35
-"""Turns from one reading to the next beyond which it is not sure in which direction an arm turned."""
-
-
 def _of_angle(
     file: str, channels: dict[str, Channel], declared: Sidecar
 ) -> tuple[dict[str, Channel], Rig, list[Finding]]:
@@ -212,9 +219,8 @@ def _of_angle(
             f'{file}: column "{column}", {ANGLE}: {what}; expected the angle of an arm that turns. Give its column, or '
             "leave arm, axle and angle out and record a sensor at rest as a dwell ([dwell] angle)"
         )
-    t, read, findings = channels[ANGLE].t, channels.pop(ANGLE).y, list[Finding]()
-    angle = np.unwrap(read) if float(np.ptp(read)) <= 2.0 * math.pi * 1.001 else read
-    steps = np.abs(np.diff(angle)) / (2.0 * math.pi)
+    t, angle, findings = _unwrapped(file, channels.pop(ANGLE), declared.channels[ANGLE])
+    steps = np.abs(np.diff(angle)) / (2.0 * math.pi) * within(t)
     if np.max(steps) > FASTEST_TURN:
         first = int(np.argmax(steps > FASTEST_TURN))
         text = (
@@ -232,18 +238,41 @@ def _of_angle(
         f"{np.max(motion.gravity.y):.3g} m/s^2"
     )
     findings.append(Finding("turning", "position", len(t), float(t[0]), text))
-    findings += [
-        Finding(
-            "shared",
-            name,
-            1,
-            float(t[0]),
-            f"this turning does not tell {name} from {other.replace('_', ' ')}; {turning_that_tells}",
-        )
-        for name, other, turning_that_tells in shared(motion, rig.arm, rig.axle)
-    ]
+    ties = ties_of_arm(motion, rig.arm, rig.axle)
+    findings += [Finding("tie", name, 1, float(t[0]), text) for name, text in ties]
     rig = replace(rig, gravity_along_axis=float(np.mean(motion.gravity.y)))
     return {**channels, "position": motion.path, **motion.side}, rig, findings
+
+
+def _unwrapped(file: str, channel: Channel, source: Source) -> tuple[Array, Array, list[Finding]]:
+    """Times (n,) s and angles (n,) rad without jumps, and what was noticed of these."""
+    counted = source.scale is not None and source.scale[1] == "count"
+    behind = unwrapped(channel.t, channel.y, 1.0 / abs(source.scale[0]) if counted and source.scale else 0.0)
+    t, turn, findings = channel.t[behind.kept], 2.0 * math.pi, list[Finding]()
+    if len(behind.jumps):
+        k = int(behind.jumps[0])
+        jump = abs(channel.y[behind.kept][k] - channel.y[behind.kept][k - 1]) / turn
+        raise RecordingError(
+            f'{file}: column "{source.column}", {ANGLE}: jumps of more than half a turn: {len(behind.jumps)}, the '
+            f"first at t = {units.instant(t[k])} s by {jump:.4g} turns; expected less than {FASTEST_TURN:g} turns "
+            "between readings, or jumps by a whole turn, or by the range of a counter that overflows. Check unit and "
+            "scale, read the encoder more often, or load a part without the jumps (--from, --to)"
+        )
+    wrong = np.flatnonzero(~behind.kept)
+    if len(wrong):
+        text = (
+            f"readings of the angle that jump by more than half a turn and back are left out: {len(wrong)}, the first "
+            f"at t = {units.instant(channel.t[wrong[0]])} s"
+        )
+        findings.append(Finding("wrong_angle", "position", len(wrong), float(channel.t[wrong[0]]), text, "warning"))
+    if behind.modulus != turn:
+        size = behind.modulus * abs(source.scale[0]) if counted and source.scale else behind.modulus / turn
+        text = (
+            f"the reading of the angle overflows after {size:.6g} {'counts' if counted else 'turns'}, which are "
+            f"{behind.modulus / turn:.5g} turns; it is continued across the jumps"
+        )
+        findings.append(Finding("overflow", "position", 1, float(t[0]), text))
+    return t, behind.angle, findings
 
 
 def together(parts: Sequence[Channel]) -> tuple[Array, Array]:
@@ -594,7 +623,8 @@ def origin_of(table: Table, plan: Plan, declared: Sidecar) -> Origin:
     clock = plan.sources["accel"].time if "accel" in plan.sources else None
     if clock is not None and clock.rate is None and clock.column is not None:
         columns["time"] = clock.column, stated_unit(table, plan, "time", clock.column, clock.unit)
-    return Origin(str(table.path), str(declared.path or ""), given(table.path, declared.path), columns)
+    scales = {name: source.scale[:2] for name, source in plan.sources.items() if source.scale is not None}
+    return Origin(str(table.path), str(declared.path or ""), given(table.path, declared.path), columns, scales)
 
 
 def given(path: Path, sidecar: Path | None) -> str:

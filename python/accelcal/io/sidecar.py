@@ -284,6 +284,7 @@ def _numbers(value: object) -> tuple[float, ...]:
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 ON_ARM = dict(zip(("radial", "tangential", "axial"), AXES.values(), strict=True))
+_LETTERS = '"x", "y", "z" or a unit vector'
 AXLES = {"horizontal": 0.0, "vertical": 0.5 * math.pi}
 """Elevation of an axle, rad."""
 
@@ -300,8 +301,11 @@ def _axle(value: object) -> float:
     """The elevation of an axle, rad: a word, an angle, or its direction to the east, to the north and up."""
     if isinstance(value, str) and value in AXLES:
         return AXLES[value]
-    if isinstance(value, str) and value[:1].isdigit():
-        return _amount("angle")(value)  # type: ignore[no-any-return]
+    if isinstance(value, str) and any(letter.isdigit() for letter in value):
+        elevation: float = _amount("angle")(value)
+        if abs(elevation) > AXLES["vertical"]:
+            raise AccelcalError(f"found {units.shown(value)}, expected an elevation from -90 deg to 90 deg")
+        return elevation
     return math.asin(_unit_vector(value, '"horizontal", "vertical", an elevation such as "30 deg"')[2])
 
 
@@ -982,6 +986,7 @@ def _sidecar(content: Mapping[str, Any], path: Path) -> Sidecar:
         if time is not None and rate is not None:
             raise _KeyError("channels.rate", "there is a time as well; keep one of the two")
         _require_one_orientation(tables)
+        _require_word_of_rig(content.get("rig", {}).get("input_axis"), arm=ANGLE in channels)
         attitude, input_axis = channels.pop("attitude", None), tables["rig"].pop("input_axis", None)
         return Sidecar(
             path=path,
@@ -1038,7 +1043,7 @@ def _require_one_orientation(tables: Mapping[str, dict[str, Any]]) -> None:
         (
             attitude and not axis,
             "rig.input_axis",
-            'is missing beside [channels.attitude]; write input_axis = "x", "y", "z" or a unit vector',
+            f"is missing beside [channels.attitude]; write input_axis = {_LETTERS}",
         ),
         (
             attitude and place,
@@ -1060,6 +1065,14 @@ def _require_one_orientation(tables: Mapping[str, dict[str, Any]]) -> None:
     for wrong, where, text in faults:
         if wrong:
             raise _KeyError(where, text)
+
+
+def _require_word_of_rig(axis: object, *, arm: bool) -> None:
+    """Refuse a word for the input axis that is one of another rig."""
+    if isinstance(axis, str) and (axis in ON_ARM) != arm:
+        words = '"radial", "tangential", "axial" or a unit vector of these three' if arm else _LETTERS
+        beside = f"beside channels.{ANGLE}" if arm else f"without channels.{ANGLE}"
+        raise _KeyError("rig.input_axis", f"found {units.shown(axis)} {beside}, expected {words}")
 
 
 def _require_whole_arm(rig: Mapping[str, Any], channels: Mapping[str, Any]) -> None:

@@ -42,6 +42,7 @@ def joined(output: Recording, reference: Recording, rates: Rates = (None, None))
             file="",
             given=f"{output.origin.given} --position {quote(reference.origin.file)}",
             columns={**reference.origin.columns, **output.origin.columns},
+            scales={**reference.origin.scales, **output.origin.scales},
         ),
         position=reference.position,
         rig=rig,
