@@ -132,6 +132,7 @@ g = 9.80665 * m / s ** 2 = _ = g0 = gn
 Gal = 0.01 * m / s ** 2
 Hz = 1 / s
 deg = 0.017453292519943295 * rad
+rev = 6.283185307179586 * rad = _ = turn
 dps = deg / s
 N = kg * m / s ** 2
 Pa = N / m ** 2

@@ -391,7 +391,7 @@ class InnovationMonitor:
     >>> rows[:, 0], rows[:, 4], rows[:, 3:6:2] = np.arange(100), np.random.default_rng(1).standard_normal(100), 1.0
     >>> monitor.add(Readings(rows))
     []
-    >>> rows[:, 4] *= 3.0
+    >>> rows[:, 4] *= 1.8
     >>> [alarm.kind for alarm in monitor.add(Readings(rows))]
     ['noise']
     """
