@@ -159,19 +159,19 @@ READ = {
 
 @pytest.mark.parametrize("wrong", [(), ((700, 9.0), (1501, -2.2 * np.pi), (1503, 60.0))])
 @pytest.mark.parametrize("name", READ)
-def test_jumps_are_told_from_single_wrong_readings(name: str, wrong: tuple[tuple[int, float], ...]) -> None:
+def test_jumps_and_single_wrong_readings_are_distinguished(name: str, wrong: tuple[tuple[int, float], ...]) -> None:
     t, angle = turning_arm()
     read = READ[name](angle)
     for k, size in wrong:
         read[k] += size
     behind = unwrapped(t, read, COUNT if "counter" in name else 0.0)
     assert not len(behind.jumps)
-    assert set(np.flatnonzero(~behind.kept)) <= {k for k, _ in wrong}
-    right = np.setdiff1d(np.flatnonzero(behind.kept), [k for k, _ in wrong])
-    off = (behind.angle - angle[behind.kept])[np.searchsorted(np.flatnonzero(behind.kept), right)]
+    assert set(np.flatnonzero(~behind.valid)) <= {k for k, _ in wrong}
+    right = np.setdiff1d(np.flatnonzero(behind.valid), [k for k, _ in wrong])
+    off = (behind.angle - angle[behind.valid])[np.searchsorted(np.flatnonzero(behind.valid), right)]
     off -= 2.0 * np.pi * np.rint(off[0] / (2.0 * np.pi))
     assert np.max(np.abs(off)) < COUNT
-    assert np.max(np.abs((behind.angle - angle[behind.kept] + np.pi) % (2.0 * np.pi) - np.pi)) < 1.0
+    assert np.max(np.abs((behind.angle - angle[behind.valid] + np.pi) % (2.0 * np.pi) - np.pi)) < 1.0
 
 
 def test_a_wrong_reading_beside_a_whole_turn_is_the_one_left_out() -> None:
@@ -180,8 +180,8 @@ def test_a_wrong_reading_beside_a_whole_turn_is_the_one_left_out() -> None:
     read = angle % (2.0 * np.pi)
     read[26] += 2.0 * np.pi * 2.17  # the reading before it is the first of the turn
     behind = unwrapped(t, read)
-    assert np.flatnonzero(~behind.kept).tolist() == [26]
-    np.testing.assert_allclose(behind.angle, angle[behind.kept], atol=1e-12)
+    assert np.flatnonzero(~behind.valid).tolist() == [26]
+    np.testing.assert_allclose(behind.angle, angle[behind.valid], atol=1e-12)
 
 
 def test_a_counter_that_runs_over_while_its_arm_is_jerked_is_exact() -> None:
@@ -252,7 +252,7 @@ def test_an_angle_zero_is_judged_about_every_axle_but_a_vertical_one(axle: float
     ]
 
 
-def test_a_zero_in_counts_is_mended_by_the_counts_that_the_remark_names(tmp_path: Path) -> None:
+def test_a_zero_in_counts_is_right_with_the_counts_that_the_remark_names(tmp_path: Path) -> None:
     rig = Rigged(motion="turns", unit="count", zero=-0.03, seconds=12.0, seed=4)
     fit = ac.fit(record(rig, tmp_path))
     (counts,) = (str(note.values["counts"]) for note in fit.remarks if note.code == "angle_zero")

@@ -200,13 +200,13 @@ class Unwrapped:
     """An angle without the jumps of its readings at the end of their range."""
 
     angle: Array
-    """(n,) rad, of the readings that are kept."""
-    kept: NDArray[np.bool_]
+    """(n,) rad, of the readings that are valid."""
+    valid: NDArray[np.bool_]
     """(m,) False for isolated readings that jump by more than half a turn and back."""
     modulus: float
     """What the reading jumps by, rad; a turn where it never does, NaN where its jumps agree on nothing."""
     jumps: NDArray[np.intp]
-    """Indices, among the kept, of readings that nothing of this explains."""
+    """Indices, among the valid readings, of those that nothing of this explains."""
 
 
 def unwrapped(t: Array, read: Array, step: float = 0.0) -> Unwrapped:
@@ -229,19 +229,19 @@ def unwrapped(t: Array, read: Array, step: float = 0.0) -> Unwrapped:
     bridges = np.pad(~wrong(turns[2:] - turns[:-2]), 1)
     if len(bad) > 1:
         bridges[[0, -1]] = ~bad[[1, -2]]
-    kept = np.ones(len(t), dtype=np.bool_)
+    valid = np.ones(len(t), dtype=np.bool_)
     for most in (2, 1):
         for k in np.flatnonzero((count == most) & bridges):
-            kept[k] = not np.all(kept[max(0, k - 1) : k + 2])
-    if np.count_nonzero(~kept) > max(1.0, ISOLATED * len(t)):
-        kept[:] = True
-    turns, inside = turns[kept], within(t[kept])
+            valid[k] = not np.all(valid[max(0, k - 1) : k + 2])
+    if np.count_nonzero(~valid) > max(1.0, ISOLATED * len(t)):
+        valid[:] = True
+    turns, inside = turns[valid], within(t[valid])
     d = np.diff(turns)
     wraps = np.where((np.abs(d) > HALF_TURN) & (np.abs(np.abs(d) - modulus) < 0.5 * modulus), -np.sign(d), 0.0)
     bad = wrong(d) & inside
     bad[1:] |= (wraps[1:] * wraps[:-1] > 0.0) & inside[1:] & inside[:-1]  # none turns that fast
     angle = turns + np.concatenate([[0.0], np.cumsum(wraps)]) * (modulus if np.isfinite(modulus) else 0.0)
-    return Unwrapped(2.0 * np.pi * angle, kept, 2.0 * np.pi * modulus, np.flatnonzero(bad) + 1)
+    return Unwrapped(2.0 * np.pi * angle, valid, 2.0 * np.pi * modulus, np.flatnonzero(bad) + 1)
 
 
 def jumps_by(turns: Array, inside: NDArray[np.bool_], step: float) -> float:

@@ -164,7 +164,6 @@ class LiveModel:
     gauss_markov : coefficients that are not constant, by name.
     order : first- or second-order filter.
     gate : reject readings with e²/S above this; None for no gate.
-    scores : whiten the innovations for a monitor: `score`.
 
     Raises
     ------
@@ -197,7 +196,6 @@ class LiveModel:
         covariance: Array | None = None,
         order: Literal[1, 2] = 1,
         gate: float | None = None,
-        scores: bool = False,
     ) -> None:
         if not 0 < rate < math.inf:
             raise AccelcalError(f"LiveModel: rate = {rate:g} Hz; give the samples of the output per second.")
@@ -249,7 +247,7 @@ class LiveModel:
             "rest": rig.polarity * rig.gravity,
             "tau": tau,
             "parameters": [moving.get(name) for name in self.names],
-            "choice": replace(FACTORED, order=order, scores=scores),
+            "choice": replace(FACTORED, order=order, scores=True),
             "gate": gate,
         }
         """Those of `fixed_rate_with_effects`; the start is that of the last beginning."""
@@ -370,7 +368,7 @@ class LiveModel:
     def score(self) -> tuple[float, ...] | None:
         """Of the newest innovation: what those before it do not predict (m), its variance, the share of the reading's
         noise in that, slopes of the log-likelihood by scale factor and bias, their variances and covariance; None at
-        the start, and without `scores`."""
+        the start."""
         score = self._filter.score
         return None if score is None else tuple(score)
 

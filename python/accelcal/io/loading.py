@@ -248,17 +248,17 @@ def _unwrapped(file: str, channel: Channel, source: Source) -> tuple[Array, Arra
     """Times (n,) s and angles (n,) rad without jumps, and what was noticed of these."""
     counted = source.scale is not None and source.scale[1] == "count"
     behind = unwrapped(channel.t, channel.y, 1.0 / abs(source.scale[0]) if counted and source.scale else 0.0)
-    t, turn, findings = channel.t[behind.kept], 2.0 * math.pi, list[Finding]()
+    t, turn, findings = channel.t[behind.valid], 2.0 * math.pi, list[Finding]()
     if len(behind.jumps):
         k = int(behind.jumps[0])
-        jump = abs(channel.y[behind.kept][k] - channel.y[behind.kept][k - 1]) / turn
+        jump = abs(channel.y[behind.valid][k] - channel.y[behind.valid][k - 1]) / turn
         raise RecordingError(
             f'{file}: column "{source.column}", {ANGLE}: jumps of more than half a turn: {len(behind.jumps)}, the '
             f"first at t = {units.instant(t[k])} s by {jump:.4g} turns; expected less than {FASTEST_TURN:g} turns "
             "between readings, or jumps by a whole turn, or by the range of a counter that overflows. Check unit and "
             "scale, read the encoder more often, or load a part without the jumps (--from, --to)"
         )
-    wrong = np.flatnonzero(~behind.kept)
+    wrong = np.flatnonzero(~behind.valid)
     if len(wrong):
         text = (
             f"readings of the angle that jump by more than half a turn and back are left out: {len(wrong)}, the first "

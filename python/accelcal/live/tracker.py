@@ -1009,7 +1009,6 @@ class ModelTracker(Tracker):
             origins=settings.origins,
             gauss_markov={PARAMETER_OF[name]: moves for name, moves in settings.parameters.items()},
             covariance=settings.spread,
-            scores=True,
         )
 
     @property
