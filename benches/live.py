@@ -27,7 +27,7 @@ from accelcal.data.recording import Channel
 from accelcal.filters import run
 from accelcal.io import load, read_sidecar
 from accelcal.live import settings_of
-from tests.hostile.damage import LONGEST_LOSS
+from tests.live.damage import LONGEST_LOSS
 from tests.hostile.test_streams import outcomes
 
 MOST_CPU = 0.7
