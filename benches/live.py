@@ -28,7 +28,7 @@ from accelcal.filters import run
 from accelcal.io import load, read_sidecar
 from accelcal.live import settings_of
 from tests.live.damage import LONGEST_LOSS
-from tests.hostile.test_streams import outcomes
+from tests.live.test_damaged_streams import outcomes
 
 MOST_CPU = 0.7
 """Processor time of the command over real time: the sender and the rest of the machine need a core too."""
