@@ -26,6 +26,8 @@ HOMONYMS = {
     ("cli/data.py", "quadratic"): "option of `simulate`",
     ("cli/data.py", "cubic"): "option of `simulate`",
     ("cli/models.py", "cubic"): "model of `fit`: linear or cubic",
+    ("data/orientation.py", "arm_bending"): "a side channel",
+    ("data/orientation.py", "quadratic"): "K2 in the sentence on what the turning of an arm leaves open",
     ("data/recording.py", "velocity"): "a reference",
     ("diagnosis/checks.py", "tilt"): "the cause that a check judges, and the class that it enters",
     ("results/model_file.py", "encoder_scale"): "key of a sidecar",
