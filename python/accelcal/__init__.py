@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from accelcal.estimation.gauss_newton import NotIdentifiable
     from accelcal.filters.choice import FilterChoice
     from accelcal.filters.live_model import LiveModel
-    from accelcal.io import load, load_dwells
+    from accelcal.io import load, load_axes, load_dwells
     from accelcal.model import Model, Prior
     from accelcal.results.model_file import load as load_model
     from accelcal.simulation.sensor import simulate
@@ -66,6 +66,7 @@ __all__ = [
     "formulas",
     "improve",
     "load",
+    "load_axes",
     "load_dwells",
     "load_effects",
     "load_model",
@@ -99,7 +100,7 @@ HOMES = {
     "estimation.gauss_newton": "NotIdentifiable",
     "filters.choice": "FilterChoice",
     "filters.live_model": "LiveModel",
-    "io": "load load_dwells",
+    "io": "load load_axes load_dwells",
     "model": "Model Prior",
     "simulation.sensor": "simulate",
     "validation.differences": "Comparison",

@@ -351,10 +351,12 @@ class Estimate(Result):
     owner: Owner
     run: int | None = None
     """Number of the run that it belongs to in a joint fit; None when all runs share it."""
+    axis: str = ""
+    """Axis of the sensor that it belongs to; empty when all of its outputs share it."""
 
     def __repr__(self) -> str:
         spread = f" ± {self.std:.2g}" if self.std > 0.0 else " (held)"
-        run = "" if self.run is None else f", run {self.run}"
+        run = (f", {self.axis} axis" if self.axis else "") + ("" if self.run is None else f", run {self.run}")
         return f"Estimate({self.name} {self.value:.5g}{spread} {self.unit}".removesuffix(" 1") + f"{run})"
 
 

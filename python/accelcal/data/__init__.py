@@ -5,6 +5,7 @@ from accelcal.data.arrays import Array, Counts, Flags, Places
 from accelcal.data.clocks import usual_step
 from accelcal.data.dwells import Dwells, DwellSetup
 from accelcal.data.orientation import (
+    ACROSS,
     ANGLE,
     ANGULAR_ACCELERATION,
     BENDING,
@@ -12,8 +13,10 @@ from accelcal.data.orientation import (
     ECCENTRICITY,
     GRAVITY,
     GYROSCOPE,
+    LEVELS,
     LEVERS,
     OF_ARM,
+    OUTPUTS,
     PLACE,
     QUATERNION,
     RATES,
@@ -54,6 +57,7 @@ from accelcal.data.units import MICRO_G, concise, in_usual_unit, instant, normal
 
 __all__ = [
     "ACCELERATION",
+    "ACROSS",
     "ANGLE",
     "ANGULAR_ACCELERATION",
     "BENDING",
@@ -61,10 +65,12 @@ __all__ = [
     "ECCENTRICITY",
     "GRAVITY",
     "GYROSCOPE",
+    "LEVELS",
     "LEVERS",
     "MICRO_G",
     "NO_LABELS",
     "OF_ARM",
+    "OUTPUTS",
     "PLACE",
     "POSITION_ORDER",
     "QUATERNION",

@@ -19,6 +19,10 @@ GRAVITY = "gravity_along_axis"
 """Side channel: what an ideal accelerometer on the axis reads while the position does not accelerate, m/s²."""
 LEVERS = ("lever_x", "lever_y", "lever_z")
 """Side channels: acceleration along the axis of a point 1 m from the tracked one, for each axis of the sensor, s⁻²."""
+ACROSS = ("across_1", "across_2")
+"""Side channels: specific force along two directions of a tracked body across the input axis, m/s²."""
+LEVELS = ("level_e", "level_n")
+"""Side channels: gravity along the axis for each radian by which up of the reference leans east or north, m/s²."""
 TURNED = ("turned_1", "turned_2")
 """Side channels: angles about two directions across the input axis, from a gyroscope, rad."""
 GYROSCOPE = ("gyr_x", "gyr_y", "gyr_z")
@@ -27,6 +31,8 @@ RATES = ("rate_i", "rate_p")
 """Side channels: angular rate about the input and the pendulous axis of the sensor, rad/s."""
 ANGULAR_ACCELERATION = "alpha_o"
 """Side channel: angular acceleration about the output axis, rad/s²."""
+OUTPUTS = {"x": "accel_x", "y": "accel_y", "z": "accel_z"}
+"""Channel of each axis of a sensor with three outputs."""
 PLACE = ("position_e", "position_n", "position_u")
 """Channels: place to the east, to the north and up, m."""
 QUATERNION = ("q_w", "q_x", "q_y", "q_z")
@@ -41,7 +47,7 @@ BENDING = "arm_bending"
 """Side channel: acceleration along the axis of an arm that lengthens by itself times the rate squared, m/s⁴."""
 OF_ARM = (*TILTS, *ECCENTRICITY, BENDING)
 """Side channels of a sensor on an arm alone."""
-DERIVED = (GRAVITY, *LEVERS, *TURNED, *OF_ARM)
+DERIVED = (GRAVITY, *LEVERS, *ACROSS, *LEVELS, *TURNED, *OF_ARM)
 """Side channels that are part of the model of a turning body, and no effects by themselves."""
 HOLE = 8.0
 """Spacing beyond this many usual ones that is a hole: across it the path of a turning body is unknown; behind it the
@@ -65,7 +71,7 @@ class Turning:
     """What the acceleration along the turning axis, gravity included, exceeds that of the path by, m/s²."""
     levers: tuple[Channel, Channel, Channel]
     further: tuple[Channel, ...] = ()
-    """What errors of an arm do along the axis."""
+    """What errors of the mounting and of the reference do along the axis."""
 
     @property
     def side(self) -> dict[str, Channel]:
@@ -117,22 +123,38 @@ def turning(t: Array, place: Array, attitude: tuple[Array, Array], axis: Array, 
         direction = np.column_stack([np.interp(t, stamps, directions[:, i]) for i in range(3)])
         return np.asarray(direction / np.linalg.norm(direction, axis=1)[:, None])
 
-    e, body = at(axis), [at(v) for v in np.eye(3)]
+    e, body, beside = at(axis), [at(v) for v in np.eye(3)], [at(v) for v in perpendicular(axis)]
     mean = np.mean(e, axis=0)
     along_mean = place @ (mean / np.linalg.norm(mean))
     path, gravity = np.empty(len(t)), STANDARD_GRAVITY * e[:, 2]
-    levers = [np.empty(len(t)) for _ in body]
+    levers, force = [np.empty(len(t)) for _ in body], np.empty((len(t), 3))
     for rows in unbroken(t):
         turned_path = path_along(t[rows], place[rows], e[rows])
         offset, curvature = smoothed(t[rows], along_mean[rows] - turned_path)
         path[rows] = turned_path + offset
         gravity[rows] -= curvature
+        force[rows] = np.column_stack([smoothed(t[rows], p)[1] for p in place[rows].T])
         for lever, direction in zip(levers, body, strict=True):
             lever[rows] = smoothed(t[rows], path_along(t[rows], direction[rows], e[rows]))[1]
+    force[:, 2] += STANDARD_GRAVITY
+    across = [np.sum(force * direction, axis=1) for direction in beside]
+    tilted = [STANDARD_GRAVITY * e[:, k] for k in range(len(LEVELS))]
     x, y, z = (Channel(name, t, lever, "rad/s^2") for name, lever in zip(LEVERS, levers, strict=True))
+    further = zip((*ACROSS, *LEVELS), (*across, *tilted), strict=True)
     return Turning(
-        path=Channel("position", t, path, "m"), gravity=Channel(GRAVITY, t, gravity, "m/s^2"), levers=(x, y, z)
+        path=Channel("position", t, path, "m"),
+        gravity=Channel(GRAVITY, t, gravity, "m/s^2"),
+        levers=(x, y, z),
+        further=tuple(Channel(name, t, y, "m/s^2") for name, y in further),
     )
+
+
+def perpendicular(axis: Array) -> tuple[Array, Array]:
+    """Two directions across an axis, (3,) each, with which it is a right-handed triad: y and z of x, z and x of y."""
+    first = np.roll(np.eye(3)[int(np.argmax(np.abs(axis)))], 1)
+    first = first - (first @ axis) * axis
+    first = first / np.linalg.norm(first)
+    return first, np.cross(axis, first)
 
 
 def on_arm(t: Array, angle: Array, arm: float, axle: float, axis: Array) -> Turning:

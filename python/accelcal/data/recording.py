@@ -279,6 +279,8 @@ class Recording(Result):
     reference: Channel | None = None
     """A velocity or an acceleration where that was measured in place of the position, which is its integral."""
     origin: Origin = field(default=Origin(), repr=False)
+    axis: str = ""
+    """Which output of one sensor with several this is: "x", "y" or "z"; empty where it has one."""
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -17,7 +17,7 @@ from accelcal.diagnosis.policy import HOMOGENEITY_ALPHA
 from accelcal.diagnosis.search.homogeneity import different
 from accelcal.effects import find
 from accelcal.estimation.dwell_rows import dwell_rows
-from accelcal.estimation.gauss_newton import PER_RUN_OWNERS, Layout
+from accelcal.estimation.gauss_newton import PER_RUN_OWNERS, Layout, outputs_of
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.rows import inverse, normal_equations
 from accelcal.estimation.run_fit import SEEN_APART, SEEN_BY_RUNS
@@ -85,7 +85,7 @@ def values_by_run(states: Sequence[RunState], model: Model, explained: Sequence[
         if term.owner not in PER_RUN_OWNERS and term.name not in {*model.per_run, *explained}
     ]
     owned = [term for term in model.free if term not in terms]
-    if len(states) < 2 or not terms:
+    if len(states) < 2 or not terms or any(state.run.recording.axis for state in states):
         return None
     normals = [normal_equations(state, [*terms, *owned], scatter=True) for state in states]
     pooled = POOLED_SHARE * np.sum([normal.gram for normal in normals], axis=0)
@@ -267,7 +267,7 @@ def tumble(state: RunState, angle_std: float) -> Dwells:
 
 def information(states: Sequence[RunState], model: Model, extra: Sequence[Term]) -> Array:
     """Normal equations of all runs, those of further terms last."""
-    layout = Layout.of(model, len(states))
+    layout = Layout.of(model, outputs_of([state.run.recording for state in states]))
     m = len(layout.slots)
     total = np.diag(np.concatenate([layout.prior_information(model), np.zeros(len(extra))]))
     for index, state in enumerate(states):

@@ -4,7 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from accelcal.data import ANGULAR_ACCELERATION, BENDING, ECCENTRICITY, LEVERS, RATES, TILTS, TURNED, Array
+from accelcal.data import (
+    ACROSS,
+    ANGULAR_ACCELERATION,
+    BENDING,
+    ECCENTRICITY,
+    LEVELS,
+    LEVERS,
+    RATES,
+    TILTS,
+    TURNED,
+    Array,
+)
 from accelcal.effects.building_blocks import slow
 from accelcal.effects.mechanisms import DRIVERS, POWER_ON, mechanism, product, state_of
 from accelcal.effects.registry import Search, Shape, Static, Traits, effect, enter
@@ -126,6 +137,55 @@ def lever_arm(s: Signals) -> Array:
     Separate by: turning about each axis with the tracked point at rest; a ruler.
     """
     return s.scale * np.column_stack([s.side[name] for name in LEVERS])
+
+
+@effect(
+    "body_misalignment",
+    unit="rad",
+    owner="mounting",
+    symbol="M",
+    scale=0.01,
+    source="an axis of a triad against its case, and the case against the markers on it, set by hand",
+    needs=ACROSS,
+    parts=("1", "2"),
+    traits=Traits(visible=False),
+)
+def body_misalignment(s: Signals) -> Array:
+    """The input axis points aside from where the attitude says (derivations 7.9).
+
+    A fit of three outputs has it for each: the six elements of a sensor matrix beside its diagonal.
+
+    Equation: e = M.1 f_1 + M.2 f_2, f the specific force along two directions of the body across the input axis: y and
+    z of x, z and x of y, x and y of z.
+    Looks like: gravity that shows on an axis as the body turns about it.
+    Easily confused with: bias where the body hardly turns; an error of the attitude.
+    Separate by: turning about two axes, each face up once.
+    """
+    return np.column_stack([s.side[name] for name in ACROSS])
+
+
+@effect(
+    "world_tilt",
+    unit="rad",
+    owner="rig",
+    symbol="up",
+    scale=3e-3,
+    source="the plane that a camera system calls level, set by a wand on the floor",
+    needs=LEVELS,
+    parts=("e", "n"),
+    traits=Traits(visible=False),
+)
+def world_tilt(s: Signals) -> Array:
+    """What the reference calls up leans against the plumb line, to the east and to the north (derivations 7.9).
+
+    A fit of three outputs has it, one for all axes.
+
+    Equation: e = (1 + k) g0 (up.e e_e + up.n e_n), e_e and e_n the components of the input axis to the east and north.
+    Looks like: a bias that changes as the body turns about the vertical.
+    Easily confused with: bias and misalignment where the body does not turn about the vertical.
+    Separate by: turning about the vertical by half a turn.
+    """
+    return s.scale * np.column_stack([s.side[name] for name in LEVELS])
 
 
 @effect(

@@ -11,7 +11,7 @@ import scipy
 from accelcal.data import Array, Dwells
 from accelcal.effects import find
 from accelcal.estimation.dwell_rows import Nuisances, acts_at_rest, dwell_rows, remainder, shown, stepped, with_scatter
-from accelcal.estimation.gauss_newton import Layout, NotIdentifiable, solve
+from accelcal.estimation.gauss_newton import Layout, NotIdentifiable, Output, solve
 from accelcal.estimation.noise import REMARKED_BEYOND
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run_to_run import REMARK_ALPHA
@@ -102,7 +102,7 @@ def solve_dwells(model: Model, dwells: Dwells, origins: Origins) -> DwellSolutio
         If the attitudes do not determine the model.
     """
     model = dwell_model(model, dwells)
-    layout = Layout.of(model, 1)
+    layout = Layout.of(model, [Output(0)])
     if not layout.slots:
         raise NotIdentifiable(f"{dwells.name or 'dwells'}: every parameter is held; release at least one")
     x = layout.prior_mean(model)

@@ -16,7 +16,9 @@ from accelcal._support.process import one_thread
 from accelcal._support.result import Result
 from accelcal._support.values import face, immutable
 from accelcal.data import (
+    ACROSS,
     DERIVED,
+    LEVELS,
     LEVERS,
     STANDARD_GRAVITY,
     TILTS,
@@ -44,6 +46,7 @@ from accelcal.estimation.gauss_newton import (
     NotIdentifiable,
     Solution,
     iterate,
+    outputs_of,
 )
 from accelcal.estimation.noise import NoiseEffect
 from accelcal.estimation.plausible import gravity_mistaken, implausible_scale, reversed_or_unrelated
@@ -69,6 +72,7 @@ SEPARATED_BY_TURNING = tuple(effect.name for effect in BUILT_IN if effect.traits
 SEPARATED_BY_ROLLING = tuple(effect.name for effect in BUILT_IN if effect.traits.separated_by == "rolling")
 WITH_GYROSCOPE = tuple(effect.name for effect in BUILT_IN if effect.needs == TURNED)
 WITH_ATTITUDE = tuple(effect.name for effect in BUILT_IN if effect.needs == LEVERS)
+OF_TRIAD = tuple(effect.name for effect in BUILT_IN if effect.needs in (ACROSS, LEVELS))
 WITH_ANGLE = tuple(effect.name for effect in BUILT_IN if effect.needs == TILTS)
 DWELLS_ALONE = "dwells"
 """Method of a fit to static dwells without a motion."""
@@ -82,6 +86,9 @@ AXLE_TILT = 0.02
 """Standard uncertainty of the level of an axle, and of an angle zero, that is taken where none is declared, rad."""
 FAR_ZERO = 0.005
 """Error of an angle zero from which on half its square shows in the scale factor, rad."""
+ASIDE = 0.1
+"""Angle between an axis and where the attitude of its body says that it points, and of the reference's up, that is
+ordinary, rad."""
 FARTHEST = 0.3
 """Distance of a sensor from the tracked point that is ordinary, m: where a body hardly turns, its motion says less."""
 SCALE_STD_LIMIT = 0.5
@@ -292,9 +299,16 @@ class Fit(Result):
     def values(self, run: int | None = None) -> Values:
         """Coefficients as they apply to one run of the fit; by default as far as is known of any other run: the means
         over runs, and the timing of the first."""
-        by_name = {e.name: e.value for e in self.estimates if e.run in (None, run or 0)}
+        of = self.runs[run or 0] if self.runs else None
+        axis, first = ("", run or 0) if of is None or not of.axis else (of.axis, self.first_axis(run or 0))
+        by_name = {e.name: e.value for e in self.estimates if e.run in (None, first) and e.axis in ("", axis)}
         of_run = {} if run is None else {spread.name: spread.runs[run] for spread in self.spreads}
         return Values({**by_name, **of_run}, self.model.terms)
+
+    def first_axis(self, run: int) -> int:
+        """Number of the first run of the recording that a run is an axis of."""
+        outputs = outputs_of(self.runs)
+        return next(k for k, output in enumerate(outputs) if output.recording == outputs[run].recording)
 
     def noise(self, run: int = 0) -> Noise:
         """Noise of one run.
@@ -745,10 +759,18 @@ def complete(model: Model, recordings: Sequence[Recording]) -> Model:
             model = on_arms(model, [r.rig for r in recordings], away)
         else:
             model = model.add(*missing, priors=away) if missing else model
+            model = of_triad(model) if any(r.axis for r in recordings) else model
     unsure = max((r.rig.lowpass_prior for r in recordings), default=0.0)
     if unsure > 0.0 and "lowpass_error" not in model.effects:
         model = model.add("lowpass_error", priors={"lowpass_error": Prior(0.0, unsure)})
     return model.add(*extra) if extra else model
+
+
+def of_triad(model: Model) -> Model:
+    """The model with the directions of three outputs and with that of gravity."""
+    names = [name for name in OF_TRIAD if name not in model.effects]
+    priors = {term.name: Prior(0.0, ASIDE) for name in names for term in terms_of(find(name))}
+    return model.add(*names, priors=priors) if names else model
 
 
 def require_one_arm(recordings: Sequence[Recording]) -> None:
@@ -835,7 +857,7 @@ def require_distinct(recordings: Sequence[Recording]) -> None:
     """
     for number, recording in enumerate(recordings):
         for before in recordings[:number]:
-            if recording.digest and recording.digest == before.digest:
+            if recording.digest and (recording.digest, recording.axis) == (before.digest, before.axis):
                 raise RecordingError(
                     f"{recording.name} is {before.name} once more: its readings would count twice. Give it once"
                 )
@@ -891,24 +913,24 @@ def judge(layout: Layout, x: Array, covariance: Array, states: Sequence[RunState
         If the output runs against the encoder, or gravity shows on an axis declared level.
     """
     runs = [state.run for state in states]
-    by_name = {term.name: i for i, (term, _) in enumerate(layout.slots)}
-    name = runs[0].recording.name or "recording"
+    rows = {name: layout.rows_of(name) for name in ("scale_factor", "bias")}
     remarks: list[Remark] = []
-    if "scale_factor" in by_name:
-        i = by_name["scale_factor"]
-        scale, std = 1.0 + x[i], math.sqrt(covariance[i, i])
+    scales = [state.values.scale for state in states]
+    for i in rows["scale_factor"]:
+        first = layout.slots[i][1][0]
+        scale, std, name = 1.0 + x[i], math.sqrt(covariance[i, i]), name_of(runs[first])
         if std > SCALE_STD_LIMIT * max(1.0, abs(scale)):
             raise NotIdentifiable(
                 f"{name}: 1 + k = {scale:.3g} with a standard deviation of {std:.2g}: acceleration was not excited "
                 "enough to estimate scale_factor. Record a run with stronger or longer motion"
             )
-        if math.copysign(scale, scale * (runs[0].rig.ratio or 1.0)) < -3.0 * std:
-            raise RecordingError(reversed_or_unrelated(runs[0].recording, scale, std))
-        remarks += implausible_scale(runs[0], scale)
-    scale = 1.0 + x[by_name["scale_factor"]] if "scale_factor" in by_name else states[0].values.scale
-    for i in layout.rows_of("bias") if not remarks else ():
-        run = runs[layout.slots[i][1] or 0]
-        mistaken = gravity_mistaken(run.recording, scale, float(x[i]))
+        if math.copysign(scale, scale * (runs[first].rig.ratio or 1.0)) < -3.0 * std:
+            raise RecordingError(reversed_or_unrelated(runs[first].recording, scale, std))
+        remarks += implausible_scale(runs[first], scale)
+        scales = [scale if k in layout.slots[i][1] else other for k, other in enumerate(scales)]
+    for i in rows["bias"] if not remarks else ():
+        first = layout.slots[i][1][0]
+        mistaken = gravity_mistaken(runs[first].recording, scales[first], float(x[i]))
         if mistaken:
             raise RecordingError(mistaken)
     return remarks

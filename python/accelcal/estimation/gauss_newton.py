@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import scipy
@@ -38,7 +39,9 @@ TRIAL_SETTLED = 0.3
 """A trial whose last step moves no parameter by more standard deviations than this has an answer: bands are ranked by
 uncertainties, and a limit cycle far below one takes nothing from them."""
 PER_RUN_OWNERS = ("timing",)
-"""Owners whose coefficients belong to each run of a joint fit."""
+"""Owners whose coefficients belong to each run of a joint fit, to all axes of it."""
+PER_AXIS_OWNERS = ("sensor", "mounting")
+"""Owners whose coefficients belong to each axis of a sensor with several outputs, in all runs of it."""
 
 
 class NotIdentifiable(AccelcalError):
@@ -138,7 +141,7 @@ def iterate(
 def initial_states(model: Model, runs: Sequence[PreparedRun], bands: Sequence[float | None]) -> list[RunState]:
     """States of all runs at their initial estimates, parameters of the sensor shared."""
     initial = [initial_estimate(run, model) for run in runs]
-    layout = Layout.of(model, len(runs))
+    layout = Layout.of(model, outputs_of([run.recording for run in runs]))
     x = layout.gather([values for values, _ in initial])
     growth = tuple(NoiseGrowth(effect) for effect in model.noise_effects)
     return [
@@ -178,7 +181,7 @@ def _estimated(
     model: Model, states: list[RunState], progress: Callable[[float], None], least: int, trial: bool
 ) -> Solution:
     """The iteration of `estimated`."""
-    layout = Layout.of(model, len(states))
+    layout = Layout.of(model, outputs_of([state.run.recording for state in states]))
     x = layout.gather([state.values for state in states])
     belief, mean = layout.prior_information(model), layout.prior_mean(model)
     converged, moved = False, math.inf
@@ -217,8 +220,8 @@ def _estimated(
         covariance = unsettled(rounds)
     # The fit finds the offset of the stamps as they are: an error that all stamps of a channel share adds to it alone.
     clock_variance = [
-        states[run or 0].run.recording.stamp_std ** 2 if term.name == "time_offset" else 0.0
-        for term, run in layout.slots
+        states[runs[0]].run.recording.stamp_std ** 2 if term.name == "time_offset" else 0.0
+        for term, runs in layout.slots
     ]
     covariance = covariance + np.diag(clock_variance)
     return Solution(model, layout, x, covariance, states, converged, between=between)
@@ -243,45 +246,82 @@ def robust(covariance: Array, layout: Layout, normals: Sequence[NormalEquations]
     return np.asarray(covariance @ middle @ covariance)
 
 
+class Named(Protocol):
+    """A recording, or the fit of one."""
+
+    @property
+    def name(self) -> str:
+        """With the axis behind a space, where it has one."""
+
+    @property
+    def axis(self) -> str:
+        """Which output of a sensor with several it is."""
+
+
+class Output(NamedTuple):
+    """Which output a run of a joint fit is."""
+
+    recording: int
+    """Number of its recording."""
+    axis: str = ""
+    """Axis of a sensor with several outputs; empty where it has one."""
+
+
+def outputs_of(recordings: Sequence[Named]) -> tuple[Output, ...]:
+    """The output of each run; different axes of one file that follow each other are one recording."""
+    outputs: list[Output] = []
+    called, taken = "", set[str]()
+    for recording in recordings:
+        name = recording.name.removesuffix(f" {recording.axis}")
+        if not outputs or not recording.axis or name != called or recording.axis in taken:
+            called, taken = name, set()
+            number = outputs[-1].recording + 1 if outputs else 0
+        outputs.append(Output(number, recording.axis))
+        taken.add(recording.axis)
+    return tuple(outputs)
+
+
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Rows of the joint solve by coefficient and run."""
+    """Rows of the joint solve: each a coefficient, and the runs that share it."""
 
     terms: tuple[Term, ...]
-    runs: int
-    slots: tuple[tuple[Term, int | None], ...]
+    outputs: tuple[Output, ...]
+    slots: tuple[tuple[Term, tuple[int, ...]], ...]
 
     @classmethod
-    def of(cls, model: Model, runs: int) -> Layout:
-        """Shared parameters have one row, parameters of timing one for each run."""
-        slots: list[tuple[Term, int | None]] = []
+    def of(cls, model: Model, outputs: Sequence[Output]) -> Layout:
+        """Shared parameters have one row, those of timing one for each recording, those of a sensor one for each of
+        its axes."""
+        slots: list[tuple[Term, tuple[int, ...]]] = []
         for term in model.free:
-            per_run = runs > 1 and (term.owner in PER_RUN_OWNERS or term.name in model.per_run)
-            slots += [(term, index) for index in range(runs)] if per_run else [(term, None)]
-        return cls(model.free, runs, tuple(slots))
+            by_run = term.owner in PER_RUN_OWNERS or term.name in model.per_run
+            by_axis = term.owner in PER_AXIS_OWNERS
+            members: dict[tuple[int, str], list[int]] = {}
+            for run, output in enumerate(outputs):
+                key = output.recording if by_run else 0, output.axis if by_axis else ""
+                members.setdefault(key, []).append(run)
+            slots += [(term, tuple(runs)) for runs in members.values()]
+        return cls(model.free, tuple(outputs), tuple(slots))
 
     def rows_of(self, name: str) -> list[int]:
-        """Rows of a coefficient, one for each run that has its own."""
+        """Rows of a coefficient, one for each run or axis that has its own."""
         return [i for i, (term, _) in enumerate(self.slots) if term.name == name]
 
     def rows(self, run: int) -> list[int]:
         """Row of each free coefficient of run `run`."""
         return [
-            next(i for i, (slot, r) in enumerate(self.slots) if slot.name == term.name and r in (None, run))
+            next(i for i, (slot, runs) in enumerate(self.slots) if slot.name == term.name and run in runs)
             for term in self.terms
         ]
 
     def gather(self, values: Sequence[Values]) -> Array:
         """Coefficients of all runs as one vector; shared ones are averaged over runs by median."""
-        x = np.empty(len(self.slots))
-        for i, (term, run) in enumerate(self.slots):
-            by_run = [v.by_name[term.name] for v in values]
-            x[i] = float(np.median(by_run)) if run is None else by_run[run]
-        return x
+        return np.array([float(np.median([values[k].by_name[term.name] for k in runs])) for term, runs in self.slots])
 
     def scatter(self, x: Array, model: Model, run: int) -> Values:
         """Coefficients of run `run`."""
-        of_run = {term.name: float(x[i]) for i, (term, r) in enumerate(self.slots) if r in (None, run)}
+        of_run = {term.name: float(x[i]) for i, (term, runs) in enumerate(self.slots) if run in runs}
         terms = model.terms
         return Values({t.name: of_run.get(t.name, model.fixed.get(t.name, 0.0)) for t in terms}, terms)
 
@@ -299,11 +339,19 @@ class Layout:
         for term in model.terms:
             if term.name in model.fixed:
                 estimates.append(Estimate(term.name, term.symbol, term.unit, model.fixed[term.name], 0.0, term.owner))
-            for i, (slot, run) in enumerate(self.slots):
+            for i, (slot, runs) in enumerate(self.slots):
                 if slot.name == term.name:
-                    std = math.sqrt(covariance[i, i])
-                    estimates.append(Estimate(term.name, term.symbol, term.unit, float(x[i]), std, term.owner, run))
+                    at = float(x[i]), math.sqrt(covariance[i, i])
+                    estimates.append(Estimate(term.name, term.symbol, term.unit, *at, term.owner, *self.whose(runs)))
         return tuple(estimates)
+
+    def whose(self, runs: Sequence[int]) -> tuple[int | None, str]:
+        """Run and axis that a row of some runs belongs to: None where it is that of all recordings, empty of all axes."""
+        recordings, axes = ({output[k] for output in self.outputs} for k in range(2))
+        some = [self.outputs[run] for run in runs]
+        run = None if {output.recording for output in some} == recordings else runs[0]
+        axis = some[0].axis if {output.axis for output in some} != axes else ""
+        return run, axis
 
 
 def solve(information: Array, score: Array, layout: Layout) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ import scipy
 from accelcal.data import NO_LABELS, POSITION_ORDER, VELOCITY, Array, Flags, Recording, RunLabels
 from accelcal.effects import BUILT_IN, find
 from accelcal.estimation.engines import ENGINES, sums_of
-from accelcal.estimation.gauss_newton import Layout, Solution
+from accelcal.estimation.gauss_newton import Layout, Solution, outputs_of
 from accelcal.estimation.noise import Level, NoiseReport, level, level_of
 from accelcal.estimation.rows import NormalEquations, block_length, normal_equations
 from accelcal.estimation.run import PreparedRun
@@ -44,6 +44,8 @@ class RunFit:
     """Digest of the whole recording that the run is a part of."""
     labels: RunLabels = NO_LABELS
     """When, how mounted, by whom."""
+    axis: str = ""
+    """Which output of a sensor with several; empty where it has one."""
 
 
 def run_fit(state: RunState, model: Model) -> RunFit:
@@ -62,6 +64,7 @@ def run_fit(state: RunState, model: Model) -> RunFit:
         nis=float(np.mean(y**2)) if state.band is None else None,
         session=run.recording.session,
         labels=run.recording.labels,
+        axis=run.recording.axis,
     )
 
 
@@ -180,7 +183,7 @@ def differing(solution: Solution) -> tuple[tuple[str, ...], tuple[SeenByRuns, ..
     """
     model, states = solution.model, solution.states
     differing_names: list[str] = []
-    coupled = len(states) > 1 and all(state.run.rig.coupled for state in states)
+    coupled = len(states) > 1 and all(state.run.rig.coupled and not state.run.recording.axis for state in states)
     names = [term.name for term in model.free if term.name in LET_DIFFER and term.name not in model.priors]
     for name in names if coupled else ():
         if between_runs(states, model, name)[0].p_value >= REMARK_ALPHA:
@@ -197,12 +200,12 @@ def between_runs(
     states: Sequence[RunState], model: Model, name: str, further: Sequence[Term] = ()
 ) -> tuple[BetweenRuns, Array, Array]:
     """A coefficient of each run one step from a solution, and the normal equations A x = c, further terms last."""
-    layout = Layout.of(model.vary(name), len(states))
+    layout = Layout.of(model.vary(name), outputs_of([state.run.recording for state in states]))
     m = len(layout.slots)
     information, score = np.zeros((m + len(further), m + len(further))), np.zeros(m + len(further))
     belief = layout.prior_information(model)
     information[np.arange(m), np.arange(m)] = belief
-    at = np.array([states[run or 0].values.by_name[term.name] for term, run in layout.slots])
+    at = np.array([states[runs[0]].values.by_name[term.name] for term, runs in layout.slots])
     score[:m] = belief * (layout.prior_mean(model) - at)
     for index, state in enumerate(states):
         normal = normal_equations(state, [*model.free, *further])
@@ -223,7 +226,7 @@ def seen_by_runs(states: Sequence[RunState], model: Model, name: str, effect: st
     if any(need not in state.run.recording.side for state in states for need in find(effect).needs):
         return None
     rest, information, score = between_runs(states, model, name, terms)
-    rows_of_run = Layout.of(model.vary(name), len(states)).rows_of(name)
+    rows_of_run = Layout.of(model.vary(name), outputs_of([state.run.recording for state in states])).rows_of(name)
     joined = np.delete(np.eye(len(score)), rows_of_run[1:], axis=0)
     joined[rows_of_run[0], rows_of_run] = 1.0
     information, score = joined @ information @ joined.T, joined @ score

@@ -233,7 +233,7 @@ def profile(solution: Solution, shape: LinearisedShape, values: Array) -> Array:
             (m + number * len(columns) + k, Term(effect, layout.slots[i][0].part, tried))
             for number, tried in enumerate(shapes)
             for k, i in enumerate(columns)
-            if layout.slots[i][1] in (None, index)
+            if index in layout.slots[i][1]
         ]
         rows = [*layout.rows(index), *(row for row, _ in trials)]
         normal = normal_equations(state, [*model.free, *(term for _, term in trials)])

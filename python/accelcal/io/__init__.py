@@ -3,7 +3,7 @@
 from accelcal._support.values import listing
 from accelcal.io.atomic import atomic, atomic_write, together
 from accelcal.io.dwells import declares_dwells, load_dwells
-from accelcal.io.loading import load
+from accelcal.io.loading import load, load_axes
 from accelcal.io.sidecar import read_sidecar, sidecar_of
 from accelcal.io.template import init, template
 from accelcal.io.write import write_csv, write_parquet, write_sidecar
@@ -14,6 +14,7 @@ __all__ = [
     "declares_dwells",
     "init",
     "load",
+    "load_axes",
     "load_dwells",
     "read_sidecar",
     "sidecar_of",

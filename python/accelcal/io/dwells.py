@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from accelcal._support.arguments import checked
-from accelcal.data import STANDARD_GRAVITY, Array, Dwells, DwellSetup, Recording, RecordingError, Rig
+from accelcal.data import OUTPUTS, STANDARD_GRAVITY, Array, Dwells, DwellSetup, Recording, RecordingError, Rig
 from accelcal.io.assign import fix
 from accelcal.io.atomic import atomic_write, together
 from accelcal.io.files import is_there, open_table
@@ -142,7 +142,7 @@ def from_recording(recording: Recording, declared: Sidecar, sidecar: Path) -> Dw
     )
 
 
-TRIAD = ("accel_x", "accel_y", "accel_z")
+TRIAD = tuple(OUTPUTS.values())
 """Channels of the three outputs of a triad."""
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from shlex import quote
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from accelcal.data import (
     GRAVITY,
     GYROSCOPE,
     LEVERS,
+    OUTPUTS,
     PLACE,
     QUATERNION,
     STANDARD_GRAVITY,
@@ -461,6 +462,7 @@ def load(
     need_position: bool = True,
     need_accel: bool = True,
     part: int | None = None,
+    axis: Literal["", "x", "y", "z"] = "",
 ) -> Recording:
     """Read a recording and check it.
 
@@ -473,6 +475,7 @@ def load(
     need_position : accept a file without position when False; its position then has shape (0,).
     need_accel : accept a planned motion, position alone, when False; its output then has shape (0,).
     part : of a file whose clock starts again, from 1.
+    axis : of a file with the attitude of a body and three outputs; `load_axes` reads all three.
 
     Returns
     -------
@@ -497,15 +500,55 @@ def load(
     if position is not None:
         return _of_two_loggers(Path(path), Path(position), rig, part)
     path = Path(path)
-    table = open_table(path)
-    declared, notes = _declared(path, rig)
+    return _loaded(open_table(path), rig, axis, part, need_position=need_position, need_accel=need_accel)
+
+
+@checked
+def load_axes(path: str | Path, rig: str | Path | None = None, *, part: int | None = None) -> tuple[Recording, ...]:
+    """Read the three outputs of one sensor on a body whose place and attitude are recorded.
+
+    Parameters
+    ----------
+    path, rig, part : as of `load`; the sidecar maps accel_x, accel_y and accel_z beside [channels.attitude].
+
+    Returns
+    -------
+    Recordings of the axes x, y and z, which `fit` takes together: one delay, lever arm, scale and direction of each.
+
+    Raises
+    ------
+    RecordingError
+        As `load`.
+    """
+    table = open_table(Path(path))
+    x, y, z = (_loaded(table, rig, axis, part) for axis in OUTPUTS)
+    return x, y, z
+
+
+def _loaded(
+    table: Table,
+    rig: str | Path | Rig | None,
+    axis: str,
+    part: int | None,
+    *,
+    need_position: bool = True,
+    need_accel: bool = True,
+) -> Recording:
+    """The recording that a table holds, or one of its outputs; parameters and errors are those of `load`."""
+    path = table.path
+    declared, notes = _declared(path, rig, axis)
+    if declared.triad:
+        raise RecordingError(
+            f"{declared.path}: three outputs, {', '.join(OUTPUTS.values())}; expected one. load_axes reads all three, "
+            'load(..., axis="x") one of them'
+        )
     try:
         recording = recording_of(table, declared, notes, need_position=need_position, need_accel=need_accel, part=part)
     except RecordingError as error:
         raise RecordingError(f"{error}{sensitivity_shown(table, declared)}") from None
     whole = digest_of(path)
     digest = whole if part is None else hashlib.sha256(f"{whole} part {part}".encode()).hexdigest()
-    recording = replace(recording, digest=digest)
+    recording = replace(recording, digest=digest, axis=axis, name=f"{recording.name} {axis}".rstrip())
     if declared.dwell is None or not declared.dwell.table:
         return recording
     return recording.with_dwells(load_dwell_table((declared.path or path).parent / declared.dwell.table))
@@ -674,11 +717,11 @@ def of_reference(where: str, reference: Channel) -> Channel:
         raise RecordingError(f"{where}: {error}") from None
 
 
-def _declared(path: Path, rig: str | Path | Rig | None) -> tuple[Sidecar, list[Finding]]:
+def _declared(path: Path, rig: str | Path | Rig | None, axis: str = "") -> tuple[Sidecar, list[Finding]]:
     beside = sidecar_of(path)
     if rig is None:
-        return (read_sidecar(beside) if has_sidecar(path) else no_sidecar()), []
-    declared = Sidecar(rig=rig) if isinstance(rig, Rig) else read_sidecar(Path(rig))
+        return (read_sidecar(beside, axis) if has_sidecar(path) else no_sidecar()), []
+    declared = Sidecar(rig=rig) if isinstance(rig, Rig) else read_sidecar(Path(rig), axis)
     if not has_sidecar(path) or (declared.path is not None and declared.path.resolve() == beside.resolve()):
         return declared, []
     given = declared.path.name if declared.path is not None else "a rig"

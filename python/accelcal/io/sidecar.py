@@ -23,6 +23,7 @@ from accelcal.data import (
     GYROSCOPE,
     LEVERS,
     NO_LABELS,
+    OUTPUTS,
     PLACE,
     QUATERNION,
     VELOCITY,
@@ -47,6 +48,7 @@ from accelcal.io.table import SIDECAR_BYTES, Order
 ASSUMED_ARM = (
     "arm_std is not declared: 1 % of the arm is assumed, at least 1 mm; the scale factor shares it where both act alike"
 )
+_THREE_OUTPUTS = "accel_x, accel_y and accel_z beside [channels.attitude]"
 ASSUMED_OFFSET_TOLERANCE = "offset_tolerance is not declared: the clocks are taken as meant to agree"
 
 
@@ -116,13 +118,23 @@ class Sidecar:
     """What is declared of dwells; None without that table."""
 
     @property
+    def triad(self) -> bool:
+        """Whether the attitude of a body with three outputs is recorded."""
+        return self.attitude is not None and OUTPUTS["x"] in self.channels
+
+    @property
     def turns(self) -> bool:
         """Whether the position is made from what is recorded of a body that turns."""
         return self.attitude is not None or self.angle_zero is not None
 
 
-def read_sidecar(path: Path) -> Sidecar:
+def read_sidecar(path: Path, axis: str = "") -> Sidecar:
     """Read and check a sidecar.
+
+    Parameters
+    ----------
+    path : the sidecar.
+    axis : of three outputs, the one that is read as the output of the accelerometer: x, y or z.
 
     Raises
     ------
@@ -131,7 +143,7 @@ def read_sidecar(path: Path) -> Sidecar:
     """
     text = sidecar_text(path)
     try:
-        return _sidecar(_parsed(text), path)
+        return _sidecar(_of_axis(_parsed(text), path, axis), path)
     except RecursionError:
         raise RecordingError(
             f"{path}: brackets lie too deep inside one another; expected tables as in the template, accelcal init"
@@ -974,6 +986,17 @@ def markdown(table: str) -> str:
     return "".join(["| key | value | what it is for | when it is missing |\n|---|---|---|---|\n", *rows])
 
 
+def _of_axis(content: dict[str, Any], path: Path, axis: str) -> dict[str, Any]:
+    """What a sidecar of three outputs declares of one of them."""
+    channels, rig = content.get("channels"), content.get("rig", {})
+    if not axis or not isinstance(channels, dict) or not isinstance(rig, dict):
+        return content
+    if OUTPUTS[axis] not in channels:
+        raise RecordingError(f"{path}: channels.{OUTPUTS[axis]} is missing; expected {_THREE_OUTPUTS}")
+    others = {name: channel for name, channel in channels.items() if name not in OUTPUTS.values()}
+    return {**content, "channels": {**others, "accel": channels[OUTPUTS[axis]]}, "rig": {**rig, "input_axis": axis}}
+
+
 def _sidecar(content: Mapping[str, Any], path: Path) -> Sidecar:
     try:
         for name in content:
@@ -1026,6 +1049,8 @@ def _require_one_orientation(tables: Mapping[str, dict[str, Any]]) -> None:
     rate = next((name for name in GYROSCOPE if name not in rates), "")
     place = next((name for name in PLACE if name not in channels), "")
     further = next((name for name in ("position", ACCELERATION) if name in channels), "")
+    outputs = [name for name in OUTPUTS.values() if name in channels]
+    lost = next((name for name in OUTPUTS.values() if outputs and name not in outputs), "")
     faults = (
         (GRAVITY in rig and (attitude or level), f"rig.{GRAVITY}", twice),
         (attitude and level, f"channels.{GRAVITY}", twice),
@@ -1041,7 +1066,17 @@ def _require_one_orientation(tables: Mapping[str, dict[str, Any]]) -> None:
             f"is missing; a gyroscope is {', '.join(GYROSCOPE)}, in rad/s",
         ),
         (
-            attitude and not axis,
+            attitude and not axis and lost,
+            f"channels.{lost}",
+            f"is missing beside {', '.join(outputs)}; map all three outputs, or one as accel with [rig] input_axis",
+        ),
+        (
+            attitude and not axis and outputs and "accel" in channels,
+            "channels.accel",
+            f"beside {', '.join(outputs)} is one output too many; leave it out",
+        ),
+        (
+            attitude and not axis and not outputs,
             "rig.input_axis",
             f"is missing beside [channels.attitude]; write input_axis = {_LETTERS}",
         ),
