@@ -19,12 +19,14 @@ GRAVITY = "gravity_along_axis"
 """Side channel: what an ideal accelerometer on the axis reads while the position does not accelerate, m/s²."""
 LEVERS = ("lever_x", "lever_y", "lever_z")
 """Side channels: acceleration along the axis of a point 1 m from the tracked one, for each axis of the sensor, s⁻²."""
-ACROSS = ("across_1", "across_2")
-"""Side channels: specific force along two directions of a tracked body across the input axis, m/s²."""
 LEVELS = ("level_e", "level_n")
 """Side channels: gravity along the axis for each radian by which up of the reference leans east or north, m/s²."""
 TURNED = ("turned_1", "turned_2")
 """Side channels: angles about two directions across the input axis, from a gyroscope, rad."""
+OF_DIRECTION = ("across", *LEVERS, *LEVELS)
+"""What is known of a direction of a tracked body: specific force along it, m/s², levers and levels of it."""
+ACROSS = tuple(f"{name}_{number}" for number in (1, 2) for name in OF_DIRECTION)
+"""Side channels: the same of two directions across the input axis."""
 GYROSCOPE = ("gyr_x", "gyr_y", "gyr_z")
 """Side channels: angular rate about the axes of the sensor, right-handed, rad/s."""
 RATES = ("rate_i", "rate_p")
@@ -127,26 +129,25 @@ def turning(t: Array, place: Array, attitude: tuple[Array, Array], axis: Array, 
     mean = np.mean(e, axis=0)
     along_mean = place @ (mean / np.linalg.norm(mean))
     path, gravity = np.empty(len(t)), STANDARD_GRAVITY * e[:, 2]
-    levers, force = [np.empty(len(t)) for _ in body], np.empty((len(t), 3))
+    second = np.empty((len(t), 4, 3))  # derivatives of the place and of the three axes of the body
     for rows in unbroken(t):
         turned_path = path_along(t[rows], place[rows], e[rows])
-        offset, curvature = smoothed(t[rows], along_mean[rows] - turned_path)
-        path[rows] = turned_path + offset
-        gravity[rows] -= curvature
-        force[rows] = np.column_stack([smoothed(t[rows], p)[1] for p in place[rows].T])
-        for lever, direction in zip(levers, body, strict=True):
-            lever[rows] = smoothed(t[rows], path_along(t[rows], direction[rows], e[rows]))[1]
-    force[:, 2] += STANDARD_GRAVITY
-    across = [np.sum(force * direction, axis=1) for direction in beside]
-    tilted = [STANDARD_GRAVITY * e[:, k] for k in range(len(LEVELS))]
-    x, y, z = (Channel(name, t, lever, "rad/s^2") for name, lever in zip(LEVERS, levers, strict=True))
-    further = zip((*ACROSS, *LEVELS), (*across, *tilted), strict=True)
-    return Turning(
-        path=Channel("position", t, path, "m"),
-        gravity=Channel(GRAVITY, t, gravity, "m/s^2"),
-        levers=(x, y, z),
-        further=tuple(Channel(name, t, y, "m/s^2") for name, y in further),
+        series = [(along_mean[rows] - turned_path)[:, None], place[rows], *(direction[rows] for direction in body)]
+        offset, curvature = smoothed(t[rows], np.column_stack(series))
+        path[rows] = turned_path + offset[:, 0]
+        gravity[rows] -= curvature[:, 0]
+        second[rows] = curvature[:, 1:].reshape(-1, 4, 3)
+    second[:, 0, 2] += STANDARD_GRAVITY
+    columns = []
+    for direction in (e, *beside):
+        columns += [*np.einsum("nk,njk->jn", direction, second), *(STANDARD_GRAVITY * direction[:, :2].T)]
+    names = (*OF_DIRECTION, *ACROSS)
+    units = ("m/s^2", *("rad/s^2" for _ in LEVERS), *("m/s^2" for _ in LEVELS))
+    _, x, y, z, *further = (
+        Channel(name, t, column, unit) for name, column, unit in zip(names, columns, 3 * units, strict=True)
     )
+    path_along_mean, pull = Channel("position", t, path, "m"), Channel(GRAVITY, t, gravity, "m/s^2")
+    return Turning(path_along_mean, pull, (x, y, z), tuple(further))
 
 
 def perpendicular(axis: Array) -> tuple[Array, Array]:
@@ -408,7 +409,8 @@ def path_along(t: Array, r: Array, e: Array) -> Array:
 
 
 def smoothed(t: Array, y: Array) -> tuple[Array, Array]:
-    """A spline of degree 5 through a series, a knot every few readings: values and second derivatives, (n,) each."""
+    """A spline of degree 5 through series of (n,) or (n, m), a knot every few readings: values and second derivatives,
+    of the same shape."""
     if len(t) < 2:
         return y.copy(), np.zeros_like(y)
     spline = smooth_spline(t, y, KNOT_READINGS)
@@ -426,7 +428,7 @@ def smooth_spline(t: Array, y: Array, readings: int) -> scipy.interpolate.BSplin
     degree = min(5, len(t) - 1)
     inner = t[readings : len(t) - readings : readings] if len(t) > 3 * readings else t[:0]
     knots = np.concatenate([np.full(degree + 1, t[0]), inner, np.full(degree + 1, t[-1])])
-    return scipy.interpolate.make_lsq_spline(t, y, knots, k=degree)
+    return scipy.interpolate.make_lsq_spline(t, y, knots, k=degree, method="norm-eq")  # in linear time
 
 
 SPACINGS = (4, 8, 16, 32, 64)

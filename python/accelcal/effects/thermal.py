@@ -155,13 +155,19 @@ def body_misalignment(s: Signals) -> Array:
 
     A fit of three outputs has it for each: the six elements of a sensor matrix beside its diagonal.
 
-    Equation: e = M.1 f_1 + M.2 f_2, f the specific force along two directions of the body across the input axis: y and
-    z of x, z and x of y, x and y of z.
+    Equation: e = M.1 f_1 + M.2 f_2, f the specific force at the sensor along two directions of the body across the
+    input axis: y and z of x, z and x of y, x and y of z.
     Looks like: gravity that shows on an axis as the body turns about it.
     Easily confused with: bias where the body hardly turns; an error of the attitude.
     Separate by: turning about two axes, each face up once.
     """
-    return np.column_stack([s.side[name] for name in ACROSS])
+    known = [1.0, *(s.coefficients.get(f"{effect}.{part}", 0.0) for effect, parts in _AT_POINT for part in parts)]
+    sides = np.split(np.stack([s.side[name] for name in ACROSS]), 2)
+    return np.column_stack([np.tensordot(known, side, axes=1) for side in sides])
+
+
+_AT_POINT = (("lever_arm", ("x", "y", "z")), ("world_tilt", ("e", "n")))
+"""What the force at the sensor differs from that at the tracked point by."""
 
 
 @effect(

@@ -396,6 +396,7 @@ def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, valu
         jerk=polarity * (motion.jerk + change),
         scale=values.scale,
         bias=values.bias,
+        coefficients=values.by_name,
         rig=run.rig,
         cutoff=cutoff,
         side=side,

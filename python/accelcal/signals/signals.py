@@ -66,6 +66,8 @@ class Signals:
     """Standard deviation of the noise left in `a`, m/s²."""
     bias: float = 0.0
     """K0 of the model at hand, m/s²."""
+    coefficients: Mapping[str, float] = field(default_factory=dict)
+    """Those of the model at hand, for effects that multiply each other."""
     whole: Signals | None = None
     """What this is a stretch of; spacing, length and widths are those of the whole."""
     a_corner: float | None = None

@@ -1,0 +1,97 @@
+"""Turning triads of an independent simulator: place and attitude by sums of sines, three outputs of one body."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from accelcal.data import Array
+
+G = 9.80665
+STEP = 2e-3
+"""Of the differences that give the acceleration of a point of the body, s."""
+
+
+@dataclass
+class Triad:
+    """Truth of three outputs on a body that turns."""
+
+    seed: int
+    seconds: float = 60.0
+    rate: float = 200.0
+    turning: float = 0.5
+    """Amplitude of the angles, rad."""
+    noise: float = 100e-6 * G
+    """(m/s²)/sqrt(Hz)"""
+    place_noise: float = 3e-5
+    """m"""
+    attitude_noise: float = 0.0
+    """rad"""
+    effect: Callable[[Array], Array] | None = None
+    """What the output of axis `hidden` gains, of its specific force."""
+    hidden: int = 0
+    truth: dict[str, Array] = field(init=False)
+
+    def __post_init__(self) -> None:
+        r = np.random.default_rng(self.seed)
+        self.truth = {
+            "bias": r.normal(0.0, 0.05, 3),
+            "matrix": np.eye(3) + r.normal(0.0, 0.005, (3, 3)),
+            "lever": r.normal(0.0, 0.02, (3, 3)),
+            "up": r.normal(0.0, 0.003, 2),
+            "delay": np.array(r.uniform(0.0, 5e-3)),
+        }
+        self.waves = [
+            (np.array([0.13, 0.31, 0.57, 1.1, 1.9]) * r.uniform(0.9, 1.1, 5), size * r.uniform(0.5, 1.5, 5), phase)
+            for size, phase in (
+                *((np.array([0.2, 0.15, 0.08, 0.03, 0.012]), r.uniform(0.0, 6.3, 5)) for _ in range(3)),
+                *((self.turning * np.array([1.0, 0.7, 0.4, 0.15, 0.05]), r.uniform(0.0, 6.3, 5)) for _ in range(3)),
+            )
+        ]
+        self.random = r
+
+    def series(self, t: Array) -> tuple[Array, Rotation]:
+        """Place (n, 3), m, and attitude, sensor to ENU."""
+        x = np.column_stack([np.sin(2 * np.pi * np.outer(t, f) + phase) @ size for f, size, phase in self.waves])
+        return x[:, :3], Rotation.from_rotvec(x[:, 3:])
+
+    def force(self, t: Array, lever: Array) -> Array:
+        """Specific force of a point of the body in its axes, (n, 3) m/s²."""
+        weights = zip((-2, -1, 0, 1, 2), np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / (12.0 * STEP**2), strict=True)
+        acceleration = np.zeros((len(t), 3))
+        for k, weight in weights:
+            place, attitude = self.series(t + k * STEP)
+            acceleration += weight * (place + attitude.apply(lever))
+        up = np.array([*self.truth["up"], 1.0])
+        return np.asarray(self.series(t)[1].inv().apply(acceleration + G * up))
+
+    def write(self, folder: Path) -> Path:
+        """The record as a file with its sidecar."""
+        t, r = np.arange(0.0, self.seconds, 1.0 / self.rate), self.random
+        late = t - self.truth["delay"]
+        y = np.empty((len(t), 3))
+        for i in range(3):
+            force = self.force(late, self.truth["lever"][i])
+            y[:, i] = self.truth["bias"][i] + force @ self.truth["matrix"][i]
+            if self.effect is not None and i == self.hidden:
+                y[:, i] += self.effect(force[:, i])
+        y += self.noise * np.sqrt(self.rate / 2.0) * r.standard_normal(y.shape)
+        place, attitude = self.series(t)
+        place = place + self.place_noise * r.standard_normal(place.shape)
+        attitude = attitude * Rotation.from_rotvec(self.attitude_noise * r.standard_normal(place.shape))
+        q = attitude.as_quat(scalar_first=True)
+        path = folder / f"triad_{self.seed}.csv"
+        names = "t,accel_x,accel_y,accel_z,e,n,u,q_w,q_x,q_y,q_z"
+        np.savetxt(path, np.column_stack([t, y, place, q]), fmt="%.9g", delimiter=",", header=names, comments="")
+        outputs = "".join(f'accel_{a} = {{ column = "accel_{a}", unit = "m/s^2" }}\n' for a in "xyz")
+        places = "".join(f'position_{a} = {{ column = "{a}", unit = "m" }}\n' for a in "enu")
+        path.with_suffix(".toml").write_text(
+            f'[sensor]\nnoise = "{self.noise / G * 1e6:.6g} ug/sqrt(Hz)"\n[channels]\n'
+            f'time = {{ column = "t", unit = "s" }}\n{outputs}{places}'
+            'attitude = { columns = ["q_w", "q_x", "q_y", "q_z"], maps = "sensor to ENU" }\n'
+        )
+        return path
