@@ -22,6 +22,7 @@ from accelcal.data import DERIVED, Dwells, Recording, RecordingError
 from accelcal.data.recording import with_dwells
 from accelcal.diagnosis.checks import disturbance, slow_residual, stretches_of
 from accelcal.diagnosis.clean_fit import RejectedReadings, clean_fit
+from accelcal.diagnosis.axes import AxesDiagnosis, diagnose_axes
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
 from accelcal.diagnosis.evidence import Evidence, largest_wave
 from accelcal.diagnosis.faults import Examined, TimeSpan, examine
@@ -121,7 +122,7 @@ def diagnose(
     start: float | None = None,
     end: float | None = None,
     progress: Callable[[float], None] = lambda share: None,
-) -> Diagnosis | DwellDiagnosis:
+) -> Diagnosis | DwellDiagnosis | AxesDiagnosis:
     """Say which physical effect a model lacks on a recording, or on static dwells alone, if any.
 
     Parameters
@@ -156,7 +157,11 @@ def diagnose(
     """
     if isinstance(recordings, Dwells):
         return diagnose_dwells(fit, recordings, alpha=alpha)
-    examined = [examine(recording, start, end) for recording in runs_of(recordings)]
+    several = runs_of(recordings)
+    if len({recording.axis for recording in several}) > 1:
+        settings = {"extra": extra, "alpha": alpha, "start": start, "end": end}
+        return diagnose_axes(fit, several, diagnose, progress, **settings)
+    examined = [examine(recording, start, end) for recording in several]
     if "scale_factor" not in fit.model.fixed:
         require_relation(examined)
     runs, stretch, broken = judged_runs(examined)
@@ -915,11 +920,12 @@ def compare(
         raise AccelcalError(
             f"compare: names {list(named)}; expected a name of its own for each of {len(models)} models"
         )
-    ruler, evaluations = Ruler.of(models), []
+    evaluations = []
     for number, recording in enumerate(several):
         part = within(progress, number / len(several), (number + 1) / len(several))
+        of_output = [fit.of_axis(recording.axis) for fit in models]
         evaluated = compare_models(
-            models, recording, ruler, part, band=band, horizons=horizons, start=start, end=end, budget=budget
+            of_output, recording, Ruler.of(of_output), part, band=band, horizons=horizons, start=start, end=end, budget=budget
         )
         evaluations.append(evaluated)
     fitted = {run.session for fit in models for run in fit.runs if run.session}
@@ -1008,7 +1014,7 @@ def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast
     >>> ac.verbs.coast(fit, made.recording, 2.0, 5.0)
     Coast(from 2 s to 6.999 s: 4167 readings)
     """
-    return evaluation.coast(fit, examine(recording).source, start, horizon)
+    return evaluation.coast(fit.of_axis(recording.axis), examine(recording).source, start, horizon)
 
 
 def judged_runs(examined: Sequence[Examined]) -> tuple[list[PreparedRun], TimeSpan, list[Remark]]:

@@ -14,6 +14,7 @@ from dataclasses import replace
 from itertools import count
 from pickle import PicklingError
 
+from accelcal._support.errors import AccelcalError
 from accelcal.effects import mechanisms, registry
 from accelcal.effects.drift import CORRELATION, MADE, process
 from accelcal.effects.mechanisms import DRIVERS, PATTERN
@@ -52,6 +53,14 @@ def find(name: str) -> Effect:
         if any(shape.width for shape in stem.shapes.values()):
             symbol, beside = f"{stem.symbol}{asked['number']}", replace(stem.search, beside=stem.name)
             CATALOGUE[name] = replace(stem, name=name, symbol=symbol, search=beside)
+    asked = registry.ON_AXIS.fullmatch(name)
+    if name not in CATALOGUE and asked is not None:
+        try:
+            stem = find(asked["effect"])
+        except AccelcalError:
+            return registry.find(name)
+        if not stem.axis and stem.owner in ("sensor", "mounting"):
+            return registry.on_axis(stem, asked["axis"])
     return registry.find(name)
 
 

@@ -325,6 +325,8 @@ class Effect(Result):
     """Set where a coefficient follows a memory of a driver."""
     product: Mechanism | None = None
     """Set where it follows the driver itself, without memory."""
+    axis: str = ""
+    """Axis of a sensor with several outputs on whose output alone it acts; empty where it acts on all."""
     text: str = ""
     """The user's file that it comes from, whole; empty in the built-in catalogue."""
     digest: str = ""
@@ -432,6 +434,8 @@ class Effect(Result):
     def column(self, s: Signals, **shape: float) -> Array:
         """Contribution per unit coefficient at the times of `s`: (n,), or (n, m), its `parts_at`, where it has
         several columns."""
+        if self.axis and self.axis != s.axis:
+            return np.zeros_like(s.t) if self.width == 1 else np.zeros((len(s.t), len(self.parts_at(shape))))
         y = np.asanyarray(self.function(s, **shape))
         y = y if y.dtype == object else np.asarray(y, dtype=np.float64)  # objects are symbols of an export
         return np.broadcast_to(y, s.t.shape, subok=True) if self.width == 1 else y
@@ -594,6 +598,24 @@ def card_line(function: Callable[..., Array], label: str) -> str:
         elif lines:
             lines.append(line.strip())
     return " ".join(lines).strip()
+
+
+ON_AXIS = re.compile(r"(?P<effect>[a-z]\w*?)_on_(?P<axis>[xyz])")
+"""Name of an effect on one output of a sensor with several."""
+
+
+def on_axis(effect: Effect, axis: str) -> Effect:
+    """An effect of the sensor or its mounting on one output of three alone, entered into the catalogue at first call.
+
+    Examples
+    --------
+    >>> on_axis(find("cubic"), "y").name
+    'cubic_on_y'
+    """
+    name = f"{effect.name}_on_{axis}"
+    if name not in CATALOGUE:
+        CATALOGUE[name] = replace(effect, name=name, symbol=f"{effect.symbol}_{axis}", axis=axis, family=None)
+    return CATALOGUE[name]
 
 
 def find(name: str) -> Effect:

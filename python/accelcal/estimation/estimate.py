@@ -310,6 +310,36 @@ class Fit(Result):
         outputs = outputs_of(self.runs)
         return next(k for k, output in enumerate(outputs) if output.recording == outputs[run].recording)
 
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Outputs of the sensor that it was fitted to together; none of a sensor with one."""
+        return tuple(dict.fromkeys(run.axis for run in self.runs if run.axis))
+
+    def of_axis(self, axis: str) -> Fit:
+        """What it says of one output of a sensor with several, as of a sensor by itself; itself where it has not that
+        output."""
+        if axis not in self.axes:
+            return self
+        elsewhere = [name for name in self.model.effects if find(name).axis not in ("", axis)]
+        gone = {term.name for term in self.model.terms if term.effect.name in elsewhere}
+        rows = [k for k, e in enumerate(self.free) if e.axis in ("", axis) and e.name not in gone]
+        kept = [k for k, run in enumerate(self.runs) if run.axis == axis]
+        names, outputs = {self.runs[k].name for k in kept}, outputs_of(self.runs)
+        number = {outputs[k].recording: place for place, k in enumerate(kept)}
+        return replace(
+            self,
+            model=self.model.drop(*elsewhere) if elsewhere else self.model,
+            estimates=tuple(
+                replace(e, axis="", run=None if e.run is None else number[outputs[e.run].recording])
+                for e in self.estimates
+                if e.axis in ("", axis) and e.name not in gone
+            ),
+            covariance=self.covariance[np.ix_(rows, rows)],
+            runs=tuple(replace(self.runs[k], axis="") for k in kept),
+            remarks=tuple(note for note in self.remarks if note.values.get("recording") in (None, *names)),
+            shapes=tuple(e for e in self.shapes if e.name.rpartition(".")[0] not in elsewhere),
+        )
+
     def noise(self, run: int = 0) -> Noise:
         """Noise of one run.
 

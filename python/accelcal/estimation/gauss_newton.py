@@ -296,7 +296,7 @@ class Layout:
         slots: list[tuple[Term, tuple[int, ...]]] = []
         for term in model.free:
             by_run = term.owner in PER_RUN_OWNERS or term.name in model.per_run
-            by_axis = term.owner in PER_AXIS_OWNERS
+            by_axis = term.owner in PER_AXIS_OWNERS and not term.effect.axis
             members: dict[tuple[int, str], list[int]] = {}
             for run, output in enumerate(outputs):
                 key = output.recording if by_run else 0, output.axis if by_axis else ""

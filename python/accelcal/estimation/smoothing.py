@@ -397,6 +397,7 @@ def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, valu
         scale=values.scale,
         bias=values.bias,
         coefficients=values.by_name,
+        axis=run.recording.axis,
         rig=run.rig,
         cutoff=cutoff,
         side=side,

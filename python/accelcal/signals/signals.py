@@ -68,6 +68,8 @@ class Signals:
     """K0 of the model at hand, m/s²."""
     coefficients: Mapping[str, float] = field(default_factory=dict)
     """Those of the model at hand, for effects that multiply each other."""
+    axis: str = ""
+    """Which output of a sensor with several it is; empty where it has one."""
     whole: Signals | None = None
     """What this is a stretch of; spacing, length and widths are those of the whole."""
     a_corner: float | None = None
