@@ -20,9 +20,9 @@ from accelcal._support.progress import within
 from accelcal._support.values import listing
 from accelcal.data import DERIVED, Dwells, Recording, RecordingError
 from accelcal.data.recording import with_dwells
+from accelcal.diagnosis.axes import AxesDiagnosis, diagnose_axes
 from accelcal.diagnosis.checks import disturbance, slow_residual, stretches_of
 from accelcal.diagnosis.clean_fit import RejectedReadings, clean_fit
-from accelcal.diagnosis.axes import AxesDiagnosis, diagnose_axes
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
 from accelcal.diagnosis.evidence import Evidence, largest_wave
 from accelcal.diagnosis.faults import Examined, TimeSpan, examine
@@ -925,7 +925,15 @@ def compare(
         part = within(progress, number / len(several), (number + 1) / len(several))
         of_output = [fit.of_axis(recording.axis) for fit in models]
         evaluated = compare_models(
-            of_output, recording, Ruler.of(of_output), part, band=band, horizons=horizons, start=start, end=end, budget=budget
+            of_output,
+            recording,
+            Ruler.of(of_output),
+            part,
+            band=band,
+            horizons=horizons,
+            start=start,
+            end=end,
+            budget=budget,
         )
         evaluations.append(evaluated)
     fitted = {run.session for fit in models for run in fit.runs if run.session}

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from accelcal._support.arguments import within
+from accelcal._support.progress import within
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Result
 from accelcal._support.values import immutable
@@ -66,7 +66,7 @@ class AxesDiagnosis(Result):
 def strength(judged: Diagnosis) -> float:
     """Equivalent standard deviations of the first candidate of a diagnosis that lacks something; 0 of any other."""
     candidates = judged.scan.candidates
-    return candidates[0].sigma if judged.verdict != "adequate" and candidates else 0.0
+    return candidates[0].snr if judged.verdict != "adequate" and candidates else 0.0
 
 
 def diagnose_axes(

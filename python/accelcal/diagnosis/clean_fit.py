@@ -20,6 +20,7 @@ from accelcal.diagnosis.noise.noise_test import NoiseTest
 from accelcal.diagnosis.noise.run_all import run_noise_tests
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, REJECTION_ROUNDS
 from accelcal.effects import BUILT_IN
+from accelcal.estimation.bands import TRIALS
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun
@@ -135,7 +136,11 @@ def without_outliers(run: PreparedRun, test: NoiseTest) -> PreparedRun:
     good = np.ones(len(channel), dtype=np.bool_)
     good[nearest(channel.t, np.asarray(test.at))] = False
     cleaned = Channel(channel.name, channel.t[good], channel.y[good], channel.unit)
-    return run.anew(replace(recording, accel=cleaned) if name == "accel" else replace(recording, position=cleaned))
+    less = run.anew(replace(recording, accel=cleaned) if name == "accel" else replace(recording, position=cleaned))
+    less.answers.update(
+        {key: answer for key, answer in run.answers.items() if isinstance(key, tuple) and key[0] == TRIALS}
+    )
+    return less
 
 
 def nearest(t: Array, at: Array) -> NDArray[np.intp]:

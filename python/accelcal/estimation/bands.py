@@ -31,6 +31,10 @@ DIFFERENT = 1.5
 deviations, for the few pairs that are compared."""
 
 
+TRIALS = "bands"
+"""First word of the question to a run what single bands say; a few readings less do not change the answer."""
+
+
 def needs_band(state: RunState) -> bool:
     """Whether the crossover of the likelihood misleads: innovations are not white, or, of readings that were thinned
     because they are better than the output at every frequency, the likelihood leaves too few periods to judge.

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
@@ -34,7 +35,7 @@ from accelcal.data import (
 from accelcal.data.orientation import ANGLE, LEVEL_AXLE
 from accelcal.data.recording import dwells_with_first, listed
 from accelcal.effects import BUILT_IN, CATALOGUE, find
-from accelcal.estimation.bands import best_band, change_with_band, needs_band, trial_bands
+from accelcal.estimation.bands import TRIALS, best_band, change_with_band, needs_band, trial_bands
 from accelcal.estimation.channel_filters import names
 from accelcal.estimation.dwell_fit import DwellFit, origins_of, seen_in, solve_dwells
 from accelcal.estimation.dwell_rows import Nuisances, acts_at_rest, determines, shown
@@ -473,7 +474,15 @@ def _solved(
         solution = iterate(model, runs, [band] * len(runs), progress)
         _, by_runs = differing(solution)  # one value for runs that differ distorts all that is told beside it
     if band is None:
-        trials = [trial_bands(model, state) if needs_band(state) else () for state in solution.states]
+        trials = [
+            state.run.once(
+                (TRIALS, model.effects, *model.fixed.items(), state.run.t[0], state.run.t[-1]),
+                partial(trial_bands, model, state),
+            )
+            if needs_band(state)
+            else ()
+            for state in solution.states
+        ]
         bands = [best_band(trials_of_run) for trials_of_run in trials]
         if any(bands):
             solution = replace(iterate(model, runs, bands, progress), chosen=tuple(bands))

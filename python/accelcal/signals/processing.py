@@ -250,11 +250,12 @@ EVEN = 1.5
 
 
 def cubic(t: Array, y: Array, at: Array) -> Array:
-    """Values at times `at` (n,), by the cubic through four samples, straight lines beside a gap and next to the ends,
-    held beyond them."""
+    """Values at times `at` (n,) of a series or of several (m, k), by the cubic through four samples, straight lines
+    beside a gap and next to the ends, held beyond them."""
+    rows = np.atleast_2d(y)
     if len(t) < 4:
-        return np.asarray(np.interp(at, t, y))
-    values = np.empty(len(at))
+        return np.array([np.interp(at, t, row) for row in rows]).reshape(*y.shape[:-1], len(at))
+    values = np.empty((len(rows), len(at)))
     most = 3.0 * EVEN * float(np.median(np.diff(t[:4096])))
     for begin in range(0, len(at), CUBIC_STRETCH):
         times = at[begin : begin + CUBIC_STRETCH]
@@ -262,15 +263,16 @@ def cubic(t: Array, y: Array, at: Array) -> Array:
         inside = np.flatnonzero((first >= 0) & (first < len(t) - 3))
         inside = inside[t[first[inside] + 3] - t[first[inside]] < most]
         if len(inside) < len(times):
-            values[begin : begin + CUBIC_STRETCH] = np.interp(times, t, y)
+            for value, row in zip(values, rows, strict=True):
+                value[begin : begin + CUBIC_STRETCH] = np.interp(times, t, row)
         times, first = times[inside], first[inside]
         if len(first) and np.all(np.diff(first) == 1):  # nothing is gathered where both series go on alike
             four: list[slice | NDArray[np.intp]] = [slice(first[0] + k, first[-1] + 1 + k) for k in range(4)]
         else:
             four = [first + k for k in range(4)]
         weights = lagrange_weights([t[k] - times for k in four])
-        values[begin + inside] = sum(weight * y[k] for weight, k in zip(weights, four, strict=True))
-    return np.asarray(values)
+        values[:, begin + inside] = sum(weight * rows[:, k] for weight, k in zip(weights, four, strict=True))
+    return values.reshape(*y.shape[:-1], len(at))
 
 
 SPLINE_STRETCH, SPLINE_MARGIN = 1 << 17, 32
