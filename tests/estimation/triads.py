@@ -31,9 +31,11 @@ class Triad:
     """m"""
     attitude_noise: float = 0.0
     """rad"""
-    effect: Callable[[Array], Array] | None = None
-    """What the output of axis `hidden` gains, of its specific force."""
+    law: Callable[[Array, Array, Array], Array] | None = None
+    """What the output of axis `hidden` gains, of time, s, its specific force, m/s², and temperature, degC."""
     hidden: int = 0
+    warms: bool = False
+    """Whether the temperature is recorded."""
     truth: dict[str, Array] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -69,26 +71,39 @@ class Triad:
         up = np.array([*self.truth["up"], 1.0])
         return np.asarray(self.series(t)[1].inv().apply(acceleration + G * up))
 
+    def known(self) -> dict[tuple[str, str], float]:
+        """The parameters by name and axis, as the product calls them."""
+        values = {("time_offset", ""): float(self.truth["delay"])}
+        values |= dict(zip((("world_tilt.e", ""), ("world_tilt.n", "")), self.truth["up"].tolist(), strict=True))
+        for i, axis in enumerate("xyz"):
+            row = np.roll(self.truth["matrix"][i], -i)
+            values |= {("bias", axis): self.truth["bias"][i], ("scale_factor", axis): row[0] - 1.0}
+            values |= {("body_misalignment.1", axis): row[1], ("body_misalignment.2", axis): row[2]}
+            values |= {(f"lever_arm.{j}", axis): r for j, r in zip("xyz", self.truth["lever"][i], strict=True)}
+        return values
+
     def write(self, folder: Path) -> Path:
         """The record as a file with its sidecar."""
         t, r = np.arange(0.0, self.seconds, 1.0 / self.rate), self.random
         late = t - self.truth["delay"]
+        warm = 25.0 + 8.0 * (1.0 - np.exp(-t / 20.0)) + 2.0 * np.sin(0.35 * t)
         y = np.empty((len(t), 3))
         for i in range(3):
             force = self.force(late, self.truth["lever"][i])
             y[:, i] = self.truth["bias"][i] + force @ self.truth["matrix"][i]
-            if self.effect is not None and i == self.hidden:
-                y[:, i] += self.effect(force[:, i])
+            if self.law is not None and i == self.hidden:
+                y[:, i] += self.law(late, force[:, i], warm)
         y += self.noise * np.sqrt(self.rate / 2.0) * r.standard_normal(y.shape)
         place, attitude = self.series(t)
         place = place + self.place_noise * r.standard_normal(place.shape)
         attitude = attitude * Rotation.from_rotvec(self.attitude_noise * r.standard_normal(place.shape))
         q = attitude.as_quat(scalar_first=True)
         path = folder / f"triad_{self.seed}.csv"
-        names = "t,accel_x,accel_y,accel_z,e,n,u,q_w,q_x,q_y,q_z"
-        np.savetxt(path, np.column_stack([t, y, place, q]), fmt="%.9g", delimiter=",", header=names, comments="")
+        names = "t,accel_x,accel_y,accel_z,e,n,u,q_w,q_x,q_y,q_z,warm"
+        np.savetxt(path, np.column_stack([t, y, place, q, warm]), fmt="%.9g", delimiter=",", header=names, comments="")
         outputs = "".join(f'accel_{a} = {{ column = "accel_{a}", unit = "m/s^2" }}\n' for a in "xyz")
         places = "".join(f'position_{a} = {{ column = "{a}", unit = "m" }}\n' for a in "enu")
+        places += 'temperature = { column = "warm", unit = "degC" }\n' if self.warms else ""
         path.with_suffix(".toml").write_text(
             f'[sensor]\nnoise = "{self.noise / G * 1e6:.6g} ug/sqrt(Hz)"\n[channels]\n'
             f'time = {{ column = "t", unit = "s" }}\n{outputs}{places}'

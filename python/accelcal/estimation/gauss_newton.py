@@ -346,7 +346,7 @@ class Layout:
         return tuple(estimates)
 
     def whose(self, runs: Sequence[int]) -> tuple[int | None, str]:
-        """Run and axis that a row of some runs belongs to: None where it is that of all recordings, empty of all axes."""
+        """Run and axis of a row that some runs share: None where all recordings do, empty where all axes do."""
         recordings, axes = ({output[k] for output in self.outputs} for k in range(2))
         some = [self.outputs[run] for run in runs]
         run = None if {output.recording for output in some} == recordings else runs[0]
