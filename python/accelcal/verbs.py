@@ -159,8 +159,7 @@ def diagnose(
         return diagnose_dwells(fit, recordings, alpha=alpha)
     several = runs_of(recordings)
     if len({recording.axis for recording in several}) > 1:
-        settings = {"extra": extra, "alpha": alpha, "start": start, "end": end}
-        return diagnose_axes(fit, several, diagnose, progress, **settings)
+        return diagnose_axes(fit, several, diagnose, progress, alpha=alpha, extra=extra, start=start, end=end)
     examined = [examine(recording, start, end) for recording in several]
     if "scale_factor" not in fit.model.fixed:
         require_relation(examined)
@@ -541,7 +540,8 @@ def with_effect(
     wave = largest_wave(effect, model, states)
     if wave is not None and effect.search.beside in ("", *model.effects):
         return model.add(name, shapes={name: wave.shape}), wave.estimate
-    requested = scan(states, model, extra=extra, only=(effect,), progress=progress)
+    of_axis = [state for state in states if effect.axis in ("", state.run.recording.axis)]
+    requested = scan(of_axis or states, model, extra=extra, only=(effect,), progress=progress)
     if requested.entered:
         return requested.entered[0].enter(model), 0.0
     lacking = [need for need in effect.needs if need not in states[0].run.recording.side]

@@ -447,7 +447,7 @@ def fitted_files(fit: Fit, *given: Path) -> list[Path | None]:
     """Recordings of a model, looked for beside the files that a command was given; None for one that is elsewhere."""
 
     def place(run: RunFit) -> Path | None:
-        beside = (folder / run.name for folder in dict.fromkeys(path.parent for path in given))
+        beside = (folder / run.file for folder in dict.fromkeys(path.parent for path in given))
         return next((at for at in beside if at.is_file() and loading.digest_of(at) in (run.digest, run.session)), None)
 
-    return [place(run) for run in fit.runs]
+    return list(dict.fromkeys(place(run) for run in fit.runs))

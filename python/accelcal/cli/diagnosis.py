@@ -41,7 +41,7 @@ from accelcal.cli.common import (
     writable_folder,
 )
 from accelcal.cli.lazy import catalogue, data, experiment, io, model_file, results_json, sensors, verbs
-from accelcal.cli.models import LOADED, load_any, load_like, load_run
+from accelcal.cli.models import LOADED, load_all, load_like, load_runs
 from accelcal.cli.overwriting import mark_of
 
 if TYPE_CHECKING:
@@ -68,21 +68,25 @@ def diagnose(
     Example: [bold]accelcal diagnose m.json run12.csv --holdout run13.csv[/bold]
     """
     from accelcal.data.recording import with_dwells
+    from accelcal.diagnosis.axes import AxesDiagnosis
     from accelcal.diagnosis.dwells import diagnose_dwells
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
     with progress("diagnose") as report:
-        recordings = with_dwells([load_any(fitted, run, rig) for run in runs])
+        recordings = with_dwells(load_all(fitted, runs, rig))
         if not isinstance(recordings, data.Dwells):
             diagnosis = verbs.diagnose(fitted, recordings, progress=within(report, LOADED, 0.8 if holdout else 1.0))
-            comparison = None if holdout is None else verbs.compare(diagnosis.fit, load_like(fitted, holdout, rig))
+            comparison = None
+            if holdout is not None:
+                unseen = verbs.runs_of(load_all(fitted, [holdout], rig))
+                comparison = verbs.compare(fitted if isinstance(diagnosis, AxesDiagnosis) else diagnosis.fit, unseen)
     if isinstance(recordings, data.Dwells):
         if holdout is not None:
             raise UsageError("--holdout needs a recording of a motion; these are dwells alone")
         deliver(diagnose_dwells(fitted, recordings), printing.show, output, json)
         return
-    if comparison is not None:
+    if comparison is not None and not isinstance(diagnosis, AxesDiagnosis):
         diagnosis = replace(diagnosis, heldout=comparison[0])
     made_from = {key for run in fitted.runs for key in (run.digest, run.session)}
     others = [r.name for r in recordings if not {r.digest, r.session} & made_from]
@@ -121,7 +125,7 @@ def improve(
     from accelcal.estimation.estimate import require_distinct
 
     load_own_effects(effects_file)
-    recordings = [load_run(path, rig) for path in runs]
+    recordings = load_runs(runs, rig)
     unseen = None if holdout is None else io.load(holdout, rig)
     if unseen is not None:
         require_distinct([*(recording for recording in recordings if isinstance(recording, data.Recording)), unseen])
@@ -357,7 +361,7 @@ def compare(
     with progress("compare") as report:
         comparison = verbs.compare(
             fits,
-            [load_like(fits[0], path, rig) for path in runs],
+            verbs.runs_of(load_all(fits[0], runs, rig)),
             names=[str(path) for path in models],
             band=parse_quantity(band, "frequency", "--band"),
             start=parse_quantity(start, "time", "--from"),

@@ -105,7 +105,7 @@ def fit(
     begin, stop = parse_quantity(start, "time", "--from"), parse_quantity(end, "time", "--to")
     width, engine = parse_quantity(band, "frequency", "--band"), method_of(context)
     with progress("fit") as report:
-        recordings = [load_run(path, rig) for path in runs] if position is None else [of_two(runs, position, rig)]
+        recordings = load_runs(runs, rig) if position is None else [of_two(runs, position, rig)]
         if isinstance(engine, str):
             base = chosen().add("clock_skew") if print_alignment(*recordings) else chosen()
             wanted, part = varying(base, vary or []), within(report, LOADED, 1.0)
@@ -252,7 +252,7 @@ def refit(
     load_own_effects(effects_file)
     fitted = model_file.load(model)
     with progress(writing.get().command) as report:
-        recordings = [load_any(fitted, run, rig) for run in runs]
+        recordings = load_all(fitted, runs, rig)
         result = work(fitted, recordings, within(report, LOADED, 1.0))
     finish_fit(result, recordings, output, json)
     if not json:
@@ -274,14 +274,26 @@ def of_two(runs: Sequence[Path], position: Path, rig: Path | None) -> data.Recor
     return io.load(runs[0], rig, position=position)
 
 
-def load_run(path: Path, rig: Path | None) -> data.Recording | data.Dwells:
-    """Read a recording, or dwells where the file or its sidecar says that it is some."""
-    return io.load_dwells(path, rig) if io.declares_dwells(path, rig) else io.load(path, rig)
+def load_runs(paths: Sequence[Path], rig: Path | None) -> list[data.Recording | data.Dwells]:
+    """Read recordings, all outputs where there are three, or dwells where the file or its sidecar says that it is some."""
+    recordings: list[data.Recording | data.Dwells] = []
+    for path in paths:
+        if io.declares_axes(path, rig):
+            recordings += io.load_axes(path, rig)
+        else:
+            recordings.append(io.load_dwells(path, rig) if io.declares_dwells(path, rig) else io.load(path, rig))
+    return recordings
 
 
-def load_any(fitted: Fit, run: Path, rig: Path | None) -> data.Recording | data.Dwells:
-    """Read a recording of the model's sensor, or dwells of it."""
-    return io.load_dwells(run, rig) if io.declares_dwells(run, rig) else load_like(fitted, run, rig)
+def load_all(fitted: Fit, paths: Sequence[Path], rig: Path | None) -> list[data.Recording | data.Dwells]:
+    """Read recordings of the model's sensor, all outputs where there are three, or dwells of it."""
+    recordings: list[data.Recording | data.Dwells] = []
+    for path in paths:
+        if io.declares_axes(path, rig) or io.declares_dwells(path, rig):
+            recordings += load_runs([path], rig)
+        else:
+            recordings.append(load_like(fitted, path, rig))
+    return recordings
 
 
 def load_like(fitted: Fit, run: Path, rig: Path | None) -> data.Recording:

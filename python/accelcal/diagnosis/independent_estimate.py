@@ -109,7 +109,7 @@ def differences(solution: Solution) -> tuple[Difference, ...]:
     std = np.maximum(scatter, least)
     return tuple(
         Difference(term.name, run, **by_engine(x[i], moved[i]), std=float(std[i]), sigma=float(sigma[i]))
-        for i, (term, run) in enumerate(layout.slots)
+        for i, (term, run) in enumerate((term, layout.whose(runs)[0]) for term, runs in layout.slots)
         if math.isfinite(moved[i]) and blocks[i] >= LEAST_BLOCKS
     )
 

@@ -199,11 +199,11 @@ def further_runs(
     extra = [term for name in names for term in terms_of(find(name))]
     if not extra:
         return ()
-    fisher = information(states, model, extra)
+    fisher, layout = information(states, model, extra), Layout.of(model, outputs_of([s.run.recording for s in states]))
     before = deviations(fisher, len(extra))
     runs_by_effect: dict[str, FurtherRun] = {}
     for text, gram in tried(first, model, extra):
-        together = added(fisher, gram, model, len(states), extra)
+        together = added(fisher, gram, model, layout, extra)
         after = deviations(together, len(extra))
         for name, term, old, std in zip(names, extra, before, after, strict=True):
             shown = old > find(name).scale and std < TELLS * old  # not by these runs, but with that one
@@ -276,9 +276,9 @@ def information(states: Sequence[RunState], model: Model, extra: Sequence[Term])
     return total
 
 
-def added(fisher: Array, gram: Array, model: Model, runs: int, extra: Sequence[Term]) -> Array:
+def added(fisher: Array, gram: Array, model: Model, layout: Layout, extra: Sequence[Term]) -> Array:
     """Normal equations with one more run, whose own coefficients are eliminated."""
-    free = list(model.free)
+    free, first = layout.terms, layout.rows(0)
     per_run = [k for k, term in enumerate(free) if term.owner in PER_RUN_OWNERS or term.name in model.per_run]
     shared = [k for k in range(len(gram)) if k not in per_run]
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
@@ -290,9 +290,8 @@ def added(fisher: Array, gram: Array, model: Model, runs: int, extra: Sequence[T
         @ G[np.ix_(per_run, shared)]
     )
     left = left * np.outer(size[shared], size[shared])
-    layout = Layout.of(model, runs)
     m = len(layout.slots)
-    place = [layout.rows(0)[k] for k in shared if k < len(free)] + list(range(m, m + len(extra)))
+    place = [first[k] for k in shared if k < len(free)] + list(range(m, m + len(extra)))
     total = fisher.copy()
     total[np.ix_(place, place)] += left
     return total

@@ -311,6 +311,12 @@ class Fit(Result):
         outputs = outputs_of(self.runs)
         return next(k for k, output in enumerate(outputs) if output.recording == outputs[run].recording)
 
+    def label(self, e: Estimate) -> str:
+        """Name of an estimate in a table: with its axis, or its recording, where each has one of its own."""
+        run = None if e.run is None else self.runs[e.run]
+        of = [e.axis] if e.axis else []
+        return f"{e.name} [{', '.join([*of, *([run.file] if run else [])])}]" if of or run else e.name
+
     @property
     def axes(self) -> tuple[str, ...]:
         """Outputs of the sensor that it was fitted to together; none of a sensor with one."""

@@ -47,6 +47,11 @@ class RunFit:
     axis: str = ""
     """Which output of a sensor with several; empty where it has one."""
 
+    @property
+    def file(self) -> str:
+        """Name of the recording, without the axis."""
+        return self.name.removesuffix(f" {self.axis}")
+
 
 def run_fit(state: RunState, model: Model) -> RunFit:
     """Noise report and fit statistics of a run at the final values."""

@@ -77,6 +77,11 @@ def declares_dwells(path: Path, rig: Path | None = None) -> bool:
     return setup is not None and setup.angle is not None
 
 
+def declares_axes(path: Path, rig: Path | None = None) -> bool:
+    """Whether the sidecar of a file declares three outputs on a body whose attitude is recorded."""
+    return (rig is not None or has_sidecar(path)) and read_sidecar(rig or sidecar_of(path)).triad
+
+
 @checked
 def load_dwells(path: str | Path, rig: str | Path | None = None) -> Dwells:
     """Read dwells and check them.

@@ -68,7 +68,7 @@ def parameters(fit: Fit) -> Figure:
 
 
 def _name(estimate: Estimate) -> str:
-    run = "" if estimate.run is None else f", run {estimate.run + 1}"
+    run = (estimate.axis and f", {estimate.axis}") + ("" if estimate.run is None else f", run {estimate.run + 1}")
     return f"{estimate.symbol}  {spelled(estimate.name)}{run}"
 
 

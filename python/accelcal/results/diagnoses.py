@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection
 
 from accelcal._support.values import listing
+from accelcal.diagnosis.axes import AxesDiagnosis
 from accelcal.diagnosis.dwells import DwellDiagnosis
 from accelcal.diagnosis.findings import Confounded, Size
 from accelcal.diagnosis.search.scan import Candidate
@@ -196,6 +197,41 @@ def _(result: DwellDiagnosis, which: str = "") -> Table:
         notes=tuple(as_sentence(note.sentence) for note in result.remarks),
         about={"verdict": result.verdict, "sentence": result.sentence},
     )
+
+
+@table.register
+def _(result: AxesDiagnosis, which: str = "") -> Table:
+    require(which)
+    rows = [axis_row(axis, judged) for axis, judged in zip(result.axes, result.by_axis, strict=True)]
+    return Table(
+        title=f"Diagnosis of {len(result.axes)} outputs: {VERDICTS[result.verdict]}",
+        sentence=typeset(result.sentence),
+        columns=(
+            Column("axis", "axis"),
+            Column("verdict", "verdict", lambda r: VERDICTS[r["verdict"]]),
+            Column("effect", "effect", lambda r: spelled(r["effect"]) if r["effect"] else ""),
+            Column("", "significance", lambda r: f"{r['sigma']:.1f} σ, p {probability(r['p_value'])}"),
+            Column("", "examined", lambda r: str(r["examined"])),
+            *(Column(key) for key in ("sigma", "p_value", "examined")),
+        ),
+        rows=tuple(rows),
+        alarms=tuple(f"Suspect data, {axis}: {text}" for axis in result.axes for text in result[axis].suspect),
+        notes=tuple(f"{axis}: {as_sentence(note)}" for axis in result.axes for note in result[axis].notes),
+        about={"verdict": result.verdict, "sentence": result.sentence},
+    )
+
+
+def axis_row(axis: str, judged: Diagnosis) -> Row:
+    """Row of one output: its first candidate, and what it is worth."""
+    first = next(iter(judged.scan.candidates), None)
+    return {
+        "axis": axis,
+        "verdict": judged.verdict,
+        "effect": first.effect if first is not None and judged.verdict != "adequate" else "",
+        "sigma": first.snr if first is not None else 0.0,
+        "p_value": first.p_value if first is not None else 1.0,
+        "examined": judged.scan.examined,
+    }
 
 
 __dir__ = listing(globals())

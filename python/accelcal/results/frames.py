@@ -21,7 +21,6 @@ from accelcal.estimation.tracks import Path, Track
 from accelcal.filters.choice import STATE_UNITS
 from accelcal.filters.record import FilterRun
 from accelcal.io.write import common_rows, common_stamps
-from accelcal.model import Estimate
 from accelcal.results.table import as_frame, pandas_module
 from accelcal.simulation.sensor import Simulated
 from accelcal.validation.comparison import Coast, Evaluation
@@ -116,14 +115,9 @@ def _(run: FilterRun) -> tuple[Columns, str]:
 def correlations(fit: Fit) -> DataFrame:
     """Correlations of the free parameters, names on both sides."""
     std = np.sqrt(np.diag(fit.covariance))
-    names = [name_in_data(fit, e) for e in fit.free]
+    names = [fit.label(e) for e in fit.free]
     frame: DataFrame = pandas_module().DataFrame(fit.covariance / np.outer(std, std), index=names, columns=names)
     return frame
-
-
-def name_in_data(fit: Fit, e: Estimate) -> str:
-    """Name of an estimate, with that of its run where every run has one."""
-    return e.name if e.run is None else f"{e.name} [{fit.runs[e.run].name}]"
 
 
 def variable(dims: str | tuple[str, ...], values: Any, unit: str, text: str = "") -> Any:
@@ -179,7 +173,7 @@ def _(recording: Recording) -> Any:
 
 @dataset.register
 def _(fit: Fit) -> Any:
-    names = [name_in_data(fit, e) for e in fit.free]
+    names = [fit.label(e) for e in fit.free]
     units = [e.unit for e in fit.free]
     return xarray_module().Dataset(
         {

@@ -22,6 +22,7 @@ from accelcal.effects.mechanisms import unit_of_channel
 from accelcal.effects.own import ExpressionError, from_written, probe
 from accelcal.estimation.drive import LEAST_SCALE
 from accelcal.estimation.estimate import Fit
+from accelcal.estimation.gauss_newton import Layout, outputs_of
 from accelcal.estimation.remarks import KINDS
 from accelcal.io import atomic_write
 from accelcal.model import OwnEffect, SideChannel, Term
@@ -325,7 +326,7 @@ def _runs(fit: Fit) -> Found:
 
 def _parameters(fit: Fit) -> Found:
     terms = {term.name: term for term in fit.model.terms}
-    by_name: dict[str, list[int | None]] = {}
+    by_name: dict[str, list[tuple[int | None, str]]] = {}
     for i, e in enumerate(fit.estimates):
         term = terms[e.name]
         if e.unit != term.unit:
@@ -338,10 +339,12 @@ def _parameters(fit: Fit) -> Found:
                     f"typically {term.effect.scale:.2g} {term.unit}"
                 ),
             )
-        by_name.setdefault(e.name, []).append(e.run)
-    for name, runs in by_name.items():
-        if runs not in ([None], list(range(len(fit.runs)))):
-            listed = ", ".join("all" if run is None else str(run) for run in runs)
+        by_name.setdefault(e.name, []).append((e.run, e.axis))
+    layout = Layout.of(fit.model, outputs_of(fit.runs)) if fit.runs else None
+    for name, places in by_name.items():
+        slots = [layout.whose(layout.slots[i][1]) for i in layout.rows_of(name)] if layout else []
+        if places not in ([(None, "")], slots):
+            listed = ", ".join(f"{'all' if run is None else run}{axis and f' ({axis})'}" for run, axis in places)
             yield "estimates", f"found {name} of the runs {listed}, expected it once for all runs, or once for each"
     scale = fit.values().scale
     if not abs(scale) >= LEAST_SCALE:

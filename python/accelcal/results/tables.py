@@ -125,7 +125,7 @@ def estimate_row(fit: Fit, e: Estimate, kind: str = "coefficient") -> Row:
     held, half = e.std <= 0.0, fit.expanded(e, NORMAL_95)
     determined = not held and math.isfinite(half)
     return {
-        "parameter": e.name if e.run is None else f"{e.name} [{fit.runs[e.run].name}]",
+        "parameter": fit.label(e),
         "name": e.name,
         "symbol": e.symbol,
         "value": e.value,
@@ -137,6 +137,7 @@ def estimate_row(fit: Fit, e: Estimate, kind: str = "coefficient") -> Row:
         "kind": kind,
         "held": held,
         "run": e.run,
+        "axis": e.axis,
         "worded": plain(e.unit, e.value, e.std),
         "at_full_scale": at_full_scale(e.name, e.unit, e.value, e.std, fit.rig.sensor.range, used_acceleration(fit)),
         "si": amount(e.value, e.std, e.unit),

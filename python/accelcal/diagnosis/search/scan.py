@@ -174,7 +174,7 @@ def scan(
     """
     if only:
         further = users_own() if extra is None else tuple(extra)
-        extra = (*further, *(e for e in only if e not in further and e not in BUILT_IN and not e.product))
+        extra = (*further, *(e for e in only if e not in further and e not in BUILT_IN and (e.axis or not e.product)))
     items = hypotheses_for(passes[0], model, extra, others=passes[1:])
     if only:
         names = {effect.name for effect in only}
