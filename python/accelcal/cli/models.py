@@ -275,7 +275,7 @@ def of_two(runs: Sequence[Path], position: Path, rig: Path | None) -> data.Recor
 
 
 def load_runs(paths: Sequence[Path], rig: Path | None) -> list[data.Recording | data.Dwells]:
-    """Read recordings, all outputs where there are three, or dwells where the file or its sidecar says that it is some."""
+    """Read recordings, all outputs where there are three, or dwells where file or sidecar says that it is some."""
     recordings: list[data.Recording | data.Dwells] = []
     for path in paths:
         if io.declares_axes(path, rig):

@@ -366,6 +366,53 @@ def ties_of_arm(motion: Turning, arm: float, axle: float) -> list[tuple[str, str
     return listed
 
 
+MOTIONS_THAT_TELL = {
+    "bias": (0.05, "m/s^2", "point each axis up and down"),
+    "scale_factor": (0.01, "1", "point each axis up and down, or move faster"),
+    "time_offset": (1e-3, "s", "turn or move faster"),
+    **{f"lever_arm.{axis}": (0.01, "m", f"turn faster, about an axis across {axis}") for axis in "xyz"},
+    "the direction of the axis": (0.01, "rad", "turn about two axes, by a right angle or more"),
+    "the tilt of the reference": (0.01, "rad", "turn by half a turn about the vertical"),
+}
+"""What a tracked body is turned for: a usual size of each, its unit, and the motion that determines it."""
+USUAL_DENSITY = 200e-6 * STANDARD_GRAVITY
+"""Noise density of a sensor whose noise is not declared, (m/s²)/sqrt(Hz)."""
+
+
+def left_open(motion: Turning, density: float | None, *, triad: bool) -> list[tuple[str, str]]:
+    """Coefficients that the turning of a body leaves more uncertain than they usually are, each with a sentence: its
+    standard uncertainty by the noise of the output alone, and what to do.
+
+    Parameters
+    ----------
+    motion : what place and attitude say of the axis.
+    density : of the noise of the output, (m/s²)/sqrt(Hz); None = not declared.
+    triad : whether the direction of the axis and the tilt of the reference are estimated as well.
+    """
+    t, side = motion.path.t, {name: channel.y for name, channel in motion.side.items()}
+    a = smoothed(t, motion.path.y)[1] + side[GRAVITY]
+    columns = {"bias": [np.ones_like(a)], "scale_factor": [a], "time_offset": [np.gradient(a, t)]}
+    columns |= {name.replace("lever_", "lever_arm."): [side[name]] for name in LEVERS}
+    if triad:
+        columns["the direction of the axis"] = [side[f"across_{k}"] for k in (1, 2)]
+        columns["the tilt of the reference"] = [side[name] for name in LEVELS]
+    names = [name for name, several in columns.items() for _ in several]
+    size = np.array([MOTIONS_THAT_TELL[name][0] for name in names])
+    X = np.column_stack([column for several in columns.values() for column in several]) * size
+    white = 0.5 * (density or USUAL_DENSITY) ** 2 / float(np.median(np.diff(t)))
+    std = size * np.sqrt(np.diag(np.linalg.inv(X.T @ X / white + FAINT * np.eye(len(size)))))
+    listed = []
+    for name, (usual, unit, remedy) in MOTIONS_THAT_TELL.items():
+        worst = max((float(s) for n, s in zip(names, std, strict=True) if n == name), default=0.0)
+        if worst > usual:
+            listed.append(
+                (name, f"this turning leaves {name} uncertain by {min(worst, usual / FAINT**0.5):.2g} {unit}; {remedy}")
+            )
+    return listed
+
+
+FAINT = 1e-4
+"""Information of a hundred times the usual size, in inverse squares of it."""
 LEVEL_AXLE = 0.02
 """Elevation below which gravity across an axle hardly depends on it, rad."""
 PATH_KNOTS = 3.0

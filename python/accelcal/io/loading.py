@@ -46,6 +46,7 @@ from accelcal.data.orientation import (
     FASTEST_TURN,
     HOLE,
     QUATERNION_TOLERANCE,
+    left_open,
     on_arm,
     rotated,
     ties_of_arm,
@@ -203,6 +204,8 @@ def _of_attitude(
         f"the path by, gravity included: {np.min(level):.3g} to {np.max(level):.3g} m/s^2"
     )
     findings.append(Finding("turning", "position", len(q), float(t[0]), text))
+    ties = left_open(directions, rig.sensor.noise, triad=bool(declared.axis))
+    findings += [Finding("tie", name, 1, float(t[0]), text) for name, text in ties]
     return {**channels, "position": position, **directions.side}, rig, findings
 
 

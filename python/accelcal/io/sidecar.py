@@ -116,6 +116,8 @@ class Sidecar:
     """What was noticed in the recording that this is a part of."""
     dwell: DwellSetup | None = None
     """What is declared of dwells; None without that table."""
+    axis: str = ""
+    """Which of three outputs it was read for."""
 
     @property
     def triad(self) -> bool:
@@ -143,7 +145,7 @@ def read_sidecar(path: Path, axis: str = "") -> Sidecar:
     """
     text = sidecar_text(path)
     try:
-        return _sidecar(_of_axis(_parsed(text), path, axis), path)
+        return replace(_sidecar(_of_axis(_parsed(text), path, axis), path), axis=axis)
     except RecursionError:
         raise RecordingError(
             f"{path}: brackets lie too deep inside one another; expected tables as in the template, accelcal init"
