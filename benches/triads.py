@@ -1,10 +1,10 @@
-"""Three outputs on a body that turns: what is named with nothing missing, whether an effect that is hidden on one axis is
-found on that axis, and how right the estimates are.
+"""Three outputs on a body that turns: what is named with nothing missing, whether an effect that is hidden on one axis
+is found on that axis, and how right the estimates are.
 
 From the top of the repository: python -m benches.triads [--records 100] [--seed 1] [--out build/triads]
-The records come from `tests/estimation/triads.py`, which turns and differentiates frames. Of so many records each, 3 in 5
-have an effect hidden at d = 20, and twice as many are fitted for the consistency of the estimates. Outcomes are kept in
-OUT, a line each, and an interrupted run continues.
+The records come from `tests/estimation/triads.py`, which turns and differentiates frames. Of so many records each, 3 in
+5 have an effect hidden at d = 20, and twice as many are fitted for the consistency of the estimates. Outcomes are kept
+in OUT, a line each, and an interrupted run continues.
 """
 
 from __future__ import annotations

@@ -283,6 +283,25 @@ class Model(Result):
                 raise AccelcalError(f"{name!r} is not held; held are {', '.join(self.fixed) or 'none'}")
         return replace(self, fixed={n: c for n, c in self.fixed.items() if n not in names})
 
+    def of_axis(self, axis: str) -> Model:
+        """Return the model of one output of a sensor with several: effects on that axis alone have plain names."""
+        elsewhere = [name for name in self.effects if find(name).axis not in ("", axis)]
+        plain = {n: n.removesuffix(f"_on_{axis}") for n in self.effects if find(n).axis == axis}
+        plain = {name: stem for name, stem in plain.items() if stem not in self.effects}
+        model = self.drop(*elsewhere) if elsewhere else self
+
+        def renamed(name: str) -> str:
+            effect, dot, part = name.partition(".")
+            return f"{plain.get(effect, effect)}{dot}{part}"
+
+        return Model(
+            effects=tuple(plain.get(name, name) for name in model.effects),
+            fixed={renamed(name): value for name, value in model.fixed.items()},
+            priors={renamed(name): prior for name, prior in model.priors.items()},
+            shapes={plain.get(name, name): shape for name, shape in model.shapes.items()},
+            per_run=tuple(map(renamed, model.per_run)),
+        )
+
     @property
     def own(self) -> tuple[OwnEffect, ...]:
         """Effects of the user."""

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from accelcal.calibration.export.certificate import Draft
 
 
+Style = Literal["kalibr", "imu_tk", "ros"]
 Language = Literal["c", "rust"]
 Precision = Literal["f32", "f64"]
 Dcc = Annotated[
@@ -163,6 +164,11 @@ def export(
     without: Annotated[
         list[str] | None, typer.Option("--without", help="Omit an effect that cannot be exported.")
     ] = None,
+    parameters: Annotated[
+        Path | None,
+        typer.Option("--parameters", help="Write matrix and offsets of three outputs.", callback=writable_file),
+    ] = None,
+    style: Annotated[Style, typer.Option("--style", help="Of --parameters: kalibr, imu_tk or ros.")] = "kalibr",
     live: Annotated[
         Language | None, typer.Option("--filter", help="Write the live filter of the whole model, as c or rust.")
     ] = None,
@@ -183,20 +189,42 @@ def export(
     Example: [bold]accelcal export m.json --filter c --rate 1667 -o tracker[/bold]
     """
     if live is not None or rate is not None:
-        if live is None or rate is None or c or rust or dcc or json or without:
+        if live is None or rate is None or c or rust or dcc or json or without or parameters:
             raise UsageError("--filter c (or rust) and --rate 1667 go together, and with no other form of export")
         load_own_effects(effects_file)
         export_filter(model, live, rate, precision, output)
         return
-    if not (c or rust or dcc or json):
-        raise UsageError("nothing to write: give --c sensor.h, --rust sensor.rs, --dcc draft.xml, --filter or --json")
+    if not (c or rust or dcc or json or parameters):
+        raise UsageError(
+            "nothing to write: give --c sensor.h, --rust sensor.rs, --dcc draft.xml, --filter, --json, or --parameters "
+            "of three outputs"
+        )
     require_usable(dcc, lab, schema)
     for option, path, endings in (("--c", c, (".h", ".c")), ("--rust", rust, (".rs",))):
         if path is not None and path.suffix not in endings:
             raise UsageError(f"{option} {path}: expected a name that ends in {' or '.join(endings)}")
     load_own_effects(effects_file)
-    calibration = exports.calibrate(model_file.load(model), without=without or (), source=model.name)
-    files: dict[Path, str] = {}
+    fitted, files = model_file.load(model), dict[Path, str]()
+    if fitted.axes or parameters is not None:
+        if dcc is not None:
+            raise UsageError("--dcc: a certificate is of one output; give a model of one axis, load(..., axis=...)")
+        matrix = exports.SensorMatrix.of(fitted, model.name)
+        if c is not None:
+            files |= {
+                c.parent / name: text
+                for name, text in exports.c_files(fitted, c.name, without or (), model.name).items()
+            }
+        if rust is not None:
+            files[rust] = exports.rust_module(fitted, without or (), model.name)
+        if parameters is not None:
+            files[parameters] = exports.PARAMETERS[style](matrix)
+        with io.together():
+            for path, text in files.items():
+                io.atomic_write(path, text)
+        deliver(matrix, printing.show, None, json)
+        print_written(*files)
+        return
+    calibration = exports.calibrate(fitted, without=without or (), source=model.name)
     if c is not None:
         files[c] = exports.header(calibration, c.name)
     if rust is not None:

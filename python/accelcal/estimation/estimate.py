@@ -327,24 +327,25 @@ class Fit(Result):
         output."""
         if axis not in self.axes:
             return self
-        elsewhere = [name for name in self.model.effects if find(name).axis not in ("", axis)]
-        gone = {term.name for term in self.model.terms if term.effect.name in elsewhere}
-        rows = [k for k, e in enumerate(self.free) if e.axis in ("", axis) and e.name not in gone]
+        model = self.model.of_axis(axis)
+        mine = {e.name for e in self.estimates if find(e.name.partition(".")[0]).axis in ("", axis)}
+        rows = [k for k, e in enumerate(self.free) if e.axis in ("", axis) and e.name in mine]
         kept = [k for k, run in enumerate(self.runs) if run.axis == axis]
         names, outputs = {self.runs[k].name for k in kept}, outputs_of(self.runs)
         number = {outputs[k].recording: place for place, k in enumerate(kept)}
+
+        def alone(e: Estimate) -> Estimate:
+            run = None if e.run is None or len(kept) == 1 else number[outputs[e.run].recording]
+            return replace(e, name=e.name.replace(f"_on_{axis}", "", 1), axis="", run=run)
+
         return replace(
             self,
-            model=self.model.drop(*elsewhere) if elsewhere else self.model,
-            estimates=tuple(
-                replace(e, axis="", run=None if e.run is None else number[outputs[e.run].recording])
-                for e in self.estimates
-                if e.axis in ("", axis) and e.name not in gone
-            ),
+            model=model,
+            estimates=tuple(alone(e) for e in self.estimates if e.axis in ("", axis) and e.name in mine),
             covariance=self.covariance[np.ix_(rows, rows)],
             runs=tuple(replace(self.runs[k], axis="") for k in kept),
             remarks=tuple(note for note in self.remarks if note.values.get("recording") in (None, *names)),
-            shapes=tuple(e for e in self.shapes if e.name.rpartition(".")[0] not in elsewhere),
+            shapes=tuple(alone(e) for e in self.shapes if find(e.name.rpartition(".")[0]).axis in ("", axis)),
         )
 
     def noise(self, run: int = 0) -> Noise:

@@ -9,10 +9,12 @@ import math
 from collections.abc import Sequence
 
 from accelcal._support.values import listing
+from accelcal.calibration.export.axes import SensorMatrix
+from accelcal.data import concise
 from accelcal.diagnosis.experiment.design import Plan
 from accelcal.diagnosis.experiment.detectability import Detectability, Power
 from accelcal.results.table import Column, Row, Table, as_sentence, require, table
-from accelcal.results.words import number, with_unit
+from accelcal.results.words import amount, number, with_unit
 from accelcal.simulation.sensor import Simulated
 
 
@@ -95,6 +97,39 @@ DETECTABLE_COLUMNS = (
     Column("largest", "largest contribution at that size", largest_text),
     *(Column(key) for key in ("part", "unit", "largest_unit", "confounded_with")),
 )
+
+
+@table.register
+def _(result: SensorMatrix, which: str = "") -> Table:
+    require(which)
+    axes = tuple("xyz")
+    rows: list[Row] = [
+        {
+            "axis": axis,
+            "M": result.M[i].tolist(),
+            "M_std": result.M_std[i].tolist(),
+            "bias": float(result.bias[i]),
+            "bias_std": float(result.bias_std[i]),
+            "lever": result.lever[i].tolist(),
+        }
+        for i, axis in enumerate(axes)
+    ]
+    return Table(
+        title=f"Matrix of three outputs{f' of {result.source}' if result.source else ''}",
+        sentence="Output = offset + M times the specific force in the axes of the attitude (ENU: +g along up).",
+        columns=(
+            Column("axis", "output"),
+            *(
+                Column("", f"M along {of}", lambda r, k=k: concise(r["M"][k], r["M_std"][k]))  # type: ignore[misc]
+                for k, of in enumerate(axes)
+            ),
+            Column("", "offset", lambda r: amount(r["bias"], r["bias_std"], "m/s²")),
+            Column("", "lever arm, mm", lambda r: ", ".join(f"{1e3 * x:.1f}" for x in r["lever"])),
+            *(Column(key) for key in ("bias", "bias_std")),
+        ),
+        rows=tuple(rows),
+        notes=(f"Delay of all outputs {1e3 * result.delay:.4g} ms.",),
+    )
 
 
 __dir__ = listing(globals())

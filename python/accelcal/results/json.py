@@ -34,6 +34,7 @@ SCHEMAS: Mapping[str, str] = {
     "formulas": "diagnosis.select.curve_formulas:FormulaSet",
     "triad": "estimation.triad:TriadFit",
     "response": "response.measure:FrequencyResponse",
+    "sensor-matrix": "calibration.export.axes:SensorMatrix",
     "export": "calibration.export.calibration:Calibration",
     "fleet": "fleet.summary:Fleet",
     "live": "live.session:LiveEvent",

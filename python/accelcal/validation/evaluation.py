@@ -407,10 +407,10 @@ def without_steps(y: Array, run: PreparedRun) -> Array:
 
 
 def bridged(t: Array, y: Array, missing: Flags, beside: float) -> Array:
-    """A series (n,) whose pieces, parted where the output is missing, go on along the line through `beside` seconds of
-    the one before: a low-pass would spread the motion that nobody integrated."""
+    """A series (n,) whose pieces, parted where the output is missing or the filter began anew, go on along the line
+    through `beside` seconds of the one before: a low-pass would spread the motion that nobody integrated."""
     y = y.copy()
-    for a, b in runs_of_true(missing, 2):
+    for a, b in runs_of_true(missing, 1):  # one flag is a reading behind a hole
         first, last = np.searchsorted(t, [t[a] - beside, t[b] + beside])
         if min(a - first, last - b) < 2:
             continue
