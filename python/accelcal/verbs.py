@@ -699,6 +699,11 @@ def improve(
     ('cubic',)
     """
     several = runs_of(recordings)
+    if len(axes := dict.fromkeys(recording.axis for recording in several)) > 1:
+        raise AccelcalError(
+            f"improve: {', '.join(recording.name for recording in several)}; expected one output, not {len(axes)}. Fit "
+            "and diagnose all outputs together and add what an axis lacks, as in add(fit, axes, 'cubic_on_y')"
+        )
     apart = run_to_hold_out(several) if holdout is None else None
     if apart is not None:
         holdout = several.pop(apart)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 
@@ -31,8 +32,8 @@ from accelcal.cli.common import (
     with_exit_codes,
     writable_file,
 )
-from accelcal.cli.lazy import drawing, exports, io, model_file, pages, plots, response_files
-from accelcal.cli.models import load_like
+from accelcal.cli.lazy import drawing, exports, io, model_file, pages, plots, response_files, verbs
+from accelcal.cli.models import load_all
 
 if TYPE_CHECKING:
     from accelcal.calibration.export.certificate import Draft
@@ -113,30 +114,45 @@ def report(
     load_own_effects(effects_file)
     fitted = model_file.load(model)
     content: Any
+    files = list[tuple[Any, Path]]()
     with progress("report") as share, io.together():
         if compare:
             names = (model.name, run.name) if model.name != run.name else (str(model), str(run))
             content = pages.agreement(fitted, model_file.load(run), names=names)
             page, paper = cast("Any", pages.agreement_html), cast("Any", pages.agreement_pdf)
         else:
-            content = pages.gather(
-                fitted,
-                load_like(fitted, run, rig),
-                holdout=None if holdout is None else load_like(fitted, holdout, rig),
-                command=shlex.join(["accelcal", *sys.argv[1:]]),
-                progress=within(share, 0.0, 0.8),
-            )
+            runs = verbs.runs_of(load_all(fitted, [run], rig))
+            unseen = [None] * len(runs) if holdout is None else verbs.runs_of(load_all(fitted, [holdout], rig))
+            if len(unseen) != len(runs):
+                raise UsageError(
+                    f"--holdout {holdout}: {len(unseen)} outputs, but {run} has {len(runs)}; expected as many"
+                )
             page, paper = pages.light if light else pages.html, pages.pdf
-        for path in written:
+        for number, recording in enumerate([] if compare else runs):
+            content = pages.gather(
+                fitted.of_axis(recording.axis),
+                recording,
+                holdout=unseen[number],
+                command=shlex.join(["accelcal", *sys.argv[1:]]),
+                progress=within(share, 0.8 * number / len(runs), 0.8 * (number + 1) / len(runs)),
+            )
+            files += [(content, path) for path in of_axis(written, recording.axis)]
+        for content, path in files or [(content, path) for path in written]:
             if path.suffix == ".pdf":
                 paper(content, path)
             else:
                 io.atomic_write(path, page(content))
+        written = [path for _, path in files] or written
     if compare:
         printing.show_agreement(content)
     print_written(*written)
     if not compare:
         suggest("export", model, "--c", "sensor.h")
+
+
+def of_axis(paths: Sequence[Path], axis: str) -> list[Path]:
+    """Names of the pages of one axis of three."""
+    return [path.with_stem(f"{path.stem}_{axis}") if axis else path for path in paths]
 
 
 def pages_to_write(target: Path, pdf: bool) -> list[Path]:

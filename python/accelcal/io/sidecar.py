@@ -995,6 +995,9 @@ def _of_axis(content: dict[str, Any], path: Path, axis: str) -> dict[str, Any]:
         return content
     if OUTPUTS[axis] not in channels:
         raise RecordingError(f"{path}: channels.{OUTPUTS[axis]} is missing; expected {_THREE_OUTPUTS}")
+    for key, given in (("channels.accel", channels), ("rig.input_axis", rig)):
+        if key.partition(".")[2] in given:
+            raise RecordingError(f"{path}: {key} beside {', '.join(OUTPUTS.values())} is one too many; leave it out")
     others = {name: channel for name, channel in channels.items() if name not in OUTPUTS.values()}
     return {**content, "channels": {**others, "accel": channels[OUTPUTS[axis]]}, "rig": {**rig, "input_axis": axis}}
 
@@ -1075,7 +1078,7 @@ def _require_one_orientation(tables: Mapping[str, dict[str, Any]]) -> None:
         (
             attitude and not axis and outputs and "accel" in channels,
             "channels.accel",
-            f"beside {', '.join(outputs)} is one output too many; leave it out",
+            f"beside {', '.join(outputs)} is one too many; leave it out",
         ),
         (
             attitude and not axis and not outputs,

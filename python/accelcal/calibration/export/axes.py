@@ -112,14 +112,15 @@ def listed(values: Array) -> str:
 
 
 def kalibr(m: SensorMatrix) -> str:
-    """The accelerometer of an IMU file of Kalibr, model scale-misalignment-size-effect: y = M C f + b at the elements."""
+    """The accelerometer of an IMU file of Kalibr (model scale-misalignment-size-effect): y = M C f + b."""
     L, Q = m.lower
     rows = "\n".join(f"    - {listed(row)}" for row in L)
     levers = "\n".join(f"    r{axis}_i: {listed(Q @ row)}" for axis, row in zip(ACROSS, m.lever, strict=True))
     return (
         f"# {FRAMES}\n# C_i_b turns the body's axes into those of the sensor, whose x axis is that of its x element.\n"
         "imu0:\n  model: scale-misalignment-size-effect\n"
-        f"  accelerometer_noise_density: {float(np.mean(m.noise)):.6g}\n  time_offset: {m.delay:.9g}\n  accelerometers:\n    M:\n{rows}\n{levers}\n    C_i_b:\n"
+        f"  accelerometer_noise_density: {float(np.mean(m.noise)):.6g}\n  time_offset: {m.delay:.9g}\n"
+        f"  accelerometers:\n    M:\n{rows}\n{levers}\n    C_i_b:\n"
         + "".join(f"    - {listed(row)}\n" for row in Q)
         + f"    bias: {listed(m.bias)}\n"
     )

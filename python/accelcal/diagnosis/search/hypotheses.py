@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy
 
-from accelcal.data import DERIVED, POSITION_ORDER, Array
+from accelcal.data import ACROSS, DERIVED, POSITION_ORDER, Array
 from accelcal.diagnosis.policy import FREE_SHAPE_PARAMETERS, RANDOM_PROCESS_COMPARISONS
 from accelcal.effects import BUILT_IN, Effect, find, side_channels, users_own
 from accelcal.effects.building_blocks import periods
@@ -274,7 +274,7 @@ def trials_of(
         excluded = effect.name in model.effects or not shown or effect.port == "noise"
         premature = effect.search.beside and effect.search.beside not in model.effects
         unknown = dwells is not None and acts_at_rest(effect) and not dwells_show(dwells, effect)
-        foreign = lacks_its_position(effect, (state, *others))
+        foreign = lacks_its_position(effect, (state, *others)) or of_a_stage(effect, (state, *others))
         lacks_a_channel = any(name not in run.signals.side for name in effect.needs for run in (state, *others))
         if excluded or premature or unknown or foreign or lacks_a_channel:
             continue
@@ -307,6 +307,14 @@ def lacks_its_position(effect: Effect, states: Sequence[RunState]) -> bool:
     """
     error = effect in BUILT_IN and effect.port == "position" and not effect.traits.of_any_reference
     return error and all(state.run.order != POSITION_ORDER for state in states)
+
+
+def of_a_stage(effect: Effect, states: Sequence[RunState]) -> bool:
+    """Whether it comes from guides, cables or the encoder of a stage, and every run is of a tracked body, which has
+    none; lines and lags are everybody's."""
+    stage = effect in BUILT_IN and effect.owner in ("rig", "encoder") and not effect.needs
+    lines = any(shape.unit == "Hz" or name == "tau" for name, shape in effect.shapes.items())
+    return stage and not lines and all(ACROSS[0] in state.run.recording.side for state in states)
 
 
 def may_be_refined(model: Model, effect: Effect) -> bool:

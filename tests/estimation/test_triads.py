@@ -1,0 +1,244 @@
+"""Three outputs of one sensor in one fit, on records of an independent simulator."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import scipy
+import yaml
+
+import accelcal as ac
+from accelcal import io
+from accelcal.calibration.export import PARAMETERS, NotExportable, SensorMatrix, c_files, rust_module
+from accelcal.data import Recording, RecordingError
+from accelcal.estimation.gauss_newton import Layout, Output, initial_states, outputs_of, solve
+from accelcal.estimation.rows import normal_equations
+from accelcal.estimation.run import prepare
+from tests.estimation.triads import Triad
+
+CUBIC = 3e-5
+"""(m/s²)⁻², about 20 standard deviations on these records."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("triads")
+
+
+@pytest.fixture(scope="module")
+def bent(folder: Path) -> tuple[Triad, tuple[Recording, ...], ac.Fit]:
+    """A record whose y output has a cubic, and its linear fit."""
+    triad = Triad(71, law=lambda t, f, warm: CUBIC * f**3, hidden=1)
+    axes = ac.load_axes(triad.write(folder))
+    return triad, axes, ac.fit(axes)
+
+
+def nees(fit: ac.Fit, known: dict[tuple[str, str], float]) -> float:
+    errors = np.array([e.value - known[e.name, e.axis] for e in fit.free])
+    return float(errors @ np.linalg.solve(fit.covariance, errors))
+
+
+def test_parameters_of_all_axes_are_as_right_as_they_say(folder):
+    # False alarms: once in 1000 of 24 degrees of freedom; the twin has one lever arm off by six standard deviations.
+    triad = Triad(72)
+    fit = ac.fit(ac.load_axes(triad.write(folder)))
+    known, most = triad.known(), scipy.stats.chi2.ppf(0.999, 24)
+    assert len(fit.free) == 24
+    assert fit.axes == ("x", "y", "z")
+    assert nees(fit, known) < most
+    std = next(e.std for e in fit.free if (e.name, e.axis) == ("lever_arm.y", "x"))
+    assert nees(fit, known | {("lever_arm.y", "x"): known["lever_arm.y", "x"] + 6.0 * std}) > most
+
+
+def test_a_cubic_on_y_is_named_on_y_and_its_size_is_right(bent):
+    triad, axes, fit = bent
+    judged = ac.diagnose(fit, axes)
+    assert judged.verdict in ("named", "tied")
+    assert "cubic" in judged["y"].effects
+    assert [judged[axis].verdict for axis in "xz"] == ["adequate", "adequate"]
+    assert "cubic_on_y" in judged.effects
+    better = ac.add(fit, axes, "cubic_on_y")
+    e = better["cubic_on_y"]
+    assert abs(e.value - CUBIC) < 4.5 * e.std
+    assert e.axis == ""
+    assert "cubic" in better.of_axis("y").model.effects
+    assert "cubic_on_y" not in better.of_axis("x").model.effects
+    assert nees(better, triad.known() | {("cubic_on_y", ""): CUBIC}) < scipy.stats.chi2.ppf(0.999, 25)
+    assert better.runs[1].noise.all.density < 0.8 * fit.runs[1].noise.all.density
+    assert [row["axis"] for row in judged.table().rows] == ["x", "y", "z"]
+
+
+def test_the_fit_of_one_axis_is_the_same_numbers(bent):
+    _, _axes, fit = bent
+    alone = fit.of_axis("z")
+    wanted = {e.name: (e.value, e.std) for e in fit.estimates if e.axis in ("", "z")}
+    assert {e.name: (e.value, e.std) for e in alone.estimates} == wanted
+    assert np.allclose(np.sqrt(np.diag(alone.covariance)), [e.std for e in alone.free], rtol=1e-12)
+    assert alone.of_axis("z") is alone
+    assert not alone.axes
+    assert fit.values(2).by_name == alone.values().by_name
+    assert fit.values(2).by_name != fit.values(1).by_name
+
+
+def test_a_model_file_keeps_axes(bent, tmp_path):
+    _, _, fit = bent
+    fit.save(tmp_path / "m.json")
+    again = ac.load_model(tmp_path / "m.json")
+    assert again.estimates == fit.estimates
+    assert again.axes == fit.axes
+    text = (tmp_path / "m.json").read_text().replace('"axis": "x"', '"axis": "y"', 1)
+    (tmp_path / "wrong.json").write_text(text)
+    with pytest.raises(ac.AccelcalError, match="once for all runs, or once for each"):
+        ac.load_model(tmp_path / "wrong.json")
+
+
+def test_the_joint_solution_is_that_of_the_stacked_rows(bent):
+    # One step of the joint solve against one least-squares problem of all rows, written out: to 1e-9.
+    _, axes, fit = bent
+    states = initial_states(fit.model, [prepare(run) for run in axes], [None] * 3)
+    layout = Layout.of(fit.model, outputs_of(axes))
+    belief, at = layout.prior_information(fit.model), layout.gather([state.values for state in states])
+    left = layout.prior_mean(fit.model) - at
+    information, score = np.diag(belief), belief * left
+    blocks, right = [np.diag(np.sqrt(belief))], [np.sqrt(belief) * left]
+    names = [(term.name, layout.whose(runs)[1]) for term, runs in layout.slots]
+    for index, (state, run) in enumerate(zip(states, axes, strict=True)):
+        normal = normal_equations(state, fit.model.free)
+        rows = layout.rows(index)
+        information[np.ix_(rows, rows)] += normal.gram
+        score[rows] += normal.score
+        values, vectors = np.linalg.eigh(normal.gram)
+        root = np.sqrt(np.maximum(values, 1e-300))[:, None] * vectors.T  # root' root = gram
+        block = np.zeros((len(root), len(names)))
+        for k, term in enumerate(fit.model.free):
+            block[:, names.index((term.name, run.axis if (term.name, run.axis) in names else ""))] = root[:, k]
+        blocks.append(block)
+        right.append(np.linalg.lstsq(root.T, normal.score, rcond=None)[0])
+    step, covariance = solve(information, score, layout)
+    stacked, y = np.vstack(blocks), np.concatenate(right)
+    size = np.linalg.norm(stacked, axis=0)
+    expected = np.linalg.lstsq(stacked / size, y, rcond=None)[0] / size
+    assert np.max(np.abs(step - expected) / np.sqrt(np.diag(covariance))) < 1e-9 * max(
+        1.0, float(np.max(np.abs(expected) / np.sqrt(np.diag(covariance))))
+    )
+
+
+class Named(NamedTuple):
+    name: str
+    axis: str
+
+
+def test_axes_of_two_recordings_share_the_sensor_and_not_the_delay():
+    names = [("a.csv x", "x"), ("a.csv y", "y"), ("b.csv x", "x"), ("b.csv y", "y")]
+    outputs = outputs_of([Named(*pair) for pair in names])
+    assert outputs == (Output(0, "x"), Output(0, "y"), Output(1, "x"), Output(1, "y"))
+    layout = Layout.of(ac.Model.linear(), outputs)
+    assert [(term.name, runs) for term, runs in layout.slots] == [
+        ("bias", (0, 2)),
+        ("bias", (1, 3)),
+        ("scale_factor", (0, 2)),
+        ("scale_factor", (1, 3)),
+        ("time_offset", (0, 1)),
+        ("time_offset", (2, 3)),
+    ]
+    assert [layout.whose(runs) for _, runs in layout.slots][3:5] == [(None, "y"), (0, "")]
+    assert outputs_of([Named("a.csv", ""), Named("a.csv", "")]) == (Output(0), Output(1))
+
+
+SIDECAR_ERRORS = {
+    'accel_y = { column = "accel_y", unit = "m/s^2" }\n': ("", "channels.accel_y"),
+    "[channels]\n": (
+        '[channels]\naccel = { column = "accel_x", unit = "m/s^2" }\n',
+        "channels.accel beside .* is one too many",
+    ),
+}
+
+
+@pytest.mark.parametrize("found", SIDECAR_ERRORS)
+def test_a_sidecar_of_three_outputs_that_is_wrong_gets_a_sentence(folder, found):
+    path = Triad(73, seconds=2.0).write(folder)
+    instead, sentence = SIDECAR_ERRORS[found]
+    path.with_suffix(".toml").write_text(path.with_suffix(".toml").read_text().replace(found, instead, 1))
+    with pytest.raises(RecordingError, match=sentence):
+        ac.load_axes(path)
+
+
+def test_one_output_is_asked_for_by_its_axis(folder):
+    path = Triad(74, seconds=4.0).write(folder)
+    with pytest.raises(RecordingError, match="load_axes reads all three"):
+        ac.load(path)
+    assert ac.load(path, axis="y").name == f"{path.name} y"
+    assert io.declares_axes(path)
+
+
+def left_open(triad: Triad, folder: Path, held: tuple[int, ...] = ()) -> set[tuple[str, str]]:
+    for number in held:
+        triad.waves[number] = (triad.waves[number][0], 0.0 * triad.waves[number][1], triad.waves[number][2])
+    axes = ac.load_axes(triad.write(folder))
+    return {(run.axis, finding.channel) for run in axes for finding in run.findings if finding.kind == "tie"}
+
+
+def test_what_the_turning_leaves_open_is_said_before_the_fit(folder):
+    assert not left_open(Triad(76), folder)
+    about_up = left_open(Triad(75, seconds=20.0), folder, (3, 4))
+    assert {(axis, "lever_arm.z") for axis in "xyz"} <= about_up
+    assert not {name for _, name in about_up} & {"bias", "scale_factor", "time_offset"}
+    still = {name for _, name in left_open(Triad(77, seconds=20.0), folder, (3, 4, 5))}
+    assert {"bias", "the tilt of the reference", "lever_arm.x", "lever_arm.y", "lever_arm.z"} <= still
+
+
+def test_the_matrix_is_that_of_the_truth_and_every_format_says_the_same(bent):
+    triad, axes, fit = bent
+    better = ac.add(fit, axes, "cubic_on_y")
+    m = SensorMatrix.of(better)
+    assert np.all(np.abs(m.M - triad.truth["matrix"]) < 5.0 * m.M_std)
+    (S, R), (L, Q) = m.upper, m.lower
+    for left, right in ((S, R), (L, Q)):
+        assert np.allclose(left @ right, m.M, atol=1e-14)
+        assert np.allclose(right @ right.T, np.eye(3), atol=1e-14)
+    assert np.allclose(np.tril(S, -1), 0.0, atol=1e-15)
+    assert np.allclose(np.triu(L, 1), 0.0, atol=1e-15)
+    f = np.array([[1.0, 2.0, 9.5], [0.0, -9.8, 0.4]])
+    y = m.bias + f @ m.M.T
+    assert np.allclose(m.correct(y), f, atol=1e-12)
+    of_kalibr = yaml.safe_load(PARAMETERS["kalibr"](m))["imu0"]["accelerometers"]
+    turned = f @ np.array(of_kalibr["C_i_b"]).T
+    assert np.allclose(turned @ np.array(of_kalibr["M"]).T + of_kalibr["bias"], y, atol=1e-7)
+    of_ros = yaml.safe_load(PARAMETERS["ros"](m))
+    assert np.allclose(y @ np.reshape(of_ros["SM"], (3, 3)).T - of_ros["bias"], f, atol=1e-7)
+    T, K, b = (np.loadtxt(part.splitlines(), ndmin=2) for part in PARAMETERS["imu_tk"](m).strip().split("\n\n"))
+    assert np.allclose(np.linalg.norm((y - b.ravel()) @ (T @ K).T, axis=1), np.linalg.norm(f, axis=1), atol=1e-6)
+    with pytest.raises(NotExportable, match="needs all three"):
+        SensorMatrix.of(better.of_axis("x"))
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_c_and_rust_of_three_outputs_undo_the_sensor(bent, tmp_path):
+    _, axes, fit = bent
+    better = ac.add(fit, axes, "cubic_on_y")
+    m, cubic = SensorMatrix.of(better), better["cubic_on_y"].value
+    random = np.random.default_rng(1)
+    f = random.uniform(-9.0, 9.0, (200, 3))
+    y = m.bias + f @ m.M.T
+    y[:, 1] += cubic * f[:, 1] ** 3
+    for name, text in c_files(better, "imu.h").items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "main.c").write_text(
+        '#include "imu.h"\n#include <stdio.h>\nint main(void) { double y[3], f[3];\n'
+        'while (scanf("%lf %lf %lf", y, y + 1, y + 2) == 3) { unsigned o = imu_specific_force(y, f);\n'
+        'printf("%.17g %.17g %.17g %u\\n", f[0], f[1], f[2], o); } return 0; }\n'
+    )
+    subprocess.run(["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "main.c", "-o", "main"], cwd=tmp_path, check=True)
+    text = "\n".join(" ".join(map(repr, row)) for row in y.tolist())
+    out = subprocess.run([tmp_path / "main"], input=text, capture_output=True, text=True, check=True).stdout
+    back = np.loadtxt(out.splitlines())
+    assert np.max(np.abs(back[:, :3] - f)) < 1e-9
+    assert np.max(np.abs(m.correct(y) - f)) > 1e-3  # the twin: without the cubic
+    if shutil.which("rustc") is not None:
+        (tmp_path / "imu.rs").write_text(rust_module(better))
+        subprocess.run(["rustc", "--crate-type", "lib", "-D", "warnings", "imu.rs"], cwd=tmp_path, check=True)
