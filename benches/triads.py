@@ -146,9 +146,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("build/triads"))
     wanted = parser.parse_args(arguments)
     kinds = tuple(LAWS)
-    trials = [Trial("nees", n, wanted.seed) for n in range(2 * wanted.records)]
+    trials = [Trial(kinds[n % len(kinds)], n, wanted.seed) for n in range(3 * wanted.records // 5)]
     trials += [Trial("null", n, wanted.seed) for n in range(wanted.records)]
-    trials += [Trial(kinds[n % len(kinds)], n, wanted.seed) for n in range(3 * wanted.records // 5)]
+    trials += [Trial("nees", n, wanted.seed) for n in range(2 * wanted.records)]
     outcomes = run_all(partial(guarded, outcome_of), trials, wanted.out / "triads.jsonl", wanted.workers, null)
     return 0 if report(outcomes) else 1
 
