@@ -49,6 +49,8 @@ class Rigged:
     """Second pole of the sensor, s."""
     eccentricity: float = 0.0
     bending: float = 0.0
+    wobble: float = 0.0
+    """Of a vertical axle, against the turn, rad."""
     unit: str = "deg"
     wrap: bool = False
     keys: dict[str, str] = field(default_factory=dict)
@@ -91,7 +93,8 @@ def columns(rig: Rigged) -> dict[str, np.ndarray]:
     forward = np.column_stack([-np.sin(theta), np.cos(theta)])
     place = reach[:, None] * outward + rig.across * forward
     acceleration = np.gradient(np.gradient(place, h, axis=0), h, axis=0)
-    up = np.array([0.0, 1.0]) if rig.axle == "horizontal" else np.array([0.0, np.sin(rig.tilt)])
+    cone = rig.wobble * np.column_stack([np.sin(theta + 0.7), np.cos(theta + 0.7)])
+    up = np.array([0.0, 1.0]) if rig.axle == "horizontal" else np.array([0.0, np.sin(rig.tilt)]) + cone
     axis = {"radial": outward, "tangential": forward}.get(rig.input_axis, np.zeros_like(outward))
     force = np.einsum("ni,ni->n", axis, acceleration + G * up)  # an axis along the axle: gravity is in the bias
     late = np.interp(t - rig.delay, t, force)

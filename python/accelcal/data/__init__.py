@@ -19,6 +19,7 @@ from accelcal.data.orientation import (
     RATES,
     TILTS,
     TURNED,
+    WOBBLE,
 )
 from accelcal.data.quality import describe, require_few_holes, require_usable
 from accelcal.data.recording import (
@@ -74,6 +75,7 @@ __all__ = [
     "TURNED",
     "UNITS",
     "VELOCITY",
+    "WOBBLE",
     "Array",
     "Channel",
     "ChannelFilter",
