@@ -357,7 +357,7 @@ def likely_kinds(left: Array, values: Array, expected: Array) -> Array:
     """
     some = values >= 1.0
     if not some.any():  # the directions hold all of the band
-        return np.eye(len(KINDS))[0]
+        return np.asarray(np.eye(len(KINDS))[0])
     left, values, expected = left[some], values[some], expected[some]
     tried, costs = np.zeros((len(KINDS), len(KINDS))), np.zeros(len(KINDS))
     for k, powers in enumerate(tried):

@@ -15,7 +15,7 @@ from accelcal.app import mapping, widgets
 from accelcal.app.page import Page
 from accelcal.app.screens import files
 from accelcal.app.state import ROLES, Run, State, Stretch, time_span
-from accelcal.data import Dwells, RecordingError, instant
+from accelcal.data import ANGLE, Dwells, RecordingError, instant
 from accelcal.data.rig import ANALOG
 from accelcal.diagnosis.left_out import MILLISECOND
 from accelcal.estimation.remarks import Remark
@@ -116,7 +116,7 @@ class Declarations:
             for field, kinds in ((self.corner, ANALOG), (self.order, ANALOG[1:])):
                 field.props("dense outlined")
                 field.bind_visibility_from(self.kind, "value", backward=partial(operator.contains, kinds))
-            if mapping.ANGLE in mapping.channels(text):
+            if ANGLE in mapping.channels(text):
                 self.texts |= {path: self._entry(path, *labels) for path, labels in mapping.ON_ARM.items()}
             self.texts[mapping.RESOLUTION] = self._entry(mapping.RESOLUTION, "Encoder resolution", "1 um")
             angle = mapping.declared(text, GRAVITY_ALONG)
