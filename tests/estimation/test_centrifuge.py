@@ -41,15 +41,15 @@ def of_readings(t: np.ndarray, z: np.ndarray) -> np.ndarray:
     return np.concatenate([z[:1], rates[:1], np.diff(rates, axis=0)])
 
 
-def dense(solution: Solution, louder: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+def dense(solution: Solution, factor: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """Estimate and covariance by least squares under the dense covariance of all readings, linearised at a solution.
 
     z = p + e, p'' = (output - K0 - K2 a² ...) / (1 + k) - g + w with white e and w. Rows are differenced twice: their
-    covariance is then so well conditioned that its Cholesky factor is exact to 1e-12. `louder` is a factor of the
+    covariance is then so well conditioned that its Cholesky factor is exact to 1e-12. `factor` is a factor of the
     variance of w.
     """
     (state,), model, layout = solution.states, solution.model, solution.layout
-    run, s, r, q = state.run, state.signals, state.noise.r, louder * state.noise.q
+    run, s, r, q = state.run, state.signals, state.noise.r, factor * state.noise.q
     t = run.t - run.t[0]
     h, grid, columns = np.diff(t, prepend=t[0]), s.t + run.origins.t - run.t[0], []
     for column in map(np.ascontiguousarray, evaluated(state, model.free)):
