@@ -12,6 +12,7 @@ from typing import Annotated, Any, cast
 
 import typer
 
+from accelcal.cli import printing
 from accelcal.cli.common import (
     Json,
     OfPosition,
@@ -34,7 +35,7 @@ from accelcal.cli.common import (
     with_exit_codes,
     writable_file,
 )
-from accelcal.cli.lazy import catalogue, data, drawing, io, resting, sensors, triads, words
+from accelcal.cli.lazy import catalogue, data, drawing, io, noises, resting, sensors, triads, words
 from accelcal.cli.overwriting import mark_of
 
 
@@ -218,6 +219,43 @@ def write_recording(recording: data.Recording, path: Path) -> Path:
             recording.rig, columns, sidecar, labels=recording.labels, noticed=recording.findings, mark=mark_of(path)
         )
     return sidecar
+
+
+@app.command()
+@with_exit_codes
+def rest(
+    run: RunFile,
+    rig: Rig = None,
+    figure: Annotated[
+        Path | None, typer.Option("--figure", help="Allan deviation: .png, .svg or .pdf.", callback=writable_file)
+    ] = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Measure noise density, bias instability and random walk of a sensor at rest, and print its lines of a sidecar.
+
+    The record needs no position; three outputs accel_x, accel_y, accel_z and a temperature are used where it has them.
+
+    Example: [bold]accelcal rest still.csv --figure allan.png[/bold]
+    """
+    with progress("rest"):
+        recording = io.load(run, rig, need_position=False, need_accel=False)
+        if not len(recording.accel) and not noises.outputs_of(recording):
+            io.load(run, rig, need_position=False)  # says what is missing
+        result = noises.rest(recording)
+    if figure is not None:
+        from accelcal.plots.model import allan
+
+        drawing.save(drawing.draw(allan(result)), figure)
+        print_written(figure)
+    deliver(result, show_rest, output, json)
+
+
+def show_rest(result: noises.RestNoise) -> None:
+    """Print what a record at rest says, and the lines of a sidecar."""
+    printing.show(result)
+    for noise in result.outputs:
+        say_line(noise.sidecar)
 
 
 SHORTEST = "2 s"

@@ -32,6 +32,7 @@ SCHEMAS: Mapping[str, str] = {
     "plan": "diagnosis.experiment.design:Plan",
     "formulas": "diagnosis.select.curve_formulas:FormulaSet",
     "triad": "estimation.triad:TriadFit",
+    "rest": "estimation.allan:RestNoise",
     "response": "response.measure:FrequencyResponse",
     "export": "calibration.export.calibration:Calibration",
     "fleet": "fleet.summary:Fleet",
