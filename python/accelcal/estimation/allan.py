@@ -400,7 +400,7 @@ class Likelihood:
         """From an output (n,), columns (m, n) and which coefficients are used."""
         k = np.arange(1.0, len(y))
         sine = 2.0 * np.sin(0.5 * np.pi * k / len(y))
-        flicker = (1.0 - 2.0 / (np.pi**2 * k)) / sine  # the second term: flicker is not quite diagonal
+        flicker = len(y) / (np.pi * k) * (1.0 - 2.0 / (np.pi**2 * k))  # the last term: it is not quite diagonal
         whole = np.stack([np.full(len(k), 0.5 * rate), flicker, 1.0 / (rate * sine**2)])
         c = transform(np.vstack([columns, y])) * used
         edges = bin_edges(len(k))

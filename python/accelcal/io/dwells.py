@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,9 @@ from accelcal.data import STANDARD_GRAVITY, Array, Dwells, DwellSetup, Recording
 from accelcal.io.assign import fix
 from accelcal.io.atomic import atomic_write, together
 from accelcal.io.files import is_there, open_table
-from accelcal.io.loading import COLUMNS, assumed, from_table, is_table, load
+from accelcal.io.loading import COLUMNS, assumed, complete, from_table, is_table, load
 from accelcal.io.sidecar import Sidecar, Source, has_sidecar, no_sidecar, read_sidecar, sidecar_of
+from accelcal.io.table import Table
 from accelcal.io.write import write_sidecar
 
 WINDOW = 1.0
@@ -146,6 +147,10 @@ TRIAD = ("accel_x", "accel_y", "accel_z")
 """Channels of the three outputs of a triad."""
 
 
+POSITIONS = ("start_s", "end_s", "samples", *TRIAD, "std_x", "std_y", "std_z")
+"""Header of a table of positions of a triad; outputs and their standard deviations in m/s²."""
+
+
 @dataclass(frozen=True, slots=True)
 class Rest:
     """One rest."""
@@ -199,6 +204,9 @@ def load_rests(path: Path, rig: Path | None, least: float) -> Rests:
     """
     sidecar = rig or sidecar_of(path)
     declared = read_sidecar(sidecar) if rig is not None or has_sidecar(path) else no_sidecar()
+    table = open_table(path)
+    if set(POSITIONS) <= set(table.columns):
+        return _positions(table, declared)
     triad = [name for name in TRIAD if name in declared.channels]
     if triad and len(triad) < len(TRIAD):
         lost = next(name for name in TRIAD if name not in triad)
@@ -241,6 +249,29 @@ def load_rests(path: Path, rig: Path | None, least: float) -> Rests:
     return Rests(
         path.name, first.t, outputs, (TRIAD if triad else ("output",)), first.unit, tuple(dwells), setup, declared.rig
     )
+
+
+def _positions(table: Table, declared: Sidecar) -> Rests:
+    columns = table.read(POSITIONS)
+    start, end, samples, *outputs = (complete(table, name, columns[name]) for name in POSITIONS)
+    mean, std = np.stack(outputs[:3], axis=1), np.stack(outputs[3:], axis=1)
+    listed = zip(start.tolist(), end.tolist(), samples.tolist(), mean.tolist(), std.tolist(), strict=True)
+    rests = tuple(Rest(a, b, int(n), tuple(y), tuple(s), None) for a, b, n, y, s in listed)
+    return Rests(table.path.name, start, mean, TRIAD, "m/s^2", rests, declared.dwell or DwellSetup(), declared.rig)
+
+
+def write_positions(result: Rests, path: Path, mark: Callable[[str], str] = str) -> None:
+    """Write the rests of a triad as a table of positions, with its sidecar; both replace what is there.
+
+    Parameters
+    ----------
+    mark : as in `accelcal.io.write_sidecar`.
+    """
+    rows = [(r.start, r.end, r.samples, *r.mean, *r.std) for r in result.rests]
+    text = "\n".join([",".join(POSITIONS), *(",".join(map(repr, row)) for row in rows)])
+    with together():
+        atomic_write(path, f"{text}\n")
+        write_sidecar(result.rig, {}, sidecar_of(path), replace(result.setup, angle=None), mark=mark)
 
 
 def table_of(result: Rests, degrees: list[float]) -> list[dict[str, Any]]:

@@ -172,7 +172,7 @@ def allan(noise: RestNoise) -> Figure:
 
 def _at_rest(output: OutputNoise) -> list[Panel]:
     tau, size = output.tau, MICRO_G
-    roles: tuple[Role, ...] = ("other", "floor", "residual")
+    roles: tuple[Role, ...] = ("other", "floor", "before")
     names = ("noise density", "bias instability", "random walk")
     parts = zip(output.allan(tau), output.terms, names, roles, strict=True)
     lines = [Line(tau, y / size, name, role) for y, term, name, role in parts if term.determined]
