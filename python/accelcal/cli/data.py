@@ -110,9 +110,11 @@ def cut(
     """
     with progress("cut") as report:
         whole = part is None  # a part may be that of one of two loggers
-        recording = io.load(run, rig, position=position, part=part, need_position=whole, need_accel=whole)
+        at_rest = whole and position is None and resting.is_at_rest(run, rig)
+        asked = whole and not at_rest
+        recording = io.load(run, rig, position=position, part=part, need_position=asked, need_accel=asked)
         by_position = len(recording.position) > 0 or data.reference_among(recording.side) is not None
-        if not by_position and not len(recording.accel):
+        if not (by_position or at_rest or len(recording.accel)):
             io.load(run, rig, part=part)  # says what is missing
         print_alignment(recording)
         report(0.5)
@@ -124,8 +126,8 @@ def cut(
     if recording.dwells is not None:
         print_status(f"{recording.dwells.name} is not written: name it in the new sidecar, [dwell] table = ...")
     print_status(f"wrote {output} and {sidecar}")
-    if by_position and len(recording.accel):
-        suggest("check", output)
+    if at_rest or (by_position and len(recording.accel)):
+        suggest("rest" if at_rest else "check", output)
 
 
 def handed_on(recording: data.Recording) -> tuple[data.Finding, ...]:
@@ -245,7 +247,7 @@ def rest(
     """
     with progress("rest"):
         recording = io.load(run, rig, need_position=False, need_accel=False)
-        if not len(recording.accel) and not noises.outputs_of(recording):
+        if not noises.outputs_of(recording):
             io.load(run, rig, need_position=False)  # says what is missing
         result = noises.rest(recording)
     if figure is not None:

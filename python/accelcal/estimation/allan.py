@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from accelcal._support.arguments import checked
 from accelcal._support.result import Result, Storable
 from accelcal.data import MICRO_G, Array, Channel, Flags, Recording, RecordingError, instant
+from accelcal.io.dwells import TRIAD
 
 TERMS = ("noise", "bias_instability", "random_walk")
 """Keys of a sidecar, and what they are: one-sided density N, flicker B, rate random walk K."""
@@ -42,6 +43,8 @@ MEDIAN = 0.4549
 """Of chi-square with one degree of freedom."""
 SCATTER = 1.5
 """What the median of a bin may err by, as a ratio."""
+LINE = 1e-4
+"""Share of the power from which lines are reported."""
 CHANCE = 1e-3
 """Probability that anything is called a line, or a spectrum not white, where it is."""
 RESTLESS = 2.0
@@ -224,15 +227,20 @@ def rest(recording: Recording) -> RestNoise:
     >>> round(noise.value, 5), instability.determined, walk.determined
     (0.00283, False, False)
     """
-    outputs = outputs_of(recording) or [recording.accel]
+    outputs = outputs_of(recording)
+    if not outputs:
+        raise RecordingError(
+            f"{recording.name or 'recording'}: no output; expected accel, or accel_x, accel_y, accel_z"
+        )
     for channel in outputs:
         require_rest(recording, channel)
     return RestNoise(recording.name, tuple(noise_of(y, recording.side.get("temperature")) for y in outputs))
 
 
 def outputs_of(recording: Recording) -> list[Channel]:
-    """Outputs of a triad; empty where it is none."""
-    return [recording.side[name] for name in ("accel_x", "accel_y", "accel_z") if name in recording.side]
+    """Outputs of a triad, or the one output; empty where there is none."""
+    triad = [recording.side[name] for name in TRIAD if name in recording.side]
+    return triad or [recording.accel] * bool(len(recording.accel))
 
 
 def require_rest(recording: Recording, channel: Channel) -> None:
@@ -350,7 +358,7 @@ def described(y: Array, columns: Array, rate: float, notes: list[str]) -> tuple[
     level = np.repeat([np.median(part) / MEDIAN for part in np.split(power, edges[1:])], np.diff([*edges, count]))
     limit = SCATTER * float(scipy.special.chdtri(1.0, CHANCE / count))
     used = (power <= limit * level) | (np.arange(count) < SINGLE / (WIDTH - 1.0))
-    if not used.all():
+    if np.sum(power[~used]) > LINE * np.sum(power):
         peak = int(np.argmax(np.where(used, 0.0, power)))
         notes.append(
             f"lines of the spectrum are left out of the fit: {math.sqrt(float(np.sum(power[~used])) / len(y)):.2g} "
@@ -365,7 +373,10 @@ def described(y: Array, columns: Array, rate: float, notes: list[str]) -> tuple[
             break
         top //= 2
         used[top:] = False
-    if top < count:
+    if top < count:  # an octave below, where a first-order fall is a quarter of what shows
+        top //= 2
+        used[top:] = False
+        likelihood = Likelihood.of(y, columns, rate, used)
         notes.append(
             f"above {0.5 * rate * top / count:.3g} Hz the noise is not white (a low-pass, vibration): the fit uses "
             "frequencies below"
@@ -472,8 +483,8 @@ class Likelihood:
         ratio = self.residuals(x)[0] / (np.exp(x) @ self.variances)
         octave = np.floor(np.log2(self.counts.sum() / np.cumsum(self.counts) + 1e-9))
         groups = [(ratio[octave == k].sum(), self.counts[octave == k].sum()) for k in np.unique(octave)]
-        tails = [2.0 * min(scipy.special.chdtr(n, r), scipy.special.chdtrc(n, r)) for r, n in groups if n >= FEWEST]
-        return tails[0], min(1.0, len(tails) * min(tails))
+        tails = [2.0 * min(scipy.special.chdtr(n, r), scipy.special.chdtrc(n, r)) for r, n in groups if n >= SINGLE]
+        return (tails[0], min(1.0, len(tails) * min(tails))) if tails else (1.0, 1.0)
 
 
 def over_temperature(y: Array, t: Array, warmth: Array, spectrum: Array, used: Flags) -> Trend:

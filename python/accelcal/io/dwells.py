@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from accelcal._support.arguments import checked
-from accelcal.data import STANDARD_GRAVITY, Array, Dwells, DwellSetup, Recording, RecordingError, Rig
+from accelcal.data import STANDARD_GRAVITY, Array, Dwells, DwellSetup, Recording, RecordingError, Rig, reference_among
 from accelcal.io.assign import fix
 from accelcal.io.atomic import atomic_write, together
 from accelcal.io.files import is_there, open_table
@@ -192,6 +193,17 @@ class Rests:
     def gravity(self) -> float:
         """Local gravity, m/s²."""
         return self.setup.gravity or STANDARD_GRAVITY
+
+
+def is_at_rest(path: Path, rig: Path | None) -> bool:
+    """Whether a record holds outputs and nothing that may be a position, as one of a sensor at rest."""
+    with suppress(RecordingError):
+        recording = load(path, rig, need_position=False, need_accel=False)
+        lengths = [channel for channel in recording.side.values() if channel.unit == "m"]
+        unread = any(finding.kind == "unused_columns" for finding in recording.findings)
+        outputs = len(recording.accel) or any(name in recording.side for name in TRIAD)
+        return bool(outputs) and not (len(recording.position) or reference_among(recording.side) or lengths or unread)
+    return False
 
 
 def load_rests(path: Path, rig: Path | None, least: float) -> Rests:
