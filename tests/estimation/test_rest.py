@@ -33,9 +33,9 @@ def white(count=20_000, seed=1, size=0.01):
 
 
 def test_intervals_hold_the_truth_in_95_of_100():
-    """Of 30 records for each term at 95 %: rejected below the 0.1 % point of the binomial distribution, so for 0.3 % of
+    """Of 20 records for each term at 95 %: rejected below the 0.1 % point of the binomial distribution, so for 0.3 % of
     seeds. The twin that must fail: intervals half as wide."""
-    records, held, half = 30, [], []
+    records, held, half = 20, [], []
     for seed in range(records):
         recording, truth = sensor(np.random.default_rng([7, seed]), 10_000)
         (output,) = rest(recording).outputs

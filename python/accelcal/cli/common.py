@@ -270,8 +270,8 @@ def exit_with(text: str, code: int) -> NoReturn:
 
 
 def print_status(text: str) -> None:
-    """Print a line on stderr, which keeps stdout free for data."""
-    print(visible(text), file=sys.stderr)
+    """Print a line on stderr at once, which keeps stdout free for data."""
+    print(visible(text), file=sys.stderr, flush=True)
 
 
 def print_written(*paths: Path | None) -> None:

@@ -345,6 +345,8 @@ def guided(source: ByteSource, rig: Path | None, guide: sessions.DwellGuide, out
 
     from accelcal.io.stream import Intake, LineReader
 
+    if output is not None and output.suffix != ".csv":
+        raise UsageError(f"--output {output}: expected a name that ends in .csv for the table of positions")
     if rig is None:
         raise UsageError("--guide: give --rig with the columns accel_x, accel_y, accel_z and their units")
     declared = io.read_sidecar(rig)
@@ -355,23 +357,30 @@ def guided(source: ByteSource, rig: Path | None, guide: sessions.DwellGuide, out
     with deferred() as stopped:
         intake = Intake(source)
         while guide.next and not (intake.ended or stopped()):
-            count = len(guide.rests)
             for chunk in intake.take(patience=0.1):
                 rows = lines.feed(chunk)
-                for text in guide.feed(np.column_stack([rows.t, *rows.side.values()])):
+                texts = guide.feed(np.column_stack([rows.t, *rows.side.values()]))
+                if output is not None and tuple(guide.rests) != result.rests:
+                    resting.write_positions(replace(result, rests=tuple(guide.rests)), output, mark_of(output))
+                result = replace(result, rests=tuple(guide.rests))
+                for text in texts:
                     print_status(text)
-            result = replace(result, rests=tuple(guide.rests))
-            if output is not None and len(guide.rests) != count:
-                resting.write_positions(result, output, mark_of(output))
         intake.stop()
         source.close()
-        if not lines.counts.used:
+        if intake.error is not None:
+            print_status(f"{source.name}: the source broke off ({intake.error})")
+        if not (lines.counts.used or stopped()):
             raise data.RecordingError(
                 f"{source.name}: no line could be used ({lines.counts.broken} broken); expected lines t,x,y,z with a "
                 "comma between the fields, as the channels of the sidecar name them"
             )
         print_written(output if guide.rests else None)
-        deliver(triads.fit_triad(positions_of(result)), show_triad, None, json)
+        try:
+            deliver(triads.fit_triad(positions_of(result)), show_triad, None, json)
+        except data.RecordingError as error:
+            if not stopped():
+                raise
+            print_status(str(error))
 
 
 def positions_of(result: resting.Rests) -> triads.Positions:
