@@ -2,7 +2,7 @@
 
 The three terms and the response to temperature are one model of the output, fitted by restricted likelihood to the
 coefficients of its discrete cosine transform. That transform makes white noise and a random walk of any length exactly
-independent, and flicker nearly so: no window, no leakage from either end of the spectrum (derivations 6.13). The Allan
+independent, and flicker nearly so: no window, no leakage from either end of the spectrum (derivations 6.19). The Allan
 deviation is what people compare; nothing is read off it.
 """
 
@@ -39,30 +39,22 @@ HALF_DEVIANCE = 0.5 * float(scipy.special.chdtri(1.0, 0.05))
 """Fall of the log-likelihood at the ends of a 95 % interval."""
 REACH = 30.0
 """Natural logarithm of the variance below its start at which a term is taken to be absent."""
-MEDIAN = 0.4549
-"""Of chi-square with one degree of freedom."""
-SCATTER = 1.5
-"""What the median of a bin may err by, as a ratio."""
-LINE = 1e-4
-"""Share of the power from which lines are reported."""
-CHANCE = 1e-3
-"""Probability that anything is called a line, or a spectrum not white, where it is."""
-RESTLESS = 2.0
-"""Scatter within a window over the usual one from which the sensor did not rest; ten standard deviations or more."""
-WINDOW = 64
-"""Samples of such a window at least; 1 s or more."""
+MEDIAN, SCATTER = 0.4549, 1.5
+"""Median of chi-square with one degree of freedom, and what that of a bin may err by, as a ratio."""
+CHANCE, LINE = 1e-3, 1e-4
+"""Probability that anything is called a line, or a spectrum not white, where it is; share of the power from which lines
+are reported."""
+RESTLESS, WINDOW = 2.0, 64
+"""Scatter within a window over the usual one from which the sensor did not rest, ten standard deviations or more, and
+samples of such a window at least; it lasts 1 s or more."""
 COARSE = 2.0
 """Step of the output over the standard deviation of its differences, divided by the root of two, from which it hides
 the noise."""
 DETERMINED = 100.0
 """Length of a record over its Allan minimum from which flicker and random walk are determined in 19 of 20 records."""
-LAGGING = 20.0
-"""Twice the gain in log-likelihood from which a memory of the temperature is reported: two further parameters, 64
-trials."""
-CURVED = 12.0
-"""The same for a further order of the polynomial in the temperature."""
-SHORT = 1024
-"""Means over time on which it is sought: it is slow."""
+LAGGING, CURVED, SHORT = 20.0, 12.0, 1024
+"""Twice the gain in log-likelihood from which a memory of the temperature is reported (two further parameters, 64
+trials), and a further order of the polynomial in it; means over time on which they are sought, for they are slow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,10 +115,6 @@ class WarmUp:
     """In the middle of the range, m/s²/K."""
     std: float
     """m/s²/K, type A."""
-    low: float
-    """Least temperature, degC."""
-    high: float
-    """Greatest temperature, degC."""
     trend: Trend
     temperature: Array
     """Means over equal times, at most 60, (k,) degC."""
@@ -227,11 +215,9 @@ def rest(recording: Recording) -> RestNoise:
     >>> round(noise.value, 5), instability.determined, walk.determined
     (0.00283, False, False)
     """
-    outputs = outputs_of(recording)
-    if not outputs:
-        raise RecordingError(
-            f"{recording.name or 'recording'}: no output; expected accel, or accel_x, accel_y, accel_z"
-        )
+    if not (outputs := outputs_of(recording)):
+        place = recording.name or "recording"
+        raise RecordingError(f"{place}: no output; expected a channel accel, or accel_x, accel_y and accel_z")
     for channel in outputs:
         require_rest(recording, channel)
     return RestNoise(recording.name, tuple(noise_of(y, recording.side.get("temperature")) for y in outputs))
@@ -280,7 +266,7 @@ def require_rest(recording: Recording, channel: Channel) -> None:
         )
     changes = np.abs(np.diff(y))
     scatter = float(np.sqrt(np.mean(changes**2) / 2.0))
-    code = float(np.quantile(changes[changes > 0.0], 0.01)) if scatter > 0.0 else math.inf
+    code = float(np.quantile(changes[changes > 0.0], 0.01)) if scatter > 0.0 else 0.0
     if code >= COARSE * scatter:
         raise RecordingError(
             f"{place}: the output changes in steps of {code:.3g} m/s², coarser than its noise of {scatter:.2g} m/s² "
@@ -314,7 +300,7 @@ def noise_of(channel: Channel, temperature: Channel | None) -> OutputNoise:
     used, likelihood = described(y, columns, rate, notes)
     optimum = likelihood.optimum()
     if warms:
-        trend = over_temperature(y, t - t[0], centred, likelihood.spectrum(optimum), used)
+        trend = over_temperature(y, t - t[0], centred, np.exp(optimum) @ likelihood.whole, used)
         columns = trend.columns(t - t[0], centred)
         likelihood = Likelihood.of(y, columns, rate, used)
         optimum = likelihood.optimum()
@@ -323,14 +309,11 @@ def noise_of(channel: Channel, temperature: Channel | None) -> OutputNoise:
         fitted = np.mean(y) + slopes @ (columns - columns.mean(axis=1, keepdims=True))
         parts = np.array_split(np.stack([warmth, y, fitted]), min(60, len(y)), axis=1)
         means = np.stack([part.mean(axis=1) for part in parts], axis=1)
-        std = math.sqrt(float(covariance[0, 0]))
-        warm_up = WarmUp(float(slopes[0]), std, float(np.min(warmth)), float(np.max(warmth)), trend, *means)
+        warm_up = WarmUp(float(slopes[0]), math.sqrt(float(covariance[0, 0])), trend, *means)
     tau, deviation = allan_deviation(y - slopes @ columns, rate)
-    band = 0.5 * rate * float(np.flatnonzero(used)[-1] + 1) / len(used)
-    terms = likelihood.terms(optimum)
-    result = OutputNoise(
-        channel.name, len(y) / rate, rate, band, terms, tau, deviation, deviation, deviation, warm_up, tuple(notes)
-    )
+    band, terms = 0.5 * rate * float(np.flatnonzero(used)[-1] + 1) / len(used), likelihood.terms(optimum)
+    whole = (tau, deviation, deviation, deviation)  # the ends of the interval follow
+    result = OutputNoise(channel.name, len(y) / rate, rate, band, terms, *whole, warm_up, tuple(notes))
     edf = np.choose(np.argmax(result.allan(tau), axis=0), degrees_of_freedom(len(y), np.rint(tau * rate)))
     low, high = (deviation * np.sqrt(edf / scipy.special.chdtri(edf, tail)) for tail in (0.025, 0.975))
     return replace(result, low=low, high=high)
@@ -352,9 +335,7 @@ def smooth(y: Array) -> Array:
 def described(y: Array, columns: Array, rate: float, notes: list[str]) -> tuple[Flags, Likelihood]:
     """Coefficients (n - 1,) that three terms describe, and their likelihood: no lines, and none above the frequency
     from which the noise is not white. What is left out is added to the notes."""
-    power = transform(y) ** 2
-    count = len(power)
-    edges = bin_edges(count)
+    power, count, edges = transform(y) ** 2, len(y) - 1, bin_edges(len(y) - 1)
     level = np.repeat([np.median(part) / MEDIAN for part in np.split(power, edges[1:])], np.diff([*edges, count]))
     limit = SCATTER * float(scipy.special.chdtri(1.0, CHANCE / count))
     used = (power <= limit * level) | (np.arange(count) < SINGLE / (WIDTH - 1.0))
@@ -421,12 +402,8 @@ class Likelihood:
         gram = np.add.reduceat(c[:, None] * c[None], edges, axis=2)[..., rows]
         return cls(variances, counts[rows], np.moveaxis(gram, 2, 0), whole)
 
-    def spectrum(self, x: Array) -> Array:
-        """Variance of every coefficient, (n - 1,), by the logarithms (3,) of the variances of the terms."""
-        return np.asarray(np.exp(x) @ self.whole)
-
     def response(self, x: Array) -> tuple[Array, Array]:
-        """Coefficients of the columns, (m,), and their covariance."""
+        """Coefficients of the columns, (m,), and their covariance, by the logarithms (3,) of the variances."""
         weighted = np.tensordot(1.0 / (np.exp(x) @ self.variances), self.gram, 1)
         covariance = np.linalg.pinv(weighted[:-1, :-1], hermitian=True)
         return np.asarray(covariance @ weighted[:-1, -1]), np.asarray(covariance)
@@ -514,9 +491,8 @@ def allan_deviation(y: Array, rate: float) -> tuple[Array, Array]:
 def degrees_of_freedom(n: int, m: Array) -> Array:
     """Equivalent degrees of freedom (3, taus) of overlapping Allan variances of n samples, m to a mean, in white noise,
     flicker and a random walk of the output (Stein 1985; NIST SP 1065, table 5)."""
-    phases = n + 1.0
-    white = (1.5 * (phases - 1.0) / m - 2.0 * (phases - 2.0) / phases) * 4.0 * m**2 / (4.0 * m**2 + 5.0)
-    single = 2.0 * (phases - 2.0) ** 2 / (2.3 * phases - 4.9)
-    flicker = np.where(m > 1.0, 5.0 * phases**2 / (4.0 * m * (phases + 3.0 * m)), single)
-    drift = (phases - 2.0) / m * ((phases - 1.0) ** 2 - 3.0 * m * (phases - 1.0) + 4.0 * m**2) / (phases - 3.0) ** 2
-    return np.stack([white, flicker, drift])
+    phases = n + 1.0  # of which there is one more than samples
+    white = (1.5 * n / m - 2.0 * (n - 1.0) / phases) * 4.0 * m**2 / (4.0 * m**2 + 5.0)
+    single, several = 2.0 * (n - 1.0) ** 2 / (2.3 * phases - 4.9), 5.0 * phases**2 / (4.0 * m * (phases + 3.0 * m))
+    drift = (n - 1.0) / m * (n**2 - 3.0 * m * n + 4.0 * m**2) / (n - 2.0) ** 2
+    return np.stack([white, np.where(m > 1.0, several, single), drift])
