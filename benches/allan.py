@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         covered = float(np.mean((low <= truth) & (truth <= high)))
         right &= COVERED[0] <= covered <= COVERED[1]
         print(
-            f"{name}: {100.0 * covered:.1f} % of {len(outcomes)} intervals hold the truth (bar 93 to 97 %), an upper "
+            f"{name}: {100.0 * covered:.1f} % of {len(outcomes)} intervals hold the truth (93 to 97 %), an upper "
             f"limit alone in {100.0 * np.mean(low == 0.0):.1f} %, median error "
             f"{100.0 * np.median(np.abs(value / truth - 1.0)):.2g} %"
         )

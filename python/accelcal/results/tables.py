@@ -435,8 +435,8 @@ def warm_up_sentences(warm_up: WarmUp) -> list[str]:
     curved = f", along a polynomial of order {trend.order}" if trend.order > 1 else ""
     low, high = warm_up.temperature.min(), warm_up.temperature.max()
     sentences = [
-        f"K0 over temperature, {low:.4g} to {high:.4g} °C: {slope} µg/K in the middle{curved}; this is subtracted before "
-        "the Allan deviation, which would take a warm-up for a random walk"
+        f"K0 over temperature, {low:.4g} to {high:.4g} °C: {slope} µg/K in the middle{curved}; this is subtracted "
+        "before the Allan deviation, which would take a warm-up for a random walk"
     ]
     if trend.memory:
         does = "lags behind" if trend.memory == "lag" else "settles beside"
