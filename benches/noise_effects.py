@@ -17,9 +17,8 @@ import numpy as np
 from scipy import stats
 
 import accelcal as ac
-from accelcal.diagnosis.clean_fit import outliers_found, without_outliers
+from accelcal.diagnosis.clean_fit import outliers_found, run_noise_tests, without_outliers
 from accelcal.diagnosis.noise.growing import flatness
-from accelcal.diagnosis.noise.run_all import run_noise_tests
 from accelcal.estimation.estimate import Fit, state_at
 from accelcal.estimation.run import prepare
 from accelcal.estimation.run_state import RunState

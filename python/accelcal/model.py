@@ -126,6 +126,12 @@ def evaluate(terms: Sequence[Term], s: Signals) -> Iterator[Array]:
         yield columns[:, term.part]
 
 
+def plain_name(name: str, plain: Mapping[str, str]) -> str:
+    """Name of an effect, a coefficient or a shape parameter, the effect called as `plain` says."""
+    effect, dot, part = name.partition(".")
+    return f"{plain.get(effect, effect)}{dot}{part}"
+
+
 @immutable
 @short_repr
 @dataclass(frozen=True, slots=True)
@@ -286,21 +292,23 @@ class Model(Result):
     def of_axis(self, axis: str) -> Model:
         """Return the model of one output of a sensor with several: effects on that axis alone have plain names."""
         elsewhere = [name for name in self.effects if find(name).axis not in ("", axis)]
-        plain = {n: n.removesuffix(f"_on_{axis}") for n in self.effects if find(n).axis == axis}
-        plain = {name: stem for name, stem in plain.items() if stem not in self.effects}
-        model = self.drop(*elsewhere) if elsewhere else self
+        model, plain = self.drop(*elsewhere) if elsewhere else self, self.plain_names(axis)
 
         def renamed(name: str) -> str:
-            effect, dot, part = name.partition(".")
-            return f"{plain.get(effect, effect)}{dot}{part}"
+            return plain_name(name, plain)
 
         return Model(
-            effects=tuple(plain.get(name, name) for name in model.effects),
+            effects=tuple(map(renamed, model.effects)),
             fixed={renamed(name): value for name, value in model.fixed.items()},
             priors={renamed(name): prior for name, prior in model.priors.items()},
-            shapes={plain.get(name, name): shape for name, shape in model.shapes.items()},
+            shapes={renamed(name): shape for name, shape in model.shapes.items()},
             per_run=tuple(map(renamed, model.per_run)),
         )
+
+    def plain_names(self, axis: str) -> Mapping[str, str]:
+        """Names, on that axis, of effects on it alone, by what they are called here; not of those it has twice."""
+        stems = {name: name.removesuffix(f"_on_{axis}") for name in self.effects if axis and find(name).axis == axis}
+        return {name: stem for name, stem in stems.items() if stem not in self.effects}
 
     @property
     def own(self) -> tuple[OwnEffect, ...]:

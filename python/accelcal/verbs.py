@@ -19,16 +19,14 @@ from accelcal._support.process import one_thread, within
 from accelcal._support.values import listing
 from accelcal.data import DERIVED, Dwells, Recording, RecordingError
 from accelcal.data.recording import with_dwells
-from accelcal.diagnosis.axes import AxesDiagnosis, diagnose_axes
 from accelcal.diagnosis.checks import disturbance, slow_residual, stretches_of
-from accelcal.diagnosis.clean_fit import RejectedReadings, clean_fit
+from accelcal.diagnosis.clean_fit import RejectedReadings, clean_fit, run_outlier_tests
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
 from accelcal.diagnosis.evidence import Evidence, largest_wave
 from accelcal.diagnosis.faults import Examined, TimeSpan, examine
 from accelcal.diagnosis.findings import Confounded, in_model
 from accelcal.diagnosis.noise.fitted import noise_scores, require_noise_shown, with_noise_effects
 from accelcal.diagnosis.noise.noise_test import POSITION_JUMPS
-from accelcal.diagnosis.noise.run_all import run_outlier_tests
 from accelcal.diagnosis.one_axis import require_motion_above_noise, require_one_axis
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, SHOWN_SIGMA, VALIDATION_SIGMA
 from accelcal.diagnosis.runs import RunValues, runs_disagree, values_by_run
@@ -38,7 +36,7 @@ from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.select.curve_formulas import FormulaSet, formulas_of
 from accelcal.diagnosis.select.improvement import Improvement, Step, contradicted, nested_fits
 from accelcal.diagnosis.select.stepwise import SearchBudget, StepwiseSelection, solve
-from accelcal.diagnosis.verdict import Diagnosis, verdict_on
+from accelcal.diagnosis.verdict import AxesDiagnosis, Diagnosis, diagnose_axes, verdict_on
 from accelcal.effects import Effect, find, side_channels
 from accelcal.estimation.engines import Method, engine_named
 from accelcal.estimation.estimate import (
@@ -700,8 +698,8 @@ def improve(
     several = runs_of(recordings)
     if len(axes := dict.fromkeys(recording.axis for recording in several)) > 1:
         raise AccelcalError(
-            f"improve: {', '.join(recording.name for recording in several)}; expected one output, not {len(axes)}. Fit "
-            "and diagnose all outputs together and add what an axis lacks, as in add(fit, axes, 'cubic_on_y')"
+            f"improve: {', '.join(recording.name for recording in several)}; expected one output, not {len(axes)}. "
+            "Use fit, diagnose and add, which take all outputs together and name the axis: add --effect cubic_on_y"
         )
     apart = run_to_hold_out(several) if holdout is None else None
     if apart is not None:
@@ -925,21 +923,11 @@ def compare(
             f"compare: names {list(named)}; expected a name of its own for each of {len(models)} models"
         )
     evaluations = []
+    settings: Any = {"band": band, "horizons": horizons, "start": start, "end": end, "budget": budget}
     for number, recording in enumerate(several):
         part = within(progress, number / len(several), (number + 1) / len(several))
         of_output = [fit.of_axis(recording.axis) for fit in models]
-        evaluated = compare_models(
-            of_output,
-            recording,
-            Ruler.of(of_output),
-            part,
-            band=band,
-            horizons=horizons,
-            start=start,
-            end=end,
-            budget=budget,
-        )
-        evaluations.append(evaluated)
+        evaluations.append(compare_models(of_output, recording, Ruler.of(of_output), part, **settings))
     fitted = {run.session for fit in models for run in fit.runs if run.session}
     same_run = any(recording.session in fitted for recording in several)
     return Comparison(models, named, tuple(row[0].recording for row in evaluations), tuple(evaluations), same_run)

@@ -37,6 +37,7 @@ from accelcal.cli.models import load_all
 
 if TYPE_CHECKING:
     from accelcal.calibration.export.certificate import Draft
+    from accelcal.estimation.estimate import Fit
 
 
 Style = Literal["kalibr", "imu_tk", "ros"]
@@ -208,7 +209,12 @@ def export(
         if live is None or rate is None or c or rust or dcc or json or without or parameters:
             raise UsageError("--filter c (or rust) and --rate 1667 go together, and with no other form of export")
         load_own_effects(effects_file)
-        export_filter(model, live, rate, precision, output)
+        fitted = model_file.load(model)
+        if fitted.axes:
+            raise UsageError(
+                f"--filter: {model} is of {len(fitted.axes)} outputs; expected one. Fit one, or give --c or --rust"
+            )
+        export_filter(model, fitted, live, rate, precision, output)
         return
     if not (c or rust or dcc or json or parameters):
         raise UsageError(
@@ -257,9 +263,11 @@ def export(
         tell(dcc, certificate, schema)
 
 
-def export_filter(model: Path, language: Language, rate: float, precision: Precision, output: Path) -> None:
+def export_filter(
+    model: Path, fitted: Fit, language: Language, rate: float, precision: Precision, output: Path
+) -> None:
     """Write the live filter of a model beside the program that replays a record through it."""
-    filter_of_model = exports.live_filter(model_file.load(model), rate)
+    filter_of_model = exports.live_filter(fitted, rate)
     files = exports.filter_files(filter_of_model, output.name, language, precision, model.name)
     with io.together():
         for name, text in files.items():

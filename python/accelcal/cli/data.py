@@ -56,6 +56,25 @@ def init(run: RunFile) -> None:
     print_status(f"wrote {io.sidecar_of(run)}: {what}, then run: accelcal check {run}")
 
 
+def checked_recording(recording: data.Recording, *, json: bool) -> tuple[dict[str, Any], list[str]]:
+    """What a check says of a recording: as JSON, if that is asked for, or as lines."""
+    from accelcal.diagnosis.faults import Examined
+    from accelcal.estimation.plausible import suspicion
+    from accelcal.estimation.run import recording_of
+
+    data.quality.require_varying(recording)
+    examined = Examined(recording)
+    try:
+        noticed, breaks = examined.remarks(), list(examined.breaks)
+    except data.RecordingError:  # too short to look for any: the summary says how long it is
+        noticed, breaks = [], []
+    gone = [note.sentence for note in noticed]
+    suspect = [text for text in [suspicion(recording_of(examined.stepped[0]))] if text]
+    if json:
+        return {**data.quality.describe(recording), "breaks_s": breaks, "faults": gone, "suspect": suspect}, []
+    return {}, [data.quality.summarise(recording), *(f"suspect data: {text}" for text in (*gone, *suspect))]
+
+
 @app.command()
 @with_exit_codes
 def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
@@ -63,31 +82,22 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
 
     Example: [bold]accelcal check run12.csv[/bold]
     """
-    from accelcal.diagnosis.faults import Examined
-    from accelcal.estimation.plausible import suspicion
-    from accelcal.estimation.run import recording_of
+    from accelcal.cli.models import load_runs
 
     with progress("check") as report:
-        recording = io.load(run, rig)
-        data.quality.require_varying(recording)
-        report(0.6)
-        examined = Examined(recording)
-        try:
-            noticed, breaks = examined.remarks(), list(examined.breaks)
-        except data.RecordingError:  # too short to look for any: the summary says how long it is
-            noticed, breaks = [], []
-        report(0.9)
-        gone = [note.sentence for note in noticed]
-        suspect = [text for text in [suspicion(recording_of(examined.stepped[0]))] if text]
-        content = {"breaks_s": breaks, "faults": gone, "suspect": suspect} if json else {}
-        content = {**data.quality.describe(recording), **content} if json else {}
-        text = "" if json else data.quality.summarise(recording)
+        recordings = load_runs([run], rig) if io.declares_axes(run, rig) else [io.load(run, rig)]
+        contents = []
+        for number, recording in enumerate(recordings):
+            assert isinstance(recording, data.Recording)
+            contents.append(checked_recording(recording, json=json))
+            report((number + 0.9) / len(recordings))
     if json:
-        print_json(content)
+        by_axis = {recording.axis: content for recording, (content, _) in zip(recordings, contents, strict=True)}  # type: ignore[union-attr]
+        print_json(contents[0][0] if len(contents) == 1 else by_axis)
         return
-    say_line(text)
-    for text in (*gone, *suspect):
-        say_line(f"suspect data: {text}")
+    for _, lines in contents:
+        for text in lines:
+            say_line(text)
     suggest("fit", run, "-o", f"{run.stem}.json")
 
 

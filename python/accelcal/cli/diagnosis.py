@@ -68,8 +68,8 @@ def diagnose(
     Example: [bold]accelcal diagnose m.json run12.csv --holdout run13.csv[/bold]
     """
     from accelcal.data.recording import with_dwells
-    from accelcal.diagnosis.axes import AxesDiagnosis
     from accelcal.diagnosis.dwells import diagnose_dwells
+    from accelcal.diagnosis.verdict import AxesDiagnosis
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
@@ -86,8 +86,12 @@ def diagnose(
             raise UsageError("--holdout needs a recording of a motion; these are dwells alone")
         deliver(diagnose_dwells(fitted, recordings), printing.show, output, json)
         return
-    if comparison is not None and not isinstance(diagnosis, AxesDiagnosis):
-        diagnosis = replace(diagnosis, heldout=comparison[0])
+    if comparison is not None:
+        if isinstance(diagnosis, AxesDiagnosis):
+            pairs = zip(diagnosis.by_axis, comparison.seen, strict=False)
+            diagnosis = replace(diagnosis, by_axis=tuple(replace(alone, heldout=row[0]) for alone, row in pairs))
+        else:
+            diagnosis = replace(diagnosis, heldout=comparison[0])
     made_from = {key for run in fitted.runs for key in (run.digest, run.session)}
     others = [r.name for r in recordings if not {r.digest, r.session} & made_from]
     if others:

@@ -20,7 +20,7 @@ GRAVITY = "gravity_along_axis"
 LEVERS = ("lever_x", "lever_y", "lever_z")
 """Side channels: acceleration along the axis of a point 1 m from the tracked one, for each axis of the sensor, s⁻²."""
 LEVELS = ("level_e", "level_n")
-"""Side channels: gravity along the axis for each radian by which up of the reference leans east or north, m/s²."""
+"""Side channels: gravity along the axis for each radian by which the plumb line leans east or north, m/s²."""
 TURNED = ("turned_1", "turned_2")
 """Side channels: angles about two directions across the input axis, from a gyroscope, rad."""
 OF_DIRECTION = ("across", *LEVERS, *LEVELS)
@@ -399,8 +399,12 @@ def left_open(motion: Turning, density: float | None, *, triad: bool) -> list[tu
     triad : whether the direction of the axis and the tilt of the reference are estimated as well.
     """
     t, side = motion.path.t, {name: channel.y for name, channel in motion.side.items()}
-    a = smoothed(t, motion.path.y)[1] + side[GRAVITY]
-    columns = {"bias": [np.ones_like(a)], "scale_factor": [a], "time_offset": [np.gradient(a, t)]}
+    stretches = [rows for rows in unbroken(t) if rows.stop - rows.start > 1]
+    kept = np.concatenate([np.arange(len(t))[rows] for rows in stretches])
+    side = {name: y[kept] for name, y in side.items()}
+    a = np.concatenate([smoothed(t[rows], motion.path.y[rows])[1] for rows in stretches]) + side[GRAVITY]
+    jerk = np.concatenate([np.gradient(a[at], t[kept][at]) for at in unbroken(t[kept])])
+    columns = {"bias": [np.ones_like(a)], "scale_factor": [a], "time_offset": [jerk]}
     columns |= {name.replace("lever_", "lever_arm."): [side[name]] for name in LEVERS}
     if triad:
         columns["the direction of the axis"] = [side[f"across_{k}"] for k in (1, 2)]

@@ -12,12 +12,11 @@ from scipy import special
 
 from accelcal._support.process import within
 from accelcal.data import Recording
-from accelcal.diagnosis.clean_fit import CleanFit
+from accelcal.diagnosis.clean_fit import CleanFit, run_noise_tests
 from accelcal.diagnosis.faults import TimeSpan
 from accelcal.diagnosis.findings import sizes_of
 from accelcal.diagnosis.independent_estimate import differences
 from accelcal.diagnosis.noise.noise_test import LINE, POSITION_WAVE, READING_OUTLIERS, STEPS, VIBRATION, NoiseTest
-from accelcal.diagnosis.noise.run_all import run_noise_tests
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, NOISE_TEST_ALPHA, VIBRATION_LINE_SHARE
 from accelcal.diagnosis.runs import further_runs, values_by_run
 from accelcal.diagnosis.search.confounding import DetectedEffect

@@ -183,7 +183,7 @@ _AT_POINT = (("lever_arm", ("x", "y", "z")), ("world_tilt", ("e", "n")))
     traits=Traits(visible=False),
 )
 def world_tilt(s: Signals) -> Array:
-    """What the reference calls up leans against the plumb line, to the east and to the north (derivations 7.9).
+    """The plumb line leans to the east and to the north of what the reference calls up (derivations 7.9).
 
     A fit of three outputs has it, one for all axes.
 

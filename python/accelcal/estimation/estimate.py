@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -60,7 +61,7 @@ from accelcal.estimation.shape_parameters import at_means, held_shapes, on_bound
 from accelcal.estimation.values import Noise, Values
 from accelcal.estimation.weak_form.covariance import NoWeakForm
 from accelcal.filters.choice import FilterChoice
-from accelcal.model import Estimate, Model, Prior, terms_of
+from accelcal.model import Estimate, Model, Prior, plain_name, terms_of
 from accelcal.signals.signals import Origins
 
 if TYPE_CHECKING:
@@ -325,28 +326,7 @@ class Fit(Result):
     def of_axis(self, axis: str) -> Fit:
         """What it says of one output of a sensor with several, as of a sensor by itself; itself where it has not that
         output."""
-        if axis not in self.axes:
-            return self
-        model = self.model.of_axis(axis)
-        mine = {e.name for e in self.estimates if find(e.name.partition(".")[0]).axis in ("", axis)}
-        rows = [k for k, e in enumerate(self.free) if e.axis in ("", axis) and e.name in mine]
-        kept = [k for k, run in enumerate(self.runs) if run.axis == axis]
-        names, outputs = {self.runs[k].name for k in kept}, outputs_of(self.runs)
-        number = {outputs[k].recording: place for place, k in enumerate(kept)}
-
-        def alone(e: Estimate) -> Estimate:
-            run = None if e.run is None or len(kept) == 1 else number[outputs[e.run].recording]
-            return replace(e, name=e.name.replace(f"_on_{axis}", "", 1), axis="", run=run)
-
-        return replace(
-            self,
-            model=model,
-            estimates=tuple(alone(e) for e in self.estimates if e.axis in ("", axis) and e.name in mine),
-            covariance=self.covariance[np.ix_(rows, rows)],
-            runs=tuple(replace(self.runs[k], axis="") for k in kept),
-            remarks=tuple(note for note in self.remarks if note.values.get("recording") in (None, *names)),
-            shapes=tuple(alone(e) for e in self.shapes if find(e.name.rpartition(".")[0]).axis in ("", axis)),
-        )
+        return of_output(self, axis) if axis in self.axes else self
 
     def noise(self, run: int = 0) -> Noise:
         """Noise of one run.
@@ -362,6 +342,30 @@ class Fit(Result):
                 "the position nor the time offset; fit a motion together with the dwells"
             )
         return self.runs[run].noise.noise
+
+
+def of_output(fit: Fit, axis: str) -> Fit:
+    """What a fit of several outputs says of one of them."""
+    model, plain = fit.model.of_axis(axis), fit.model.plain_names(axis)
+    mine = {e.name for e in fit.estimates if find(e.name.partition(".")[0]).axis in ("", axis)}
+    rows = [k for k, e in enumerate(fit.free) if e.axis in ("", axis) and e.name in mine]
+    kept = [k for k, run in enumerate(fit.runs) if run.axis == axis]
+    names, outputs = {fit.runs[k].name for k in kept}, outputs_of(fit.runs)
+    number = {outputs[k].recording: place for place, k in enumerate(kept)}
+
+    def alone(e: Estimate) -> Estimate:
+        run = None if e.run is None or len(kept) == 1 else number[outputs[e.run].recording]
+        return replace(e, name=plain_name(e.name, plain), axis="", run=run)
+
+    return replace(
+        fit,
+        model=model,
+        estimates=tuple(alone(e) for e in fit.estimates if e.axis in ("", axis) and e.name in mine),
+        covariance=fit.covariance[np.ix_(rows, rows)],
+        runs=tuple(replace(fit.runs[k], axis="") for k in kept),
+        remarks=tuple(note for note in fit.remarks if note.values.get("recording") in (None, *names)),
+        shapes=tuple(alone(e) for e in fit.shapes if find(e.name.rpartition(".")[0]).axis in ("", axis)),
+    )
 
 
 @one_thread
@@ -439,6 +443,11 @@ def solve_runs(
     require_distinct(recordings)
     recordings = dwells_with_first(recordings)
     asked, model = model, complete(model, recordings)
+    if model.per_run and any(recording.axis for recording in recordings):
+        raise AccelcalError(
+            f"{', '.join(model.per_run)}: differs from run to run; expected no such coefficient for three outputs "
+            "together. Fit the axis alone, load(..., axis=...), or each recording by itself"
+        )
     if not model.free:
         raise AccelcalError(
             "no coefficient of the model is free: set one free to fit it, or compare the model as it is"
@@ -483,7 +492,7 @@ def _solved(
     if band is None:
         trials = [
             state.run.once(
-                (TRIALS, model.effects, *model.fixed.items(), state.run.t[0], state.run.t[-1]),
+                (TRIALS, pickle.dumps((model, [find(name).digest for name in model.effects])), *state.run.t[[0, -1]]),
                 partial(trial_bands, model, state),
             )
             if needs_band(state)

@@ -257,6 +257,14 @@ class Named(Protocol):
     def axis(self) -> str:
         """Which output of a sensor with several it is."""
 
+    @property
+    def digest(self) -> str:
+        """Of what was read."""
+
+    @property
+    def session(self) -> str:
+        """Digest of the whole recording that it is a part of."""
+
 
 class Output(NamedTuple):
     """Which output a run of a joint fit is."""
@@ -268,16 +276,15 @@ class Output(NamedTuple):
 
 
 def outputs_of(recordings: Sequence[Named]) -> tuple[Output, ...]:
-    """The output of each run; different axes of one file that follow each other are one recording."""
+    """The output of each run; runs of different axes of one file are one recording."""
+    numbers: dict[tuple[str, ...], int] = {}
     outputs: list[Output] = []
-    called, taken = "", set[str]()
-    for recording in recordings:
+    for k, recording in enumerate(recordings):
         name = recording.name.removesuffix(f" {recording.axis}")
-        if not outputs or not recording.axis or name != called or recording.axis in taken:
-            called, taken = name, set()
-            number = outputs[-1].recording + 1 if outputs else 0
-        outputs.append(Output(number, recording.axis))
-        taken.add(recording.axis)
+        key: tuple[str, ...] = (name, recording.session or recording.digest) if recording.axis else ("", str(k))
+        while recording.axis and Output(numbers.get(key, -1), recording.axis) in outputs:
+            key = (*key, "again")  # another part of the same file
+        outputs.append(Output(numbers.setdefault(key, len(numbers)), recording.axis))
     return tuple(outputs)
 
 
@@ -347,11 +354,11 @@ class Layout:
 
     def whose(self, runs: Sequence[int]) -> tuple[int | None, str]:
         """Run and axis of a row that some runs share: None where all recordings do, empty where all axes do."""
-        recordings, axes = ({output[k] for output in self.outputs} for k in range(2))
         some = [self.outputs[run] for run in runs]
-        run = None if {output.recording for output in some} == recordings else runs[0]
+        axes = {output.axis for output in self.outputs}
         axis = some[0].axis if {output.axis for output in some} != axes else ""
-        return run, axis
+        recordings = {output.recording for output in self.outputs if axis in ("", output.axis)}
+        return None if {output.recording for output in some} == recordings else runs[0], axis
 
 
 def solve(information: Array, score: Array, layout: Layout) -> tuple[Array, Array]:

@@ -111,7 +111,7 @@ def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, 
     if declared.attitude is not None:
         sources |= {name: Source(column, "1", declared.attitude.time) for name, column in attitude_columns(declared)}
     mapped = {source.column for source in sources.values()}
-    unused, served = [], _of_clocks(declared)
+    unused, served = [], {*_of_clocks(declared), *declared.aside}
     for column, (channel, own_clock) in discover(table).items():
         moved = declared.turns or reference_among(declared.channels) is not None
         essential = channel == "accel" or (channel == "position" and not moved)

@@ -705,7 +705,7 @@ def other_outputs(recording: Recording) -> Iterator[tuple[str, str, Channel]]:
         return
     table = open_table(Path(origin.file))
     declared = read_sidecar(Path(origin.sidecar), recording.axis) if origin.sidecar else Sidecar(rig=recording.rig)
-    plan, taken = assign(table, declared, ())[0], {column for column, _ in origin.columns.values()}
+    plan, taken = assign(table, declared, ())[0], {*declared.aside, *(column for column, _ in origin.columns.values())}
     for column in table.columns:
         stated, role = unit_of(table, column), naming.role(naming.take_apart(column).base)
         source = replace(plan.sources["accel"], column=column, unit=None if stated else origin.columns["accel"][1])

@@ -118,6 +118,8 @@ class Sidecar:
     """What is declared of dwells; None without that table."""
     axis: str = ""
     """Which of three outputs it was read for."""
+    aside: tuple[str, ...] = ()
+    """Columns of the other outputs."""
 
     @property
     def triad(self) -> bool:
@@ -145,7 +147,11 @@ def read_sidecar(path: Path, axis: str = "") -> Sidecar:
     """
     text = sidecar_text(path)
     try:
-        return replace(_sidecar(_of_axis(_parsed(text), path, axis), path), axis=axis)
+        content = _parsed(text)
+        of_all = content.get("channels") if axis else None
+        others = [(of_all or {}).get(name) for output, name in OUTPUTS.items() if output != axis]
+        aside = tuple(str(other.get("column")) for other in others if isinstance(other, dict))
+        return replace(_sidecar(_of_axis(content, path, axis), path), axis=axis, aside=aside if axis else ())
     except RecursionError:
         raise RecordingError(
             f"{path}: brackets lie too deep inside one another; expected tables as in the template, accelcal init"

@@ -6,11 +6,10 @@ import math
 from collections.abc import Collection
 
 from accelcal._support.values import listing
-from accelcal.diagnosis.axes import AxesDiagnosis
 from accelcal.diagnosis.dwells import DwellDiagnosis
 from accelcal.diagnosis.findings import Confounded, Size
 from accelcal.diagnosis.search.scan import Candidate
-from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.diagnosis.verdict import AxesDiagnosis, Diagnosis
 from accelcal.effects import CATALOGUE, find, spelled
 from accelcal.results.table import Column, Row, Table, as_sentence, require, table
 from accelcal.results.words import about, amount, error_size, in_g, largest_residual, plain, probability, typeset

@@ -26,7 +26,7 @@ SCHEMAS: Mapping[str, str] = {
     "evaluation": "validation.comparison:Evaluation",
     "comparison": "validation.differences:Comparison",
     "diagnosis": "diagnosis.verdict:Diagnosis",
-    "diagnosis-of-axes": "diagnosis.axes:AxesDiagnosis",
+    "diagnosis-of-axes": "diagnosis.verdict:AxesDiagnosis",
     "diagnosis-of-dwells": "diagnosis.dwells:DwellDiagnosis",
     "improvement": "diagnosis.select.improvement:Improvement",
     "power": "diagnosis.experiment.detectability:Power",

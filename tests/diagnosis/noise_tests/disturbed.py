@@ -10,8 +10,8 @@ import numpy as np
 
 from accelcal.data.recording import Channel, Recording
 from accelcal.data.rig import Rig
+from accelcal.diagnosis.clean_fit import run_noise_tests
 from accelcal.diagnosis.noise.noise_test import NoiseTest
-from accelcal.diagnosis.noise.run_all import run_noise_tests
 from accelcal.estimation.gauss_newton import iterate
 from accelcal.estimation.run import prepare
 from accelcal.estimation.run_state import RunState

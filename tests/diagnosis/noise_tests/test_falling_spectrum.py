@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from accelcal.diagnosis.clean_fit import run_noise_tests
 from accelcal.diagnosis.noise.noise_test import LINE, VIBRATION, NoiseTest
 from accelcal.diagnosis.noise.residuals import Residuals
-from accelcal.diagnosis.noise.run_all import run_noise_tests
 from accelcal.diagnosis.noise.spectra import excess_trend_test
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.run_state import RunState

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from accelcal.data.recording import Channel
+from accelcal.diagnosis.clean_fit import run_noise_tests
 from accelcal.diagnosis.noise.motion_noise import rank_correlation
 from accelcal.diagnosis.noise.position import portmanteau
 from accelcal.diagnosis.noise.residuals import (
@@ -22,7 +23,6 @@ from accelcal.diagnosis.noise.residuals import (
     power_trend_test,
     spread_of,
 )
-from accelcal.diagnosis.noise.run_all import run_noise_tests
 from accelcal.diagnosis.noise.spectra import is_single_line, motion_makes_lines, spectral_peaks
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA
 from accelcal.signals.series import local_spread

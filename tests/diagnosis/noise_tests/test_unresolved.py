@@ -11,9 +11,9 @@ import pytest
 
 from accelcal.data.recording import Channel, Recording
 from accelcal.diagnosis.checks import unresolved_motion
+from accelcal.diagnosis.clean_fit import run_noise_tests
 from accelcal.diagnosis.noise import outliers, position, residuals, spectra
 from accelcal.diagnosis.noise.noise_test import JITTER, LINE, OUTPUT_OUTLIERS
-from accelcal.diagnosis.noise.run_all import run_noise_tests
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.io import load

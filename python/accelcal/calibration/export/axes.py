@@ -7,7 +7,6 @@ diagonal and, beside it, the directions of the axes. M = S R: S upper triangular
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ import scipy
 
 from accelcal._support.result import Result
 from accelcal.calibration.export.c99 import header
-from accelcal.calibration.export.calibration import Calibration, NotExportable, calibrate
+from accelcal.calibration.export.calibration import Calibration, NotExportable, calibrate, identifier
 from accelcal.calibration.export.rust import module
 from accelcal.data import Array
 from accelcal.estimation.estimate import Fit
@@ -109,21 +108,28 @@ FRAMES = (
 
 def listed(values: Array) -> str:
     """Numbers as YAML and C take them."""
-    return "[" + ", ".join(f"{value:.9g}" for value in np.ravel(values)) + "]"
+    return "[" + ", ".join(f"{value + 0.0:.9g}" for value in np.ravel(values)) + "]"
 
 
 def kalibr(m: SensorMatrix) -> str:
-    """The accelerometer of an IMU file of Kalibr (model scale-misalignment-size-effect): y = M C f + b."""
-    L, Q = m.lower
+    """The accelerometer of an IMU file of Kalibr (model scale-misalignment-size-effect): y = M C f + b, M lower
+    triangular.
+
+    Its arms are those of the y and z element from the x element, in the axes of the sensor; its time offset is what is
+    added to a stamp.
+    """
+    L, C = m.lower
     rows = "\n".join(f"    - {listed(row)}" for row in L)
-    levers = "\n".join(f"    r{axis}_i: {listed(Q @ row)}" for axis, row in zip(ACROSS, m.lever, strict=True))
+    levers = "\n".join(
+        f"    r{axis}_i: {listed(C @ (row - m.lever[0]))}" for axis, row in zip(ACROSS, m.lever, strict=True)
+    )
+    body = "\n".join(f"  - {listed(row)}" for row in np.block([[C, -(C @ m.lever[0])[:, None]], [np.zeros(3), 1.0]]))
     return (
-        f"# {FRAMES}\n# C_i_b turns the body's axes into those of the sensor, whose x axis is that of its x element.\n"
-        "imu0:\n  model: scale-misalignment-size-effect\n"
-        f"  accelerometer_noise_density: {float(np.mean(m.noise)):.6g}\n  time_offset: {m.delay:.9g}\n"
-        f"  accelerometers:\n    M:\n{rows}\n{levers}\n    C_i_b:\n"
-        + "".join(f"    - {listed(row)}\n" for row in Q)
-        + f"    bias: {listed(m.bias)}\n"
+        f"# {FRAMES}\n# T_i_b: from the body's axes, at the tracked point, to the sensor's, at its x element.\n"
+        f"# offsets, m/s^2, which Kalibr estimates anew: {listed(m.bias)}\n"
+        f"imu0:\n  T_i_b:\n{body}\n  model: scale-misalignment-size-effect\n"
+        f"  accelerometer_noise_density: {float(np.mean(m.noise)):.6g}\n  time_offset: {-m.delay:.9g}\n"
+        f"  accelerometers:\n    M:\n{rows}\n{levers}\n"
     )
 
 
@@ -185,13 +191,13 @@ def c_files(fit: Fit, name: str, without: Sequence[str] = (), source: str = "") 
         As `calibrate`, or if the outputs are not along the axes of the attitude.
     """
     m, stem = SensorMatrix.of(fit, source), Path(name).stem
-    word = re.sub(r"\W", "_", stem)
+    word = identifier(stem)
     names = {axis: f"{stem}_{axis}.h" for axis in ACROSS}
     files = {names[a]: header(c, names[a]) for a, c in calibrations(fit, without, source).items()}
     rows = ", ".join("{" + listed(row)[1:-1] + "}" for row in across(m, fit.rig.sensor.scale or 1.0))
     others = (f"M[{i}][0] * f[0] + M[{i}][1] * f[1] + M[{i}][2] * f[2]" for i in range(3))
     calls = "\n".join(
-        f"        outside |= {word}_{axis}_acceleration(y[{i}] - ({of}), &g[{i}]);"
+        f"        outside |= {identifier(f'{stem}_{axis}')}_acceleration(y[{i}] - ({of}), &g[{i}]);"
         for i, (axis, of) in enumerate(zip(ACROSS, others, strict=True))
     )
     includes = "\n".join(f'#include "{names[axis]}"' for axis in ACROSS)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from accelcal._support.errors import AccelcalError
 from accelcal.data import Recording
-from accelcal.diagnosis.clean_fit import outliers_found, without_outliers
+from accelcal.diagnosis.clean_fit import outliers_found, run_noise_tests, without_outliers
 from accelcal.diagnosis.noise.counts import rounded_noise, score_of_rounding
 from accelcal.diagnosis.noise.growing import BlockPowers, growing_noise, score_of_growth
 from accelcal.diagnosis.noise.outliers import (
@@ -18,7 +18,6 @@ from accelcal.diagnosis.noise.outliers import (
     score_of_tails,
 )
 from accelcal.diagnosis.noise.residuals import Residuals
-from accelcal.diagnosis.noise.run_all import run_noise_tests
 from accelcal.diagnosis.policy import NOISE_EFFECT_ALPHA
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, require_channels, settled_state, state_at
