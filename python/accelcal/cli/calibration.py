@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 
@@ -230,21 +230,7 @@ def export(
     if fitted.axes or parameters is not None:
         if dcc is not None:
             raise UsageError("--dcc: a certificate is of one output; give a model of one axis, load(..., axis=...)")
-        matrix = exports.SensorMatrix.of(fitted, model.name)
-        if c is not None:
-            files |= {
-                c.parent / name: text
-                for name, text in exports.c_files(fitted, c.name, without or (), model.name).items()
-            }
-        if rust is not None:
-            files[rust] = exports.rust_module(fitted, without or (), model.name)
-        if parameters is not None:
-            files[parameters] = exports.PARAMETERS[style](matrix)
-        with io.together():
-            for path, text in files.items():
-                io.atomic_write(path, text)
-        deliver(matrix, printing.show, None, json)
-        print_written(*files)
+        export_axes(model, fitted, c, rust, {} if parameters is None else {parameters: style}, without or (), json=json)
         return
     calibration = exports.calibrate(fitted, without=without or (), source=model.name)
     if c is not None:
@@ -254,13 +240,39 @@ def export(
     if dcc is not None:
         certificate = checked(exports.draft(calibration, laboratory_of(lab)), schema)
         files[dcc] = certificate.text
-    with io.together():
-        for path, text in files.items():
-            io.atomic_write(path, text)
+    write_together(files)
     deliver(calibration, printing.show_export, None, json)
     print_written(*files)
     if dcc is not None:
         tell(dcc, certificate, schema)
+
+
+def export_axes(
+    model: Path,
+    fitted: Fit,
+    c: Path | None,
+    rust: Path | None,
+    parameters: Mapping[Path, Style],
+    without: Sequence[str],
+    *,
+    json: bool,
+) -> None:
+    """Write what is asked for of three outputs: a C header and those of its axes, a Rust module, parameters."""
+    matrix = exports.SensorMatrix.of(fitted, model.name)
+    headers = {} if c is None else exports.c_files(fitted, c.name, without, model.name)
+    files = {c.parent / name: text for name, text in headers.items()} if c is not None else {}
+    files |= {} if rust is None else {rust: exports.rust_module(fitted, without, model.name)}
+    files |= {path: exports.PARAMETERS[style](matrix) for path, style in parameters.items()}
+    write_together(files)
+    deliver(matrix, printing.show, None, json)
+    print_written(*files)
+
+
+def write_together(files: Mapping[Path, str]) -> None:
+    """Write files, all or none."""
+    with io.together():
+        for path, text in files.items():
+            io.atomic_write(path, text)
 
 
 def export_filter(
@@ -269,10 +281,9 @@ def export_filter(
     """Write the live filter of a model beside the program that replays a record through it."""
     filter_of_model = exports.live_filter(fitted, rate)
     files = exports.filter_files(filter_of_model, output.name, language, precision, model.name)
-    with io.together():
-        for name, text in files.items():
-            io.atomic_write(output.parent / name, text)
-    print_written(*(output.parent / name for name in files))
+    paths = {output.parent / name: text for name, text in files.items()}
+    write_together(paths)
+    print_written(*paths)
 
 
 @app.command("app")
