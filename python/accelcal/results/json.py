@@ -252,7 +252,9 @@ def schema_of_result(kind: Any, source: Any, handler: Any) -> CoreSchema:
     schema: CoreSchema = handler(source)
     dataclass = handler.resolve_ref_schema(schema)
     dataclass["schema"]["computed_fields"] = [
-        core_schema.computed_field(name, handler.generate_schema(get_type_hints(getattr(kind, name).fget)["return"]))
+        core_schema.computed_field(
+            name, handler.generate_schema(get_type_hints(getattr(kind, name).fget, include_extras=True)["return"])
+        )
         for name in kind.derived
     ]
 

@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 import scipy
 
-from accelcal._support.result import Storable
+from accelcal._support.result import Result
 from accelcal.calibration.export.c99 import header
 from accelcal.calibration.export.calibration import Calibration, NotExportable, calibrate
 from accelcal.calibration.export.rust import module
@@ -30,10 +30,11 @@ ACROSS = {"x": "yz", "y": "zx", "z": "xy"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SensorMatrix(Storable):
+class SensorMatrix(Result):
     """Matrix, offsets and lever arms of a sensor with three outputs, in the axes of the attitude of its body."""
 
     derived: ClassVar[tuple[str, ...]] = ("upper", "lower", "inverse")
+    tables_in: ClassVar[str] = "results.experiments"
 
     M: Array
     """(3, 3): output per specific force."""
