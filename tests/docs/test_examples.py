@@ -1,7 +1,9 @@
 """Every example of the pages runs as printed: `sh` and `python` blocks in the order of the page, in one folder."""
 
 import os
+import re
 import shlex
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -27,8 +29,14 @@ PAGES = (
     "tumble-table",
     "structure",
     "motion-capture",
+    "tracked-board",
 )
 """Pages with examples that run. Blocks of other languages are output, files, or what a person starts (`bash`)."""
+PRINTED = ("tracked-board",)
+"""Pages on which a block of text is what the example before it prints."""
+NUMBER = re.compile(r"[-−]?\d+(?:\.\d+)?")
+DIFFERENCE = 0.1
+"""Of a printed figure, relative, between machines: a fit stops at a hundredth of an uncertainty."""
 ELSEWHERE = {
     "export": "calibration/export/test_command.py",
     "embedded": "firmware/test_page.py",
@@ -52,6 +60,8 @@ BY_HAND = {
 
 def prepare(page, folder):
     """Write the reader's own recordings, where a page is about them."""
+    if page == "tracked-board":
+        shutil.copytree(DOCS / "data", folder, dirs_exist_ok=True)
     if page != "your-data":
         return
     for name, mount in (("reversed", "reversed"), ("run12", "normal"), ("normal", "normal")):
@@ -74,9 +84,11 @@ def prepare(page, folder):
 
 
 def run(example, folder):
+    """Standard output of the last program that the example starts."""
     if example.file:
         (folder / example.file).write_text(example.text)
-    elif example.language == "python":
+        return ""
+    if example.language == "python":
         done = python("-c", example.text, cwd=folder, env=ENVIRONMENT, timeout=1500)
         assert done.returncode == 0, f"{example.text}: {done.stderr}"
     elif example.language == "sh":
@@ -85,6 +97,16 @@ def run(example, folder):
             assert program == "accelcal"
             done = accelcal(*arguments, cwd=folder, env=ENVIRONMENT, timeout=1500)
             assert done.returncode == 0, f"{line}: {done.stderr}"
+    return done.stdout
+
+
+def alike(printed, shown):
+    """Whether two texts have the same words, and the same figures within the difference."""
+    texts = [" ".join(text.split()) for text in (printed, shown)]
+    if NUMBER.sub("#", texts[0]) != NUMBER.sub("#", texts[1]):
+        return False
+    first, second = ([float(x.replace("−", "-")) for x in NUMBER.findall(text)] for text in texts)
+    return bool(np.allclose(first, second, rtol=DIFFERENCE, atol=0.0))
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -92,8 +114,18 @@ def test_examples_run_in_the_order_of_the_page(page, tmp_path):
     prepare(page, tmp_path)
     runnable = [each for each in examples(page) if each.language in ("sh", "python") or each.file]
     assert runnable
-    for example in runnable:
-        run(example, tmp_path)
+    printed = ""
+    for example in examples(page):
+        if example in runnable:
+            printed = run(example, tmp_path)
+        elif example.language == "text" and page in PRINTED:
+            assert alike(printed, example.text), printed
+
+
+def test_a_figure_that_is_not_printed_is_found():
+    assert alike("error  -27.0 mm/s² on x", "error -27.1 mm/s²\non x")
+    assert not alike("error 27.0 mm/s² on x", "error 31.0 mm/s² on x")
+    assert not alike("error 27.0 mm/s² on x", "error 27.0 mm/s² on y")
 
 
 def test_every_command_on_a_page_is_run_here_or_listed_as_started_by_hand():

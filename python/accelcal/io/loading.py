@@ -690,7 +690,7 @@ def other_outputs(recording: Recording) -> Iterator[tuple[str, str, Channel]]:
     if not origin.file:
         return
     table = open_table(Path(origin.file))
-    declared = read_sidecar(Path(origin.sidecar)) if origin.sidecar else Sidecar(rig=recording.rig)
+    declared = read_sidecar(Path(origin.sidecar), recording.axis) if origin.sidecar else Sidecar(rig=recording.rig)
     plan, taken = assign(table, declared, ())[0], {column for column, _ in origin.columns.values()}
     for column in table.columns:
         stated, role = unit_of(table, column), naming.role(naming.take_apart(column).base)
