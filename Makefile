@@ -11,7 +11,7 @@ RUN_TESTS := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= MALLOC_TRIM_THRESHO
 BESIDE := slow or outside or statistics
 
 .NOTPARALLEL:
-.PHONY: help demo docs pages paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-noisy-live bench-monitoring bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-accidents bench-mistakes bench-rates bench-ruler bench-loop bench-named bench-mechanisms bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response bench-arms bench-triads
+.PHONY: help demo docs pages paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-noisy-live bench-monitoring bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-accidents bench-mistakes bench-rates bench-ruler bench-loop bench-named bench-mechanisms bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response bench-arms bench-triads bench-allan
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -196,6 +196,9 @@ bench-hidden: $(STAMP) ## Hold the product to records with hidden effects; an ho
 
 bench-response: $(STAMP) ## Hold the frequency response to exact simulated shakers: errors and coverage; minutes.
 	$(BIN)/python -m benches.response
+
+bench-allan: $(STAMP) ## Hold the noise of simulated sensors at rest to their truth: coverage; 25 minutes, restartable.
+	$(BIN)/python -m benches.allan
 
 format: $(STAMP) ## Rewrite sources in the project's style.
 	cargo fmt --all

@@ -28,6 +28,7 @@ from papers.stakkeland2007.models import (
     three_axes_item,
 )
 from papers.stakkeland2007.question import (
+    centrifuge_item,
     consider_item,
     mapping_item,
     question_item,
@@ -57,6 +58,7 @@ _ITEMS: tuple[Callable[[Plan], Item], ...] = (
     consider_item,
     linear_filters_item,
     standard_tests_item,
+    centrifuge_item,
 )
 
 

@@ -145,7 +145,6 @@ class Statement(Storable):
         return "closed"
 
 
-NO_ANGLE = "their reference is an angle, that of this method a length"
 LOST = "its body did not survive in the copies at hand; an independent simulation stands beside our figures"
 NOT_PUBLIC = "their recordings were not published"
 
@@ -154,7 +153,7 @@ STATEMENTS: tuple[Statement, ...] = (
         "abstract", "test and characterise with a position sensor and nonlinear filters", ("consistency", "tracks")
     ),
     Statement("abstract, I", "simpler than tumble and vibration tests", ("standard_tests",)),
-    Statement("abstract, I", "simpler than centrifuge and rotary table", impossible=NO_ANGLE),
+    Statement("abstract, I", "simpler than centrifuge and rotary table", ("centrifuge",), product="channels.angle"),
     Statement("abstract, I", "real-time estimation of the parameters", ("tracks",), product="LiveModel, firmware"),
     Statement(
         "I", "bandwidth of detectable variations", product="accelcal power: drift bandwidth beside a tumble test"

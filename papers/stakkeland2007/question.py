@@ -20,7 +20,8 @@ import numpy as np
 import scipy
 
 from accelcal.calibration.characteristic import straight_line
-from accelcal.data import Array, Recording, Rig
+from accelcal.data import STANDARD_GRAVITY, Array, Channel, Recording, Rig
+from accelcal.data.orientation import on_arm
 from accelcal.demo import with_effect
 from accelcal.diagnosis.experiment.drift_bandwidth import DWELL, DWELLS, TURN, tumble
 from accelcal.effects import BUILT_IN, find, polynomial
@@ -35,6 +36,7 @@ from accelcal.validation.prediction import Prediction
 from accelcal.validation.prediction import rms as root_mean_square
 from accelcal.verbs import add, diagnose
 from papers.stakkeland2007.rows import (
+    ACCEL_RATE,
     ACI,
     ALPHA,
     CWPA,
@@ -330,6 +332,75 @@ def vibration_row(name: str, rig: Rig, found: Mapping[str, Fit]) -> Row:
         threshold=f"below {LARGEST:g} sigma ({sigma:.1f})",
         holds=sigma < LARGEST,
         remark="it takes a bias that does not change between shaking and rest",
+    )
+
+
+ARM, ARM_STD = 0.2, 1e-4
+"""Of the centrifuge, and how well its length is measured, m."""
+ANGLE_STD = 1e-5
+"""Noise of its encoder, rad."""
+SPEEDS, FULL = 12, 0.95
+"""Speeds of the centrifuge, of which the last takes the sensor to this share of its range."""
+
+
+def centrifuge_item(plan: Plan) -> Item:
+    """An arm about a level axle, on an angle encoder, against the stage: the same sensor, noise and length."""
+    rows: list[Row] = []
+    for name, rig in RIGS.items():
+        fits = plan.repeat(f"centrifuge {name}", 1, lambda rng, rig=rig: turned(rng, rig))[0]  # type: ignore[misc]
+        rows += [centrifuge_row(name, fits, each) for each in ("scale_factor", *polynomial(3))]
+    return Item(
+        name="centrifuge",
+        title=f"Arm of {1e3 * ARM:g} ± {1e3 * ARM_STD:g} mm at {SPEEDS} speeds and stage, {TEST_SECONDS:g} s each",
+        source="abstract, I",
+        rows=tuple(rows),
+    )
+
+
+def turned(rng: np.random.Generator, rig: Rig) -> dict[str, Fit]:
+    """One sensor on the stage, and radially on an arm that steps through twelve speeds."""
+    plain = replace(rig, lowpass=None)
+    run = simulate("tones", seconds=TEST_SECONDS, rig=plain, parameters=TRUTH, rng=rng).recording
+    return {"stage": estimate(Model.cubic(), run), "arm": estimate(Model.cubic(), on_centrifuge(rng, plain))}
+
+
+def on_centrifuge(rng: np.random.Generator, rig: Rig) -> Recording:
+    """The record of a sensor that reads -r rate² + g sin(angle)."""
+    t = np.arange(0.0, TEST_SECONDS, 1.0 / ACCEL_RATE)
+    fastest = math.sqrt((FULL * (rig.sensor.range or math.inf) - STANDARD_GRAVITY) / ARM)
+    place = t / TEST_SECONDS * SPEEDS
+    changing = np.clip((place % 1.0 - 0.4) / 0.6, 0.0, 1.0)  # two fifths at each speed, then on to the next
+    rate = fastest * np.minimum(
+        1.0, (place // 1.0 + 1.0 + changing**3 * (10.0 - 15.0 * changing + 6.0 * changing**2)) / SPEEDS
+    )
+    angle = scipy.integrate.cumulative_simpson(rate, x=t, initial=0.0)
+    a = STANDARD_GRAVITY * np.sin(angle) - ARM * rate**2
+    K0, k, K2, K3 = TRUTH.values()
+    output = K0 + (1.0 + k) * a + K2 * a**2 + K3 * a**3
+    output += (rig.sensor.noise or 0.0) * math.sqrt(0.5 * ACCEL_RATE) * rng.standard_normal(len(t))
+    read = slice(None, None, 2)
+    seen = angle[read] + ANGLE_STD * rng.standard_normal(len(t[read]))
+    motion = on_arm(t[read], seen, ARM, 0.0, np.array([1.0, 0.0, 0.0]))
+    level = float(np.mean(motion.gravity.y))
+    on_rig = replace(rig, arm=ARM, arm_std=ARM_STD, axle=0.0, gravity_along_axis=level, resolution=None)
+    return Recording(Channel("accel", t, output, "m/s^2"), motion.path, side=motion.side, rig=on_rig)
+
+
+def centrifuge_row(name: str, fits: Mapping[str, Fit], each: str) -> Row:
+    """Uncertainty of one parameter by both rigs, and whether both hold the truth."""
+    stage, arm = (fits[rig][each] for rig in ("stage", "arm"))
+    worst = max(abs(e.value - TRUTH[each]) / e.std for e in (stage, arm))
+    unit = stage.unit.removeprefix("1")
+    return Row(
+        by="us",
+        claim=f"{name}, {SYMBOLS[each]}: stage and arm agree with the truth",
+        expected=f"within {LARGEST:g} standard deviations of the truth",
+        measured=f"stage {stage.std:.2g}, arm {arm.std:.2g} {unit}".strip() + f"; largest error {worst:.1f} sigma",
+        value=stage.std / arm.std,
+        n=2,
+        threshold=f"errors below {LARGEST:g} sigma",
+        holds=bool(worst < LARGEST),
+        remark="the stage needs a place to 1 um, the arm a level axle and slip rings",
     )
 
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from accelcal.diagnosis.select.improvement import Improvement
     from accelcal.diagnosis.verdict import Diagnosis
     from accelcal.effects import effect, load_effects
+    from accelcal.estimation.allan import rest
     from accelcal.estimation.estimate import Fit
     from accelcal.estimation.gauss_newton import NotIdentifiable
     from accelcal.filters.choice import FilterChoice
@@ -74,6 +75,7 @@ __all__ = [
     "plan",
     "power",
     "response",
+    "rest",
     "simulate",
 ]
 PACKAGES = (
@@ -96,6 +98,7 @@ HOMES = {
     "data.recording": "Channel Recording RecordingError",
     "data.rig": "LowPass Rig Sensor",
     "effects": "effect load_effects",
+    "estimation.allan": "rest",
     "estimation.estimate": "Fit",
     "estimation.gauss_newton": "NotIdentifiable",
     "filters.choice": "FilterChoice",

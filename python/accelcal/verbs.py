@@ -15,8 +15,7 @@ from typing import Any, overload
 
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
-from accelcal._support.process import one_thread
-from accelcal._support.progress import within
+from accelcal._support.process import one_thread, within
 from accelcal._support.values import listing
 from accelcal.data import DERIVED, Dwells, Recording, RecordingError
 from accelcal.data.recording import with_dwells

@@ -48,6 +48,15 @@ def test_a_part_of_a_quaternion_or_no_direction_is_refused() -> None:
     assert "input_axis = [0.0, 0.6, 0.8]" in made
 
 
+def test_an_angle_takes_the_place_of_a_position_and_asks_for_its_arm() -> None:
+    options = [Choice("t", "time", "s"), Choice("a", "accel", "g"), Choice("enc", "angle", "deg")]
+    assert mapping.unknown(options, '[rig]\narm = "?"\naxle = [0, 0, 1]\n') == ["rig.arm", "rig.input_axis"]
+    changes = {"rig.arm": "200 mm", "rig.input_axis": "radial"}
+    text = mapping.sidecar_from('[rig]\narm = "?"\naxle = [0, 0, 1]\n', options, changes=changes)
+    assert not mapping.unknown(options, text)
+    assert mapping.channels(text)["angle"] == ("enc", "deg")
+
+
 GERMAN = ("Zeit [s]", "Ausgang [V]", "Weg [mm]")
 
 

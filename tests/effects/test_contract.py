@@ -40,14 +40,14 @@ IDENTIFIERS = re.findall(
     shape_of_position_and_velocity shape_of_position_and_acceleration
     shape_of_temperature_and_velocity shape_of_time_and_velocity
     lowpass_error encoder_lag ac_coupling rounded_stamps held_samples gyroscope_tilt lever_arm
-    axle_tilt angle_eccentricity arm_bending
+    axle_tilt angle_eccentricity axle_wobble arm_bending
     """,
 )
 
 NO_WORLD = re.findall(
     r"\w+",
     """
-    angle_eccentricity arm_bending axle_tilt
+    angle_eccentricity arm_bending axle_tilt axle_wobble
     bias scale_factor ac_coupling angular_acceleration cross_axis_product cross_axis_quadratic_z cross_axis_z
     cross_coupling_z encoder_lag gyroscope_tilt held_samples lever_arm lowpass_error rail_second_wave rounded_stamps
     spin

@@ -27,7 +27,7 @@ class Rigged:
     axle: str = "horizontal"
     input_axis: str = "radial"
     motion: str = "swing"
-    """swing, turns or steps."""
+    """swing, turns, steps or dwells."""
     seconds: float = 30.0
     rate: float = 400.0
     every: int = 2
@@ -49,6 +49,8 @@ class Rigged:
     """Second pole of the sensor, s."""
     eccentricity: float = 0.0
     bending: float = 0.0
+    wobble: float = 0.0
+    """Of a vertical axle, against the turn, rad."""
     unit: str = "deg"
     wrap: bool = False
     keys: dict[str, str] = field(default_factory=dict)
@@ -63,14 +65,21 @@ def angle_of(rig: Rigged, t: np.ndarray) -> np.ndarray:
     if rig.motion == "turns":  # whole turns whose rate wanders
         tones = [(f, rng.uniform(0.0, 2.0 * np.pi)) for f in (0.05, 0.13, 0.31)]
         return 6.0 * t + sum(2.5 / (2.0 * np.pi * f) * np.sin(2.0 * np.pi * f * t + p) for f, p in tones)
+    if rig.motion == "dwells":  # 30 degrees every 2 s
+        return sum(np.pi / 6.0 * risen((t - 2.0 * n - 1.5) / 0.5) for n in range(1, int(rig.seconds / 2.0)))
     speeds = np.linspace(2.0, 14.0, 12)  # a centrifuge
     plateau = rig.seconds / len(speeds)
     rate = np.full_like(t, speeds[0])
     for n, (low, high) in enumerate(pairwise(speeds)):
-        x = np.clip((t - (n + 0.7) * plateau) / (0.6 * plateau), 0.0, 1.0)
-        rate += (high - low) * x**4 * (35.0 - 84.0 * x + 70.0 * x**2 - 20.0 * x**3)
+        rate += (high - low) * risen((t - (n + 0.7) * plateau) / (0.6 * plateau))
     step = t[1] - t[0]
     return np.concatenate([[0.0], np.cumsum(0.5 * step * (rate[1:] + rate[:-1]))])
+
+
+def risen(x: np.ndarray) -> np.ndarray:
+    """From 0 to 1 between 0 and 1, smoothly."""
+    x = np.clip(x, 0.0, 1.0)
+    return x**4 * (35.0 - 84.0 * x + 70.0 * x**2 - 20.0 * x**3)
 
 
 def columns(rig: Rigged) -> dict[str, np.ndarray]:
@@ -84,7 +93,8 @@ def columns(rig: Rigged) -> dict[str, np.ndarray]:
     forward = np.column_stack([-np.sin(theta), np.cos(theta)])
     place = reach[:, None] * outward + rig.across * forward
     acceleration = np.gradient(np.gradient(place, h, axis=0), h, axis=0)
-    up = np.array([0.0, 1.0]) if rig.axle == "horizontal" else np.array([0.0, np.sin(rig.tilt)])
+    cone = rig.wobble * np.column_stack([np.sin(theta + 0.7), np.cos(theta + 0.7)])
+    up = np.array([0.0, 1.0]) if rig.axle == "horizontal" else np.array([0.0, np.sin(rig.tilt)]) + cone
     axis = {"radial": outward, "tangential": forward}.get(rig.input_axis, np.zeros_like(outward))
     force = np.einsum("ni,ni->n", axis, acceleration + G * up)  # an axis along the axle: gravity is in the bias
     late = np.interp(t - rig.delay, t, force)

@@ -3,6 +3,7 @@
 The files are written here by analytic motion; nothing of the package makes them.
 """
 
+import json
 import os
 import re
 import shutil
@@ -607,6 +608,34 @@ def test_shared_cases_give_what_was_planted(tmp_path, case):
         else:
             beside.write_text(text)
     assert_planted(accelcal.fit(io.load(path, settings.pop("rig", None), **settings)), k, bias)
+
+
+def test_six_shared_faces_give_scale_and_zero(tmp_path):
+    for name in ("six.csv", "six.toml"):
+        if not (CASES / "17_six_positions" / name).exists():
+            pytest.skip("ACCELCAL_FIELD_CASES names no folder of shared cases")
+        shutil.copy(CASES / "17_six_positions" / name, tmp_path / name)
+    done = command("dwells", tmp_path / "six.csv", "--yes", "--json")
+    assert done.returncode == 0, done.stderr
+    fit = json.loads(done.stdout)
+    truth = dict(zip(("K_x", "K_y", "K_z"), 1.0 / np.array([1.01, 0.985, 1.02]), strict=True))
+    truth |= dict(zip(("b_x", "b_y", "b_z"), 9.80665 * np.array([0.03, -0.05, 0.02]), strict=True))
+    assert len(fit["std"]) == 6
+    for name, std in fit["std"]:
+        assert abs(fit["values"][name] - truth[name]) < 3.0 * std
+    assert "Ten or more" in fit["sentence"]
+
+
+@pytest.mark.parametrize("name", ["rest.csv", "warm_up.csv"])
+def test_shared_records_at_rest_give_lines_of_the_sidecar(name):
+    path = CASES / "20_rest_record" / name
+    if not path.exists():
+        pytest.skip("ACCELCAL_FIELD_CASES names no folder of shared cases")
+    done = command("rest", path)
+    assert done.returncode == 0, done.stderr
+    assert 'noise = "19' in done.stdout  # 0.00195 (m/s²)/sqrt(Hz) in both
+    assert "# random_walk is below" in done.stdout  # of the warm-up as well
+    assert ("K0 over temperature" in done.stdout) == (name == "warm_up.csv")
 
 
 @pytest.mark.parametrize("name", ["run_v7.mat", "table_v7.mat", "run_v73.mat"])

@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 import accelcal as ac
-from accelcal._support.progress import within
+from accelcal._support.process import within
 from accelcal._support.stopping import Stopped
 from accelcal.cli.common import bar
 from accelcal.cli.diagnosis import kept_on_the_way

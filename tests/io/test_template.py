@@ -83,3 +83,29 @@ def test_the_only_column_in_degrees_is_the_temperature(tmp_path, several):
     rows = [f"{0.001 * k:.3f};{k % 7};{k % 5};{23 + k % 3}" + f";{21 + k % 4}" * several for k in range(50)]
     path.write_text("\n".join([";".join(heads), *rows]) + "\n")
     assert ('\ntemperature = { column = "Halter (°C)"' in io.init(path)) != several
+
+
+@pytest.mark.parametrize("column", ["encoder_deg", "angle_rad", "Theta [deg]", "deg", "angle_count"])
+def test_an_angle_takes_the_place_of_a_position_and_asks_for_its_arm(tmp_path, column):
+    path = write(tmp_path, f"t_s,accel_g,{column}", "".join(f"{0.1 * k:.1f},1,{0.4 * k:.1f}\n" for k in range(12)))
+    text = io.init(path)
+    assert f'angle = {{ column = "{column}"' in text
+    assert "position = {" not in text
+    for key, wanted in (("arm", '"200 mm"'), ("axle", '"vertical"'), ("input_axis", '"radial"')):
+        with pytest.raises(RecordingError, match=rf"rig.{key}: (found )?'\?'"):
+            io.load(path)
+        text = text.replace(f'\n{key} = "?"', f"\n{key} = {wanted}")
+        io.sidecar_of(path).write_text(text)
+    if column == "angle_count":
+        with pytest.raises(RecordingError, match="scale"):
+            io.load(path)
+        io.sidecar_of(path).write_text(text.replace('scale = "?"', 'scale = "100 count/rev"'))
+    assert io.load(path).rig.arm == 0.2
+
+
+def test_an_angle_beside_a_length_is_none_of_an_arm(tmp_path):
+    text = io.init(write(tmp_path, "t_s,accel_g,encoder_mm,angle_deg"))
+    assert 'position = { column = "encoder_mm", unit = "mm" }' in text
+    assert '# angle = { column = "angle_deg", unit = "deg" }' in text
+    assert "encoder_count" in io.template(write(tmp_path, "t_s,accel_g,encoder_count,state"))
+    assert "\narm" not in text

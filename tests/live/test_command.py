@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import pty
+import re
 import signal
 import socket
 import subprocess
@@ -27,6 +29,7 @@ from accelcal.data.recording import Channel
 from accelcal.filters import run
 from accelcal.io import load, read_sidecar
 from accelcal.live import settings_of
+from accelcal.live.session import DwellGuide
 from accelcal.simulation import ADXL105_RIG
 from tests.commands import accelcal
 from tests.live.streams import RIG, Stream, stream
@@ -328,3 +331,113 @@ def test_an_earlier_recording_is_never_replaced(folder: Path, there: str, what: 
     assert f"{there}: there is a {what} already; give another name" in " ".join(found.stderr.split())
     assert (folder / there).read_bytes() == b"earlier"
     assert {path.name for path in folder.iterdir()} == {"rig.toml", "lines.txt", there}
+
+
+GUIDED = """[channels]
+time = { column = "t", unit = "s" }
+accel_x = { column = "x", unit = "g" }
+accel_y = { column = "y", unit = "g" }
+accel_z = { column = "z", unit = "g" }
+[dwell]
+gravity = "9.81 m/s^2"
+"""
+SCALE, ZERO = np.array([1.01, 0.985, 1.02]), np.array([0.03, -0.05, 0.02])
+"""Of the three outputs, the zero in g."""
+
+
+def turned(faces: list[int], *, moving_first: bool = False, rate: float = 50.0) -> str:
+    """Lines of a triad that is turned from face to face, 4 s on each: 0, 1, 2 is an axis up, 3, 4, 5 down."""
+    rng, parts, before = np.random.default_rng(1), [], np.array([0.6, 0.0, 0.8])
+    for face in faces:
+        up = np.eye(3)[face % 3] * (1.0 if face < 3 else -1.0) + np.radians(2.0) * rng.standard_normal(3)
+        up /= np.linalg.norm(up)
+        if parts or moving_first:
+            share = np.linspace(0.0, 1.0, 75)[:, None]
+            parts.append((1.0 - share) * before + share * up + 0.2 * rng.standard_normal((75, 3)))
+        parts.append(np.tile(up, (200, 1)))
+        before = up
+    f = np.concatenate(parts)
+    y = SCALE * f * 9.81 / 9.80665 + ZERO + 1e-3 * rng.standard_normal(f.shape)
+    rows = np.column_stack([np.arange(len(y)) / rate, y])
+    return "\n".join(",".join(f"{x:.5f}" for x in row) for row in rows) + "\n"
+
+
+def guided(folder: Path, *words: str) -> subprocess.Popen[str]:
+    (folder / "triad.toml").write_text(GUIDED)
+    command = [sys.executable, "-m", "accelcal", "dwells", "--guide", "--rig", "triad.toml", *words]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    _children.append(subprocess.Popen(command, cwd=folder, text=True, **pipes))
+    return _children[-1]
+
+
+def test_a_guided_session_ends_with_six_faces_and_their_fit(tmp_path: Path) -> None:
+    """From a turning sensor on, with one face twice, which is no further position."""
+    child = guided(tmp_path, "-", "-o", "positions.csv", "--json")
+    out, said = child.communicate("t,x,y,z\n" + turned([2, 0, 0, 5, 1, 3, 4], moving_first=True), timeout=MOST)
+    assert child.returncode == 0, said
+    content = json.loads(out)
+    require_published(content)
+    assert np.array(content["K"]) == pytest.approx(1.0 / SCALE, abs=3e-4)
+    assert np.array(content["b"]) == pytest.approx(9.80665 * ZERO, abs=3e-3)
+    measured = [line for line in said.splitlines() if "is measured" in line]
+    assert [line.partition("; ")[2].partition("not yet: ")[2] for line in measured] == [
+        "x up, y up, x down, y down, z down",
+        "y up, x down, y down, z down",
+        "y up, x down, y down",
+        "x down, y down",
+        "y down",
+        "",
+    ]
+    again = accelcal("dwells", "positions.csv", "--yes", "--json", cwd=tmp_path)
+    assert json.loads(again.stdout)["K"] == content["K"]
+
+
+def test_ctrl_c_in_a_guided_session_loses_no_position(tmp_path: Path) -> None:
+    child = guided(tmp_path, "-", "-o", "positions.csv")
+    assert child.stdin is not None
+    assert child.stderr is not None
+    child.stdin.write(turned([2, 0, 4]))
+    child.stdin.flush()
+    while "position 3 is measured" not in child.stderr.readline():
+        pass
+    child.send_signal(signal.SIGINT)
+    child.stdin.close()
+    assert child.wait(timeout=MOST) == 130
+    assert len((tmp_path / "positions.csv").read_text().splitlines()) == 4
+
+
+def test_a_guided_session_goes_on_to_positions_in_between() -> None:
+    """Ten positions are wanted: after six faces one of an edge and three corners; a turn by 20 degrees is none."""
+    guide, faces = DwellGuide(1.0, 10), [*np.eye(3), *-np.eye(3)]
+    more = [np.array(f, dtype=float) for f in ((1, 1, 0), (1, -1, 1), (-1, 1, 1), (1, 1, -1))]
+    near = np.array([math.sin(math.radians(20.0)), 0.0, math.cos(math.radians(20.0))])
+    rng, t = np.random.default_rng(2), 0.0
+    for face in (*faces, near, *more):
+        for count, size in ((100, 3.0), (200, 0.01)):
+            y = 9.81 * face / np.linalg.norm(face) + size * rng.standard_normal((count, 3))
+            said = guide.feed(np.column_stack([t + np.arange(count) / 100.0, y]))
+            t += count / 100.0
+        if face is near:
+            assert len(guide.rests) == 6
+            assert not any("measured" in text for text in said)
+            assert "in between" in guide.next
+    assert len(guide.rests) == 10
+    assert not guide.next
+
+
+@pytest.mark.parametrize(
+    ("lines", "words", "code", "said"),
+    [
+        ("1,2\n3,4\n", (), 3, "no line could be used"),
+        (turned([0, 1, 2, 3]), (), 3, "4 positions; .* no position has y down, z down; add them"),
+        ("", ("--serial", "/dev/null"), 2, "--serial and --baud belong together"),
+    ],
+)
+def test_mistakes_of_a_guided_session_end_in_one_sentence(
+    tmp_path: Path, lines: str, words: tuple[str, ...], code: int, said: str
+) -> None:
+    child = guided(tmp_path, *(words or ("-",)))
+    _, err = child.communicate(lines, timeout=MOST)
+    assert child.returncode == code
+    assert re.search(said, err), err
+    assert "Traceback" not in err

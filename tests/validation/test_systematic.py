@@ -12,7 +12,7 @@ from accelcal.effects import find
 from accelcal.simulation import CXL02_RIG
 from accelcal.validation.comparison import Resolved, SystematicError
 from accelcal.validation.differences import systematic_change, verdict_of
-from accelcal.validation.systematic import added_variables
+from accelcal.validation.systematic import Grid, MeasuredNoise, added_variables
 from benches.ruler import DENSITY, ERRORS, LEVELS, RATE, Case, motion, noise, outcome, resolved, shape
 from tests.worlds import Hidden, World
 
@@ -93,6 +93,28 @@ def test_error_falls_on_another_recording_and_lies_on_the_line_of_the_effect() -
     assert drawn.explained > 0.9
     assert rival.explained < 0.2
     assert of_time is None
+
+
+def test_noise_that_no_direction_leaves_is_the_assumed_one() -> None:
+    """A band of 2 Hz over 20 s has 80 values, as many as the directions: nothing is left to measure noise by."""
+    n, band, step = 500, 2.0, 0.04
+    at, f = np.arange(n), np.arange(1, 41) / 20.0
+    waves = [wave(2.0 * np.pi * step * line * at) for line in f for wave in (np.sin, np.cos)]
+    directions = np.linalg.qr(np.stack([np.ones(n), *waves], axis=1))[0].T
+    grid = Grid(at, at, 1, step, band)
+
+    def measured(directions: np.ndarray, rest: np.ndarray) -> MeasuredNoise:
+        return MeasuredNoise.of(rest, directions, grid, lambda f: np.where(f <= band, 1e-6, 1e-300))
+
+    rest = np.full(n, 1e-12)
+    with np.errstate(all="raise", under="ignore"):
+        noise = measured(directions, rest)
+    assert noise.kinds.tolist() == [1.0, 0.0, 0.0, 0.0]
+    assert noise.levels.tolist() == [1.0]
+    assert noise.density(np.array([1.0])) == pytest.approx(1e-6)
+    white = np.random.default_rng(1).normal(0.0, np.sqrt(4e-6 / (2.0 * step)), n)  # four times the assumed density
+    lines = np.where(np.fft.rfftfreq(n, step) <= band, np.fft.rfft(white), 0.0)
+    assert measured(directions[:5], np.fft.irfft(lines, n)).density(np.array([1.5])) == pytest.approx(4e-6, rel=0.6)
 
 
 def test_density_of_the_noise_is_the_declared_one() -> None:

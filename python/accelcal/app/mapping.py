@@ -13,7 +13,7 @@ from typing import Any
 import tomlkit
 
 from accelcal import io
-from accelcal.data import GRAVITY, GYROSCOPE, PLACE, QUATERNION, RecordingError, units
+from accelcal.data import ANGLE, GRAVITY, GYROSCOPE, PLACE, QUATERNION, RecordingError, units
 from accelcal.data.rig import ANALOG
 from accelcal.io.dialect import decoded
 from accelcal.io.files import open_regular, open_table
@@ -22,8 +22,14 @@ from accelcal.io.table import SIDECAR_BYTES
 
 NOT_USED = "not used"
 ESSENTIAL = ("time", "accel", "position")
-ORIENTATION = (GRAVITY, *GYROSCOPE, *PLACE, *QUATERNION)
-"""What says how a body turns: gravity along the axis, a gyroscope, or place and attitude."""
+ORIENTATION = (ANGLE, GRAVITY, *GYROSCOPE, *PLACE, *QUATERNION)
+"""What says how a body turns: the angle of an arm, gravity along the axis, a gyroscope, or place and attitude."""
+ON_ARM = {
+    "rig.arm": ("Arm, from axle to sensor", "200 mm"),
+    "rig.axle": ("Axle of the arm", "horizontal"),
+    "rig.input_axis": ("Input axis on the arm", "radial"),
+}
+"""What must be declared beside an angle, by the path of its key: name of its field, and an example."""
 UNKNOWN = "?"
 ELECTRICAL = ("V", "count")
 """Units of an output that a scale turns into acceleration."""
@@ -82,7 +88,7 @@ def first_lines(path: Path) -> list[str]:
 
 def choices(columns: Sequence[str], text: str, template: str) -> list[Choice]:
     """Assignment of each column by the sidecar; of a column that it does not mention, by the column's name and unit."""
-    sources = _channels(text), _channels(template)
+    sources = channels(text), channels(template)
     options = []
     for column in columns:
         channel, unit = next(
@@ -102,7 +108,7 @@ def unknown(options: Sequence[Choice], text: str) -> list[str]:
     """What must be said before the columns can be used, for people; empty where that is everything."""
     by_channel = {c.channel: c for c in options}
     open_points = []
-    for channel in ESSENTIAL:
+    for channel in (*ESSENTIAL[:2], ANGLE if ANGLE in by_channel else ESSENTIAL[2]):
         choice = by_channel.get(channel)
         if choice is None:
             open_points.append(f"the column of {channel}")
@@ -111,6 +117,9 @@ def unknown(options: Sequence[Choice], text: str) -> list[str]:
     accel = by_channel.get("accel")
     if accel is not None and _dimension(accel.unit) in ELECTRICAL and not declared(text, "sensor.scale"):
         open_points.append("the scale of the sensor")
+    if ANGLE in by_channel:
+        rig = _read_table(text, "rig")
+        open_points += [key for key in ON_ARM if rig.get(key.removeprefix("rig."), UNKNOWN) == UNKNOWN]
     return open_points
 
 
@@ -281,7 +290,7 @@ def _direction(text: str) -> str | list[float]:
         raise RecordingError(f'input axis "{text}": expected x, y, z or three numbers such as 0, 0.6, 0.8') from None
 
 
-def _channels(text: str) -> dict[str, tuple[str, str]]:
+def channels(text: str) -> dict[str, tuple[str, str]]:
     """Column and unit by channel; empty where the text is no TOML."""
     table = _read_table(text, "channels")
     attitude = table.get("attitude", {})

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, Self, TypeAlias
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraints, model_validator
 
 from accelcal._support.errors import AccelcalError
-from accelcal._support.progress import time_left
+from accelcal._support.process import time_left
 from accelcal.data import Dwells, Recording
 from accelcal.effects import CATALOGUE, Own, from_expression, side_channels
 from accelcal.effects.own import from_tried_expression

@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from accelcal import io
-from accelcal._support.progress import within
+from accelcal._support.process import within
 from accelcal.app import mapping
 from accelcal.app.state import Formula, Run, Stretch, units_of
 from accelcal.app.workers import Report

@@ -20,7 +20,7 @@ from typing import Any, Concatenate, Literal, ParamSpec
 
 from accelcal import io
 from accelcal._support import errors
-from accelcal._support.progress import within
+from accelcal._support.process import within
 from accelcal.app import mapping, session_file, tasks
 from accelcal.app.state import (
     MOST_GUESTS,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 
 import typer
 
-from accelcal._support.progress import within
+from accelcal._support.process import within
 from accelcal.cli import printing
 from accelcal.cli.common import (
     EffectsFile,

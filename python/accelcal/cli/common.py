@@ -22,8 +22,7 @@ from rich.text import Text
 
 from accelcal._support import errors
 from accelcal._support.errors import AccelcalError, visible
-from accelcal._support.process import continue_in_child
-from accelcal._support.progress import time_left
+from accelcal._support.process import continue_in_child, time_left
 from accelcal._support.stopping import asked_to_end
 from accelcal.cli.lazy import catalogue, data, io, json_text, loading, model_file, results_json
 from accelcal.cli.overwriting import WRITTEN, OverwriteError, Writing, refuse_overwriting, writing
@@ -271,8 +270,8 @@ def exit_with(text: str, code: int) -> NoReturn:
 
 
 def print_status(text: str) -> None:
-    """Print a line on stderr, which keeps stdout free for data."""
-    print(visible(text), file=sys.stderr)
+    """Print a line on stderr at once, which keeps stdout free for data."""
+    print(visible(text), file=sys.stderr, flush=True)
 
 
 def print_written(*paths: Path | None) -> None:

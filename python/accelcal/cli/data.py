@@ -8,10 +8,12 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from accelcal._support.stopping import deferred
+from accelcal.cli import printing
 from accelcal.cli.common import (
     Json,
     OfPosition,
@@ -27,6 +29,7 @@ from accelcal.cli.common import (
     print_status,
     print_written,
     progress,
+    require_folder,
     say_line,
     show_table,
     suggest,
@@ -34,8 +37,11 @@ from accelcal.cli.common import (
     with_exit_codes,
     writable_file,
 )
-from accelcal.cli.lazy import catalogue, data, drawing, io, resting, sensors, triads, words
+from accelcal.cli.lazy import catalogue, data, drawing, io, noises, resting, sensors, sessions, triads, words
 from accelcal.cli.overwriting import mark_of
+
+if TYPE_CHECKING:
+    from accelcal.io.stream import ByteSource
 
 
 @app.command()
@@ -104,9 +110,11 @@ def cut(
     """
     with progress("cut") as report:
         whole = part is None  # a part may be that of one of two loggers
-        recording = io.load(run, rig, position=position, part=part, need_position=whole, need_accel=whole)
+        at_rest = whole and position is None and resting.is_at_rest(run, rig)
+        asked = whole and not at_rest
+        recording = io.load(run, rig, position=position, part=part, need_position=asked, need_accel=asked)
         by_position = len(recording.position) > 0 or data.reference_among(recording.side) is not None
-        if not by_position and not len(recording.accel):
+        if not (by_position or at_rest or len(recording.accel)):
             io.load(run, rig, part=part)  # says what is missing
         print_alignment(recording)
         report(0.5)
@@ -118,8 +126,8 @@ def cut(
     if recording.dwells is not None:
         print_status(f"{recording.dwells.name} is not written: name it in the new sidecar, [dwell] table = ...")
     print_status(f"wrote {output} and {sidecar}")
-    if by_position and len(recording.accel):
-        suggest("check", output)
+    if at_rest or (by_position and len(recording.accel)):
+        suggest("rest" if at_rest else "check", output)
 
 
 def handed_on(recording: data.Recording) -> tuple[data.Finding, ...]:
@@ -220,13 +228,52 @@ def write_recording(recording: data.Recording, path: Path) -> Path:
     return sidecar
 
 
+@app.command()
+@with_exit_codes
+def rest(
+    run: RunFile,
+    rig: Rig = None,
+    figure: Annotated[
+        Path | None, typer.Option("--figure", help="Allan deviation: .png, .svg or .pdf.", callback=writable_file)
+    ] = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Measure noise density, bias instability and random walk of a sensor at rest, and print its lines of a sidecar.
+
+    The record needs no position; three outputs accel_x, accel_y, accel_z and a temperature are used where it has them.
+
+    Example: [bold]accelcal rest still.csv --figure allan.png[/bold]
+    """
+    with progress("rest"):
+        recording = io.load(run, rig, need_position=False, need_accel=False)
+        if not noises.outputs_of(recording):
+            io.load(run, rig, need_position=False)  # says what is missing
+        result = noises.rest(recording)
+    if figure is not None:
+        from accelcal.plots.model import allan
+
+        drawing.save(drawing.draw(allan(result)), figure)
+        print_written(figure)
+    deliver(result, show_rest, output, json)
+
+
+def show_rest(result: noises.RestNoise) -> None:
+    """Print what a record at rest says, and the lines of a sidecar."""
+    printing.show(result)
+    for noise in result.outputs:
+        say_line(noise.sidecar)
+
+
 SHORTEST = "2 s"
 
 
 @app.command()
 @with_exit_codes
 def dwells(
-    run: RunFile,
+    run: Annotated[
+        Path | None, typer.Argument(help="Recording, or with --guide lines; - is the standard input.")
+    ] = None,
     rig: Rig = None,
     least: Annotated[str, typer.Option("--least", help="Shortest rest that is used.")] = SHORTEST,
     attitudes: Annotated[
@@ -237,17 +284,34 @@ def dwells(
         Path | None, typer.Option("--figure", help="Figure of the rests: .png, .svg or .pdf.", callback=writable_file)
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Use the rests without asking.")] = False,
+    guide: Annotated[
+        bool, typer.Option("--guide", help="Lead through the positions of a triad on running lines t,x,y,z.")
+    ] = False,
+    positions: Annotated[int, typer.Option("--positions", help="Positions of --guide.", min=6)] = 6,
+    serial: Annotated[str | None, typer.Option("--serial", help="Serial port of --guide.")] = None,
+    baud: Annotated[int | None, typer.Option("--baud", help="Rate of the serial port.", min=1)] = None,
+    tcp: Annotated[str | None, typer.Option("--tcp", help="HOST:PORT of a server that sends lines.")] = None,
+    follow: Annotated[bool, typer.Option("--follow", help="Wait for further lines at the end of the file.")] = False,
     output: Output = None,
     json: Json = False,
 ) -> None:
     """Find the rests of a long tumble record and write them as a table of dwells; or calibrate a triad from them.
 
     With accel_x, accel_y, accel_z in the sidecar and attitude = "unknown", nine parameters are estimated from the norm
-    of gravity alone.
+    of gravity alone; of six faces scale and zero of each axis.
 
     Example: [bold]accelcal dwells tumble.csv --attitudes 0:15 -o dwells.csv[/bold]
     """
     shortest = parse_quantity(least, "time", "--least") or 0.0
+    if guide:
+        from accelcal.cli.live import source_of
+
+        require_folder("live")
+        source = source_of(serial, baud, tcp, run, follow=follow)
+        guided(source(), rig, sessions.DwellGuide(shortest, positions), output, json)
+        return
+    if run is None or serial or baud or tcp or follow:
+        raise UsageError("give a recording; --serial, --tcp and --follow belong to --guide")
     with progress("dwells"):
         result = resting.load_rests(run, rig, shortest)
     degrees = angles(attitudes, len(result.rests))
@@ -264,7 +328,7 @@ def dwells(
         print_status("nothing was used or written")
         return
     if triad:
-        deliver(triads.fit_triad(positions(result)), show_triad, output, json)
+        deliver(triads.fit_triad(positions_of(result)), show_triad, output, json)
         return
     if output is not None:
         sidecar = resting.write_table(result, degrees, output, mark_of(output))
@@ -274,13 +338,58 @@ def dwells(
         print_json({"rests": resting.table_of(result, degrees)})
 
 
-def positions(result: resting.Rests) -> triads.Positions:
+def guided(source: ByteSource, rig: Path | None, guide: sessions.DwellGuide, output: Path | None, json: bool) -> None:
+    """Follow the lines of a triad until enough positions are measured, the lines end or Ctrl-C is pressed; write the
+    table of positions after each, and calibrate by them."""
+    import numpy as np
+
+    from accelcal.io.stream import Intake, LineReader
+
+    if output is not None and output.suffix != ".csv":
+        raise UsageError(f"--output {output}: expected a name that ends in .csv for the table of positions")
+    if rig is None:
+        raise UsageError("--guide: give --rig with the columns accel_x, accel_y, accel_z and their units")
+    declared = io.read_sidecar(rig)
+    setup, nothing = declared.dwell or data.DwellSetup(), np.empty((0, 3))
+    result = resting.Rests(source.name, nothing[:, 0], nothing, resting.TRIAD, "m/s^2", (), setup, declared.rig)
+    lines = LineReader(declared, source.name, source.from_its_start, channels=resting.TRIAD)
+    print_status(f"hold still; {guide.next}")
+    with deferred() as stopped:
+        intake = Intake(source)
+        while guide.next and not (intake.ended or stopped()):
+            for chunk in intake.take(patience=0.1):
+                rows = lines.feed(chunk)
+                texts = guide.feed(np.column_stack([rows.t, *rows.side.values()]))
+                if output is not None and tuple(guide.rests) != result.rests:
+                    resting.write_positions(replace(result, rests=tuple(guide.rests)), output, mark_of(output))
+                result = replace(result, rests=tuple(guide.rests))
+                for text in texts:
+                    print_status(text)
+        intake.stop()
+        source.close()
+        if intake.error is not None:
+            print_status(f"{source.name}: the source broke off ({intake.error})")
+        if not (lines.counts.used or stopped()):
+            raise data.RecordingError(
+                f"{source.name}: no line could be used ({lines.counts.broken} broken); expected lines t,x,y,z with a "
+                "comma between the fields, as the channels of the sidecar name them"
+            )
+        print_written(output if guide.rests else None)
+        try:
+            deliver(triads.fit_triad(positions_of(result)), show_triad, None, json)
+        except data.RecordingError as error:
+            if not stopped():
+                raise
+            print_status(str(error))
+
+
+def positions_of(result: resting.Rests) -> triads.Positions:
     """Rests of a triad as positions."""
     import numpy as np
 
     return triads.Positions(
-        mean=np.array([rest.mean for rest in result.rests]),
-        std=np.array([rest.std for rest in result.rests]),
+        mean=np.array([rest.mean for rest in result.rests]).reshape(-1, 3),
+        std=np.array([rest.std for rest in result.rests]).reshape(-1, 3),
         samples=np.array([float(rest.samples) for rest in result.rests]),
         gravity=result.gravity,
         name=result.name,
@@ -330,14 +439,16 @@ def line(k: int, rest: resting.Rest, degrees: list[float]) -> tuple[str, ...]:
 
 
 def show_triad(fit: triads.TriadFit) -> None:
-    """Print nine parameters and what they leave."""
-    units = {"K": f"(m/s²)/{fit.unit}", "T": "rad", "b": fit.unit}
+    """Print nine or six parameters and what they leave."""
+    pure, law = fit.unit == "m/s^2", f"a = {'T ' if fit.terms else ''}K (y - b)"
+    unit = "m/s²" if pure else fit.unit
+    units = {"K": "1" if pure else f"(m/s²)/{unit}", "T": "rad", "b": unit}
     std = dict(fit.std)
     rows = [
         (name, words.plain(units[name[0]], y, std[name]), words.concise(y, std[name]), units[name[0]])
         for name, y in fit.values.items()
     ]
-    say_line(f"{fit.name}: a = T K (y - b), {len(fit.residual)} positions, |a| = {fit.gravity:g} m/s²")
+    say_line(f"{fit.name}: {law}, {len(fit.residual)} positions, |a| = {fit.gravity:g} m/s²")
     show_table(("parameter", "value", "SI value (u)", "SI unit"), rows)
     say_line(f"residual of the norm: {fit.rms:.3g} m/s² rms")
     say_line(fit.sentence)

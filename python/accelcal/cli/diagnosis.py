@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from accelcal._support.progress import within
+from accelcal._support.process import within
 from accelcal._support.stopping import Stopped
 from accelcal.cli import lazy, printing
 from accelcal.cli.common import (

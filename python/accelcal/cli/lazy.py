@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from accelcal import report as pages
     from accelcal.calibration import export as exports
     from accelcal.diagnosis import experiment
+    from accelcal.estimation import allan as noises
     from accelcal.estimation import triad as triads
     from accelcal.fleet import campaign, summary
     from accelcal.io import dwells as resting
@@ -35,6 +36,7 @@ HOMES = {
     "loading": "io.loading",
     "measuring": "live",
     "model_file": "results.model_file",
+    "noises": "estimation.allan",
     "pages": "report",
     "response_files": "response.export",
     "resting": "io.dwells",
@@ -59,6 +61,7 @@ __all__ = [
     "loading",
     "measuring",
     "model_file",
+    "noises",
     "pages",
     "plots",
     "response_files",

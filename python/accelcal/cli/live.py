@@ -330,7 +330,7 @@ def live(
     serial: Annotated[str | None, typer.Option("--serial", help="Serial port, such as /dev/ttyUSB0.")] = None,
     baud: Annotated[int | None, typer.Option("--baud", help="Rate of the serial port.", min=1, max=MOST_BAUD)] = None,
     tcp: Annotated[str | None, typer.Option("--tcp", help="HOST:PORT of a server that sends lines.")] = None,
-    file: Annotated[Path | None, typer.Option("--file", help="File of lines.")] = None,
+    file: Annotated[Path | None, typer.Option("--file", help="File of lines; - is the standard input.")] = None,
     follow: Annotated[bool, typer.Option("--follow", help="Wait for further lines at the end of --file.")] = False,
     model: Annotated[Path | None, typer.Option("--model", help="Model file to start from.")] = None,
     output: Output = None,
@@ -409,6 +409,8 @@ def source_of(
         return functools.partial(stream.open_serial, serial, baud)
     if follow and file is None:
         raise UsageError("--follow belongs to --file; a serial port and a TCP server are followed anyway")
+    if file == Path("-"):
+        return stream.open_stdin
     if file is not None:
         return functools.partial(stream.open_growing if follow else stream.open_file, file)
     host, colon, port = (tcp or "").rpartition(":")

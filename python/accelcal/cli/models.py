@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, cast, get_args, get_type_hints
 
 import typer
 
-from accelcal._support.progress import within
+from accelcal._support.process import within
 from accelcal.cli import printing
 from accelcal.cli.common import (
     UNSEEN,

@@ -22,6 +22,7 @@ from accelcal.data.orientation import (
     RATES,
     TILTS,
     TURNED,
+    WOBBLE,
 )
 from accelcal.data.quality import describe, require_few_holes, require_usable
 from accelcal.data.recording import (
@@ -80,6 +81,7 @@ __all__ = [
     "TURNED",
     "UNITS",
     "VELOCITY",
+    "WOBBLE",
     "Array",
     "Channel",
     "ChannelFilter",

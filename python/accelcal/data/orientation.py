@@ -45,9 +45,11 @@ TILTS = ("axle_tilt_sin", "axle_tilt_cos")
 """Side channels: gravity along the axis of a sensor on an arm for each radian by which the axle leans, m/s²."""
 ECCENTRICITY = ("eccentricity_sin", "eccentricity_cos")
 """Side channels: acceleration along the axis for each radian of an error of the angle once per turn, m/s²."""
+WOBBLE = ("wobble_sin", "wobble_cos")
+"""Side channels: acceleration along the axis for each radian by which the axle cones against the turn, m/s²."""
 BENDING = "arm_bending"
 """Side channel: acceleration along the axis of an arm that lengthens by itself times the rate squared, m/s⁴."""
-OF_ARM = (*TILTS, *ECCENTRICITY, BENDING)
+OF_ARM = (*TILTS, *ECCENTRICITY, *WOBBLE, BENDING)
 """Side channels of a sensor on an arm alone."""
 DERIVED = (GRAVITY, *LEVERS, *ACROSS, *LEVELS, *TURNED, *OF_ARM)
 """Side channels that are part of the model of a turning body, and no effects by themselves."""
@@ -191,6 +193,8 @@ def on_arm(t: Array, angle: Array, arm: float, axle: float, axis: Array) -> Turn
         gravity[rows] = pull - quick + g * along * np.sin(axle)
         turn = [(sine, cosine * rate, cosine * alpha - sine * rate**2)]
         turn += [(cosine, -sine * rate, -sine * alpha - cosine * rate**2)]
+        twice, once = np.sin(2.0 * theta), np.cos(2.0 * theta)
+        cones = [(twice, once, cosine), (once, -twice, -sine)]
         stretch, stretched = 2.0 * rate * alpha, 2.0 * (alpha**2 + rate * jerk)
         columns[:, rows] = [
             forward * alpha - outward * rate**2,
@@ -202,6 +206,11 @@ def on_arm(t: Array, angle: Array, arm: float, axle: float, axis: Array) -> Turn
                 outward * (-2.0 * arm * rate * first + g * level * cosine * error)
                 + forward * (arm * second - g * level * sine * error)
                 for error, first, second in turn
+            ),
+            *(
+                g * np.sin(axle) * (outward * out + forward * ahead)
+                + along * (arm * (alpha * ahead - 3.0 * rate**2 * out) - g * level * lean)
+                for out, ahead, lean in cones
             ),
             arm * (outward * (stretched - rate**4) + forward * (alpha * rate**2 + 2.0 * stretch * rate)),
         ]

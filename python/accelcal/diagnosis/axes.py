@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from accelcal._support.errors import AccelcalError
-from accelcal._support.progress import within
+from accelcal._support.process import within
 from accelcal._support.result import Result
 from accelcal._support.values import immutable
 from accelcal.data import Recording

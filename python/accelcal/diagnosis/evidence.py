@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from scipy import special
 
-from accelcal._support.progress import within
+from accelcal._support.process import within
 from accelcal.data import Recording
 from accelcal.diagnosis.clean_fit import CleanFit
 from accelcal.diagnosis.faults import TimeSpan

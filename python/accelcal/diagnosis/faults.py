@@ -60,7 +60,10 @@ MOST_BLOCKS = 512
 
 
 class RelationColumns:
-    """Columns that drive a filter of any band: encoder, output, its first and second difference, a constant."""
+    """Columns that drive a filter of any band: encoder, output, its first and second difference, a constant.
+
+    Gravity along an axis that turns counts with the encoder and not with the output, whose scale factor is unknown.
+    """
 
     def __init__(self, run: PreparedRun) -> None:
         self.run = run
@@ -75,8 +78,11 @@ class RelationColumns:
         gone = late.restart | plain.restart | early.restart
         h: Array = np.where(gone, 0.0, np.diff(plain.t, prepend=plain.t[0]))
         zero = np.zeros_like(h)
+        pull, pulled = run.gravity_integrals if run.gravity.channel else (zero, zero)
+        steady = float(np.sum(pull * ~gone)) / max(float(np.sum(h)), 1e-300)  # a constant would hide what moves
+        pull, pulled = pull - steady * h, pulled - steady * h**2 / 2.0
         integrals = [
-            (plain.first, plain.second),
+            (plain.first + pull, plain.second + pulled),
             (early.first - late.first, early.second - late.second),
             (early.first + late.first - 2.0 * plain.first, early.second + late.second - 2.0 * plain.second),
             (h, h**2 / 2.0),
@@ -86,7 +92,7 @@ class RelationColumns:
             DriveIntegrals(plain.t, zero, first * moving, second * moving, gone, extra) for first, second in integrals
         ]
         encoder = np.ascontiguousarray(plain.z - plain.z[0])
-        return [*drives, DriveIntegrals(plain.t, encoder, zero, zero, gone, extra)]
+        return [*drives, DriveIntegrals(plain.t, encoder, -pull * moving, -pulled * moving, gone, extra)]
 
     def release(self) -> None:
         """Free them until they are used again: of an hour they are 240 MB."""

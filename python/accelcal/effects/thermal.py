@@ -14,6 +14,7 @@ from accelcal.data import (
     RATES,
     TILTS,
     TURNED,
+    WOBBLE,
     Array,
 )
 from accelcal.effects.building_blocks import slow
@@ -241,6 +242,31 @@ def angle_eccentricity(s: Signals) -> Array:
     Separate by: several speeds; a second reading head across the disk.
     """
     return s.scale * np.column_stack([s.side[name] for name in ECCENTRICITY])
+
+
+@effect(
+    "axle_wobble",
+    unit="rad",
+    owner="rig",
+    symbol="aw",
+    scale=1e-4,
+    source="5 µm of run-out between bearings 50 mm apart",
+    needs=WOBBLE,
+    parts=("sin", "cos"),
+)
+def axle_wobble(s: Signals) -> Array:
+    """The axle of an arm cones once per turn, against the turn; with it is a constant on every axis across (7.9).
+
+    Nodding along one direction is half of each.
+
+    Equation: e = (1 + k)(g0 sin b (i_r d + i_t d_t) + i_a (r (rate' d_t - 3 rate² d) - g0 cos b l)), b the elevation of
+    the axle, d = aw.sin sin 2 angle + aw.cos cos 2 angle, d_t = aw.sin cos 2 angle - aw.cos sin 2 angle, l = aw.sin
+    cos angle - aw.cos sin angle; i_r and i_t as in axle_tilt, i_a along the axle.
+    Looks like: a wave twice per turn of one size at all speeds; nothing across a horizontal axle.
+    Easily confused with: angle_eccentricity about an oblique axle at one speed, whose gravity is twice per turn, too.
+    Separate by: several speeds; a dial gauge on the axle.
+    """
+    return s.scale * np.column_stack([s.side[name] for name in WOBBLE])
 
 
 @effect(

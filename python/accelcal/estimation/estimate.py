@@ -820,25 +820,30 @@ def of_triad(model: Model) -> Model:
 
 
 def require_one_arm(recordings: Sequence[Recording]) -> None:
-    """Refuse recordings on arms of different length in one fit: one error of the length cannot be that of both.
+    """Refuse recordings on different arms or axles in one fit: one error of the length, and one tilt, cannot be that of
+    both.
 
     Raises
     ------
     RecordingError
-        Naming two recordings and their arms.
+        Naming two recordings and what differs of their rigs.
     """
     first, *others = recordings
     for other in others:
-        lengths = [-1.0 if r.rig.arm is None else r.rig.arm for r in (first, other)]
-        if not math.isclose(*lengths, rel_tol=1e-9):
-            arms = [
-                f"{r.name or 'recording'}: {'no arm' if r.rig.arm is None else f'arm = {1e3 * r.rig.arm:.6g} mm'}"
-                for r in (first, other)
-            ]
-            raise RecordingError(
-                f"{arms[0]}, but {arms[1]}; expected the same [rig] arm in all recordings of a fit, which estimates "
-                "one error of its length (lever_arm.x). Fit each recording alone, and compare the results"
-            )
+        for key, unit, by, what in (
+            ("arm", "mm", 1e3, "one error of its length (lever_arm.x)"),
+            ("axle", "deg", math.degrees(1.0), "one tilt of it (axle_tilt)"),
+        ):
+            sizes = [getattr(r.rig, key) for r in (first, other)]
+            if not math.isclose(*(-9.0 if size is None else size for size in sizes), rel_tol=1e-9, abs_tol=1e-9):
+                rigs = [
+                    f"{r.name or 'recording'}: {f'no {key}' if size is None else f'{key} = {by * size:.6g} {unit}'}"
+                    for r, size in zip((first, other), sizes, strict=True)
+                ]
+                raise RecordingError(
+                    f"{rigs[0]}, but {rigs[1]}; expected the same [rig] {key} in all recordings of a fit, which "
+                    f"estimates {what}. Fit each recording alone, and compare the results"
+                )
 
 
 def on_arms(model: Model, rigs: Sequence[Rig], away: Mapping[str, Prior]) -> Model:

@@ -2,7 +2,8 @@
 
 a = T K (y - b), T upper triangular with unit diagonal, K diagonal: nine parameters, by least squares of |a| - g over
 the positions, each with the same weight (Tedaldi, Pretto, Menegatti, ICRA 2014). Terms of second and third order are
-tested one by one; those that the norm cannot tell apart form one class.
+tested one by one; those that the norm cannot tell apart form one class. Six to nine positions, each axis up and down
+among them, give scale and zero of each axis, T = 1.
 """
 
 from __future__ import annotations
@@ -22,9 +23,15 @@ from accelcal.estimation.noise import REMARKED_BEYOND
 from accelcal.estimation.run_to_run import REMARK_ALPHA, over_all
 
 AXES = "xyz"
+SPHERE = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+"""Parameters of equal, perpendicular axes."""
 PARAMETERS = 9
 UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Free elements of T K."""
+SIX = np.array([0, 3, 5, 6, 7, 8])
+"""Places of scale and zero of each axis among the nine."""
+ON_FACE = 0.7
+"""Share of the largest output from which an axis points up or down."""
 LEFT = 1e-6
 """Share of a column's power beyond the model, and the angle zeros of dwells, below which a record at rest does not show
 it."""
@@ -32,6 +39,8 @@ LEAST_KNOWN = 0.1
 """Relative standard deviation of a scale beyond which it is not determined."""
 WORST_CONDITION = 1e8
 """Condition number of the scaled problem beyond which the positions do not determine it."""
+WORST_OF_FACES = 20.0
+"""The same of six parameters: tilts and angles between the axes, which they lack, are enlarged as much."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +73,7 @@ class NormTerm:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TriadFit(Storable):
-    """Nine parameters of a triad."""
+    """Nine parameters of a triad, or six."""
 
     derived: ClassVar[tuple[str, ...]] = ("values", "rms", "verdict", "sentence", "remarks")
 
@@ -92,10 +101,11 @@ class TriadFit(Storable):
 
     @property
     def values(self) -> dict[str, float]:
-        """Parameters by name."""
+        """Parameters by name, those that were estimated."""
         angles = {f"T_{AXES[i]}{AXES[j]}": float(self.T[i, j]) for i, j in UPPER if i != j}
         scales = {f"K_{axis}": float(k) for axis, k in zip(AXES, self.K, strict=True)}
-        return {**scales, **angles, **{f"b_{axis}": float(y) for axis, y in zip(AXES, self.b, strict=True)}}
+        zeros = {f"b_{axis}": float(y) for axis, y in zip(AXES, self.b, strict=True)}
+        return {name: y for name, y in {**scales, **angles, **zeros}.items() if name in dict(self.std)}
 
     @property
     def missing(self) -> NormTerm | None:
@@ -105,12 +115,19 @@ class TriadFit(Storable):
 
     @property
     def verdict(self) -> str:
-        """What the nine parameters lack."""
+        """What the parameters lack; "untested" of six."""
+        if not self.terms:
+            return "untested"
         return "adequate" if self.missing is None else "tied"
 
     @property
     def sentence(self) -> str:
         """For people."""
+        if not self.terms:
+            return (
+                f"Scale and zero of each axis, six parameters; {len(self.residual)} positions test nothing beyond. Ten "
+                "or more, some of them in between, give the angles between the axes as well."
+            )
         shown = [term for term in self.terms if term.t != 0.0]
         largest = max((abs(term.t) for term in shown), default=0.0)
         if self.missing is None:
@@ -134,6 +151,14 @@ class TriadFit(Storable):
                 "explains (instability of the bias, temperature, a hand that shakes); the uncertainties are those of "
                 "this scatter"
             )
+        if not self.terms:
+            leaves = "" if len(self.residual) > len(SIX) else "six positions leave no scatter to judge by: "
+            return (
+                *sentences,
+                f"{leaves}the uncertainties are those of noise within the positions. A tilt of the faces alone shifts "
+                "nothing; axes that are perpendicular to 1 degree shift scale and zero by up to 0.03 % of g beside "
+                "them, 0.08 % with faces that tilt by 1 degree, 0.17 % by 3 degrees",
+            )
         classes = [" = ".join(term.members) for term in self.terms if len(term.members) > 1 and term.t != 0.0]
         sentences.append(
             f"the norm of gravity does not tell apart: {'; '.join(classes[:4])}, and {len(classes) - 4} more"
@@ -146,38 +171,53 @@ class TriadFit(Storable):
 
 
 def fit_triad(positions: Positions) -> TriadFit:
-    """Nine parameters by least squares.
+    """Nine parameters by least squares; of six to nine positions six, scale and zero of each axis.
 
     Raises
     ------
     RecordingError
-        If there are too few positions.
+        If there are fewer than six positions.
     NotIdentifiable
-        If the positions do not point into enough directions.
+        If the positions do not point into enough directions; it names the faces that are missing.
     """
     y, n = positions.mean, len(positions.mean)
-    if n <= PARAMETERS:
+    absent = absent_faces(y)
+    further = f"no position has {', '.join(absent)}; add {'it' if len(absent) == 1 else 'them'}, level to some degrees"
+    if n < len(SIX):
         raise RecordingError(
-            f"{positions.name}: {n} positions; nine parameters need at least {PARAMETERS + 1}, better 30, of attitudes "
-            "that differ by more than 30 degrees"
+            f"{positions.name}: {n} positions; scale and zero of three axes need at least 6, each axis up and down, "
+            f"the angles between them at least 10, better 30: {further}"
         )
-    undetermined = (
-        f"{positions.name}: {n} positions do not determine nine parameters; add positions in which each axis points up "
-        "and down, and some in between"
-    )
+    free, count = (np.arange(PARAMETERS), "nine") if n > PARAMETERS else (SIX, "six")
+    more = further if absent else "add positions in which each axis points up and down, and some in between"
+    undetermined = f"{positions.name}: {n} positions do not determine {count} parameters; {more}"
     middle, half = 0.5 * (np.max(y, axis=0) + np.min(y, axis=0)), 0.5 * np.ptp(y, axis=0)
     if np.any(half <= 0.0):
         raise NotIdentifiable(f"{positions.name}: axis {AXES[int(np.argmin(half))]} is the same in all positions")
     u = (y - middle) / half  # of order 1
-    start = ellipsoid(u)
-    optimum = scipy.optimize.least_squares(
-        lambda x: norm_error(x, u), start, jac=lambda x: slopes(x, u), method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15
+    x = ellipsoid(u) if n > PARAMETERS else SPHERE.copy()
+
+    def full(part: Array) -> Array:
+        whole = x.copy()
+        whole[free] = part
+        return whole
+
+    x = full(
+        scipy.optimize.least_squares(
+            lambda part: norm_error(full(part), u),
+            x[free],
+            jac=lambda part: slopes(full(part), u)[:, free],
+            method="lm",
+            xtol=1e-15,
+            ftol=1e-15,
+            gtol=1e-15,
+        ).x
     )
-    x = optimum.x
     for _ in range(3):  # to the last digit
-        x = x - np.linalg.lstsq(slopes(x, u), norm_error(x, u), rcond=None)[0]
-    J = slopes(x, u)
-    if not np.all(np.isfinite(x)) or np.linalg.cond(J / np.linalg.norm(J, axis=0)) > WORST_CONDITION:
+        x[free] -= np.linalg.lstsq(slopes(x, u)[:, free], norm_error(x, u), rcond=None)[0]
+    J = slopes(x, u)[:, free]
+    worst = WORST_CONDITION if n > PARAMETERS else WORST_OF_FACES
+    if not np.all(np.isfinite(x)) or np.linalg.cond(J / np.linalg.norm(J, axis=0)) > worst:
         raise NotIdentifiable(undetermined)
     g = positions.gravity
     residual = g * norm_error(x, u)
@@ -186,9 +226,11 @@ def fit_triad(positions: Positions) -> TriadFit:
     T = M / np.diag(M)
     a = g * (u - offset) @ M.T
     white = white_noise(M * g / half, a, positions)
-    variance = float(residual @ residual) / (n - PARAMETERS)
-    covariance: Array = np.asarray(variance / g**2 * np.linalg.inv(J.T @ J))
-    std = deviations(x, covariance, g, half)
+    variance = float(residual @ residual) / (n - len(free)) if n > len(free) else white
+    variance = variance if n > PARAMETERS else max(variance, white)
+    covariance = np.zeros((PARAMETERS, PARAMETERS))
+    covariance[np.ix_(free, free)] = variance / g**2 * np.linalg.inv(J.T @ J)
+    std = tuple(pair for pair in deviations(x, covariance, g, half) if pair[1] > 0.0)
     if any(dict(std)[f"K_{axis}"] > LEAST_KNOWN * k for axis, k in zip(AXES, K, strict=True)):
         raise NotIdentifiable(undetermined)
     return TriadFit(
@@ -198,11 +240,20 @@ def fit_triad(positions: Positions) -> TriadFit:
         std=std,
         residual=residual,
         ratio=math.sqrt(variance / white) if white > 0.0 else math.inf,
-        terms=tested(a / g, J, residual / g),
+        terms=tested(a / g, J, residual / g) if n > PARAMETERS else (),
         name=positions.name,
         unit=positions.unit,
         gravity=g,
     )
+
+
+def absent_faces(y: Array, centre: Array | None = None) -> list[str]:
+    """Axes that point up or down in none of the outputs (n, 3), as in "z down"; the zeros (3,) are about the medians
+    where they are not given."""
+    away = y - (np.median(y, axis=0) if centre is None else centre)
+    shown = away / max(float(np.max(np.abs(away), initial=0.0)), np.finfo(float).tiny)
+    up, down = np.any(shown > ON_FACE, axis=0), np.any(shown < -ON_FACE, axis=0)
+    return [f"{AXES[k]} {word}" for word, has in (("up", up), ("down", down)) for k in np.flatnonzero(~has)]
 
 
 def matrix(x: Array) -> Array:
@@ -235,13 +286,12 @@ def ellipsoid(u: Array) -> Array:
     for value, (i, j) in zip(coefficients, pairs, strict=False):
         A[i, j] += 0.5 * value
         A[j, i] += 0.5 * value
-    sphere = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     try:
         centre = -0.5 * np.linalg.solve(A, coefficients[6:])
         scaled = A / (1.0 + centre @ A @ centre)
         M = np.linalg.cholesky(scaled).T  # M'M = A with M upper triangular
     except np.linalg.LinAlgError:
-        return sphere
+        return SPHERE
     return np.array([*(M[i, j] for i, j in UPPER), *centre])
 
 

@@ -5,19 +5,31 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from accelcal._support.arguments import checked
-from accelcal.data import OUTPUTS, STANDARD_GRAVITY, Array, Dwells, DwellSetup, Recording, RecordingError, Rig
+from accelcal.data import (
+    OUTPUTS,
+    STANDARD_GRAVITY,
+    Array,
+    Dwells,
+    DwellSetup,
+    Recording,
+    RecordingError,
+    Rig,
+    reference_among,
+)
 from accelcal.io.assign import fix
 from accelcal.io.atomic import atomic_write, together
 from accelcal.io.files import is_there, open_table
-from accelcal.io.loading import COLUMNS, assumed, from_table, is_table, load
+from accelcal.io.loading import COLUMNS, assumed, complete, from_table, is_table, load
 from accelcal.io.sidecar import Sidecar, Source, has_sidecar, no_sidecar, read_sidecar, sidecar_of
+from accelcal.io.table import Table
 from accelcal.io.write import write_sidecar
 
 WINDOW = 1.0
@@ -151,6 +163,10 @@ TRIAD = tuple(OUTPUTS.values())
 """Channels of the three outputs of a triad."""
 
 
+POSITIONS = ("start_s", "end_s", "samples", *TRIAD, "std_x", "std_y", "std_z")
+"""Header of a table of positions of a triad; outputs and their standard deviations in m/s²."""
+
+
 @dataclass(frozen=True, slots=True)
 class Rest:
     """One rest."""
@@ -194,6 +210,17 @@ class Rests:
         return self.setup.gravity or STANDARD_GRAVITY
 
 
+def is_at_rest(path: Path, rig: Path | None) -> bool:
+    """Whether a record holds outputs and nothing that may be a position, as one of a sensor at rest."""
+    with suppress(RecordingError):
+        recording = load(path, rig, need_position=False, need_accel=False)
+        lengths = [channel for channel in recording.side.values() if channel.unit == "m"]
+        unread = any(finding.kind == "unused_columns" for finding in recording.findings)
+        outputs = len(recording.accel) or any(name in recording.side for name in TRIAD)
+        return bool(outputs) and not (len(recording.position) or reference_among(recording.side) or lengths or unread)
+    return False
+
+
 def load_rests(path: Path, rig: Path | None, least: float) -> Rests:
     """Read a record and find its rests, each at least so long, s.
 
@@ -204,6 +231,9 @@ def load_rests(path: Path, rig: Path | None, least: float) -> Rests:
     """
     sidecar = rig or sidecar_of(path)
     declared = read_sidecar(sidecar) if rig is not None or has_sidecar(path) else no_sidecar()
+    table = open_table(path)
+    if set(POSITIONS) <= set(table.columns):
+        return _positions(table, declared)
     triad = [name for name in TRIAD if name in declared.channels]
     if triad and len(triad) < len(TRIAD):
         lost = next(name for name in TRIAD if name not in triad)
@@ -246,6 +276,29 @@ def load_rests(path: Path, rig: Path | None, least: float) -> Rests:
     return Rests(
         path.name, first.t, outputs, (TRIAD if triad else ("output",)), first.unit, tuple(dwells), setup, declared.rig
     )
+
+
+def _positions(table: Table, declared: Sidecar) -> Rests:
+    columns = table.read(POSITIONS)
+    start, end, samples, *outputs = (complete(table, name, columns[name]) for name in POSITIONS)
+    mean, std = np.stack(outputs[:3], axis=1), np.stack(outputs[3:], axis=1)
+    listed = zip(start.tolist(), end.tolist(), samples.tolist(), mean.tolist(), std.tolist(), strict=True)
+    rests = tuple(Rest(a, b, int(n), tuple(y), tuple(s), None) for a, b, n, y, s in listed)
+    return Rests(table.path.name, start, mean, TRIAD, "m/s^2", rests, declared.dwell or DwellSetup(), declared.rig)
+
+
+def write_positions(result: Rests, path: Path, mark: Callable[[str], str] = str) -> None:
+    """Write the rests of a triad as a table of positions, with its sidecar; both replace what is there.
+
+    Parameters
+    ----------
+    mark : as in `accelcal.io.write_sidecar`.
+    """
+    rows = [(r.start, r.end, r.samples, *r.mean, *r.std) for r in result.rests]
+    text = "\n".join([",".join(POSITIONS), *(",".join(map(repr, row)) for row in rows)])
+    with together():
+        atomic_write(path, f"{text}\n")
+        write_sidecar(result.rig, {}, sidecar_of(path), replace(result.setup, angle=None), mark=mark)
 
 
 def table_of(result: Rests, degrees: list[float]) -> list[dict[str, Any]]:

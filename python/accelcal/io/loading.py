@@ -522,6 +522,20 @@ def load_axes(path: str | Path, rig: str | Path | None = None, *, part: int | No
     ------
     RecordingError
         As `load`.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> run = pathlib.Path(tempfile.mkdtemp(), "board.csv")
+    >>> rows = [f"{0.01 * k:.2f},0.1,0.2,9.8,0,0,{1e-4 * k * k:.4f},1,0,0,0" for k in range(100)]
+    >>> _ = run.write_text("\\n".join(["t_s,ax,ay,az,e_m,n_m,u_m,qw,qx,qy,qz", *rows]))
+    >>> outputs = [f'accel_{a} = {{ column = "a{a}", unit = "m/s^2" }}' for a in "xyz"]
+    >>> places = [f'position_{a} = {{ column = "{a}_m" }}' for a in "enu"]
+    >>> attitude = 'attitude = { columns = ["qw", "qx", "qy", "qz"], maps = "sensor to ENU" }'
+    >>> lines = ["[channels]", 'time = { column = "t_s" }', *outputs, *places, attitude]
+    >>> _ = run.with_suffix(".toml").write_text("\\n".join(lines))
+    >>> [axis.name for axis in load_axes(run)]
+    ['board.csv x', 'board.csv y', 'board.csv z']
     """
     table = open_table(Path(path))
     x, y, z = (_loaded(table, rig, axis, part) for axis in OUTPUTS)

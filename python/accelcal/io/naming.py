@@ -16,6 +16,11 @@ ROLES = {
 }
 """Names, without unit and in lower case, by which a column is recognised when no sidecar maps it."""
 
+ANGLES = ("angle", "theta", "phi", "deg", "degrees", "rad", "rev")
+"""Names in lower case of the angle of an arm, the last of them units that stand alone."""
+ENCODERS = (*ANGLES, "enc", "encoder")
+"""Names in lower case of such an angle in a unit of one."""
+
 _ORIENTATION = (
     (re.compile(r"(?:gyr|gyro|gyroscope|omega|angular_velocity|angular_rate)_?(?P<axis>[xyz])"), "gyr_{axis}"),
     (re.compile(r"(?:q|quat|quaternion)_?(?P<axis>[wxyz])"), "q_{axis}"),
@@ -98,6 +103,8 @@ def take_apart(column: str) -> Named:
     if match and (match["square"] is not None or units.is_unit(match["round"])):
         base, brackets = match["base"], match["square"] if match["square"] is not None else match["round"]
     brackets = "1" if brackets == "-" else brackets
+    if base.lower() in ANGLES[-4:]:
+        return Named(base + index, "deg" if base.lower() == "degrees" else base.lower(), brackets)
     if base.lower() in COUNTED:
         return Named(base + index, COUNTED[base.lower()], brackets)
     parts = base.split("_")

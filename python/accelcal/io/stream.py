@@ -110,6 +110,13 @@ def require_growing(path: Path, file: IO[bytes]) -> None:
         raise RecordingError(f"{path} was removed or replaced")
 
 
+def open_stdin() -> ByteSource:
+    """What another program writes into this one."""
+    return ByteSource(
+        "stdin", lambda: os.read(0, CHUNK), lambda: None, waits=True, from_its_start=True, ends_lines=True
+    )
+
+
 def open_tcp(host: str, port: int) -> ByteSource:
     """A connection to a server that sends lines.
 
@@ -308,13 +315,15 @@ class LineReader:
     declared : the sidecar: names of the columns, units, scale of the sensor.
     source : name of the source, for messages.
     from_its_start : whether the first byte begins a line; else the first line is skipped, unless it is a header.
-    needed : side channels that are read beside output and position; all others that are declared are left out.
+    needed : side channels that are read beside those; all others that are declared are left out.
+    channels : those that a line has anyway.
     """
 
     declared: Sidecar
     source: str
     from_its_start: bool = True
     needed: tuple[str, ...] = ()
+    channels: tuple[str, ...] = CHANNELS
     counts: LineCounts = field(default_factory=LineCounts)
     _rest: bytes = b""
     _skipping: bool = False
@@ -341,12 +350,13 @@ class LineReader:
     def left_out(self) -> tuple[str, ...]:
         """What the sidecar declares and nobody needs: channels, and the attitude."""
         attitude = ("attitude",) if self.declared.attitude is not None else ()
-        return (*(name for name in self.declared.channels if name not in (*CHANNELS, *self.needed)), *attitude)
+        return (*(name for name in self.declared.channels if name not in (*self.channels, *self.needed)), *attitude)
 
     @property
-    def _most(self) -> tuple[float, float]:
+    def _most(self) -> list[float]:
         span = self.declared.rig.sensor.range
-        return MOST_ACCEL if span is None else MOST_RANGES * span, MOST_POSITION
+        most = MOST_ACCEL if span is None else MOST_RANGES * span
+        return [MOST_POSITION if name == "position" else most for name in self.channels]
 
     def feed(self, chunk: bytes | None) -> Rows:
         """Rows of the lines that end in these bytes; None where bytes of the stream were lost.
@@ -385,7 +395,7 @@ class LineReader:
         rows = [self._rows(last)]
         if self._columns is None and self._misnamed is not None:
             raise self._misnamed
-        return Rows.joined([*rows, self._ordered(np.empty((0, len(USUAL) + len(self.needed))), ended=True)])
+        return Rows.joined([*rows, self._ordered(np.empty((0, 1 + len(self.channels) + len(self.needed))), ended=True)])
 
     def _drop_line(self) -> None:
         """Skip everything up to the next line end."""
@@ -399,7 +409,8 @@ class LineReader:
         if self._columns is None or not lines:
             return self._as_rows([])
         rows = self._columns.converted(self._numbers(lines, self._columns))
-        plausible = (np.abs(rows[:, 0]) <= MOST_TIME) & ~np.any(np.abs(rows[:, 1:3]) > self._most, axis=1)
+        size = np.abs(rows[:, 1 : 1 + len(self.channels)])
+        plausible = (np.abs(rows[:, 0]) <= MOST_TIME) & ~np.any(size > self._most, axis=1)
         self.counts.broken += len(rows) - int(plausible.sum())
         return self._ordered(rows[plausible])
 
@@ -412,8 +423,11 @@ class LineReader:
         return self._as_rows(ordered)
 
     def _as_rows(self, rows: ArrayLike) -> Rows:
-        t, accel, position, *side = np.reshape(rows, (-1, len(USUAL) + len(self.needed))).T
-        return Rows(t, accel, position, dict(zip(self.needed, side, strict=True)))
+        names = (*self.channels, *self.needed)
+        t, *values = np.reshape(rows, (-1, 1 + len(names))).T
+        side = dict(zip(names, values, strict=True))
+        absent = np.full(len(t), np.nan)
+        return Rows(t, side.pop("accel", absent), side.pop("position", absent), side)
 
     def _begin(self, lines: list[bytes]) -> list[bytes]:
         """Look for a header, or the first row that has none; return the lines behind it, or from it on.
@@ -428,18 +442,18 @@ class LineReader:
             named = _names(line)
             if named is not None:
                 try:
-                    self._columns = _Columns.of(self.declared, self.source, named, self.needed)
+                    self._columns = _Columns.of(self.declared, self.source, named, self.channels, self.needed)
                 except RecordingError as error:
-                    expected = _usual_names(self.declared, self.needed, len(named))
+                    expected = _usual_names(self.declared, self.channels, self.needed, len(named))
                     if not _nearly(named, expected):
                         self._misnamed, self._names = self._misnamed or error, len(named)
                 else:
                     self._header = line.strip()
                     return lines[i + 1 :]
             elif self._names != line.count(b",") + 1 and (self._seen > 1 or self.from_its_start):
-                expected = _usual_names(self.declared, self.needed, line.count(b",") + 1)
+                expected = _usual_names(self.declared, self.channels, self.needed, line.count(b",") + 1)
                 if len(expected) == line.count(b",") + 1:
-                    self._columns = _Columns.of(self.declared, self.source, None, self.needed, expected)
+                    self._columns = _Columns.of(self.declared, self.source, None, self.channels, self.needed, expected)
                     return lines[i:]
             if self._misnamed is not None and self._seen >= FIRST_LINES:
                 raise self._misnamed
@@ -609,23 +623,25 @@ class _Columns:
         declared: Sidecar,
         source: str,
         named: tuple[str, ...] | None,
+        channels: tuple[str, ...],
         needed: tuple[str, ...],
         usual: tuple[str, ...] = USUAL,
     ) -> _Columns:
         """Find time, output, position and what else is needed as in a file with these columns, or the usual ones."""
-        channels = (*CHANNELS, *needed)
+        channels = (*channels, *needed)
         columns = named or usual
         table = Table(Path(source), columns, read=lambda names: {}, row=lambda i: f"line {i + 1}")
         read = {name: channel for name, channel in declared.channels.items() if name in channels}
         declared = replace(declared, channels=read, attitude=None)
         plan, _ = assign(table, declared, channels)
-        absent = [name for name in needed if name not in plan.sources]
+        absent = [name for name in channels if name not in plan.sources]
         if absent:
+            otherwise = ", or drop the effect with accelcal drop" if needed else ""
             raise RecordingError(
-                f"{source}: the model needs the channel {', '.join(absent)}; send it in a column of the lines and "
-                f"declare it in [channels] of {declared.path}, or drop the effect with accelcal drop"
+                f"{source}: the channel {', '.join(absent)} is needed; send it in a column of the lines and declare "
+                f"it in [channels] of {declared.path}{otherwise}"
             )
-        clock = plan.sources["accel"].time
+        clock = plan.sources[channels[0]].time
         if any(plan.sources[name].time != clock for name in channels) or clock is None or clock.column is None:
             raise RecordingError(f"{declared.path}: a line has one time for all channels; declare one [channels] time")
         names = (clock.column, *(plan.sources[name].column for name in channels))
@@ -641,7 +657,7 @@ class _Columns:
         return {name: unit for name, (_, unit) in self._in_si(np.empty((0, len(self.places)))).items()}
 
     def _in_si(self, rows: Array) -> dict[str, tuple[Array, str]]:
-        clock = self.plan.sources["accel"].time
+        clock = self.plan.sources[self.channels[0]].time
         assert clock is not None  # `of` found it
         assert clock.column is not None
         sources = {"time": Source(clock.column, clock.unit)}
@@ -666,15 +682,15 @@ def _require_lines(declared: Sidecar, source: str) -> None:
             )
 
 
-def _usual_names(declared: Sidecar, needed: tuple[str, ...], count: int) -> tuple[str, ...]:
+def _usual_names(declared: Sidecar, channels: tuple[str, ...], needed: tuple[str, ...], count: int) -> tuple[str, ...]:
     """Names of the columns without a header: those of the sidecar, in the order time, output, position; where lines
     have more fields, then those of the other channels as the sidecar lists them."""
     time = declared.time.column if declared.time is not None else None
-    given = (time, *(declared.channels[name].column if name in declared.channels else None for name in CHANNELS))
-    three = tuple(name or usual for name, usual in zip(given, USUAL, strict=True))
-    if count == len(USUAL) and not needed:
-        return three
-    return (*three, *(source.column for name, source in declared.channels.items() if name not in CHANNELS))
+    given = (time, *(declared.channels[name].column if name in declared.channels else None for name in channels))
+    usual = tuple(name or usual for name, usual in zip(given, ("t", *channels), strict=True))
+    if count == len(usual) and not needed:
+        return usual
+    return (*usual, *(source.column for name, source in declared.channels.items() if name not in channels))
 
 
 SIMILAR = 0.6

@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping
+from functools import partial
 from itertools import count
 from pathlib import Path
 
 import numpy as np
 
-from accelcal.data import QUATERNION, RecordingError, units
+from accelcal.data import ANGLE, QUATERNION, RecordingError, units
 from accelcal.io import naming
 from accelcal.io.assign import (
     UNKNOWN,
@@ -63,6 +64,10 @@ def template(path: str | Path) -> str:
     columns: dict[str, str | None] = {}
     for name in ("time", "accel", "position"):
         called = next((column for column, channel in alone.items() if channel == name), None)
+        turned = next(filter(partial(_is_angle, table), alone), None)
+        if name == "position" and turned and not called and not candidates(table, name):
+            columns[ANGLE] = turned
+            continue
         columns[name] = called or _only(table, name, {*columns.values(), *clocks.values(), *copies})
     roles = {naming.orientation_role(naming.take_apart(column).base): column for column in table.columns}
     turning = {column: role for role, column in roles.items() if role and column not in columns.values()}
@@ -72,7 +77,7 @@ def template(path: str | Path) -> str:
     others = [column for column in dict.fromkeys(table.columns) if column not in taken and column not in copies]
     others = [column for column in others if turning.get(column) not in QUATERNION]
     channels = [
-        _required(table, name, column, clocks, called=by_name.get(column or "") == name)
+        _required(table, name, column, clocks, called=name in (ANGLE, by_name.get(column or "")))
         for name, column in columns.items()
     ]
     if parts is not None:
@@ -87,8 +92,9 @@ def template(path: str | Path) -> str:
         usual = "temperature" if column == warm else turning.get(column) or by_name[column]
         key = next(key for k in count(1) if (key := usual if k == 1 else f"{usual}_{k}") not in keys)
         keys.add(key)
-        lines.append(_optional(table, column, key, clocks, column in likely))
-    text = re.sub("^KEYS (.*)$", _examples, _TEXT, flags=re.MULTILINE)
+        lines.append(_optional(table, column, key, clocks, column in likely or key == ANGLE))
+    text = _TEXT.replace("[rig]\n", f"[rig]\n{_ON_ARM}") if ANGLE in columns else _TEXT
+    text = re.sub("^KEYS (.*)$", _examples, text, flags=re.MULTILINE)
     if _dimension(table, columns["accel"]) in ("V", "count"):
         text = re.sub("^# scale .*$", _SCALE_NEEDED, text, flags=re.MULTILINE)
     text = text.replace("NAME", path.name).replace("ATTITUDE", attitude)
@@ -136,8 +142,19 @@ KEYS uncertainty
 [judge]
 KEYS judge
 """
+_ON_ARM = """\
+arm = "?"                       # FILL IN the distance from the axle to the sensor, like "200 mm"
+axle = "?"                      # FILL IN "horizontal", "vertical" or an elevation, like "30 deg"
+input_axis = "?"                # FILL IN "radial", "tangential", "axial" or a unit vector of these three
+"""
 _SCALE_NEEDED = 'scale = "?"                     # FILL IN, like "0.25 V/g" or "1024 count/g"'
-_UNITS = {"time": "s, ms, us", "accel": "m/s^2, g, mg, V, count", "position": "m, mm, um, V, count"}
+_UNITS = {
+    "time": "s, ms, us",
+    "accel": "m/s^2, g, mg, V, count",
+    "position": "m, mm, um, V, count",
+    ANGLE: "deg, rad, rev, count",
+}
+_SCALES = {"position": '"20 V/m" or "200 count/mm"', ANGLE: '"4096 count/rev"'}
 
 
 def _unit(table: Table, column: str) -> str | None:
@@ -148,6 +165,12 @@ def _unit(table: Table, column: str) -> str | None:
 def _dimension(table: Table, column: str | None) -> str | None:
     unit = _unit(table, column) if column is not None else None
     return units.conversion(unit).si if unit is not None else None
+
+
+def _is_angle(table: Table, column: str) -> bool:
+    """Whether a column is the angle of an arm by its name, and by its unit where an encoder may read a length."""
+    base, measured = naming.take_apart(column).base.lower(), _dimension(table, column)
+    return base in naming.ENCODERS if measured == "rad" else base in naming.ANGLES and measured in (None, "count")
 
 
 def _only(table: Table, name: str, others: Collection[str | None]) -> str | None:
@@ -187,11 +210,11 @@ def _required(table: Table, name: str, column: str | None, clocks: Mapping[str, 
         rate = ', or in its place: rate = "1667 Hz"' if name == "time" else ""
         return f'{name} = {{ column = "{UNKNOWN}", unit = "{UNKNOWN}" }}  # FILL IN: one of the columns below{rate}'
     unit = _unit(table, column)
-    volts = name == "position" and _dimension(table, column) in units.ELECTRICAL
+    volts = name in _SCALES and _dimension(table, column) in units.ELECTRICAL
     scale = f', scale = "{UNKNOWN}"' if volts else ""
     line = f"{name} = {_source(table, column, unit, clocks, scale)}"
     notes = [] if unit else [f"FILL IN the unit: {_UNITS[name]}"]
-    notes += ['FILL IN the scale, like "20 V/m" or "200 count/mm"'] if volts else []
+    notes += [f"FILL IN the scale, like {_SCALES[name]}"] if volts else []
     if not called:
         notes.append("by its unit alone: check that it is this one")
     if name == "time":

@@ -16,7 +16,9 @@ import numpy as np
 
 from accelcal._support.result import Storable
 from accelcal.data import Array
+from accelcal.estimation.triad import absent_faces
 from accelcal.filters.stream import Readings
+from accelcal.io.dwells import Rest
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
 from accelcal.io.stream import ByteSource, Intake, LineReader, Rows
 from accelcal.io.write import GrowingParquet, write_sidecar
@@ -369,3 +371,81 @@ class Columns:
         ]
         errors, runs = np.array(read, float).reshape(n, 2), np.array(nis, float).reshape(n, 3)
         return cls(np.array([s.t for s in states]), both[..., 0], both[..., 1], *errors.T, *runs.T)
+
+
+BLOCK = 0.5
+"""Length of the blocks of which each is at rest or not, s."""
+STILL, STILLEST = 3.0, 0.5
+"""Standard deviation of a block at rest: over that of the stillest block, and at most, m/s²."""
+SAME = 0.3
+"""Change of the mean of a block within one rest at most, m/s²: a turn by 2 degrees."""
+APART = math.cos(math.radians(30.0))
+"""Cosine of the angle by which a position must differ from all others."""
+
+
+class DwellGuide:
+    """Leads through the positions of a triad: rows in; rests, and what is to be done next, out.
+
+    Parameters
+    ----------
+    least : shortest rest that is used, s.
+    positions : how many rests are wanted, at least six, in which each axis points up and down.
+    """
+
+    def __init__(self, least: float, positions: int) -> None:
+        self.least, self.positions = least, positions
+        self.rests: list[Rest] = []
+        self._rows, self._still = np.empty((0, 4)), np.empty((0, 4))
+        self._floor = math.inf
+        self._left = 0
+
+    @property
+    def next(self) -> str:
+        """What the next position is; empty when there are enough."""
+        absent = absent_faces(np.array([rest.mean for rest in self.rests]).reshape(-1, 3), centre=np.zeros(3))
+        if absent:
+            return f"turn it so that another axis points up or down; not yet: {', '.join(absent)}"
+        if len(self.rests) < self.positions:
+            return "turn it to a position in between, more than 30 degrees from all before"
+        return ""
+
+    def feed(self, rows: Array) -> list[str]:
+        """Sentences on rows (n, 4), time in s and three outputs in m/s²; a rest that is long enough joins `rests`."""
+        sentences, self._rows = [], np.concatenate([self._rows, rows])
+        while len(self._rows) and self.next:
+            size = int(np.searchsorted(self._rows[:, 0], self._rows[0, 0] + BLOCK))
+            if size == len(self._rows):
+                break
+            block, self._rows = self._rows[:size], self._rows[size:]
+            sentences += self._judge(block) if size > 2 else []
+        return sentences
+
+    def _judge(self, block: Array) -> list[str]:
+        spread, mean = float(np.max(np.std(block[:, 1:], axis=0, ddof=1))), np.mean(block[:, 1:], axis=0)
+        self._floor = min(self._floor, max(spread, 1e-6))
+        begun = len(self._still) > 0
+        if spread > min(STILL * self._floor, STILLEST):
+            self._still = self._still[:0]
+            return ["hold still"] if begun else []
+        if begun and np.linalg.norm(mean - np.mean(self._still[:, 1:], axis=0)) > SAME:
+            self._still = self._still[:0]
+        self._still = np.concatenate([self._still, block])
+        lasts = float(self._still[-1, 0] - self._still[0, 0])
+        if any(mean @ rest.mean > APART * np.linalg.norm(mean) * np.linalg.norm(rest.mean) for rest in self.rests):
+            return []  # where it was before, or still is
+        left = math.ceil(self.least - lasts)
+        if left > 0:
+            said, self._left = left == self._left and begun, left
+            return [] if said else [f"hold still, {left} s"]
+        y = self._still[:, 1:]
+        still = Rest(
+            float(self._still[0, 0]),
+            float(self._still[-1, 0]),
+            len(y),
+            tuple(y.mean(axis=0).tolist()),
+            tuple(y.std(axis=0, ddof=1).tolist()),
+            None,
+        )
+        # One that was measured before the stillest block was known may have been none.
+        self.rests = [rest for rest in (*self.rests, still) if max(rest.std) <= 2.0 * STILL * self._floor]
+        return [f"position {len(self.rests)} is measured; {self.next or 'done'}"]

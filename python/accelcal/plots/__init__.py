@@ -16,6 +16,7 @@ __all__ = [
     "MissingExtra",
     "accel_residual",
     "added_variable",
+    "allan",
     "autocorrelation",
     "before_after",
     "coasting",
@@ -37,6 +38,7 @@ __all__ = [
 
 accel_residual = still(comparison.accel_residual)
 added_variable = still(diagnosis.added_variable)
+allan = still(model.allan)
 autocorrelation = still(residuals.autocorrelation)
 before_after = still(residuals.before_after)
 coasting = still(comparison.coasting)

@@ -6,6 +6,7 @@ from accelcal.plots.plotly import moving
 
 __all__ = [
     "accel_residual",
+    "allan",
     "before_after",
     "coasting",
     "detectable_sizes",
@@ -42,7 +43,7 @@ fitted_curve, live_tracks, paths, tracks = (
     moving(over_time.tracks),
 )
 linked, overlay, timeline = moving(over_time.linked), moving(over_time.overlay), moving(over_time.timeline)
-nonlinearity, parameters = moving(model.nonlinearity), moving(model.parameters)
+allan, nonlinearity, parameters = moving(model.allan), moving(model.nonlinearity), moving(model.parameters)
 one_step, simulated = moving(comparison.one_step), moving(comparison.simulated)
 quantile_plot, spectrum = moving(residuals.quantile_plot), moving(residuals.spectrum)
 before_after, regions, tiles = moving(residuals.before_after), moving(residuals.regions), moving(residuals.tiles)

@@ -6,7 +6,9 @@ import numpy as np
 
 from accelcal.calibration.agreement import LIMIT, Agreement
 from accelcal.calibration.characteristic import StraightLine, straight_line
+from accelcal.data import MICRO_G
 from accelcal.effects import find, spelled
+from accelcal.estimation.allan import OutputNoise, RestNoise
 from accelcal.estimation.estimate import Fit
 from accelcal.io.dwells import Rests
 from accelcal.model import Estimate
@@ -18,6 +20,7 @@ from accelcal.plots.figure import (
     Figure,
     Level,
     Line,
+    Mark,
     Panel,
     Points,
     Role,
@@ -25,7 +28,7 @@ from accelcal.plots.figure import (
     Text,
     on_rows,
 )
-from accelcal.results.words import concise, prefixed, with_unit
+from accelcal.results.words import concise, number, prefixed, with_unit
 
 LINEAR_REACH = 30.0
 """Estimates beyond this many typical sizes are drawn on a logarithmic axis, linear about zero."""
@@ -153,6 +156,42 @@ def agreement(result: Agreement) -> Figure:
         (Level(low=-LIMIT, high=LIMIT, role="band", upright=True), Points(en, rows)), scaled, names, height=240.0
     )
     return Figure((left, right), columns=2)
+
+
+def allan(noise: RestNoise) -> Figure:
+    """Draw the Allan deviation of each output at rest with its 95 % band and the terms that are determined, and its
+    bias over temperature.
+
+    Parameters
+    ----------
+    noise : from `accelcal.rest`.
+    """
+    panels = [panel for output in noise.outputs for panel in _at_rest(output)]
+    return Figure(tuple(panels), f"{noise.name or 'Record'} at rest", columns=min(len(panels), 3))
+
+
+def _at_rest(output: OutputNoise) -> list[Panel]:
+    tau, size = output.tau, MICRO_G
+    roles: tuple[Role, ...] = ("other", "floor", "before")
+    names = ("noise density", "bias instability", "random walk")
+    parts = zip(output.allan(tau), output.terms, names, roles, strict=True)
+    lines = [Line(tau, y / size, name, role) for y, term, name, role in parts if term.determined]
+    total = np.linalg.norm(output.allan(tau), axis=0) / size
+    band = Band(tau, output.low / size, output.high / size, "95 %", outlined=False)
+    points = Points(tau, output.deviation / size, "Allan deviation", "measured")
+    marks: list[Mark] = [band, *lines, Line(tau, total, "all terms", "model", solid=True), points]
+    if output.minimum is not None:
+        at, least = output.minimum
+        marks.append(Level(at, upright=True, text=f"minimum {with_unit(number(least / size, 3), 'µg')}"))
+    shown = np.concatenate([output.low, output.high]) / size
+    y = Axis("Allan deviation", "µg", "log", (0.5 * float(shown.min()), 2.0 * float(shown.max())))
+    panels = [Panel(tuple(marks), Axis("averaging time", "s", "log"), y, output.output)]
+    if (warm_up := output.warm_up) is not None:
+        factor, unit = prefixed("m/s²", warm_up.bias)
+        means = Points(warm_up.temperature, factor * warm_up.bias, "means", "measured")
+        fitted = Line(warm_up.temperature, factor * warm_up.fitted, "over temperature", "model")
+        panels.append(Panel((means, fitted), Axis("temperature", "°C"), Axis("output", unit), output.output))
+    return panels
 
 
 def rests(dwells: Rests) -> Figure:

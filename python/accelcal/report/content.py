@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeVar
 
-from accelcal._support.process import one_thread
-from accelcal._support.progress import within
+from accelcal._support.process import one_thread, within
 from accelcal.calibration.characteristic import Application, Budget, budget, example
 from accelcal.data import Recording, describe
 from accelcal.diagnosis.experiment.detectability import Power

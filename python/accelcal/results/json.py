@@ -33,6 +33,7 @@ SCHEMAS: Mapping[str, str] = {
     "plan": "diagnosis.experiment.design:Plan",
     "formulas": "diagnosis.select.curve_formulas:FormulaSet",
     "triad": "estimation.triad:TriadFit",
+    "rest": "estimation.allan:RestNoise",
     "response": "response.measure:FrequencyResponse",
     "sensor-matrix": "calibration.export.axes:SensorMatrix",
     "export": "calibration.export.calibration:Calibration",

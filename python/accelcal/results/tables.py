@@ -13,6 +13,7 @@ from accelcal.data import ACCELERATION, MICRO_G, VELOCITY, Dwells, Recording, de
 from accelcal.effects import CATALOGUE, Effect, find, spelled
 from accelcal.effects.mechanisms import driver_of
 from accelcal.effects.registry import CARD
+from accelcal.estimation.allan import DETERMINED, USUAL, NoiseTerm, OutputNoise, RestNoise, Trend, WarmUp
 from accelcal.estimation.estimate import Fit, tied_sum
 from accelcal.estimation.noise import Level, NoiseEffect, NoiseReport
 from accelcal.estimation.tracks import Path, Track
@@ -364,6 +365,89 @@ def _(dwells: Dwells, which: str = "") -> Table:
         ),
         notes=tuple(f"assumed: {text}" for text in dwells.assumptions),
     )
+
+
+@table.register
+def _(rest: RestNoise, which: str = "") -> Table:
+    require(which)
+    several, first = len(rest.outputs) > 1, rest.outputs[0]
+    rows = [
+        {"output": output.output if several else "", "unit": SI_OF_NOISE[term.name], "term": term}
+        | {key: getattr(term, key) for key in ("name", "value", "low", "high")}
+        for output in rest.outputs
+        for term in output.terms
+    ]
+    return Table(
+        title=f"{rest.name or 'Record'} at rest",
+        sentence=f"{instant(first.seconds)} s at {first.rate:.6g} Hz.",
+        columns=(
+            Column("output", "output"),
+            Column("name", "parameter"),
+            Column("", "value", lambda r: noise_value(r["term"])),
+            Column("", "95 % interval", lambda r: noise_interval(r["term"])),
+            *(Column(key) for key in ("value", "low", "high", "unit")),
+        ),
+        rows=tuple(rows),
+        notes=tuple(
+            as_sentence(f"{f'{output.output}: ' if several else ''}{text}")
+            for output in rest.outputs
+            for text in rest_sentences(output)
+        ),
+    )
+
+
+SI_OF_NOISE = {"noise": "(m/s²)/√Hz", "bias_instability": "m/s²", "random_walk": "(m/s²)/√s"}
+"""Units of the terms of a sensor at rest."""
+
+
+def noise_value(term: NoiseTerm) -> str:
+    """Value of a term in its usual unit, or its upper limit."""
+    unit, size = USUAL[term.name]
+    return f"{number(term.value / size, 3) if term.determined else f'below {number(term.high / size, 2)}'} {unit}"
+
+
+def noise_interval(term: NoiseTerm) -> str:
+    """95 % interval of a term in its usual unit."""
+    unit, size = USUAL[term.name]
+    return f"{number(term.low / size, 3)} .. {number(term.high / size, 3)} {unit}"
+
+
+def rest_sentences(output: OutputNoise) -> list[str]:
+    """What is said of one output at rest beside its terms."""
+    sentences, lowest = list(output.notes), output.minimum
+    tau = 0.5 * output.seconds if lowest is None else lowest[0]
+    sentences.append(
+        "the Allan deviation has no minimum within half of the record"
+        if lowest is None
+        else f"the Allan deviation is smallest at {number(tau, 2)} s, {number(lowest[1] / MICRO_G, 3)} µg"
+    )
+    if missing := " and ".join(term.name for term in output.terms if not term.determined):
+        least = "at least " if lowest is None else ""
+        sentences.append(
+            f"{missing}: the record gives an upper limit; {DETERMINED:g} times the Allan minimum, {least}"
+            f"{number(DETERMINED * tau / 3600.0, 2)} h, determine it in 19 of 20 records"
+        )
+    return sentences if output.warm_up is None else [*sentences, *warm_up_sentences(output.warm_up)]
+
+
+def warm_up_sentences(warm_up: WarmUp) -> list[str]:
+    """The bias over temperature, and what one cycle leaves open."""
+    trend, slope = warm_up.trend, decimal(warm_up.slope / MICRO_G, warm_up.std / MICRO_G)
+    curved = f", along a polynomial of order {trend.order}" if trend.order > 1 else ""
+    low, high = warm_up.temperature.min(), warm_up.temperature.max()
+    sentences = [
+        f"K0 over temperature, {low:.4g} to {high:.4g} °C: {slope} µg/K in the middle{curved}; this is subtracted "
+        "before the Allan deviation, which would take a warm-up for a random walk"
+    ]
+    if trend.memory:
+        does = "lags behind" if trend.memory == "lag" else "settles beside"
+        sentences.append(f"K0 {does} the temperature with a time constant of {number(trend.time, 2)} s")
+    if trend != Trend():
+        sentences.append(
+            "one warm-up hardly distinguishes a lag, a settling after switch-on and a curve over temperature: record a "
+            "second cycle, with falling temperature"
+        )
+    return sentences
 
 
 def reading(y: float, unit: str) -> str:

@@ -297,7 +297,7 @@ class MeasuredNoise:
     edges: Array
     """Upper ends of the octaves but the last one, (k - 1,) Hz."""
     levels: Array
-    """Power in each octave over that of the three kinds, (k,)."""
+    """Power in each octave over that of the three kinds, (k,); 1 where less than one value is in no direction."""
     kinds: Array
     """Power of each kind over the assumed one, at the end of the band, (4,)."""
     least: float
@@ -333,7 +333,7 @@ class MeasuredNoise:
                 starts.append(k + 1)
         left, values, expected, taken = (np.add.reduceat(y, starts) for y in (left, values, expected, taken))
         sizes = expected @ kinds
-        levels = left / sizes
+        levels = np.where(values < 1.0, 1.0, left / sizes)
         trace_std = float(np.sqrt(np.sum(2.0 * (levels * (taken @ kinds)) ** 2 / values)))
         edges = edges[np.array(starts[1:], dtype=np.intp) - 1]
         return cls(assumed, edges, levels, kinds, least, grid.band, trace_std, float(expected[:, 0].sum()))
@@ -347,7 +347,8 @@ class MeasuredNoise:
 def likely_kinds(left: Array, values: Array, expected: Array) -> Array:
     """Power of each kind over the assumed one, (4,): white alone and with each other kind, by their likelihoods.
 
-    A kind that the record does not show surely is in it nevertheless: far below what is measured it may be all.
+    A kind that the record does not show surely is in it nevertheless: far below what is measured it may be all. Where
+    no octave holds a value in no direction the noise is the assumed one.
 
     Parameters
     ----------
@@ -355,6 +356,8 @@ def likely_kinds(left: Array, values: Array, expected: Array) -> Array:
     expected : its expectation by kind, (octaves, 4) (m/s²)².
     """
     some = values >= 1.0
+    if not some.any():  # the directions hold all of the band
+        return np.asarray(np.eye(len(KINDS))[0])
     left, values, expected = left[some], values[some], expected[some]
     tried, costs = np.zeros((len(KINDS), len(KINDS))), np.zeros(len(KINDS))
     for k, powers in enumerate(tried):

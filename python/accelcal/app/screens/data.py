@@ -15,7 +15,7 @@ from accelcal.app import mapping, widgets
 from accelcal.app.page import Page
 from accelcal.app.screens import files
 from accelcal.app.state import ROLES, Run, State, Stretch, time_span
-from accelcal.data import Dwells, RecordingError, instant
+from accelcal.data import ANGLE, Dwells, RecordingError, instant
 from accelcal.data.rig import ANALOG
 from accelcal.diagnosis.left_out import MILLISECOND
 from accelcal.estimation.remarks import Remark
@@ -116,6 +116,8 @@ class Declarations:
             for field, kinds in ((self.corner, ANALOG), (self.order, ANALOG[1:])):
                 field.props("dense outlined")
                 field.bind_visibility_from(self.kind, "value", backward=partial(operator.contains, kinds))
+            if ANGLE in mapping.channels(text):
+                self.texts |= {path: self._entry(path, *labels) for path, labels in mapping.ON_ARM.items()}
             self.texts[mapping.RESOLUTION] = self._entry(mapping.RESOLUTION, "Encoder resolution", "1 um")
             angle = mapping.declared(text, GRAVITY_ALONG)
             self.axis = ui.select(AXES, value=AT_AN_ANGLE if angle else axis if axis in AXES else "")
@@ -207,9 +209,9 @@ def form(page: Page, *, rig: bool) -> None:
 def turning() -> tuple[ui.input, ui.select]:
     """Fields for a body that turns: the input axis, and what a quaternion maps."""
     ui.label(
-        "Then gravity along the axis changes: map what that axis would read at rest (gravity_along_axis), a gyroscope "
-        "(gyr_x, gyr_y, gyr_z), or place and attitude (position_e, position_n, position_u, no position, and q_w to "
-        "q_z), and say which axis of them the sensor measures."
+        "Then gravity along the axis changes: map the angle of an arm, what that axis would read at rest "
+        "(gravity_along_axis), a gyroscope (gyr_x, gyr_y, gyr_z), or place and attitude (position_e, position_n, "
+        "position_u, no position, and q_w to q_z), and say which axis of them the sensor measures."
     ).classes("note")
     with ui.row().classes("line"):
         direction = ui.input("Input axis of a body that turns", placeholder="x, y, z or 0, 0.6, 0.8")

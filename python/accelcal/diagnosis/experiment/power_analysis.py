@@ -13,8 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from accelcal._support.arguments import checked
-from accelcal._support.process import one_thread
-from accelcal._support.progress import within
+from accelcal._support.process import one_thread, within
 from accelcal.data import Array, Recording
 from accelcal.diagnosis.experiment.detectability import (
     Detectability,
