@@ -472,6 +472,8 @@ def add(
         effect = find(name)
         if name in model.effects and not may_be_refined(model, effect):
             raise AccelcalError(f"{name!r} is already in the model")
+        if effect.axis and (everywhere := name.removesuffix(f"_on_{effect.axis}")) in model.effects:
+            raise AccelcalError(f"{name!r} cannot be added: the model has {everywhere} on every axis already")
         if effect.port == "noise":
             model = model.add(name)
             continue
