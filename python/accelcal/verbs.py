@@ -698,11 +698,7 @@ def improve(
     ('cubic',)
     """
     several = runs_of(recordings)
-    if len(axes := dict.fromkeys(recording.axis for recording in several)) > 1:
-        raise AccelcalError(
-            f"improve: {', '.join(recording.name for recording in several)}; expected one output, not {len(axes)}. "
-            "Use fit, diagnose and add, which take all outputs together and name the axis: add --effect cubic_on_y"
-        )
+    require_one_output(several)
     apart = run_to_hold_out(several) if holdout is None else None
     if apart is not None:
         holdout = several.pop(apart)
@@ -738,6 +734,21 @@ def improve(
         whole = clean_fit(original, lambda these: solve(best.model, these, stretch, finish))
         best = replace(with_noise_effects(result(whole.solution), original, whole.solution.states), tilt=best.tilt)
     return Improvement(tuple(steps), best, last, tuple(selection.classes), selection.examined, holdout is None)
+
+
+def require_one_output(recordings: Sequence[Recording]) -> None:
+    """Refuse several outputs of one sensor where a model of one is improved.
+
+    Raises
+    ------
+    AccelcalError
+        Naming the recordings, and what takes all outputs together.
+    """
+    if len({recording.axis for recording in recordings}) > 1:
+        raise AccelcalError(
+            f"improve: {', '.join(recording.name for recording in recordings)}; expected one output. Use fit, diagnose "
+            "and add, which take all outputs together and name the axis: add --effect cubic_on_y"
+        )
 
 
 def uncontradicted_steps(

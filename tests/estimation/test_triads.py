@@ -34,7 +34,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def bent(folder: Path) -> tuple[Triad, tuple[Recording, ...], ac.Fit]:
+def curved(folder: Path) -> tuple[Triad, tuple[Recording, ...], ac.Fit]:
     """A record whose y output has a cubic, and its linear fit."""
     triad = Triad(71, law=lambda t, f, warm: CUBIC * f**3, hidden=1)
     axes = ac.load_axes(triad.write(folder))
@@ -58,8 +58,8 @@ def test_parameters_of_all_axes_are_as_right_as_they_say(folder):
     assert nees(fit, known | {("lever_arm.y", "x"): known["lever_arm.y", "x"] + 6.0 * std}) > most
 
 
-def test_a_cubic_on_y_is_named_on_y_and_its_size_is_right(bent):
-    triad, axes, fit = bent
+def test_a_cubic_on_y_is_named_on_y_and_its_size_is_right(curved):
+    triad, axes, fit = curved
     judged = ac.diagnose(fit, axes)
     assert judged.verdict in ("named", "tied")
     assert "cubic" in judged["y"].effects
@@ -76,8 +76,8 @@ def test_a_cubic_on_y_is_named_on_y_and_its_size_is_right(bent):
     assert [row["axis"] for row in judged.table().rows] == ["x", "y", "z"]
 
 
-def test_the_fit_of_one_axis_is_the_same_numbers(bent):
-    _, _axes, fit = bent
+def test_the_fit_of_one_axis_is_the_same_numbers(curved):
+    _, _axes, fit = curved
     alone = fit.of_axis("z")
     wanted = {e.name: (e.value, e.std) for e in fit.estimates if e.axis in ("", "z")}
     assert {e.name: (e.value, e.std) for e in alone.estimates} == wanted
@@ -88,8 +88,8 @@ def test_the_fit_of_one_axis_is_the_same_numbers(bent):
     assert fit.values(2).by_name != fit.values(1).by_name
 
 
-def test_a_model_file_keeps_axes(bent, tmp_path):
-    _, _, fit = bent
+def test_a_model_file_keeps_axes(curved, tmp_path):
+    _, _, fit = curved
     fit.save(tmp_path / "m.json")
     again = ac.load_model(tmp_path / "m.json")
     assert again.estimates == fit.estimates
@@ -100,9 +100,9 @@ def test_a_model_file_keeps_axes(bent, tmp_path):
         ac.load_model(tmp_path / "wrong.json")
 
 
-def test_the_joint_solution_is_that_of_the_stacked_rows(bent):
+def test_the_joint_solution_is_that_of_the_stacked_rows(curved):
     # One step of the joint solve against one least-squares problem of all rows, written out: to 1e-9.
-    _, axes, fit = bent
+    _, axes, fit = curved
     states = initial_states(fit.model, [prepare(run) for run in axes], [None] * 3)
     layout = Layout.of(fit.model, outputs_of(axes))
     belief, at = layout.prior_information(fit.model), layout.gather([state.values for state in states])
@@ -173,7 +173,7 @@ def test_rows_of_the_joint_solve_belong_to_axes_and_recordings():
     assert outputs_of(elsewhere) == (Output(0, "x"), Output(1, "y"))
 
 
-def test_the_command_line_takes_three_outputs(bent, folder, tmp_path):
+def test_the_command_line_takes_three_outputs(curved, folder, tmp_path):
     path = folder / "triad_71.csv"
 
     def run(*arguments: object, code: int = 0) -> str:
@@ -188,7 +188,7 @@ def test_the_command_line_takes_three_outputs(bent, folder, tmp_path):
         assert "M along x" in run("export", "m.json", "--parameters", f"{style}.txt", "--style", style)
         assert word in (tmp_path / f"{style}.txt").read_text()
     matrix = from_json(SensorMatrix, run("export", "m.json", "--json"))
-    assert np.allclose(matrix.M, SensorMatrix.of(bent[2]).M, rtol=1e-9)
+    assert np.allclose(matrix.M, SensorMatrix.of(curved[2]).M, rtol=1e-9)
     assert "expected one" in run("export", "m.json", "--filter", "c", "--rate", "200", code=2)
     assert "add --effect" in run("improve", path, code=3)
     judged = from_json(AxesDiagnosis, run("diagnose", "m.json", path, "--json"))
@@ -238,8 +238,8 @@ def test_what_the_turning_leaves_open_is_said_before_the_fit(folder):
     assert {"bias", "the tilt of the reference", "lever_arm.x", "lever_arm.y", "lever_arm.z"} <= still
 
 
-def test_the_matrix_is_that_of_the_truth_and_every_format_says_the_same(bent):
-    triad, axes, fit = bent
+def test_the_matrix_is_that_of_the_truth_and_every_format_says_the_same(curved):
+    triad, axes, fit = curved
     better = ac.add(fit, axes, "cubic_on_y")
     m = SensorMatrix.of(better)
     assert np.all(np.abs(m.M - triad.truth["matrix"]) < 5.0 * m.M_std)
@@ -267,8 +267,8 @@ def test_the_matrix_is_that_of_the_truth_and_every_format_says_the_same(bent):
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-def test_c_and_rust_of_three_outputs_undo_the_sensor(bent, tmp_path):
-    _, axes, fit = bent
+def test_c_and_rust_of_three_outputs_undo_the_sensor(curved, tmp_path):
+    _, axes, fit = curved
     better = ac.add(fit, axes, "cubic_on_y")
     m, cubic = SensorMatrix.of(better), better["cubic_on_y"].value
     random = np.random.default_rng(1)
