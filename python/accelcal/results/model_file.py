@@ -61,9 +61,15 @@ def migrated(content: Any) -> dict[str, Any]:
         raise ModelFileError(f'found the schema "{schema}", which is no longer read; {MAKE}')
     for step in range(int(number[1]), PRESENT):
         content = STEPS[step](content)
-    if isinstance(rig := content.get("rig"), dict):  # schema 5 began without an arm, and without what follows
+    if isinstance(rig := content.get("rig"), dict):  # schema 5 began without an arm, axes, and without what follows
         content = {**content, "rig": {"arm": None, "arm_std": None, "axle": None, **rig}}
-    return {"at_mean": [], **_without("version", _without("schema", content))}
+    content = {"at_mean": [], **_without("version", _without("schema", content))}
+    parts = {name: content.get(name) for name in ("estimates", "shapes", "at_mean", "runs")}
+    return content | {
+        name: [{"axis": "", **part} if isinstance(part, dict) else part for part in several]
+        for name, several in parts.items()
+        if isinstance(several, list)
+    }
 
 
 def _is_newer(version: object) -> bool:
