@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from accelcal.data.orientation import ANGULAR_ACCELERATION, LEVERS, OF_ARM, RATES, TURNED
+from accelcal.data.orientation import ACROSS, ANGULAR_ACCELERATION, LEVELS, LEVERS, OF_ARM, RATES, TURNED
 from accelcal.data.rig import Rig
 from accelcal.signals.signals import Signals
 
@@ -25,7 +25,7 @@ def sines(
         jerk += amplitude * w * np.cos(angle)
     side = {"temperature": 0.4 * np.sin(2.0 * np.pi * t / PERIOD), "a_y": np.cos(2.0 * np.pi * 7.0 * t / PERIOD)}
     side["a_z"] = np.cos(2.0 * np.pi * 5.0 * t / PERIOD + 0.4)
-    turning = (*TURNED, *LEVERS, *RATES, ANGULAR_ACCELERATION, *OF_ARM)
+    turning = (*TURNED, *LEVERS, *RATES, ANGULAR_ACCELERATION, *OF_ARM, *ACROSS, *LEVELS)
     side |= {name: 0.1 * np.sin(2.0 * np.pi * (k + 2.0) * t / PERIOD) for k, name in enumerate(turning)}
     return Signals(
         t=start + t, p=p0 + p, v=v, a=a, jerk=jerk, **{"scale": 1.01, "rig": Rig(), "cutoff": 25.0, "side": side} | more

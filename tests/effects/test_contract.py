@@ -12,7 +12,7 @@ import pint
 import pytest
 
 import accelcal.effects as effects
-from accelcal.data.orientation import ANGULAR_ACCELERATION, BENDING, LEVERS, OF_ARM, RATES, TURNED
+from accelcal.data.orientation import ACROSS, ANGULAR_ACCELERATION, BENDING, LEVELS, LEVERS, OF_ARM, RATES, TURNED
 from accelcal.data.rig import Rig
 from accelcal.effects import BUILT_IN, Effect, cards, find
 from accelcal.effects.processes import card
@@ -40,7 +40,7 @@ IDENTIFIERS = re.findall(
     shape_of_position_and_velocity shape_of_position_and_acceleration
     shape_of_temperature_and_velocity shape_of_time_and_velocity
     lowpass_error encoder_lag ac_coupling rounded_stamps held_samples gyroscope_tilt lever_arm
-    axle_tilt angle_eccentricity axle_wobble arm_bending
+    axle_tilt angle_eccentricity axle_wobble arm_bending body_misalignment world_tilt
     """,
 )
 
@@ -50,7 +50,7 @@ NO_WORLD = re.findall(
     angle_eccentricity arm_bending axle_tilt axle_wobble
     bias scale_factor ac_coupling angular_acceleration cross_axis_product cross_axis_quadratic_z cross_axis_z
     cross_coupling_z encoder_lag gyroscope_tilt held_samples lever_arm lowpass_error rail_second_wave rounded_stamps
-    spin
+    spin body_misalignment world_tilt
     """,
 )
 """Effects that `tests/worlds` does not hide: the base, a nuisance of every world, and what tests of its own hide."""
@@ -75,7 +75,7 @@ def middle(effect: Effect, s: Signals) -> dict[str, float]:
 def test_the_catalogue_holds_exactly_the_promised_names():
     assert sorted(e.name for e in BUILT_IN) == sorted(IDENTIFIERS)
     unseen = {"tilt", "misalignment", "encoder_scale", "cross_axis_gravity", "lowpass_error"}
-    unseen |= {"gyroscope_tilt", "lever_arm", "axle_tilt"}
+    unseen |= {"gyroscope_tilt", "lever_arm", "axle_tilt", "body_misalignment", "world_tilt"}
     assert {e.name for e in BUILT_IN if not e.traits.visible} == unseen
     assert {e.name for e in BUILT_IN if e.family} == {name for name in IDENTIFIERS if "shape_" in name}
 
@@ -83,7 +83,14 @@ def test_the_catalogue_holds_exactly_the_promised_names():
 def test_a_card_calls_unseen_what_sets_of_runs_show_and_unsearched_what_a_fit_adds_by_itself():
     says = {sentence: {e.name for e in BUILT_IN if sentence in card(e)} for sentence in (UNSEEN, UNSEARCHED)}
     assert says[UNSEEN] == {"tilt", "misalignment", "encoder_scale", "cross_axis_gravity"}
-    assert says[UNSEARCHED] == {"lowpass_error", "gyroscope_tilt", "lever_arm", "axle_tilt"}
+    assert says[UNSEARCHED] == {
+        "lowpass_error",
+        "gyroscope_tilt",
+        "lever_arm",
+        "axle_tilt",
+        "body_misalignment",
+        "world_tilt",
+    }
 
 
 def test_every_effect_is_hidden_by_a_world_or_stands_among_those_that_none_hides():
@@ -137,7 +144,7 @@ def test_every_trial_gives_one_finite_row_per_time_and_the_same_again(effect):
 def test_a_stage_at_rest_gives_finite_columns(effect):
     t = np.arange(64) * 0.01
     still = np.zeros(64)
-    turning = (*TURNED, *LEVERS, *RATES, ANGULAR_ACCELERATION, *OF_ARM)
+    turning = (*TURNED, *LEVERS, *RATES, ANGULAR_ACCELERATION, *OF_ARM, *ACROSS, *LEVELS)
     side = {name: still for name in ("temperature", "a_y", "a_z", *turning)}
     s = Signals(t=t, p=still, v=still, a=still, jerk=still, scale=1.0, rig=Rig(), side=side)
     for shape in trials(effect, s):
@@ -302,7 +309,7 @@ def test_the_declared_unit_is_the_unit_that_the_function_has(effect, metre, seco
         side={
             **s.side,
             **{n: say(s.side[n], "m/s²") for n in ("a_y", "a_z")},
-            **{n: say(s.side[n], "s⁻²") for n in LEVERS},
+            **{n: say(s.side[n], "s⁻²" if n.startswith("lever") else "m/s²") for n in (*LEVERS, *ACROSS, *LEVELS)},
             **{n: say(s.side[n], "s⁻¹") for n in RATES},
             **{n: say(s.side[n], "m/s²") for n in OF_ARM},
             BENDING: say(s.side[BENDING], "m/s⁴"),

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from accelcal.data import ANGULAR_ACCELERATION, LEVERS, OF_ARM, RATES, TURNED, Array
+from accelcal.data import ACROSS, ANGULAR_ACCELERATION, LEVELS, LEVERS, OF_ARM, RATES, TURNED, Array
 from accelcal.effects import Effect, spelled
 from accelcal.plots.figure import Axis, Figure, Line, Panel, Role
 from accelcal.results import words as formatting
@@ -97,7 +97,7 @@ def card_motion() -> Signals:
     temperature = rise * (1.0 - np.exp(-t / tau)) + swing * np.sin(2.0 * np.pi * slow * t)
     side = {"temperature": temperature, "a_y": 0.2 * np.sin(2.0 * np.pi * 0.4 * t)}
     side["a_z"] = 0.2 * np.sin(2.0 * np.pi * 0.55 * t)
-    turning = (*TURNED, *LEVERS, *RATES, ANGULAR_ACCELERATION, *OF_ARM)
+    turning = (*TURNED, *LEVERS, *RATES, ANGULAR_ACCELERATION, *OF_ARM, *ACROSS, *LEVELS)
     swinging = {name: 0.05 * np.sin(2.0 * np.pi * (0.3 + 0.1 * n) * t) for n, name in enumerate(turning)}
     return Signals(t=t, p=p, v=v, a=a, jerk=jerk, scale=1.0, rig=ADXL105_RIG, cutoff=0.2 * RATE, side=side | swinging)
 
