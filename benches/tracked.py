@@ -86,6 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"  {judged.sentence}")
         named.append({effect for effect in judged.effects if effect != "time_offset"})
     print(f"named on both: {sorted(named[0] & named[1])}; on one alone: {sorted(named[0] ^ named[1])}")
+    held &= not named[0] ^ named[1]
     return 0 if held else 1
 
 

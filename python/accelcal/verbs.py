@@ -472,6 +472,8 @@ def add(
         effect = find(name)
         if name in model.effects and not may_be_refined(model, effect):
             raise AccelcalError(f"{name!r} is already in the model")
+        if effect.axis and (everywhere := name.removesuffix(f"_on_{effect.axis}")) in model.effects:
+            raise AccelcalError(f"{name!r} cannot be added: the model has {everywhere} on every axis already")
         if effect.port == "noise":
             model = model.add(name)
             continue
@@ -696,11 +698,7 @@ def improve(
     ('cubic',)
     """
     several = runs_of(recordings)
-    if len(axes := dict.fromkeys(recording.axis for recording in several)) > 1:
-        raise AccelcalError(
-            f"improve: {', '.join(recording.name for recording in several)}; expected one output, not {len(axes)}. "
-            "Use fit, diagnose and add, which take all outputs together and name the axis: add --effect cubic_on_y"
-        )
+    require_one_output(several)
     apart = run_to_hold_out(several) if holdout is None else None
     if apart is not None:
         holdout = several.pop(apart)
@@ -736,6 +734,21 @@ def improve(
         whole = clean_fit(original, lambda these: solve(best.model, these, stretch, finish))
         best = replace(with_noise_effects(result(whole.solution), original, whole.solution.states), tilt=best.tilt)
     return Improvement(tuple(steps), best, last, tuple(selection.classes), selection.examined, holdout is None)
+
+
+def require_one_output(recordings: Sequence[Recording]) -> None:
+    """Refuse several outputs of one sensor where a model of one is improved.
+
+    Raises
+    ------
+    AccelcalError
+        Naming the recordings, and what takes all outputs together.
+    """
+    if len({recording.axis for recording in recordings}) > 1:
+        raise AccelcalError(
+            f"improve: {', '.join(recording.name for recording in recordings)}; expected one output. Use fit, diagnose "
+            "and add, which take all outputs together and name the axis: add --effect cubic_on_y"
+        )
 
 
 def uncontradicted_steps(

@@ -100,7 +100,7 @@ def test_short_records_give_upper_limits_and_say_how_long_one_must_be():
 
 
 @pytest.mark.parametrize(("lag", "order"), [(0.0, 1), (40.0, 1), (0.0, 2)])
-def test_a_warm_up_is_told_from_noise(lag, order):
+def test_a_warm_up_is_no_noise(lag, order):
     """Slope within 4 standard deviations; random walk below what the warm-up would look like; memory where it is."""
     t = np.arange(30_000) / RATE
     rng = np.random.default_rng(5)
@@ -169,6 +169,7 @@ def spoiled(kind):
         ("constant", "carries no information"),
         ("volts", 'declare scale and zero of this channel in the sidecar: accel_x = { column = "...", unit = "V"'),
     ],
+    ids=lambda text: text if text.isalpha() else "",
 )
 def test_what_is_no_record_at_rest_is_refused_with_the_next_step(kind, sentence):
     with pytest.raises(ac.RecordingError, match=sentence):

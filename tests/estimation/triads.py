@@ -36,6 +36,8 @@ class Triad:
     hidden: int = 0
     warms: bool = False
     """Whether the temperature is recorded."""
+    motion: int = 0
+    """Which of the motions of one sensor it is."""
     truth: dict[str, Array] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -47,6 +49,7 @@ class Triad:
             "up": r.normal(0.0, 0.003, 2),
             "delay": np.array(r.uniform(0.0, 5e-3)),
         }
+        r = np.random.default_rng([self.seed, self.motion]) if self.motion else r
         self.waves = [
             (np.array([0.13, 0.31, 0.57, 1.1, 1.9]) * r.uniform(0.9, 1.1, 5), size * r.uniform(0.5, 1.5, 5), phase)
             for size, phase in (
@@ -98,7 +101,7 @@ class Triad:
         place = place + self.place_noise * r.standard_normal(place.shape)
         attitude = attitude * Rotation.from_rotvec(self.attitude_noise * r.standard_normal(place.shape))
         q = attitude.as_quat(scalar_first=True)
-        path = folder / f"triad_{self.seed}.csv"
+        path = folder / f"triad_{self.seed}{f'_{self.motion}' if self.motion else ''}.csv"
         names = "t,accel_x,accel_y,accel_z,e,n,u,q_w,q_x,q_y,q_z,warm"
         np.savetxt(path, np.column_stack([t, y, place, q, warm]), fmt="%.9g", delimiter=",", header=names, comments="")
         outputs = "".join(f'accel_{a} = {{ column = "accel_{a}", unit = "m/s^2" }}\n' for a in "xyz")

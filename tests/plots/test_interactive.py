@@ -99,7 +99,18 @@ class Example:
             "linked": timeline.linked(self.run, seen, previous=seen, marked=[(3.0, 4.0, "chosen")]),
             "parameters": models.parameters(self.fit),
             "nonlinearity": models.nonlinearity(self.fit),
+            "allan": models.allan(at_rest()),
         }
+
+
+def at_rest():
+    """Noise of a sensor that warms up, with a random walk."""
+    rng, t, nothing = np.random.default_rng(1), np.arange(20_000.0), np.empty(0)
+    warmth = 25.0 + 10.0 * (1.0 - np.exp(-t / 3000.0))
+    y = 1e-3 * warmth + 0.01 * rng.standard_normal(len(t)) + 5e-5 * np.cumsum(rng.standard_normal(len(t)))
+    accel, position = ac.Channel("accel", t, y, "m/s^2"), ac.Channel("position", nothing, nothing, "m")
+    temperature = ac.Channel("temperature", t, warmth, "degC")
+    return ac.rest(ac.Recording(accel, position, ac.Rig(), {"temperature": temperature}))
 
 
 def followed():

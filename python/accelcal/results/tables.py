@@ -403,13 +403,13 @@ SI_OF_NOISE = {"noise": "(m/s²)/√Hz", "bias_instability": "m/s²", "random_wa
 def noise_value(term: NoiseTerm) -> str:
     """Value of a term in its usual unit, or its upper limit."""
     unit, size = USUAL[term.name]
-    return f"{number(term.value / size, 3) if term.determined else f'below {number(term.high / size, 2)}'} {unit}"
+    return f"{number(term.value / size, 4) if term.determined else f'below {number(term.high / size, 2)}'} {unit}"
 
 
 def noise_interval(term: NoiseTerm) -> str:
     """95 % interval of a term in its usual unit."""
     unit, size = USUAL[term.name]
-    return f"{number(term.low / size, 3)} .. {number(term.high / size, 3)} {unit}"
+    return f"{number(term.low / size, 4)} .. {number(term.high / size, 4)} {unit}"
 
 
 def rest_sentences(output: OutputNoise) -> list[str]:
