@@ -472,8 +472,6 @@ def add(
         effect = find(name)
         if name in model.effects and not may_be_refined(model, effect):
             raise AccelcalError(f"{name!r} is already in the model")
-        if effect.axis and (everywhere := name.removesuffix(f"_on_{effect.axis}")) in model.effects:
-            raise AccelcalError(f"{name!r} cannot be added: the model has {everywhere} on every axis already")
         if effect.port == "noise":
             model = model.add(name)
             continue
@@ -531,7 +529,9 @@ def with_effect(
     ValueError
         If the runs do not show the effect.
     """
-    name = effect.name
+    name, everywhere = effect.name, effect.name.removesuffix(f"_on_{effect.axis}")
+    if effect.axis and everywhere in model.effects:
+        raise AccelcalError(f"{name!r} cannot be added: the model has {everywhere} on every axis already")
     jumps = [step for state in states for step in state.run.accounted_steps] if name == POSITION_JUMPS else ()
     if jumps:
         said = f"{max(jumps, key=lambda step: abs(step.size)).sentence}; every fit begins anew behind it"
