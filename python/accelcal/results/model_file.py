@@ -63,9 +63,9 @@ def migrated(content: Any) -> dict[str, Any]:
         content = STEPS[step](content)
     if isinstance(rig := content.get("rig"), dict):  # schema 5 began without an arm, axes, and without what follows
         content = {**content, "rig": {"arm": None, "arm_std": None, "axle": None, **rig}}
-    content = {"at_mean": [], **_without("version", _without("schema", content))}
-    parts = {name: content.get(name) for name in ("estimates", "shapes", "at_mean", "runs")}
-    return content | {
+    filled: dict[str, Any] = {"at_mean": [], **_without("version", _without("schema", content))}
+    parts = {name: filled.get(name) for name in ("estimates", "shapes", "at_mean", "runs")}
+    return filled | {
         name: [{"axis": "", **part} if isinstance(part, dict) else part for part in several]
         for name, several in parts.items()
         if isinstance(several, list)
