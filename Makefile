@@ -11,7 +11,7 @@ RUN_TESTS := OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= MALLOC_TRIM_THRESHO
 BESIDE := slow or outside or statistics
 
 .NOTPARALLEL:
-.PHONY: help demo docs pages paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-noisy-live bench-monitoring bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-accidents bench-mistakes bench-rates bench-ruler bench-loop bench-named bench-mechanisms bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response bench-arms bench-triads bench-allan
+.PHONY: help demo docs pages paper test test-rest test-all test-durations test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-noisy-live bench-monitoring bench-regimes bench-nulls nulls bench-added bench-lines bench-axes bench-accidents bench-mistakes bench-rates bench-ruler bench-loop bench-named bench-mechanisms bench-left-out bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers size stubs format clean bench-response bench-arms bench-triads bench-tracked bench-allan
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -183,6 +183,9 @@ bench-arms: $(STAMP) ## Read sensors on arms about axles, with nothing and one e
 
 bench-triads: $(STAMP) ## Read three outputs of a body that turns, with nothing and one effect hidden on an axis; an hour, restartable.
 	$(BIN)/python -m benches.triads --workers 2
+
+bench-tracked: $(STAMP) ## Fit three outputs of a tracked board (shared recordings): error, scales, delay, names; ten minutes.
+	$(BIN)/python -m benches.tracked
 
 bench-crossovers: $(STAMP) ## Read stages by references from poor to far too good, with nothing and one effect hidden; an hour, restartable.
 	$(BIN)/python -m benches.crossovers --workers 2

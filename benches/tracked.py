@@ -59,6 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print every figure with its threshold; 1 where one does not hold."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("ACCELCAL_REAL_DATA", "data")))
+    parser.add_argument("--cost", action="store_true", help="time fits of single axes too")
     wanted, held, named = parser.parse_args(arguments), True, list[set[str]]()
     for name, most in TRIALS.items():
         with tempfile.TemporaryDirectory() as folder:
@@ -69,6 +70,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         begin = time.process_time()
         fit = verbs.fit([run.part(0.0, LEARNT * end) for run in axes])
         seconds = time.process_time() - begin
+        if wanted.cost:
+            begin = time.process_time()
+            for run in axes:
+                verbs.fit(run.part(0.0, LEARNT * end))
+            print(
+                f"  cost of the joint fit over three of one axis: {seconds / (time.process_time() - begin):.2f} (1.2)"
+            )
         unseen = [run.part(LEARNT * end, end) for run in axes]
         print(f"{name}: fitted in {seconds:.0f} s; delay {1e3 * fit['time_offset'].value:.3f} ms for all axes")
         for run, (evaluation,) in zip(unseen, verbs.compare(fit, unseen, band=BAND).seen, strict=True):
