@@ -493,8 +493,7 @@ def add(
             break
         with suppress(ValueError):  # the fit at hand stays where there is no other
             grown, solution = fitted(model, runs, within(progress, 0.9, 0.95), **how)
-    if lost := [name for name in names if name not in solution.model.effects]:
-        raise AccelcalError(f"{lost[0]!r} cannot be added: these recordings do not tell it from the bias")
+    require_told_from_bias(names, solution.model)
     require_noise_shown(grown, names)
     shown = [*replaced, *barely_shown(grown, names), *(remark("beside_others", effect=name) for name in unseen)]
     lost = [name for name in names if find(name).port == "noise" and not solution.converged]
@@ -503,6 +502,18 @@ def add(
         why = "the fit does not determine its size" if solution.converged else "the fit with it does not settle"
         raise AccelcalError(f"{lost[0]!r} cannot be added: {why}; `accelcal power` says what the record can show")
     return remembered(replace(grown, remarks=(*broken, *grown.remarks, *shown)), recordings)
+
+
+def require_told_from_bias(names: Sequence[str], model: Model) -> None:
+    """Refuse effects that a fit had to leave out of the model.
+
+    Raises
+    ------
+    AccelcalError
+        Naming the first.
+    """
+    if lost := [name for name in names if name not in model.effects]:
+        raise AccelcalError(f"{lost[0]!r} cannot be added: these recordings do not tell it from the bias")
 
 
 def with_effect(

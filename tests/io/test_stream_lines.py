@@ -228,7 +228,7 @@ def test_a_channel_that_is_needed_is_read(tmp_path: Path) -> None:
 
 def test_a_channel_that_no_column_holds_is_asked_for(tmp_path: Path) -> None:
     reader = LineReader(sidecar(tmp_path, SIDECAR), "device", needed=("temperature",))
-    with pytest.raises(RecordingError, match="the model needs the channel temperature; send it in a column"):
+    with pytest.raises(RecordingError, match="the channel temperature is needed; send it in a column"):
         read(reader, b"1,1,1\n2,1,1\n")
 
 
