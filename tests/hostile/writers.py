@@ -94,6 +94,7 @@ WRITERS: Mapping[str, Writer] = {
         ("table.csv", "table.xml", "table.svg"),
         heavy=True,
     ),
+    "rest": Writer(("rest", "still.csv", "--figure", "rest.svg"), ("rest.svg",), heavy=True),
     "fleet": Writer(("fleet", "sensors/a", "--workers", "2", "-o", "fleet.html"), ("fleet.html",), heavy=True),
 }
 """By name of the command."""
@@ -101,6 +102,9 @@ WRITERS: Mapping[str, Writer] = {
 
 def make_inputs(folder: Path) -> None:
     """Write what the commands read."""
+    still = 0.01 * np.random.default_rng(4).standard_normal(4000)
+    rows = (f"{0.01 * k:.2f},{y:.6f}" for k, y in enumerate(still.tolist()))
+    (folder / "still.csv").write_text("\n".join(["t_s,accel_m/s^2", *rows]) + "\n", encoding="utf-8")
     for name, seed, cubic in (("run", 1, 0.0), ("other", 2, 0.0), ("curved", 3, 0.01)):
         truth = {"bias": 0.05, "cubic": cubic}
         rng = np.random.default_rng(seed)
