@@ -74,9 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             begin = time.process_time()
             for run in axes:
                 verbs.fit(run.part(0.0, LEARNT * end))
-            print(
-                f"  cost over that of three single fits: {seconds / (time.process_time() - begin):.2f} (1.2)"
-            )
+            print(f"  cost over that of three single fits: {seconds / (time.process_time() - begin):.2f} (1.2)")
         unseen = [run.part(LEARNT * end, end) for run in axes]
         print(f"{name}: fitted in {seconds:.0f} s; delay {1e3 * fit['time_offset'].value:.3f} ms for all axes")
         for run, (evaluation,) in zip(unseen, verbs.compare(fit, unseen, band=BAND).seen, strict=True):

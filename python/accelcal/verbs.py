@@ -708,8 +708,7 @@ def improve(
     >>> ac.improve(made.recording, most=1).effects
     ('cubic',)
     """
-    several = runs_of(recordings)
-    require_one_output(several)
+    several = require_one_output(runs_of(recordings))
     apart = run_to_hold_out(several) if holdout is None else None
     if apart is not None:
         holdout = several.pop(apart)
@@ -747,8 +746,8 @@ def improve(
     return Improvement(tuple(steps), best, last, tuple(selection.classes), selection.examined, holdout is None)
 
 
-def require_one_output(recordings: Sequence[Recording]) -> None:
-    """Refuse several outputs of one sensor where a model of one is improved.
+def require_one_output(recordings: list[Recording]) -> list[Recording]:
+    """Recordings, refused where they are several outputs of one sensor, for a model of one is improved.
 
     Raises
     ------
@@ -760,6 +759,7 @@ def require_one_output(recordings: Sequence[Recording]) -> None:
             f"improve: {', '.join(recording.name for recording in recordings)}; expected one output. Use fit, diagnose "
             "and add, which take all outputs together and name the axis: add --effect cubic_on_y"
         )
+    return recordings
 
 
 def uncontradicted_steps(

@@ -51,7 +51,7 @@ def fed(tracker: Tracker, rows: Rows, seed: int = 1) -> np.ndarray:
 
 def test_nine_in_ten_effects_run_everywhere_and_the_rest_has_a_reason() -> None:
     for place in ("LiveModel", "live", "export"):
-        of_axis = [effect for effect in BUILT_IN if not set(effect.needs) & set(DERIVED)]  # no stream has an orientation
+        of_axis = [effect for effect in BUILT_IN if not set(effect.needs) & set(DERIVED)]
         answers = {effect.name: running(effect, place) for effect in of_axis}
         runs = sum(answer.how == "runs" for answer in answers.values())
         rest = {name: answer for name, answer in answers.items() if answer.how != "runs"}
