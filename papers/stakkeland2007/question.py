@@ -379,8 +379,8 @@ def on_centrifuge(rng: np.random.Generator, rig: Rig) -> Recording:
     output = K0 + (1.0 + k) * a + K2 * a**2 + K3 * a**3
     output += (rig.sensor.noise or 0.0) * math.sqrt(0.5 * ACCEL_RATE) * rng.standard_normal(len(t))
     read = slice(None, None, 2)
-    seen = angle[read] + ANGLE_STD * rng.standard_normal(len(t[read]))
-    motion = on_arm(t[read], seen, ARM, 0.0, np.array([1.0, 0.0, 0.0]))
+    readings = angle[read] + ANGLE_STD * rng.standard_normal(len(t[read]))
+    motion = on_arm(t[read], readings, ARM, 0.0, np.array([1.0, 0.0, 0.0]))
     level = float(np.mean(motion.gravity.y))
     on_rig = replace(rig, arm=ARM, arm_std=ARM_STD, axle=0.0, gravity_along_axis=level, resolution=None)
     return Recording(Channel("accel", t, output, "m/s^2"), motion.path, side=motion.side, rig=on_rig)

@@ -58,21 +58,21 @@ def test_flicker_of_the_bench_has_the_floor_that_defines_it():
 def test_the_allan_deviation_is_that_of_its_definition():
     y = np.random.default_rng(3).standard_normal(200)
     tau, deviation = allan_deviation(y, 4.0)
-    for m, found in zip(np.rint(4.0 * tau).astype(int), deviation, strict=True):
+    for m, result in zip(np.rint(4.0 * tau).astype(int), deviation, strict=True):
         means = np.convolve(y, np.full(m, 1.0 / m), "valid")
-        assert found == pytest.approx(math.sqrt(0.5 * np.mean((means[m:] - means[:-m]) ** 2)), rel=1e-12)
+        assert result == pytest.approx(math.sqrt(0.5 * np.mean((means[m:] - means[:-m]) ** 2)), rel=1e-12)
 
 
 @pytest.mark.parametrize("kind", range(3))
 def test_degrees_of_freedom_are_those_of_the_scatter(kind):
     """2 mean²/variance of the Allan variance over 1500 records, itself known to 4 %; the formulas are approximations
     to some per cent, worse in the last octave."""
-    made = []
+    simulated = []
     for seed in range(1500):
         rng = np.random.default_rng(seed)
         steps = rng.standard_normal(512)
-        made.append(allan_deviation((steps, flicker(512, rng), np.cumsum(steps))[kind], 1.0)[1] ** 2)
-    scatter = 2.0 * np.mean(made, axis=0) ** 2 / np.var(made, axis=0)
+        simulated.append(allan_deviation((steps, flicker(512, rng), np.cumsum(steps))[kind], 1.0)[1] ** 2)
+    scatter = 2.0 * np.mean(simulated, axis=0) ** 2 / np.var(simulated, axis=0)
     formula = degrees_of_freedom(512, 2.0 ** np.arange(len(scatter)))[kind]
     assert np.abs(np.log(formula / scatter))[:-1].max() < 0.2
 
@@ -89,14 +89,14 @@ def test_lines_of_the_sidecar_are_read_as_they_were_estimated(tmp_path):
 
 
 def test_short_records_give_upper_limits_and_say_how_long_one_must_be():
-    found = rest(still(white()))
-    noise, instability, walk = found.outputs[0].terms
+    result = rest(still(white()))
+    noise, instability, walk = result.outputs[0].terms
     assert noise.low < 0.01 * math.sqrt(2.0 / RATE) < noise.high
     assert not instability.determined
     assert not walk.determined
-    text = str(found)
+    text = str(result)
     assert "upper limit; 100 times the Allan minimum, at least 5.6 h" in text
-    assert "# bias_instability is below" in found.outputs[0].sidecar
+    assert "# bias_instability is below" in result.outputs[0].sidecar
 
 
 @pytest.mark.parametrize(("lag", "order"), [(0.0, 1), (40.0, 1), (0.0, 2)])
@@ -153,8 +153,8 @@ def spoiled(kind):
         y = np.minimum(y, 0.11) if kind == "clipped" else np.full(len(y), 0.1)
         return ac.Recording.from_arrays(t, y, t, units={"t": "s", "accel": "m/s^2", "position": "m"})
     if kind == "volts":
-        made = still(NONE, t=t)
-        return replace(made, side={"accel_x": ac.Channel("accel_x", t, y, "V")})
+        simulated = still(NONE, t=t)
+        return replace(simulated, side={"accel_x": ac.Channel("accel_x", t, y, "V")})
     return still(y)
 
 
@@ -178,9 +178,9 @@ def test_what_is_no_record_at_rest_is_refused_with_the_next_step(kind, sentence)
 
 
 def test_figure_has_the_numbers_of_the_result():
-    found = rest(sensor(np.random.default_rng([1, 3]), 20_000)[0])
-    output = found.outputs[0]
-    (panel,) = model.allan(found).panels
+    result = rest(sensor(np.random.default_rng([1, 3]), 20_000)[0])
+    output = result.outputs[0]
+    (panel,) = model.allan(result).panels
     points = next(mark for mark in panel.marks if getattr(mark, "name", "") == "Allan deviation")
     assert points.y * 9.80665e-6 == pytest.approx(output.deviation)
     level = panel.marks[-1]
@@ -188,7 +188,7 @@ def test_figure_has_the_numbers_of_the_result():
     tau = np.geomspace(0.1, 10.0, 2001) * output.minimum[0]
     total = np.linalg.norm(output.allan(tau), axis=0)
     assert tau[np.argmin(total)] == pytest.approx(output.minimum[0], rel=0.01)
-    assert plots.allan(found).axes
+    assert plots.allan(result).axes
 
 
 def test_the_command_prints_lines_writes_json_and_a_figure_and_its_advice_works(tmp_path):

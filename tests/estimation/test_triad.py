@@ -118,8 +118,8 @@ def test_six_faces_give_scale_and_zero_of_each_axis_however_they_tilt(repeats):
 
 
 def test_level_faces_are_half_the_difference_and_half_the_sum():
-    made = faces(np.random.default_rng(1))
-    fit, up, down = fit_triad(made), np.diag(made.mean[:3]), np.diag(made.mean[3:])
+    measured = faces(np.random.default_rng(1))
+    fit, up, down = fit_triad(measured), np.diag(measured.mean[:3]), np.diag(measured.mean[3:])
     assert pytest.approx(2.0 * G / (up - down), rel=1e-7) == fit.K  # outputs across, 1e-4 g, enter squared
     assert fit.b == pytest.approx(0.5 * (up + down), abs=1e-6)
     assert np.abs(fit.residual).max() < 1e-9

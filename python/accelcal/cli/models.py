@@ -274,26 +274,25 @@ def of_two(runs: Sequence[Path], position: Path, rig: Path | None) -> data.Recor
     return io.load(runs[0], rig, position=position)
 
 
-def load_runs(paths: Sequence[Path], rig: Path | None) -> list[data.Recording | data.Dwells]:
-    """Read recordings, all outputs where there are three, or dwells where file or sidecar says that it is some."""
+def load_runs(
+    paths: Sequence[Path], rig: Path | None, one: Callable[[Path], data.Recording] | None = None
+) -> list[data.Recording | data.Dwells]:
+    """Read recordings, all outputs where there are three, or dwells where file or sidecar says that it is some; `one`
+    reads a recording of one output."""
     recordings: list[data.Recording | data.Dwells] = []
     for path in paths:
         if io.declares_axes(path, rig):
             recordings += io.load_axes(path, rig)
+        elif io.declares_dwells(path, rig):
+            recordings.append(io.load_dwells(path, rig))
         else:
-            recordings.append(io.load_dwells(path, rig) if io.declares_dwells(path, rig) else io.load(path, rig))
+            recordings.append(io.load(path, rig) if one is None else one(path))
     return recordings
 
 
 def load_all(fitted: Fit, paths: Sequence[Path], rig: Path | None) -> list[data.Recording | data.Dwells]:
     """Read recordings of the model's sensor, all outputs where there are three, or dwells of it."""
-    recordings: list[data.Recording | data.Dwells] = []
-    for path in paths:
-        if io.declares_axes(path, rig) or io.declares_dwells(path, rig):
-            recordings += load_runs([path], rig)
-        else:
-            recordings.append(load_like(fitted, path, rig))
-    return recordings
+    return load_runs(paths, rig, lambda path: load_like(fitted, path, rig))
 
 
 def load_like(fitted: Fit, run: Path, rig: Path | None) -> data.Recording:

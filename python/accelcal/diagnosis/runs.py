@@ -17,7 +17,7 @@ from accelcal.diagnosis.policy import HOMOGENEITY_ALPHA
 from accelcal.diagnosis.search.homogeneity import different
 from accelcal.effects import find
 from accelcal.estimation.dwell_rows import dwell_rows
-from accelcal.estimation.gauss_newton import PER_RUN_OWNERS, Layout, outputs_of
+from accelcal.estimation.gauss_newton import PER_RUN_OWNERS, Layout, layout_of
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.rows import inverse, normal_equations
 from accelcal.estimation.run_fit import SEEN_APART, SEEN_BY_RUNS
@@ -199,7 +199,7 @@ def further_runs(
     extra = [term for name in names for term in terms_of(find(name))]
     if not extra:
         return ()
-    fisher, layout = information(states, model, extra), Layout.of(model, outputs_of([s.run.recording for s in states]))
+    fisher, layout = information(states, model, extra), layout_of(model, [state.run for state in states])
     before = deviations(fisher, len(extra))
     runs_by_effect: dict[str, FurtherRun] = {}
     for text, gram in tried(first, model, extra):
@@ -267,7 +267,7 @@ def tumble(state: RunState, angle_std: float) -> Dwells:
 
 def information(states: Sequence[RunState], model: Model, extra: Sequence[Term]) -> Array:
     """Normal equations of all runs, those of further terms last."""
-    layout = Layout.of(model, outputs_of([state.run.recording for state in states]))
+    layout = layout_of(model, [state.run for state in states])
     m = len(layout.slots)
     total = np.diag(np.concatenate([layout.prior_information(model), np.zeros(len(extra))]))
     for index, state in enumerate(states):

@@ -141,7 +141,7 @@ def iterate(
 def initial_states(model: Model, runs: Sequence[PreparedRun], bands: Sequence[float | None]) -> list[RunState]:
     """States of all runs at their initial estimates, parameters of the sensor shared."""
     initial = [initial_estimate(run, model) for run in runs]
-    layout = Layout.of(model, outputs_of([run.recording for run in runs]))
+    layout = layout_of(model, runs)
     x = layout.gather([values for values, _ in initial])
     growth = tuple(NoiseGrowth(effect) for effect in model.noise_effects)
     return [
@@ -181,7 +181,7 @@ def _estimated(
     model: Model, states: list[RunState], progress: Callable[[float], None], least: int, trial: bool
 ) -> Solution:
     """The iteration of `estimated`."""
-    layout = Layout.of(model, outputs_of([state.run.recording for state in states]))
+    layout = layout_of(model, [state.run for state in states])
     x = layout.gather([state.values for state in states])
     belief, mean = layout.prior_information(model), layout.prior_mean(model)
     converged, moved = False, math.inf
@@ -359,6 +359,11 @@ class Layout:
         axis = some[0].axis if {output.axis for output in some} != axes else ""
         recordings = {output.recording for output in self.outputs if axis in ("", output.axis)}
         return None if {output.recording for output in some} == recordings else runs[0], axis
+
+
+def layout_of(model: Model, runs: Sequence[PreparedRun]) -> Layout:
+    """Rows of the joint solve of a model for several runs."""
+    return Layout.of(model, outputs_of([run.recording for run in runs]))
 
 
 def solve(information: Array, score: Array, layout: Layout) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ import scipy
 from accelcal.data import NO_LABELS, POSITION_ORDER, VELOCITY, Array, Flags, Recording, RunLabels
 from accelcal.effects import BUILT_IN, find
 from accelcal.estimation.engines import ENGINES, sums_of
-from accelcal.estimation.gauss_newton import Layout, Solution, outputs_of
+from accelcal.estimation.gauss_newton import Solution, layout_of
 from accelcal.estimation.noise import Level, NoiseReport, level, level_of
 from accelcal.estimation.rows import NormalEquations, block_length, normal_equations
 from accelcal.estimation.run import PreparedRun
@@ -205,7 +205,7 @@ def between_runs(
     states: Sequence[RunState], model: Model, name: str, further: Sequence[Term] = ()
 ) -> tuple[BetweenRuns, Array, Array]:
     """A coefficient of each run one step from a solution, and the normal equations A x = c, further terms last."""
-    layout = Layout.of(model.vary(name), outputs_of([state.run.recording for state in states]))
+    layout = layout_of(model.vary(name), [state.run for state in states])
     m = len(layout.slots)
     information, score = np.zeros((m + len(further), m + len(further))), np.zeros(m + len(further))
     belief = layout.prior_information(model)
@@ -231,7 +231,7 @@ def seen_by_runs(states: Sequence[RunState], model: Model, name: str, effect: st
     if any(need not in state.run.recording.side for state in states for need in find(effect).needs):
         return None
     rest, information, score = between_runs(states, model, name, terms)
-    rows_of_run = Layout.of(model.vary(name), outputs_of([state.run.recording for state in states])).rows_of(name)
+    rows_of_run = layout_of(model.vary(name), [state.run for state in states]).rows_of(name)
     joined = np.delete(np.eye(len(score)), rows_of_run[1:], axis=0)
     joined[rows_of_run[0], rows_of_run] = 1.0
     information, score = joined @ information @ joined.T, joined @ score
