@@ -493,7 +493,7 @@ def add(
             break
         with suppress(ValueError):  # the fit at hand stays where there is no other
             grown, solution = fitted(model, runs, within(progress, 0.9, 0.95), **how)
-    require_told_from_bias(names, solution.model)
+    require_distinguished_from_bias(names, solution.model)
     require_noise_shown(grown, names)
     shown = [*replaced, *barely_shown(grown, names), *(remark("beside_others", effect=name) for name in unseen)]
     lost = [name for name in names if find(name).port == "noise" and not solution.converged]
@@ -504,7 +504,7 @@ def add(
     return remembered(replace(grown, remarks=(*broken, *grown.remarks, *shown)), recordings)
 
 
-def require_told_from_bias(names: Sequence[str], model: Model) -> None:
+def require_distinguished_from_bias(names: Sequence[str], model: Model) -> None:
     """Refuse effects that a fit had to leave out of the model.
 
     Raises

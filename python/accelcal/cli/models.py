@@ -275,9 +275,9 @@ def of_two(runs: Sequence[Path], position: Path, rig: Path | None) -> data.Recor
 
 
 def load_runs(
-    paths: Sequence[Path], rig: Path | None, one: Callable[[Path], data.Recording] | None = None
+    paths: Sequence[Path], rig: Path | None, single: Callable[[Path], data.Recording] | None = None
 ) -> list[data.Recording | data.Dwells]:
-    """Read recordings, all outputs where there are three, or dwells where file or sidecar says that it is some; `one`
+    """Read recordings, all outputs where there are three, or dwells where file or sidecar says so; `single`
     reads a recording of one output."""
     recordings: list[data.Recording | data.Dwells] = []
     for path in paths:
@@ -286,7 +286,7 @@ def load_runs(
         elif io.declares_dwells(path, rig):
             recordings.append(io.load_dwells(path, rig))
         else:
-            recordings.append(io.load(path, rig) if one is None else one(path))
+            recordings.append(io.load(path, rig) if single is None else single(path))
     return recordings
 
 
