@@ -36,6 +36,12 @@ class Triad:
     hidden: int = 0
     warms: bool = False
     """Whether the temperature is recorded."""
+    every: int = 1
+    """Of so many rows one has place and attitude."""
+    gap: tuple[float, float] = (0.0, 0.0)
+    """Between these times the attitude is not read, s."""
+    gyroscope: float | None = None
+    """Noise of a sample, rad/s; None = there is no gyroscope."""
     motion: int = 0
     """Which of the motions of one sensor it is."""
     truth: dict[str, Array] = field(init=False)
@@ -101,15 +107,26 @@ class Triad:
         place = place + self.place_noise * r.standard_normal(place.shape)
         attitude = attitude * Rotation.from_rotvec(self.attitude_noise * r.standard_normal(place.shape))
         q = attitude.as_quat(scalar_first=True)
+        q[(t > self.gap[0]) & (t < self.gap[1])] = np.nan
+        unread = np.arange(len(t)) % self.every != 0
+        place[unread] = q[unread] = np.nan
+        table, names = [t, y, place, q, warm], "t,accel_x,accel_y,accel_z,e,n,u,q_w,q_x,q_y,q_z,warm"
+        rates = ""
+        if self.gyroscope is not None:
+            error = np.random.default_rng([self.seed, 7]).normal(0.0, 0.01, (4, 3))
+            turning = (self.series(late - STEP)[1].inv() * self.series(late + STEP)[1]).as_rotvec() / (2.0 * STEP)
+            table.append(turning @ (np.eye(3) + error[:3]) + error[3] + self.gyroscope * r.standard_normal((len(t), 3)))
+            names += ",gyr_x,gyr_y,gyr_z"
+            rates = "".join(f'gyr_{a} = {{ column = "gyr_{a}", unit = "rad/s" }}\n' for a in "xyz")
         path = folder / f"triad_{self.seed}{f'_{self.motion}' if self.motion else ''}.csv"
-        names = "t,accel_x,accel_y,accel_z,e,n,u,q_w,q_x,q_y,q_z,warm"
-        np.savetxt(path, np.column_stack([t, y, place, q, warm]), fmt="%.9g", delimiter=",", header=names, comments="")
+        rows = (",".join("" if np.isnan(x) else f"{x:.9g}" for x in row) for row in np.column_stack(table).tolist())
+        path.write_text("\n".join([names, *rows]) + "\n")
         outputs = "".join(f'accel_{a} = {{ column = "accel_{a}", unit = "m/s^2" }}\n' for a in "xyz")
         places = "".join(f'position_{a} = {{ column = "{a}", unit = "m" }}\n' for a in "enu")
         places += 'temperature = { column = "warm", unit = "degC" }\n' if self.warms else ""
         path.with_suffix(".toml").write_text(
             f'[sensor]\nnoise = "{self.noise / G * 1e6:.6g} ug/sqrt(Hz)"\n[channels]\n'
-            f'time = {{ column = "t", unit = "s" }}\n{outputs}{places}'
+            f'time = {{ column = "t", unit = "s" }}\n{outputs}{places}{rates}'
             'attitude = { columns = ["q_w", "q_x", "q_y", "q_z"], maps = "sensor to ENU" }\n'
         )
         return path

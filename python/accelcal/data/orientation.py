@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import scipy
@@ -15,8 +16,13 @@ from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel
 from accelcal.data.rig import STANDARD_GRAVITY
 
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
 GRAVITY = "gravity_along_axis"
 """Side channel: what an ideal accelerometer on the axis reads while the position does not accelerate, m/s²."""
+GRAVITY_NOISE = "gravity_noise"
+"""Side channel: two-sided density of what noise of the attitude adds to gravity along the axis, (m/s²)²/Hz."""
 LEVERS = ("lever_x", "lever_y", "lever_z")
 """Side channels: acceleration along the axis of a point 1 m from the tracked one, for each axis of the sensor, s⁻²."""
 LEVELS = ("level_e", "level_n")
@@ -51,7 +57,7 @@ BENDING = "arm_bending"
 """Side channel: acceleration along the axis of an arm that lengthens by itself times the rate squared, m/s⁴."""
 OF_ARM = (*TILTS, *ECCENTRICITY, *WOBBLE, BENDING)
 """Side channels of a sensor on an arm alone."""
-DERIVED = (GRAVITY, *LEVERS, *ACROSS, *LEVELS, *TURNED, *OF_ARM)
+DERIVED = (GRAVITY, GRAVITY_NOISE, *LEVERS, *ACROSS, *LEVELS, *TURNED, *OF_ARM)
 """Side channels that are part of the model of a turning body, and no effects by themselves."""
 HOLE = 8.0
 """Spacing beyond this many usual ones that is a hole: across it the path of a turning body is unknown; behind it the
@@ -61,6 +67,11 @@ KNOT_READINGS = 8
 not depend on it."""
 QUATERNION_TOLERANCE = 0.02
 """Difference of a quaternion's norm from 1 that rounding of its columns explains."""
+
+CHI_SQUARE_3 = 2.366
+"""Median of chi-square of three degrees of freedom."""
+SCATTER_ORDER = 8
+"""Order of the differences of an attitude that its noise is taken from: motion leaves less in each higher one."""
 
 Sense = Literal["sensor to ENU", "ENU to sensor"]
 
@@ -107,7 +118,28 @@ def rotated(q: Array, v: Array, sense: Sense) -> Array:
     return np.asarray(v + w * across + np.cross(u, across))
 
 
-def turning(t: Array, place: Array, attitude: tuple[Array, Array], axis: Array, sense: Sense) -> Turning:
+def attitude_scatter(q: Array) -> float:
+    """Standard deviation of one reading of an attitude about each axis, by differences of high order, rad.
+
+    That of a filtered attitude, and of one with readings that repeat, comes out too small.
+
+    Parameters
+    ----------
+    q : (n, 4) unit quaternions w, x, y, z.
+    """
+    return scatter(np.column_stack([rotated(q, v, "sensor to ENU") for v in np.eye(3)])) / math.sqrt(2.0)
+
+
+def scatter(y: Array) -> float:
+    """Standard deviation of one reading of a series of vectors (n, 3 or more) in each of three directions."""
+    differences = np.diff(y, SCATTER_ORDER, axis=0)
+    usual = float(np.median(np.sum(differences**2, axis=1))) if len(differences) else 0.0
+    return math.sqrt(usual / (math.comb(2 * SCATTER_ORDER, SCATTER_ORDER) * CHI_SQUARE_3))
+
+
+def turning(
+    t: Array, place: Array, attitude: tuple[Array, Array], axis: Array, sense: Sense, noise: Array | float = 0.0
+) -> Turning:
     """Path and gravity along an axis of a body that turns (derivations 7.9).
 
     Parameters
@@ -117,39 +149,158 @@ def turning(t: Array, place: Array, attitude: tuple[Array, Array], axis: Array, 
     attitude : times (m,) s and unit quaternions (m, 4).
     axis : (3,) input axis in axes of the sensor, of length 1.
     sense : what the quaternions turn into what.
+    noise : density of the noise of the attitude about each axis, two-sided, of all or of each of its readings, rad²/Hz.
     """
     stamps, q = attitude
+    grid = stamps[(t[0] <= stamps) & (stamps <= t[-1])]
+    grid = grid if len(grid) > len(t) else t
 
-    def at(v: Array) -> Array:
+    def at(v: Array, instants: Array) -> Array:
         directions = rotated(q, v, sense)
-        if len(stamps) == len(t) and np.array_equal(stamps, t):
+        if np.array_equal(stamps, instants):
             return directions
-        direction = np.column_stack([np.interp(t, stamps, directions[:, i]) for i in range(3)])
+        direction = np.column_stack([np.interp(instants, stamps, directions[:, i]) for i in range(3)])
         return np.asarray(direction / np.linalg.norm(direction, axis=1)[:, None])
 
-    e, body, beside = at(axis), [at(v) for v in np.eye(3)], [at(v) for v in perpendicular(axis)]
-    mean = np.mean(e, axis=0)
-    along_mean = place @ (mean / np.linalg.norm(mean))
-    path, gravity = np.empty(len(t)), STANDARD_GRAVITY * e[:, 2]
-    second = np.empty((len(t), 4, 3))  # derivatives of the place and of the three axes of the body
+    path, bounds, curvatures = np.empty(len(t)), [], []  # second derivatives of path, place and axes of the body
+    along, mean = at(axis, t), np.mean(at(axis, t), axis=0)
+    body = np.column_stack([at(v, grid) for v in np.eye(3)])
     for rows in unbroken(t):
-        turned_path = path_along(t[rows], place[rows], e[rows])
-        series = [(along_mean[rows] - turned_path)[:, None], place[rows], *(direction[rows] for direction in body)]
-        offset, curvature = smoothed(t[rows], np.column_stack(series))
-        path[rows] = turned_path + offset[:, 0]
-        gravity[rows] -= curvature[:, 0]
-        second[rows] = curvature[:, 1:].reshape(-1, 4, 3)
+        if rows.stop - rows.start < 2:  # of no use, like all readings beside which there are none
+            path[rows] = 0.0
+            continue
+        turned_path = path_along(t[rows], place[rows], along[rows])
+        inside = slice(int(np.searchsorted(grid, t[rows][0])), int(np.searchsorted(grid, t[rows][-1], side="right")))
+        apart, at_grid = place[rows] @ (mean / np.linalg.norm(mean)) - turned_path, grid[inside]
+        spline = smooth_spline(t[rows], apart, KNOT_READINGS)
+        path[rows] = turned_path + spline(t[rows])
+        of_place = resolving_spline(t[rows], place[rows])[0]
+        of_body = resolving_spline(at_grid, body[inside])[0]
+        bounds.append(inside)
+        curvatures.append(np.column_stack([spline(at_grid, 2), of_place(at_grid, 2), of_body(at_grid, 2)]))
+    places = np.concatenate([np.arange(len(grid))[inside] for inside in bounds])
+    grid, directions = grid[places], [body[places] @ np.kron(v, np.eye(3)).T for v in (axis, *perpendicular(axis))]
+    curvature = np.concatenate(curvatures)
+    gravity, second = STANDARD_GRAVITY * directions[0][:, 2] - curvature[:, 0], curvature[:, 1:].reshape(-1, 4, 3)
     second[:, 0, 2] += STANDARD_GRAVITY
     columns = []
-    for direction in (e, *beside):
+    for direction in directions:
         columns += [*np.einsum("nk,njk->jn", direction, second), *(STANDARD_GRAVITY * direction[:, :2].T)]
     names = (*OF_DIRECTION, *ACROSS)
     units = ("m/s^2", *("rad/s^2" for _ in LEVERS), *("m/s^2" for _ in LEVELS))
     _, x, y, z, *further = (
-        Channel(name, t, column, unit) for name, column, unit in zip(names, columns, 3 * units, strict=True)
+        Channel(name, grid, column, unit) for name, column, unit in zip(names, columns, 3 * units, strict=True)
     )
-    path_along_mean, pull = Channel("position", t, path, "m"), Channel(GRAVITY, t, gravity, "m/s^2")
-    return Turning(path_along_mean, pull, (x, y, z), tuple(further))
+    path_along_mean, pull = Channel("position", t, path, "m"), Channel(GRAVITY, grid, gravity, "m/s^2")
+    density = np.interp(grid, stamps, np.broadcast_to(noise, stamps.shape))
+    density *= STANDARD_GRAVITY**2 * (1.0 - directions[0][:, 2] ** 2)
+    of_noise = Channel(GRAVITY_NOISE, grid, density, "m^2/s^4/Hz")
+    return Turning(path_along_mean, pull, (x, y, z), (*further, of_noise))
+
+
+SPAN = 1.0
+"""Time over which the turning of a gyroscope is compared with that of a reference, s."""
+LEAST_READINGS = 4
+"""Of the reference from knot to knot of the drift of a gyroscope, at least."""
+SOLUTIONS = 5
+"""Solutions for bias, matrix and delay of a gyroscope, each from the turning by the one before."""
+
+
+@dataclass(frozen=True, slots=True)
+class Strapdown:
+    """An attitude that a gyroscope carries from one reading of a reference to the next."""
+
+    t: Array
+    """Of the gyroscope on the clock of the reference, and of the reference where there is none, (n,) s."""
+    attitude: Rotation
+    """Sensor to ENU, n."""
+    bias: Array
+    """Of the gyroscope, (3,) rad/s."""
+    matrix: Array
+    """What its readings less the bias are multiplied by, (3, 3)."""
+    delay: float
+    """By which the gyroscope is behind the reference, s."""
+    noise: Array
+    """Density of the noise of the attitude about each axis, two-sided, (n,) rad²/Hz."""
+
+
+def carried(reference: tuple[Array, Rotation], gyroscope: tuple[Array, Array], noise: float) -> Strapdown:
+    """The attitude at the samples of a gyroscope, which a reference holds (derivations 7.9).
+
+    Bias, matrix and delay of the gyroscope are those with which it turns over a second as the reference does. What is
+    left of their difference is slow: a spline through it, straight across holes of the reference, corrects it.
+
+    Parameters
+    ----------
+    reference : times (m,) s and attitudes, sensor to ENU.
+    gyroscope : times (n,) s and rates (n, 3), rad/s, without a hole, of which at least two readings of the reference
+        are in reach.
+    noise : standard deviation of one reading of the reference about each axis, rad.
+    """
+    t, rates = gyroscope
+    within_reach = (t[0] <= reference[0]) & (reference[0] <= t[-1])
+    stamps, attitude = reference[0][within_reach], reference[1][within_reach]
+    span = min(len(stamps) - 1, max(1, round(SPAN / float(np.median(np.diff(stamps))))))
+    rotation = scipy.spatial.transform.Rotation  # loaded where a body turns alone
+    h, bias, matrix, delay = np.diff(t)[:, None], np.zeros(3), np.eye(3), 0.0
+    for _ in range(SOLUTIONS):
+        late = stamps + delay
+        begins = np.clip(np.searchsorted(t, late, side="right") - 1, 0, len(t) - 2)
+        share = ((late - t[begins]) / h[begins, 0])[:, None]
+        turns = (rates - bias) @ matrix.T
+        steps = 0.5 * h * (turns[1:] + turns[:-1])
+        strapdown = products(rotation.from_rotvec(steps))
+        turned_by = strapdown[begins] * rotation.from_rotvec(share * steps[begins])
+        turn = turned_by[:-span].inv() * turned_by[span:]
+        rate_at = turns[begins] + share * np.diff(turns, axis=0)[begins]
+        apart = (attitude[:-span].inv() * attitude[span:]).inv() * turn
+        columns = [(rate_at[span:] - turn.inv().apply(rate_at[:-span])).ravel()]
+        for rate in (*(rates - bias).T, np.ones(len(t))):
+            for axis in np.eye(3):
+                moved = strapdown.apply(rate[:, None] * axis)
+                total = np.concatenate([np.zeros((1, 3)), np.cumsum(0.5 * h * (moved[1:] + moved[:-1]), axis=0)])
+                over = total[begins] + share * np.diff(total, axis=0)[begins]
+                columns.append(turned_by[span:].inv().apply(over[span:] - over[:-span]).ravel())
+        later, *of_rates = np.linalg.lstsq(np.column_stack(columns), -apart.as_rotvec().ravel(), rcond=None)[0]
+        change, delay = np.reshape(of_rates, (4, 3)), delay + float(later)
+        matrix = matrix + change[:3].T
+        bias = bias - np.linalg.solve(matrix, change[3])
+    drift = attitude * turned_by.inv()
+    middle = drift[len(drift) // 2]
+    away = (drift * middle.inv()).as_rotvec()
+    step, white = float(np.median(np.diff(stamps))), noise**2 * float(np.median(np.diff(stamps)))
+    walk = scatter(rates) ** 2 * float(np.median(h)) + 1e-3 * white / SPAN**2
+    between = math.sqrt(12.0 * white / walk)  # knots by which noise of the reference is as large as what walks between
+    instants, at_stamps, splines = t - delay, away.copy(), []
+    for rows in (rows for rows in unbroken(stamps) if rows.stop - rows.start > 1):
+        spline = smooth_spline(stamps[rows], away[rows], max(LEAST_READINGS, round(between / step)))
+        at_stamps[rows] = spline(stamps[rows])
+        splines.append((spline, (stamps[rows][0] <= instants) & (instants <= stamps[rows][-1])))
+    correction = np.column_stack([np.interp(instants, stamps, series) for series in at_stamps.T])
+    for spline, inside in splines:
+        correction[inside] = spline(instants[inside])
+    held = rotation.from_rotvec(correction) * middle * strapdown
+    left = np.full(len(t), walk * (between / (2.0 * math.pi)) ** 2)  # of the walk at the frequency of the knots
+    for cut in holes(stamps):  # held at both ends, a walk over T gains T^3/12 in the integral
+        inside = (stamps[cut - 1] < instants) & (instants < stamps[cut])
+        left[inside] += walk * (stamps[cut] - stamps[cut - 1]) ** 2 / 12.0
+    outside = ~within_reach
+    instants = np.concatenate([instants, reference[0][outside]])
+    order = np.argsort(instants, kind="stable")
+    together = rotation.concatenate([held, reference[1][outside]]) if outside.any() else held
+    densities = np.concatenate([left, np.full(np.count_nonzero(outside), white)])
+    return Strapdown(instants[order], together[order], bias, matrix, delay, densities[order])
+
+
+def products(steps: Rotation) -> Rotation:
+    """Products of rotations from the left end up to each, one more than there are, the first by no angle."""
+    rotation = scipy.spatial.transform.Rotation
+    total = rotation.concatenate([rotation.identity(), steps])
+    reach = 1
+    while reach < len(total):
+        total = rotation.concatenate([total[:reach], total[:-reach] * total[reach:]])
+        reach *= 2
+    return total
 
 
 def perpendicular(axis: Array) -> tuple[Array, Array]:
@@ -398,11 +549,12 @@ def left_open(motion: Turning, density: float | None, *, triad: bool) -> list[tu
     density : of the noise of the output, (m/s²)/sqrt(Hz); None = not declared.
     triad : whether the direction of the axis and the tilt of the reference are estimated as well.
     """
-    t, side = motion.path.t, {name: channel.y for name, channel in motion.side.items()}
+    t, side = motion.path.t, {name: np.interp(motion.path.t, c.t, c.y) for name, c in motion.side.items()}
     stretches = [rows for rows in unbroken(t) if rows.stop - rows.start > 1]
     inside = np.concatenate([np.arange(len(t))[rows] for rows in stretches])
     side = {name: y[inside] for name, y in side.items()}
-    a = np.concatenate([smoothed(t[rows], motion.path.y[rows])[1] for rows in stretches]) + side[GRAVITY]
+    splines = [(smooth_spline(t[rows], motion.path.y[rows], KNOT_READINGS), t[rows]) for rows in stretches]
+    a = np.concatenate([spline(at, 2) for spline, at in splines]) + side[GRAVITY]
     jerk = np.concatenate([np.gradient(a[at], t[inside][at]) for at in unbroken(t[inside])])
     columns = {"bias": [np.ones_like(a)], "scale_factor": [a], "time_offset": [jerk]}
     columns |= {name.replace("lever_", "lever_arm."): [side[name]] for name in LEVERS}
@@ -468,15 +620,6 @@ def path_along(t: Array, r: Array, e: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(h * np.cumsum(along))])
 
 
-def smoothed(t: Array, y: Array) -> tuple[Array, Array]:
-    """A spline of degree 5 through series of (n,) or (n, m), a knot every few readings: values and second derivatives,
-    of the same shape."""
-    if len(t) < 2:
-        return y.copy(), np.zeros_like(y)
-    spline = smooth_spline(t, y, KNOT_READINGS)
-    return np.asarray(spline(t)), np.asarray(spline(t, 2))
-
-
 def smooth_spline(t: Array, y: Array, readings: int) -> scipy.interpolate.BSpline:
     """A spline of degree 5 through a series of (n,) with a knot at every so many readings; a lower one where few are.
 
@@ -491,12 +634,12 @@ def smooth_spline(t: Array, y: Array, readings: int) -> scipy.interpolate.BSplin
     return scipy.interpolate.make_lsq_spline(t, y, knots, k=degree, method="norm-eq")  # in linear time
 
 
-SPACINGS = (4, 8, 16, 32, 64)
+SPACINGS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
 """Readings from knot to knot of the splines tried for an angle; the widest whose rest is no larger is taken."""
 
 
 def resolving_spline(t: Array, y: Array) -> tuple[scipy.interpolate.BSpline, Array]:
-    """The smoothest spline that holds the motion of a series, and what it leaves of the motion, (n,).
+    """The smoothest spline that holds the motion of a series, and what it leaves of the motion, (n,) or (n, m).
 
     A wider spacing of the knots is taken as long as the variance of the rest stays within four standard deviations of
     that of the narrowest. Then the rest is noise, and 0 is returned in its place; of motion that even the narrowest
@@ -505,15 +648,15 @@ def resolving_spline(t: Array, y: Array) -> tuple[scipy.interpolate.BSpline, Arr
     Parameters
     ----------
     t : (n,) rising; at least 2.
-    y : (n,).
+    y : (n,) or (n, m), m of one scale.
     """
     best = smooth_spline(t, y, SPACINGS[0])
     motion = y - best(t)
-    least = float(motion @ motion) / max(1, len(t) - len(best.c))
+    least = float(np.sum(motion**2)) / max(1, len(t) - len(best.c))
     for readings in SPACINGS[1:]:
         spline = smooth_spline(t, y, readings)
         rest = y - spline(t)
-        if float(rest @ rest) > (1.0 + 4.0 * np.sqrt(2.0 / len(t))) * least * max(1, len(t) - len(spline.c)):
+        if float(np.sum(rest**2)) > (1.0 + 4.0 * np.sqrt(2.0 / y.size)) * least * max(1, len(t) - len(spline.c)):
             break
         best, motion = spline, np.zeros_like(y)
     return best, motion

@@ -16,6 +16,7 @@ from accelcal.data import (
     ANGULAR_ACCELERATION,
     DERIVED,
     GRAVITY,
+    GRAVITY_NOISE,
     LEVERS,
     POSITION_ORDER,
     RATES,
@@ -304,7 +305,9 @@ class RunSamples:
     @cached_property
     def extra_q(self) -> Array:
         """Density of process noise over the interval before each reading beyond that of the record, (m/s²)²/Hz."""
-        return extra_density(self.t, self.accel, self.accel_step, self.jumps, self.filled)
+        extra = extra_density(self.t, self.accel, self.accel_step, self.jumps, self.filled)
+        of_attitude = self.recording.side.get(GRAVITY_NOISE)
+        return extra if of_attitude is None else extra + np.interp(self.t, of_attitude.t, of_attitude.y)
 
     @cached_property
     def filters(self) -> ChannelFilters:

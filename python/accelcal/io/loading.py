@@ -14,6 +14,7 @@ from shlex import quote
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from accelcal._support.arguments import checked
@@ -21,6 +22,7 @@ from accelcal.data import (
     ANGLE,
     DERIVED,
     GRAVITY,
+    GRAVITY_NOISE,
     GYROSCOPE,
     LEVERS,
     OUTPUTS,
@@ -46,6 +48,9 @@ from accelcal.data.orientation import (
     FASTEST_TURN,
     HOLE,
     QUATERNION_TOLERANCE,
+    attitude_scatter,
+    carried,
+    holes,
     left_open,
     on_arm,
     rotated,
@@ -180,6 +185,13 @@ def _of_attitude(
     stamps, q = together([channels.pop(name) for name in ATTITUDE])
     _require_unit_length(file, stamps, q, columns)
     q = q / np.linalg.norm(q, axis=1)[:, None]
+    noise: Array | float = declared.attitude.noise or attitude_scatter(q)
+    sense, held = declared.attitude.maps, list[Finding]()
+    if all(name in channels for name in GYROSCOPE):
+        stamps, q, noise, held = _between_readings(file, channels, declared, (stamps, q, float(noise)))
+        sense = "sensor to ENU"
+    else:
+        noise = float(noise) ** 2 * float(np.median(np.diff(stamps)))
     t, r = together(place)
     near = np.abs(t - stamps[np.clip(np.searchsorted(stamps, t), 1, len(stamps) - 1)])
     near = np.minimum(near, np.abs(t - stamps[np.clip(np.searchsorted(stamps, t) - 1, 0, len(stamps) - 1)]))
@@ -190,7 +202,7 @@ def _of_attitude(
             "Check the time columns of both"
         )
     axis = np.array(declared.input_axis)
-    directions = turning(t[near], r[near], (stamps, q), axis, declared.attitude.maps)
+    directions = turning(t[near], r[near], (stamps, q), axis, sense, noise)
     position, findings = quality.clean(
         quality.Samples(file, "position", directions.path.t, directions.path.y, "m", lambda i: f"reading {i}"),
         declared.rig,
@@ -203,7 +215,13 @@ def _of_attitude(
         f"path along that mean direction, and {GRAVITY} what the acceleration along the turning axis exceeds that of "
         f"the path by, gravity included: {np.min(level):.3g} to {np.max(level):.3g} m/s^2"
     )
-    findings.append(Finding("turning", "position", len(q), float(t[0]), text))
+    findings += [Finding("turning", "position", len(q), float(t[0]), text), *held]
+    most = math.sqrt(2.0 * float(np.max(directions.side[GRAVITY_NOISE].y)))
+    text = (
+        f"noise of the attitude makes gravity along the axis uncertain by up to {most:.2g} (m/s^2)/sqrt(Hz), which is "
+        "in the model beside the noise of the output"
+    )
+    findings.append(Finding("attitude_noise", "position", len(q), float(t[0]), text))
     ties = left_open(directions, rig.sensor.noise, triad=bool(declared.axis))
     findings += [Finding("tie", name, 1, float(t[0]), text) for name, text in ties]
     return {**channels, "position": position, **directions.side}, rig, findings
@@ -315,10 +333,8 @@ def _in_words(name: str) -> str:
     return name if name in PLACE else f"the attitude ({name.removeprefix('attitude.')})"
 
 
-def _of_gyroscope(
-    file: str, channels: dict[str, Channel], declared: Sidecar
-) -> tuple[dict[str, Channel], Rig, list[Finding]]:
-    assert declared.input_axis is not None
+def _rates(file: str, channels: dict[str, Channel], declared: Sidecar) -> tuple[Array, Array]:
+    """Times (n,) s and rates (n, 3) rad/s of the gyroscope, which is no channel any more."""
     for name in GYROSCOPE:
         if name not in channels or channels[name].unit != "rad/s":
             what = "every cell is empty" if name not in channels else f"its unit is {channels[name].unit}"
@@ -326,7 +342,51 @@ def _of_gyroscope(
                 f'{file}: column "{declared.channels[name].column}", {name}: {what}; expected an angular rate, '
                 'right-handed about the same axes as input_axis: unit = "rad/s"'
             )
-    t, rates = together([channels.pop(name) for name in GYROSCOPE])
+    return together([channels.pop(name) for name in GYROSCOPE])
+
+
+def _between_readings(
+    file: str, channels: dict[str, Channel], declared: Sidecar, reference: tuple[Array, Array, float]
+) -> tuple[Array, Array, Array, list[Finding]]:
+    """Times, quaternions from sensor to ENU and noise of an attitude that a gyroscope carries between its readings, and
+    what to say; `reference` has times, quaternions and the standard deviation of a reading."""
+    assert declared.attitude is not None
+    stamps, q, scatter = reference
+    t, rates = _rates(file, channels, declared)
+    if len(cuts := holes(t)):
+        raise RecordingError(
+            f"{file}: {', '.join(GYROSCOPE)}: {len(cuts)} holes, the first from t = {t[cuts[0] - 1]:.6g} s to "
+            f"{t[cuts[0]]:.6g} s; expected rates without a hole. Load a part without one (--from, --to), or leave "
+            "them out"
+        )
+    if np.count_nonzero((t[0] <= stamps) & (stamps <= t[-1])) < LEAST_ATTITUDES:
+        raise RecordingError(
+            f"{file}: fewer than {LEAST_ATTITUDES} readings of the attitude lie between t = {t[0]:.6g} s and "
+            f"{t[-1]:.6g} s, where {', '.join(GYROSCOPE)} were recorded; check the clocks of both, or leave these out"
+        )
+    attitude = scipy.spatial.transform.Rotation.from_quat(q, scalar_first=True)
+    body = carried(
+        (stamps, attitude if declared.attitude.maps == "sensor to ENU" else attitude.inv()), (t, rates), scatter
+    )
+    bias = ", ".join(f"{math.degrees(b):.2g}" for b in body.bias)
+    text = (
+        f"a gyroscope carries the attitude between its readings: bias {bias} deg/s, matrix up to "
+        f"{np.max(np.abs(body.matrix - np.eye(3))):.2g} from unity, {units.in_usual_unit(body.delay, 's')} behind the "
+        f"attitude, which scatters by {units.in_usual_unit(scatter, 'rad', 2)} without it"
+    )
+    finding = Finding("carried", "gyroscope", len(t), float(t[0]), text)
+    return body.t, body.attitude.as_quat(scalar_first=True), body.noise, [finding]
+
+
+LEAST_ATTITUDES = 32
+"""Fewer readings of an attitude determine no bias and matrix of a gyroscope."""
+
+
+def _of_gyroscope(
+    file: str, channels: dict[str, Channel], declared: Sidecar
+) -> tuple[dict[str, Channel], Rig, list[Finding]]:
+    assert declared.input_axis is not None
+    t, rates = _rates(file, channels, declared)
     first, second = turned(t, rates, np.array(declared.input_axis))
     reach = [math.degrees(float(np.ptp(angle.y))) for angle in (first, second)]
     text = (

@@ -93,6 +93,8 @@ class Attitude:
     maps: Sense
     time: Clock | None = None
     """None = the common time column."""
+    noise: float | None = None
+    """Standard deviation of one reading about each axis, rad; None = by its scatter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -443,6 +445,7 @@ _ATTITUDE: dict[str, _Check] = {
     "columns": _four_columns,
     "maps": _one_of("sensor to ENU", "ENU to sensor"),
     "time": _clock,
+    "noise": _amount("angle", "positive"),
 }
 
 
