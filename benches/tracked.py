@@ -22,7 +22,7 @@ from scipy.signal import csd, welch
 
 from accelcal import io, verbs
 from accelcal.data import GRAVITY, Recording
-from accelcal.data.orientation import smoothed, unbroken
+from accelcal.data.orientation import KNOT_READINGS, smooth_spline, unbroken
 
 SIDECAR = """\
 [channels]
@@ -46,7 +46,7 @@ def bound(recording: Recording) -> float:
     """Error below the band that no linear filter of the acceleration of the reference removes, m/s²."""
     rows = max(unbroken(recording.position.t), key=lambda rows: rows.stop - rows.start)
     t = recording.position.t[rows]
-    a = smoothed(t, recording.position.y[rows])[1] + recording.side[GRAVITY].y[rows]
+    a = smooth_spline(t, recording.position.y[rows], KNOT_READINGS)(t, 2) + recording.side[GRAVITY].y[rows]
     even = np.arange(t[0], t[-1], float(np.median(np.diff(t))))
     x, y = np.interp(even, t, a), np.interp(even, recording.accel.t, recording.accel.y)
     settings = {"fs": 1.0 / (even[1] - even[0]), "nperseg": 2048}
