@@ -17,6 +17,7 @@ from accelcal.data.orientation import GRAVITY, WOBBLE, on_arm, unwrapped
 from accelcal.data.quality import describe, summarise
 from accelcal.data.recording import Origin
 from accelcal.diagnosis.faults import examine
+from accelcal.estimation import estimate
 from accelcal.estimation.estimate import complete, far_zeros
 from accelcal.signals import processing
 
@@ -129,6 +130,26 @@ def test_nothing_is_named_on_an_arm_and_an_eccentric_disk_is(tmp_path: Path) -> 
     recording = record(replace(rig, eccentricity=1e-3), tmp_path, "disk")
     diagnosis = ac.diagnose(ac.fit(recording), recording)
     assert "angle_eccentricity" in diagnosis.sentence, diagnosis.sentence
+
+
+@pytest.mark.parametrize("banded", [False, True])
+def test_an_encoder_better_than_the_output_keeps_its_band_where_an_effect_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, banded: bool
+) -> None:
+    """Of d = 20 over white noise two thirds are left at least; the probability of less is below 1e-10.
+
+    The twin is the same record, its fit in the band that its coloured innovations ask for.
+    """
+    if banded:
+        monkeypatch.setattr(estimate, "needs_band", lambda state: state.coloured)
+    rig = Rigged(motion="turns", axle="vertical", delay=0.0, eccentricity=4.7e-4, keys={"arm_std": '"0.2 mm"'}, seed=13)
+    recording = record(rig, tmp_path)
+    fit = ac.fit(recording)
+    assert (fit.runs[0].noise.band is not None) == banded
+    diagnosis = ac.diagnose(fit, recording)
+    d = max(candidate.snr for candidate in diagnosis.scan.candidates if candidate.effect == "angle_eccentricity")
+    print(d, diagnosis.sentence)
+    assert (d > 20.0 * 2.0 / 3.0) != banded
 
 
 def turned_about(vector: np.ndarray) -> np.ndarray:

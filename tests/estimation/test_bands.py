@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from zlib import crc32
 
 import numpy as np
 import pytest
 
 import accelcal as ac
+from accelcal.data import POSITION_ORDER
 from accelcal.data.recording import Channel, Recording
 from accelcal.estimation import gauss_newton
-from accelcal.estimation.bands import BandTrial, best_band, change_with_band
+from accelcal.estimation.bands import BandTrial, best_band, change_with_band, needs_band
 from accelcal.estimation.estimate import estimate
 from accelcal.model import Model
 from papers.stakkeland2007.rig import shaken
@@ -28,6 +30,18 @@ def test_a_band_needs_signal_and_periods() -> None:
     assert best_band([trial(1.0, half=0.02), trial(2.0, half=0.1)]) == 1.0
     assert best_band([trial(1.0, signal=10.0), trial(2.0, half=0.015)]) == 2.0  # few blocks do not tell them apart
     assert best_band([]) is None
+
+
+def test_coloured_innovations_ask_for_a_band_unless_the_reading_is_better_than_the_output_at_every_frequency() -> None:
+    def state(every: int, crossover: float = 100.0, coloured: bool = True, beyond: bool = False) -> SimpleNamespace:
+        run = SimpleNamespace(order=POSITION_ORDER, every=every, t=np.array([0.0, 30.0]), crossover=lambda _: crossover)
+        return SimpleNamespace(run=run, noise=None, coloured=coloured or beyond, beyond_output=beyond)
+
+    assert needs_band(state(1))  # type: ignore[arg-type]
+    assert not needs_band(state(8))  # type: ignore[arg-type]
+    assert not needs_band(state(1, coloured=False))  # type: ignore[arg-type]
+    assert needs_band(state(8, crossover=1.0))  # type: ignore[arg-type]
+    assert needs_band(state(8, beyond=True))  # type: ignore[arg-type]
 
 
 def test_an_answer_that_changes_with_the_band_is_said() -> None:

@@ -39,13 +39,18 @@ def needs_band(state: RunState) -> bool:
     """Whether the crossover of the likelihood misleads: innovations are not white, or, of readings that were thinned
     because they are better than the output at every frequency, the likelihood leaves too few periods to judge.
 
-    The noise of a reference that is no position is that of the weak form, whose spectrum is measured.
+    Thinned readings determine the motion up to the highest frequency in it, and rows are whitened by the spectrum of
+    what the model leaves. A band would take faster motion from the output, with the effect that the model lacks in it,
+    and leave few rows to show that effect. The noise of a reference that is no position is that of the weak form, whose
+    spectrum is measured.
     """
     run = state.run
     if run.order != POSITION_ORDER:
         return False
+    if run.every == 1:
+        return state.coloured
     few = run.crossover(state.noise) * float(run.t[-1] - run.t[0]) < JUDGED_PERIODS
-    return state.coloured or (run.every > 1 and few)
+    return few or state.beyond_output
 
 
 def trial_bands(model: Model, state: RunState) -> tuple[BandTrial, ...]:
