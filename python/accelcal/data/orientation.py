@@ -76,6 +76,8 @@ class Turning:
     levers: tuple[Channel, Channel, Channel]
     further: tuple[Channel, ...] = ()
     """What errors of the mounting and of the reference do along the axis."""
+    force: Array | None = None
+    """Specific force along the axis of a tracked body, (n,) m/s²; None on an arm."""
 
     @property
     def side(self) -> dict[str, Channel]:
@@ -124,10 +126,10 @@ def turning(t: Array, place: Array, attitude: tuple[Array, Array], axis: Array, 
         directions = rotated(q, v, sense)
         if len(stamps) == len(t) and np.array_equal(stamps, t):
             return directions
-        direction = np.column_stack([np.interp(t, stamps, directions[:, i]) for i in range(3)])
-        return np.asarray(direction / np.linalg.norm(direction, axis=1)[:, None])
+        return np.asarray(scipy.interpolate.CubicSpline(stamps, directions)(t))
 
-    e, body, beside = at(axis), [at(v) for v in np.eye(3)], [at(v) for v in perpendicular(axis)]
+    body = [at(v) for v in np.eye(3)]
+    e, *beside = (np.tensordot(v, body, axes=1) for v in (axis, *perpendicular(axis)))
     mean = np.mean(e, axis=0)
     along_mean = place @ (mean / np.linalg.norm(mean))
     path, gravity = np.empty(len(t)), STANDARD_GRAVITY * e[:, 2]
@@ -149,15 +151,21 @@ def turning(t: Array, place: Array, attitude: tuple[Array, Array], axis: Array, 
         Channel(name, t, column, unit) for name, column, unit in zip(names, columns, 3 * units, strict=True)
     )
     path_along_mean, pull = Channel("position", t, path, "m"), Channel(GRAVITY, t, gravity, "m/s^2")
-    return Turning(path_along_mean, pull, (x, y, z), tuple(further))
+    return Turning(path_along_mean, pull, (x, y, z), tuple(further), columns[0])
 
 
 def perpendicular(axis: Array) -> tuple[Array, Array]:
-    """Two directions across an axis, (3,) each, with which it is a right-handed triad: y and z of x, z and x of y."""
+    """Two directions across an axis, (3,) each, with which it is a right-handed triad: y and z of x, z and x of y.
+
+    Examples
+    --------
+    >>> [direction.tolist() for direction in perpendicular(np.array([1.0, 0.0, 0.0]))]
+    [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    """
     first = np.roll(np.eye(3)[int(np.argmax(np.abs(axis)))], 1)
     first = first - (first @ axis) * axis
     first = first / np.linalg.norm(first)
-    return first, np.cross(axis, first)
+    return first, np.cross(axis, first) + 0.0
 
 
 def on_arm(t: Array, angle: Array, arm: float, axle: float, axis: Array) -> Turning:
@@ -317,6 +325,27 @@ def within(t: Array) -> NDArray[np.bool_]:
     return inside
 
 
+LEAP = 0.05
+"""Step from one reading to the next up to which an orientation may simply move, rad."""
+
+
+def leaps(t: Array, steps: Array) -> NDArray[np.intp]:
+    """Indices of the readings behind a step, in either sense, that is far beyond those two before and behind it.
+
+    What moves speeds up before it is fast; where one reading is wrong, two steps in a row are.
+
+    Parameters
+    ----------
+    t : (n,) s, rising; n at least 2. Steps across a hole are none.
+    steps : (n - 1,) rad.
+    """
+    size = np.where(within(t), np.abs(steps) / np.diff(t), 0.0) * float(np.median(np.diff(t)))
+    beside = np.pad(size, 2, mode="edge")
+    noise = 12.0 * float(np.median(np.abs(np.diff(size, prepend=0.0))))
+    count = 3.0 * float(np.min(size, where=size > 0.0, initial=np.inf))
+    return np.flatnonzero(size > LEAP + noise + count + 4.0 * np.maximum(beside[:-4], beside[4:])) + 1
+
+
 TURNS_THAT_TELL = {
     "scale_factor": "turn the arm about a level axle, where gravity along it is known",
     "bias": "turn farther, at best whole turns, and at several rates, or declare [uncertainty] level",
@@ -394,7 +423,7 @@ def left_open(motion: Turning, density: float | None, *, triad: bool) -> list[tu
 
     Parameters
     ----------
-    motion : what place and attitude say of the axis.
+    motion : what place and attitude say of the axis, with its force.
     density : of the noise of the output, (m/s²)/sqrt(Hz); None = not declared.
     triad : whether the direction of the axis and the tilt of the reference are estimated as well.
     """
@@ -402,7 +431,8 @@ def left_open(motion: Turning, density: float | None, *, triad: bool) -> list[tu
     stretches = [rows for rows in unbroken(t) if rows.stop - rows.start > 1]
     inside = np.concatenate([np.arange(len(t))[rows] for rows in stretches])
     side = {name: y[inside] for name, y in side.items()}
-    a = np.concatenate([smoothed(t[rows], motion.path.y[rows])[1] for rows in stretches]) + side[GRAVITY]
+    assert motion.force is not None
+    a = motion.force[inside]
     jerk = np.concatenate([np.gradient(a[at], t[inside][at]) for at in unbroken(t[inside])])
     columns = {"bias": [np.ones_like(a)], "scale_factor": [a], "time_offset": [jerk]}
     columns |= {name.replace("lever_", "lever_arm."): [side[name]] for name in LEVERS}
@@ -531,20 +561,6 @@ def holes(t: Array) -> list[int]:
     return [] if len(spacing) < 2 else [int(k) + 1 for k in np.flatnonzero(spacing > HOLE * np.median(spacing))]
 
 
-def across(axis: Array) -> tuple[Array, Array]:
-    """Two directions across an axis that make a right-handed set with it, (3,) each.
-
-    Examples
-    --------
-    >>> [direction.tolist() for direction in across(np.array([1.0, 0.0, 0.0]))]
-    [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-    """
-    start = np.eye(3)[(int(np.argmax(np.abs(axis))) + 1) % 3]
-    first = start - (start @ axis) * axis
-    first = first / np.linalg.norm(first)
-    return first, np.cross(axis, first) + 0.0
-
-
 def turned(t: Array, rates: Array, axis: Array) -> tuple[Channel, Channel]:
     """Angles about the two directions across an axis, integrated from a gyroscope, (n,) rad each.
 
@@ -556,7 +572,7 @@ def turned(t: Array, rates: Array, axis: Array) -> tuple[Channel, Channel]:
     """
     h = np.diff(t)
     turns = []
-    for name, direction in zip(TURNED, across(axis), strict=True):
+    for name, direction in zip(TURNED, perpendicular(axis), strict=True):
         rate = rates @ direction
         angle = np.concatenate([[0.0], np.cumsum(0.5 * h * (rate[1:] + rate[:-1]))])
         turns.append(Channel(name, t, angle, "rad"))

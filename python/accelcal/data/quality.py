@@ -215,10 +215,10 @@ def _require_plausible(samples: Samples) -> None:
         bad = np.abs(values) > most
         if bad.any():
             i = int(np.argmax(bad))
-            unit = "s" if what else samples.unit
+            unit = " s" if what else f" {samples.unit}".removesuffix(" 1")
             raise RecordingError(
-                f"{samples.file}: {what}{samples.name}: {values[i]:.6g} {unit} at {samples.row(i)}, expected at most "
-                f"{most:g} {unit}. Check the unit of the column, or leave the cell empty."
+                f"{samples.file}: {what}{samples.name}: {values[i]:.6g}{unit} at {samples.row(i)}, expected at most "
+                f"{most:g}{unit}. Check the unit of the column, or leave the cell empty."
             )
 
 

@@ -14,6 +14,9 @@ from accelcal._support.errors import OBEYED_IN_NAMES, visible
 from accelcal.data import (
     ACCELERATION,
     ANGLE,
+    GYROSCOPE,
+    OUTPUTS,
+    PLACE,
     QUATERNION,
     VELOCITY,
     Array,
@@ -335,7 +338,12 @@ def _wrong_column(table: Table, channel: str, column: str, sidecar: Path) -> str
     )
 
 
-USUAL_UNIT = {"time": "s", "accel": "m/s^2", "position": "m", "temperature": "degC"}
+USUAL_UNIT = {
+    **{"time": "s", "accel": "m/s^2", "position": "m", "temperature": "degC", ANGLE: "deg"},
+    **dict.fromkeys(OUTPUTS.values(), "m/s^2"),
+    **dict.fromkeys(PLACE, "m"),
+    **dict.fromkeys(GYROSCOPE, "rad/s"),
+}
 """The unit that a message proposes."""
 
 
