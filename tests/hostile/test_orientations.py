@@ -28,7 +28,7 @@ REFUSED = "not one axis of one body|as good as zero beside|acceleration was not 
 """Refusals of an answer that no sensor gives."""
 NEXT = (
     "expected|send|[Cc]heck|[Gg]ive|[Ww]rite|[Cc]orrect|[Dd]rop|[Rr]ecord|[Aa]dd|[Cc]omplete|[Ll]eave|[Mm]ap|[Ll]ook|"
-    "[Oo]pen"
+    "[Oo]pen|each as"
 )
 """Words of a next step."""
 LONGEST = 1500

@@ -175,7 +175,7 @@ def require_few_holes(recording: Recording, seconds: float, step: float) -> None
 
 def _too_few(file: str, name: str, count: int) -> str:
     count_text = "1 sample" if count else "no sample"
-    return f"{file}: {name}: {count_text}; at least 2 are needed to have a rate."
+    return f"{file}: {name}: {count_text}; at least 2 are needed to have a rate; record longer, or give its column."
 
 
 def require_overlap(file: str, accel: Channel, position: Channel) -> None:
