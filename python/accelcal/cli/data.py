@@ -82,20 +82,20 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
 
     Example: [bold]accelcal check run12.csv[/bold]
     """
-    from accelcal.cli.models import load_runs
-
     with progress("check") as report:
-        recordings = load_runs([run], rig) if io.declares_axes(run, rig) else [io.load(run, rig)]
-        contents = []
+        recordings, contents = io.load_declared(run, rig), {}
         for number, recording in enumerate(recordings):
-            assert isinstance(recording, data.Recording)
-            contents.append(checked_recording(recording, json=json))
+            if isinstance(recording, data.Dwells):
+                deliver(recording, printing.show, None, json)
+                continue
+            contents[recording.axis] = checked_recording(recording, json=json)
             report((number + 0.9) / len(recordings))
     if json:
-        by_axis = {recording.axis: content for recording, (content, _) in zip(recordings, contents, strict=True)}  # type: ignore[union-attr]
-        print_json(contents[0][0] if len(contents) == 1 else by_axis)
+        by_axis = {axis: content for axis, (content, _) in contents.items()}
+        if by_axis:
+            print_json(by_axis.get("", by_axis))
         return
-    for _, lines in contents:
+    for _, lines in contents.values():
         for text in lines:
             say_line(text)
     suggest("fit", run, "-o", f"{run.stem}.json")

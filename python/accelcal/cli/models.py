@@ -279,15 +279,7 @@ def load_runs(
 ) -> list[data.Recording | data.Dwells]:
     """Read recordings, all outputs where there are three, or dwells where file or sidecar says so; `single`
     reads a recording of one output."""
-    recordings: list[data.Recording | data.Dwells] = []
-    for path in paths:
-        if io.declares_axes(path, rig):
-            recordings += io.load_axes(path, rig)
-        elif io.declares_dwells(path, rig):
-            recordings.append(io.load_dwells(path, rig))
-        else:
-            recordings.append(io.load(path, rig) if single is None else single(path))
-    return recordings
+    return [run for path in paths for run in io.load_declared(path, rig, single)]
 
 
 def load_all(fitted: Fit, paths: Sequence[Path], rig: Path | None) -> list[data.Recording | data.Dwells]:

@@ -87,6 +87,8 @@ class Turning:
     levers: tuple[Channel, Channel, Channel]
     further: tuple[Channel, ...] = ()
     """What errors of the mounting and of the reference do along the axis."""
+    force: Array | None = None
+    """Specific force along the axis of a tracked body, (n,) m/s²; None on an arm."""
 
     @property
     def side(self) -> dict[str, Channel]:
@@ -159,8 +161,7 @@ def turning(
         directions = rotated(q, v, sense)
         if np.array_equal(stamps, instants):
             return directions
-        direction = np.column_stack([np.interp(instants, stamps, directions[:, i]) for i in range(3)])
-        return np.asarray(direction / np.linalg.norm(direction, axis=1)[:, None])
+        return np.asarray(scipy.interpolate.CubicSpline(stamps, directions)(instants))
 
     path, bounds, curvatures = np.empty(len(t)), [], []  # second derivatives of path, place and axes of the body
     along, mean = at(axis, t), np.mean(at(axis, t), axis=0)
@@ -195,7 +196,8 @@ def turning(
     density = np.interp(grid, stamps, np.broadcast_to(noise, stamps.shape))
     density *= STANDARD_GRAVITY**2 * (1.0 - directions[0][:, 2] ** 2)
     of_noise = Channel(GRAVITY_NOISE, grid, density, "m^2/s^4/Hz")
-    return Turning(path_along_mean, pull, (x, y, z), (*further, of_noise))
+    force = np.interp(t, grid, columns[0])
+    return Turning(path_along_mean, pull, (x, y, z), (*further, of_noise), force)
 
 
 SPAN = 1.0
@@ -304,11 +306,17 @@ def products(steps: Rotation) -> Rotation:
 
 
 def perpendicular(axis: Array) -> tuple[Array, Array]:
-    """Two directions across an axis, (3,) each, with which it is a right-handed triad: y and z of x, z and x of y."""
+    """Two directions across an axis, (3,) each, with which it is a right-handed triad: y and z of x, z and x of y.
+
+    Examples
+    --------
+    >>> [direction.tolist() for direction in perpendicular(np.array([1.0, 0.0, 0.0]))]
+    [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    """
     first = np.roll(np.eye(3)[int(np.argmax(np.abs(axis)))], 1)
     first = first - (first @ axis) * axis
     first = first / np.linalg.norm(first)
-    return first, np.cross(axis, first)
+    return first, np.cross(axis, first) + 0.0
 
 
 def on_arm(t: Array, angle: Array, arm: float, axle: float, axis: Array) -> Turning:
@@ -468,6 +476,27 @@ def within(t: Array) -> NDArray[np.bool_]:
     return inside
 
 
+LEAP = 0.05
+"""Step from one reading to the next up to which an orientation may simply move, rad."""
+
+
+def leaps(t: Array, steps: Array) -> NDArray[np.intp]:
+    """Indices of the readings behind a step, in either sense, that is far beyond those two before and behind it.
+
+    What moves speeds up before it is fast; where one reading is wrong, two steps in a row are.
+
+    Parameters
+    ----------
+    t : (n,) s, rising; n at least 2. Steps across a hole are none.
+    steps : (n - 1,) rad.
+    """
+    size = np.where(within(t), np.abs(steps) / np.diff(t), 0.0) * float(np.median(np.diff(t)))
+    beside = np.pad(size, 2, mode="edge")
+    noise = 12.0 * float(np.median(np.abs(np.diff(size, prepend=0.0))))
+    count = 3.0 * float(np.min(size, where=size > 0.0, initial=np.inf))
+    return np.flatnonzero(size > LEAP + noise + count + 4.0 * np.maximum(beside[:-4], beside[4:])) + 1
+
+
 TURNS_THAT_TELL = {
     "scale_factor": "turn the arm about a level axle, where gravity along it is known",
     "bias": "turn farther, at best whole turns, and at several rates, or declare [uncertainty] level",
@@ -545,7 +574,7 @@ def left_open(motion: Turning, density: float | None, *, triad: bool) -> list[tu
 
     Parameters
     ----------
-    motion : what place and attitude say of the axis.
+    motion : what place and attitude say of the axis, with its force.
     density : of the noise of the output, (m/s²)/sqrt(Hz); None = not declared.
     triad : whether the direction of the axis and the tilt of the reference are estimated as well.
     """
@@ -553,8 +582,8 @@ def left_open(motion: Turning, density: float | None, *, triad: bool) -> list[tu
     stretches = [rows for rows in unbroken(t) if rows.stop - rows.start > 1]
     inside = np.concatenate([np.arange(len(t))[rows] for rows in stretches])
     side = {name: y[inside] for name, y in side.items()}
-    splines = [(smooth_spline(t[rows], motion.path.y[rows], KNOT_READINGS), t[rows]) for rows in stretches]
-    a = np.concatenate([spline(at, 2) for spline, at in splines]) + side[GRAVITY]
+    assert motion.force is not None
+    a = motion.force[inside]
     jerk = np.concatenate([np.gradient(a[at], t[inside][at]) for at in unbroken(t[inside])])
     columns = {"bias": [np.ones_like(a)], "scale_factor": [a], "time_offset": [jerk]}
     columns |= {name.replace("lever_", "lever_arm."): [side[name]] for name in LEVERS}
@@ -674,20 +703,6 @@ def holes(t: Array) -> list[int]:
     return [] if len(spacing) < 2 else [int(k) + 1 for k in np.flatnonzero(spacing > HOLE * np.median(spacing))]
 
 
-def across(axis: Array) -> tuple[Array, Array]:
-    """Two directions across an axis that make a right-handed set with it, (3,) each.
-
-    Examples
-    --------
-    >>> [direction.tolist() for direction in across(np.array([1.0, 0.0, 0.0]))]
-    [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-    """
-    start = np.eye(3)[(int(np.argmax(np.abs(axis))) + 1) % 3]
-    first = start - (start @ axis) * axis
-    first = first / np.linalg.norm(first)
-    return first, np.cross(axis, first) + 0.0
-
-
 def turned(t: Array, rates: Array, axis: Array) -> tuple[Channel, Channel]:
     """Angles about the two directions across an axis, integrated from a gyroscope, (n,) rad each.
 
@@ -699,7 +714,7 @@ def turned(t: Array, rates: Array, axis: Array) -> tuple[Channel, Channel]:
     """
     h = np.diff(t)
     turns = []
-    for name, direction in zip(TURNED, across(axis), strict=True):
+    for name, direction in zip(TURNED, perpendicular(axis), strict=True):
         rate = rates @ direction
         angle = np.concatenate([[0.0], np.cumsum(0.5 * h * (rate[1:] + rate[:-1]))])
         turns.append(Channel(name, t, angle, "rad"))

@@ -175,7 +175,7 @@ def require_few_holes(recording: Recording, seconds: float, step: float) -> None
 
 def _too_few(file: str, name: str, count: int) -> str:
     count_text = "1 sample" if count else "no sample"
-    return f"{file}: {name}: {count_text}; at least 2 are needed to have a rate."
+    return f"{file}: {name}: {count_text}; at least 2 are needed to have a rate; record longer, or give its column."
 
 
 def require_overlap(file: str, accel: Channel, position: Channel) -> None:
@@ -215,10 +215,10 @@ def _require_plausible(samples: Samples) -> None:
         bad = np.abs(values) > most
         if bad.any():
             i = int(np.argmax(bad))
-            unit = "s" if what else samples.unit
+            unit = " s" if what else f" {samples.unit}".removesuffix(" 1")
             raise RecordingError(
-                f"{samples.file}: {what}{samples.name}: {values[i]:.6g} {unit} at {samples.row(i)}, expected at most "
-                f"{most:g} {unit}. Check the unit of the column, or leave the cell empty."
+                f"{samples.file}: {what}{samples.name}: {values[i]:.6g}{unit} at {samples.row(i)}, expected at most "
+                f"{most:g}{unit}. Check the unit of the column, or leave the cell empty."
             )
 
 

@@ -13,6 +13,7 @@ from accelcal.effects import find
 from accelcal.estimation.dwell_rows import Nuisances, acts_at_rest, dwell_rows, remainder, shown, stepped, with_scatter
 from accelcal.estimation.gauss_newton import Layout, NotIdentifiable, Output, solve
 from accelcal.estimation.noise import REMARKED_BEYOND
+from accelcal.estimation.plausible import plausible
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run_to_run import REMARK_ALPHA
 from accelcal.estimation.values import Values
@@ -132,15 +133,35 @@ def solve_dwells(model: Model, dwells: Dwells, origins: Origins) -> DwellSolutio
     nuisances = stepped(dwells, values, origins, nuisances)
     last = dwell_rows(dwells, model.free, values, origins, nuisances)
     squares, _ = remainder(last)
+    names = [term.name for term in model.free]
+    k = names.index("scale_factor") if "scale_factor" in names else None
+    std = 0.0 if k is None else math.sqrt(covariance[k, k])
+    if std > MOST_UNCERTAIN * max(1.0, abs(values.scale)) or abs(values.scale) < LEAST_SCALE:
+        raise NotIdentifiable(
+            f"{dwells.name or 'dwells'}: 1 + k = {values.scale:.3g} with a standard deviation of {std:.2g}: the means "
+            f"do not follow gravity along the axis; {MISTAKEN}"
+        )
+    result = seen_in(dwells, model, values, origins, nuisances)
+    if not plausible(values.scale / (dwells.rig.ratio or 1.0)):
+        wrong = remark("implausible_scale", scale=values.scale, cause=f"{dwells.name or 'dwells'}: {MISTAKEN}")
+        result = replace(result, remarks=(*result.remarks, wrong))
     return DwellSolution(
         model,
         layout,
         values,
         covariance,
         -0.5 * (squares + float(np.sum(np.log(2.0 * math.pi * last.std**2)))),
-        seen_in(dwells, model, values, origins, nuisances),
+        result,
         nuisances,
     )
+
+
+MOST_UNCERTAIN, LEAST_SCALE = 0.5, 1e-6
+"""Relative standard deviation of 1 + k beyond which dwells show none, and the least 1 + k of a model."""
+MISTAKEN = (
+    "check column and unit of the means, scale of the sensor, sense of the angles, and [dwell] gravity, angle_std"
+)
+"""What may be wrong where dwells show a scale factor that no sensor has."""
 
 
 def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, nuisances: Nuisances) -> DwellFit:

@@ -453,6 +453,8 @@ def solve_runs(
             "no coefficient of the model is free: set one free to fit it, or compare the model as it is"
         )
     require_shown(model, recordings)
+    for recording in recordings:
+        require_channels(model, recording)
     require_process_size(model)
     first = prepared(sources[0], origins, start=start, end=end)
     begin, stop = (None, None) if others_whole else (start, end)
@@ -945,7 +947,7 @@ def require_band(run: PreparedRun, band: float | None) -> None:
         )
 
 
-def require_channels(fit: Fit, recording: Recording) -> None:
+def require_channels(model: Model, recording: Recording) -> None:
     """Refuse a recording without a channel that an effect of the model is made of.
 
     Raises
@@ -953,7 +955,7 @@ def require_channels(fit: Fit, recording: Recording) -> None:
     RecordingError
         Naming effect and channel.
     """
-    for term in fit.model.terms:
+    for term in model.terms:
         for name in term.effect.needs:
             if name not in recording.side:
                 raise RecordingError(

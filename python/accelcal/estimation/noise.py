@@ -291,7 +291,7 @@ class NoiseReport:
     @property
     def remark(self) -> str | None:
         """A sentence when fit and data sheet disagree by more than a factor 1.5."""
-        if self.ratio is None or 1.0 / REMARKED_BEYOND <= self.ratio <= REMARKED_BEYOND:
+        if self.ratio is None or not (self.ratio > REMARKED_BEYOND or self.ratio < 1.0 / REMARKED_BEYOND):
             return None
         if self.ratio > 1.0:
             return (

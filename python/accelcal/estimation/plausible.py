@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from accelcal.data import ACCELERATION, STANDARD_GRAVITY, VELOCITY, Recording, Rig, units, usual_step
+from accelcal.data import ACCELERATION, GRAVITY, STANDARD_GRAVITY, VELOCITY, Recording, Rig, units, usual_step
 from accelcal.data.clocks import THE_OUTPUT, relation
 from accelcal.data.recording import ORDERS
 from accelcal.estimation.remarks import Remark, remark
@@ -28,6 +28,9 @@ MOST_DOUBLINGS = 5
 """Doublings between the ranges of a sensor, at most: ±2 g to ±64 g."""
 CLEARLY_BETTER = 0.1
 """Logarithm by which a mistake must fit better than the next for that one not to be listed."""
+EXACTLY = 0.05
+"""Logarithm of 1 + k within which a unit is what was mistaken of a body that turns, and not its orientation."""
+ORIENTED = "the orientation? Check unit, order, sense and clock of the columns of attitude or angle, and the input axis"
 ACCELERATIONS = {"m/s^2": 1.0, "g": STANDARD_GRAVITY, "mg": 1e-3 * STANDARD_GRAVITY, "mm/s^2": 1e-3, "cm/s^2": 1e-2}
 KNOWN: Mapping[str, Mapping[str, float]] = {
     "accel": ACCELERATIONS,
@@ -94,8 +97,10 @@ def mistaken(recording: Recording, scale: float) -> str:
     if not texts[0]:
         ranked = sorted(causes(recording, abs(scale / (recording.rig.ratio or 1.0))))
         texts = [t for unusual, off, t in ranked[:2] if unusual + off < sum(ranked[0][:2]) + CLEARLY_BETTER]
+        if GRAVITY in recording.side and not (ranked and ranked[0][1] < EXACTLY):
+            return f"{ORIENTED}. {accept}"
     line = sensitivity_line(recording.rig, scale)
-    return f"{'; or '.join(texts) or f'no unit, range or column explains it. {line}'.rstrip()}. {accept}"
+    return f"{'; or '.join(texts) or f'no unit, range or column explains it. {line}'.rstrip('. ')}. {accept}"
 
 
 def other_column(recording: Recording) -> str:
@@ -188,7 +193,9 @@ def reversed_or_unrelated(recording: Recording, scale: float, std: float) -> str
     coherent = abs(relation(recording.accel, recording.position)[1]) > THE_OUTPUT
     if coherent and REVERSED_SCALE[0] < scale / (recording.rig.ratio or 1.0) < REVERSED_SCALE[1]:
         return turned(recording, scale)
-    cause = mistaken(recording, scale) if coherent else other_column(recording)
+    cause = (
+        mistaken(recording, scale) if coherent else other_column(recording) or ORIENTED * (GRAVITY in recording.side)
+    )
     return (
         f"{recording.name or 'recording'}: output and position are not one axis of one body: 1 + k = {scale:.3g} ± "
         f"{std:.2g}, where a sensor shows 1, or -1 if it is mounted the other way round. No scale factor, mount or "

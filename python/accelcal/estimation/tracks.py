@@ -175,7 +175,7 @@ def paths(fit: Fit, recording: Recording, *, start: float | None = None, end: fl
     RecordingError
         If it lacks a channel that the model needs.
     """
-    require_channels(fit, recording)
+    require_channels(fit.model, recording)
     model, engine = fit.model, fit.engine
     if recording.session not in {run.session for run in fit.runs}:  # what was carried over belongs to another record
         model = replace(model, shapes={name: find(name).rested(shape) for name, shape in model.shapes.items()})

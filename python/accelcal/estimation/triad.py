@@ -20,6 +20,7 @@ from accelcal._support.result import Storable
 from accelcal.data import Array, RecordingError
 from accelcal.estimation.gauss_newton import NotIdentifiable
 from accelcal.estimation.noise import REMARKED_BEYOND
+from accelcal.estimation.plausible import plausible
 from accelcal.estimation.run_to_run import REMARK_ALPHA, over_all
 
 AXES = "xyz"
@@ -144,7 +145,12 @@ class TriadFit(Storable):
     @property
     def remarks(self) -> tuple[str, ...]:
         """Sentences to be read with the numbers."""
-        sentences = []
+        sentences = [
+            f"K_{axis} = {k:.4g} is implausible for a working sensor, whose output over acceleration is 0.7 to 1.4: "
+            f"check the unit of accel_{axis}, gravity in [dwell], and that it was at rest on every face"
+            for axis, k in zip(AXES, self.K, strict=True)
+            if self.unit == "m/s^2" and not plausible(1.0 / float(k))
+        ]
         if self.ratio > REMARKED_BEYOND:
             sentences.append(
                 f"the positions scatter by {self.rms:.2g} m/s², {self.ratio:.2g} times what noise within them "
@@ -188,12 +194,15 @@ def fit_triad(positions: Positions) -> TriadFit:
             f"{positions.name}: {n} positions; scale and zero of three axes need at least 6, each axis up and down, "
             f"the angles between them at least 10, better 30: {further}"
         )
+    require_within_range(positions)
     free, count = (np.arange(PARAMETERS), "nine") if n > PARAMETERS else (SIX, "six")
     more = further if absent else "add positions in which each axis points up and down, and some in between"
     undetermined = f"{positions.name}: {n} positions do not determine {count} parameters; {more}"
     middle, half = 0.5 * (np.max(y, axis=0) + np.min(y, axis=0)), 0.5 * np.ptp(y, axis=0)
     if np.any(half <= 0.0):
-        raise NotIdentifiable(f"{positions.name}: axis {AXES[int(np.argmin(half))]} is the same in all positions")
+        raise NotIdentifiable(
+            f"{positions.name}: axis {AXES[int(np.argmin(half))]} is the same in all positions; check its column"
+        )
     u = (y - middle) / half  # of order 1
     x = ellipsoid(u) if n > PARAMETERS else SPHERE.copy()
 
@@ -245,6 +254,24 @@ def fit_triad(positions: Positions) -> TriadFit:
         unit=positions.unit,
         gravity=g,
     )
+
+
+def require_within_range(positions: Positions) -> None:
+    """Refuse positions in most of which the largest output alone does not scatter, as at the end of a range.
+
+    Raises
+    ------
+    RecordingError
+        With their number.
+    """
+    y, n, exact = positions.mean, len(positions.mean), positions.std == 0.0
+    largest = np.argmax(np.abs(y - np.median(y, axis=0)), axis=1)
+    clipped = int(np.count_nonzero(exact[np.arange(n), largest] & (np.sum(exact, axis=1) == 1)))
+    if 2 * clipped > n:
+        raise RecordingError(
+            f"{positions.name}: in {clipped} of {n} positions the axis that points up or down reads one value while "
+            "the others scatter, as at the end of its range; record with a larger range"
+        )
 
 
 def absent_faces(y: Array, centre: Array | None = None) -> list[str]:

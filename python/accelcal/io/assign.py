@@ -14,6 +14,9 @@ from accelcal._support.errors import OBEYED_IN_NAMES, visible
 from accelcal.data import (
     ACCELERATION,
     ANGLE,
+    GYROSCOPE,
+    OUTPUTS,
+    PLACE,
     QUATERNION,
     VELOCITY,
     Array,
@@ -292,8 +295,11 @@ _SHOWN = 40
 
 
 def _absent(table: Table, channel: str, sidecar: Path, declared: Iterable[str]) -> str:
-    close = difflib.get_close_matches(channel, list(declared), n=1)
+    names = list(declared)
+    close = difflib.get_close_matches(channel, names, n=1)
     hint = f' (the sidecar has "{close[0]}"; did you mean "{channel}"?)' if close else ""
+    if channel == "accel" and {*OUTPUTS.values()} <= {*names}:
+        hint = " (of three outputs declare [channels.attitude] and the place, too, or use accelcal dwells at rest)"
     likely = candidates(table, channel)
     lines = line(channel, *likely[0]) if likely else line(channel, "...", USUAL_UNIT[channel])
     if channel == "time":
@@ -335,7 +341,12 @@ def _wrong_column(table: Table, channel: str, column: str, sidecar: Path) -> str
     )
 
 
-USUAL_UNIT = {"time": "s", "accel": "m/s^2", "position": "m", "temperature": "degC"}
+USUAL_UNIT = {
+    **{"time": "s", "accel": "m/s^2", "position": "m", "temperature": "degC", ANGLE: "deg"},
+    **dict.fromkeys(OUTPUTS.values(), "m/s^2"),
+    **dict.fromkeys(PLACE, "m"),
+    **dict.fromkeys(GYROSCOPE, "rad/s"),
+}
 """The unit that a message proposes."""
 
 

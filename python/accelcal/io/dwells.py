@@ -19,15 +19,17 @@ from accelcal.data import (
     Array,
     Dwells,
     DwellSetup,
+    Finding,
     Recording,
     RecordingError,
     Rig,
     reference_among,
+    units,
 )
 from accelcal.io.assign import fix
 from accelcal.io.atomic import atomic_write, together
 from accelcal.io.files import is_there, open_table
-from accelcal.io.loading import COLUMNS, assumed, complete, from_table, is_table, load
+from accelcal.io.loading import COLUMNS, assumed, axes, complete, declaration, from_table, is_table, load, loaded
 from accelcal.io.sidecar import Sidecar, Source, has_sidecar, no_sidecar, read_sidecar, sidecar_of
 from accelcal.io.table import Table
 from accelcal.io.write import write_sidecar
@@ -56,8 +58,7 @@ def rests(t: Array, outputs: Array, least: float = 2.0, *, factor: float = 3.0) 
     twentieth of all windows, in every channel, its middle is at rest. Slow motion moves the mean within a window and
     is none.
     """
-    rate = 1.0 / float(np.median(np.diff(t)))
-    half = max(FEWEST, int(WINDOW * rate)) // 2
+    half = max(FEWEST, int(WINDOW / float(np.median(np.diff(t))))) // 2 if len(t) > FEWEST else FEWEST
     if len(t) <= 2 * half:
         return []
     quiet = np.ones(len(t) - 2 * half, dtype=np.bool_)
@@ -89,9 +90,28 @@ def declares_dwells(path: Path, rig: Path | None = None) -> bool:
     return setup is not None and setup.angle is not None
 
 
-def declares_axes(path: Path, rig: Path | None = None) -> bool:
-    """Whether the sidecar of a file declares three outputs on a body whose attitude is recorded."""
-    return (rig is not None or has_sidecar(path)) and read_sidecar(rig or sidecar_of(path)).triad
+def load_declared(
+    path: Path, rig: Path | None = None, single: Callable[[Path], Recording] | None = None
+) -> list[Recording | Dwells]:
+    """Read a file as it and its sidecar say: the three outputs of a tracked body, dwells, or else one recording.
+
+    Parameters
+    ----------
+    path, rig : as of `load`.
+    single : reads a recording of one output in place of `load`.
+
+    Raises
+    ------
+    RecordingError
+        As `load`, `load_axes` or `load_dwells`.
+    """
+    table, (declared, notes) = open_table(path), declaration(path, rig)
+    setup = declared.dwell
+    if declared.triad:
+        return [*axes(table, rig)]
+    if is_table(table) or (setup is not None and setup.angle is not None):
+        return [dwells_of(table, declared, notes, rig or sidecar_of(path))]
+    return [loaded(table, declared, notes) if single is None else single(path)]
 
 
 @checked
@@ -120,12 +140,14 @@ def load_dwells(path: str | Path, rig: str | Path | None = None) -> Dwells:
     3
     """
     path = Path(path)
-    beside = Path(rig) if rig is not None else sidecar_of(path)
-    declared = read_sidecar(beside) if rig is not None or has_sidecar(path) else no_sidecar()
-    table = open_table(path)
+    return dwells_of(open_table(path), *declaration(path, rig), Path(rig or sidecar_of(path)))
+
+
+def dwells_of(table: Table, declared: Sidecar, notes: list[Finding], sidecar: Path) -> Dwells:
+    """The dwells that a table holds: one line each, or a recording at rest; errors are those of `load_dwells`."""
     if is_table(table):
-        return from_table(table, declared, beside)
-    return from_recording(load(path, beside if declared.path else None, need_position=False), declared, beside)
+        return from_table(table, declared, sidecar)
+    return from_recording(loaded(table, declared, notes, need_position=False), declared, sidecar)
 
 
 def from_recording(recording: Recording, declared: Sidecar, sidecar: Path) -> Dwells:
@@ -237,7 +259,7 @@ def load_rests(path: Path, rig: Path | None, least: float) -> Rests:
     triad = [name for name in TRIAD if name in declared.channels]
     if triad and len(triad) < len(TRIAD):
         lost = next(name for name in TRIAD if name not in triad)
-        raise RecordingError(f"{sidecar}: channels.{lost} is missing; a triad is {', '.join(TRIAD)}")
+        raise RecordingError(f"{sidecar}: channels.{lost} is missing; a triad is {', '.join(TRIAD)}: map it, too")
     setup = declared.dwell or DwellSetup()
     if triad and not setup.unknown:
         raise RecordingError(
@@ -245,13 +267,21 @@ def load_rests(path: Path, rig: Path | None, least: float) -> Rests:
             + fix(sidecar, '[dwell]\nattitude = "unknown"\ngravity = "9.81 m/s^2"')
         )
     recording = load(path, rig, need_position=False, need_accel=not triad)
+    empty = [name for name in triad if name not in recording.side]
+    if empty:
+        column = declared.channels[empty[0]].column
+        raise RecordingError(
+            f'{path}: column "{column}", {empty[0]}: every cell is empty; expected an output of the triad, give '
+            "its column"
+        )
     channels = [recording.side[name] for name in TRIAD] if triad else [recording.accel]
     first = channels[0]
     for channel in channels[1:]:
         if len(channel) != len(first) or not np.array_equal(channel.t, first.t) or channel.unit != first.unit:
             raise RecordingError(
-                f"{path}: {channel.name} and {first.name} differ in their times or units; expected one row for all "
-                "three outputs of the triad"
+                f"{path}: {channel.name} and {first.name} differ in their times or units (first at t = "
+                f"{units.instant(np.append(np.setxor1d(channel.t, first.t), first.t)[0])} s); expected one row for "
+                "all three outputs of the triad"
             )
     outputs = np.column_stack([channel.y for channel in channels])
     warm = recording.side.get("temperature")

@@ -46,11 +46,11 @@ from accelcal.data import (
 from accelcal.data.clocks import THE_OUTPUT, lost_rows, relation
 from accelcal.data.orientation import (
     FASTEST_TURN,
-    HOLE,
     QUATERNION_TOLERANCE,
     attitude_scatter,
     carried,
     holes,
+    leaps,
     left_open,
     on_arm,
     rotated,
@@ -193,9 +193,7 @@ def _of_attitude(
     else:
         noise = float(noise) ** 2 * float(np.median(np.diff(stamps)))
     t, r = together(place)
-    near = np.abs(t - stamps[np.clip(np.searchsorted(stamps, t), 1, len(stamps) - 1)])
-    near = np.minimum(near, np.abs(t - stamps[np.clip(np.searchsorted(stamps, t) - 1, 0, len(stamps) - 1)]))
-    near = near <= HOLE * float(np.median(np.diff(stamps)))
+    near = np.pad(within(stamps), 1)[np.searchsorted(stamps, t)] | np.isin(t, stamps)
     if int(np.sum(near)) < 2:
         raise RecordingError(
             f"{file}: {', '.join(PLACE)} and the attitude share {int(np.sum(near))} instants; at least 2 are needed. "
@@ -222,6 +220,7 @@ def _of_attitude(
         "in the model beside the noise of the output"
     )
     findings.append(Finding("attitude_noise", "position", len(q), float(t[0]), text))
+    findings += _leaps("attitude", stamps, 2.0 * np.arccos(np.minimum(1.0, np.abs(np.sum(q[1:] * q[:-1], axis=1)))))
     ties = left_open(directions, rig.sensor.noise, triad=bool(declared.axis))
     findings += [Finding("tie", name, 1, float(t[0]), text) for name, text in ties]
     return {**channels, "position": position, **directions.side}, rig, findings
@@ -252,6 +251,7 @@ def _of_angle(
         findings.append(
             Finding("fast_angle", "position", int(np.sum(steps > FASTEST_TURN)), float(t[first]), text, "warning")
         )
+    findings += _leaps("angle", t, np.diff(angle))
     motion = on_arm(t, angle - declared.angle_zero, rig.arm, rig.axle, np.array(declared.input_axis))
     turns, rate = float(np.ptp(angle)) / (2.0 * math.pi), np.abs(np.diff(angle) / np.diff(t))
     text = (
@@ -264,6 +264,19 @@ def _of_angle(
     findings += [Finding("tie", name, 1, float(t[0]), text) for name, text in ties]
     rig = replace(rig, gravity_along_axis=float(np.mean(motion.gravity.y)))
     return {**channels, "position": motion.path, **motion.side}, rig, findings
+
+
+def _leaps(what: str, t: Array, steps: Array) -> list[Finding]:
+    """What is noticed of an orientation that changes from one reading to the next as nothing that moves does."""
+    at = leaps(t, steps)
+    if not len(at):
+        return []
+    text = (
+        f"jumps of the {what} from one reading to the next: {len(at)}, the first at t = {units.instant(t[at[0]])} s by "
+        f"{math.degrees(abs(steps[at[0] - 1])):.3g} degrees, of which the readings before and behind show nothing; "
+        "empty the cells of wrong readings, or cut the part behind a jump (accelcal cut)"
+    )
+    return [Finding("leap", "position", len(at), float(t[at[0]]), text, "warning")]
 
 
 def _unwrapped(file: str, channel: Channel, source: Source) -> tuple[Array, Array, list[Finding]]:
@@ -425,7 +438,7 @@ def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
     missing = [name for name in COLUMNS if name not in table.columns and name not in OPTIONAL]
     if missing:
         raise RecordingError(
-            f'{table.path}: no column "{missing[0]}"; a table of dwells has the header {",".join(COLUMNS)}'
+            f'{table.path}: no column "{missing[0]}"; a table of dwells has the header {",".join(COLUMNS)}: add it'
         )
     read = table.read([name for name in COLUMNS if name in table.columns])
     columns = {
@@ -436,12 +449,14 @@ def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
         ("std", 0.0, math.inf, "a standard deviation of the samples"),
         ("duration_s", 1e-9, math.inf, "a duration above 0 s"),
         ("samples", 2.0, math.inf, "a number of samples, at least 2"),
+        ("temperature_degC", -273.15, math.inf, "a temperature above absolute zero"),
     ):
-        wrong = ~((columns[name] >= low) & (columns[name] <= high))
+        values = columns.get(name, np.full(1, low))
+        wrong = ~((values >= low) & (values <= high))
         if wrong.any():
             k = int(np.argmax(wrong))
             raise RecordingError(
-                f'{table.path}: {table.row(k)}, column "{name}": found {columns[name][k]:g}, expected {words}'
+                f'{table.path}: {table.row(k)}, column "{name}": found {values[k]:g}, expected {words}; correct it'
             )
     unit = declared.channels["accel"].unit if "accel" in declared.channels else None
     plan = Plan({}, sidecar)
@@ -465,7 +480,7 @@ def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
         gravity=setup.gravity or STANDARD_GRAVITY,
         name=table.path.name,
         digest=digest_of(table.path),
-        assumptions=assumed(setup),
+        assumptions=assumed(setup) + repeated(table, columns),
     )
 
 
@@ -497,6 +512,16 @@ def assumed(setup: DwellSetup) -> tuple[str, ...]:
     """Sentences on what a sidecar does not declare of dwells."""
     unsaid = {ASSUMED_GRAVITY: setup.gravity is None, ASSUMED_ANGLE: setup.angle_std is None}
     return tuple(sentence for sentence, missing in unsaid.items() if missing)
+
+
+def repeated(table: Table, columns: Mapping[str, Array]) -> tuple[str, ...]:
+    """A sentence on rows of a table of dwells that equal one before in every cell."""
+    first, of = np.unique(np.column_stack(list(columns.values())), axis=0, return_index=True, return_inverse=True)[1:]
+    again = np.flatnonzero(first[of.ravel()] < np.arange(len(of)))
+    if not len(again):
+        return ()
+    rows = f"{table.row(int(again[0]))} equals {table.row(int(first[of.ravel()[again[0]]]))}"
+    return (f"rows that equal one before in every cell count twice: {len(again)}, {rows}; delete what is one dwell",)
 
 
 def digest_of(path: Path) -> str:
@@ -563,7 +588,8 @@ def load(
     if position is not None:
         return _of_two_loggers(Path(path), Path(position), rig, part)
     path = Path(path)
-    return _loaded(open_table(path), rig, axis, part, need_position=need_position, need_accel=need_accel)
+    table = open_table(path)
+    return loaded(table, *declaration(path, rig, axis), part, need_position=need_position, need_accel=need_accel)
 
 
 @checked
@@ -597,23 +623,39 @@ def load_axes(path: str | Path, rig: str | Path | None = None, *, part: int | No
     >>> [axis.name for axis in load_axes(run)]
     ['board.csv x', 'board.csv y', 'board.csv z']
     """
-    table = open_table(Path(path))
-    x, y, z = (_loaded(table, rig, axis, part) for axis in OUTPUTS)
-    return x, y, z
+    return axes(open_table(Path(path)), rig, part)
 
 
-def _loaded(
+def axes(table: Table, rig: str | Path | Rig | None, part: int | None = None) -> tuple[Recording, ...]:
+    """The recordings of the three outputs that a table holds; parameters and errors are those of `load_axes`."""
+    columns: dict[str, Column] = {}
+
+    def once(names: Sequence[str]) -> Mapping[str, Column]:
+        columns.update(table.read([name for name in names if name not in columns]))
+        return {name: columns[name] for name in names}
+
+    shared, digest = replace(table, read=once), digest_of(table.path)
+    return tuple(loaded(shared, *declaration(table.path, rig, axis), part, digest) for axis in OUTPUTS)
+
+
+def loaded(
     table: Table,
-    rig: str | Path | Rig | None,
-    axis: str,
-    part: int | None,
+    declared: Sidecar,
+    notes: list[Finding],
+    part: int | None = None,
+    whole: str = "",
     *,
     need_position: bool = True,
     need_accel: bool = True,
 ) -> Recording:
-    """The recording that a table holds, or one of its outputs; parameters and errors are those of `load`."""
-    path = table.path
-    declared, notes = _declared(path, rig, axis)
+    """The recording that a table holds, or one of its outputs; parameters and errors are those of `load`.
+
+    Parameters
+    ----------
+    declared, notes : as `declaration` gives them.
+    whole : digest of the file, where it is known.
+    """
+    path, axis = table.path, declared.axis
     if declared.triad:
         raise RecordingError(
             f"{declared.path}: three outputs, {', '.join(OUTPUTS.values())}; expected one. load_axes reads all three, "
@@ -623,7 +665,7 @@ def _loaded(
         recording = recording_of(table, declared, notes, need_position=need_position, need_accel=need_accel, part=part)
     except RecordingError as error:
         raise RecordingError(f"{error}{sensitivity_shown(table, declared)}") from None
-    whole = digest_of(path)
+    whole = whole or digest_of(path)
     digest = whole if part is None else hashlib.sha256(f"{whole} part {part}".encode()).hexdigest()
     recording = replace(recording, digest=digest, axis=axis, name=f"{recording.name} {axis}".rstrip())
     if declared.dwell is None or not declared.dwell.table:
@@ -650,7 +692,7 @@ def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None, 
         both = load(output, rig, part=part)
         if any(finding.kind == "alignment" for finding in both.findings):
             return both
-        nothing, declared = np.empty(0), _declared(output, rig)[0]
+        nothing, declared = np.empty(0), declaration(output, rig)[0]
         return joined(
             replace(both, position=Channel("position", nothing, nothing, "m")),
             replace(both, accel=Channel("accel", nothing, nothing, "m/s^2"), side={}, findings=()),
@@ -664,7 +706,7 @@ def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None, 
                 f"{place}: this file has {what} of its own, in {recording.name}; expected the output in the first file "
                 "alone and the position in the second alone; give one file, or map its columns in a sidecar"
             )
-    declared, of_position = _declared(output, rig)[0], _declared(position, None)[0]
+    declared, of_position = declaration(output, rig)[0], declaration(position, None)[0]
     return joined(first, other, (declared_rate(declared, "accel"), declared_rate(of_position, "position")))
 
 
@@ -685,10 +727,11 @@ def recording_of(
     findings, parts = notes + unused + asked(table, declared), parts_of_orientation(declared)
     channels = {}
     for name, samples in _samples(table, plan, declared.rig, part, findings):
-        if not len(samples.t) and name == "accel" and not need_accel:
+        if not len(samples.t) and name == "accel":
+            text = "give another column" if need_accel else "a planned motion has columns for time and position alone"
             raise RecordingError(
                 f'{path}: column "{plan.sources[name].column}": every cell is empty, expected the output of the '
-                "accelerometer; a planned motion has columns for time and position alone."
+                f"accelerometer; {text}"
             )
         if not len(samples.t) and name not in required:
             findings.append(Finding("empty", name, 0, 0.0, f"{name}: every cell is empty; the channel is left out"))
@@ -794,7 +837,8 @@ def of_reference(where: str, reference: Channel) -> Channel:
         raise RecordingError(f"{where}: {error}") from None
 
 
-def _declared(path: Path, rig: str | Path | Rig | None, axis: str = "") -> tuple[Sidecar, list[Finding]]:
+def declaration(path: Path, rig: str | Path | Rig | None, axis: str = "") -> tuple[Sidecar, list[Finding]]:
+    """What is declared of a file, or of one of its outputs, and a note where that is not the sidecar beside it."""
     beside = sidecar_of(path)
     if rig is None:
         return (read_sidecar(beside, axis) if has_sidecar(path) else no_sidecar()), []

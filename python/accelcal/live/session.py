@@ -424,7 +424,7 @@ class DwellGuide:
         spread, mean = float(np.max(np.std(block[:, 1:], axis=0, ddof=1))), np.mean(block[:, 1:], axis=0)
         self._floor = min(self._floor, max(spread, 1e-6))
         begun = len(self._still) > 0
-        if spread > min(STILL * self._floor, STILLEST):
+        if not spread <= min(STILL * self._floor, STILLEST):  # nor is one with an empty cell at rest
             self._still = self._still[:0]
             return ["hold still"] if begun else []
         if begun and np.linalg.norm(mean - np.mean(self._still[:, 1:], axis=0)) > SAME:

@@ -216,7 +216,7 @@ class Prediction:
         history; it counts nowhere else.
         """
         recording = recording_of(source)
-        require_channels(fit, recording)
+        require_channels(fit.model, recording)
         begin = start if start is None or not remembers else start_of_history(fit, recording, start)
         if math.isinf(withheld):
             run = prepared(source, fit.origins, start=begin, end=end)

@@ -174,7 +174,7 @@ def noise_scores(
     if not fit.noise_effects:
         return ()
     recording = run.recording
-    require_channels(fit, recording)
+    require_channels(fit.model, recording)
 
     def state_of(run: PreparedRun) -> RunState:
         return settled_state(prepared(run, fit.origins, start=start, end=end), values_on(fit, recording), fit.noise())
