@@ -20,6 +20,7 @@ def bench(tmp_path_factory):
     """Return a workbench with a linear model of three outputs, of which y lacks a cubic; diagnosed."""
     folder = tmp_path_factory.mktemp("axes")
     triad = Triad(71, seconds=40.0, rate=100.0, law=lambda t, f, warm: CUBIC * f**3, hidden=1)
+    (folder / "home").mkdir()
     bench = Workbench(folder / "home")
     bench.load(triad.write(folder))
     bench.fit()
@@ -40,7 +41,7 @@ def test_a_file_of_three_outputs_is_one_file_and_three_series(bench):
     assert state.data.axis == "x"
 
 
-def test_each_output_has_its_verdict_and_add_names_it(bench):
+def test_each_output_has_its_verdict_and_add_names_it(bench, tmp_path):
     diagnosis = bench.diagnosis
     assert isinstance(diagnosis, AxesDiagnosis)
     judged = dict(improvement.by_output(diagnosis))
@@ -51,7 +52,7 @@ def test_each_output_has_its_verdict_and_add_names_it(bench):
     assert [axis for axis, _ in improvement.by_output(judged["x"])] == [""]
     bench.add("cubic_on_y")
     assert bench.sentence == ""
-    work = bench.folder / "work.accelcal"
+    work = tmp_path / "work.accelcal"
     work.write_bytes(bench.session())
     grown = bench.state
     bench.undo()
@@ -62,7 +63,8 @@ def test_each_output_has_its_verdict_and_add_names_it(bench):
     assert after["y"].accel_rms < 0.7 * before["y"].accel_rms
     assert after["x"].accel_rms == pytest.approx(before["x"].accel_rms, rel=0.1)
     assert len(residual_of_axes(after, previous=before).panels) == len(coasting_of_axes(after).panels) == 3
-    again = Workbench(bench.folder / "again")
+    (tmp_path / "again").mkdir()
+    again = Workbench(tmp_path / "again")
     again.open(work)
     assert [step.label for step in again.state.steps] == ["base", "+ cubic_on_y"]
     assert len(again.state.train) == 3

@@ -348,24 +348,24 @@ class Reader:
                 lender = lender_among(lenders, names)
             if lender is not None:
                 rig, template = self.lent(lender, names, template)
-            known = self.read(path, rig, within(progress, 0.1, 0.4))
+            content = self.read(path, rig, within(progress, 0.1, 0.4))
         except RecordingError as error:
             if not names:
                 raise
             return Run(path, sidecar, columns=names, template=template, problem=self.plain(str(error)))
         progress(0.4)
-        if isinstance(known, Dwells):
-            return Run(path, sidecar, columns=names, template=template, dwells=known)
-        self.arrived(known[0])
-        result, summary = self.done(check, known, (), progress=within(progress, 0.4, 0.98))
+        if isinstance(content, Dwells):
+            return Run(path, sidecar, columns=names, template=template, dwells=content)
+        self.arrived(content[0])
+        result, summary = self.done(check, content, (), progress=within(progress, 0.4, 0.98))
         return Run(
             file=path,
             sidecar=sidecar,
             lender=lender.name if lender is not None else "",
             columns=names,
             template=template,
-            recording=known[0],
-            axes=known if len(known) > 1 else (),
+            recording=content[0],
+            axes=content if len(content) > 1 else (),
             summary=summary,
             used=(result.start, result.end),
             breaks=result.breaks,
@@ -398,17 +398,17 @@ class Reader:
         RecordingError
             If it is not understood, or has more samples than the workbench takes.
         """
-        known: tuple[Recording, ...] | Dwells = self.done(load, path, rig, progress=progress)
-        if isinstance(known, Dwells):
-            return known
-        recording = known[0]
+        content: tuple[Recording, ...] | Dwells = self.done(load, path, rig, progress=progress)
+        if isinstance(content, Dwells):
+            return content
+        recording = content[0]
         if len(recording.accel) > MOST_SAMPLES:
             raise RecordingError(
                 f"{path.name}: {len(recording.accel)} samples; the limit of the workbench is {MOST_SAMPLES}. "
                 "Cut the file, or use the command line"
             )
         side_channels(units_of(recording))  # their effects have names in every process
-        return known
+        return content
 
 
 def lender_among(runs: Sequence[Run], names: Sequence[str]) -> Run | None:

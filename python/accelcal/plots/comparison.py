@@ -212,7 +212,9 @@ def residual_of_axes(
     """
     beside = (*axes.values(), *previous.values())
     return together(
-        RESIDUAL, {a: accel_residual(seen, previous=previous.get(a), beside=beside) for a, seen in axes.items()}, 1
+        RESIDUAL,
+        {a: accel_residual(evaluation, previous=previous.get(a), beside=beside) for a, evaluation in axes.items()},
+        1,
     )
 
 
@@ -223,7 +225,7 @@ def coasting_of_axes(axes: Mapping[str, Evaluation]) -> Figure:
     ----------
     axes : from `accelcal.compare`, by axis.
     """
-    return together(DRIFT, {axis: coasting(seen, beside=tuple(axes.values())) for axis, seen in axes.items()}, 3)
+    return together(DRIFT, {axis: coasting(e, beside=tuple(axes.values())) for axis, e in axes.items()}, 3)
 
 
 def together(name: str, figures: Mapping[str, Figure], columns: int) -> Figure:

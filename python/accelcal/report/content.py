@@ -135,7 +135,9 @@ def gather(
         return contents[0]
     alike = compare(fit, several or recordings, band=min(content.judged.band for content in contents)).seen
     return AxesContent(
-        fit, dict(zip(axes, contents, strict=True)), {axis: seen for axis, (seen,) in zip(axes, alike, strict=True)}
+        fit,
+        dict(zip(axes, contents, strict=True)),
+        {axis: evaluation for axis, (evaluation,) in zip(axes, alike, strict=True)},
     )
 
 
@@ -253,14 +255,9 @@ LOW = 0.55
 def entries(c: Content | AxesContent) -> Iterator[Entry]:
     """Every figure that the content allows, in the order of the page."""
     if isinstance(c, AxesContent):
-        used = f"{use_of(next(iter(c.by_axis.values())))}; one ordinate for all outputs"
-        yield _both(
-            "residuals",
-            "axes",
-            f"Measured − simulated, in one band; {used}.",
-            partial(comparison.residual_of_axes, c.judged),
-        )
-        yield _both("drifts", "axes", f"Drift: {used}.", partial(comparison.coasting_of_axes, c.judged))
+        said, drifted = "Measured − simulated, in one band.", "One ordinate for all outputs."
+        yield _both("residuals", "axes", said, partial(comparison.residual_of_axes, c.judged))
+        yield _both("drifts", "axes", drifted, partial(comparison.coasting_of_axes, c.judged))
         for axis, content in c.by_axis.items():
             for entry in entries(content):
                 yield replace(entry, name=f"{entry.name}-{axis}", section=f"{entry.section}-{axis}")
