@@ -59,8 +59,8 @@ def test_each_output_has_its_verdict_and_add_names_it(bench, tmp_path):
     assert "cubic" in grown.step.fit.of_axis("y").model.effects
     before, after = (grown.beside(step) for step in grown.path)
     assert list(after) == list("xyz")
-    # The cubic moves the residual of y by tens of standard uncertainties, and that of x by less than one.
-    assert after["y"].accel_rms < 0.7 * before["y"].accel_rms
+    cubic = grown.step.fit["cubic_on_y"]
+    assert abs(cubic.value - CUBIC) < 4.5 * cubic.std < 0.5 * CUBIC  # a false alarm in 150 000 records
     assert after["x"].accel_rms == pytest.approx(before["x"].accel_rms, rel=0.1)
     assert len(residual_of_axes(after, previous=before).panels) == len(coasting_of_axes(after).panels) == 3
     (tmp_path / "again").mkdir()
@@ -74,8 +74,7 @@ def test_copied_steps_give_the_same_model(bench, tmp_path):
     text = script.python(bench.state)
     assert 'ac.load_axes("triad_71.csv")' in text
     first = text.partition("models =")[0]
-    (tmp_path / "steps.py").write_text(f'{first}\nm0.save("{tmp_path}/m0.json")\n')
-    done = python(str(tmp_path / "steps.py"), cwd=bench.state.runs[0].file.parent)
+    done = python("-c", f'{first}\nm0.save("{tmp_path}/m0.json")\n', cwd=bench.state.runs[0].file.parent)
     assert done.returncode == 0, done.stderr
     assert ac.load_model(tmp_path / "m0.json").estimates == bench.state.step.fit.estimates
     assert "accelcal fit triad_71.csv" in script.command_line(bench.state)
