@@ -75,7 +75,7 @@ def test_the_cubic_is_offered_first_and_nothing_after_it(grown):
     assert near[0].significant
     assert last.verdict == "adequate"
     assert improvement.offered(last)[:2] == ([], [])
-    assert not improvement.can_add(grown.state, last)
+    assert improvement.found_in_noise(grown.state, last) == []
     assert last.table("limits").cells[1][0][0] == "quadratic"
 
 
@@ -140,7 +140,8 @@ def test_nothing_is_offered_where_nothing_is_missing(bench, files):
     bench.fit()
     bench.diagnose()
     assert bench.diagnosis.verdict == "adequate"
-    assert not improvement.can_add(bench.state, bench.diagnosis)
+    assert not any(card.significant for card in improvement.cards(bench.diagnosis))
+    assert improvement.found_in_noise(bench.state, bench.diagnosis) == []
 
 
 def test_undo_redo_remove_and_branch(bench, files):

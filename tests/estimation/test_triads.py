@@ -20,11 +20,13 @@ from accelcal import io
 from accelcal.calibration.export import PARAMETERS, NotExportable, SensorMatrix, c_files, rust_module
 from accelcal.data import GRAVITY, GRAVITY_NOISE, Recording, RecordingError
 from accelcal.data.orientation import Strapdown, carried
+from accelcal.diagnosis.faults import examine
 from accelcal.diagnosis.verdict import AxesDiagnosis
 from accelcal.estimation.gauss_newton import Layout, Output, initial_states, outputs_of, solve
 from accelcal.estimation.rows import normal_equations
 from accelcal.estimation.run import prepare
 from accelcal.results.json import from_json
+from accelcal.verbs import require_relation
 from tests.estimation.triads import G, Triad
 
 CUBIC = 3e-5
@@ -344,3 +346,27 @@ def test_c_and_rust_of_three_outputs_undo_the_sensor(curved, tmp_path):
     if shutil.which("rustc") is not None:
         (tmp_path / "imu.rs").write_text(rust_module(better))
         subprocess.run(["rustc", "--crate-type", "lib", "-D", "warnings", "imu.rs"], cwd=tmp_path, check=True)
+
+
+def test_an_attitude_that_maps_the_other_way_round_is_named(tmp_path):
+    path = Triad(79, seconds=20.0, rate=100.0, turning=0.3).write(tmp_path)
+    sidecar = path.with_suffix(".toml")
+    require_relation([examine(axis) for axis in ac.load_axes(path)])  # the twin: as it is recorded
+    sidecar.write_text(sidecar.read_text().replace("sensor to ENU", "ENU to sensor"))
+    with pytest.raises(ac.AccelcalError, match='maps = "sensor to ENU" and maps = "ENU to sensor"') as caught:
+        ac.fit(ac.load_axes(path))
+    assert "mount =" not in str(caught.value)
+
+
+@pytest.mark.parametrize("factor", [1.0, 2.0])
+def test_a_gap_of_all_columns_is_no_other_scale_and_hides_none(tmp_path, factor):
+    # Twin: an output that is doubled behind the gap still is one of another scale.
+    path = Triad(201, motion=1).write(tmp_path)
+    names, *rows = path.read_text().splitlines()
+    kept = [[float(cell) for cell in row.split(",")] for row in rows if not 20.0 < float(row.split(",")[0]) < 30.0]
+    for row in kept:
+        row[2] *= factor if row[0] > 45.0 else 1.0
+    np.savetxt(path, kept, fmt="%.9g", delimiter=",", header=names, comments="")
+    codes = {axis.axis: [note.code for note in examine(axis).remarks()] for axis in ac.load_axes(path)}
+    assert ("other_scale" in codes["y"]) == (factor != 1.0)
+    assert "other_scale" not in codes["x"] + codes["z"]

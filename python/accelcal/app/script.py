@@ -82,12 +82,19 @@ def loading(run: Run, name: str, named: Named) -> list[str]:
     if run.lender:
         lender, called = named.lender(run)
         rig = f", {quoted(f'{lender.file.stem}.toml')}" if lender.columns == run.columns else f", {called}.rig"
-    lines = [f"{name} = ac.load({file}{rig})"]
+    lines = [f"{name} = ac.{'load_axes' if run.axes else 'load'}({file}{rig})"]
     if run.breaks:
-        lines.append(f"{name} = {name}.part({run.used[0]!r}, {run.used[1]!r})  # one model cannot hold across a break")
+        used = of_each(run, name, "part({!r}, {!r})".format(*run.used))
+        lines.append(f"{name} = {used}  # one model cannot hold across a break")
     if run.excluded:
-        lines.append(f"{name} = {name}.without({', '.join(f'({a!r}, {b!r})' for a, b in run.excluded)})")
+        left_out = f"without({', '.join(f'({a!r}, {b!r})' for a, b in run.excluded)})"
+        lines.append(f"{name} = {of_each(run, name, left_out)}")
     return lines
+
+
+def of_each(run: Run, name: str, part: str) -> str:
+    """A part of a file as an expression: of every output where there are three."""
+    return f"[axis.{part} for axis in {name}]" if run.axes else f"{name}.{part}"
 
 
 def responded(state: State) -> list[Run]:
@@ -112,15 +119,17 @@ def division(state: State, named: Named) -> list[str]:
     if len(named.pairs) == 1:
         ((run, name),) = named.pairs
         a, b = run.held_out or (0.0, 0.0)
-        return [f"train, unseen = {name}.without(({a!r}, {b!r})), {name}.part({a!r}, {b!r})"]
-    train, unseen = [], []
+        train, unseen = of_each(run, name, f"without(({a!r}, {b!r}))"), of_each(run, name, f"part({a!r}, {b!r})")
+        return [f"train, unseen = {train}, {unseen}"]
+    fitted, held = list[str](), list[str]()
     for run in in_use(state):
-        name = named.name(run)
+        name, spread = named.name(run), "*" * bool(run.axes)
         if run.role == "fit":
-            train.append(name if run.held_out is None else f"{name}.without({run.held_out!r})")
+            fitted.append(spread + (name if run.held_out is None else of_each(run, name, f"without({run.held_out!r})")))
         if run.holds_out:
-            unseen.append(name if run.held_out is None else f"{name}.part({run.held_out[0]!r}, {run.held_out[1]!r})")
-    return ["", f"train = [{', '.join(train)}]", f"unseen = [{', '.join(unseen)}]"]
+            part = "part({!r}, {!r})".format(*run.held_out or (0.0, 0.0))
+            held.append(spread + (name if run.held_out is None else of_each(run, name, part)))
+    return ["", f"train = [{', '.join(fitted)}]", f"unseen = [{', '.join(held)}]"]
 
 
 def comparing() -> list[str]:
@@ -191,6 +200,8 @@ def cut(run: Run, *, alone: bool) -> tuple[list[str], list[str], list[str]]:
     without = option("--without", run.excluded)
     if run.dwells is not None:
         return [], [file], []
+    if run.axes:
+        return [f"# accelcal cut takes one output: {file} is fitted whole; Python can hold a part out"], [file], [file]
     prefix = "" if alone else f"{run.file.stem}_"
     train, unseen = shlex.quote(f"{prefix}train.csv"), shlex.quote(f"{prefix}unseen.csv")
     if run.held_out is not None:

@@ -247,6 +247,9 @@ class Run:
     problem: str = ""
     """Why the columns of the file are not understood; empty when they are."""
     recording: Recording | None = None
+    """Of a sensor with three outputs the first of `axes`."""
+    axes: tuple[Recording, ...] = ()
+    """Every output of a sensor with three; empty of one."""
     dwells: Dwells | None = None
     summary: Mapping[str, Any] = field(default_factory=dict)
     """What the check of the recording found, for the page."""
@@ -262,8 +265,18 @@ class Run:
 
     @property
     def name(self) -> str:
-        """File name."""
-        return self.file.name
+        """File name; of one output of three with its axis."""
+        return f"{self.file.name} {self.axis}".rstrip()
+
+    @property
+    def axis(self) -> str:
+        """Axis of one output of three; empty of a whole file."""
+        return "" if self.recording is None or self.axes else self.recording.axis
+
+    @property
+    def outputs(self) -> tuple[Run, ...]:
+        """A run of each output, with the use and the parts of this one."""
+        return tuple(replace(self, recording=output, axes=()) for output in self.axes) or (self,)
 
     @property
     def known(self) -> Recording | Dwells | None:
@@ -476,7 +489,7 @@ class State:
     @property
     def data(self) -> Recording:
         """Data in use of the recording on the time line, its held-out part included."""
-        return self.drawn.data
+        return next((output.data for output in self.drawn.outputs if output.axis == self.axis), self.drawn.data)
 
     @property
     def drawn(self) -> Run:
@@ -486,22 +499,37 @@ class State:
     @property
     def first_fitted(self) -> Run:
         """The first recording that models are fitted to: what is said of a single one is of it."""
-        return next(run for run in self.runs if run.role == "fit" and run.recording is not None)
+        return next(run for run in self.fitted_files if run.recording is not None)
+
+    @property
+    def fitted_files(self) -> tuple[Run, ...]:
+        """Files that models are fitted to."""
+        return tuple(run for run in self.runs if run.role == "fit" and run.known is not None)
 
     @property
     def train(self) -> tuple[Recording | Dwells, ...]:
         """Data that models are fitted to."""
-        return tuple(part for run in self.runs if (part := run.train) is not None)
+        return tuple(part for run in self.runs for output in run.outputs if (part := output.train) is not None)
 
     @property
     def unseen(self) -> tuple[Recording, ...]:
         """Held-out data, a recording each."""
-        return tuple(part for run in self.runs if (part := run.unseen) is not None)
+        return tuple(part for run in self.unseen_runs if (part := run.unseen) is not None)
 
     @property
     def unseen_runs(self) -> tuple[Run, ...]:
-        """Where they are from."""
-        return tuple(run for run in self.runs if run.holds_out)
+        """Where they are from, a run for each output."""
+        return tuple(output for run in self.runs for output in run.outputs if run.holds_out)
+
+    @property
+    def axis(self) -> str:
+        """Output of a sensor with three whose curves are drawn; empty of a sensor with one."""
+        return self.unseen_runs[self.looked_at].axis if self.unseen_runs else ""
+
+    def beside(self, step: Step) -> dict[str, Evaluation]:
+        """Evaluations of a model on every output of the recording whose curves are drawn, by axis."""
+        file = self.unseen_runs[self.looked_at].file
+        return {run.axis: e for run, e in zip(self.unseen_runs, step.heldouts, strict=True) if run.file == file}
 
     @property
     def holds_out_parts(self) -> bool:

@@ -13,6 +13,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from accelcal import io
+from accelcal._support.errors import AccelcalError
 from accelcal._support.process import within
 from accelcal.app import mapping
 from accelcal.app.state import Formula, Run, Stretch, units_of
@@ -22,7 +23,7 @@ from accelcal.data import Dwells, Recording, RecordingError, Rig, quality
 from accelcal.demo import TRUTH, with_effect
 from accelcal.diagnosis.faults import examine
 from accelcal.diagnosis.runs import RunValues
-from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.diagnosis.verdict import AxesDiagnosis, Diagnosis
 from accelcal.effects import Effect, find, side_channels, spelled
 from accelcal.estimation import tracks
 from accelcal.estimation.estimate import Fit, solve_runs
@@ -133,21 +134,28 @@ def columns(path: Path, *, progress: Report) -> tuple[tuple[str, ...], str]:
     return mapping.columns_of(path), io.template(path)
 
 
-def load(path: Path, rig: Path | Rig | None, *, progress: Report) -> Recording | Dwells:
-    """Read a recording, or dwells where the file or its sidecar says that it is some."""
+def load(path: Path, rig: Path | Rig | None, *, progress: Report) -> tuple[Recording, ...] | Dwells:
+    """Read every output of a recording, or dwells where the file or its sidecar says that it is some."""
     beside = rig if isinstance(rig, Path) else None
     if io.declares_dwells(path, beside):
         return io.load_dwells(path, beside)
-    recording = io.load(path, rig)
-    return replace(recording, origin=replace(recording.origin, given=quote(path.name)))  # as the copied commands do
+    outputs = io.load_axes(path, beside) if io.declares_axes(path, beside) else (io.load(path, rig),)
+    # named as in the commands that are copied
+    return tuple(replace(output, origin=replace(output.origin, given=quote(path.name))) for output in outputs)
 
 
-def check(recording: Recording, excluded: Sequence[Stretch], *, progress: Report) -> tuple[Marks, Mapping[str, Any]]:
-    """Look for breaks, faults and rest in what is not excluded; the summary is that of `accelcal check --json`."""
-    rest = quality.with_extremes_of_rest(recording.without(*excluded)) if excluded else recording
-    result = marks(rest)
+def check(
+    outputs: Sequence[Recording], excluded: Sequence[Stretch], *, progress: Report
+) -> tuple[Marks, Mapping[str, Any]]:
+    """Look for breaks, faults and rest in what is not excluded; the summary is that of `accelcal check --json`. Of
+    several outputs the shortest usable part, and what is noticed in any of them."""
+    rest = [quality.with_extremes_of_rest(output.without(*excluded)) if excluded else output for output in outputs]
+    results = [marks(output) for output in rest]
     progress(0.9)
-    return result, quality.describe(rest)
+    both = zip(reversed(outputs), reversed(results), strict=True)  # of the same remark on several that on the first
+    noticed = {note.sentence.removeprefix(of.name): note for of, result in both for note in reversed(result.remarks)}
+    shortest = min(results, key=lambda result: result.end - result.start)
+    return replace(shortest, remarks=tuple(noticed.values())[::-1]), quality.describe(rest[0])
 
 
 def fitted(model: Model, train: Data, origins: Origins | None, *, progress: Report) -> Fit:
@@ -188,7 +196,7 @@ def responded(recording: Recording, *, progress: Report) -> FrequencyResponse:
     return frequency_response(recording)
 
 
-def diagnosed(fitted: Fit, train: Data, own_names: Sequence[str], *, progress: Report) -> Diagnosis:
+def diagnosed(fitted: Fit, train: Data, own_names: Sequence[str], *, progress: Report) -> Diagnosis | AxesDiagnosis:
     """Search for missing effects."""
     return diagnose(fitted, list(train), extra=effects(own_names), progress=progress)
 
@@ -210,10 +218,10 @@ def moving(fitted: Fit, train: Recording, *, progress: Report) -> tuple[tracks.P
 
 def reported(
     fitted: Fit,
-    train: Recording,
-    holdout: Recording,
+    train: Sequence[Recording],
+    holdout: Sequence[Recording],
     own_names: Sequence[str],
-    diagnosis: Diagnosis | None,
+    diagnosis: Diagnosis | AxesDiagnosis | None,
     *,
     progress: Report,
 ) -> str:
@@ -233,6 +241,11 @@ def reported(
 
 def exported(fitted: Fit, kind: Export, name: str, *, progress: Report) -> str:
     """The sensor's own calibration in one of the formats, as the content of a file called `name`."""
+    if fitted.axes:
+        raise AccelcalError(
+            f"{kind}: a model of three outputs is several files; save it (Model), then `accelcal export model.json --c "
+            "sensor.h --rust sensor.rs --parameters sensor.yaml`"
+        )
     calibration = calibrate(fitted)
     texts: dict[Export, Callable[[], str]] = {
         "C": lambda: header(calibration, name),
@@ -335,23 +348,24 @@ class Reader:
                 lender = lender_among(lenders, names)
             if lender is not None:
                 rig, template = self.lent(lender, names, template)
-            recording = self.read(path, rig, within(progress, 0.1, 0.4))
+            content = self.read(path, rig, within(progress, 0.1, 0.4))
         except RecordingError as error:
             if not names:
                 raise
             return Run(path, sidecar, columns=names, template=template, problem=self.plain(str(error)))
         progress(0.4)
-        if isinstance(recording, Dwells):
-            return Run(path, sidecar, columns=names, template=template, dwells=recording)
-        self.arrived(recording)
-        result, summary = self.done(check, recording, (), progress=within(progress, 0.4, 0.98))
+        if isinstance(content, Dwells):
+            return Run(path, sidecar, columns=names, template=template, dwells=content)
+        self.arrived(content[0])
+        result, summary = self.done(check, content, (), progress=within(progress, 0.4, 0.98))
         return Run(
             file=path,
             sidecar=sidecar,
             lender=lender.name if lender is not None else "",
             columns=names,
             template=template,
-            recording=recording,
+            recording=content[0],
+            axes=content if len(content) > 1 else (),
             summary=summary,
             used=(result.start, result.end),
             breaks=result.breaks,
@@ -376,7 +390,7 @@ class Reader:
         io.atomic_write(declared, sidecar)
         return declared
 
-    def read(self, path: Path, rig: Path | Rig | None, progress: Report) -> Recording | Dwells:
+    def read(self, path: Path, rig: Path | Rig | None, progress: Report) -> tuple[Recording, ...] | Dwells:
         """Read a file as what it is.
 
         Raises
@@ -384,16 +398,17 @@ class Reader:
         RecordingError
             If it is not understood, or has more samples than the workbench takes.
         """
-        recording: Recording | Dwells = self.done(load, path, rig, progress=progress)
-        if isinstance(recording, Dwells):
-            return recording
+        content: tuple[Recording, ...] | Dwells = self.done(load, path, rig, progress=progress)
+        if isinstance(content, Dwells):
+            return content
+        recording = content[0]
         if len(recording.accel) > MOST_SAMPLES:
             raise RecordingError(
                 f"{path.name}: {len(recording.accel)} samples; the limit of the workbench is {MOST_SAMPLES}. "
                 "Cut the file, or use the command line"
             )
         side_channels(units_of(recording))  # their effects have names in every process
-        return recording
+        return content
 
 
 def lender_among(runs: Sequence[Run], names: Sequence[str]) -> Run | None:

@@ -129,7 +129,7 @@ def falling(state: State, theme: ThemeName) -> Picture:
         y=replace(panel.y, range=(0.0, top)),
         height=panel.height - 60.0,
     )
-    note = f"unseen data: {several} recordings; bars are their error together" if several > 1 else figure.note
+    note = f"unseen data: {several} series; bars are their error together" if several > 1 else figure.note
     return picture(replace(figure, panels=(panel,), note=note), theme, displayModeBar=False)
 
 

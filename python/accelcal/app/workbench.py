@@ -48,7 +48,7 @@ from accelcal.app.tasks import PREFIX, Export, Reader
 from accelcal.app.workers import Compute, Report, direct
 from accelcal.data import Recording, require_same_sensor
 from accelcal.diagnosis.runs import RunValues
-from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.diagnosis.verdict import AxesDiagnosis, Diagnosis
 from accelcal.estimation import tracks
 from accelcal.estimation.estimate import Fit, require_distinct
 from accelcal.estimation.shape_parameters import moves
@@ -124,7 +124,7 @@ class Workbench:
         """A recording that was read and is still being checked for breaks and faults."""
         self.version = 0
         """Incremented with every change that a page must show."""
-        self.diagnoses: dict[tuple[int, int], Diagnosis] = {}
+        self.diagnoses: dict[tuple[int, int], Diagnosis | AxesDiagnosis] = {}
         """By key of the model and number of user effects among the candidates."""
         self._run_values: dict[int, RunValues] = {}
         """By key of the model."""
@@ -281,7 +281,7 @@ class Workbench:
         if before.recording is None or time_span(before.recording) != time_span(used.recording):
             return replace(used, held_out=used.end if before.held_out is not None else None)
         if before.excluded:
-            marks, summary = self._done(tasks.check, used.recording, before.excluded)
+            marks, summary = self._done(tasks.check, recordings_of(used), before.excluded)
             used = replace(used, excluded=before.excluded, marks=marks, summary=summary)
         return replace(used, held_out=before.held_out)
 
@@ -446,11 +446,10 @@ class Workbench:
 
     def _excluding(self, state: State, excluded: tuple[Stretch, ...], progress: Report) -> State:
         """The state with other stretches of the recording on the time line excluded, and the rest of it checked."""
-        recording = shown(state).recording
-        assert recording is not None
         changed = with_run(state, excluded=excluded)
         require_both_parts(changed)
-        marks, summary = self._done(tasks.check, recording, excluded, progress=within(progress, 0.0, 0.6))
+        outputs = recordings_of(shown(state))
+        marks, summary = self._done(tasks.check, outputs, excluded, progress=within(progress, 0.0, 0.6))
         checked = with_run(changed, marks=marks, summary=summary)
         return self._divided(state, checked.runs, within(progress, 0.6, 0.98))
 
@@ -522,7 +521,7 @@ class Workbench:
 
     def _moving(self, fit: Fit, state: State) -> tuple[tracks.Path, ...]:
         """Coefficients that processes and mechanisms of a model move, over the first fitted recording of a state."""
-        if not any(map(moves, fit.model.terms)):
+        if not any(map(moves, fit.model.terms)) or fit.axes:
             return ()
         paths: tuple[tracks.Path, ...] = self._done(tasks.moving, fit, state.first_fitted.train, state=state)
         return paths
@@ -569,7 +568,7 @@ class Workbench:
             with self._lock:
                 job.report(0.9)  # last chance to be cancelled
                 self.diagnoses[asked] = diagnosis
-            if sum(isinstance(part, Recording) for part in state.train) > 1:
+            if sum(run.recording is not None for run in state.fitted_files) > 1:
                 values = None
                 with suppress(ValueError):  # a recording alone does not determine them
                     report = within(job.report, 0.9, 0.98)
@@ -580,7 +579,7 @@ class Workbench:
                         self._run_values[step.key] = values
 
     @property
-    def diagnosis(self) -> Diagnosis | None:
+    def diagnosis(self) -> Diagnosis | AxesDiagnosis | None:
         """Diagnosis of the current model; None until there is one."""
         asked = question(self.state)
         return None if asked is None else self.diagnoses.get(asked)
@@ -650,7 +649,7 @@ class Workbench:
         state = self.state
         if state.step is None:
             return None
-        held, asked = self._whole, (state.step.key, state.shown, state.data.digest)
+        held, asked = self._whole, (state.step.key, state.shown, f"{state.data.digest}{state.axis}")
         if held is None or held[0] != asked:
             held = self._whole = (asked, self._done(tasks.compared, [state.step.fit], [state.data], ["model"])[0])
         return held[1]
@@ -734,9 +733,10 @@ class Workbench:
         with self._working("writing the report") as job:
             state = self.state
             fitted_model, effects, report = fitted(state).fit, names_of(state), within(job.report, 0.0, 0.99)
-            first = state.first_fitted.train
-            diagnosis = self.diagnosis if len(state.train) == 1 else None  # that of several is not of the first
-            page = self._done(tasks.reported, fitted_model, first, state.unseen[0], effects, diagnosis, progress=report)
+            first = [output.train for output in state.first_fitted.outputs]
+            unseen = [output.unseen for output in state.unseen_runs if output.file == state.unseen_runs[0].file]
+            diagnosis = self.diagnosis if len(state.fitted_files) == 1 else None  # that of several is not of the first
+            page = self._done(tasks.reported, fitted_model, first, unseen, effects, diagnosis, progress=report)
             job.report(1.0)
             target = self.upload_folder() / "report.html"
             io.atomic_write(target, page)
@@ -820,6 +820,11 @@ class Workbench:
 
 class Busy(Exception):
     """Another action is under way."""
+
+
+def recordings_of(run: Run) -> list[Recording]:
+    """Every output of a file."""
+    return [output.recording for output in run.outputs if output.recording is not None]
 
 
 def loaded(state: State) -> State:

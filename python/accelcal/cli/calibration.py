@@ -104,8 +104,8 @@ def report(
 ) -> None:
     """Write a report on a model and a recording: diagnosis, error reduction, residuals, parameters, uncertainty budget.
 
-    One HTML page that opens offline; RUN.html by default. With --compare on two calibrations of one sensor: whether
-    they agree, and what changed between them.
+    One HTML page that opens offline; RUN.html by default. Three outputs of one sensor stand side by side. With
+    --compare on two calibrations of one sensor: whether they agree, and what changed between them.
 
     Example: [bold]accelcal report m.json run12.csv --holdout run13.csv -o run12.html[/bold]
     """
@@ -115,7 +115,6 @@ def report(
     load_own_effects(effects_file)
     fitted = model_file.load(model)
     content: Any
-    files = list[tuple[Any, Path]]()
     with progress("report") as share, io.together():
         if compare:
             names = (model.name, run.name) if model.name != run.name else (str(model), str(run))
@@ -123,37 +122,25 @@ def report(
             page, paper = cast("Any", pages.agreement_html), cast("Any", pages.agreement_pdf)
         else:
             runs = verbs.runs_of(load_all(fitted, [run], rig))
-            unseen = [None] * len(runs) if holdout is None else verbs.runs_of(load_all(fitted, [holdout], rig))
-            if len(unseen) != len(runs):
-                raise UsageError(
-                    f"--holdout {holdout}: {len(unseen)} outputs, but {run} has {len(runs)}; expected as many"
-                )
-            page, paper = pages.light if light else pages.html, pages.pdf
-        for number, recording in enumerate([] if compare else runs):
+            unseen = None if holdout is None else verbs.runs_of(load_all(fitted, [holdout], rig))
             content = pages.gather(
-                fitted.of_axis(recording.axis),
-                recording,
-                holdout=unseen[number],
+                fitted,
+                runs,
+                holdout=unseen,
                 command=shlex.join(["accelcal", *sys.argv[1:]]),
-                progress=within(share, 0.8 * number / len(runs), 0.8 * (number + 1) / len(runs)),
+                progress=within(share, 0.0, 0.8),
             )
-            files += [(content, path) for path in of_axis(written, recording.axis)]
-        for content, path in files or [(content, path) for path in written]:
+            page, paper = pages.light if light else pages.html, pages.pdf
+        for path in written:
             if path.suffix == ".pdf":
                 paper(content, path)
             else:
                 io.atomic_write(path, page(content))
-        written = [path for _, path in files] or written
     if compare:
         printing.show_agreement(content)
     print_written(*written)
     if not compare:
         suggest("export", model, "--c", "sensor.h")
-
-
-def of_axis(paths: Sequence[Path], axis: str) -> list[Path]:
-    """Names of the pages of one axis of three."""
-    return [path.with_stem(f"{path.stem}_{axis}") if axis else path for path in paths]
 
 
 def pages_to_write(target: Path, pdf: bool) -> list[Path]:

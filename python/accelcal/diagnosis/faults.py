@@ -746,7 +746,8 @@ def without_other_scale(columns: RelationColumns) -> Recording | None:
     """
     for band in columns.bands:
         relation = columns.in_band(band)
-        gram, K = relation.gram, len(relation.gram)
+        full = relation.gram[:, 5, 5] > 0.0  # in a long gap there is nothing to compare
+        gram, begins, K = relation.gram[full], relation.edges[:-1][full], int(np.sum(full))
         if K < 2 * RELATION_LEAST_BLOCKS:
             continue
         windows = np.lib.stride_tricks.sliding_window_view(gram, RELATION_LEAST_BLOCKS, axis=0).sum(axis=-1)
@@ -779,7 +780,7 @@ def without_other_scale(columns: RelationColumns) -> Recording | None:
         if not np.all(np.abs(scales - middle) < ONE_SCALE * change * abs(middle)):
             continue  # a disturbance that is added has no scale of its own
         blocks = widened(np.isin(np.arange(K), within), EDGE_BLOCKS)
-        out = blocks[np.clip(np.searchsorted(relation.edges, recording.accel.t, "right") - 1, 0, K - 1)]
+        out = blocks[np.clip(np.searchsorted(begins, recording.accel.t, "right") - 1, 0, K - 1)]
         return without(recording, "accel", out, "other_scale", 1.0 / band, scale)
     return None
 

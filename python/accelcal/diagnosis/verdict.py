@@ -480,14 +480,13 @@ class AxesDiagnosis(Result):
         """Effects that would enter, those of the sensor with their axis (cubic_on_y), what lacks most first; one that
         all axes lack stands without."""
         pairs = sorted(zip(self.axes, self.by_axis, strict=True), key=lambda pair: -strength(pair[1]))
-        missing = {axis: judged.effects for axis, judged in pairs}
-        common = set.intersection(*map(set, missing.values()))
-        names = (
-            name if name in common or find(name).owner not in ("sensor", "mounting") else on_axis(find(name), axis).name
-            for axis, several in missing.items()
-            for name in several
-        )
-        return tuple(dict.fromkeys(names))
+        return tuple(dict.fromkeys(self.entering(axis, name) for axis, judged in pairs for name in judged.effects))
+
+    def entering(self, axis: str, name: str) -> str:
+        """Name under which an effect that one axis lacks enters the model of all axes."""
+        common = set.intersection(*(set(judged.effects) for judged in self.by_axis))
+        shared = name in common or find(name).owner not in ("sensor", "mounting")
+        return name if shared else on_axis(find(name), axis).name
 
 
 def strength(judged: Diagnosis) -> float:

@@ -82,10 +82,20 @@ def suspicion(recording: Recording) -> str:
 
 def turned(recording: Recording, scale: float) -> str:
     """The sentence on an output that runs against the encoder, with the line that mends it."""
-    return (
-        f"{recording.name or 'recording'}: the output runs against the encoder (1 + k = {scale:.3f}). The sensor is "
-        "mounted the other way round or a sign is swapped; write in the sidecar\n[rig]\n"
+    return f"{recording.name or 'recording'}: the output runs against the encoder (1 + k = {scale:.3f}). " + (
+        other_sense(recording).replace("does", "Does", 1)
+        or "The sensor is mounted the other way round or a sign is swapped; write in the sidecar\n[rig]\n"
         f'mount = "{OTHER_MOUNT[recording.rig.mount]}"'
+    )
+
+
+def other_sense(recording: Recording) -> str:
+    """The sentence on an attitude that maps the other way round; empty where no attitude is mapped."""
+    if not any(name.startswith("attitude.") for name in recording.origin.columns):
+        return ""
+    return (
+        "does the attitude map the other way round? Write in the sidecar under [channels.attitude] the other of "
+        'maps = "sensor to ENU" and maps = "ENU to sensor", and check the order and clock of its columns'
     )
 
 
@@ -193,9 +203,8 @@ def reversed_or_unrelated(recording: Recording, scale: float, std: float) -> str
     coherent = abs(relation(recording.accel, recording.position)[1]) > THE_OUTPUT
     if coherent and REVERSED_SCALE[0] < scale / (recording.rig.ratio or 1.0) < REVERSED_SCALE[1]:
         return turned(recording, scale)
-    cause = (
-        mistaken(recording, scale) if coherent else other_column(recording) or ORIENTED * (GRAVITY in recording.side)
-    )
+    unrelated = other_column(recording) or other_sense(recording) or ORIENTED * (GRAVITY in recording.side)
+    cause = mistaken(recording, scale) if coherent else unrelated
     return (
         f"{recording.name or 'recording'}: output and position are not one axis of one body: 1 + k = {scale:.3g} ± "
         f"{std:.2g}, where a sensor shows 1, or -1 if it is mounted the other way round. No scale factor, mount or "

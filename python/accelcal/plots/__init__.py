@@ -20,6 +20,7 @@ __all__ = [
     "autocorrelation",
     "before_after",
     "coasting",
+    "coasting_of_axes",
     "error_reduction",
     "histogram",
     "loop",
@@ -30,29 +31,21 @@ __all__ = [
     "parameters",
     "ranking",
     "regions",
+    "residual_of_axes",
     "sensitivity",
     "simulated",
     "tiles",
     "write",
 ]
 
-accel_residual = still(comparison.accel_residual)
-added_variable = still(diagnosis.added_variable)
-allan = still(model.allan)
-autocorrelation = still(residuals.autocorrelation)
-before_after = still(residuals.before_after)
-coasting = still(comparison.coasting)
-error_reduction = still(diagnosis.error_reduction)
-histogram = still(residuals.histogram)
-nonlinearity = still(model.nonlinearity)
-one_step = still(comparison.one_step)
-overlay = still(timeline.overlay)
-parameters = still(model.parameters)
-ranking = still(diagnosis.ranking)
-regions = still(residuals.regions)
-sensitivity = still(response.sensitivity)
-simulated = still(comparison.simulated)
-tiles = still(residuals.tiles)
+accel_residual, coasting = still(comparison.accel_residual), still(comparison.coasting)
+coasting_of_axes, residual_of_axes = still(comparison.coasting_of_axes), still(comparison.residual_of_axes)
+one_step, simulated = still(comparison.one_step), still(comparison.simulated)
+added_variable, error_reduction = still(diagnosis.added_variable), still(diagnosis.error_reduction)
+allan, nonlinearity, parameters = still(model.allan), still(model.nonlinearity), still(model.parameters)
+autocorrelation, histogram = still(residuals.autocorrelation), still(residuals.histogram)
+before_after, regions, tiles = still(residuals.before_after), still(residuals.regions), still(residuals.tiles)
+overlay, ranking, sensitivity = still(timeline.overlay), still(diagnosis.ranking), still(response.sensitivity)
 
 
 def __getattr__(name: str) -> Any:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal.data import instant
+from accelcal.data import Array, instant
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.estimation.estimate import Fit
 from accelcal.plots import matplotlib
@@ -45,6 +46,14 @@ TRANSIENT = 1.5
 """Predicted deviations beyond this many medians, as before the filter has settled, do not size the axis."""
 PALE = 0.35
 """Opacity of what the previous model gave."""
+RESIDUAL, DRIFT = "Accelerometer residual", "Unaided drift"
+"""What a headline begins with."""
+DRIFTS: tuple[tuple[str, Role], ...] = (
+    ("bias of this run re-estimated", "model"),
+    ("all parameters from the fit", "other"),
+    ("noise floor", "floor"),
+)
+"""Curves of `drifts`."""
 
 
 def simulated(comparison: Evaluation) -> Figure:
@@ -78,30 +87,25 @@ def simulated(comparison: Evaluation) -> Figure:
     return Figure(panels, headline, shared_x=True)
 
 
-def coasting(comparison: Evaluation) -> Figure:
+def coasting(comparison: Evaluation, *, beside: Sequence[Evaluation] = ()) -> Figure:
     """Draw rms unaided drift against the time since position was withheld, with its noise floor.
 
     Parameters
     ----------
     comparison : from `accelcal.compare`; horizons that the record does not allow are absent.
+    beside : further outputs of the sensor, whose drifts set unit and ordinate as well.
     """
-    curves: tuple[tuple[str, Role, Mapping[float, float | None]], ...] = (
-        ("bias of this run re-estimated", "model", comparison.coast_rms),
-        ("all parameters from the fit", "other", comparison.coast_frozen_rms),
-        ("noise floor", "floor", comparison.drift_floors),
-    )
-    allowed = [[(h, y) for h, y in sorted(errors.items()) if y is not None] for _, _, errors in curves]
-    ticks = [h for h, _ in allowed[0]]
+    points, *others = map(drifts, (comparison, *beside))
+    ticks = points[0][0].tolist()
     if not ticks:
         least = min(comparison.coast_rms, default=1.0)
-        return sentence("Unaided drift", f"The record is too short for a drift over {least:g} s.")
-    points = [np.array(pairs).reshape(-1, 2).T for pairs in allowed]
-    factor, unit = prefixed("m", *(y for _, y in points))
+        return sentence(DRIFT, f"The record is too short for a drift over {least:g} s.")
+    every = np.concatenate([y for several in (points, *others) for _, y in several])
+    factor, unit = prefixed("m", every)
     drawn = tuple(
-        Line(h, y * factor, name, role, marker=".") for (name, role, _), (h, y) in zip(curves, points, strict=True)
+        Line(h, y * factor, name, role, marker=".") for (name, role), (h, y) in zip(DRIFTS, points, strict=True)
     )
-    every = np.concatenate([line.y for line in drawn])
-    middle, ratio = math.sqrt(every.min() * every.max()), math.sqrt(every.max() / every.min())
+    middle, ratio = factor * math.sqrt(every.min() * every.max()), math.sqrt(every.max() / every.min())
     reach = max(1.5 * ratio, math.sqrt(10.0))  # a flat curve must not appear steep
     time = Axis(
         "time without position",
@@ -114,14 +118,22 @@ def coasting(comparison: Evaluation) -> Figure:
     return Figure((Panel(drawn, time, drift),), drift_headline(comparison))
 
 
+def drifts(comparison: Evaluation) -> list[Array]:
+    """Horizons in s and drifts in m, (2, n) each: with the bias re-estimated, with all parameters from the fit, and of
+    noise alone."""
+    curves = (comparison.coast_rms, comparison.coast_frozen_rms, comparison.drift_floors)
+    allowed = ([(h, y) for h, y in sorted(curve.items()) if y is not None] for curve in curves)
+    return [np.array(pairs).reshape(-1, 2).T for pairs in allowed]
+
+
 def drift_headline(comparison: Evaluation) -> str:
     """The drift that is quoted first, with its noise floor."""
     horizon = headline_horizon(comparison)
     if horizon is None:
-        return "Unaided drift: the record is too short"
+        return f"{DRIFT}: the record is too short"
     floor = comparison.drift_floors.get(horizon)
     beside = "" if floor is None else f", noise floor {length(floor)}"
-    return f"Unaided drift after {horizon:g} s: {length(comparison.coast_rms[horizon] or 0.0)} rms{beside}"
+    return f"{DRIFT} after {horizon:g} s: {length(comparison.coast_rms[horizon] or 0.0)} rms{beside}"
 
 
 def one_step(comparison: Evaluation, *, previous: Evaluation | None = None) -> Figure:
@@ -157,19 +169,22 @@ def one_step(comparison: Evaluation, *, previous: Evaluation | None = None) -> F
     return Figure((Panel(tuple(marks), TIME, y, height=262.0),), f"{what}, {share}{imposed_band_note(comparison)}", off)
 
 
-def accel_residual(comparison: Evaluation, *, previous: Evaluation | None = None) -> Figure:
+def accel_residual(
+    comparison: Evaluation, *, previous: Evaluation | None = None, beside: Sequence[Evaluation] = ()
+) -> Figure:
     """Draw the accelerometer residual below the highest frequency at which the encoder is a reference.
 
     Parameters
     ----------
     comparison : from `accelcal.compare`.
     previous : of the previous model, on the same recording; drawn pale.
+    beside : further outputs of the sensor, whose residuals set unit and ordinate as well.
     """
     t, residual = comparison.accel_residual
-    headline = "Accelerometer residual"
     if len(t) == 0:
-        return sentence(headline, f"The record is too short for a residual below {comparison.band:.3g} Hz.")
-    factor, unit = prefixed("m/s²", residual)
+        return sentence(RESIDUAL, f"The record is too short for a residual below {comparison.band:.3g} Hz.")
+    every = np.concatenate([residual, *(other.accel_residual[1] for other in beside)])
+    factor, unit = prefixed("m/s²", every)
     rms = comparison.accel_rms * factor
     marks: list[Mark] = [
         Line(t, residual * factor, "output − model", "residual", COLUMNS),
@@ -179,8 +194,50 @@ def accel_residual(comparison: Evaluation, *, previous: Evaluation | None = None
     if previous is not None and len(previous.accel_residual[0]):
         at, old = previous.accel_residual
         marks.insert(0, Line(at, old * factor, "before", "before", COLUMNS, opacity=PALE))
-    text = f"{headline} below {comparison.band:.3g} Hz: rms {rms:.3g} {unit}"
-    return Figure((Panel(tuple(marks), TIME, Axis("accelerometer residual", unit), height=262.0),), text)
+    text = f"{RESIDUAL} below {comparison.band:.3g} Hz: rms {rms:.3g} {unit}"
+    edge = 1.05 * factor * float(np.abs(every).max())
+    y = Axis("accelerometer residual", unit, range=(-edge, edge) if beside else None)
+    return Figure((Panel(tuple(marks), TIME, y, height=262.0),), text)
+
+
+def residual_of_axes(
+    axes: Mapping[str, Evaluation], *, previous: Mapping[str, Evaluation] = MappingProxyType({})
+) -> Figure:
+    """Draw the accelerometer residual of each output of a sensor, one under the other in one unit over one time axis.
+
+    Parameters
+    ----------
+    axes : from `accelcal.compare`, by axis.
+    previous : of the previous model, on the same recordings; drawn pale.
+    """
+    beside = (*axes.values(), *previous.values())
+    return together(
+        RESIDUAL,
+        {a: accel_residual(evaluation, previous=previous.get(a), beside=beside) for a, evaluation in axes.items()},
+        1,
+    )
+
+
+def coasting_of_axes(axes: Mapping[str, Evaluation]) -> Figure:
+    """Draw the unaided drift of each output of a sensor, side by side in one unit with one ordinate.
+
+    Parameters
+    ----------
+    axes : from `accelcal.compare`, by axis.
+    """
+    return together(DRIFT, {axis: coasting(e, beside=tuple(axes.values())) for axis, e in axes.items()}, 3)
+
+
+def together(name: str, figures: Mapping[str, Figure], columns: int) -> Figure:
+    """Figures of one panel for each output as one, whose panels say what the headlines said beyond their `name`; one
+    figure alone as it is."""
+    panels = tuple(
+        replace(figure.panels[0], title=f"{axis}{figure.headline.removeprefix(name).partition(',')[0]}", height=220.0)
+        for axis, figure in figures.items()
+    )
+    if len(panels) == 1:
+        return next(iter(figures.values()))
+    return Figure(panels, f"{name} of the outputs {', '.join(figures)}", columns=columns, shared_x=columns == 1)
 
 
 def overview(fit: Fit, comparison: Evaluation, *, theme: ThemeName = "light") -> Drawn:

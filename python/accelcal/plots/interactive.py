@@ -9,6 +9,7 @@ __all__ = [
     "allan",
     "before_after",
     "coasting",
+    "coasting_of_axes",
     "detectable_sizes",
     "drift_limits",
     "error_reduction",
@@ -23,6 +24,7 @@ __all__ = [
     "quantile_plot",
     "ranking",
     "regions",
+    "residual_of_axes",
     "sensitivity",
     "signatures",
     "simulated",
@@ -34,6 +36,7 @@ __all__ = [
 ]
 
 accel_residual, coasting = moving(comparison.accel_residual), moving(comparison.coasting)
+coasting_of_axes, residual_of_axes = moving(comparison.coasting_of_axes), moving(comparison.residual_of_axes)
 detectable_sizes, drift_limits = moving(diagnosis.detectable_sizes), moving(diagnosis.drift_limits)
 error_reduction, ranking = moving(diagnosis.error_reduction), moving(diagnosis.ranking)
 fitted_curve, live_tracks, paths, tracks = (

@@ -2,11 +2,12 @@
 
 from accelcal._support.values import listing
 from accelcal.calibration.agreement import Agreement, agreement
-from accelcal.report.content import Content, gather
+from accelcal.report.content import AxesContent, Content, gather
 from accelcal.report.page import agreement_html, agreement_pdf, html, light, pdf, write
 
 __all__ = [
     "Agreement",
+    "AxesContent",
     "Content",
     "agreement",
     "agreement_html",

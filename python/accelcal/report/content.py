@@ -1,15 +1,15 @@
-"""Everything that a report contains, computed once through the public functions."""
+"""Everything that a report contains, of one output or of three, computed once through the public functions."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeVar
 
 from accelcal._support.process import one_thread, within
 from accelcal.calibration.characteristic import Application, Budget, budget, example
-from accelcal.data import Recording, describe
+from accelcal.data import Recording, RecordingError, describe
 from accelcal.diagnosis.experiment.detectability import Power
 from accelcal.diagnosis.experiment.power_analysis import detectability_of, with_drift
 from accelcal.diagnosis.select.improvement import NestedFits, nested_fits
@@ -69,24 +69,34 @@ class Content:
         return bool(session) and session in {run.session for run in self.fit.runs}
 
 
+@dataclass(frozen=True, slots=True)
+class AxesContent:
+    """Results of each output of a sensor with three, which one page shows side by side."""
+
+    fit: Fit
+    by_axis: Mapping[str, Content]
+    judged: Mapping[str, Evaluation]
+    """As `judged` of each output, in the band in which the reference serves for all of them."""
+
+
 @one_thread
 def gather(
     fit: Fit,
-    recording: Recording,
+    recording: Recording | Sequence[Recording],
     *,
-    holdout: Recording | None = None,
+    holdout: Recording | Sequence[Recording] | None = None,
     extra: Sequence[Effect] | None = None,
     command: str = "",
-    diagnosis: Diagnosis | None = None,
+    diagnosis: Any = None,
     progress: Callable[[float], None] = lambda share: None,
-) -> Content:
+) -> Content | AxesContent:
     """Compute everything that a report contains.
 
     Parameters
     ----------
     fit : the model, as a model file holds it.
-    recording : to evaluate it on, the fitted recording or another.
-    holdout : unseen recording for the error reduction; by default the last 30 % of `recording`.
+    recording : to evaluate it on, the fitted recording or another; of three outputs all, from `load_axes`.
+    holdout : unseen recording for the error reduction; by default the last 30 % of `recording`. Of three outputs all.
     extra : users' effects to consider besides the built-in catalogue; by default all that are registered.
     command : that made the report; printed under provenance.
     diagnosis : of `fit` on `recording`, where there is one already.
@@ -95,8 +105,53 @@ def gather(
     Raises
     ------
     NotIdentifiable, RecordingError
-        If the model cannot be evaluated on the recording at all.
+        If the model cannot be evaluated on the recording at all, or the outputs held out are others.
     """
+    recordings = [recording] if isinstance(recording, Recording) else list(recording)
+    several = [holdout] if isinstance(holdout, Recording) else list(holdout or ())
+    axes = [run.axis for run in recordings]
+    if not axes or len({*axes}) < len(axes) or (several and [run.axis for run in several] != axes):
+        raise RecordingError(
+            f"report: on {', '.join(run.name for run in recordings) or 'nothing'}, held out "
+            f"{', '.join(run.name for run in several) or 'nothing'}; expected one recording with every output, and "
+            "at most one held out with the same outputs"
+        )
+    begun = 0.4 if len(axes) > 1 else 0.0
+    if len(axes) > 1 and diagnosis is None:
+        diagnosis = diagnose(fit, recordings, extra=extra, progress=within(progress, 0.0, begun))
+    contents = [
+        gather_output(
+            fit.of_axis(run.axis),
+            run,
+            several[k] if several else None,
+            diagnosis[run.axis] if len(axes) > 1 else diagnosis,
+            within(progress, begun + (1.0 - begun) * k / len(axes), begun + (1.0 - begun) * (k + 1) / len(axes)),
+            extra=extra,
+            command=command,
+        )
+        for k, run in enumerate(recordings)
+    ]
+    if len(contents) == 1:
+        return contents[0]
+    alike = compare(fit, several or recordings, band=min(content.judged.band for content in contents)).seen
+    return AxesContent(
+        fit,
+        dict(zip(axes, contents, strict=True)),
+        {axis: evaluation for axis, (evaluation,) in zip(axes, alike, strict=True)},
+    )
+
+
+def gather_output(
+    fit: Fit,
+    recording: Recording,
+    holdout: Recording | None,
+    diagnosis: Diagnosis | None,
+    progress: Callable[[float], None],
+    *,
+    extra: Sequence[Effect] | None,
+    command: str,
+) -> Content:
+    """`gather` for one output."""
     remarks: list[str] = []
 
     def attempt(what: str, work: Callable[[], T]) -> T | None:
@@ -197,8 +252,16 @@ LOW = 0.55
 """Height of the panels of such a figure, over that on a screen."""
 
 
-def entries(c: Content) -> Iterator[Entry]:
+def entries(c: Content | AxesContent) -> Iterator[Entry]:
     """Every figure that the content allows, in the order of the page."""
+    if isinstance(c, AxesContent):
+        said, drifted = "Measured − simulated, in one band.", "One ordinate for all outputs."
+        yield _both("residuals", "axes", said, partial(comparison.residual_of_axes, c.judged))
+        yield _both("drifts", "axes", drifted, partial(comparison.coasting_of_axes, c.judged))
+        for axis, content in c.by_axis.items():
+            for entry in entries(content):
+                yield replace(entry, name=f"{entry.name}-{axis}", section=f"{entry.section}-{axis}")
+        return
     model = [("this calibration", c.judged)]
     caption = f"{c.judged.recording or 'Recording'}, {use_of(c)}. Residual: measured − simulated."
     yield Entry(

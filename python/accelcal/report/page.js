@@ -2,6 +2,7 @@
 (() => {
   const root = document.documentElement;
   const config = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d"] };
+  const folds = [...document.querySelectorAll("details")];
   const plots = [...document.querySelectorAll(".plot")];
   const figures = new Map(plots.map((div) => [div, JSON.parse(document.getElementById(div.dataset.source).textContent)]));
 
@@ -38,7 +39,7 @@
   });
   const later = window.requestIdleCallback ?? ((work) => setTimeout(work, 1));
   const drawRest = () => {
-    const next = plots.find((div) => div.dataset.drawn !== root.dataset.theme);
+    const next = plots.find((div) => div.dataset.drawn !== root.dataset.theme && !div.closest("details:not([open])"));
     if (next) draw(next).then(() => later(drawRest, { timeout: 200 }));
     else root.dataset.ready = "true";
   };
@@ -49,6 +50,7 @@
     button.textContent = theme === "dark" ? "Light theme" : "Dark theme";
     drawRest();
   };
+  for (const fold of folds) fold.addEventListener("toggle", drawRest); // a folded figure has no width to be drawn in
   button.addEventListener("click", () => choose(root.dataset.theme === "dark" ? "light" : "dark"));
   choose(window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
   let before = root.dataset.theme; // paper is white
@@ -56,6 +58,7 @@
     if (print.matches) {
       before = root.dataset.theme;
       root.dataset.theme = "light";
+      for (const fold of folds) fold.open = true;
       plots.forEach(draw);
     } else choose(before);
   });

@@ -23,7 +23,7 @@ from accelcal.model import Estimate
 from accelcal.plots import matplotlib, plotly
 from accelcal.plots.figure import THEMES, Figure
 from accelcal.plots.model import agreement
-from accelcal.report.content import Content, Entry, entries
+from accelcal.report.content import AxesContent, Content, Entry, entries
 from accelcal.report.view import view
 from accelcal.results.json_text import dumps, finite
 from accelcal.results.words import about, number, plain
@@ -32,14 +32,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as StaticFigure
 
 
-SECTIONS = ("first", "found", "apart", "falling", "where", "response", "parameters", "data")
-"""Sections that hold figures."""
 DRAWN = ("x", "y", "z", "text", "customdata")
 """Data of a trace, equal in both themes."""
 
 
 @one_thread
-def html(content: Content) -> str:
+def html(content: Content | AxesContent) -> str:
     """Return the interactive page.
 
     Parameters
@@ -56,7 +54,7 @@ def html(content: Content) -> str:
 
 
 @one_thread
-def light(content: Content) -> str:
+def light(content: Content | AxesContent) -> str:
     """Return the page without script: static figures, small enough to mail.
 
     Raises
@@ -77,9 +75,10 @@ def write(text: str, path: str | Path) -> None:
     atomic_write(path, text)
 
 
-def render(content: Content, figures: list[dict[str, Any]], library: str) -> str:
+def render(content: Content | AxesContent, figures: list[dict[str, Any]], library: str) -> str:
     """Fill the template; everything but plotly.js and figure data is escaped."""
-    by_section = {name: [f for f in figures if f["section"] == name] for name in SECTIONS}
+    sections = {figure["section"] for figure in figures}
+    by_section = {name: [f for f in figures if f["section"] == name] for name in sections}
     script = text_of("page.js") if library else ""
     return filled("page.html", v=view(content), figures=by_section, plotly=library, script=script)
 
@@ -173,7 +172,7 @@ def sources(template: str, texts: Mapping[str, Any], figures: Mapping[str, bytes
         yield {"input": str(root / template), "root": str(root), "font_paths": [str(fonts)]}
 
 
-def pdf(content: Content, path: str | Path) -> None:
+def pdf(content: Content | AxesContent, path: str | Path) -> None:
     """Write the report as PDF, whole or not at all: the first page is a summary, the details follow.
 
     Parameters
@@ -190,7 +189,7 @@ def pdf(content: Content, path: str | Path) -> None:
 
 
 @one_thread
-def paper(content: Content) -> tuple[dict[str, Any], dict[str, bytes]]:
+def paper(content: Content | AxesContent) -> tuple[dict[str, Any], dict[str, bytes]]:
     """What is typeset: texts with the list of figures, and the figures by file name."""
     still = [(f"{e.name}.svg", e, e.still) for e in entries(content) if e.still is not None]
     listed = [{"file": file, "section": e.section, "caption": e.caption} for file, e, _ in still]

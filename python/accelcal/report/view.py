@@ -8,6 +8,7 @@ from typing import Any
 
 from accelcal._core import __version__
 from accelcal.calibration.characteristic import COVERAGE_FACTOR, expanded_uncertainty, standard_uncertainty
+from accelcal.calibration.export import SensorMatrix
 from accelcal.data import STANDARD_GRAVITY, Recording, Rig, instant
 from accelcal.diagnosis.findings import Size
 from accelcal.diagnosis.search.scan import Candidate
@@ -27,11 +28,11 @@ from accelcal.plots.response import (
     response_rows,
     response_sentences,
 )
-from accelcal.report.content import Content
+from accelcal.report.content import AxesContent, Content
 from accelcal.results.comparisons import fall, outside_note, quoted, reference_note
 from accelcal.results.diagnoses import VERDICTS, contribution
 from accelcal.results.table import Column, Row, Table, as_sentence, as_view
-from accelcal.results.tables import CHANNEL_UNITS, parameter_rows, used_acceleration
+from accelcal.results.tables import CHANNEL_UNITS, axes_table, parameter_rows, used_acceleration
 from accelcal.results.words import (
     about,
     amount,
@@ -93,7 +94,7 @@ def first_page(content: Content) -> dict[str, Any]:
     }
 
 
-def with_budget(content: Content, row: Row) -> Row:
+def with_budget(content: Content, row: Row) -> dict[str, Any]:
     """One parameter with its expanded uncertainty, that of the budget where there is one."""
     e = row.get("estimate")
     beside = f"{row['parameter'].removeprefix(row['name'])}{row.get('where', '')}"
@@ -279,8 +280,10 @@ METHOD = (
 )
 
 
-def view(content: Content) -> dict[str, Any]:
+def view(content: Content | AxesContent) -> dict[str, Any]:
     """Everything that is printed, by section; every number is one of `content`."""
+    if isinstance(content, AxesContent):
+        return view_of_axes(content)
     d, shown = content.diagnosis, parameters(content)
     fitted = [as_sentence(note.sentence) for note in content.fit.remarks]
     return {
@@ -317,18 +320,36 @@ def view(content: Content) -> dict[str, Any]:
     }
 
 
+def view_of_axes(content: AxesContent) -> dict[str, Any]:
+    """Everything that is printed of several outputs: parameters and matrix side by side, then each by itself."""
+    first, *_ = content.by_axis.values()
+    return {
+        "title": f"Accelerometer report: {', '.join(c.recording.name for c in content.by_axis.values())}",
+        "axes": {axis: view(c) for axis, c in content.by_axis.items()},
+        "parameters": as_view(
+            axes_table(
+                content.fit, lambda r: str(with_budget(content.by_axis.get(r.get("axis", ""), first), r)["shown"])
+            )
+        ),
+        "coverage": coverage(first),
+        "matrix": as_view(SensorMatrix.of(content.fit).table()) if content.fit.axes else None,
+        "version": f"accelcal {__version__}",
+    }
+
+
 def summary(content: Content) -> list[str]:
     """The key figures: unaided drift, one-step prediction error, largest residual."""
     evaluation = content.judged
     held_out = "a held-out part of the fitted recording" if content.is_part else "a held-out recording"
     kind = held_out if content.unseen else "the fitted recording"
-    lines = []
-    steps = [evaluation]
-    if content.nested is not None:
-        steps = list(content.nested)[: len(content.nested) - content.lacking]
-    lines += [fall(steps, f" on {kind}", content.fit.rig.sensor.range), *reference_note(steps[-1])]
-    lines += [as_sentence(score.sentence) for score in evaluation.noise_scores]
-    lines.append(f"One-step prediction error: {length(evaluation.one_step_rms)} rms.")
+    nested = content.nested
+    steps = [evaluation] if nested is None else list(nested)[: len(nested) - content.lacking]
+    lines = [
+        fall(steps, f" on {kind}", content.fit.rig.sensor.range),
+        *reference_note(steps[-1]),
+        *(as_sentence(score.sentence) for score in evaluation.noise_scores),
+        f"One-step prediction error: {length(evaluation.one_step_rms)} rms.",
+    ]
     if content.diagnosis.verdict != "adequate":  # the region of the largest residual says what a model lacks
         lines.append(largest_residual(evaluation.worst))
     return lines

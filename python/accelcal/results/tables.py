@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from operator import methodcaller
 
 import numpy as np
 
@@ -34,7 +36,9 @@ NORMAL_95 = 1.96
 
 @table.register
 def _(fit: Fit, which: str = "") -> Table:
-    require(which, "coefficients")
+    require(which, "coefficients", *["axes"] * bool(fit.axes))
+    if which == "axes":
+        return axes_table(fit)
     readings = grouped(sum(run.readings for run in fit.runs))
     references = ", ".join(dict.fromkeys(run.noise.reference.replace("_", " ") for run in fit.runs))
     made_from = [f"{readings} readings of {references}"] * bool(fit.runs)
@@ -114,6 +118,32 @@ def parameter_rows(fit: Fit, *, in_full: bool = False) -> tuple[Row, ...]:
     rows += [estimate_row(fit, e, "shape") for e in fit.shapes]
     rows += [noise_row(effect) for effect in fit.noise_effects]
     return tuple(rows)
+
+
+def axes_table(fit: Fit, worded: Callable[[Row], str] = lambda row: row["worded"]) -> Table:
+    """Parameters of a sensor with several outputs, a row each and a column for each output; those that the outputs
+    share stand once. `worded` words a row of `parameter_rows`."""
+    rows: dict[str, Row] = {}
+    for row in parameter_rows(fit):
+        e, axis = row.get("estimate"), row.get("axis") or SHARED
+        name = row["parameter"] if e is None else f"{fit.label(replace(e, axis=''))}{row.get('where', '')}"
+        rows[name] = {
+            **rows.get(name, {"parameter": name, "symbol": row["symbol"], "unit": row["unit"]}),
+            **{axis: row.get("value"), f"{axis}_std": row.get("std"), f"{axis}_worded": worded(row)},
+        }
+    columns = [
+        Column("parameter", "parameter", lambda r: spelled(r["parameter"])),
+        Column("symbol", "symbol"),
+        Column("unit"),
+    ]
+    for axis in (*fit.axes, SHARED):
+        worded_cell = methodcaller("get", f"{axis}_worded", "")
+        columns += [Column(axis, axis, worded_cell, exact=methodcaller("get", axis)), Column(f"{axis}_std")]
+    return replace(table(fit), columns=tuple(columns), rows=tuple(rows.values()))
+
+
+SHARED = "all outputs"
+"""Column of what the outputs of a sensor share."""
 
 
 def owner_of(e: Estimate) -> str:

@@ -210,7 +210,7 @@ def show(page: Page) -> None:
                 "The certificate is a draft: data that only the laboratory can supply are marked as missing. "
                 "accelcal export with --dcc and --lab fills them in."
             ).classes("note")
-            if len(state.train) > 1 or len(state.unseen) > 1:
+            if len(state.fitted_files) > 1 or len({run.file for run in state.unseen_runs}) > 1:
                 ui.label(
                     "The report is judged on the first fitted and the first held-out recording: "
                     f"{state.first_fitted.name} and {state.unseen_runs[0].name}."

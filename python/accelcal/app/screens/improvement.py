@@ -19,7 +19,7 @@ from accelcal.data.rig import low_passes
 from accelcal.diagnosis.findings import Size
 from accelcal.diagnosis.noise.noise_test import WHITENESS
 from accelcal.diagnosis.search.scan import Candidate
-from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.diagnosis.verdict import AxesDiagnosis, Diagnosis
 from accelcal.effects import find, spelled
 from accelcal.model import Estimate
 from accelcal.plots import comparison, timeline
@@ -42,6 +42,7 @@ from accelcal.response import FrequencyResponse
 from accelcal.response.export import draft_response, to_csv
 from accelcal.results.comparisons import quoted
 from accelcal.results.diagnoses import VERDICTS, contribution
+from accelcal.results.table import as_sentence
 from accelcal.results.words import error_size, plain, probability, readable
 from accelcal.validation.comparison import ONLY_WHITE, Evaluation
 from accelcal.validation.regions import worst_stretches
@@ -73,6 +74,13 @@ def cards(diagnosis: Diagnosis, most: int = 8) -> list[Card]:
     """Candidates, best first, confounded ones together."""
     named = [f.effect for f in diagnosis.scan.found]
     return [card(diagnosis, c, named) for group in candidate_groups(diagnosis, most) for c in group]
+
+
+def by_output(diagnosis: Diagnosis | AxesDiagnosis) -> list[tuple[str, Diagnosis]]:
+    """Axis and diagnosis of each output; one without an axis of a sensor with one."""
+    if isinstance(diagnosis, Diagnosis):
+        return [("", diagnosis)]
+    return list(zip(diagnosis.axes, diagnosis.by_axis, strict=True))
 
 
 def card(diagnosis: Diagnosis, c: Candidate, named: list[str]) -> Card:
@@ -124,11 +132,12 @@ def remarks(state: State, diagnosis: Diagnosis) -> list[str]:
     """What must be read with the verdict; gaps that the user made are not mentioned."""
     cut = any(run.excluded or run.held_out for run in state.runs)
     notes = (r for r in diagnosis.remarks if r.place == "data" and not (cut and r.code == "dropout"))
-    lines = [widgets.remark_text(r) for r in notes]
-    lines += [readable(text) for text in diagnosis.notes]
-    lines += [f"{d.sentence}." for d in diagnosis.dropped]
-    lines += [capitalised(test.sentence) for test in diagnosis.channels if test.effect == WHITENESS]
-    return lines
+    return [
+        *(widgets.remark_text(r) for r in notes),
+        *(readable(text) for text in diagnosis.notes),
+        *(f"{d.sentence}." for d in diagnosis.dropped),
+        *(as_sentence(test.sentence) for test in diagnosis.channels if test.effect == WHITENESS),
+    ]
 
 
 LAG_SIGMA, NEAR = 5.0, 0.02
@@ -142,7 +151,7 @@ def undeclared_low_pass(state: State) -> float | None:
     sampling shows, and where a low-pass is declared.
     """
     lag = lag_of(state)
-    if lag is None:
+    if lag is None or state.axis:
         return None
     recording = state.first_fitted.data
     rig = recording.rig
@@ -183,19 +192,13 @@ def low_pass(page: Page) -> None:
     page.of_rest.append(button)
 
 
-def capitalised(text: str) -> str:
-    """A sentence of its own."""
-    text = text.rstrip(".")
-    return f"{text[:1].upper()}{text[1:]}."
-
-
 def found_in_noise(state: State, diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
     """Effects that noise tests found and that can be added: name, title, sentence; one for each."""
     model = state.step.fit.model.effects if state.step else ()
     offered = {c.effect for c in diagnosis.scan.candidates if c.p_value < diagnosis.alpha}
     first = {test.effect: test for test in reversed(diagnosis.channels) if test.effect != WHITENESS}
     return [
-        (name, spelled(name), capitalised(test.sentence))
+        (name, spelled(name), as_sentence(test.sentence))
         for name, test in reversed(first.items())
         if name not in model and name not in offered
     ]
@@ -205,13 +208,6 @@ def ties(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """Confounded effects, and the experiment that separates them."""
     several = [t for t in diagnosis.classes if len(t.members) > 1]
     return [(", ".join(spelled(m) for m in t.members), t.experiment) for t in (*several, *diagnosis.inseparable)]
-
-
-def can_add(state: State, diagnosis: Diagnosis | None) -> bool:
-    """Whether there is something to add: a candidate that is significant, or an effect on noise."""
-    if state.step is None or diagnosis is None:
-        return False
-    return any(c.significant for c in cards(diagnosis)) or bool(found_in_noise(state, diagnosis))
 
 
 LIMITS = 6
@@ -226,6 +222,8 @@ def show(page: Page) -> None:
         return
     # Adding a model may compare the others anew: a figure belongs to the comparisons that it shows.
     evaluation = state.step.heldouts[state.looked_at]
+    outputs, previous = state.beside(state.step), state.previous
+    before_outputs = {} if previous is None else state.beside(previous)
     shown = (state.looked_at, *(id(step.heldouts) for step in state.path))
     with widgets.card("Error on held-out data", "ruler"):
         error(page)
@@ -241,6 +239,8 @@ def show(page: Page) -> None:
                 with widgets.card("An example"):
                     files.answer(example)
         with ui.element("div").classes("stack"):
+            if state.axis and any(find(name).port == "process" for name in state.step.fit.model.added):
+                ui.label("What changes during the run is in the report, output by output.").classes("note")
             if state.step.moving:
                 with widgets.card("What changes during the run", "paths"):
                     followed(page, state.step)
@@ -269,7 +269,7 @@ def show(page: Page) -> None:
                     page.pictures(
                         ("left", shown),
                         lambda theme: [
-                            comparison.accel_residual(evaluation, previous=page.bench.before()),
+                            comparison.residual_of_axes(outputs, previous=before_outputs),
                             comparison.one_step(evaluation, previous=page.bench.before()),
                         ],
                         behind=("falling", shown),
@@ -277,7 +277,9 @@ def show(page: Page) -> None:
                     )
                 with widgets.card("Unaided drift"):
                     page.pictures(
-                        ("coast", shown), lambda theme: [comparison.coasting(evaluation)], behind=("falling", shown)
+                        ("coast", shown),
+                        lambda theme: [comparison.coasting_of_axes(outputs)],
+                        behind=("falling", shown),
                     )
     widgets.copies(page)
 
@@ -293,7 +295,7 @@ def show(page: Page) -> None:
 def followed(page: Page, step: Step) -> None:
     """Coefficients that processes and mechanisms of the model move, and the drivers that a random one may follow."""
     page.pictures(("paths", step.key), lambda theme: [timeline.paths(step.moving)], height=PATH * len(step.moving))
-    if step.moving and len(page.bench.state.train) > 1:
+    if step.moving and len(page.bench.state.fitted_files) > 1:
         ui.label(f"Over {page.bench.state.first_fitted.name}, fitted alone.").classes("note")
     for path in step.moving:
         shown = path.table()
@@ -368,6 +370,8 @@ def error(page: Page) -> None:
 def held_out(state: State) -> str:
     """What is held out, in words."""
     several = len(state.unseen_runs)
+    if state.axis:
+        return f"the outputs {', '.join(dict.fromkeys(run.name for run in state.unseen_runs))} held out, together"
     if several > 1:
         return f"{several} held-out {'parts' if state.holds_out_parts else 'recordings'} together"
     return "the held-out part of this run" if state.holds_out_parts else "another recording"
@@ -401,10 +405,18 @@ def verdict(page: Page) -> None:
         else:
             ui.label("Testing every effect of the catalogue …")
         return
+    for axis, judged in by_output(diagnosis):
+        if axis:
+            widgets.heading(f"Output {axis}", 3)
+        verdict_of(page, axis, judged)
+
+
+def verdict_of(page: Page, axis: str, diagnosis: Diagnosis) -> None:
+    """The verdict on one output, its candidates and Add."""
     text, colour = badge(diagnosis)
     ui.label(text).classes(f"badge {colour}").props(f"role=status data-verdict={diagnosis.verdict}")
     ui.label(readable(diagnosis.sentence)).classes("verdict-text")
-    widgets.lines(remarks(bench.state, diagnosis), "warning")
+    widgets.lines(remarks(page.bench.state, diagnosis), "warning")
     low_pass(page)
     if diagnosis.verdict == "adequate":
         ui.label("Detection limits: no missing effect is larger than").classes("strong")
@@ -413,16 +425,18 @@ def verdict(page: Page) -> None:
         if limits[LIMITS:]:
             with ui.expansion("More limits", icon="list").classes("full"):
                 widgets.table(["effect", "detected from"], limits[LIMITS:], "More detection limits")
-    for name, title, text in found_in_noise(bench.state, diagnosis):
-        of_noise(page, name, title, text)
+    for name, title, text in found_in_noise(page.bench.state, diagnosis):
+        with ui.element("article").classes("candidate"):
+            heading(page, axis, name, title)
+            ui.label(text)
     leading, further, rest = offered(diagnosis)
     for card in leading:
-        candidate(page, card)
+        candidate(page, axis, diagnosis, card)
     if further:
         text = f"{len(further)} more significant, most of them only until the right effect is added"
         with ui.expansion(text, icon="playlist_add").classes("full"):
             for card in further:
-                candidate(page, card)
+                candidate(page, axis, diagnosis, card)
     if rest:
         with ui.expansion(f"Not significant: the {len(rest)} best of the others", icon="list").classes("full"):
             for card in rest:
@@ -436,43 +450,37 @@ def verdict(page: Page) -> None:
                 ui.label(experiment).classes("note")
 
 
-def heading(page: Page, effect: str, title: str, *, primary: bool = False) -> None:
-    """Title of a card, and the button that adds its effect."""
+def heading(page: Page, axis: str, effect: str, title: str, *, primary: bool = False) -> None:
+    """Title of a card, and the button that adds its effect, on that axis alone where it is one of the sensor."""
+    diagnosis = page.bench.diagnosis
     with ui.row().classes("line spread"):
         ui.label(title).classes("strong large-name")
-        add_button(page, effect, primary=primary)
+        name = diagnosis.entering(axis, effect) if isinstance(diagnosis, AxesDiagnosis) else effect
+        add_button(page, name, primary=primary)
 
 
-def of_noise(page: Page, name: str, title: str, text: str) -> None:
-    """An effect on noise that a test found, and its button."""
-    with ui.element("article").classes("candidate"):
-        heading(page, name, title)
-        ui.label(text)
-
-
-def candidate(page: Page, card: Card) -> None:
+def candidate(page: Page, axis: str, diagnosis: Diagnosis, card: Card) -> None:
     """One candidate with its card and its button."""
     with ui.element("article").classes("candidate").classes("first" if card.first else ""):
-        heading(page, card.effect, card.title, primary=card.first)
+        heading(page, axis, card.effect, card.title, primary=card.first)
         ui.label(card.about)
         widgets.lines(card.facts)
         if card.rivals:
             more = f" and {len(card.rivals) - 4} more" if len(card.rivals) > 4 else ""
             ui.label(f"Confounded on this record with {', '.join(card.rivals[:4])}{more}.").classes("warning")
         widgets.lines([card.nearest] if card.nearest else [])
-        evidence(page, card)
+        evidence(page, axis, diagnosis, card)
         with ui.expansion("About this effect", icon="badge").classes("full"):
             for label, text in card.lines:
                 ui.label(label).classes("strong")
                 ui.label(text).classes("note")
 
 
-def evidence(page: Page, card: Card) -> None:
+def evidence(page: Page, axis: str, diagnosis: Diagnosis, card: Card) -> None:
     """What the model leaves of the output on held-out data against the effect, and against its best rival."""
-    state, diagnosis = page.bench.state, page.bench.diagnosis
+    state = page.bench.state
     assert state.step is not None
-    assert diagnosis is not None
-    evaluation = state.step.heldouts[state.looked_at]
+    evaluation = state.beside(state.step)[axis]
 
     def build() -> None:
         key = ("evidence", card.effect, id(diagnosis), id(evaluation))
@@ -570,30 +578,32 @@ def show_residuals(page: Page) -> None:
     zoom = Zoom(page, lambda window, chosen: widgets.linked(state, bench.whole(), window, chosen))
     with widgets.card("Position, acceleration, residual, temperature"):
         ui.label("Drag to zoom; all panels follow, at full resolution. Double-click to reset.").classes("note")
+        if state.axis:
+            ui.label(f"Output {state.axis}; another one is chosen on the Improve tab, with its curves.").classes("note")
         page.pictures(
-            ("linked", state.current, state.shown, state.data.digest),
+            ("linked", state.current, state.shown, state.data.digest, state.axis),
             zoom.whole,
             first=bench.whole,
             prepare=zoom.follow,
             height=600,
         )
         zoom.places()
-    diagnosis = bench.diagnosis
+    judged = None if bench.diagnosis is None else dict(by_output(bench.diagnosis)).get(state.axis)
     with widgets.card("Where it fails"):
-        if diagnosis is None:
+        if judged is None:
             if bench.job is None and not page.asking:
                 ui.label("Not diagnosed yet.")
                 widgets.button("Diagnose", "search", page.ask, primary=True)
             else:
                 ui.label("Diagnosis is running …")
         else:
-            worst = diagnosis.where.worst
+            worst = judged.where.worst
             ui.label(f"{worst[:1].upper()}{worst[1:]}.".replace(" sigma", " σ")).classes("verdict-text")
-            regions(state, zoom, diagnosis.where)
+            regions(state, zoom, judged.where)
     response(page)
-    if diagnosis is not None:
+    if judged is not None:
         with widgets.card("Residual against each variable", "many"):
-            page.pictures(("where", id(diagnosis)), lambda theme: widgets.where(diagnosis, theme), height=1500)
+            page.pictures(("where", id(judged)), lambda theme: widgets.where(judged, theme), height=1500)
     widgets.copies(page)
 
 

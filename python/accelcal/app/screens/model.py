@@ -63,7 +63,7 @@ def fitted(page: Page) -> None:
     """Where several files are fitted: whether they agree, and the parameters that each would have alone."""
     state = page.bench.state
     step = state.step
-    if step is None or len(state.train) < 2:
+    if step is None or len(state.fitted_files) < 2:
         return
     values = page.bench.run_values
     with widgets.card("Do the recordings agree?"):
@@ -280,6 +280,10 @@ def parameters(page: Page) -> None:
     """Every parameter with its uncertainty, and a button that fixes or frees it."""
     step = page.bench.state.step
     assert step is not None
+    if step.fit.axes:
+        head, values = step.fit.table("axes").cells
+        widgets.table(head, values, "Outputs side by side")
+        ui.label("Below, Fix holds a parameter at one value on all outputs.").classes("note")
     shown = step.fit.table()
     rows = [
         [
@@ -293,8 +297,8 @@ def parameters(page: Page) -> None:
         ]
         for row in shown.rows
     ]
-    head = ["parameter", "symbol", "value", "at full scale", "95 % interval", "includes on this rig", "fix at (SI)"]
-    widgets.table(head, rows, "Parameters")
+    titles = ["parameter", "symbol", "value", "at full scale", "95 % interval", "includes on this rig", "fix at (SI)"]
+    widgets.table(titles, rows, "Parameters")
     widgets.lines(shown.alarms, "warning")
     widgets.lines(shown.notes)
 

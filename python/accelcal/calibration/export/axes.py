@@ -7,6 +7,7 @@ diagonal and, beside it, the directions of the axes. M = S R: S upper triangular
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,13 +68,12 @@ class SensorMatrix(Result):
         bias, noise = np.zeros((2, 3)), np.zeros(3)
         for i, (axis, others) in enumerate(ACROSS.items()):
             alone = fit.of_axis(axis)
-            by_name = {e.name: e for e in alone.estimates}
-            M[i, i], M_std[i, i] = 1.0 + by_name["scale_factor"].value, by_name["scale_factor"].std
+            by_name = defaultdict(lambda: (0.0, 0.0), {e.name: (e.value, e.std) for e in alone.estimates})
+            M[i, i], M_std[i, i] = np.add((1.0, 0.0), by_name["scale_factor"])
             for k, other in enumerate(others, start=1):
-                e = by_name[f"body_misalignment.{k}"]
-                M[i, "xyz".index(other)], M_std[i, "xyz".index(other)] = e.value, e.std
-            bias[:, i] = by_name["bias"].value, by_name["bias"].std
-            lever[i] = [by_name[f"lever_arm.{j}"].value for j in ACROSS]
+                M[i, "xyz".index(other)], M_std[i, "xyz".index(other)] = by_name[f"body_misalignment.{k}"]
+            bias[:, i] = by_name["bias"]
+            lever[i] = [by_name[f"lever_arm.{j}"][0] for j in ACROSS]
             noise[i] = alone.runs[0].noise.all.density
         return cls(M, bias[0], M_std, bias[1], lever, noise, fit["time_offset"].value, source)
 
