@@ -98,7 +98,7 @@ def read(path: Path, everything: bool) -> str:
     try:
         if everything:
             io.template(path)
-        found = io.load_dwells(path) if io.declares_dwells(path) else io.load(path)
+        found = io.load_declared(path)[0]
     except RecordingError as error:
         said = str(error)
     if said:

@@ -177,7 +177,7 @@ def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path) -> None:
             with pytest.raises(RecordingError, match=f"this is {what}"):
                 read_sidecar(path)
             with pytest.raises(RecordingError, match=f"this is {what}"):
-                io.declares_dwells(path)
+                io.load_declared(path)
     path = tmp_path / "run.csv"
     path.write_text(TABLE)
     for target in (pipe, link):
@@ -198,9 +198,8 @@ def test_a_link_to_a_file_is_that_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["a\0b.csv", "n" * 5000 + ".csv", "名" * 120 + ".csv", "x/" * 3000, "\ud800.csv"])
 def test_a_name_that_no_file_can_have_is_a_sentence(tmp_path: Path, name: str) -> None:
     path = Path(f"{tmp_path}/{name}")
-    for read in (io.load, io.load_dwells, io.template, read_sidecar):
+    for read in (io.load, io.load_dwells, io.load_declared, io.template, read_sidecar):
         assert 0 < len(sentence_of(lambda r=read: r(path))) < 800  # type: ignore[misc]
-    assert not io.declares_dwells(path)
 
 
 def test_a_name_whose_sidecar_would_be_too_long_is_read(tmp_path: Path) -> None:
@@ -553,11 +552,11 @@ def test_no_process_is_left(tmp_path: Path) -> None:
 def test_a_file_that_is_looked_at_twice_is_opened_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, started, start = container(tmp_path / "run.npz"), [], containers.start
     monkeypatch.setattr(containers, "start", lambda: started.append(1) or start())
-    assert not io.declares_dwells(path)
+    files.open_table(path)
     io.load(path)
     assert len(started) == 1
     np.savez(path, t_s=T + 1.0, accel_g=np.sin(T), position_m=np.cos(T))
-    assert not io.declares_dwells(path)
+    files.open_table(path)
     np.savez(path, t_s=T + 20.0, accel_g=np.sin(T), position_m=np.cos(T))
     assert io.load(path).accel.t[0] == 20.0  # changed in between
 
@@ -580,7 +579,7 @@ SCRIPTS = {
     "a daemon": "import multiprocessing as m\np = m.get_context('fork').Process(target=lambda: "
     "print(len(accelcal.load(sys.argv[1]).accel), flush=True), daemon=True)\np.start(); p.join()",
     "without standard streams": "a = sys.argv[1]; import os\nos.close(0); print(len(accelcal.load(a).accel))",
-    "after a fork": "import os\naccelcal.io.declares_dwells(__import__('pathlib').Path(sys.argv[1]))\n"
+    "after a fork": "import os, pathlib\naccelcal.io.files.open_table(pathlib.Path(sys.argv[1]))\n"
     "if os.fork() == 0:\n    sys.exit(0)\nos.wait(); print(len(accelcal.load(sys.argv[1]).accel))",
 }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from shlex import quote
 from types import MappingProxyType
@@ -136,12 +137,14 @@ def columns(path: Path, *, progress: Report) -> tuple[tuple[str, ...], str]:
 
 def load(path: Path, rig: Path | Rig | None, *, progress: Report) -> tuple[Recording, ...] | Dwells:
     """Read every output of a recording, or dwells where the file or its sidecar says that it is some."""
-    beside = rig if isinstance(rig, Path) else None
-    if io.declares_dwells(path, beside):
-        return io.load_dwells(path, beside)
-    outputs = io.load_axes(path, beside) if io.declares_axes(path, beside) else (io.load(path, rig),)
-    # named as in the commands that are copied
-    return tuple(replace(output, origin=replace(output.origin, given=quote(path.name))) for output in outputs)
+    beside, single = (None, partial(io.load, rig=rig)) if isinstance(rig, Rig) else (rig, None)
+    outputs: list[Recording] = []
+    for output in io.load_declared(path, beside, single):
+        if isinstance(output, Dwells):
+            return output
+        # named as in the commands that are copied
+        outputs.append(replace(output, origin=replace(output.origin, given=quote(path.name))))
+    return tuple(outputs)
 
 
 def check(

@@ -2,7 +2,7 @@
 
 from accelcal._support.values import listing
 from accelcal.io.atomic import atomic, atomic_write, together
-from accelcal.io.dwells import declares_dwells, load_declared, load_dwells
+from accelcal.io.dwells import load_declared, load_dwells
 from accelcal.io.loading import load, load_axes
 from accelcal.io.sidecar import read_sidecar, sidecar_of
 from accelcal.io.template import init, template
@@ -11,7 +11,6 @@ from accelcal.io.write import write_csv, write_parquet, write_sidecar
 __all__ = [
     "atomic",
     "atomic_write",
-    "declares_dwells",
     "init",
     "load",
     "load_axes",

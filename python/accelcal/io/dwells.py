@@ -28,7 +28,7 @@ from accelcal.data import (
 )
 from accelcal.io.assign import fix
 from accelcal.io.atomic import atomic_write, together
-from accelcal.io.files import is_there, open_table
+from accelcal.io.files import open_table
 from accelcal.io.loading import COLUMNS, assumed, axes, complete, declaration, from_table, is_table, load, loaded
 from accelcal.io.sidecar import Sidecar, Source, has_sidecar, no_sidecar, read_sidecar, sidecar_of
 from accelcal.io.table import Table
@@ -78,16 +78,6 @@ def moving_std(y: Array, width: int) -> Array:
     sums, squares = (np.concatenate([[0.0], np.cumsum(power)]) for power in (y, y**2))
     mean = (sums[width:] - sums[:-width]) / width
     return np.asarray(np.sqrt(np.maximum((squares[width:] - squares[:-width]) / width - mean**2, 0.0)))
-
-
-def declares_dwells(path: Path, rig: Path | None = None) -> bool:
-    """Whether a file is a table of dwells, or its sidecar declares the attitude of a dwell."""
-    if not is_there(path):
-        return False
-    if is_table(open_table(path)):
-        return True
-    setup = read_sidecar(rig or sidecar_of(path)).dwell if rig is not None or has_sidecar(path) else None
-    return setup is not None and setup.angle is not None
 
 
 def load_declared(
