@@ -78,6 +78,8 @@ class Example:
             "coasting": comparison.coasting(seen),
             "one_step": comparison.one_step(seen, previous=seen),
             "accel_residual": comparison.accel_residual(seen, previous=seen),
+            "residual_of_axes": comparison.residual_of_axes({"x": seen, "y": seen}),
+            "coasting_of_axes": comparison.coasting_of_axes({"x": seen, "y": seen}),
             "regions": residuals.regions(seen),
             "before_after": residuals.before_after(self.nested.seen[0][0], self.nested.seen[0][-1], "adding it"),
             "spectrum": residuals.spectrum(self.fit, seen, [LINE]),

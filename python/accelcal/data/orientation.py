@@ -156,31 +156,30 @@ def turning(
     stamps, q = attitude
     grid = stamps[(t[0] <= stamps) & (stamps <= t[-1])]
     grid = grid if len(grid) > len(t) else t
-
-    def at(v: Array, instants: Array) -> Array:
-        directions = rotated(q, v, sense)
-        if np.array_equal(stamps, instants):
-            return directions
-        return np.asarray(scipy.interpolate.CubicSpline(stamps, directions)(instants))
-
-    path, bounds, curvatures = np.empty(len(t)), [], []  # second derivatives of path, place and axes of the body
-    along, mean = at(axis, t), np.mean(at(axis, t), axis=0)
-    body = np.column_stack([at(v, grid) for v in np.eye(3)])
+    axes = np.column_stack([rotated(q, v, sense) for v in np.eye(3)])
+    mean = np.mean(axes, axis=0).reshape(3, 3).T @ axis
+    path, bounds, curvatures, body = np.zeros(len(t)), [], [], []  # second derivatives of path, place and axes
     for rows in unbroken(t):
-        if rows.stop - rows.start < 2:  # of no use, like all readings beside which there are none
-            path[rows] = 0.0
+        first, last = t[rows][[0, -1]]
+        near = slice(max(0, int(np.searchsorted(stamps, first, "right")) - 1), int(np.searchsorted(stamps, last)) + 1)
+        if rows.stop - rows.start < 2 or len(stamps[near]) < 2:  # of no use, like all readings beside which are none
             continue
-        turned_path = path_along(t[rows], place[rows], along[rows])
-        inside = slice(int(np.searchsorted(grid, t[rows][0])), int(np.searchsorted(grid, t[rows][-1], side="right")))
-        apart, at_grid = place[rows] @ (mean / np.linalg.norm(mean)) - turned_path, grid[inside]
-        spline = smooth_spline(t[rows], apart, KNOT_READINGS)
+        of_body = resolving_spline(stamps[near], axes[near])[0]
+        inside = slice(int(np.searchsorted(grid, first)), int(np.searchsorted(grid, last, side="right")))
+        at_grid, at_place = (
+            axes[near] if np.array_equal(stamps[near], instants) else of_body(instants)
+            for instants in (grid[inside], t[rows])
+        )
+        turned_path = path_along(t[rows], place[rows], at_place @ np.kron(axis, np.eye(3)).T)
+        apart = place[rows] @ (mean / np.linalg.norm(mean)) - turned_path
+        spline, of_place = smooth_spline(t[rows], apart, KNOT_READINGS), resolving_spline(t[rows], place[rows])[0]
         path[rows] = turned_path + spline(t[rows])
-        of_place = resolving_spline(t[rows], place[rows])[0]
-        of_body = resolving_spline(at_grid, body[inside])[0]
         bounds.append(inside)
-        curvatures.append(np.column_stack([spline(at_grid, 2), of_place(at_grid, 2), of_body(at_grid, 2)]))
+        body.append(at_grid)
+        curvatures.append(np.column_stack([series(grid[inside], 2) for series in (spline, of_place, of_body)]))
     places = np.concatenate([np.arange(len(grid))[inside] for inside in bounds])
-    grid, directions = grid[places], [body[places] @ np.kron(v, np.eye(3)).T for v in (axis, *perpendicular(axis))]
+    grid, turns = grid[places], np.concatenate(body)
+    directions = [turns @ np.kron(v, np.eye(3)).T for v in (axis, *perpendicular(axis))]
     curvature = np.concatenate(curvatures)
     gravity, second = STANDARD_GRAVITY * directions[0][:, 2] - curvature[:, 0], curvature[:, 1:].reshape(-1, 4, 3)
     second[:, 0, 2] += STANDARD_GRAVITY
@@ -194,7 +193,7 @@ def turning(
     )
     path_along_mean, pull = Channel("position", t, path, "m"), Channel(GRAVITY, grid, gravity, "m/s^2")
     density = np.interp(grid, stamps, np.broadcast_to(noise, stamps.shape))
-    density *= STANDARD_GRAVITY**2 * (1.0 - directions[0][:, 2] ** 2)
+    density *= STANDARD_GRAVITY**2 * np.maximum(0.0, 1.0 - directions[0][:, 2] ** 2)
     of_noise = Channel(GRAVITY_NOISE, grid, density, "m^2/s^4/Hz")
     force = np.interp(t, grid, columns[0])
     return Turning(path_along_mean, pull, (x, y, z), (*further, of_noise), force)
@@ -206,6 +205,8 @@ LEAST_READINGS = 4
 """Of the reference from knot to knot of the drift of a gyroscope, at least."""
 SOLUTIONS = 5
 """Solutions for bias, matrix and delay of a gyroscope, each from the turning by the one before."""
+USUAL_GYROSCOPE = np.array([0.1, *(9 * [0.3]), *(3 * [1.0])])
+"""Standard deviations of its delay, s, of the elements of its matrix, and of its bias, rad/s, before it is read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +214,7 @@ class Strapdown:
     """An attitude that a gyroscope carries from one reading of a reference to the next."""
 
     t: Array
-    """Of the gyroscope on the clock of the reference, and of the reference where there is none, (n,) s."""
+    """Of the samples of the gyroscope on the clock of the reference, which reaches beyond both ends, (n,) s."""
     attitude: Rotation
     """Sensor to ENU, n."""
     bias: Array
@@ -224,6 +225,8 @@ class Strapdown:
     """By which the gyroscope is behind the reference, s."""
     noise: Array
     """Density of the noise of the attitude about each axis, two-sided, (n,) rad²/Hz."""
+    disagreement: float
+    """Of the turning over a second from that of the reference, over what noise of both explains, rms."""
 
 
 def carried(reference: tuple[Array, Rotation], gyroscope: tuple[Array, Array], noise: float) -> Strapdown:
@@ -235,15 +238,14 @@ def carried(reference: tuple[Array, Rotation], gyroscope: tuple[Array, Array], n
     Parameters
     ----------
     reference : times (m,) s and attitudes, sensor to ENU.
-    gyroscope : times (n,) s and rates (n, 3), rad/s, without a hole, of which at least two readings of the reference
-        are in reach.
+    gyroscope : times (n,) s and rates (n, 3), rad/s, without a hole, with some seconds of the reference in reach.
     noise : standard deviation of one reading of the reference about each axis, rad.
     """
     t, rates = gyroscope
     within_reach = (t[0] <= reference[0]) & (reference[0] <= t[-1])
     stamps, attitude = reference[0][within_reach], reference[1][within_reach]
-    span = min(len(stamps) - 1, max(1, round(SPAN / float(np.median(np.diff(stamps))))))
-    rotation = scipy.spatial.transform.Rotation  # loaded where a body turns alone
+    step, rotation = float(np.median(np.diff(stamps))), scipy.spatial.transform.Rotation  # loaded for this alone
+    span = min(len(stamps) - 1, max(1, round(SPAN / step)))
     h, bias, matrix, delay = np.diff(t)[:, None], np.zeros(3), np.eye(3), 0.0
     for _ in range(SOLUTIONS):
         late = stamps + delay
@@ -255,54 +257,72 @@ def carried(reference: tuple[Array, Rotation], gyroscope: tuple[Array, Array], n
         turned_by = strapdown[begins] * rotation.from_rotvec(share * steps[begins])
         turn = turned_by[:-span].inv() * turned_by[span:]
         rate_at = turns[begins] + share * np.diff(turns, axis=0)[begins]
-        apart = (attitude[:-span].inv() * attitude[span:]).inv() * turn
+        apart = ((attitude[:-span].inv() * attitude[span:]).inv() * turn).as_rotvec()
+        walk = scatter(turns) ** 2 * float(np.median(h))
+        expected = math.sqrt(2.0 * noise**2 + walk * span * step)
         columns = [(rate_at[span:] - turn.inv().apply(rate_at[:-span])).ravel()]
         for rate in (*(rates - bias).T, np.ones(len(t))):
             for axis in np.eye(3):
-                moved = strapdown.apply(rate[:, None] * axis)
-                total = np.concatenate([np.zeros((1, 3)), np.cumsum(0.5 * h * (moved[1:] + moved[:-1]), axis=0)])
+                sweep = strapdown.apply(rate[:, None] * axis)
+                total = np.concatenate([np.zeros((1, 3)), np.cumsum(0.5 * h * (sweep[1:] + sweep[:-1]), axis=0)])
                 over = total[begins] + share * np.diff(total, axis=0)[begins]
                 columns.append(turned_by[span:].inv().apply(over[span:] - over[:-span]).ravel())
-        later, *of_rates = np.linalg.lstsq(np.column_stack(columns), -apart.as_rotvec().ravel(), rcond=None)[0]
+        usual = max(expected, TINY_TURN) / USUAL_GYROSCOPE
+        from_usual = usual * np.concatenate([[-delay], (np.eye(3) - matrix.T).ravel(), matrix @ bias])
+        X, y = np.vstack([np.column_stack(columns), np.diag(usual)]), np.concatenate([-apart.ravel(), from_usual])
+        later, *of_rates = np.linalg.lstsq(X, y, rcond=None)[0]
         change, delay = np.reshape(of_rates, (4, 3)), delay + float(later)
         matrix = matrix + change[:3].T
         bias = bias - np.linalg.solve(matrix, change[3])
     drift = attitude * turned_by.inv()
     middle = drift[len(drift) // 2]
-    away = (drift * middle.inv()).as_rotvec()
-    step, white = float(np.median(np.diff(stamps))), noise**2 * float(np.median(np.diff(stamps)))
-    walk = scatter(rates) ** 2 * float(np.median(h)) + 1e-3 * white / SPAN**2
-    between = math.sqrt(12.0 * white / walk)  # knots by which noise of the reference is as large as what walks between
+    away, white = (drift * middle.inv()).as_rotvec(), noise**2 * step
+    walk += 1e-3 * white / SPAN**2
+    between = math.sqrt(12.0 * white / walk) if walk > 0.0 else SPAN  # what walks between is then as large as `white`
+    readings = max(LEAST_READINGS, round(between / step))
     instants, at_stamps, splines = t - delay, away.copy(), []
     for rows in (rows for rows in unbroken(stamps) if rows.stop - rows.start > 1):
-        spline = smooth_spline(stamps[rows], away[rows], max(LEAST_READINGS, round(between / step)))
+        spline = smooth_spline(stamps[rows], away[rows], readings)
         at_stamps[rows] = spline(stamps[rows])
         splines.append((spline, (stamps[rows][0] <= instants) & (instants <= stamps[rows][-1])))
     correction = np.column_stack([np.interp(instants, stamps, series) for series in at_stamps.T])
     for spline, inside in splines:
         correction[inside] = spline(instants[inside])
-    held = rotation.from_rotvec(correction) * middle * strapdown
-    left = np.full(len(t), walk * (between / (2.0 * math.pi)) ** 2)  # of the walk at the frequency of the knots
+    density = np.full(len(t), max(white, walk * (readings * step) ** 2 / 12.0))
     for cut in holes(stamps):  # held at both ends, a walk over T gains T^3/12 in the integral
         inside = (stamps[cut - 1] < instants) & (instants < stamps[cut])
-        left[inside] += walk * (stamps[cut] - stamps[cut - 1]) ** 2 / 12.0
-    outside = ~within_reach
-    instants = np.concatenate([instants, reference[0][outside]])
-    order = np.argsort(instants, kind="stable")
-    together = rotation.concatenate([held, reference[1][outside]]) if outside.any() else held
-    densities = np.concatenate([left, np.full(np.count_nonzero(outside), white)])
-    return Strapdown(instants[order], together[order], bias, matrix, delay, densities[order])
+        density[inside] += walk * (stamps[cut] - stamps[cut - 1]) ** 2 / 12.0
+    covered = (stamps[0] <= instants) & (instants <= stamps[-1])
+    attitude = (rotation.from_rotvec(correction) * middle * strapdown)[covered]
+    disagreement = float(np.sqrt(np.mean(apart**2))) / max(expected, TINY_TURN)
+    return Strapdown(instants[covered], attitude, bias, matrix, delay, density[covered], disagreement)
+
+
+TINY_TURN = 1e-3
+"""Turn over a second that clocks and the axes of a gyroscope explain whatever the noise, rad."""
 
 
 def products(steps: Rotation) -> Rotation:
     """Products of rotations from the left end up to each, one more than there are, the first by no angle."""
-    rotation = scipy.spatial.transform.Rotation
-    total = rotation.concatenate([rotation.identity(), steps])
-    reach = 1
-    while reach < len(total):
-        total = rotation.concatenate([total[:reach], total[:-reach] * total[reach:]])
-        reach *= 2
-    return total
+    rotation, count = scipy.spatial.transform.Rotation, len(steps)
+    if count <= FEW_STEPS:
+        total = [rotation.identity()]
+        for step in steps:
+            total.append(total[-1] * step)
+        return rotation.concatenate(total)
+    width = math.isqrt(count)  # in blocks of so many, all blocks at once
+    blocks = -(-count // width)
+    q = np.vstack([steps.as_quat(), np.tile([0.0, 0.0, 0.0, 1.0], (blocks * width - count, 1))])
+    within_block = [rotation.from_quat(q[::width])]
+    for k in range(1, width):
+        within_block.append(within_block[-1] * rotation.from_quat(q[k::width]))
+    starts = products(within_block[-1])[:blocks]
+    whole = np.stack([(starts * block).as_quat() for block in within_block], axis=1).reshape(-1, 4)
+    return rotation.from_quat(np.vstack([[0.0, 0.0, 0.0, 1.0], whole[:count]]))
+
+
+FEW_STEPS = 32
+"""Rotations that are multiplied one by one."""
 
 
 def perpendicular(axis: Array) -> tuple[Array, Array]:
@@ -491,9 +511,9 @@ def leaps(t: Array, steps: Array) -> NDArray[np.intp]:
     steps : (n - 1,) rad.
     """
     size = np.where(within(t), np.abs(steps) / np.diff(t), 0.0) * float(np.median(np.diff(t)))
-    beside = np.pad(size, 2, mode="edge")
+    beside = np.pad(size, 2)
     noise = 12.0 * float(np.median(np.abs(np.diff(size, prepend=0.0))))
-    count = 3.0 * float(np.min(size, where=size > 0.0, initial=np.inf))
+    count = 3.0 * float(np.min(size, where=size > 0.0, initial=np.inf)) if np.count_nonzero(size) > 2 else 0.0
     return np.flatnonzero(size > LEAP + noise + count + 4.0 * np.maximum(beside[:-4], beside[4:])) + 1
 
 
@@ -664,7 +684,7 @@ def smooth_spline(t: Array, y: Array, readings: int) -> scipy.interpolate.BSplin
 
 
 SPACINGS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
-"""Readings from knot to knot of the splines tried for an angle; the widest whose rest is no larger is taken."""
+"""Readings from knot to knot of the splines that are tried; the widest whose rest is no larger is taken."""
 
 
 def resolving_spline(t: Array, y: Array) -> tuple[scipy.interpolate.BSpline, Array]:

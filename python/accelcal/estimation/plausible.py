@@ -83,7 +83,7 @@ def suspicion(recording: Recording) -> str:
 def turned(recording: Recording, scale: float) -> str:
     """The sentence on an output that runs against the encoder, with the line that mends it."""
     return f"{recording.name or 'recording'}: the output runs against the encoder (1 + k = {scale:.3f}). " + (
-        other_sense(recording).replace("does", "Does", 1)
+        f"Is a sign of the output or of input_axis swapped, or {other_sense(recording)}" * bool(other_sense(recording))
         or "The sensor is mounted the other way round or a sign is swapped; write in the sidecar\n[rig]\n"
         f'mount = "{OTHER_MOUNT[recording.rig.mount]}"'
     )

@@ -186,9 +186,10 @@ def _of_attitude(
     _require_unit_length(file, stamps, q, columns)
     q = q / np.linalg.norm(q, axis=1)[:, None]
     noise: Array | float = declared.attitude.noise or attitude_scatter(q)
-    sense, held = declared.attitude.maps, list[Finding]()
+    sense, of_gyroscope = declared.attitude.maps, list[Finding]()
+    jumps = _leaps("attitude", stamps, 2.0 * np.arccos(np.minimum(1.0, np.abs(np.sum(q[1:] * q[:-1], axis=1)))))
     if all(name in channels for name in GYROSCOPE):
-        stamps, q, noise, held = _between_readings(file, channels, declared, (stamps, q, float(noise)))
+        stamps, q, noise, of_gyroscope = _between_readings(file, channels, declared, (stamps, q, float(noise)))
         sense = "sensor to ENU"
     else:
         noise = float(noise) ** 2 * float(np.median(np.diff(stamps)))
@@ -213,14 +214,14 @@ def _of_attitude(
         f"path along that mean direction, and {GRAVITY} what the acceleration along the turning axis exceeds that of "
         f"the path by, gravity included: {np.min(level):.3g} to {np.max(level):.3g} m/s^2"
     )
-    findings += [Finding("turning", "position", len(q), float(t[0]), text), *held]
+    findings += [Finding("turning", "position", len(q), float(t[0]), text), *of_gyroscope]
     most = math.sqrt(2.0 * float(np.max(directions.side[GRAVITY_NOISE].y)))
     text = (
         f"noise of the attitude makes gravity along the axis uncertain by up to {most:.2g} (m/s^2)/sqrt(Hz), which is "
         "in the model beside the noise of the output"
     )
     findings.append(Finding("attitude_noise", "position", len(q), float(t[0]), text))
-    findings += _leaps("attitude", stamps, 2.0 * np.arccos(np.minimum(1.0, np.abs(np.sum(q[1:] * q[:-1], axis=1)))))
+    findings += jumps
     ties = left_open(directions, rig.sensor.noise, triad=bool(declared.axis))
     findings += [Finding("tie", name, 1, float(t[0]), text) for name, text in ties]
     return {**channels, "position": position, **directions.side}, rig, findings
@@ -355,7 +356,12 @@ def _rates(file: str, channels: dict[str, Channel], declared: Sidecar) -> tuple[
                 f'{file}: column "{declared.channels[name].column}", {name}: {what}; expected an angular rate, '
                 'right-handed about the same axes as input_axis: unit = "rad/s"'
             )
-    return together([channels.pop(name) for name in GYROSCOPE])
+    t, rates = together([channels.pop(name) for name in GYROSCOPE])
+    if len(t) < 2:
+        raise RecordingError(
+            f"{file}: {', '.join(GYROSCOPE)} share {len(t)} instants; at least 2 are needed. Check their time columns"
+        )
+    return t, rates
 
 
 def _between_readings(
@@ -372,27 +378,44 @@ def _between_readings(
             f"{t[cuts[0]]:.6g} s; expected rates without a hole. Load a part without one (--from, --to), or leave "
             "them out"
         )
-    if np.count_nonzero((t[0] <= stamps) & (stamps <= t[-1])) < LEAST_ATTITUDES:
+    shared = stamps[(t[0] <= stamps) & (stamps <= t[-1])]
+    if len(shared) < LEAST_ATTITUDES or shared[-1] - shared[0] < LEAST_SECONDS:
         raise RecordingError(
-            f"{file}: fewer than {LEAST_ATTITUDES} readings of the attitude lie between t = {t[0]:.6g} s and "
-            f"{t[-1]:.6g} s, where {', '.join(GYROSCOPE)} were recorded; check the clocks of both, or leave these out"
+            f"{file}: {len(shared)} readings of the attitude lie between t = {t[0]:.6g} s and {t[-1]:.6g} s, where "
+            f"{', '.join(GYROSCOPE)} were recorded; expected {LEAST_ATTITUDES} over {LEAST_SECONDS:g} s. Check the "
+            "clocks of both, or leave these out"
         )
     attitude = scipy.spatial.transform.Rotation.from_quat(q, scalar_first=True)
     body = carried(
         (stamps, attitude if declared.attitude.maps == "sensor to ENU" else attitude.inv()), (t, rates), scatter
     )
+    if body.disagreement > MOST_DISAGREEMENT:
+        raise RecordingError(
+            f"{file}: {', '.join(GYROSCOPE)} turn otherwise than the attitude: over a second by "
+            f"{body.disagreement:.3g} times what the noise of both explains. Check their unit, order and sense, the "
+            "clock of both and maps of [channels.attitude], or leave them out"
+        )
     bias = ", ".join(f"{math.degrees(b):.2g}" for b in body.bias)
+    off = float(np.max(np.abs(body.matrix - np.eye(3))))
+    axes = "; its axes are not those of the attitude, which is allowed for" * (off > OTHER_AXES)
     text = (
-        f"a gyroscope carries the attitude between its readings: bias {bias} deg/s, matrix up to "
-        f"{np.max(np.abs(body.matrix - np.eye(3))):.2g} from unity, {units.in_usual_unit(body.delay, 's')} behind the "
-        f"attitude, which scatters by {units.in_usual_unit(scatter, 'rad', 2)} without it"
+        f"a gyroscope carries the attitude between its readings from t = {body.t[0]:.6g} s to {body.t[-1]:.6g} s: bias "
+        f"{bias} deg/s, matrix up to {off:.2g} from unity, {units.in_usual_unit(body.delay, 's')} behind the attitude, "
+        f"a reading of which scatters by {units.in_usual_unit(scatter, 'rad', 2)}{axes}"
     )
+    unused = np.count_nonzero((stamps < body.t[0]) | (stamps > body.t[-1]))
+    if unused > 0.1 * len(stamps):
+        text += f"; {unused} readings of the attitude beyond it are left out, as are the places beside them"
     finding = Finding("carried", "gyroscope", len(t), float(t[0]), text)
     return body.t, body.attitude.as_quat(scalar_first=True), body.noise, [finding]
 
 
-LEAST_ATTITUDES = 32
-"""Fewer readings of an attitude determine no bias and matrix of a gyroscope."""
+LEAST_ATTITUDES, LEAST_SECONDS = 32, 5.0
+"""Fewer readings of an attitude, or less time, determine no bias and matrix of a gyroscope."""
+MOST_DISAGREEMENT = 10.0
+"""Disagreement beyond which a gyroscope is another body's, or in another unit."""
+OTHER_AXES = 0.2
+"""Element of the matrix of a gyroscope that no tolerance of its axes explains."""
 
 
 def _of_gyroscope(
@@ -727,11 +750,11 @@ def recording_of(
     findings, parts = notes + unused + asked(table, declared), parts_of_orientation(declared)
     channels = {}
     for name, samples in _samples(table, plan, declared.rig, part, findings):
-        if not len(samples.t) and name == "accel":
+        column = plan.sources[name].column
+        if not len(samples.t) and name == "accel" and len(table.read([column])[column].values):
             text = "give another column" if need_accel else "a planned motion has columns for time and position alone"
             raise RecordingError(
-                f'{path}: column "{plan.sources[name].column}": every cell is empty, expected the output of the '
-                f"accelerometer; {text}"
+                f'{path}: column "{column}": every cell is empty, expected the output of the accelerometer; {text}'
             )
         if not len(samples.t) and name not in required:
             findings.append(Finding("empty", name, 0, 0.0, f"{name}: every cell is empty; the channel is left out"))
