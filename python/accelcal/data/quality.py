@@ -38,7 +38,17 @@ from accelcal._support.values import listing
 from accelcal.data import units
 from accelcal.data.arrays import Array
 from accelcal.data.clocks import FEWEST_STAMPS, rounding_std, slewed, stamp_grid, steady_clock, uniform_clock
-from accelcal.data.orientation import ANGLE, GRAVITY, LEVERS, PLACE, TURNED
+from accelcal.data.orientation import (
+    ACROSS,
+    ANGLE,
+    GRAVITY,
+    GRAVITY_NOISE,
+    LEVELS,
+    LEVERS,
+    OF_ARM,
+    PLACE,
+    TURNED,
+)
 from accelcal.data.recording import ORDERS, Channel, Finding, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.data.units import instant
@@ -663,11 +673,17 @@ _ORIENTATIONS = {
 }
 
 
+UNLISTED = {GRAVITY_NOISE, *LEVELS, *ACROSS, *OF_ARM}
+"""Side channels of a body that turns which `describe` alone has: columns of errors of mount and reference."""
+
+
 def summarise(recording: Recording) -> str:
     """Return `describe` as lines for a human reader; warnings come before notes."""
     summary = describe(recording)
     lines = [summary["name"] or "recording"]
     for name, channel in summary["channels"].items():
+        if name in UNLISTED:
+            continue
         rate = f"{channel['rate_hz']:.6g} Hz" if channel["rate_hz"] else "no rate"
         span = f"{instant(channel['start_s'])} s to {instant(channel['end_s'])} s"
         lines.append(

@@ -652,7 +652,7 @@ def result(solution: Solution) -> Fit:
     remarks += [
         remark("noise_beyond_declared", recording=f.name or "recording", text=text)
         for f, run in zip(fits, runs, strict=True)
-        for text in (f.noise.remark, f.noise.remark_on_reading(run.rig))
+        for text in (f.noise.remark(run.attitude_density), f.noise.remark_on_reading(run.rig))
         if text
     ]
     fit = Fit(

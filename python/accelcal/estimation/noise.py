@@ -288,10 +288,12 @@ class NoiseReport:
         """Fitted over declared density."""
         return None if self.declared is None else self.all.density / self.declared
 
-    @property
-    def remark(self) -> str | None:
-        """A sentence when fit and data sheet disagree by more than a factor 1.5."""
+    def remark(self, beside: float) -> str | None:
+        """A sentence when fit and data sheet disagree by more than a factor 1.5; noise of an attitude `beside` that of
+        the output, (m/s²)/sqrt(Hz), may have taken its place."""
         if self.ratio is None or not (self.ratio > REMARKED_BEYOND or self.ratio < 1.0 / REMARKED_BEYOND):
+            return None
+        if self.ratio < 1.0 < REMARKED_BEYOND * math.hypot(self.all.density, beside) / (self.declared or math.inf):
             return None
         if self.ratio > 1.0:
             return (

@@ -309,6 +309,12 @@ class RunSamples:
         of_attitude = self.recording.side.get(GRAVITY_NOISE)
         return extra if of_attitude is None else extra + np.interp(self.t, of_attitude.t, of_attitude.y)
 
+    @property
+    def attitude_density(self) -> float:
+        """Usual one-sided density of what noise of an attitude adds to that of the output, (m/s²)/sqrt(Hz)."""
+        of_attitude = self.recording.side.get(GRAVITY_NOISE)
+        return 0.0 if of_attitude is None else math.sqrt(2.0 * float(np.median(of_attitude.y)))
+
     @cached_property
     def filters(self) -> ChannelFilters:
         """Declared filters beside the one RC that the drive inverts itself."""
