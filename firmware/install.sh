@@ -1,12 +1,12 @@
 #!/bin/sh
 # Gives a Debian machine what the firmware needs: Rust with `core` for Cortex-M4F and M7, a C compiler and linker for ARM,
-# QEMU.
+# QEMU, and what checks exported C.
 # Debian ships Rust's sources but not this target, so `core` is built once and added to Debian's Rust. Run twice, it does
 # nothing. Elsewhere: `rustup target add thumbv7em-none-eabihf`, and qemu-system-arm and arm-none-eabi-ld from anywhere.
 set -eu
 
 target=thumbv7em-none-eabihf
-packages="rustc-web cargo-web rust-web-src qemu-system-arm binutils-arm-none-eabi gcc-arm-none-eabi"
+packages="rustc-web cargo-web rust-web-src qemu-system-arm binutils-arm-none-eabi gcc-arm-none-eabi cppcheck"
 root() { if [ "$(id -u)" -eq 0 ]; then "$@"; else sudo "$@"; fi; }
 
 work=$(mktemp -d)
@@ -14,7 +14,7 @@ trap 'rm -rf "$work"' EXIT
 printf '#![no_std]\n' >"$work/seed.rs"
 has_target() { "$1" --crate-type lib --target "$target" --out-dir "$work" "$work/seed.rs" 2>/dev/null; }
 
-if command -v qemu-system-arm >/dev/null && command -v arm-none-eabi-gcc >/dev/null; then
+if command -v qemu-system-arm >/dev/null && command -v arm-none-eabi-gcc >/dev/null && command -v cppcheck >/dev/null; then
     for rustc in rustc /usr/bin/rustc; do
         if has_target "$rustc"; then
             echo "all there: $target for $("$rustc" --version)"
