@@ -437,10 +437,10 @@ def test_a_gap_of_all_columns_is_no_other_scale_and_hides_none(tmp_path, factor)
     # Twin: an output that is doubled behind the gap still is one of another scale.
     path = Triad(201, motion=1).write(tmp_path)
     names, *rows = path.read_text().splitlines()
-    kept = [[float(cell) for cell in row.split(",")] for row in rows if not 20.0 < float(row.split(",")[0]) < 30.0]
-    for row in kept:
+    outside = [[float(cell) for cell in row.split(",")] for row in rows if not 20.0 < float(row.split(",")[0]) < 30.0]
+    for row in outside:
         row[2] *= factor if row[0] > 45.0 else 1.0
-    np.savetxt(path, kept, fmt="%.9g", delimiter=",", header=names, comments="")
+    np.savetxt(path, outside, fmt="%.9g", delimiter=",", header=names, comments="")
     codes = {axis.axis: [note.code for note in examine(axis).remarks()] for axis in ac.load_axes(path)}
     assert ("other_scale" in codes["y"]) == (factor != 1.0)
     assert "other_scale" not in codes["x"] + codes["z"]

@@ -98,18 +98,20 @@ def read(path: Path, everything: bool) -> str:
     try:
         if everything:
             io.template(path)
-        found = io.load_declared(path)[0]
+        contents = io.load_declared(path)[0]
     except RecordingError as error:
         said = str(error)
     if said:
         assert str(path.parent) in said or "/dev/zero" in said, f"a refusal without its file: {said}"
         assert len(said) < 20_000, f"a refusal of {len(said)} characters"
-    elif isinstance(found, Recording):
-        require_recording(found)
-        summarise(found)
-        json.dumps(describe(found), allow_nan=False)
+    elif isinstance(contents, Recording):
+        require_recording(contents)
+        summarise(contents)
+        json.dumps(describe(contents), allow_nan=False)
     else:
-        assert all(np.isfinite(y).all() for y in (found.angle, found.mean, found.std, found.duration)), "dwells"
+        assert all(np.isfinite(y).all() for y in (contents.angle, contents.mean, contents.std, contents.duration)), (
+            "dwells"
+        )
     return said
 
 

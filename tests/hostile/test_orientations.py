@@ -93,8 +93,8 @@ def estimated(ended: CompletedProcess[str], record: Record) -> tuple[float, str]
 def wrong(result: Answer, record: Record, names: str) -> str:
     """What is wrong with an answer; empty where nothing is."""
     if result.code:
-        one = result.refusal.startswith("accelcal: ") and "Traceback" not in result.refusal
-        if result.code not in (2, 3, 4) or not one or len(result.refusal) > LONGEST:
+        sentence = result.refusal.startswith("accelcal: ") and "Traceback" not in result.refusal
+        if result.code not in (2, 3, 4) or not sentence or len(result.refusal) > LONGEST:
             return f"exit {result.code}: {result.refusal[:300]}"
         if not re.search(r"run\.(csv|toml)", result.refusal) or not re.search(NEXT, result.refusal):
             return f"no file or no next step: {result.refusal}"
@@ -119,8 +119,8 @@ def test_a_mutated_record_is_answered_right_noticed_or_refused_in_a_sentence(sec
         folder.mkdir()
         result = answer(section, number, record, folder)
         refused += result.code != 0
-        if told := wrong(result, record, names):
-            failures.append(f"{section} {number}, {name}: {told}")
+        if failure := wrong(result, record, names):
+            failures.append(f"{section} {number}, {name}: {failure}")
     print(f"{section}: {len(numbers)} mutated, {refused} refused, {len(failures)} wrong (threshold 0)")
     assert not failures, "\n".join(failures)
 

@@ -31,9 +31,9 @@ def axes(tmp_path_factory):
 @pytest.fixture(scope="module")
 def content(axes):
     """Return the content of a page on three outputs, of which y lacks a cubic."""
-    made = report.gather(ac.fit(axes), axes, command="accelcal report m.json <run>.csv")
-    assert isinstance(made, AxesContent)
-    return made
+    content = report.gather(ac.fit(axes), axes, command="accelcal report m.json <run>.csv")
+    assert isinstance(content, AxesContent)
+    return content
 
 
 @pytest.fixture

@@ -158,7 +158,8 @@ def turning(
     grid = grid if len(grid) > len(t) else t
     axes = np.column_stack([rotated(q, v, sense) for v in np.eye(3)])
     mean = np.mean(axes, axis=0).reshape(3, 3).T @ axis
-    path, bounds, curvatures, body = np.zeros(len(t)), [], [], []  # second derivatives of path, place and axes
+    path, bounds, body = np.zeros(len(t)), [], []
+    curvatures = []  # second derivatives of path, place and axes
     for rows in unbroken(t):
         first, last = t[rows][[0, -1]]
         near = slice(max(0, int(np.searchsorted(stamps, first, "right")) - 1), int(np.searchsorted(stamps, last)) + 1)
