@@ -26,7 +26,7 @@ from accelcal.diagnosis.noise.residuals import Residuals
 from accelcal.diagnosis.noise.spectra import tones, vibration
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, REJECTION_ROUNDS
 from accelcal.effects import BUILT_IN
-from accelcal.estimation.bands import TRIALS
+from accelcal.estimation.bands import TRIALS, in_its_band
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun
@@ -186,8 +186,12 @@ def clean_fit(
             for outlier_test in tests_of_run:
                 found_earlier.setdefault(outlier_test.effect, outlier_test)
                 runs[number] = without_outliers(runs[number], outlier_test)
+        again = [
+            run if of_run or state.band is None else in_its_band(run, solution.model, state)
+            for run, of_run, state in zip(runs, outlier_tests, solution.states, strict=True)
+        ]
         solution.states.clear()  # one set of filters at a time
-        solution = solve(runs)
+        solution = solve(again)
     new = [test for test in tests if test.effect not in found_earlier]
     return CleanFit(tuple(runs), solution, (*new, *found_earlier.values()))
 

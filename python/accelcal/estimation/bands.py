@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import pickle
+from collections.abc import Hashable, Sequence
 from itertools import combinations
 
 import numpy as np
 from scipy import special
 
 from accelcal.data import POSITION_ORDER
+from accelcal.effects import find
 from accelcal.estimation.gauss_newton import BandTrial, NotIdentifiable, Solution, estimated, initial_states
 from accelcal.estimation.rows import LEAST_BLOCKS, normal_equations
+from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model
 from accelcal.signals.processing import NEARLY_NYQUIST
@@ -33,6 +36,24 @@ deviations, for the few pairs that are compared."""
 
 TRIALS = "bands"
 """First word of the question to a run what single bands say; a few readings less do not change the answer."""
+NEEDED = "band needed"
+"""Question to a run which of the others it answers because its noise needs a band."""
+
+
+def question(model: Model, run: PreparedRun) -> tuple[Hashable, ...]:
+    """The question to a run what single bands say of a model."""
+    return (TRIALS, pickle.dumps((model, [find(name).digest for name in model.effects])), *run.t[[0, -1]])
+
+
+def in_its_band(run: PreparedRun, model: Model, state: RunState) -> PreparedRun:
+    """A run with the same samples as that of a state, whose noise is known to need a band for a model."""
+    return run.but(answers={**run.answers, NEEDED: question(model, state.run)})
+
+
+def trials_needed(model: Model, run: PreparedRun) -> tuple[BandTrial, ...]:
+    """What single bands say of a model, of a run whose noise is known to need one; else nothing."""
+    asked = run.answers.get(NEEDED)
+    return run.answers.get(asked, ()) if asked and asked == question(model, run) else ()
 
 
 def needs_band(state: RunState) -> bool:

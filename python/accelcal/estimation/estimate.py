@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -36,7 +35,14 @@ from accelcal.data import (
 from accelcal.data.orientation import ANGLE, LEVEL_AXLE
 from accelcal.data.recording import dwells_with_first, listed
 from accelcal.effects import BUILT_IN, CATALOGUE, find
-from accelcal.estimation.bands import TRIALS, best_band, change_with_band, needs_band, trial_bands
+from accelcal.estimation.bands import (
+    best_band,
+    change_with_band,
+    needs_band,
+    question,
+    trial_bands,
+    trials_needed,
+)
 from accelcal.estimation.channel_filters import names
 from accelcal.estimation.dwell_fit import DwellFit, origins_of, seen_in, solve_dwells
 from accelcal.estimation.dwell_rows import Nuisances, acts_at_rest, determines, shown
@@ -44,6 +50,7 @@ from accelcal.estimation.engines import ENGINES, Engine, Method, engine_named, m
 from accelcal.estimation.gauss_newton import (
     DWELL_STEPS,
     MAX_ROUNDS,
+    BandTrial,
     Layout,
     NotIdentifiable,
     Solution,
@@ -484,27 +491,34 @@ def _solved(
     band: float | None,
     progress: Callable[[float], None],
 ) -> Solution:
-    """The solution of prepared runs by their engines; `model` is the completed one that was `asked` for."""
-    solution = iterate(model, runs, [band] * len(runs), progress)
+    """The solution of prepared runs by their engines; `model` is the completed one that was `asked` for.
+
+    A run whose noise needs a band, as is known of the same samples, is fitted in it from the start.
+    """
+
+    def iterated(trials: tuple[tuple[BandTrial, ...], ...]) -> Solution:
+        bands = tuple(best_band(of_run) for of_run in trials)
+        solution = iterate(model, runs, [band or chosen for chosen in bands], progress)
+        return replace(solution, chosen=bands, by_band=trials)
+
+    def known() -> tuple[tuple[BandTrial, ...], ...]:
+        return tuple(trials_needed(model, run) if band is None else () for run in runs)
+
+    solution = iterated(known())
     unlike, by_runs = differing(solution)
     if unlike:
         model = complete(asked.vary(*unlike), recordings)
-        solution = iterate(model, runs, [band] * len(runs), progress)
+        solution = iterated(known())
         _, by_runs = differing(solution)  # one value for runs that differ distorts all that is told beside it
     if band is None:
-        trials = [
-            state.run.once(
-                (TRIALS, pickle.dumps((model, [find(name).digest for name in model.effects])), *state.run.t[[0, -1]]),
-                partial(trial_bands, model, state),
-            )
-            if needs_band(state)
-            else ()
-            for state in solution.states
-        ]
-        bands = [best_band(trials_of_run) for trials_of_run in trials]
-        if any(bands):
-            solution = replace(iterate(model, runs, bands, progress), chosen=tuple(bands))
-        solution = replace(solution, by_band=tuple(trials))
+        trials = tuple(
+            state.run.once(question(model, state.run), partial(trial_bands, model, state))
+            if not of_run and needs_band(state)
+            else of_run
+            for of_run, state in zip(solution.by_band, solution.states, strict=True)
+        )
+        if trials != solution.by_band:
+            solution = iterated(trials)
     return replace(refine_shapes(solution), seen_by_runs=by_runs)
 
 
