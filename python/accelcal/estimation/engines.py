@@ -412,7 +412,12 @@ def weak_form(state: RunState) -> WeakRows:
 def coloured_rows(spectrum: MeasuredSpectrum, sums: ColumnFilter | WeakRows, terms: Sequence[Term]) -> Rows:
     """Sums of the whole run, whitened by a spectrum."""
     whiten = whitener(spectrum, sums.rate)
-    return sums.times, whiten(sums.whole(terms)).T, whiten(sums.whitened)
+    of, columns = vars(sums).pop(COLUMNS, ((), None))
+    return sums.times, whiten(columns if of == tuple(terms) else sums.whole(terms)).T, whiten(sums.whitened)
+
+
+COLUMNS = "columns"
+"""Attribute of sums: terms and their columns on which a spectrum was measured, until they are fitted."""
 
 
 def last_rows(state: RunState, terms: Sequence[Term]) -> Iterator[Rows]:
@@ -460,6 +465,7 @@ def spectrum_of(state: RunState, terms: Sequence[Term]) -> MeasuredSpectrum | No
     if state.band is None and white(measured_spectrum(y, sums.rate, crossover)):
         return None
     X = sums.whole(terms)
+    vars(sums)[COLUMNS] = tuple(terms), X
     size = np.sqrt(np.maximum(np.sum(X**2, axis=1), 1e-300))
     if not np.all(np.isfinite(size)) or not np.isfinite(y @ y):
         return None  # the solve says so

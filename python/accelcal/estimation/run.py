@@ -42,6 +42,24 @@ from accelcal.signals.series import FilledSeries, fill_gaps, grid_step, interpol
 from accelcal.signals.signals import Origins
 from accelcal.signals.unresolved import Jumps, jumps, lost_velocity, prediction_scores
 
+Answer = TypeVar("Answer")
+
+
+class Unchanged:
+    """Answers that stay as long as what they were found for does, from round to round of a fit."""
+
+    def __init__(self) -> None:
+        self.last: dict[Hashable, tuple[tuple[Any, ...], Any]] = {}
+
+    def __call__(self, question: Hashable, given: tuple[Any, ...], find: Callable[[], Answer]) -> Answer:
+        """The answer to a question for given arrays and numbers, found anew where one of them differs."""
+        before, answer = self.last.get(question, ((), None))
+        if len(before) != len(given) or not all(map(np.array_equal, before, given)):
+            answer = find()
+            self.last[question] = given, answer
+        found: Answer = answer
+        return found
+
 
 @dataclass(frozen=True, eq=False)
 class AxisGravity:
@@ -52,6 +70,7 @@ class AxisGravity:
     channel: Channel | None
     """On the clock of the position, m/s²."""
     filters: ChannelFilters
+    unchanged: Unchanged = field(default_factory=Unchanged)
 
     def at(self, t: Array) -> Array | float:
         """At times t, (n,) m/s²; a number where it is constant."""
@@ -61,7 +80,7 @@ class AxisGravity:
         """At uniform times `step` s apart, up to a bandwidth in Hz, (n,) m/s²."""
         if self.channel is None:
             return self.constant
-        return low_pass(resample(self.channel, t), 1.0 / step, cutoff)
+        return low_pass(np.asarray(self.unchanged("at", (t,), lambda: self.at(t))), 1.0 / step, cutoff)
 
     def behind_high_passes(self, t: Array, step: float, cutoff: float) -> Array | float:
         """The same as the output shows it, behind its high-passes."""
@@ -141,7 +160,6 @@ def hole_variances(accel: Channel, step: float, filled: FilledSeries) -> tuple[A
     return filled.begin, filled.end, filled.noise * (sigma * step) ** 2 + motion**2
 
 
-Answer = TypeVar("Answer")
 SETTLE = 5.0
 """Time constants of the filter after a start whose innovations are not used."""
 TURNED_GRAVITY = 0.05
@@ -242,6 +260,11 @@ class RunSamples:
         """How many derivatives of what the reference reads make an acceleration: 2 of a position, 1, 0."""
         reference = self.recording.reference
         return POSITION_ORDER if reference is None else require_reference(reference)[0]
+
+    @cached_property
+    def unchanged(self) -> Unchanged:
+        """What the rounds of a fit find of the samples."""
+        return Unchanged()
 
     @property
     def accounted_steps(self) -> tuple[PositionStep, ...]:

@@ -376,13 +376,19 @@ def output_signals(run: PreparedRun, values: Values, cutoff: float, motion: tupl
 
 def side_channels_at(run: PreparedRun, t: Array) -> dict[str, Array]:
     """Side channels at times `t`, from the model's origin."""
+    resampled = run.unchanged("side channels", (t,), lambda: resampled_side(run, t))
+    return {name: y - run.origins.of(name) for name, y in resampled.items()}
+
+
+def resampled_side(run: PreparedRun, t: Array) -> dict[str, Array]:
+    """Side channels at times `t`, in their units."""
     side = run.recording.side
     turning = [channel for name, channel in side.items() if name in DERIVED]
     alike = len({len(channel) for channel in turning}) == 1  # all are made from the same places
     together = cubic(turning[0].t, np.stack([channel.y for channel in turning]), t) if alike else ()
     values = dict(zip((channel.name for channel in turning), together, strict=alike))
     values |= {name: resample(channel, t) for name, channel in side.items() if name not in values}
-    return {name: values[name] - run.origins.of(name) for name in side}
+    return {name: values[name] for name in side}
 
 
 def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, values: Values, cutoff: float) -> Signals:

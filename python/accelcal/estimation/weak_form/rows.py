@@ -8,7 +8,7 @@ import math
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import scipy
@@ -109,7 +109,11 @@ class WeakRows:
         last = 4.0 * float(np.spacing(abs(self._clock) + t[-1]))
         written = [max(last, decimal_step(stamps)) for stamps in (run.all_readings[0], run.driving.t)]
         self._zero = float(np.mean(z)) if self.order else 0.0
-        self._readings = SampledChannel.of(t, z - self._zero, self.reading_step, self.rate, written[0])
+        self._readings = run.unchanged(
+            "readings",
+            (t, z - self._zero, self.rate),
+            lambda: SampledChannel.of(t, z - self._zero, self.reading_step, self.rate, written[0]),
+        )
         output = run.driving.y - values.bias * run.filters.at_rest
         self._output = SampledChannel.of(stamps, output, run.accel_step, self.rate, written[1])
         self._kept = self._whole_ones(stamps)
@@ -430,7 +434,9 @@ class WeakRows:
             of_noise, of_readings, step = of_noise[usable], of_readings[usable], run.accel_step
             if constant is None:
                 covariance.of_output[:, rows] = bands(of_noise, 1.0 / step)[:, :inner]
-                covariance.of_readings[:, rows] = bands(of_readings)[:, :inner]
+                among = self._readings, self.splines.step, wide.start, usable
+                variances = run.unchanged(("variances", part.start), among, partial(bands, of_readings))
+                covariance.of_readings[:, rows] = variances[:, :inner]
             if np.any(extra_q[samples]):
                 covariance.extra[:, rows] += bands(of_noise, extra_q[samples] / step)[:, :inner]
             if len(extra_r) and np.any(extra_r[readings]):
