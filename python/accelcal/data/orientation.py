@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.data.arrays import Array
+from accelcal.data.arrays import Array, Unchanged
 from accelcal.data.recording import Channel
 from accelcal.data.rig import STANDARD_GRAVITY
 
@@ -140,7 +140,13 @@ def scatter(y: Array) -> float:
 
 
 def turning(
-    t: Array, place: Array, attitude: tuple[Array, Array], axis: Array, sense: Sense, noise: Array | float = 0.0
+    t: Array,
+    place: Array,
+    attitude: tuple[Array, Array],
+    axis: Array,
+    sense: Sense,
+    noise: Array | float = 0.0,
+    unchanged: Unchanged | None = None,
 ) -> Turning:
     """Path and gravity along an axis of a body that turns (derivations 7.9).
 
@@ -152,41 +158,23 @@ def turning(
     axis : (3,) input axis in axes of the sensor, of length 1.
     sense : what the quaternions turn into what.
     noise : density of the noise of the attitude about each axis, two-sided, of all or of each of its readings, rad²/Hz.
+    unchanged : of another axis of the same body, whose motion it holds.
     """
     stamps, q = attitude
-    grid = stamps[(t[0] <= stamps) & (stamps <= t[-1])]
-    grid = grid if len(grid) > len(t) else t
-    axes = np.column_stack([rotated(q, v, sense) for v in np.eye(3)])
-    mean = np.mean(axes, axis=0).reshape(3, 3).T @ axis
-    path, bounds, body = np.zeros(len(t)), [], []
-    curvatures = []  # second derivatives of path, place and axes
-    for rows in unbroken(t):
-        first, last = t[rows][[0, -1]]
-        near = slice(max(0, int(np.searchsorted(stamps, first, "right")) - 1), int(np.searchsorted(stamps, last)) + 1)
-        if rows.stop - rows.start < 2 or len(stamps[near]) < 2:  # of no use, like all readings beside which are none
-            continue
-        of_body = resolving_spline(stamps[near], axes[near])[0]
-        inside = slice(int(np.searchsorted(grid, first)), int(np.searchsorted(grid, last, side="right")))
-        at_grid, at_place = (
-            axes[near] if np.array_equal(stamps[near], instants) else of_body(instants)
-            for instants in (grid[inside], t[rows])
-        )
+    body = (unchanged or Unchanged())("body", (t, place, stamps, q, sense), lambda: moving(t, place, attitude, sense))
+    mean, grid = body.mean.T @ axis, body.grid
+    path, apart = np.zeros(len(t)), []
+    for rows, at_place, inside in body.stretches:
         turned_path = path_along(t[rows], place[rows], at_place @ np.kron(axis, np.eye(3)).T)
-        apart = place[rows] @ (mean / np.linalg.norm(mean)) - turned_path
-        spline, of_place = smooth_spline(t[rows], apart, KNOT_READINGS), resolving_spline(t[rows], place[rows])[0]
+        between = place[rows] @ (mean / np.linalg.norm(mean)) - turned_path
+        spline = smooth_spline(t[rows], between, KNOT_READINGS)
         path[rows] = turned_path + spline(t[rows])
-        bounds.append(inside)
-        body.append(at_grid)
-        curvatures.append(np.column_stack([series(grid[inside], 2) for series in (spline, of_place, of_body)]))
-    places = np.concatenate([np.arange(len(grid))[inside] for inside in bounds])
-    grid, turns = grid[places], np.concatenate(body)
-    directions = [turns @ np.kron(v, np.eye(3)).T for v in (axis, *perpendicular(axis))]
-    curvature = np.concatenate(curvatures)
-    gravity, second = STANDARD_GRAVITY * directions[0][:, 2] - curvature[:, 0], curvature[:, 1:].reshape(-1, 4, 3)
-    second[:, 0, 2] += STANDARD_GRAVITY
+        apart.append(spline(grid[inside], 2))
+    directions = [body.axes @ np.kron(v, np.eye(3)).T for v in (axis, *perpendicular(axis))]
+    gravity = STANDARD_GRAVITY * directions[0][:, 2] - np.concatenate(apart)
     columns = []
     for direction in directions:
-        columns += [*np.einsum("nk,njk->jn", direction, second), *(STANDARD_GRAVITY * direction[:, :2].T)]
+        columns += [*np.einsum("nk,njk->jn", direction, body.second), *(STANDARD_GRAVITY * direction[:, :2].T)]
     names = (*OF_DIRECTION, *ACROSS)
     units = ("m/s^2", *("rad/s^2" for _ in LEVERS), *("m/s^2" for _ in LEVELS))
     _, x, y, z, *further = (
@@ -198,6 +186,52 @@ def turning(
     of_noise = Channel(GRAVITY_NOISE, grid, density, "m^2/s^4/Hz")
     force = np.interp(t, grid, columns[0])
     return Turning(path_along_mean, pull, (x, y, z), (*further, of_noise), force)
+
+
+@dataclass(frozen=True, slots=True)
+class Moving:
+    """Motion of a tracked body, whatever the axis: on a grid as fine as the finer of place and attitude."""
+
+    grid: Array
+    """(k,) s, without what lies in holes of the places."""
+    axes: Array
+    """Axes of the sensor in ENU, (k, 9): x, y, z."""
+    second: Array
+    """Specific force and second derivatives of x, y and z, in ENU, (k, 4, 3)."""
+    mean: Array
+    """Mean of the axes over all attitudes, (3, 3)."""
+    stretches: list[tuple[slice, Array, slice]]
+    """Without a hole: places, axes at them, and rows of the grid."""
+
+
+def moving(t: Array, place: Array, attitude: tuple[Array, Array], sense: Sense) -> Moving:
+    """The motion of a body; parameters are those of `turning`."""
+    stamps, q = attitude
+    grid = stamps[(t[0] <= stamps) & (stamps <= t[-1])]
+    grid = grid if len(grid) > len(t) else t
+    axes = np.column_stack([rotated(q, v, sense) for v in np.eye(3)])
+    stretches, body, places, curvatures, count = [], [], [], [], 0
+    for rows in unbroken(t):
+        first, last = t[rows][[0, -1]]
+        near = slice(max(0, int(np.searchsorted(stamps, first, "right")) - 1), int(np.searchsorted(stamps, last)) + 1)
+        if rows.stop - rows.start < 2 or len(stamps[near]) < 2:  # of no use, like all readings beside which are none
+            continue
+        of_body = resolving_spline(stamps[near], axes[near])[0]
+        inside = slice(int(np.searchsorted(grid, first)), int(np.searchsorted(grid, last, side="right")))
+        at_grid, at_place = (
+            axes[near] if np.array_equal(stamps[near], instants) else of_body(instants)
+            for instants in (grid[inside], t[rows])
+        )
+        of_place = resolving_spline(t[rows], place[rows])[0]
+        places.append(grid[inside])
+        body.append(at_grid)
+        curvatures.append(np.column_stack([series(grid[inside], 2) for series in (of_place, of_body)]))
+        stretches.append((rows, at_place, slice(count, count + len(at_grid))))
+        count += len(at_grid)
+    second = np.concatenate(curvatures).reshape(-1, 4, 3)
+    second[:, 0, 2] += STANDARD_GRAVITY
+    mean = np.mean(axes, axis=0).reshape(3, 3)
+    return Moving(np.concatenate(places), np.concatenate(body), second, mean, stretches)
 
 
 SPAN = 1.0

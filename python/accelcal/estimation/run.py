@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from accelcal.data import (
     require_usable,
     usual_step,
 )
+from accelcal.data.arrays import Answer, Unchanged
 from accelcal.data.orientation import HOLE, holes
 from accelcal.data.quality import require_pace
 from accelcal.estimation.channel_filters import ChannelFilters, uniform
@@ -41,24 +42,6 @@ from accelcal.signals.processing import cubic, low_pass, motion_bandwidth, resam
 from accelcal.signals.series import FilledSeries, fill_gaps, grid_step, interpolation_spread
 from accelcal.signals.signals import Origins
 from accelcal.signals.unresolved import Jumps, jumps, lost_velocity, prediction_scores
-
-Answer = TypeVar("Answer")
-
-
-class Unchanged:
-    """Answers that stay as long as what they were found for does, from round to round of a fit."""
-
-    def __init__(self) -> None:
-        self.last: dict[Hashable, tuple[tuple[Any, ...], Any]] = {}
-
-    def __call__(self, question: Hashable, given: tuple[Any, ...], find: Callable[[], Answer]) -> Answer:
-        """The answer to a question for given arrays and numbers, found anew where one of them differs."""
-        before, answer = self.last.get(question, ((), None))
-        if len(before) != len(given) or not all(map(np.array_equal, before, given)):
-            answer = find()
-            self.last[question] = given, answer
-        found: Answer = answer
-        return found
 
 
 @dataclass(frozen=True, eq=False)

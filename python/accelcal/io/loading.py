@@ -43,6 +43,7 @@ from accelcal.data import (
     reference_among,
     units,
 )
+from accelcal.data.arrays import Unchanged
 from accelcal.data.clocks import THE_OUTPUT, lost_rows, relation
 from accelcal.data.orientation import (
     FASTEST_TURN,
@@ -108,7 +109,7 @@ def parts_of_orientation(declared: Sidecar) -> tuple[str, ...]:
 
 
 def with_orientation(
-    file: str, channels: Mapping[str, Channel], declared: Sidecar
+    file: str, channels: Mapping[str, Channel], declared: Sidecar, unchanged: Unchanged | None = None
 ) -> tuple[dict[str, Channel], Rig, list[Finding]]:
     """The channels of a recording with what its orientation says of the input axis, the rig, and what was noticed.
 
@@ -117,6 +118,7 @@ def with_orientation(
     file : its name, for messages.
     channels : what was read, by name.
     declared : its sidecar.
+    unchanged : of another output of the same body, whose motion it holds.
 
     Raises
     ------
@@ -125,7 +127,7 @@ def with_orientation(
         none.
     """
     if declared.attitude is not None:
-        return _of_attitude(file, dict(channels), declared)
+        return _of_attitude(file, dict(channels), declared, unchanged or Unchanged())
     if declared.angle_zero is not None:
         return _of_angle(file, dict(channels), declared)
     gyroscope = declared.input_axis is not None
@@ -169,7 +171,7 @@ def _shaken(channels: Mapping[str, Channel]) -> float:
 
 
 def _of_attitude(
-    file: str, channels: dict[str, Channel], declared: Sidecar
+    file: str, channels: dict[str, Channel], declared: Sidecar, unchanged: Unchanged
 ) -> tuple[dict[str, Channel], Rig, list[Finding]]:
     assert declared.attitude is not None
     assert declared.input_axis is not None
@@ -185,11 +187,13 @@ def _of_attitude(
     stamps, q = together([channels.pop(name) for name in ATTITUDE])
     _require_unit_length(file, stamps, q, columns)
     q = q / np.linalg.norm(q, axis=1)[:, None]
-    noise: Array | float = declared.attitude.noise or attitude_scatter(q)
+    noise: Array | float = declared.attitude.noise or unchanged("scatter", (q,), lambda: attitude_scatter(q))
     sense, of_gyroscope = declared.attitude.maps, list[Finding]()
     jumps = _leaps("attitude", stamps, 2.0 * np.arccos(np.minimum(1.0, np.abs(np.sum(q[1:] * q[:-1], axis=1)))))
     if all(name in channels for name in GYROSCOPE):
-        stamps, q, noise, of_gyroscope = _between_readings(file, channels, declared, (stamps, q, float(noise)))
+        stamps, q, noise, of_gyroscope = _between_readings(
+            file, channels, declared, (stamps, q, float(noise)), unchanged
+        )
         sense = "sensor to ENU"
     else:
         noise = float(noise) ** 2 * float(np.median(np.diff(stamps)))
@@ -201,7 +205,7 @@ def _of_attitude(
             "Check the time columns of both"
         )
     axis = np.array(declared.input_axis)
-    directions = turning(t[near], r[near], (stamps, q), axis, sense, noise)
+    directions = turning(t[near], r[near], (stamps, q), axis, sense, noise, unchanged)
     position, findings = quality.clean(
         quality.Samples(file, "position", directions.path.t, directions.path.y, "m", lambda i: f"reading {i}"),
         declared.rig,
@@ -365,7 +369,11 @@ def _rates(file: str, channels: dict[str, Channel], declared: Sidecar) -> tuple[
 
 
 def _between_readings(
-    file: str, channels: dict[str, Channel], declared: Sidecar, reference: tuple[Array, Array, float]
+    file: str,
+    channels: dict[str, Channel],
+    declared: Sidecar,
+    reference: tuple[Array, Array, float],
+    unchanged: Unchanged,
 ) -> tuple[Array, Array, Array, list[Finding]]:
     """Times, quaternions from sensor to ENU and noise of an attitude that a gyroscope carries between its readings, and
     what to say; `reference` has times, quaternions and the standard deviation of a reading."""
@@ -386,9 +394,9 @@ def _between_readings(
             "clocks of both, or leave these out"
         )
     attitude = scipy.spatial.transform.Rotation.from_quat(q, scalar_first=True)
-    body = carried(
-        (stamps, attitude if declared.attitude.maps == "sensor to ENU" else attitude.inv()), (t, rates), scatter
-    )
+    attitude = attitude if declared.attitude.maps == "sensor to ENU" else attitude.inv()
+    given = stamps, q, t, rates, scatter
+    body = unchanged("carried", given, lambda: carried((stamps, attitude), (t, rates), scatter))
     if body.disagreement > MOST_DISAGREEMENT:
         raise RecordingError(
             f"{file}: {', '.join(GYROSCOPE)} turn otherwise than the attitude: over a second by "
@@ -658,7 +666,10 @@ def axes(table: Table, rig: str | Path | Rig | None, part: int | None = None) ->
         return {name: columns[name] for name in names}
 
     shared, digest = replace(table, read=once), digest_of(table.path)
-    return tuple(loaded(shared, *declaration(table.path, rig, axis), part, digest) for axis in OUTPUTS)
+    unchanged = Unchanged()
+    return tuple(
+        loaded(shared, *declaration(table.path, rig, axis), part, digest, unchanged=unchanged) for axis in OUTPUTS
+    )
 
 
 def loaded(
@@ -670,6 +681,7 @@ def loaded(
     *,
     need_position: bool = True,
     need_accel: bool = True,
+    unchanged: Unchanged | None = None,
 ) -> Recording:
     """The recording that a table holds, or one of its outputs; parameters and errors are those of `load`.
 
@@ -677,6 +689,7 @@ def loaded(
     ----------
     declared, notes : as `declaration` gives them.
     whole : digest of the file, where it is known.
+    unchanged : of another output of the same body, whose motion it holds.
     """
     path, axis = table.path, declared.axis
     if declared.triad:
@@ -685,7 +698,8 @@ def loaded(
             'load(..., axis="x") one of them'
         )
     try:
-        recording = recording_of(table, declared, notes, need_position=need_position, need_accel=need_accel, part=part)
+        needs = {"need_position": need_position, "need_accel": need_accel}
+        recording = recording_of(table, declared, notes, **needs, part=part, unchanged=unchanged)
     except RecordingError as error:
         raise RecordingError(f"{error}{sensitivity_shown(table, declared)}") from None
     whole = whole or digest_of(path)
@@ -741,6 +755,7 @@ def recording_of(
     need_position: bool = True,
     need_accel: bool = True,
     part: int | None = None,
+    unchanged: Unchanged | None = None,
 ) -> Recording:
     """The recording that a table holds, without its digest; parameters and errors are those of `load`."""
     path = table.path
@@ -767,7 +782,7 @@ def recording_of(
             raise
         findings += [] if name in parts else noticed
     findings += table.notes
-    channels, rig, noticed = with_orientation(str(path), channels, declared)
+    channels, rig, noticed = with_orientation(str(path), channels, declared, unchanged)
     findings += noticed
     accel = channels.pop("accel", Channel("accel", np.empty(0), np.empty(0), "m/s^2"))
     reference = channels.pop(reference_among(channels) or "", None) if needs["position"] else None
