@@ -13,6 +13,7 @@ import os
 import tempfile
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -73,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if wanted.cost:
             begin = time.process_time()
             for run in axes:
-                verbs.fit(run.part(0.0, LEARNT * end))
+                verbs.fit(replace(run.part(0.0, LEARNT * end), name=f"{run.name} alone"))  # examined anew
             print(f"  cost over that of three single fits: {seconds / (time.process_time() - begin):.2f} (1.2)")
         unseen = [run.part(LEARNT * end, end) for run in axes]
         print(f"{name}: fitted in {seconds:.0f} s; delay {1e3 * fit['time_offset'].value:.3f} ms for all axes")

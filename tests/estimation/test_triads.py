@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -18,13 +19,16 @@ from scipy.spatial.transform import Rotation
 import accelcal as ac
 from accelcal import io
 from accelcal.calibration.export import PARAMETERS, NotExportable, SensorMatrix, c_files, rust_module
-from accelcal.data import GRAVITY, GRAVITY_NOISE, Recording, RecordingError
+from accelcal.data import GRAVITY, GRAVITY_NOISE, Recording, RecordingError, orientation
 from accelcal.data.orientation import Strapdown, carried, turning
+from accelcal.diagnosis import clean_fit
 from accelcal.diagnosis.faults import examine
 from accelcal.diagnosis.verdict import AxesDiagnosis
-from accelcal.estimation.gauss_newton import Layout, Output, initial_states, outputs_of, solve
+from accelcal.estimation import estimate
+from accelcal.estimation.gauss_newton import Layout, Output, initial_states, iterate, outputs_of, solve
 from accelcal.estimation.rows import normal_equations
 from accelcal.estimation.run import prepare
+from accelcal.io import loading
 from accelcal.results.json import from_json
 from accelcal.verbs import require_relation
 from tests.estimation.triads import G, Triad
@@ -349,6 +353,51 @@ def test_an_attitude_slower_than_the_place_tells_its_turning(folder):
     inside = (motion.levers[1].t > 1.0) & (motion.levers[1].t < 19.0)
     errors = (motion.levers[1].y - np.interp(motion.levers[1].t, t, true.levers[1].y))[inside]
     assert np.std(errors) < 0.1 * np.std(true.levers[1].y)
+
+
+def test_a_band_that_is_known_is_not_sought_again_and_changes_no_estimate(folder, monkeypatch):
+    """The output y needs a band, x has an outlier: without it all three are fitted in bands once, to the same."""
+    x, y, z = ac.load_axes(Triad(81, seconds=30.0, place_noise=1e-3).write(folder))
+    spiked = x.accel.y.copy()
+    spiked[3000] += 0.5
+    axes = [replace(x, accel=replace(x.accel, y=spiked)), y, z]
+    bands = list[Sequence[float | None]]()
+
+    def counted(model, runs, asked, *rest):
+        bands.append(asked)
+        return iterate(model, runs, asked, *rest)
+
+    monkeypatch.setattr(estimate, "iterate", counted)
+    monkeypatch.setattr(estimate, "needs_band", lambda state: state.run.recording.axis == "y")
+    fits = [ac.fit(axes)]
+    first, second, *others = bands
+    assert first == [None] * 3
+    assert second[1] is not None
+    assert others
+    assert others == [second] * len(others)
+    monkeypatch.setattr(clean_fit, "in_its_band", lambda run, *_: run)
+    fits.append(ac.fit(axes))
+    assert len(bands) == 4 + 3 * len(others)
+    apart = [(e.value - f.value) / f.std for e, f in zip(*(fit.free for fit in fits), strict=True)]
+    assert np.max(np.abs(apart)) < 1e-9
+    assert any(note.code == "outliers_rejected" for note in fits[0].remarks)
+
+
+def test_three_outputs_are_read_as_each_alone_and_their_body_is_solved_for_once(with_gyroscope, monkeypatch):
+    alone = [io.load(with_gyroscope[0], axis=axis) for axis in "xyz"]
+    calls = list[str]()
+
+    def counted(function):
+        return lambda *given: [calls.append(function.__name__), function(*given)][1]
+
+    monkeypatch.setattr(loading, "carried", counted(loading.carried))
+    monkeypatch.setattr(orientation, "moving", counted(orientation.moving))
+    for run, other in zip(ac.load_axes(with_gyroscope[0]), alone, strict=True):
+        assert run.side.keys() == other.side.keys()
+        assert np.array_equal(run.position.y, other.position.y)
+        assert all(np.array_equal(run.side[name].y, other.side[name].y) for name in run.side)
+        assert run.findings == other.findings
+    assert calls == ["carried", "moving"]
 
 
 def left_open(triad: Triad, folder: Path, held: tuple[int, ...] = ()) -> set[tuple[str, str]]:

@@ -41,8 +41,9 @@ NEEDED = "band needed"
 
 
 def question(model: Model, run: PreparedRun) -> tuple[Hashable, ...]:
-    """The question to a run what single bands say of a model."""
-    return (TRIALS, pickle.dumps((model, [find(name).digest for name in model.effects])), *run.t[[0, -1]])
+    """The question to a run what single bands say of a model by its engine."""
+    about = model, [find(name).digest for name in model.effects], run.engine
+    return (TRIALS, pickle.dumps(about), *run.t[[0, -1]])
 
 
 def in_its_band(run: PreparedRun, model: Model, state: RunState) -> PreparedRun:
