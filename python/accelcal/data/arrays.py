@@ -1,5 +1,4 @@
-"""Array types, arrays of other packages, answers for arrays that stay, and the stretch about a place at which flags
-hold."""
+"""Array types, arrays of other packages, answers that stay, and the stretch about a place at which flags hold."""
 
 from __future__ import annotations
 
@@ -50,12 +49,11 @@ class Unchanged:
 
     def __call__(self, question: Hashable, given: tuple[Any, ...], find: Callable[[], Answer]) -> Answer:
         """The answer to a question for given arrays and numbers, found again where one differs from the last."""
-        before, answer = self.last.get(question, ((), None))
-        if len(before) != len(given) or not all(map(np.array_equal, before, given)):
-            answer = find()
-            self.last[question] = given, answer
-        found: Answer = answer
-        return found
+        before, last = self.last.get(question, ((), None))
+        same = len(before) == len(given) and all(map(np.array_equal, before, given))
+        answer: Answer = last if same else find()
+        self.last[question] = given, answer
+        return answer
 
 
 def copied(values: Any) -> NDArray[Any]:

@@ -244,11 +244,6 @@ class RunSamples:
         reference = self.recording.reference
         return POSITION_ORDER if reference is None else require_reference(reference)[0]
 
-    @cached_property
-    def unchanged(self) -> Unchanged:
-        """What the rounds of a fit find of the samples."""
-        return Unchanged()
-
     @property
     def accounted_steps(self) -> tuple[PositionStep, ...]:
         """Jumps of the position behind which the replay starts anew, so that no effect has to account for them."""
@@ -451,6 +446,11 @@ class RunSamples:
 @dataclass(frozen=True, eq=False)
 class PreparedRun(RunSamples):
     """A recording prepared for the replay; `prepare` makes one. Nothing in it changes during a fit."""
+
+    @cached_property
+    def unchanged(self) -> Unchanged:
+        """What the rounds of a fit find of the samples."""
+        return Unchanged()
 
     def but(self, **changes: Any) -> PreparedRun:
         """A copy with another engine, origins or recording of the same samples: what was computed of them stays."""
