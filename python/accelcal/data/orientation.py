@@ -140,7 +140,13 @@ def scatter(y: Array) -> float:
 
 
 def turning(
-    t: Array, place: Array, attitude: tuple[Array, Array], axis: Array, sense: Sense, noise: Array | float = 0.0
+    t: Array,
+    place: Array,
+    attitude: tuple[Array, Array],
+    axis: Array,
+    sense: Sense,
+    noise: Array | float = 0.0,
+    g: float = STANDARD_GRAVITY,
 ) -> Turning:
     """Path and gravity along an axis of a body that turns (derivations 7.9).
 
@@ -152,6 +158,7 @@ def turning(
     axis : (3,) input axis in axes of the sensor, of length 1.
     sense : what the quaternions turn into what.
     noise : density of the noise of the attitude about each axis, two-sided, of all or of each of its readings, rad²/Hz.
+    g : local gravity, m/s².
     """
     stamps, q = attitude
     grid = stamps[(t[0] <= stamps) & (stamps <= t[-1])]
@@ -182,11 +189,11 @@ def turning(
     grid, turns = grid[places], np.concatenate(body)
     directions = [turns @ np.kron(v, np.eye(3)).T for v in (axis, *perpendicular(axis))]
     curvature = np.concatenate(curvatures)
-    gravity, second = STANDARD_GRAVITY * directions[0][:, 2] - curvature[:, 0], curvature[:, 1:].reshape(-1, 4, 3)
-    second[:, 0, 2] += STANDARD_GRAVITY
+    gravity, second = g * directions[0][:, 2] - curvature[:, 0], curvature[:, 1:].reshape(-1, 4, 3)
+    second[:, 0, 2] += g
     columns = []
     for direction in directions:
-        columns += [*np.einsum("nk,njk->jn", direction, second), *(STANDARD_GRAVITY * direction[:, :2].T)]
+        columns += [*np.einsum("nk,njk->jn", direction, second), *(g * direction[:, :2].T)]
     names = (*OF_DIRECTION, *ACROSS)
     units = ("m/s^2", *("rad/s^2" for _ in LEVERS), *("m/s^2" for _ in LEVELS))
     _, x, y, z, *further = (
@@ -194,7 +201,7 @@ def turning(
     )
     path_along_mean, pull = Channel("position", t, path, "m"), Channel(GRAVITY, grid, gravity, "m/s^2")
     density = np.interp(grid, stamps, np.broadcast_to(noise, stamps.shape))
-    density *= STANDARD_GRAVITY**2 * np.maximum(0.0, 1.0 - directions[0][:, 2] ** 2)
+    density *= g**2 * np.maximum(0.0, 1.0 - directions[0][:, 2] ** 2)
     of_noise = Channel(GRAVITY_NOISE, grid, density, "m^2/s^4/Hz")
     force = np.interp(t, grid, columns[0])
     return Turning(path_along_mean, pull, (x, y, z), (*further, of_noise), force)

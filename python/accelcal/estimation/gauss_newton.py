@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -12,6 +13,7 @@ import scipy
 
 from accelcal._support.errors import AccelcalError
 from accelcal.data import Array
+from accelcal.estimation.dwell_rows import DwellRows, column_basis, further_variance, position_rows
 from accelcal.estimation.engines import ENGINES, Engine, settle_dwells
 from accelcal.estimation.rows import NormalEquations, normal_equations
 from accelcal.estimation.run import PreparedRun
@@ -86,6 +88,47 @@ class BandTrial:
         return self.scale_interval / max(abs(self.scale), 1e-300)
 
 
+TESTED = 1e6
+"""Variance by the motion over that by the positions beyond which a combination of coefficients is not compared."""
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """Whether static positions and the motion of one fit agree on what both determine."""
+
+    squares: float
+    """Chi-square of their difference."""
+    freedom: int
+    slot: int
+    """Row of the coefficient that explains most of it."""
+    difference: float
+    """By which that of the positions exceeds that of the motion, all others shared."""
+    std: float
+
+    @property
+    def p_value(self) -> float:
+        """Of a chi-square as large where they agree."""
+        return float(scipy.special.chdtrc(self.freedom, self.squares))
+
+    @classmethod
+    def of(cls, X: Array, left: Array, covariance: Array) -> Agreement:
+        """By whitened rows (n, m) of positions, what the motion leaves of them, and the covariance by the motion."""
+        basis = column_basis(X)
+        spread = X @ covariance @ X.T
+        W = np.linalg.solve(np.eye(len(X)) + spread, np.column_stack([left, X]))
+        within = left - basis @ (basis.T @ left)
+        power, shown = np.einsum("nk,nk->k", X, W[:, 1:]), np.linalg.norm(X, axis=0) > 0.0
+        power = np.where(shown, np.maximum(power, 1e-300), np.inf)
+        slot = int(np.argmax((X.T @ W[:, 0]) ** 2 / power))
+        return cls(
+            max(0.0, float(left @ W[:, 0] - within @ within)),
+            int(np.count_nonzero(np.linalg.eigvalsh(basis.T @ spread @ basis) < TESTED)),
+            slot,
+            float(X[:, slot] @ W[:, 0]) / float(power[slot]),
+            float(power[slot]) ** -0.5,
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class Solution:
     """Estimates at the end of the iteration, and the states of the runs there."""
@@ -111,6 +154,8 @@ class Solution:
     """Effects that no single run shows and that explain how the runs differ."""
     engine: Engine = ENGINES["auto"]
     """Engine that was asked for."""
+    agreement: Agreement | None = None
+    """Of the static positions of the fit with its motion; None where it has none."""
 
     @property
     def log_likelihood(self) -> float:
@@ -198,12 +243,15 @@ def _estimated(
             score[rows] += normals[index].score
         drawn = np.zeros_like(information)
         between = {}
-        for name in model.per_run if len(states) > 1 else ():
+        for name in model.per_run if len({output.recording for output in layout.outputs}) > 1 else ():
             rows = layout.rows_of(name)
             if len(rows) > 1:
                 between[name] = BetweenRuns.of(information + drawn, score + information @ x, rows)
                 drawn[np.ix_(rows, rows)] += penalty(len(rows), between[name].variance)
-        step, covariance = solve(information + drawn, score - drawn @ x, layout)
+        motion, pull = information + drawn, score - drawn @ x
+        still = rows_of_positions(model, layout, states)
+        X, y = (np.zeros((0, len(x))), np.zeros(0)) if still is None else (still.columns, still.y)
+        step, covariance = solve(motion + X.T @ X, pull + X.T @ y, layout)
         x = x + step
         progress(min(0.9, (round_number + 1) / USUAL_ROUNDS))
         before, moved = moved, float(np.max(np.abs(step) / np.sqrt(np.diag(covariance)), initial=0.0))
@@ -214,8 +262,15 @@ def _estimated(
         if astray or (round_number + 1 >= least and converged):
             break
     converged = converged or (trial and moved <= TRIAL_SETTLED)
-    if any(state.band is not None for state in states):
-        covariance = robust(covariance, layout, normals, np.diag(belief) + drawn)
+    in_band = any(state.band is not None for state in states)
+    agreement = None
+    if still is not None:
+        alone = inverse_of(motion)
+        left = y - X @ (alone @ pull)
+        alone = robust(alone, layout, normals, np.diag(belief) + drawn) if in_band else alone
+        agreement = Agreement.of(X, left, alone)
+    if in_band:
+        covariance = robust(covariance, layout, normals, np.diag(belief) + drawn + X.T @ X)
     elif not converged and len(rounds) > 1:
         covariance = unsettled(rounds)
     # The fit finds the offset of the stamps as they are: an error that all stamps of a channel share adds to it alone.
@@ -224,7 +279,7 @@ def _estimated(
         for term, runs in layout.slots
     ]
     covariance = covariance + np.diag(clock_variance)
-    return Solution(model, layout, x, covariance, states, converged, between=between)
+    return Solution(model, layout, x, covariance, states, converged, between=between, agreement=agreement)
 
 
 def unsettled(rounds: Sequence[tuple[Array, Array]]) -> Array:
@@ -394,3 +449,35 @@ def solve(information: Array, score: Array, layout: Layout) -> tuple[Array, Arra
     inverse = (vectors / eigenvalues) @ vectors.T
     covariance = inverse / np.outer(size, size)
     return covariance @ score, covariance
+
+
+LEAST_EIGENVALUE = 1e-12
+"""Of an information matrix scaled to unit diagonal; what is less is not determined."""
+
+
+def inverse_of(information: Array) -> Array:
+    """Covariance of coefficients of which some may not be determined: their variance is large."""
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    eigenvalues, vectors = scipy.linalg.eigh(information / np.outer(size, size))
+    return np.asarray((vectors / np.maximum(eigenvalues, LEAST_EIGENVALUE)) @ vectors.T / np.outer(size, size))
+
+
+def rows_of_positions(
+    model: Model, layout: Layout, states: Sequence[RunState], *, white: bool = False, scatter: float | None = None
+) -> DwellRows | None:
+    """Rows of the static positions of three outputs where all of them are fitted; None where there are none.
+
+    `white` and `scatter` are those of `position_rows`; by default the scatter that the positions themselves show.
+    """
+    positions = next((state.run.recording.positions for state in states if state.run.recording.positions), None)
+    runs = [next((k for k, output in enumerate(layout.outputs) if output.axis == axis), -1) for axis in "xyz"]
+    if positions is None or -1 in runs:
+        return None
+    apart = [i for name in model.per_run for i in layout.rows_of(name)]
+    settings = {"width": len(layout.slots), "origins": states[0].run.origins, "apart": apart, "white": white}
+    rows = partial(
+        position_rows, positions, model.free, [states[k].values for k in runs], [layout.rows(k) for k in runs], **settings
+    )
+    if scatter is None:
+        scatter = further_variance(lambda variance: rows(scatter=variance), float(np.max(positions.variance)))
+    return rows(scatter=scatter)

@@ -249,6 +249,18 @@ KINDS: dict[str, Kind] = {
     "seen_by_runs": Kind("beside", "{text}"),
     "assumed": Kind("beside", "{text}"),
     "dwells_scatter": Kind("beside", "{text}"),
+    "positions_agree": Kind(
+        "beside",
+        "{positions} and the motion agree: chi-square {squares:.3g} of {freedom} degrees of freedom, p = {p:.2g}, not "
+        "below alpha = {alpha:g}",
+    ),
+    "positions_disagree": Kind(
+        "beside",
+        "{positions} and the motion disagree: chi-square {squares:.3g} of {freedom} degrees of freedom, p = {p:.2g}, "
+        "below alpha = {alpha:g}; most of it is {parameter}, in the positions {difference:+.3g}{unit} from that of the "
+        "motion with a standard deviation of {std:.2g} ({sigma:.0f} sigma). One value cannot be right for both: check "
+        "that sensor and units are the same; a bias that differs between them is allowed by vary (--vary bias)",
+    ),
     "not_settled": Kind(
         "beside",
         "the iteration had not settled after {rounds} rounds: the model does not describe this record",

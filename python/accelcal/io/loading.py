@@ -201,7 +201,7 @@ def _of_attitude(
             "Check the time columns of both"
         )
     axis = np.array(declared.input_axis)
-    directions = turning(t[near], r[near], (stamps, q), axis, sense, noise)
+    directions = turning(t[near], r[near], (stamps, q), axis, sense, noise, local_gravity(declared.dwell))
     position, findings = quality.clean(
         quality.Samples(file, "position", directions.path.t, directions.path.y, "m", lambda i: f"reading {i}"),
         declared.rig,
@@ -500,7 +500,7 @@ def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
         rig=declared.rig,
         temperature=columns.get("temperature_degC"),
         angle_std=setup.angle_std or 0.0,
-        gravity=setup.gravity or STANDARD_GRAVITY,
+        gravity=local_gravity(setup),
         name=table.path.name,
         digest=digest_of(table.path),
         assumptions=assumed(setup) + repeated(table, columns),
@@ -529,6 +529,11 @@ def complete(table: Table, name: str, column: Column) -> Array:
             f"{units.LARGEST:g}; complete or delete this row"
         )
     return column.values
+
+
+def local_gravity(setup: DwellSetup | None) -> float:
+    """Gravity as declared, or standard gravity, m/s²."""
+    return (setup.gravity if setup else None) or STANDARD_GRAVITY
 
 
 def assumed(setup: DwellSetup) -> tuple[str, ...]:
@@ -788,6 +793,7 @@ def recording_of(
         labels=declared.labels,
         reference=reference,
         origin=origin_of(table, plan, declared),
+        gravity=local_gravity(declared.dwell),
     )
     clocks = {name: source.time for name, source in plan.sources.items()}
     told_by = ANGLE if declared.angle_zero is not None else "position" if reference is None else reference.name
