@@ -88,6 +88,11 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
             if isinstance(recording, data.Dwells):
                 deliver(recording, printing.show, None, json)
                 continue
+            if isinstance(recording, data.Positions):
+                raise UsageError(
+                    f"{run}: {len(recording)} positions of three outputs at rest; accelcal dwells {run} lists and "
+                    f"calibrates them, accelcal fit MOTION {run} takes them beside a motion"
+                )
             contents[recording.axis] = checked_recording(recording, json=json)
             report((number + 0.9) / len(recordings))
     if json:

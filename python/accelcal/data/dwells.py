@@ -35,7 +35,7 @@ class DwellSetup:
 
 
 def white_variance(std: Array, samples: Array, duration: Array, sensor: Sensor) -> Array:
-    """Variance of means from noise within them, (m/s²)²: of the samples, and no less than the declared density allows."""
+    """Variance of means from noise within them, (m/s²)²: of the samples, no less than the declared density allows."""
     return np.maximum(std**2 / samples, 0.5 * (sensor.noise or 0.0) ** 2 / duration)
 
 

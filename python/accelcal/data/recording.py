@@ -600,8 +600,8 @@ def with_positions(recordings: Sequence[Recording], positions: Sequence[Position
     if one.unit != "m/s^2" or not np.all(one.variance > 0.0):
         what = f"in {one.unit}" if one.unit != "m/s^2" else "without any scatter, as if they were exact"
         raise RecordingError(
-            f"{name}: outputs {what}; expected means in m/s^2 that scatter: declare unit, scale and noise of the sensor "
-            "in the sidecar"
+            f"{name}: outputs {what}; expected means in m/s^2 that scatter: declare unit, scale and noise of the "
+            "sensor in the sidecar"
         )
     return [replace(first, positions=one), *recordings[1:]]
 
@@ -627,9 +627,9 @@ def dwells_with_first(recordings: Sequence[Recording], further: Sequence[Dwells]
     first, *others = recordings
     if {recording.axis for recording in others} - {first.axis}:
         raise RecordingError(
-            f"{every[0].name or 'dwells'}: dwells of one output beside {first.name.removesuffix(f' {first.axis}')}, which has three; expected positions "
-            'of all three: a record of the rests whose sidecar maps accel_x, accel_y, accel_z, with [dwell] attitude = "'
-            'unknown". Or fit one output alone, accel with [rig] input_axis'
+            f"{every[0].name or 'dwells'}: dwells of one output beside {first.name.removesuffix(f' {first.axis}')}, "
+            "which has three; expected positions of all three: a record of the rests whose sidecar maps accel_x, "
+            'accel_y, accel_z, with [dwell] attitude = "unknown". Or fit one output alone, accel with [rig] input_axis'
         )
     return [first.with_dwells(together(every)), *(replace(r, dwells=None) for r in others)]
 

@@ -10,7 +10,16 @@ import scipy
 
 from accelcal.data import Array, Dwells, Positions
 from accelcal.effects import find
-from accelcal.estimation.dwell_rows import DwellRows, Nuisances, acts_at_rest, dwell_rows, remainder, shown, stepped, with_scatter
+from accelcal.estimation.dwell_rows import (
+    DwellRows,
+    Nuisances,
+    acts_at_rest,
+    dwell_rows,
+    remainder,
+    shown,
+    stepped,
+    with_scatter,
+)
 from accelcal.estimation.gauss_newton import Layout, NotIdentifiable, Output, solve
 from accelcal.estimation.noise import REMARKED_BEYOND
 from accelcal.estimation.plausible import plausible

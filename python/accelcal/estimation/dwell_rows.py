@@ -285,9 +285,7 @@ def position_rows(
     return DwellRows(X, y, {}, y / gain, 1.0 / gain, n - basis.shape[1], scatter)
 
 
-def signals_in(
-    positions: Positions, force: Array, values: Sequence[Values], origins: Origins
-) -> list[Signals]:
+def signals_in(positions: Positions, force: Array, values: Sequence[Values], origins: Origins) -> list[Signals]:
     """Constant arguments of the effects on each output at specific forces (n, 3), m/s²; positions in turn."""
     nothing = np.zeros(len(force))
     side = dict.fromkeys(ACROSS, nothing)

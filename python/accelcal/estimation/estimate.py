@@ -652,7 +652,7 @@ def result(solution: Solution) -> Fit:
         at = partial(rows_of_positions, model, layout, states)
         rows = [item for item in (at(), at(scatter=0.0), at(scatter=0.0, white=True)) if item is not None]
         still.append(left_of(positions, *rows))
-        remarks.append(agreement_of(solution.agreement, solution, positions.name or "positions"))
+        remarks.append(agreement_of(solution.agreement, layout, positions.name or "positions"))
     remarks += [note for dwells in still for note in dwells.remarks]
     covariates = covariates_found(solution)
     remarks += run_to_run(covariates, spreads, {e.name: e.value for e in estimates})
@@ -685,15 +685,24 @@ def result(solution: Solution) -> Fit:
     return solution.engine.result(fit, states[0])
 
 
-def agreement_of(agreement: Agreement, solution: Solution, name: str) -> Remark:
+def agreement_of(agreement: Agreement, layout: Layout, name: str) -> Remark:
     """The remark on whether static positions agree with the motion that they are fitted with."""
-    term, runs = solution.layout.slots[agreement.slot]
-    axis = solution.layout.whose(runs)[1]
-    numbers: dict[str, Any] = {"squares": agreement.squares, "freedom": agreement.freedom, "p": agreement.p_value}
-    more = {"difference": agreement.difference, "std": agreement.std, "unit": f" {term.unit}".removesuffix(" 1")}
-    more |= {"sigma": abs(agreement.difference) / agreement.std, "parameter": f"{term.name} [{axis}]"}
-    code = "positions_disagree" if agreement.p_value < REMARK_ALPHA else "positions_agree"
-    return remark(code, positions=name, alpha=REMARK_ALPHA, **numbers, **more)
+    of_slots = zip(agreement.rows, agreement.difference, agreement.std, strict=True)
+    term = layout.slots[agreement.rows[0]][0]
+    unit = f" {term.unit}".removesuffix(" 1")
+    differences = [
+        f"{layout.whose(layout.slots[i][1])[1]} {difference:+.2g} ± {std:.1g}{unit}" for i, difference, std in of_slots
+    ]
+    return remark(
+        "positions_disagree" if agreement.p_value < REMARK_ALPHA else "positions_agree",
+        positions=name,
+        squares=agreement.squares,
+        freedom=agreement.freedom,
+        p=agreement.p_value,
+        alpha=REMARK_ALPHA,
+        parameter=term.name,
+        differences=", ".join(differences),
+    )
 
 
 def far_zeros(estimates: Sequence[Estimate], runs: Sequence[PreparedRun]) -> Iterator[Remark]:

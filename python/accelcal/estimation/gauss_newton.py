@@ -15,7 +15,7 @@ from accelcal._support.errors import AccelcalError
 from accelcal.data import Array
 from accelcal.estimation.dwell_rows import DwellRows, column_basis, further_variance, position_rows
 from accelcal.estimation.engines import ENGINES, Engine, settle_dwells
-from accelcal.estimation.rows import NormalEquations, normal_equations
+from accelcal.estimation.rows import NormalEquations, inverse, normal_equations
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState, initial_estimate
 from accelcal.estimation.run_to_run import BetweenRuns, SeenByRuns, penalty
@@ -99,34 +99,36 @@ class Agreement:
     squares: float
     """Chi-square of their difference."""
     freedom: int
-    slot: int
-    """Row of the coefficient that explains most of it."""
-    difference: float
-    """By which that of the positions exceeds that of the motion, all others shared."""
-    std: float
+    rows: tuple[int, ...]
+    """Rows of the coefficient, of all axes, that explains most of it."""
+    difference: tuple[float, ...]
+    """By which those of the positions exceed those of the motion, all others shared."""
+    std: tuple[float, ...]
 
     @property
     def p_value(self) -> float:
         """Of a chi-square as large where they agree."""
-        return float(scipy.special.chdtrc(self.freedom, self.squares))
+        return float(scipy.special.chdtrc(self.freedom, self.squares)) if self.freedom else 1.0
 
     @classmethod
-    def of(cls, X: Array, left: Array, covariance: Array) -> Agreement:
+    def of(cls, X: Array, left: Array, covariance: Array, layout: Layout) -> Agreement:
         """By whitened rows (n, m) of positions, what the motion leaves of them, and the covariance by the motion."""
-        basis = column_basis(X)
-        spread = X @ covariance @ X.T
-        W = np.linalg.solve(np.eye(len(X)) + spread, np.column_stack([left, X]))
+        basis, spread = column_basis(X), X @ covariance @ X.T
+        W = np.linalg.inv(np.eye(len(X)) + spread)
         within = left - basis @ (basis.T @ left)
-        power, shown = np.einsum("nk,nk->k", X, W[:, 1:]), np.linalg.norm(X, axis=0) > 0.0
-        power = np.where(shown, np.maximum(power, 1e-300), np.inf)
-        slot = int(np.argmax((X.T @ W[:, 0]) ** 2 / power))
-        return cls(
-            max(0.0, float(left @ W[:, 0] - within @ within)),
-            int(np.count_nonzero(np.linalg.eigvalsh(basis.T @ spread @ basis) < TESTED)),
-            slot,
-            float(X[:, slot] @ W[:, 0]) / float(power[slot]),
-            float(power[slot]) ** -0.5,
-        )
+        shown = np.linalg.norm(X, axis=0) > 0.0
+        names = dict.fromkeys(term.name for (term, _), shows in zip(layout.slots, shown, strict=True) if shows)
+        best, most = cls(0.0, 0, (), (), ()), -1.0
+        for rows in map(layout.rows_of, names):
+            of_name = inverse(X[:, rows].T @ W @ X[:, rows])
+            score = X[:, rows].T @ W @ left
+            difference, std = of_name @ score, np.sqrt(np.diag(of_name))
+            if score @ difference > most:
+                most = float(score @ difference)
+                best = replace(best, rows=tuple(rows), difference=tuple(difference.tolist()), std=tuple(std.tolist()))
+        squares = max(0.0, float(left @ W @ left - within @ within))
+        freedom = int(np.count_nonzero(np.linalg.eigvalsh(basis.T @ spread @ basis) < TESTED))
+        return replace(best, squares=squares, freedom=freedom)
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,7 +270,7 @@ def _estimated(
         alone = inverse_of(motion)
         left = y - X @ (alone @ pull)
         alone = robust(alone, layout, normals, np.diag(belief) + drawn) if in_band else alone
-        agreement = Agreement.of(X, left, alone)
+        agreement = Agreement.of(X, left, alone, layout)
     if in_band:
         covariance = robust(covariance, layout, normals, np.diag(belief) + drawn + X.T @ X)
     elif not converged and len(rounds) > 1:
@@ -473,10 +475,16 @@ def rows_of_positions(
     runs = [next((k for k, output in enumerate(layout.outputs) if output.axis == axis), -1) for axis in "xyz"]
     if positions is None or -1 in runs:
         return None
-    apart = [i for name in model.per_run for i in layout.rows_of(name)]
-    settings = {"width": len(layout.slots), "origins": states[0].run.origins, "apart": apart, "white": white}
     rows = partial(
-        position_rows, positions, model.free, [states[k].values for k in runs], [layout.rows(k) for k in runs], **settings
+        position_rows,
+        positions,
+        model.free,
+        [states[k].values for k in runs],
+        [layout.rows(k) for k in runs],
+        len(layout.slots),
+        states[0].run.origins,
+        white=white,
+        apart=[i for name in model.per_run for i in layout.rows_of(name)],
     )
     if scatter is None:
         scatter = further_variance(lambda variance: rows(scatter=variance), float(np.max(positions.variance)))

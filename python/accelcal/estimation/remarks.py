@@ -257,9 +257,8 @@ KINDS: dict[str, Kind] = {
     "positions_disagree": Kind(
         "beside",
         "{positions} and the motion disagree: chi-square {squares:.3g} of {freedom} degrees of freedom, p = {p:.2g}, "
-        "below alpha = {alpha:g}; most of it is {parameter}, in the positions {difference:+.3g}{unit} from that of the "
-        "motion with a standard deviation of {std:.2g} ({sigma:.0f} sigma). One value cannot be right for both: check "
-        "that sensor and units are the same; a bias that differs between them is allowed by vary (--vary bias)",
+        "below alpha = {alpha:g}. Most of it is {parameter}, positions less motion: {differences}. One value cannot be "
+        "right for both: check sensor, units and gravity of both; if the bias alone differs, `--vary bias` lets it",
     ),
     "not_settled": Kind(
         "beside",

@@ -110,10 +110,11 @@ def load_declared(
     """
     table, (declared, notes) = open_table(path), declaration(path, rig)
     setup = declared.dwell
+    held = setup is not None and setup.unknown and TRIAD[0] in declared.channels
+    if set(POSITIONS) <= set(table.columns) or (held and not declared.triad):
+        return [load_positions(path, rig)]
     if declared.triad:
         return [*axes(table, rig)]
-    if set(POSITIONS) <= set(table.columns) or (setup is not None and setup.unknown and TRIAD[0] in declared.channels):
-        return [load_positions(path, rig)]
     if is_table(table) or (setup is not None and setup.angle is not None):
         return [dwells_of(table, declared, notes, rig or sidecar_of(path))]
     return [loaded(table, declared, notes) if single is None else single(path)]
@@ -168,7 +169,7 @@ def load_positions(path: str | Path, rig: str | Path | None = None, *, least: fl
     --------
     >>> import pathlib, tempfile
     >>> table = pathlib.Path(tempfile.mkdtemp(), "faces.csv")
-    >>> rows = [f"{10 * k},{10 * k + 5},500,{x},{y},9.81,0.01,0.01,0.01" for k, (x, y) in enumerate([(0, 0.1), (0.1, 0)])]
+    >>> rows = ["0,5,500,0,0.1,9.81,0.01,0.01,0.01", "10,15,500,0.1,9.79,0,0.01,0.01,0.01"]
     >>> _ = table.write_text("\n".join([",".join(POSITIONS), *rows]))
     >>> len(load_positions(table))
     2
@@ -269,7 +270,10 @@ class Rests:
     @property
     def positions(self) -> Positions:
         """Rests of a triad as positions."""
-        warm, samples = [rest.temperature for rest in self.rests], np.array([float(rest.samples) for rest in self.rests])
+        warm, samples = (
+            [rest.temperature for rest in self.rests],
+            np.array([float(rest.samples) for rest in self.rests]),
+        )
         length = np.array([rest.end - rest.start for rest in self.rests])
         return Positions(
             mean=np.array([rest.mean for rest in self.rests]).reshape(-1, 3),
@@ -357,7 +361,14 @@ def load_rests(path: Path, rig: Path | None, least: float) -> Rests:
             f"{path}: no rest of {least:g} s or more was found; look at the record, or give a shorter --least"
         )
     return Rests(
-        path.name, first.t, outputs, (TRIAD if triad else ("output",)), first.unit, tuple(dwells), setup, declared.rig,
+        path.name,
+        first.t,
+        outputs,
+        (TRIAD if triad else ("output",)),
+        first.unit,
+        tuple(dwells),
+        setup,
+        declared.rig,
         recording.digest,
     )
 
@@ -368,7 +379,15 @@ def _positions(table: Table, declared: Sidecar) -> Rests:
     mean, std = np.stack(outputs[:3], axis=1), np.stack(outputs[3:], axis=1)
     listed = zip(start.tolist(), end.tolist(), samples.tolist(), mean.tolist(), std.tolist(), strict=True)
     rests = tuple(Rest(a, b, int(n), tuple(y), tuple(s), None) for a, b, n, y, s in listed)
-    return Rests(table.path.name, start, mean, TRIAD, "m/s^2", rests, declared.dwell or DwellSetup(), declared.rig,
+    return Rests(
+        table.path.name,
+        start,
+        mean,
+        TRIAD,
+        "m/s^2",
+        rests,
+        declared.dwell or DwellSetup(),
+        declared.rig,
         digest_of(table.path),
     )
 

@@ -460,8 +460,10 @@ def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
     """Dwells of a table that is open."""
     missing = [name for name in COLUMNS if name not in table.columns and name not in OPTIONAL]
     if missing:
+        positions = OUTPUTS["x"] in table.columns
         raise RecordingError(
             f'{table.path}: no column "{missing[0]}"; a table of dwells has the header {",".join(COLUMNS)}: add it'
+            + (". Positions of three outputs are a file of their own beside the motion: give both to fit" * positions)
         )
     read = table.read([name for name in COLUMNS if name in table.columns])
     columns = {
