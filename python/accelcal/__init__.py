@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from accelcal.estimation.gauss_newton import NotIdentifiable
     from accelcal.filters.choice import FilterChoice
     from accelcal.filters.live_model import LiveModel
-    from accelcal.io import load, load_axes, load_dwells, load_positions
+    from accelcal.io import load, load_axes, load_dwells
     from accelcal.model import Model, Prior
     from accelcal.results.model_file import load as load_model
     from accelcal.simulation.sensor import simulate
@@ -71,7 +71,6 @@ __all__ = [
     "load_dwells",
     "load_effects",
     "load_model",
-    "load_positions",
     "nested",
     "plan",
     "power",
@@ -104,7 +103,7 @@ HOMES = {
     "estimation.gauss_newton": "NotIdentifiable",
     "filters.choice": "FilterChoice",
     "filters.live_model": "LiveModel",
-    "io": "load load_axes load_dwells load_positions",
+    "io": "load load_axes load_dwells",
     "model": "Model Prior",
     "simulation.sensor": "simulate",
     "validation.differences": "Comparison",

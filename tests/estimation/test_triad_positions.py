@@ -17,6 +17,7 @@ from accelcal.data import LEVELS, Dwells, Positions, Recording, Rig, Sensor
 from accelcal.estimation.estimate import restored_states
 from accelcal.estimation.gauss_newton import Layout, outputs_of, rows_of_positions, solve
 from accelcal.estimation.rows import normal_equations
+from accelcal.io import load_positions
 from accelcal.io.loading import load_dwell_table
 from accelcal.validation.consistency import chi_square_region
 from tests.estimation.triads import G, Triad
@@ -266,7 +267,7 @@ def test_the_command_fits_a_motion_and_a_record_of_faces(one, tmp_path):
     assert shown.exit_code == 0, shown.output
     assert "faces.csv and the motion agree" in " ".join(shown.output.split())
     assert "position  residual (m/s²)" in shown.output
-    positions = ac.load_positions(faces)
+    positions = load_positions(faces)
     assert len(positions) == 6
     joint = ac.fit([*ac.load_axes(board), positions])
     assert joint["scale_factor"].std == pytest.approx(fit["scale_factor"].std, rel=0.5)
@@ -281,7 +282,7 @@ def test_the_command_fits_a_motion_and_a_record_of_faces(one, tmp_path):
     turned, standard = ac.load_axes(board)[0], one[1][0]
     assert turned.side[LEVELS[0]].y == pytest.approx(standard.side[LEVELS[0]].y * 9.81744 / G, rel=1e-9)
     # the simulated sensor turns in standard gravity, so that all scale factors are 0.11 % smaller
-    assert ac.fit([*ac.load_axes(board), ac.load_positions(faces)])["scale_factor"].value == pytest.approx(
+    assert ac.fit([*ac.load_axes(board), load_positions(faces)])["scale_factor"].value == pytest.approx(
         joint["scale_factor"].value - 1.1e-3, abs=1e-4
     )
 
@@ -305,6 +306,6 @@ def test_what_does_not_go_together_is_refused_with_the_next_step(one, tmp_path):
             ac.fit(several)
     table = tmp_path / "positions.csv"
     table.write_text("start_s,end_s,samples,accel_x,accel_y,accel_z,std_x,std_y,std_z\n0,5,500,0,0,9.8,1,1,1\n")
-    assert len(ac.load_positions(table)) == 1
+    assert len(load_positions(table)) == 1
     with pytest.raises(ac.RecordingError, match="Positions of three outputs are a file of their own"):
         load_dwell_table(table)

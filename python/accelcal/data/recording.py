@@ -580,8 +580,8 @@ def with_dwells(
 
 def with_positions(recordings: Sequence[Recording], positions: Sequence[Positions]) -> list[Recording]:
     """The recordings of three outputs, the first with static positions of all of them."""
-    one, *further = positions
-    name, axes = one.name or "positions", {recording.axis for recording in recordings}
+    held, *further = positions
+    name, axes = held.name or "positions", {recording.axis for recording in recordings}
     if not axes >= {*"xyz"}:
         beside = f"beside {recordings[0].name or 'a recording'}, which is of one" if recordings else "without a motion"
         raise RecordingError(
@@ -591,19 +591,19 @@ def with_positions(recordings: Sequence[Recording], positions: Sequence[Position
     if further:
         raise RecordingError(f"{further[0].name} beside {name}: expected one set of positions; join both in one table")
     first = recordings[0]
-    require_same_sensor(one, first.rig, first.name or "the motion")
-    if not math.isclose(one.gravity, first.gravity, rel_tol=1e-9):
+    require_same_sensor(held, first.rig, first.name or "the motion")
+    if not math.isclose(held.gravity, first.gravity, rel_tol=1e-9):
         raise RecordingError(
-            f"{name}: local gravity is {one.gravity:.7g} m/s^2, but {first.gravity:.7g} m/s^2 in {first.name}; scale "
+            f"{name}: local gravity is {held.gravity:.7g} m/s^2, but {first.gravity:.7g} m/s^2 in {first.name}; scale "
             "factors of one fit are relative to one: declare the same [dwell] gravity in both sidecars"
         )
-    if one.unit != "m/s^2" or not np.all(one.variance > 0.0):
-        what = f"in {one.unit}" if one.unit != "m/s^2" else "without any scatter, as if they were exact"
+    if held.unit != "m/s^2" or not np.all(held.variance > 0.0):
+        what = f"in {held.unit}" if held.unit != "m/s^2" else "without any scatter, as if they were exact"
         raise RecordingError(
             f"{name}: outputs {what}; expected means in m/s^2 that scatter: declare unit, scale and noise of the "
             "sensor in the sidecar"
         )
-    return [replace(first, positions=one), *recordings[1:]]
+    return [replace(first, positions=held), *recordings[1:]]
 
 
 def dwells_with_first(recordings: Sequence[Recording], further: Sequence[Dwells] = ()) -> list[Recording]:

@@ -88,8 +88,8 @@ class BandTrial:
         return self.scale_interval / max(abs(self.scale), 1e-300)
 
 
-TESTED = 1e6
-"""Variance by the motion over that by the positions beyond which a combination of coefficients is not compared."""
+LEAST_TESTED = 1e-6
+"""Share of the motion in the information of both, below which positions are not compared with it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,24 +111,25 @@ class Agreement:
         return float(scipy.special.chdtrc(self.freedom, self.squares)) if self.freedom else 1.0
 
     @classmethod
-    def of(cls, X: Array, left: Array, covariance: Array, layout: Layout) -> Agreement:
-        """By whitened rows (n, m) of positions, what the motion leaves of them, and the covariance by the motion."""
-        basis, spread = column_basis(X), X @ covariance @ X.T
-        W = np.linalg.inv(np.eye(len(X)) + spread)
-        within = left - basis @ (basis.T @ left)
-        shown = np.linalg.norm(X, axis=0) > 0.0
-        names = dict.fromkeys(term.name for (term, _), shows in zip(layout.slots, shown, strict=True) if shows)
-        best, most = cls(0.0, 0, (), (), ()), -1.0
-        for rows in map(layout.rows_of, names):
-            of_name = inverse(X[:, rows].T @ W @ X[:, rows])
-            score = X[:, rows].T @ W @ left
-            difference, std = of_name @ score, np.sqrt(np.diag(of_name))
-            if score @ difference > most:
-                most = float(score @ difference)
-                best = replace(best, rows=tuple(rows), difference=tuple(difference.tolist()), std=tuple(std.tolist()))
-        squares = max(0.0, float(left @ W @ left - within @ within))
-        freedom = int(np.count_nonzero(np.linalg.eigvalsh(basis.T @ spread @ basis) < TESTED))
-        return replace(best, squares=squares, freedom=freedom)
+    def of(cls, X: Array, left: Array, bound: Array, covariance: Array, layout: Layout) -> Agreement:
+        """By whitened rows (n, m) of positions, what the joint solution leaves of them, and its covariance, once as by
+        the rows alone and once from the scatter of the motion (derivations 6.11)."""
+        basis, W = column_basis(X), np.eye(len(X)) - X @ bound @ X.T
+        S = W + X @ (covariance - bound) @ X.T
+        shares, U = np.linalg.eigh(basis.T @ S @ basis)
+        tested = shares > LEAST_TESTED
+        of_name = [
+            (rows, inverse(X[:, rows].T @ W @ X[:, rows]) @ X[:, rows].T)
+            for rows in (layout.rows_of(name) for name in dict.fromkeys(term.name for term in layout.terms))
+        ]
+        rows, gain = max(of_name, key=lambda item: float(left @ X[:, item[0]] @ item[1] @ left))
+        return cls(
+            float(np.sum((U.T @ basis.T @ left)[tested] ** 2 / shares[tested])),
+            int(np.count_nonzero(tested)),
+            tuple(rows),
+            tuple((gain @ left).tolist()),
+            tuple(np.sqrt(np.diag(gain @ S @ gain.T)).tolist()),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,10 +251,9 @@ def _estimated(
             if len(rows) > 1:
                 between[name] = BetweenRuns.of(information + drawn, score + information @ x, rows)
                 drawn[np.ix_(rows, rows)] += penalty(len(rows), between[name].variance)
-        motion, pull = information + drawn, score - drawn @ x
         still = rows_of_positions(model, layout, states)
         X, y = (np.zeros((0, len(x))), np.zeros(0)) if still is None else (still.columns, still.y)
-        step, covariance = solve(motion + X.T @ X, pull + X.T @ y, layout)
+        step, covariance = solve(information + drawn + X.T @ X, score - drawn @ x + X.T @ y, layout)
         x = x + step
         progress(min(0.9, (round_number + 1) / USUAL_ROUNDS))
         before, moved = moved, float(np.max(np.abs(step) / np.sqrt(np.diag(covariance)), initial=0.0))
@@ -264,16 +264,11 @@ def _estimated(
         if astray or (round_number + 1 >= least and converged):
             break
     converged = converged or (trial and moved <= TRIAL_SETTLED)
-    in_band = any(state.band is not None for state in states)
-    agreement = None
-    if still is not None:
-        alone = inverse_of(motion)
-        left = y - X @ (alone @ pull)
-        alone = robust(alone, layout, normals, np.diag(belief) + drawn) if in_band else alone
-        agreement = Agreement.of(X, left, alone, layout)
-    if in_band:
+    bound = covariance
+    if any(state.band is not None for state in states):
         covariance = robust(covariance, layout, normals, np.diag(belief) + drawn + X.T @ X)
-    elif not converged and len(rounds) > 1:
+    agreement = None if still is None else Agreement.of(X, y - X @ step, bound, covariance, layout)
+    if covariance is bound and not converged and len(rounds) > 1:
         covariance = unsettled(rounds)
     # The fit finds the offset of the stamps as they are: an error that all stamps of a channel share adds to it alone.
     clock_variance = [
@@ -451,17 +446,6 @@ def solve(information: Array, score: Array, layout: Layout) -> tuple[Array, Arra
     inverse = (vectors / eigenvalues) @ vectors.T
     covariance = inverse / np.outer(size, size)
     return covariance @ score, covariance
-
-
-LEAST_EIGENVALUE = 1e-12
-"""Of an information matrix scaled to unit diagonal; what is less is not determined."""
-
-
-def inverse_of(information: Array) -> Array:
-    """Covariance of coefficients of which some may not be determined: their variance is large."""
-    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    eigenvalues, vectors = scipy.linalg.eigh(information / np.outer(size, size))
-    return np.asarray((vectors / np.maximum(eigenvalues, LEAST_EIGENVALUE)) @ vectors.T / np.outer(size, size))
 
 
 def rows_of_positions(
