@@ -269,7 +269,8 @@ def fit(
 
     Parameters
     ----------
-    recordings : one run, or several with one sensor; static dwells of it, alone (a tumble test) or with runs.
+    recordings : one run, or several with one sensor; static dwells of it, alone (a tumble test) or with runs; the three
+        outputs of `load_axes`, with static positions of all of them (`accelcal.io.load_positions`).
     model : what is to be estimated; by default bias, scale factor and time offset, `Model.linear()`.
     start, end : s, optional; only this part is used.
     band : bandwidth of the smoothed motion, Hz; by default the most likely one.

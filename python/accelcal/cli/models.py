@@ -66,7 +66,8 @@ def fit(
     runs: Annotated[
         list[Path],
         typer.Argument(
-            help="One or several recordings of the same sensor, tables of dwells among them or alone.", metavar="RUN..."
+            help="Recordings of the same sensor, dwells or static positions of it among them, dwells also alone.",
+            metavar="RUN...",
         ),
     ],
     position: OfPosition = None,

@@ -151,7 +151,7 @@ def load_dwells(path: str | Path, rig: str | Path | None = None) -> Dwells:
 
 @checked
 def load_positions(path: str | Path, rig: str | Path | None = None, *, least: float = 2.0) -> Positions:
-    """Read static positions of three outputs at unknown attitudes, which `fit` takes beside a motion of them.
+    """Read static positions of three outputs at unknown attitudes, which `accelcal.fit` accepts beside their motion.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def load_positions(path: str | Path, rig: str | Path | None = None, *, least: fl
     >>> import pathlib, tempfile
     >>> table = pathlib.Path(tempfile.mkdtemp(), "faces.csv")
     >>> rows = ["0,5,500,0,0.1,9.81,0.01,0.01,0.01", "10,15,500,0.1,9.79,0,0.01,0.01,0.01"]
-    >>> _ = table.write_text("\n".join([",".join(POSITIONS), *rows]))
+    >>> _ = table.write_text("\\n".join([",".join(POSITIONS), *rows]))
     >>> len(load_positions(table))
     2
     """
