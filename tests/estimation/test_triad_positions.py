@@ -287,6 +287,16 @@ def test_the_command_fits_a_motion_and_a_record_of_faces(one, tmp_path):
     )
 
 
+def test_a_unit_of_one_of_three_outputs_is_corrected_at_its_channel(tmp_path):
+    path = Triad(301, seconds=15.0, rate=100.0).write(tmp_path)
+    sidecar = path.with_suffix(".toml")
+    sidecar.write_text(
+        sidecar.read_text().replace('column = "accel_y", unit = "m/s^2"', 'column = "accel_y", unit = "g"')
+    )
+    said = next(note for note in ac.fit(ac.load_axes(path)).remarks if note.code == "implausible_scale")
+    assert 'Write [channels] accel_y = { column = "accel_y", unit = "m/s^2" }' in said.sentence
+
+
 def test_what_does_not_go_together_is_refused_with_the_next_step(one, tmp_path):
     _, axes, positions, _ = one
     rng = np.random.default_rng(1)

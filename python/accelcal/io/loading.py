@@ -505,7 +505,7 @@ def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
         gravity=local_gravity(setup),
         name=table.path.name,
         digest=digest_of(table.path),
-        assumptions=assumed(setup) + repeated(table, columns),
+        assumptions=assumed(setup) + repeated(table, columns) + in_kelvin(columns.get("temperature_degC")),
     )
 
 
@@ -542,6 +542,18 @@ def assumed(setup: DwellSetup) -> tuple[str, ...]:
     """Sentences on what a sidecar does not declare of dwells."""
     unsaid = {ASSUMED_GRAVITY: setup.gravity is None, ASSUMED_ANGLE: setup.angle_std is None}
     return tuple(sentence for sentence, missing in unsaid.items() if missing)
+
+
+ROOM = (233.0, 398.0)
+"""Temperatures of a laboratory and its ovens, K; in degC few accelerometers stand them."""
+
+
+def in_kelvin(temperature: Array | None) -> tuple[str, ...]:
+    """A sentence on temperatures of dwells that are those of a laboratory if they are in kelvin."""
+    if temperature is None or not ROOM[0] <= np.min(temperature) <= np.max(temperature) <= ROOM[1]:
+        return ()
+    span = f"{np.min(temperature):.5g} to {np.max(temperature):.5g}"
+    return (f"temperature_degC is {span}, as if it were in kelvin; expected degC: subtract 273.15 if it is",)
 
 
 def repeated(table: Table, columns: Mapping[str, Array]) -> tuple[str, ...]:
