@@ -227,6 +227,30 @@ def test_a_hand_that_shakes_widens_the_uncertainty(one):
     assert all(a.std > b.std for a, b in zip(wide.free, fit.free, strict=True) if a.name == "scale_factor")
 
 
+def test_temperature_of_positions_counts_where_the_model_has_it(folder):
+    """The bias of x grows by 1e-3 m/s²/K, and positions are 20 K warmer; without their temperature it is refused."""
+    triad = Triad(302, seconds=15.0, rate=100.0, warms=True, law=lambda t, f, warm: 1e-3 * (warm - 25.0))
+    axes, model = ac.load_axes(triad.write(folder)), ac.Model.linear().add("temperature_bias_on_x")
+    cool = held(triad)
+    warm = replace(cool, mean=cool.mean + 0.02 * np.eye(3)[0], temperature=np.full(COUNT, 45.0))
+    fit = ac.fit([*axes, warm], model)
+    assert "positions_agree" in codes(fit)
+    assert abs(fit["temperature_bias_on_x"].value - 1e-3) < 4.0 * fit["temperature_bias_on_x"].std
+    assert fit["temperature_bias_on_x"].std < 0.5 * ac.fit(axes, model)["temperature_bias_on_x"].std
+    with pytest.raises(ac.RecordingError, match="needs temperature, which these dwells do not have"):
+        ac.fit([*axes, cool], model)
+
+
+def test_two_motions_and_positions_are_one_sensor(folder):
+    first, second = still(303), Triad(303, seconds=15.0, rate=100.0, motion=1)
+    second.truth = first.truth
+    axes = [*ac.load_axes(first.write(folder)), *ac.load_axes(second.write(folder))]
+    fit = ac.fit([*axes, held(first)])
+    wrong, covariance = errors(fit, first.known())
+    assert wrong @ np.linalg.solve(covariance, wrong) < stats.chi2.ppf(0.999, 12)
+    assert "positions_agree" in codes(fit)
+
+
 def test_effects_of_one_output_and_the_model_file_go_with_positions(one, tmp_path):
     _, axes, positions, fit = one
     better = ac.add(fit, [*axes, positions], "cubic_on_y")

@@ -291,12 +291,15 @@ def signals_in(positions: Positions, force: Array, values: Sequence[Values], ori
     side = dict.fromkeys(ACROSS, nothing)
     if positions.temperature is not None:
         side["temperature"] = np.resize(positions.temperature - origins.temperature, len(force))
-    level = Signals(nothing, nothing, nothing, nothing, nothing, 1.0, positions.rig)
     return [
-        replace(
-            level,
+        Signals(
+            t=nothing,
+            p=nothing,
+            v=nothing,
             a=force[:, axis],
+            jerk=nothing,
             scale=of.scale,
+            rig=positions.rig,
             bias=of.bias,
             coefficients=of.by_name,
             axis="xyz"[axis],

@@ -470,6 +470,5 @@ def rows_of_positions(
         white=white,
         apart=[i for name in model.per_run for i in layout.rows_of(name)],
     )
-    if scatter is None:
-        scatter = further_variance(lambda variance: rows(scatter=variance), float(np.max(positions.variance)))
-    return rows(scatter=scatter)
+    largest = float(np.max(positions.variance))
+    return rows(scatter=further_variance(lambda v: rows(scatter=v), largest) if scatter is None else scatter)
