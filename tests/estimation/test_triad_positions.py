@@ -341,5 +341,15 @@ def test_what_does_not_go_together_is_refused_with_the_next_step(one, tmp_path):
     table = tmp_path / "positions.csv"
     table.write_text("start_s,end_s,samples,accel_x,accel_y,accel_z,std_x,std_y,std_z\n0,5,500,0,0,9.8,1,1,1\n")
     assert len(load_positions(table)) == 1
+    good = table.read_text()
+    for old, new, sentence in (
+        ("0,5,500", "5,5,500", 'row 2, column "end_s": found 5, expected a time after start_s'),
+        (",500,", ",1,", 'row 2, column "samples": found 1, expected a number of samples, at least 2'),
+        ("9.8,1,", "9.8,-1,", 'row 2, column "std_x": found -1, expected a standard deviation'),
+    ):
+        table.write_text(good.replace(old, new))
+        with pytest.raises(ac.RecordingError, match=sentence):
+            load_positions(table)
+    table.write_text(good)
     with pytest.raises(ac.RecordingError, match="Positions of three outputs are a file of their own"):
         load_dwell_table(table)

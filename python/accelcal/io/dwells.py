@@ -41,6 +41,7 @@ from accelcal.io.loading import (
     load,
     loaded,
     local_gravity,
+    require_between,
 )
 from accelcal.io.sidecar import Sidecar, Source, has_sidecar, no_sidecar, read_sidecar, sidecar_of
 from accelcal.io.table import Table
@@ -270,10 +271,8 @@ class Rests:
     @property
     def positions(self) -> Positions:
         """Rests of a triad as positions."""
-        warm, samples = (
-            [rest.temperature for rest in self.rests],
-            np.array([float(rest.samples) for rest in self.rests]),
-        )
+        warm = [rest.temperature for rest in self.rests]
+        samples = np.array([float(rest.samples) for rest in self.rests])
         length = np.array([rest.end - rest.start for rest in self.rests])
         return Positions(
             mean=np.array([rest.mean for rest in self.rests]).reshape(-1, 3),
@@ -375,7 +374,11 @@ def load_rests(path: Path, rig: Path | None, least: float) -> Rests:
 
 def _positions(table: Table, declared: Sidecar) -> Rests:
     columns = table.read(POSITIONS)
-    start, end, samples, *outputs = (complete(table, name, columns[name]) for name in POSITIONS)
+    values = {name: complete(table, name, columns[name]) for name in POSITIONS}
+    start, end, samples, *outputs = values.values()
+    limits = [(f"std_{axis}", 0.0, np.inf, "a standard deviation of the samples") for axis in "xyz"]
+    later = ("end_s", start + 1e-9, np.inf, "a time after start_s")
+    require_between(table, values, [later, ("samples", 2.0, np.inf, "a number of samples, at least 2"), *limits])
     mean, std = np.stack(outputs[:3], axis=1), np.stack(outputs[3:], axis=1)
     listed = zip(start.tolist(), end.tolist(), samples.tolist(), mean.tolist(), std.tolist(), strict=True)
     rests = tuple(Rest(a, b, int(n), tuple(y), tuple(s), None) for a, b, n, y, s in listed)

@@ -469,20 +469,14 @@ def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
     columns = {
         name: complete(table, name, column) for name, column in read.items() if not (name in OPTIONAL and empty(column))
     }
-    for name, low, high, words in (
+    limits = (
         ("attitude_deg", -MOST_DEGREES, MOST_DEGREES, "an angle of at most 360 degrees"),
         ("std", 0.0, math.inf, "a standard deviation of the samples"),
         ("duration_s", 1e-9, math.inf, "a duration above 0 s"),
         ("samples", 2.0, math.inf, "a number of samples, at least 2"),
         ("temperature_degC", -273.15, math.inf, "a temperature above absolute zero"),
-    ):
-        values = columns.get(name, np.full(1, low))
-        wrong = ~((values >= low) & (values <= high))
-        if wrong.any():
-            k = int(np.argmax(wrong))
-            raise RecordingError(
-                f'{table.path}: {table.row(k)}, column "{name}": found {values[k]:g}, expected {words}; correct it'
-            )
+    )
+    require_between(table, columns, limits)
     unit = declared.channels["accel"].unit if "accel" in declared.channels else None
     plan = Plan({}, sidecar)
 
@@ -507,6 +501,26 @@ def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
         digest=digest_of(table.path),
         assumptions=assumed(setup) + repeated(table, columns) + in_kelvin(columns.get("temperature_degC")),
     )
+
+
+def require_between(
+    table: Table, columns: Mapping[str, Array], limits: Sequence[tuple[str, float | Array, float, str]]
+) -> None:
+    """Refuse a table with a value beyond its limits, which are of the whole column or of each row.
+
+    Raises
+    ------
+    RecordingError
+        Naming row, column and what was expected.
+    """
+    for name, low, high, words in limits:
+        values = columns.get(name, np.zeros(0))
+        wrong = ~((values >= low) & (values <= high)) if len(values) else values > 0.0
+        if wrong.any():
+            k = int(np.argmax(wrong))
+            raise RecordingError(
+                f'{table.path}: {table.row(k)}, column "{name}": found {values[k]:g}, expected {words}; correct it'
+            )
 
 
 def empty(column: Column) -> bool:
