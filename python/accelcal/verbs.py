@@ -17,7 +17,7 @@ from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
 from accelcal._support.process import one_thread, within
 from accelcal._support.values import listing
-from accelcal.data import DERIVED, Dwells, Recording, RecordingError
+from accelcal.data import DERIVED, Dwells, Positions, Recording, RecordingError
 from accelcal.data.recording import with_dwells
 from accelcal.diagnosis.checks import disturbance, slow_residual, stretches_of
 from accelcal.diagnosis.clean_fit import RejectedReadings, clean_fit, run_outlier_tests
@@ -75,7 +75,7 @@ def model_in_motion(fit: Fit) -> Model:
     return fit.model.release(*held) if fit.method == DWELLS_ALONE else fit.model
 
 
-def runs_of(recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> list[Recording]:
+def runs_of(recordings: Recording | Dwells | Sequence[Recording | Dwells | Positions]) -> list[Recording]:
     """Recordings of motions, dwells among them given to the first.
 
     Raises
@@ -98,7 +98,7 @@ def diagnose(fit: Fit, recordings: Dwells, *, alpha: float = FAMILYWISE_ALPHA) -
 @overload
 def diagnose(
     fit: Fit,
-    recordings: Recording | Sequence[Recording | Dwells],
+    recordings: Recording | Sequence[Recording | Dwells | Positions],
     *,
     extra: Sequence[Effect] | None = None,
     alpha: float = FAMILYWISE_ALPHA,
@@ -112,7 +112,7 @@ def diagnose(
 @one_thread
 def diagnose(
     fit: Fit,
-    recordings: Recording | Dwells | Sequence[Recording | Dwells],
+    recordings: Recording | Dwells | Sequence[Recording | Dwells | Positions],
     *,
     extra: Sequence[Effect] | None = None,
     alpha: float = FAMILYWISE_ALPHA,
@@ -254,7 +254,7 @@ def formulas(
 @checked
 @one_thread
 def fit(
-    recordings: Recording | Dwells | Sequence[Recording | Dwells],
+    recordings: Recording | Dwells | Sequence[Recording | Dwells | Positions],
     model: Model | None = None,
     *,
     start: float | None = None,
@@ -269,7 +269,8 @@ def fit(
 
     Parameters
     ----------
-    recordings : one run, or several with one sensor; static dwells of it, alone (a tumble test) or with runs.
+    recordings : one run, or several with one sensor; static dwells of it, alone (a tumble test) or with runs; the three
+        outputs of `load_axes`, with static positions of all of them (`accelcal.io.load_positions`).
     model : what is to be estimated; by default bias, scale factor and time offset, `Model.linear()`.
     start, end : s, optional; only this part is used.
     band : bandwidth of the smoothed motion, Hz; by default the most likely one.
@@ -349,7 +350,7 @@ def undisturbed_fit(
     return replace(fit, tilt=tilt, remarks=(*remarks, *fit.remarks))
 
 
-def remembered(fit: Fit, recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> Fit:
+def remembered(fit: Fit, recordings: Recording | Dwells | Sequence[Recording | Dwells | Positions]) -> Fit:
     """The fit, for which `nested` finds its recordings again while both live."""
     several = [recordings] if isinstance(recordings, Recording | Dwells) else recordings
     _fitted_to[id(fit)] = [weakref.ref(recording) for recording in several]
@@ -357,7 +358,7 @@ def remembered(fit: Fit, recordings: Recording | Dwells | Sequence[Recording | D
     return fit
 
 
-_fitted_to: dict[int, list[weakref.ref[Recording | Dwells]]] = {}
+_fitted_to: dict[int, list[weakref.ref[Recording | Dwells | Positions]]] = {}
 """Recordings of each fit that lives, by its identity."""
 
 
@@ -426,7 +427,7 @@ def fitted(
 @one_thread
 def add(
     fit: Fit,
-    recordings: Recording | Dwells | Sequence[Recording | Dwells],
+    recordings: Recording | Dwells | Sequence[Recording | Dwells | Positions],
     *names: str,
     extra: Sequence[Effect] | None = None,
     progress: Callable[[float], None] = lambda share: None,
@@ -601,7 +602,7 @@ def barely_shown(fit: Fit, names: Sequence[str]) -> list[Remark]:
 @one_thread
 def drop(
     fit: Fit,
-    recordings: Recording | Dwells | Sequence[Recording | Dwells],
+    recordings: Recording | Dwells | Sequence[Recording | Dwells | Positions],
     *names: str,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Fit:
@@ -629,7 +630,7 @@ def drop(
 
 @checked
 @one_thread
-def run_values(fit: Fit, recordings: Sequence[Recording | Dwells]) -> RunValues:
+def run_values(fit: Fit, recordings: Sequence[Recording | Dwells | Positions]) -> RunValues:
     """Say whether recordings agree: the parameters that they share, as each would have them alone.
 
     Parameters
@@ -665,7 +666,7 @@ def run_values(fit: Fit, recordings: Sequence[Recording | Dwells]) -> RunValues:
 @checked
 @one_thread
 def improve(
-    recordings: Recording | Dwells | Sequence[Recording | Dwells],
+    recordings: Recording | Dwells | Sequence[Recording | Dwells | Positions],
     *,
     holdout: Recording | None = None,
     most: int = MOST_EFFECTS,
@@ -821,7 +822,7 @@ def clean_holdout(
 @one_thread
 def nested(
     fit: Fit,
-    recordings: Recording | Dwells | Sequence[Recording | Dwells] | None = None,
+    recordings: Recording | Dwells | Sequence[Recording | Dwells | Positions] | None = None,
     *,
     start: float | None = None,
     end: float | None = None,

@@ -283,6 +283,14 @@ def test_a_model_file_keeps_the_dwells(tmp_path):
     assert repr(again) == repr(fit)
 
 
+@pytest.mark.parametrize(("k", "verdict"), [(0.5, "unexplained"), (0.004, "adequate")])
+def test_nothing_is_called_adequate_beside_a_scale_factor_that_no_sensor_has(k, verdict):
+    dwells = tumble(np.random.default_rng(3), {**TRUTH, "scale_factor": k, "quadratic": 0.0, "cubic": 0.0})
+    judged = ac.diagnose(ac.fit(dwells), dwells)
+    assert judged.verdict == verdict
+    assert ("that of no working sensor" in judged.sentence) is (verdict == "unexplained")
+
+
 def test_origins_of_temperature_are_those_of_the_dwells():
     rng = np.random.default_rng(2)
     dwells = tumble(rng, {**TRUTH, "quadratic": 0.0, "cubic": 0.0})

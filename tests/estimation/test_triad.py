@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 
 import accelcal as ac
 from accelcal.cli import app
-from accelcal.estimation.triad import Positions, fit_triad
+from accelcal.data import Positions
+from accelcal.estimation.triad import fit_triad
 
 G = 9.80665
 T = np.array([[1.0, -3e-3, 9e-3], [0.0, 1.0, -2e-2], [0.0, 0.0, 1.0]])

@@ -81,6 +81,15 @@ def test_what_is_wrong_in_a_table_is_reported(table, old, new, message):
         ac.load_dwells(table)
 
 
+@pytest.mark.parametrize(("kelvin", "noticed"), [(273.15, True), (0.0, False)])
+def test_temperatures_in_kelvin_are_noticed(table, kelvin, noticed):
+    text = TABLE.replace("23.1", f"{23.1 + kelvin:.2f}").replace("23.2", f"{23.2 + kelvin:.2f}")
+    table.write_text(text)
+    said = [sentence for sentence in ac.load_dwells(table).assumptions if "as if it were in kelvin" in sentence]
+    assert bool(said) is noticed
+    assert not noticed or "296.25 to 296.35" in said[0]
+
+
 def test_a_table_without_a_unit_shows_what_to_write(table):
     table.with_suffix(".toml").unlink()
     with pytest.raises(ac.RecordingError, match=r'(?s)"mean" has no unit; write in .*tumble.toml.*accel = '):

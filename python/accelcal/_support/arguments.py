@@ -27,6 +27,7 @@ HOW_TO = {
     "Channel": "Channel(name, t, y, unit) makes one; Recording.from_arrays makes a recording of arrays",
     "Rig": 'Rig(axis="level") makes one; Recording.rig is that of a recording',
     "Effect": "accelcal.effects.find(NAME) is one",
+    "Positions": "accelcal.io.load_positions(PATH) reads some",
     "Comparison": "accelcal.compare(fit, recording) makes one",
     "Diagnosis": "accelcal.diagnose(fit, recording) makes one",
 }

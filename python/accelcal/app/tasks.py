@@ -20,7 +20,7 @@ from accelcal.app import mapping
 from accelcal.app.state import Formula, Run, Stretch, units_of
 from accelcal.app.workers import Report
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module
-from accelcal.data import Dwells, Recording, RecordingError, Rig, quality
+from accelcal.data import Dwells, Positions, Recording, RecordingError, Rig, quality
 from accelcal.demo import TRUTH, with_effect
 from accelcal.diagnosis.faults import examine
 from accelcal.diagnosis.runs import RunValues
@@ -142,6 +142,11 @@ def load(path: Path, rig: Path | Rig | None, *, progress: Report) -> tuple[Recor
     for output in io.load_declared(path, beside, single):
         if isinstance(output, Dwells):
             return output
+        if isinstance(output, Positions):
+            raise RecordingError(
+                f"{path.name}: positions of three outputs at rest, which the workbench does not show; calibrate "
+                "them by `accelcal dwells`, or together with a motion by `accelcal fit`"
+            )
         # named as in the commands that are copied
         outputs.append(replace(output, origin=replace(output.origin, given=quote(path.name))))
     return tuple(outputs)

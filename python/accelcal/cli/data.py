@@ -88,6 +88,11 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
             if isinstance(recording, data.Dwells):
                 deliver(recording, printing.show, None, json)
                 continue
+            if isinstance(recording, data.Positions):
+                raise UsageError(
+                    f"{run}: {len(recording)} positions of three outputs at rest; accelcal dwells {run} lists and "
+                    f"calibrates them, accelcal fit MOTION {run} takes them beside a motion"
+                )
             contents[recording.axis] = checked_recording(recording, json=json)
             report((number + 0.9) / len(recordings))
     if json:
@@ -338,7 +343,7 @@ def dwells(
         print_status("nothing was used or written")
         return
     if triad:
-        deliver(triads.fit_triad(positions_of(result)), show_triad, output, json)
+        deliver(triads.fit_triad(result.positions), show_triad, output, json)
         return
     if output is not None:
         sidecar = resting.write_table(result, degrees, output, mark_of(output))
@@ -386,25 +391,11 @@ def guided(source: ByteSource, rig: Path | None, guide: sessions.DwellGuide, out
             )
         print_written(output if guide.rests else None)
         try:
-            deliver(triads.fit_triad(positions_of(result)), show_triad, None, json)
+            deliver(triads.fit_triad(result.positions), show_triad, None, json)
         except data.RecordingError as error:
             if not stopped():
                 raise
             print_status(str(error))
-
-
-def positions_of(result: resting.Rests) -> triads.Positions:
-    """Rests of a triad as positions."""
-    import numpy as np
-
-    return triads.Positions(
-        mean=np.array([rest.mean for rest in result.rests]).reshape(-1, 3),
-        std=np.array([rest.std for rest in result.rests]).reshape(-1, 3),
-        samples=np.array([float(rest.samples) for rest in result.rests]),
-        gravity=result.gravity,
-        name=result.name,
-        unit=result.unit,
-    )
 
 
 def confirmed(count: int) -> bool:

@@ -66,7 +66,8 @@ def fit(
     runs: Annotated[
         list[Path],
         typer.Argument(
-            help="One or several recordings of the same sensor, tables of dwells among them or alone.", metavar="RUN..."
+            help="Recordings of the same sensor, dwells or static positions of it among them, dwells also alone.",
+            metavar="RUN...",
         ),
     ],
     position: OfPosition = None,
@@ -110,7 +111,7 @@ def fit(
             base = chosen().add("clock_skew") if print_alignment(*recordings) else chosen()
             wanted, part = varying(base, vary or []), within(report, LOADED, 1.0)
             result = verbs.fit(recordings, wanted, start=begin, end=stop, band=width, method=engine, progress=part)
-        elif len(recordings) != 1 or band is not None or isinstance(recordings[0], data.Dwells):
+        elif len(recordings) != 1 or band is not None or not isinstance(recordings[0], data.Recording):
             raise UsageError(
                 f"--method {method} accepts one recording and no --band; auto, replay and weak accept several"
             )
@@ -229,7 +230,9 @@ def freeze(
                 f"--at {text!r}: expected NAME=VALUE with a number in SI of at most {MOST_HELD:g}, such as bias=0.05"
             ) from None
 
-    def again(fitted: Fit, recordings: list[data.Recording | data.Dwells], report: Callable[[float], None]) -> Fit:
+    def again(
+        fitted: Fit, recordings: list[data.Recording | data.Dwells | data.Positions], report: Callable[[float], None]
+    ) -> Fit:
         chosen = fitted.model.release(*(release or ())).freeze(**held)
         return verbs.fit(
             recordings, chosen, method=cast("Method", fitted.engine.name), origins=fitted.origins, progress=report
@@ -239,7 +242,7 @@ def freeze(
 
 
 def refit(
-    work: Callable[[Fit, list[data.Recording | data.Dwells], Callable[[float], None]], Fit],
+    work: Callable[[Fit, list[data.Recording | data.Dwells | data.Positions], Callable[[float], None]], Fit],
     model: Path,
     runs: Sequence[Path],
     rig: Path | None,
@@ -260,7 +263,7 @@ def refit(
 
 
 def finish_fit(
-    result: Fit, recordings: Sequence[data.Recording | data.Dwells], output: Path | None, json: bool
+    result: Fit, recordings: Sequence[data.Recording | data.Dwells | data.Positions], output: Path | None, json: bool
 ) -> None:
     """Write and print a fit."""
     read = [recording for recording in recordings if isinstance(recording, data.Recording)]
@@ -276,13 +279,15 @@ def of_two(runs: Sequence[Path], position: Path, rig: Path | None) -> data.Recor
 
 def load_runs(
     paths: Sequence[Path], rig: Path | None, single: Callable[[Path], data.Recording] | None = None
-) -> list[data.Recording | data.Dwells]:
+) -> list[data.Recording | data.Dwells | data.Positions]:
     """Read recordings, all outputs where there are three, or dwells where file or sidecar says so; `single`
     reads a recording of one output."""
     return [run for path in paths for run in io.load_declared(path, rig, single)]
 
 
-def load_all(fitted: Fit, paths: Sequence[Path], rig: Path | None) -> list[data.Recording | data.Dwells]:
+def load_all(
+    fitted: Fit, paths: Sequence[Path], rig: Path | None
+) -> list[data.Recording | data.Dwells | data.Positions]:
     """Read recordings of the model's sensor, all outputs where there are three, or dwells of it."""
     return load_runs(paths, rig, lambda path: load_like(fitted, path, rig))
 

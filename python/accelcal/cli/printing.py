@@ -179,11 +179,12 @@ def show_dwells(result: Fit) -> None:
     if result.dwells is None:
         return
     of = result.dwells
+    of_pose = [f"{math.degrees(angle):+.6g}" for angle in of.angle] or [str(k + 1) for k in range(len(of.residual))]
     rows = [
-        (f"{math.degrees(angle):+.6g}", f"{left:+.3g}", f"{std:.2g}", f"{left / std:+.1f}")
-        for angle, left, std in zip(of.angle, of.residual, of.std, strict=True)
+        (pose, f"{left:+.3g}", f"{std:.2g}", f"{left / std:+.1f}")
+        for pose, left, std in zip(of_pose, of.residual, of.std, strict=True)
     ]
-    show_table(("attitude (deg)", "residual (m/s²)", "std", "sigma"), rows)
+    show_table(("attitude (deg)" if of.angle else "position", "residual (m/s²)", "std", "sigma"), rows)
     for group, zero in of.zeros:
         say_line(f"angle zero{f' of group {group}' if len(of.zeros) > 1 else ''}: {math.degrees(zero):+.4g} deg")
     if of.freedom > 0:

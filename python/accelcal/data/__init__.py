@@ -3,7 +3,7 @@
 from accelcal._support.values import listing
 from accelcal.data.arrays import Array, Counts, Flags, Places
 from accelcal.data.clocks import usual_step
-from accelcal.data.dwells import Dwells, DwellSetup
+from accelcal.data.dwells import Dwells, DwellSetup, Positions
 from accelcal.data.orientation import (
     ACROSS,
     ANGLE,
@@ -96,6 +96,7 @@ __all__ = [
     "Mount",
     "Places",
     "PositionStep",
+    "Positions",
     "Recording",
     "RecordingError",
     "Reference",

@@ -1,10 +1,10 @@
-"""Static dwells: means of the output at rest, at known elevations of the input axis above the horizontal."""
+"""Static dwells: means of the output at rest, at known elevations of the input axis above the horizontal; positions of
+three outputs at unknown attitudes."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,10 +12,7 @@ from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Result
 from accelcal._support.values import immutable
 from accelcal.data.arrays import Array
-from accelcal.data.rig import STANDARD_GRAVITY, Rig
-
-if TYPE_CHECKING:
-    pass
+from accelcal.data.rig import STANDARD_GRAVITY, Rig, Sensor
 
 ATTITUDES = {"up": 0.5 * math.pi, "down": -0.5 * math.pi, "level": 0.0}
 """Elevation of the input axis by the word of a sidecar, rad."""
@@ -35,6 +32,16 @@ class DwellSetup:
     """Local gravity, m/s²."""
     table: str = ""
     """File of dwells of the same sensor that are fitted together with this recording."""
+
+
+def white_variance(std: Array, samples: Array, duration: Array, sensor: Sensor) -> Array:
+    """Variance of means from noise within them, (m/s²)²: of the samples, no less than the declared density allows."""
+    return np.maximum(std**2 / samples, 0.5 * (sensor.noise or 0.0) ** 2 / duration)
+
+
+def slow_variance(duration: Array, sensor: Sensor) -> Array:
+    """Variance of means from declared instability and random walk of the bias, (m/s²)²."""
+    return np.asarray((sensor.bias_instability or 0.0) ** 2 + (sensor.random_walk or 0.0) ** 2 * duration / 3.0)
 
 
 @immutable
@@ -105,9 +112,7 @@ class Dwells(Result):
     def white(self) -> Array:
         """Variance of each mean from noise within its dwell, (m/s²)²: of the samples, and no less than the declared
         density allows."""
-        scatter = self.std**2 / self.samples
-        declared = 0.5 * (self.rig.sensor.noise or 0.0) ** 2 / self.duration
-        return np.maximum(scatter, declared)
+        return white_variance(self.std, self.samples, self.duration, self.rig.sensor)
 
     @property
     def variance(self) -> Array:
@@ -117,11 +122,10 @@ class Dwells(Result):
     def variance_at(self, angle: Array, scale: float = 1.0) -> Array:
         """Variance of each mean from all that is declared, (m/s²)² (derivations 6.11): noise, instability and random
         walk of the bias, error of the angle at elevations of a sensor with a scale 1 + k."""
-        sensor, var = self.rig.sensor, self.angle_std**2
-        walk = (sensor.random_walk or 0.0) ** 2 * self.duration / 3.0
+        var = self.angle_std**2
         square = 0.5 * (1.0 - math.exp(-2.0 * var) * np.cos(2.0 * angle))
         turned = (scale * self.gravity) ** 2 * np.maximum(square - np.sin(angle) ** 2 * math.exp(-var), 0.0)
-        return np.asarray(self.white + (sensor.bias_instability or 0.0) ** 2 + walk + turned)
+        return np.asarray(self.white + slow_variance(self.duration, self.rig.sensor) + turned)
 
     def specific_force(self, angle: Array) -> Array:
         """Mean specific force along the input axis at elevations of which each is uncertain, m/s²."""
@@ -140,3 +144,49 @@ class Dwells(Result):
             group=tuple(self.group[k] for k in some),
             temperature=None if self.temperature is None else self.temperature[some],
         )
+
+
+@immutable
+@dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
+class Positions:
+    """Means of three outputs of one sensor at rest, at attitudes of which nothing is known but the norm of gravity.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> faces = 9.80665 * np.vstack([np.eye(3), -np.eye(3)])
+    >>> len(Positions(faces + 0.05, np.full((6, 3), 0.01), np.full(6, 400.0), 9.80665))
+    6
+    """
+
+    mean: Array
+    """(n, 3), in any unit where they are calibrated by themselves, m/s² beside a motion."""
+    std: Array
+    """Of the samples, (n, 3)."""
+    samples: Array
+    """(n,)"""
+    gravity: float
+    """m/s²"""
+    name: str = ""
+    """File name, for messages."""
+    unit: str = "count"
+    duration: Array = field(default_factory=lambda: np.ones(1))
+    """(n,), or one for all, s."""
+    temperature: Array | None = None
+    """(n,) degC; None where it was not recorded."""
+    rig: Rig = field(default_factory=Rig)
+    digest: str = ""
+    """SHA-256 of the source file, hex."""
+
+    def __len__(self) -> int:
+        return len(self.mean)
+
+    @property
+    def white(self) -> Array:
+        """Variance of each mean from noise within its rest, (n, 3) (m/s²)²."""
+        return white_variance(self.std, self.samples[:, None], self.duration[:, None], self.rig.sensor)
+
+    @property
+    def variance(self) -> Array:
+        """The same from all that is declared, instability and random walk of the bias among it."""
+        return np.asarray(self.white + slow_variance(self.duration[:, None], self.rig.sensor))

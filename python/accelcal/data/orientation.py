@@ -147,6 +147,7 @@ def turning(
     sense: Sense,
     noise: Array | float = 0.0,
     unchanged: Unchanged | None = None,
+    g: float = STANDARD_GRAVITY,
 ) -> Turning:
     """Path and gravity along an axis of a body that turns (derivations 7.9).
 
@@ -159,6 +160,7 @@ def turning(
     sense : what the quaternions turn into what.
     noise : density of the noise of the attitude about each axis, two-sided, of all or of each of its readings, rad²/Hz.
     unchanged : of another axis of the same body, whose motion it holds.
+    g : local gravity, m/s².
     """
     stamps, q = attitude
     body = (unchanged or Unchanged())("body", (t, place, stamps, q, sense), lambda: moving(t, place, attitude, sense))
@@ -171,10 +173,11 @@ def turning(
         path[rows] = turned_path + spline(t[rows])
         apart.append(spline(grid[inside], 2))
     directions = [body.axes @ np.kron(v, np.eye(3)).T for v in (axis, *perpendicular(axis))]
-    gravity = STANDARD_GRAVITY * directions[0][:, 2] - np.concatenate(apart)
+    gravity, second = g * directions[0][:, 2] - np.concatenate(apart), body.second.copy()
+    second[:, 0, 2] += g
     columns = []
     for direction in directions:
-        columns += [*np.einsum("nk,njk->jn", direction, body.second), *(STANDARD_GRAVITY * direction[:, :2].T)]
+        columns += [*np.einsum("nk,njk->jn", direction, second), *(g * direction[:, :2].T)]
     names = (*OF_DIRECTION, *ACROSS)
     units = ("m/s^2", *("rad/s^2" for _ in LEVERS), *("m/s^2" for _ in LEVELS))
     _, x, y, z, *further = (
@@ -182,7 +185,7 @@ def turning(
     )
     path_along_mean, pull = Channel("position", t, path, "m"), Channel(GRAVITY, grid, gravity, "m/s^2")
     density = np.interp(grid, stamps, np.broadcast_to(noise, stamps.shape))
-    density *= STANDARD_GRAVITY**2 * np.maximum(0.0, 1.0 - directions[0][:, 2] ** 2)
+    density *= g**2 * np.maximum(0.0, 1.0 - directions[0][:, 2] ** 2)
     of_noise = Channel(GRAVITY_NOISE, grid, density, "m^2/s^4/Hz")
     force = np.interp(t, grid, columns[0])
     return Turning(path_along_mean, pull, (x, y, z), (*further, of_noise), force)
@@ -229,7 +232,6 @@ def moving(t: Array, place: Array, attitude: tuple[Array, Array], sense: Sense) 
         stretches.append((rows, at_place, slice(count, count + len(at_grid))))
         count += len(at_grid)
     second = np.concatenate(curvatures).reshape(-1, 4, 3)
-    second[:, 0, 2] += STANDARD_GRAVITY
     mean = np.mean(axes, axis=0).reshape(3, 3)
     return Moving(np.concatenate(places), np.concatenate(body), second, mean, stretches)
 

@@ -19,8 +19,8 @@ from accelcal._support.result import Result
 from accelcal._support.values import face, immutable, listing
 from accelcal.data import units
 from accelcal.data.arrays import Array, copied
-from accelcal.data.dwells import Dwells
-from accelcal.data.rig import Rig
+from accelcal.data.dwells import Dwells, Positions
+from accelcal.data.rig import STANDARD_GRAVITY, Rig
 from accelcal.data.units import shown
 
 if TYPE_CHECKING:
@@ -276,6 +276,10 @@ class Recording(Result):
     """When, how mounted, by whom."""
     dwells: Dwells | None = None
     """Static dwells of the same sensor: further rows of the regression of this run."""
+    positions: Positions | None = None
+    """Static positions of all three outputs of the sensor: further rows of a fit of all three."""
+    gravity: float = STANDARD_GRAVITY
+    """Local gravity that a turning axis is taken to show, m/s²."""
     reference: Channel | None = None
     """A velocity or an acceleration where that was measured in place of the position, which is its integral."""
     origin: Origin = field(default=Origin(), repr=False)
@@ -476,7 +480,7 @@ def listed(recordings: Recording | Sequence[Recording]) -> list[Recording]:
     return [recordings] if isinstance(recordings, Recording) else list(recordings)
 
 
-def require_same_sensor(recording: Recording | Dwells, rig: Rig, other: str) -> None:
+def require_same_sensor(recording: Recording | Dwells | Positions, rig: Rig, other: str) -> None:
     """Refuse a recording whose sidecar declares another sensor than `rig`, which belongs to `other`.
 
     Raises
@@ -552,19 +556,65 @@ def require_reference(channel: Channel) -> tuple[Order, str]:
     return order
 
 
-def with_dwells(several: Recording | Dwells | Sequence[Recording | Dwells]) -> list[Recording] | Dwells:
-    """Recordings, all dwells among them given to the first; the dwells themselves where there is no recording."""
-    given = [several] if isinstance(several, Recording | Dwells) else list(several)
+def with_dwells(
+    several: Recording | Dwells | Positions | Sequence[Recording | Dwells | Positions],
+) -> list[Recording] | Dwells:
+    """Recordings, all dwells and positions among them given to the first; the dwells themselves where there is no
+    recording.
+
+    Raises
+    ------
+    RecordingError
+        If dwells of one output stand beside three, or positions of three beside one or alone.
+    """
+    given = [several] if isinstance(several, Recording | Dwells | Positions) else list(several)
     recordings = [item for item in given if isinstance(item, Recording)]
     dwells = [item for item in given if isinstance(item, Dwells)]
+    positions = [item for item in given if isinstance(item, Positions)]
+    if positions:
+        recordings = with_positions(recordings, positions)
     if not recordings:
         return together(dwells)
     return dwells_with_first(recordings, dwells)
 
 
+def with_positions(recordings: Sequence[Recording], positions: Sequence[Positions]) -> list[Recording]:
+    """The recordings of three outputs, the first with static positions of all of them."""
+    held, *further = positions
+    name, axes = held.name or "positions", {recording.axis for recording in recordings}
+    if not axes >= {*"xyz"}:
+        beside = f"beside {recordings[0].name or 'a recording'}, which is of one" if recordings else "without a motion"
+        raise RecordingError(
+            f"{name}: positions of three outputs {beside}; expected all three on a body whose attitude is recorded, as "
+            "load_axes reads them. By themselves `accelcal dwells` calibrates positions"
+        )
+    if further:
+        raise RecordingError(f"{further[0].name} beside {name}: expected one set of positions; join both in one table")
+    first = recordings[0]
+    require_same_sensor(held, first.rig, first.name or "the motion")
+    if not math.isclose(held.gravity, first.gravity, rel_tol=1e-9):
+        raise RecordingError(
+            f"{name}: local gravity is {held.gravity:.7g} m/s^2, but {first.gravity:.7g} m/s^2 in {first.name}; scale "
+            "factors of one fit are relative to one: declare the same [dwell] gravity in both sidecars"
+        )
+    if held.unit != "m/s^2" or not np.all(held.variance > 0.0):
+        what = f"in {held.unit}" if held.unit != "m/s^2" else "without any scatter, as if they were exact"
+        raise RecordingError(
+            f"{name}: outputs {what}; expected means in m/s^2 that scatter: declare unit, scale and noise of the "
+            "sensor in the sidecar"
+        )
+    return [replace(first, positions=held), *recordings[1:]]
+
+
 def dwells_with_first(recordings: Sequence[Recording], further: Sequence[Dwells] = ()) -> list[Recording]:
     """The recordings, all their dwells and further ones with the first; a table that several sidecars name counts
-    once."""
+    once.
+
+    Raises
+    ------
+    RecordingError
+        If there are dwells beside three outputs.
+    """
     by_digest = {
         r.dwells.digest or str(number): r.dwells for number, r in enumerate(recordings) if r.dwells is not None
     }
@@ -575,6 +625,12 @@ def dwells_with_first(recordings: Sequence[Recording], further: Sequence[Dwells]
     if not every:
         return list(recordings)
     first, *others = recordings
+    if {recording.axis for recording in others} - {first.axis}:
+        raise RecordingError(
+            f"{every[0].name or 'dwells'}: dwells of one output beside {first.name.removesuffix(f' {first.axis}')}, "
+            "which has three; expected positions of all three: a record of the rests whose sidecar maps accel_x, "
+            'accel_y, accel_z, with [dwell] attitude = "unknown". Or fit one output alone, accel with [rig] input_axis'
+        )
     return [first.with_dwells(together(every)), *(replace(r, dwells=None) for r in others)]
 
 

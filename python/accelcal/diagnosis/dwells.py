@@ -141,7 +141,9 @@ def judged(candidates: tuple[DwellCandidate, ...], result: DwellFit, dwells: Dwe
     best = candidates[0] if candidates and candidates[0].p_value < alpha else None
     members: tuple[str, ...] = ()
     declared = dwells.rig.sensor.bias_instability is not None or dwells.rig.sensor.random_walk is not None
-    if best is not None:
+    if any(note.forbids_names for note in result.remarks):
+        verdict, sentence = "unexplained", "No effect is named: the scale factor is that of no working sensor."
+    elif best is not None:
         rivals = [
             candidate for candidate in candidates if best.sigma**2 - candidate.sigma**2 < 2.0 * CLEAR_LOG_EVIDENCE
         ]

@@ -8,9 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from accelcal.data import Array, Dwells
+from accelcal.data import Array, Dwells, Positions
 from accelcal.effects import find
-from accelcal.estimation.dwell_rows import Nuisances, acts_at_rest, dwell_rows, remainder, shown, stepped, with_scatter
+from accelcal.estimation.dwell_rows import (
+    DwellRows,
+    Nuisances,
+    acts_at_rest,
+    dwell_rows,
+    remainder,
+    shown,
+    stepped,
+    with_scatter,
+)
 from accelcal.estimation.gauss_newton import Layout, NotIdentifiable, Output, solve
 from accelcal.estimation.noise import REMARKED_BEYOND
 from accelcal.estimation.plausible import plausible
@@ -33,9 +42,9 @@ class DwellFit:
     name: str
     digest: str
     angle: tuple[float, ...]
-    """Elevation of each as declared, rad."""
+    """Elevation of each as declared, rad; empty of positions of three outputs, whose attitudes are unknown."""
     residual: tuple[float, ...]
-    """Mean output less that of the model, m/s²."""
+    """Mean output less that of the model, of three outputs the norm of specific force less gravity, m/s²."""
     std: tuple[float, ...]
     """Its standard deviation by all that is declared and found, without the uncertainty of the model, m/s²."""
     zeros: tuple[tuple[str, float], ...]
@@ -166,37 +175,45 @@ MISTAKEN = (
 
 def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, nuisances: Nuisances) -> DwellFit:
     """What a model at some values leaves of dwells."""
-    rows = dwell_rows(dwells, model.free, values, origins, nuisances)
     alone = replace(
         dwells,
         angle_std=0.0,
         rig=replace(dwells.rig, sensor=replace(dwells.rig.sensor, bias_instability=None, random_walk=None)),
     )
     plain = replace(nuisances, scatter=0.0)
-    squares, freedom = remainder(dwell_rows(dwells, model.free, values, origins, plain))
-    white, _ = remainder(dwell_rows(alone, model.free, values, origins, replace(plain, weighed=())))
-    ratio = math.sqrt(white / freedom) if freedom > 0 else math.nan
+    rows = dwell_rows(dwells, model.free, values, origins, nuisances)
+    declared = dwell_rows(dwells, model.free, values, origins, plain)
+    result = left_of(dwells, rows, declared, dwell_rows(alone, model.free, values, origins, replace(plain, weighed=())))
+    remarks = (*(remark("assumed", text=text) for text in dwells.assumptions), *result.remarks)
+    return replace(result, angle=tuple(dwells.angle.tolist()), remarks=remarks)
+
+
+def left_of(dwells: Dwells | Positions, rows: DwellRows, declared: DwellRows, white: DwellRows) -> DwellFit:
+    """What rows say of dwells, beside those by all that is declared and by noise within them alone."""
+    squares, freedom = remainder(declared)
+    ratio = math.sqrt(remainder(white)[0] / freedom) if freedom > 0 else math.nan
     p_value = float(scipy.special.chdtrc(freedom, squares)) if freedom > 0 else 1.0
-    remarks = [remark("assumed", text=text) for text in dwells.assumptions]
+    remarks = []
     if ratio > REMARKED_BEYOND:
         left = f"{math.sqrt(float(rows.left @ rows.left) / max(freedom, 1)):.2g} m/s²"
+        causes = "instability of the bias, angles, or temperature"
+        causes = causes if isinstance(dwells, Dwells) else "instability of the bias, temperature, or a hand that shakes"
         said = (
             "what is declared of the bias and the angles explains it"
             if p_value >= REMARK_ALPHA
-            else f"{math.sqrt(nuisances.scatter):.2g} m/s² more than is declared, taken into the uncertainty: "
-            "instability of the bias, angles, or temperature"
+            else f"{math.sqrt(rows.scatter):.2g} m/s² more than is declared, taken into the uncertainty: {causes}"
         )
         text = f"the dwells scatter by {left}, {ratio:.2g} times what noise within them explains; {said}"
         remarks.append(remark("dwells_scatter", text=f"{dwells.name or 'dwells'}: {text}", ratio=ratio, p=p_value))
     return DwellFit(
         name=dwells.name,
         digest=dwells.digest,
-        angle=tuple(dwells.angle.tolist()),
+        angle=(),
         residual=tuple(rows.left.tolist()),
         std=tuple(rows.std.tolist()),
         zeros=tuple(rows.zeros.items()),
         ratio=ratio,
-        scatter=math.sqrt(nuisances.scatter),
+        scatter=math.sqrt(rows.scatter),
         p_value=p_value,
         freedom=freedom,
         remarks=tuple(remarks),

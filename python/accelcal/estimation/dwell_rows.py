@@ -7,13 +7,13 @@ complement and adds to that of any motion.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
-from accelcal.data import Array, Dwells
+from accelcal.data import ACROSS, Array, Dwells, Positions
 from accelcal.data.arrays import VANISHING
 from accelcal.effects import BUILT_IN, Effect, is_local, of_one_record
 from accelcal.estimation.run_to_run import REMARK_ALPHA
@@ -58,6 +58,8 @@ class DwellRows:
     """Standard deviation of each mean, (dwells,) m/s²."""
     freedom: int
     """Dwells less the angle zeros that they show."""
+    scatter: float = 0.0
+    """Variance of each mean beyond all that is declared, (m/s²)²."""
 
 
 def signals_at(dwells: Dwells, angle: Array, scale: float, origins: Origins) -> Signals:
@@ -68,15 +70,16 @@ def signals_at(dwells: Dwells, angle: Array, scale: float, origins: Origins) -> 
     return Signals(t=nothing, p=nothing, v=nothing, a=force, jerk=nothing, scale=scale, rig=dwells.rig, side=warm)
 
 
-def columns_at(dwells: Dwells, terms: Sequence[Term], s: Signals) -> Array:
-    """Output per unit coefficient in each dwell, (dwells, m)."""
-    X = np.zeros((len(dwells), len(terms)))
-    there = [k for k, term in enumerate(terms) if acts_at_rest(term.effect) and shown(dwells, term.effect)]
+def columns_at(dwells: Dwells | Positions, terms: Sequence[Term], s: Signals) -> Array:
+    """Output per unit coefficient in each dwell, at one or several forces in turn, (n, m)."""
+    X = np.zeros((len(s.t), len(terms)))
+    effects = [term.effect for term in terms]
+    there = [k for k, e in enumerate(effects) if (acts_at_rest(e) or e.needs == ACROSS) and shown(dwells, e)]
     local = [k for k in there if is_local(terms[k].effect)]
     for k, column in zip(local, evaluate([terms[k] for k in local], s), strict=True):
         X[:, k] = column
     remembering = [k for k in there if k not in local]
-    for row, length in enumerate(dwells.duration if remembering else ()):
+    for row, length in enumerate(np.resize(dwells.duration, len(s.t)) if remembering else ()):
         constant = s.at(np.full(SERIES, row))
         constant = replace(constant, t=np.linspace(0.0, float(length), SERIES))
         for k, column in zip(remembering, evaluate([terms[k] for k in remembering], constant), strict=True):
@@ -84,14 +87,19 @@ def columns_at(dwells: Dwells, terms: Sequence[Term], s: Signals) -> Array:
     return X
 
 
-def shown(dwells: Dwells, effect: Effect) -> bool:
-    """Whether dwells have the channels of an effect."""
-    return set(effect.needs) <= ({"temperature"} if dwells.temperature is not None else set())
+def shown(dwells: Dwells | Positions, effect: Effect) -> bool:
+    """Whether dwells have the channels of an effect; positions of three outputs have what is across each of them."""
+    across = ACROSS if isinstance(dwells, Positions) else ()
+    return set(effect.needs) <= {*across, *(() if dwells.temperature is None else ("temperature",))}
 
 
 def output_at(dwells: Dwells, angle: Array, values: Values, origins: Origins) -> Array:
     """Output of the model in dwells at some elevations, (n,) m/s²."""
-    s = signals_at(dwells, angle, values.scale, origins)
+    return output_of(dwells, signals_at(dwells, angle, values.scale, origins), values)
+
+
+def output_of(dwells: Dwells | Positions, s: Signals, values: Values) -> Array:
+    """Output of the model at constant arguments, (n,) m/s²."""
     coefficients = np.array([values.by_name[term.name] for term in values.terms])
     return np.asarray(s.a + columns_at(dwells, values.terms, s) @ coefficients)
 
@@ -180,6 +188,7 @@ def dwell_rows(
         y[: len(dwells)] / at.weight,
         1.0 / at.weight,
         len(dwells) - at.shown,
+        0.0 if nuisances is None else nuisances.scatter,
     )
 
 
@@ -198,28 +207,120 @@ def with_scatter(dwells: Dwells, model: Model, values: Values, origins: Origins,
     """The variance between dwells beyond all that is declared: 0 where what a model leaves of them is as likely as not;
     else the one at which its sum of squares is what it should be."""
 
-    def left_over(variance: float) -> tuple[float, int]:
-        return remainder(dwell_rows(dwells, model.free, values, origins, replace(nuisances, scatter=variance)))
+    def rows(variance: float) -> DwellRows:
+        return dwell_rows(dwells, model.free, values, origins, replace(nuisances, scatter=variance))
 
-    squares, freedom = left_over(0.0)
+    return replace(nuisances, scatter=further_variance(rows, float(np.max(dwells.variance))))
+
+
+def further_variance(rows: Callable[[float], DwellRows], largest: float) -> float:
+    """The same of rows by that variance, (m/s²)², each mean having at most the variance `largest` without it."""
+    squares, freedom = remainder(rows(0.0))
     if freedom < 1 or scipy.special.chdtrc(freedom, squares) >= REMARK_ALPHA:
-        return replace(nuisances, scatter=0.0)
-    largest = squares * float(np.max(dwells.variance))
-    while left_over(largest)[0] > freedom:
+        return 0.0
+    largest *= squares
+    while remainder(rows(largest))[0] > freedom:
         largest *= 4.0
-    root = scipy.optimize.brentq(lambda v: left_over(v)[0] - freedom, 0.0, largest, rtol=1e-12)
-    return replace(nuisances, scatter=float(root))
+    return float(scipy.optimize.brentq(lambda v: remainder(rows(v))[0] - freedom, 0.0, largest, rtol=1e-12))
+
+
+FORCE_STEP = 1e-3
+"""Half the difference of specific forces that a slope is taken over, m/s²."""
+ATTITUDE_STEPS = 3
+"""Newton steps of the attitudes of positions; each leaves the share of their error that the scatter is of gravity."""
+
+
+def position_rows(
+    positions: Positions,
+    terms: Sequence[Term],
+    values: Sequence[Values],
+    places: Sequence[Sequence[int]],
+    width: int,
+    origins: Origins,
+    *,
+    scatter: float = 0.0,
+    white: bool = False,
+    apart: Sequence[int] = (),
+) -> DwellRows:
+    """One row of each static position, its attitude eliminated (derivations 6.11).
+
+    Parameters
+    ----------
+    positions : means of three outputs.
+    terms : coefficients that become columns, (m,).
+    values : of the three outputs, at which the model is taken.
+    places : column of each term, of each output; outputs share what has one column.
+    width : number of columns.
+    origins : zero of the temperature.
+    scatter : variance of each mean beyond all that is declared, (m/s²)².
+    white : whether means are as certain as noise within them allows.
+    apart : columns of which positions have values of their own.
+    """
+    n = len(positions)
+    std = np.sqrt((positions.white if white else positions.variance) + scatter)
+    force = (positions.mean - [of.bias for of in values]) / [of.scale for of in values]
+    for _ in range(1 + ATTITUDE_STEPS):
+        up = force / np.linalg.norm(force, axis=1)[:, None]
+        force = positions.gravity * up
+        trial = np.concatenate([force + FORCE_STEP * e for e in (np.zeros(3), *np.eye(3), *-np.eye(3))])
+        of_axis = signals_in(positions, trial, values, origins)
+        several = zip(of_axis, values, strict=True)
+        output = np.column_stack([output_of(positions, s, of) for s, of in several]).reshape(7, n, 3)
+        slope = np.moveaxis(output[1:4] - output[4:], 0, 2) / (2.0 * FORCE_STEP * std[:, :, None])
+        left = (positions.mean - output[0]) / std
+        across = np.linalg.svd(up[:, :, None])[0][:, :, 1:]
+        turns = slope @ across
+        force = force + np.einsum("nij,nj->ni", across @ np.linalg.pinv(turns), left)
+    normal = np.cross(turns[:, :, 0], turns[:, :, 1])  # of all that no attitude explains
+    gain = np.einsum("ni,nij,nj->n", normal, slope, up)
+    normal, gain = normal / gain[:, None], np.abs(gain) / np.linalg.norm(normal, axis=1)
+    X = np.zeros((n, width))
+    for axis, s in enumerate(of_axis):
+        columns = columns_at(positions, terms, s.at(slice(n)))
+        X[:, places[axis]] += (normal[:, axis] / std[:, axis])[:, None] * columns
+    y = np.einsum("ni,ni->n", normal, left)
+    X, y = gain[:, None] * X, gain * y
+    basis = column_basis(X[:, list(apart)])
+    X, y = X - basis @ (basis.T @ X), y - basis @ (basis.T @ y)
+    return DwellRows(X, y, {}, y / gain, 1.0 / gain, n - basis.shape[1], scatter)
+
+
+def signals_in(positions: Positions, force: Array, values: Sequence[Values], origins: Origins) -> list[Signals]:
+    """Constant arguments of the effects on each output at specific forces (n, 3), m/s²; positions in turn."""
+    nothing = np.zeros(len(force))
+    side = dict.fromkeys(ACROSS, nothing)
+    if positions.temperature is not None:
+        side["temperature"] = np.resize(positions.temperature - origins.temperature, len(force))
+    return [
+        Signals(
+            t=nothing,
+            p=nothing,
+            v=nothing,
+            a=force[:, axis],
+            jerk=nothing,
+            scale=of.scale,
+            rig=positions.rig,
+            bias=of.bias,
+            coefficients=of.by_name,
+            axis="xyz"[axis],
+            side=side | {f"across_{k}": force[:, (axis + k) % 3] for k in (1, 2)},
+        )
+        for axis, of in enumerate(values)
+    ]
 
 
 def remainder(rows: DwellRows) -> tuple[float, int]:
     """Sum of squares that the columns leave of the rows, and its degrees of freedom."""
-    size = np.linalg.norm(rows.columns, axis=0)
-    scaled = rows.columns[:, size > 0.0] / size[size > 0.0]
-    if not scaled.size:
-        return float(rows.y @ rows.y), rows.freedom
-    basis = scipy.linalg.orth(scaled, rcond=VANISHING)
+    basis = column_basis(rows.columns)
     left = rows.y - basis @ (basis.T @ rows.y)
     return float(left @ left), rows.freedom - basis.shape[1]
+
+
+def column_basis(columns: Array) -> Array:
+    """Orthonormal basis of columns (n, m), each scaled to its length."""
+    size = np.linalg.norm(columns, axis=0)
+    scaled = columns[:, size > 0.0] / size[size > 0.0]
+    return np.asarray(scipy.linalg.orth(scaled, rcond=VANISHING)) if scaled.size else columns[:, :0]
 
 
 def determines(dwells: Dwells, name: str) -> bool:

@@ -44,18 +44,20 @@ from accelcal.estimation.bands import (
     trials_needed,
 )
 from accelcal.estimation.channel_filters import names
-from accelcal.estimation.dwell_fit import DwellFit, origins_of, seen_in, solve_dwells
+from accelcal.estimation.dwell_fit import DwellFit, left_of, origins_of, seen_in, solve_dwells
 from accelcal.estimation.dwell_rows import Nuisances, acts_at_rest, determines, shown
 from accelcal.estimation.engines import ENGINES, Engine, Method, engine_named, measure_noise, settle_dwells
 from accelcal.estimation.gauss_newton import (
     DWELL_STEPS,
     MAX_ROUNDS,
+    Agreement,
     BandTrial,
     Layout,
     NotIdentifiable,
     Solution,
     iterate,
     outputs_of,
+    rows_of_positions,
 )
 from accelcal.estimation.noise import NoiseEffect
 from accelcal.estimation.plausible import gravity_mistaken, implausible_scale, reversed_or_unrelated
@@ -450,7 +452,9 @@ def solve_runs(
     require_distinct(recordings)
     recordings = dwells_with_first(recordings)
     asked, model = model, complete(model, recordings)
-    if model.per_run and any(recording.axis for recording in recordings):
+    several = len({output.recording for output in outputs_of(recordings)}) > 1
+    apart = not several and any(recording.positions for recording in recordings)
+    if model.per_run and any(recording.axis for recording in recordings) and not apart:
         raise AccelcalError(
             f"{', '.join(model.per_run)}: differs from run to run; expected no such coefficient for three outputs "
             "together. Fit the axis alone, load(..., axis=...), or each recording by itself"
@@ -547,7 +551,7 @@ def restored_states(fit: Fit, sources: Sequence[Source]) -> list[RunState] | Non
     if len(sources) != len(fit.runs) or any(run.noise.band is not None for run in fit.runs):
         return None
     recordings = dwells_with_first([recording_of(source) for source in sources])
-    still = recordings[0].dwells if recordings else None
+    still = (recordings[0].dwells or recordings[0].positions) if recordings else None
     if (fit.dwells.digest if fit.dwells else None) != (still.digest if still else None):
         return None
     states = []
@@ -657,6 +661,12 @@ def result(solution: Solution) -> Fit:
         for s in states
         if s.run.recording.dwells is not None
     ]
+    positions = next((s.run.recording.positions for s in states if s.run.recording.positions), None)
+    if solution.agreement is not None and positions is not None:
+        at = partial(rows_of_positions, model, layout, states)
+        rows = [item for item in (at(), at(scatter=0.0), at(scatter=0.0, white=True)) if item is not None]
+        still.append(left_of(positions, *rows))
+        remarks.append(agreement_of(solution.agreement, layout, positions.name or "positions"))
     remarks += [note for dwells in still for note in dwells.remarks]
     covariates = covariates_found(solution)
     remarks += run_to_run(covariates, spreads, {e.name: e.value for e in estimates})
@@ -687,6 +697,26 @@ def result(solution: Solution) -> Fit:
         at_mean=at_means(solution),
     )
     return solution.engine.result(fit, states[0])
+
+
+def agreement_of(agreement: Agreement, layout: Layout, name: str) -> Remark:
+    """The remark on whether static positions agree with the motion that they are fitted with."""
+    of_slots = zip(agreement.rows, agreement.difference, agreement.std, strict=True)
+    term = layout.slots[agreement.rows[0]][0]
+    unit = f" {term.unit}".removesuffix(" 1")
+    differences = [
+        f"{layout.whose(layout.slots[i][1])[1]} {difference:+.2g} ± {std:.1g}{unit}" for i, difference, std in of_slots
+    ]
+    return remark(
+        "positions_disagree" if agreement.p_value < REMARK_ALPHA else "positions_agree",
+        positions=name,
+        squares=agreement.squares,
+        freedom=agreement.freedom,
+        p=agreement.p_value,
+        alpha=REMARK_ALPHA,
+        parameter=term.name,
+        differences=", ".join(differences),
+    )
 
 
 def far_zeros(estimates: Sequence[Estimate], runs: Sequence[PreparedRun]) -> Iterator[Remark]:
@@ -905,7 +935,7 @@ def require_shown(model: Model, recordings: Sequence[Recording]) -> None:
     RecordingError
         Naming effect, channel and file.
     """
-    for dwells in (recording.dwells for recording in recordings if recording.dwells is not None):
+    for dwells in (still for r in recordings for still in (r.dwells, r.positions) if still is not None):
         for term in model.terms:
             if acts_at_rest(term.effect) and not shown(dwells, term.effect):
                 raise RecordingError(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -12,8 +13,9 @@ import scipy
 
 from accelcal._support.errors import AccelcalError
 from accelcal.data import Array
+from accelcal.estimation.dwell_rows import DwellRows, column_basis, further_variance, position_rows
 from accelcal.estimation.engines import ENGINES, Engine, settle_dwells
-from accelcal.estimation.rows import NormalEquations, normal_equations
+from accelcal.estimation.rows import NormalEquations, inverse, normal_equations
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState, initial_estimate
 from accelcal.estimation.run_to_run import BetweenRuns, SeenByRuns, penalty
@@ -86,6 +88,50 @@ class BandTrial:
         return self.scale_interval / max(abs(self.scale), 1e-300)
 
 
+LEAST_TESTED = 1e-6
+"""Share of the motion in the information of both, below which positions are not compared with it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """Whether static positions and the motion of one fit agree on what both determine."""
+
+    squares: float
+    """Chi-square of their difference."""
+    freedom: int
+    rows: tuple[int, ...]
+    """Rows of the coefficient, of all axes, that explains most of it."""
+    difference: tuple[float, ...]
+    """By which those of the positions exceed those of the motion, all others shared."""
+    std: tuple[float, ...]
+
+    @property
+    def p_value(self) -> float:
+        """Of a chi-square as large where they agree."""
+        return float(scipy.special.chdtrc(self.freedom, self.squares)) if self.freedom else 1.0
+
+    @classmethod
+    def of(cls, X: Array, left: Array, bound: Array, covariance: Array, layout: Layout) -> Agreement:
+        """By whitened rows (n, m) of positions, what the joint solution leaves of them, and its covariance, once as by
+        the rows alone and once from the scatter of the motion (derivations 6.11)."""
+        basis, W = column_basis(X), np.eye(len(X)) - X @ bound @ X.T
+        S = W + X @ (covariance - bound) @ X.T
+        shares, U = np.linalg.eigh(basis.T @ S @ basis)
+        tested = shares > LEAST_TESTED
+        of_name = [
+            (rows, inverse(X[:, rows].T @ W @ X[:, rows]) @ X[:, rows].T)
+            for rows in (layout.rows_of(name) for name in dict.fromkeys(term.name for term in layout.terms))
+        ]
+        rows, gain = max(of_name, key=lambda item: float(left @ X[:, item[0]] @ item[1] @ left))
+        return cls(
+            float(np.sum((U.T @ basis.T @ left)[tested] ** 2 / shares[tested])),
+            int(np.count_nonzero(tested)),
+            tuple(rows),
+            tuple((gain @ left).tolist()),
+            tuple(np.sqrt(np.diag(gain @ S @ gain.T)).tolist()),
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class Solution:
     """Estimates at the end of the iteration, and the states of the runs there."""
@@ -111,6 +157,8 @@ class Solution:
     """Effects that no single run shows and that explain how the runs differ."""
     engine: Engine = ENGINES["auto"]
     """Engine that was asked for."""
+    agreement: Agreement | None = None
+    """Of the static positions of the fit with its motion; None where it has none."""
 
     @property
     def log_likelihood(self) -> float:
@@ -198,12 +246,14 @@ def _estimated(
             score[rows] += normals[index].score
         drawn = np.zeros_like(information)
         between = {}
-        for name in model.per_run if len(states) > 1 else ():
+        for name in model.per_run if len({output.recording for output in layout.outputs}) > 1 else ():
             rows = layout.rows_of(name)
             if len(rows) > 1:
                 between[name] = BetweenRuns.of(information + drawn, score + information @ x, rows)
                 drawn[np.ix_(rows, rows)] += penalty(len(rows), between[name].variance)
-        step, covariance = solve(information + drawn, score - drawn @ x, layout)
+        still = rows_of_positions(model, layout, states)
+        X, y = (np.zeros((0, len(x))), np.zeros(0)) if still is None else (still.columns, still.y)
+        step, covariance = solve(information + drawn + X.T @ X, score - drawn @ x + X.T @ y, layout)
         x = x + step
         progress(min(0.9, (round_number + 1) / USUAL_ROUNDS))
         before, moved = moved, float(np.max(np.abs(step) / np.sqrt(np.diag(covariance)), initial=0.0))
@@ -214,9 +264,11 @@ def _estimated(
         if astray or (round_number + 1 >= least and converged):
             break
     converged = converged or (trial and moved <= TRIAL_SETTLED)
+    bound = covariance
     if any(state.band is not None for state in states):
-        covariance = robust(covariance, layout, normals, np.diag(belief) + drawn)
-    elif not converged and len(rounds) > 1:
+        covariance = robust(covariance, layout, normals, np.diag(belief) + drawn + X.T @ X)
+    agreement = None if still is None else Agreement.of(X, y - X @ step, bound, covariance, layout)
+    if covariance is bound and not converged and len(rounds) > 1:
         covariance = unsettled(rounds)
     # The fit finds the offset of the stamps as they are: an error that all stamps of a channel share adds to it alone.
     clock_variance = [
@@ -224,7 +276,7 @@ def _estimated(
         for term, runs in layout.slots
     ]
     covariance = covariance + np.diag(clock_variance)
-    return Solution(model, layout, x, covariance, states, converged, between=between)
+    return Solution(model, layout, x, covariance, states, converged, between=between, agreement=agreement)
 
 
 def unsettled(rounds: Sequence[tuple[Array, Array]]) -> Array:
@@ -394,3 +446,29 @@ def solve(information: Array, score: Array, layout: Layout) -> tuple[Array, Arra
     inverse = (vectors / eigenvalues) @ vectors.T
     covariance = inverse / np.outer(size, size)
     return covariance @ score, covariance
+
+
+def rows_of_positions(
+    model: Model, layout: Layout, states: Sequence[RunState], *, white: bool = False, scatter: float | None = None
+) -> DwellRows | None:
+    """Rows of the static positions of three outputs where all of them are fitted; None where there are none.
+
+    `white` and `scatter` are those of `position_rows`; by default the scatter that the positions themselves show.
+    """
+    positions = next((state.run.recording.positions for state in states if state.run.recording.positions), None)
+    runs = [next((k for k, output in enumerate(layout.outputs) if output.axis == axis), -1) for axis in "xyz"]
+    if positions is None or -1 in runs:
+        return None
+    rows = partial(
+        position_rows,
+        positions,
+        model.free,
+        [states[k].values for k in runs],
+        [layout.rows(k) for k in runs],
+        len(layout.slots),
+        states[0].run.origins,
+        white=white,
+        apart=[i for name in model.per_run for i in layout.rows_of(name)],
+    )
+    largest = float(np.max(positions.variance))
+    return rows(scatter=further_variance(lambda v: rows(scatter=v), largest) if scatter is None else scatter)

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from accelcal.data import ACCELERATION, GRAVITY, STANDARD_GRAVITY, VELOCITY, Recording, Rig, units, usual_step
+from accelcal.data import ACCELERATION, GRAVITY, OUTPUTS, STANDARD_GRAVITY, VELOCITY, Recording, Rig, units, usual_step
 from accelcal.data.clocks import THE_OUTPUT, relation
 from accelcal.data.recording import ORDERS
 from accelcal.estimation.remarks import Remark, remark
@@ -128,7 +128,8 @@ def other_column(recording: Recording) -> str:
     mount = f' and [rig] mount = "{OTHER_MOUNT[recording.rig.mount]}"' if other else ""
     return (
         f"the motion is in {column}{', with the other sign' * other} (correlation {correlation:.2f}), not in "
-        f"{recording.origin.columns.get('accel', ('accel',))[0]} ({alike:.2f}): write [channels] accel = "
+        f"{recording.origin.columns.get('accel', ('accel',))[0]} ({alike:.2f}): write [channels] "
+        f"{OUTPUTS.get(recording.axis, 'accel')} = "
         f'{{ column = "{column}", unit = "{unit}" }}{mount}'
     )
 
@@ -158,8 +159,9 @@ def causes(recording: Recording, share: float) -> Iterator[tuple[float, float, s
                 left = share * factor**power
                 if factor == 1.0 or not power or not plausible(left):
                     continue
+                channel = OUTPUTS.get(recording.axis, name) if name == "accel" else name
                 text = (
-                    f"the unit of column {column}: {true}, not {unit}? Write [channels] {name} = "
+                    f"the unit of column {column}: {true}, not {unit}? Write [channels] {channel} = "
                     f'{{ column = "{column}", unit = "{true}" }}'
                 )
                 if electrical:

@@ -249,6 +249,17 @@ KINDS: dict[str, Kind] = {
     "seen_by_runs": Kind("beside", "{text}"),
     "assumed": Kind("beside", "{text}"),
     "dwells_scatter": Kind("beside", "{text}"),
+    "positions_agree": Kind(
+        "beside",
+        "{positions} and the motion agree: chi-square {squares:.3g} of {freedom} degrees of freedom, p = {p:.2g}, not "
+        "below alpha = {alpha:g}",
+    ),
+    "positions_disagree": Kind(
+        "beside",
+        "{positions} and the motion disagree: chi-square {squares:.3g} of {freedom} degrees of freedom, p = {p:.2g}, "
+        "below alpha = {alpha:g}. Most of it is {parameter}, positions less motion: {differences}. One value cannot be "
+        "right for both: check sensor, units and gravity of both; if the bias alone differs, `--vary bias` lets it",
+    ),
     "not_settled": Kind(
         "beside",
         "the iteration had not settled after {rounds} rounds: the model does not describe this record",

@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from accelcal._support.result import Storable
-from accelcal.data import Array, RecordingError
+from accelcal.data import Array, Positions, RecordingError
 from accelcal.estimation.gauss_newton import NotIdentifiable
 from accelcal.estimation.noise import REMARKED_BEYOND
 from accelcal.estimation.plausible import plausible
@@ -42,22 +42,6 @@ WORST_CONDITION = 1e8
 """Condition number of the scaled problem beyond which the positions do not determine it."""
 WORST_OF_FACES = 20.0
 """The same of six parameters: tilts and angles between the axes, which they lack, are enlarged as much."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Positions:
-    """Means of three outputs at rest, in any unit."""
-
-    mean: Array
-    """(n, 3)"""
-    std: Array
-    """Of the samples, (n, 3)."""
-    samples: Array
-    """(n,)"""
-    gravity: float
-    """m/s²"""
-    name: str = ""
-    unit: str = "count"
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 from accelcal._support.values import listing
 from accelcal.io.atomic import atomic, atomic_write, together
-from accelcal.io.dwells import load_declared, load_dwells
+from accelcal.io.dwells import load_declared, load_dwells, load_positions
 from accelcal.io.loading import load, load_axes
 from accelcal.io.sidecar import read_sidecar, sidecar_of
 from accelcal.io.template import init, template
@@ -16,6 +16,7 @@ __all__ = [
     "load_axes",
     "load_declared",
     "load_dwells",
+    "load_positions",
     "read_sidecar",
     "sidecar_of",
     "template",

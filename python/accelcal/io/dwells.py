@@ -15,11 +15,11 @@ import numpy as np
 from accelcal._support.arguments import checked
 from accelcal.data import (
     OUTPUTS,
-    STANDARD_GRAVITY,
     Array,
     Dwells,
     DwellSetup,
     Finding,
+    Positions,
     Recording,
     RecordingError,
     Rig,
@@ -29,7 +29,20 @@ from accelcal.data import (
 from accelcal.io.assign import fix
 from accelcal.io.atomic import atomic_write, together
 from accelcal.io.files import open_table
-from accelcal.io.loading import COLUMNS, assumed, axes, complete, declaration, from_table, is_table, load, loaded
+from accelcal.io.loading import (
+    COLUMNS,
+    assumed,
+    axes,
+    complete,
+    declaration,
+    digest_of,
+    from_table,
+    is_table,
+    load,
+    loaded,
+    local_gravity,
+    require_between,
+)
 from accelcal.io.sidecar import Sidecar, Source, has_sidecar, no_sidecar, read_sidecar, sidecar_of
 from accelcal.io.table import Table
 from accelcal.io.write import write_sidecar
@@ -82,8 +95,9 @@ def moving_std(y: Array, width: int) -> Array:
 
 def load_declared(
     path: Path, rig: Path | None = None, single: Callable[[Path], Recording] | None = None
-) -> list[Recording | Dwells]:
-    """Read a file as it and its sidecar say: the three outputs of a tracked body, dwells, or else one recording.
+) -> list[Recording | Dwells | Positions]:
+    """Read a file as it and its sidecar say: the three outputs of a tracked body, dwells, positions of three outputs at
+    rest, or else one recording.
 
     Parameters
     ----------
@@ -93,10 +107,13 @@ def load_declared(
     Raises
     ------
     RecordingError
-        As `load`, `load_axes` or `load_dwells`.
+        As `load`, `load_axes`, `load_dwells` or `load_positions`.
     """
     table, (declared, notes) = open_table(path), declaration(path, rig)
     setup = declared.dwell
+    held = setup is not None and setup.unknown and TRIAD[0] in declared.channels
+    if set(POSITIONS) <= set(table.columns) or (held and not declared.triad):
+        return [load_positions(path, rig)]
     if declared.triad:
         return [*axes(table, rig)]
     if is_table(table) or (setup is not None and setup.angle is not None):
@@ -133,6 +150,40 @@ def load_dwells(path: str | Path, rig: str | Path | None = None) -> Dwells:
     return dwells_of(open_table(path), *declaration(path, rig), Path(rig or sidecar_of(path)))
 
 
+@checked
+def load_positions(path: str | Path, rig: str | Path | None = None, *, least: float = 2.0) -> Positions:
+    """Read static positions of three outputs at unknown attitudes, which `accelcal.fit` accepts beside their motion.
+
+    Parameters
+    ----------
+    path : record of which the rests are positions, with ``accel_x``, ``accel_y``, ``accel_z`` and ``[dwell] attitude =
+        "unknown"`` in its sidecar; or the table of positions that ``accelcal dwells --guide -o`` writes.
+    rig : sidecar; None = ``NAME.toml`` beside the file.
+    least : shortest rest that is used, s.
+
+    Raises
+    ------
+    RecordingError
+        If there is no rest, or not three outputs.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> table = pathlib.Path(tempfile.mkdtemp(), "faces.csv")
+    >>> rows = ["0,5,500,0,0.1,9.81,0.01,0.01,0.01", "10,15,500,0.1,9.79,0,0.01,0.01,0.01"]
+    >>> _ = table.write_text("\\n".join([",".join(POSITIONS), *rows]))
+    >>> len(load_positions(table))
+    2
+    """
+    rests = load_rests(Path(path), None if rig is None else Path(rig), least)
+    if not rests.triad:
+        raise RecordingError(
+            f"{path}: one output; expected a record at rest whose sidecar maps {', '.join(TRIAD)}. load_dwells reads "
+            "dwells of one output"
+        )
+    return rests.positions
+
+
 def dwells_of(table: Table, declared: Sidecar, notes: list[Finding], sidecar: Path) -> Dwells:
     """The dwells that a table holds: one line each, or a recording at rest; errors are those of `load_dwells`."""
     if is_table(table):
@@ -164,7 +215,7 @@ def from_recording(recording: Recording, declared: Sidecar, sidecar: Path) -> Dw
         rig=declared.rig,
         temperature=None if warm is None else np.array([float(np.mean(warm.y))]),
         angle_std=setup.angle_std or 0.0,
-        gravity=setup.gravity or STANDARD_GRAVITY,
+        gravity=local_gravity(setup),
         name=recording.name,
         digest=recording.digest,
         assumptions=assumed(setup),
@@ -210,6 +261,7 @@ class Rests:
     rests: tuple[Rest, ...]
     setup: DwellSetup
     rig: Rig
+    digest: str = ""
 
     @property
     def triad(self) -> bool:
@@ -217,9 +269,23 @@ class Rests:
         return len(self.names) == len(TRIAD)
 
     @property
-    def gravity(self) -> float:
-        """Local gravity, m/s²."""
-        return self.setup.gravity or STANDARD_GRAVITY
+    def positions(self) -> Positions:
+        """Rests of a triad as positions."""
+        warm = [rest.temperature for rest in self.rests]
+        samples = np.array([float(rest.samples) for rest in self.rests])
+        length = np.array([rest.end - rest.start for rest in self.rests])
+        return Positions(
+            mean=np.array([rest.mean for rest in self.rests]).reshape(-1, 3),
+            std=np.array([rest.std for rest in self.rests]).reshape(-1, 3),
+            samples=samples,
+            gravity=local_gravity(self.setup),
+            name=self.name,
+            unit=self.unit,
+            duration=length * samples / np.maximum(samples - 1.0, 1.0),
+            temperature=None if None in warm else np.array(warm),
+            rig=self.rig,
+            digest=self.digest,
+        )
 
 
 def is_at_rest(path: Path, rig: Path | None) -> bool:
@@ -294,17 +360,39 @@ def load_rests(path: Path, rig: Path | None, least: float) -> Rests:
             f"{path}: no rest of {least:g} s or more was found; look at the record, or give a shorter --least"
         )
     return Rests(
-        path.name, first.t, outputs, (TRIAD if triad else ("output",)), first.unit, tuple(dwells), setup, declared.rig
+        path.name,
+        first.t,
+        outputs,
+        (TRIAD if triad else ("output",)),
+        first.unit,
+        tuple(dwells),
+        setup,
+        declared.rig,
+        recording.digest,
     )
 
 
 def _positions(table: Table, declared: Sidecar) -> Rests:
     columns = table.read(POSITIONS)
-    start, end, samples, *outputs = (complete(table, name, columns[name]) for name in POSITIONS)
+    values = {name: complete(table, name, columns[name]) for name in POSITIONS}
+    start, end, samples, *outputs = values.values()
+    limits = [(f"std_{axis}", 0.0, np.inf, "a standard deviation of the samples") for axis in "xyz"]
+    later = ("end_s", start + 1e-9, np.inf, "a time after start_s")
+    require_between(table, values, [later, ("samples", 2.0, np.inf, "a number of samples, at least 2"), *limits])
     mean, std = np.stack(outputs[:3], axis=1), np.stack(outputs[3:], axis=1)
     listed = zip(start.tolist(), end.tolist(), samples.tolist(), mean.tolist(), std.tolist(), strict=True)
     rests = tuple(Rest(a, b, int(n), tuple(y), tuple(s), None) for a, b, n, y, s in listed)
-    return Rests(table.path.name, start, mean, TRIAD, "m/s^2", rests, declared.dwell or DwellSetup(), declared.rig)
+    return Rests(
+        table.path.name,
+        start,
+        mean,
+        TRIAD,
+        "m/s^2",
+        rests,
+        declared.dwell or DwellSetup(),
+        declared.rig,
+        digest_of(table.path),
+    )
 
 
 def write_positions(result: Rests, path: Path, mark: Callable[[str], str] = str) -> None:

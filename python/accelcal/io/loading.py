@@ -205,7 +205,8 @@ def _of_attitude(
             "Check the time columns of both"
         )
     axis = np.array(declared.input_axis)
-    directions = turning(t[near], r[near], (stamps, q), axis, sense, noise, unchanged)
+    g = local_gravity(declared.dwell)
+    directions = turning(t[near], r[near], (stamps, q), axis, sense, noise, unchanged, g)
     position, findings = quality.clean(
         quality.Samples(file, "position", directions.path.t, directions.path.y, "m", lambda i: f"reading {i}"),
         declared.rig,
@@ -468,27 +469,23 @@ def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
     """Dwells of a table that is open."""
     missing = [name for name in COLUMNS if name not in table.columns and name not in OPTIONAL]
     if missing:
+        positions = OUTPUTS["x"] in table.columns
         raise RecordingError(
             f'{table.path}: no column "{missing[0]}"; a table of dwells has the header {",".join(COLUMNS)}: add it'
+            + (". Positions of three outputs are a file of their own beside the motion: give both to fit" * positions)
         )
     read = table.read([name for name in COLUMNS if name in table.columns])
     columns = {
         name: complete(table, name, column) for name, column in read.items() if not (name in OPTIONAL and empty(column))
     }
-    for name, low, high, words in (
+    limits = (
         ("attitude_deg", -MOST_DEGREES, MOST_DEGREES, "an angle of at most 360 degrees"),
         ("std", 0.0, math.inf, "a standard deviation of the samples"),
         ("duration_s", 1e-9, math.inf, "a duration above 0 s"),
         ("samples", 2.0, math.inf, "a number of samples, at least 2"),
         ("temperature_degC", -273.15, math.inf, "a temperature above absolute zero"),
-    ):
-        values = columns.get(name, np.full(1, low))
-        wrong = ~((values >= low) & (values <= high))
-        if wrong.any():
-            k = int(np.argmax(wrong))
-            raise RecordingError(
-                f'{table.path}: {table.row(k)}, column "{name}": found {values[k]:g}, expected {words}; correct it'
-            )
+    )
+    require_between(table, columns, limits)
     unit = declared.channels["accel"].unit if "accel" in declared.channels else None
     plan = Plan({}, sidecar)
 
@@ -508,11 +505,31 @@ def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
         rig=declared.rig,
         temperature=columns.get("temperature_degC"),
         angle_std=setup.angle_std or 0.0,
-        gravity=setup.gravity or STANDARD_GRAVITY,
+        gravity=local_gravity(setup),
         name=table.path.name,
         digest=digest_of(table.path),
-        assumptions=assumed(setup) + repeated(table, columns),
+        assumptions=assumed(setup) + repeated(table, columns) + in_kelvin(columns.get("temperature_degC")),
     )
+
+
+def require_between(
+    table: Table, columns: Mapping[str, Array], limits: Sequence[tuple[str, float | Array, float, str]]
+) -> None:
+    """Refuse a table with a value beyond its limits, which are of the whole column or of each row.
+
+    Raises
+    ------
+    RecordingError
+        Naming row, column and what was expected.
+    """
+    for name, low, high, words in limits:
+        values = columns.get(name, np.zeros(0))
+        wrong = ~((values >= low) & (values <= high)) if len(values) else values > 0.0
+        if wrong.any():
+            k = int(np.argmax(wrong))
+            raise RecordingError(
+                f'{table.path}: {table.row(k)}, column "{name}": found {values[k]:g}, expected {words}; correct it'
+            )
 
 
 def empty(column: Column) -> bool:
@@ -539,10 +556,27 @@ def complete(table: Table, name: str, column: Column) -> Array:
     return column.values
 
 
+def local_gravity(setup: DwellSetup | None) -> float:
+    """Gravity as declared, or standard gravity, m/s²."""
+    return (setup.gravity if setup else None) or STANDARD_GRAVITY
+
+
 def assumed(setup: DwellSetup) -> tuple[str, ...]:
     """Sentences on what a sidecar does not declare of dwells."""
     unsaid = {ASSUMED_GRAVITY: setup.gravity is None, ASSUMED_ANGLE: setup.angle_std is None}
     return tuple(sentence for sentence, missing in unsaid.items() if missing)
+
+
+ROOM = (233.0, 398.0)
+"""Temperatures of a laboratory and its ovens, K; in degC few accelerometers stand them."""
+
+
+def in_kelvin(temperature: Array | None) -> tuple[str, ...]:
+    """A sentence on temperatures of dwells that are those of a laboratory if they are in kelvin."""
+    if temperature is None or not ROOM[0] <= np.min(temperature) <= np.max(temperature) <= ROOM[1]:
+        return ()
+    span = f"{np.min(temperature):.5g} to {np.max(temperature):.5g}"
+    return (f"temperature_degC is {span}, as if it were in kelvin; expected degC: subtract 273.15 if it is",)
 
 
 def repeated(table: Table, columns: Mapping[str, Array]) -> tuple[str, ...]:
@@ -803,6 +837,7 @@ def recording_of(
         labels=declared.labels,
         reference=reference,
         origin=origin_of(table, plan, declared),
+        gravity=local_gravity(declared.dwell),
     )
     clocks = {name: source.time for name, source in plan.sources.items()}
     told_by = ANGLE if declared.angle_zero is not None else "position" if reference is None else reference.name

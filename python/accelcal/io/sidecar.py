@@ -962,7 +962,7 @@ KEYS: dict[str, dict[str, Key]] = {
             "m/s^2",
             about=(
                 "an acceleration",
-                "local gravity; the scale factor is relative to it",
+                "local gravity, of dwells and along an axis by its attitude; the scale factor is relative to it",
                 "standard gravity, and a remark says so",
             ),
         ),

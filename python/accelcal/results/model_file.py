@@ -460,7 +460,8 @@ def _rig(fit: Fit) -> Found:
 
 def _dwells(fit: Fit) -> Found:
     if fit.dwells is not None:
-        counts = {len(fit.dwells.angle), len(fit.dwells.residual), len(fit.dwells.std)}
+        angle, residual, std = fit.dwells.angle, fit.dwells.residual, fit.dwells.std
+        counts = {len(angle or residual), len(residual), len(std)}
         if len(counts) > 1:
             yield "dwells", "angle, residual and std have different lengths, expected one value for each dwell"
 

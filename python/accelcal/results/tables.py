@@ -42,7 +42,7 @@ def _(fit: Fit, which: str = "") -> Table:
     readings = grouped(sum(run.readings for run in fit.runs))
     references = ", ".join(dict.fromkeys(run.noise.reference.replace("_", " ") for run in fit.runs))
     made_from = [f"{readings} readings of {references}"] * bool(fit.runs)
-    made_from += [f"{len(fit.dwells.angle)} dwells"] if fit.dwells else []
+    made_from += [f"{len(fit.dwells.residual)} {'dwells' if fit.dwells.angle else 'positions'}"] if fit.dwells else []
     agreement = "".join(
         f", normalised innovation squared {run.nis:.3f} (1 when consistent)" for run in fit.runs if run.nis is not None
     )

@@ -123,7 +123,8 @@ def dwells_sentence(fit: DwellFit) -> str:
     """What the fit leaves of its dwells."""
     rms = math.sqrt(sum(value**2 for value in fit.residual) / max(1, len(fit.residual)))
     scatter = f"; p {probability(fit.p_value)} under all that is declared" if fit.freedom > 0 else ""
-    return f"{fit.name or 'Dwells'}: {len(fit.angle)} dwells, rms residual {number(1e3 * rms, 3)} mm/s²{scatter}."
+    held = f"{len(fit.residual)} {'dwells' if fit.angle else 'positions'}"
+    return f"{fit.name or 'Dwells'}: {held}, rms residual {number(1e3 * rms, 3)} mm/s²{scatter}."
 
 
 @dataclass(frozen=True, slots=True)
