@@ -26,7 +26,7 @@ def pytest_configure(config):
 
 def pytest_collection_modifyitems(config, items):
     config.unguarded = tiers.mark(items)
-    if share := os.environ.get("ACCELCAL_LONG"):
+    if share := os.environ.get("ACCELCAL_SLOW"):
         left_out = tiers.left_out(items, share)
         config.hook.pytest_deselected(items=left_out)
         items[:] = [item for item in items if item not in left_out]

@@ -31,9 +31,9 @@ PACKAGE = f"{ROOT / 'python' / 'accelcal'}{os.sep}"
 JUDGED = ("estimation/", "diagnosis/", "data/", "io/", "validation/")
 """Folders of the package whose lines `make test` should reach nearly as well as `make test-all`."""
 SLOW = 1.5
-"""Processor seconds above which a case is slow; of a test function above it, every second or third case stays."""
-LONG = 4.0
-"""Processor seconds above which `ACCELCAL_LONG=0/4` runs every fourth case, from the first; 1/4 to 3/4 the others."""
+"""Processor seconds above which a case is slow; of a test function above it, every second or third case stays.
+
+`ACCELCAL_SLOW=0/8` runs every eighth of the slow cases, from the first; 1/8 to 7/8 the others."""
 LISTED = 0.3
 """Processor seconds above which a case is listed in `durations.json`."""
 OUTSIDE = {"browser", "device_tools", "host_tools"}
@@ -130,12 +130,12 @@ def mark(items: Sequence[pytest.Item]) -> set[str]:
 
 
 def left_out(items: Sequence[pytest.Item], share: str) -> list[pytest.Item]:
-    """Return the long cases that are not in a share, such as "0/2"; another share has them."""
+    """Return the slow cases that are not in a share, such as "0/2"; another share has them."""
     part, of = map(int, share.split("/"))
     seconds, _ = stored()
-    long = [item for item in items if seconds.get(item.nodeid, 0.0) > LONG]
-    long = sorted((item for item in long if not item.get_closest_marker("always")), key=lambda item: item.nodeid)
-    return [item for place, item in enumerate(long) if place % of != part]
+    slow = [item for item in items if seconds.get(item.nodeid, 0.0) > SLOW]
+    slow = sorted((item for item in slow if not item.get_closest_marker("always")), key=lambda item: item.nodeid)
+    return [item for place, item in enumerate(slow) if place % of != part]
 
 
 class Reach:

@@ -284,9 +284,9 @@ MUTATED = {
 
 
 @pytest.fixture(scope="module")
-def with_gyroscope(folder: Path) -> tuple[Path, Triad]:
+def with_gyroscope(tmp_path_factory) -> tuple[Path, Triad]:
     triad = Triad(74, seconds=30.0, attitude_noise=1e-3, gyroscope=1e-3)
-    return triad.write(folder), triad
+    return triad.write(tmp_path_factory.mktemp("gyroscope")), triad
 
 
 def with_rates(path: Path, to: Path, change) -> Path:

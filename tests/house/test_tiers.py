@@ -59,16 +59,16 @@ def test_what_ends_with_nobody_waiting_has_still_counted() -> None:
     assert [spent.now(seconds) for seconds in (1.0, 6.0, 2.0, 2.5)] == [1.0, 6.0, 6.0, 6.5]
 
 
-def test_shares_of_the_long_cases_are_apart_and_make_up_all() -> None:
+def test_shares_of_the_slow_cases_are_apart_and_make_up_all() -> None:
     seconds, _ = tiers.stored()
-    long = sorted(case for case, spent in seconds.items() if spent > tiers.LONG)
-    items = [SimpleNamespace(nodeid=case, get_closest_marker=lambda name: None) for case in (*long, "a.py::fast")]
+    slow = sorted(case for case, spent in seconds.items() if spent > tiers.SLOW)
+    items = [SimpleNamespace(nodeid=case, get_closest_marker=lambda name: None) for case in (*slow, "a.py::fast")]
     shares = [f"{part}/4" for part in range(4)]
     left_out = [{item.nodeid for item in tiers.left_out(items, share)} for share in shares]  # type: ignore[arg-type]
-    kept = [case for absent in left_out for case in long if case not in absent]
-    assert sorted(kept) == long
+    kept = [case for absent in left_out for case in slow if case not in absent]
+    assert sorted(kept) == slow
     assert not any("a.py::fast" in absent for absent in left_out)
-    assert min(len(long) - len(absent) for absent in left_out) > 50
+    assert min(len(slow) - len(absent) for absent in left_out) > 50
 
 
 def test_guards_are_chosen_by_the_lines_that_few_tests_reach(tmp_path: Path) -> None:
