@@ -248,7 +248,7 @@ def explained_gain(fit: Fit, name: str) -> tuple[float, int]:
     coefficients = [k for k, e in enumerate(fit.free) if owners.get(e.name) == name]
     x = np.array([fit.free[k].value for k in coefficients])
     information = np.linalg.inv(fit.covariance[np.ix_(coefficients, coefficients)])
-    if find(name).search.prior:
+    if find(name).prior.mean:
         information -= np.diag([fit.model.priors[name].std ** -2 if name in fit.model.priors else 0.0])
     return max(0.0, float(x @ information @ x)), len(coefficients)
 
@@ -263,7 +263,7 @@ def present(fit: Fit, alpha: float, sizes: Mapping[str, Size]) -> tuple[Finding,
         effect = find(name)
         finding = in_model(fit, Confounded(name, (name,), effect.experiment.rstrip(".")), sizes)
         shown = effect.traits.visible or effect.seen_by_sets
-        if not shown or effect.search.prior or name in fit.model.priors or not finding.estimate:
+        if not shown or effect.prior.mean or name in fit.model.priors or not finding.estimate:
             confirmed = effect.port == "process" and finding.largest is not None and finding.largest.value > 0.0
         else:
             confirmed = log_survival(*explained_gain(fit, name)) < math.log(alpha)

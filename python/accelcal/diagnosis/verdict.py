@@ -31,7 +31,6 @@ from accelcal.diagnosis.findings import (
 from accelcal.diagnosis.noise.noise_test import WHITENESS, NoiseTest
 from accelcal.diagnosis.noise.spectra import harmonic_effects
 from accelcal.diagnosis.policy import (
-    CLEAR_LOG_EVIDENCE,
     DATA_SHEET_NOISE_RATIO,
     FAMILYWISE_ALPHA,
     VERDICT_LEAST_BLOCKS,
@@ -223,7 +222,7 @@ def classes_of(e: Evidence, scan: Scan, tests: Sequence[NoiseTest]) -> list[Conf
     tested = []
     for name, p in p_values.items():
         if name not in searched:
-            uncertain = p > e.level * math.exp(-CLEAR_LOG_EVIDENCE)
+            uncertain = p > e.level * FAMILYWISE_ALPHA
             members = (name, *(find(name).confused if uncertain else harmonics.get(name, ())))
             tested.append(Confounded(name, members, find(name).experiment.rstrip(".")))
     wave = leading_wave(scan, tests)
