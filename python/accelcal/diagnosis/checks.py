@@ -34,7 +34,7 @@ from accelcal.diagnosis.policy import (
     UNRESOLVED_MOST_SHARE,
 )
 from accelcal.diagnosis.runs import runs_disagree
-from accelcal.diagnosis.search.confounding import DetectedEffect
+from accelcal.diagnosis.search.confounding import DetectedEffect, with_members
 from accelcal.diagnosis.search.homogeneity import OF_FREQUENCY
 from accelcal.effects import BUILT_IN, OF_TIME, find
 from accelcal.estimation.estimate import Fit, result, solve_runs
@@ -112,7 +112,8 @@ def turning_sensor(e: Evidence) -> Iterator[Remark]:
 def beside_tilt(detected: Sequence[DetectedEffect]) -> tuple[DetectedEffect, ...]:
     """Effects that were found, with a tilt in the class of each drift of the bias."""
     return tuple(
-        replace(effect, members=(*effect.members, TILT)) if effect.effect in DRIFTS else effect for effect in detected
+        replace(effect, weights=with_members(effect.weights, [TILT])) if effect.effect in DRIFTS else effect
+        for effect in detected
     )
 
 

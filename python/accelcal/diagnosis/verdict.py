@@ -209,7 +209,10 @@ def nameable(e: Evidence) -> tuple[Scan, tuple[NoiseTest, ...], tuple[NoiseTest,
 def classes_of(e: Evidence, scan: Scan, tests: Sequence[NoiseTest]) -> list[Confounded]:
     """Effects that would enter, each with its confounding class; a significant delay comes first."""
     groups = [Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT)] if e.delayed and not e.forbidden else []
-    searched_for = [Confounded(effect.effect, effect.members, effect.experiment, effect.parts) for effect in scan.found]
+    searched_for = [
+        Confounded(effect.effect, effect.members, effect.experiment, effect.parts, effect.weights)
+        for effect in scan.found
+    ]
     p_values: dict[str, float] = {}
     for test in tests:
         p_values[test.effect] = min(test.p_value, p_values.get(test.effect, 1.0))
@@ -294,7 +297,7 @@ class Case:
         if not others:
             return "named", f"{text}{self.scan.nearest_rival(effect)}"
         tie = f"It is confounded with {', '.join(others)} on this record; to separate them: {group.experiment}."
-        return "tied", f"{text} {tie}"
+        return "tied", " ".join(filter(None, (text, tie, group.posterior)))
 
 
 def judgement(case: Case) -> Judgement:

@@ -127,6 +127,18 @@ class SearchRules:
         credited = saturated(gain + cost) - cost
         return credited - dof * math.log(max(self.blocks, 2)) - 2.0 * math.log(comparisons)
 
+    def evidence_with_size(self, evidence: CandidateScores, i: int, given: Sequence[int], inflation: float) -> float:
+        """Log-evidence of a hypothesis given others, with the prior of its size."""
+        gain, dof, estimate, covariance = evidence.gain(i, given)
+        item, cost = evidence.items[i], evidence.cost(i, given)
+        if not dof:
+            return -math.inf
+        credited = saturated(gain / inflation + cost) - cost
+        covariance = covariance * gain / max(credited, VANISHING)
+        prior = item.effect.prior
+        surprise = 0.5 * float(estimate @ np.linalg.pinv(covariance, hermitian=True) @ estimate)
+        return prior.log_evidence(estimate, covariance) - surprise + 0.5 * credited - math.log(item.alternatives)
+
     def required_gains(self, dof: int, item: Hypothesis) -> tuple[float, float]:
         """Gain at which a hypothesis is significant, and gain that is worth its price."""
         return entry_gains(self.examined, self.blocks, self.alpha, dof=dof, comparisons=item.comparisons)

@@ -4,7 +4,7 @@ contains."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -38,12 +38,23 @@ CHUNK = 1 << 18
 
 
 @dataclass(frozen=True, slots=True)
+class Weights:
+    """Posterior weights of one effect among those that explain the same."""
+
+    by_record: float = math.nan
+    """All of them equally likely before the record, whatever their sizes; nan where it was not examined."""
+    with_sheets: float = math.nan
+    """Among the members of its class, with the priors of their sizes."""
+
+
+@dataclass(frozen=True, slots=True)
 class DetectedEffect:
     """An effect that entered, with its confounding class and the experiment that separates the class."""
 
     effect: str
     shape: Mapping[str, float]
-    members: tuple[str, ...]
+    weights: Mapping[str, Weights]
+    """Posterior weights of the members of its confounding class, itself first."""
     experiment: str
     prior_std: float | None = None
     """Intensity of a random-walk or Gauss-Markov bias; None for constant coefficients."""
@@ -55,6 +66,11 @@ class DetectedEffect:
     """Its sizes in bands of frequency."""
     largest: float = 0.0
     """Its largest contribution over the runs, m/s² (m at the encoder)."""
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """Its confounding class on this record, itself first."""
+        return tuple(self.weights)
 
     @property
     def unequal(self) -> PartSizes | None:
@@ -77,8 +93,8 @@ class DetectedEffect:
 
 def confounding_class(
     evidence: CandidateScores, scatter: BlockScatter, i: int, others: Sequence[int], rules: SearchRules
-) -> tuple[str, ...]:
-    """Effects that are confounded with hypothesis `i` on this record, itself first.
+) -> dict[str, Weights]:
+    """Effects that are confounded with hypothesis `i` on this record, itself first, with their posterior weights.
 
     The smallest set that holds `CLASS_WEIGHT` of their posterior weight, all of them equally likely before the record.
     A nonparametric curve counts if its variable is not the effect's.
@@ -90,6 +106,7 @@ def confounding_class(
     inflation = scatter.inflation(i, others)
     specific = item.effect.family is None and item.effect.port != "process"
     log_evidence: dict[str, float] = {}
+    best: dict[str, int] = {}
     for j, rival in enumerate(evidence.items):
         name = rival.effect.name
         if j in others or not dofs[j] or (specific and rival.effect.family and not beats(rival.effect, item.effect)):
@@ -97,10 +114,20 @@ def confounding_class(
         product = rival.effect.mechanism and item.effect.name in rival.effect.search.includes
         if product and contribution_correlation(evidence, G, i, j, estimate) > SAME_CORRELATION:
             continue  # its memory is too short to be one
-        value = rules.net_gain(float(gains[j]) / inflation, int(dofs[j]), rival, evidence.cost(j, others)) / 2.0
-        log_evidence[name] = max(value, log_evidence.get(name, -math.inf))
+        gain = float(gains[j]) / inflation
+        value = rules.net_gain(gain, int(dofs[j]), rival, evidence.cost(j, others)) / 2.0
+        if value > log_evidence.get(name, -math.inf):
+            log_evidence[name], best[name] = value, j
     members = credible_set(log_evidence)
-    return (item.effect.name, *(name for name in members if name != item.effect.name))
+    names = [item.effect.name, *(name for name in members if name != item.effect.name)]
+    with_sizes = [rules.evidence_with_size(evidence, best[name], others, inflation) for name in names]
+    weights = map(Weights, (members.get(name, 0.0) for name in names), special.softmax(with_sizes).tolist())
+    return dict(zip(names, weights, strict=True))
+
+
+def with_members(weights: Mapping[str, Weights], others: Iterable[str]) -> dict[str, Weights]:
+    """A class with further members, which no weights have."""
+    return {**weights, **{name: Weights() for name in others if name not in weights}}
 
 
 def credible_set(log_evidence: Mapping[str, float]) -> dict[str, float]:
@@ -182,9 +209,9 @@ def detected_effect(
     return DetectedEffect(
         effect=item.effect.name,
         shape=dict(item.shape),
-        members=(
-            *confounding_class(evidence, scatter, i, others, rules),
-            *smooth_rivals(item, evidence.runs[0].column_filter.signals),
+        weights=with_members(
+            confounding_class(evidence, scatter, i, others, rules),
+            smooth_rivals(item, evidence.runs[0].column_filter.signals),
         ),
         experiment=item.effect.experiment.rstrip("."),
         prior_std=float(estimate[0]) if process else None,

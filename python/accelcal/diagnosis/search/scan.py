@@ -12,7 +12,14 @@ import numpy as np
 
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, VERDICT_LEAST_BLOCKS
 from accelcal.diagnosis.search.beam import BlockScatter, SearchRules, block_length, distance_for_gain
-from accelcal.diagnosis.search.confounding import DetectedEffect, confounding_class, detected_effect, largest, plainest
+from accelcal.diagnosis.search.confounding import (
+    DetectedEffect,
+    Weights,
+    confounding_class,
+    detected_effect,
+    largest,
+    plainest,
+)
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for, mechanisms_for
 from accelcal.diagnosis.search.refine import refine, shortlist, starting_points
 from accelcal.diagnosis.search.scores import DEGENERATE, BaseProjection, CandidateScores, log_survival, score_gain
@@ -87,10 +94,15 @@ class Candidate:
     log_evidence: float
     largest: float
     """Largest contribution over the used range, m/s² (m at the encoder)."""
-    members: tuple[str, ...] = ()
-    """Its confounding class on this record, itself included."""
+    weights: Mapping[str, Weights] = field(default_factory=dict)
+    """Posterior weights of its confounding class on this record, itself included."""
     comparisons: int = 1
     """Values of a shape parameter among which the record was searched for this one."""
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """Its confounding class on this record, itself included."""
+        return tuple(self.weights)
 
     @property
     def chance(self) -> float:
@@ -258,7 +270,7 @@ def relinearised(
         evidence = CandidateScores(runs, [item])
         again = detected_effect(evidence, BlockScatter(evidence, length), (0,), 0, rules)
         if again.unequal is None:
-            return replace(again, members=lead.members)
+            return replace(again, weights=lead.weights)
     return None
 
 
@@ -413,7 +425,7 @@ def rank(
                 p_value=math.exp(min(0.0, log_p + math.log(rules.examined * item.comparisons))),
                 log_evidence=rules.net_gain(gain, dof, item, evidence.cost(i, others)) / 2.0,
                 largest=max(largest(item, estimate, state) for state in passes),
-                members=confounding_class(evidence, scatter, i, others, rules),
+                weights=confounding_class(evidence, scatter, i, others, rules),
                 comparisons=item.alternatives,
             )
         )
