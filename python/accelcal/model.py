@@ -216,7 +216,7 @@ class Model(Result):
         priors : other priors of coefficients, by name.
         """
         effects = [find(name) for name in names]  # a pattern may have a name of its own
-        physics = {effect.name: Prior(*prior) for effect in effects if (prior := effect.search.prior)}
+        physics = {e.name: Prior(e.prior.mean, e.prior.scale) for e in effects if e.prior.mean}
         return replace(
             self,
             effects=(*self.effects, *(effect.name for effect in effects)),

@@ -20,6 +20,7 @@ from accelcal.app.state import Refused, State
 from accelcal.app.workbench import Busy, Workbench
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module
 from accelcal.cli import app as command_line
+from accelcal.diagnosis.search.confounding import Weights
 from accelcal.estimation.estimate import estimate
 from accelcal.plots.residuals import before_after
 from accelcal.results import json as results_json
@@ -115,7 +116,7 @@ def test_a_name_has_a_nearest_rival_and_confounded_effects_have_each_other(grown
 
     def judged(verdict, *members):
         pair = [
-            replace(c, gain=gain, log_evidence=0.5 * gain, members=members or (c.effect,))
+            replace(c, gain=gain, log_evidence=0.5 * gain, weights=dict.fromkeys(members or (c.effect,), Weights()))
             for c, gain in ((best, 900.0), (other, 700.0))
         ]
         scan = replace(found.scan, candidates=tuple(pair), found=found.scan.found[-1:])

@@ -168,7 +168,7 @@ def test_the_card_is_complete(effect):
     assert effect.unit
     assert effect.symbol
     assert effect.source
-    assert effect.scale > 0.0
+    assert effect.prior.scale > 0.0
     mentioned = re.findall(r"\b[a-z]+_[a-z_]+[a-z]\b", effect.line("Easily confused with"))
     assert set(mentioned) <= {*IDENTIFIERS, "a_y", "a_z"}
     assert set(effect.search.includes) <= set(IDENTIFIERS)

@@ -12,7 +12,7 @@ import pytest
 import accelcal as ac
 from accelcal.diagnosis.experiment import Limits, plan
 from accelcal.diagnosis.experiment.design import PATTERNS, Recipe, build
-from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION
+from accelcal.diagnosis.search.confounding import TIED_CORRELATION
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 from tests.commands import accelcal
 from tests.schemas import require_published
@@ -53,7 +53,7 @@ def test_the_whole_stroke_is_used_when_there_is_time_and_the_stage_ends_where_it
 def test_a_plan_separates_what_one_tone_confounds(odd):
     (pair,) = odd.correlations
     assert pair[:2] == ("cubic", "odd_quadratic")
-    assert pair[2] < CONFOUNDED_CORRELATION
+    assert pair[2] < TIED_CORRELATION
     assert odd.separated
     assert "odd_quadratic" not in odd.power["cubic"].members
     assert 24 <= odd.tried <= 60

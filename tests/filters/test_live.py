@@ -225,7 +225,7 @@ def model_with(name: str) -> Model:
     given = {shape: SHAPES.get(shape, 1.0) for shape in effect.shapes}
     model = base.add(name, shapes={name: given} if given else None)
     processes = [term.name for term in model.terms if term.effect.port == "process"]
-    return replace(model, priors={**model.priors, **{term: Prior(0.0, effect.scale) for term in processes}})
+    return replace(model, priors={**model.priors, **{term: Prior(0.0, effect.prior.scale) for term in processes}})
 
 
 SMALL = 200.0

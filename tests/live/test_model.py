@@ -32,7 +32,7 @@ STREAM_RIG = Rig(Sensor(noise=NOISE), resolution=RESOLUTION)
 def settings_with(model: Model, rig: Rig = STREAM_RIG) -> LiveSettings:
     """A model as of a fit to little data."""
     names = state_names(model)
-    wide = {name: find(name.split(".")[0]).scale * 5.0 for name in names}
+    wide = {name: find(name.split(".")[0]).prior.typical * 5.0 for name in names}
     spread = np.diag([(model.priors[name].std if name in model.priors else wide[name]) ** 2 for name in names])
     return replace(settings_of(rig), model=model, spread=spread)
 
@@ -175,7 +175,8 @@ def test_nothing_is_shown_that_is_not_estimated(cubic: Fit) -> None:
 def with_effects(fit: Fit, model: Model) -> Fit:
     """A fit as another model would have it, its coefficients of typical size."""
     added = [term for term in model.terms if term.effect.name not in fit.model.effects]
-    new = tuple(Estimate(t.name, t.symbol, t.unit, t.effect.scale, 0.1 * t.effect.scale, t.owner) for t in added)
+    sizes = [t.effect.prior.typical for t in added]
+    new = tuple(Estimate(t.name, t.symbol, t.unit, c, 0.1 * c, t.owner) for t, c in zip(added, sizes, strict=True))
     n, m = len(fit.free), len(new)
     covariance = np.zeros((n + m, n + m))
     covariance[:n, :n], covariance[n:, n:] = fit.covariance, np.diag([e.std**2 for e in new])
@@ -190,7 +191,7 @@ def test_what_there_is_no_room_for_is_held_and_subtracted(cubic: Fit) -> None:
     assert len(state_names(settings.model)) <= 16
     held = set(settings.model.fixed) - {"time_offset"}
     assert len(held) == find(curves[0]).width
-    assert all(settings.model.fixed[name] == find(curves[0]).scale for name in held)
+    assert all(settings.model.fixed[name] == find(curves[0]).prior.typical for name in held)
     assert "held at the fitted value, and what it adds is subtracted" in settings.remarks[-1]
 
 
@@ -235,7 +236,7 @@ def test_what_belongs_to_the_fitted_record_is_estimated_anew(cubic: Fit) -> None
     fitted = with_effects(cubic, model)
     settings = settings_of(cubic.rig, fitted)
     assert settings.model is not None
-    assert settings.model.priors["bias_step"] == Prior(0.0, find("bias_step").scale)
+    assert settings.model.priors["bias_step"] == Prior(0.0, find("bias_step").prior.scale)
     assert settings.remarks[0].startswith("bias_step: its clock is that of the fitted record")
     tracker = ModelTracker(settings)
     made = stream(3.0)
@@ -263,14 +264,14 @@ def test_an_exported_filter_begins_like_a_live_one(cubic: Fit) -> None:
     assert exported.settings["q"] == pytest.approx(cubic.noise().usual.q * (1.0 + cubic["scale_factor"].value) ** 2)
     assert exported.settings["q"] == begun.settings["q"]
     declared = 0.0 if cubic.rig.lowpass is None else cubic.rig.lowpass.tau
-    assert exported.settings["tau"] == pytest.approx(declared + find("lowpass_error").scale)
+    assert exported.settings["tau"] == pytest.approx(declared + find("lowpass_error").prior.scale)
     assert exported.settings["tau"] == begun.settings["tau"]
     assert set(exported.names) == {*begun.names, "time_offset"}
     here = [exported.names.index(name) for name in begun.names]
     np.testing.assert_array_equal(exported.values[here], begun.values)
     np.testing.assert_allclose(exported.covariance[np.ix_(here, here)], begun.covariance, rtol=1e-9)
     assert exported["bias_step"].value == 0.0
-    assert exported["velocity"].value == find("velocity").scale
+    assert exported["velocity"].value == find("velocity").prior.scale
     assert exported._signals.origins == begun._signals.origins
     text = " ".join(filter_files(exported, "cal", "c", "f64")["cal.h"].replace("\n *", " ").split())
     assert "Of one record, estimated anew on the device: bias_step." in text

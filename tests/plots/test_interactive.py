@@ -13,6 +13,7 @@ import accelcal as ac
 from accelcal.diagnosis.experiment import power
 from accelcal.diagnosis.findings import Confounded
 from accelcal.diagnosis.noise.noise_test import NoiseTest
+from accelcal.diagnosis.search.confounding import Weights
 from accelcal.diagnosis.select.improvement import nested_fits
 from accelcal.estimation.estimate import estimate
 from accelcal.estimation.tracks import Follower, Path, shapes, track
@@ -391,7 +392,11 @@ def test_ranking_draws_every_candidate_and_brackets_ties(example, defined):
 
 def test_a_tie_is_bracketed(example):
     first, second, *rest = example.diagnosis.scan.candidates
-    tied = (replace(first, members=(first.effect, second.effect)), replace(second, p_value=1e-9), *rest)
+    tied = (
+        replace(first, weights=dict.fromkeys((first.effect, second.effect), Weights())),
+        replace(second, p_value=1e-9),
+        *rest,
+    )
     diagnosis = replace(
         example.diagnosis,
         scan=replace(example.diagnosis.scan, candidates=tied),
@@ -401,7 +406,7 @@ def test_a_tie_is_bracketed(example):
     unsure = (replace(tied[0], p_value=0.5), *tied[1:])
     assert len(candidate_groups(replace(diagnosis, scan=replace(diagnosis.scan, candidates=unsure)))[0]) == 1
     alone = replace(
-        diagnosis, scan=replace(diagnosis.scan, candidates=(replace(first, members=(first.effect,)), *rest))
+        diagnosis, scan=replace(diagnosis.scan, candidates=(replace(first, weights={first.effect: Weights()}), *rest))
     )
     assert [c.effect for c in candidate_groups(alone)[0]] == [first.effect]
 

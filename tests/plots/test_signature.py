@@ -62,7 +62,7 @@ def test_every_effect_has_a_picture_and_a_caption(effect):
         assert "(" in axes.get_xlabel()  # a unit
         assert "(" in axes.get_ylabel()
         assert all(np.isfinite(line.get_ydata()).any() for line in axes.lines)
-    assert f"{effect.scale:g}" in caption(effect)
+    assert f"{effect.prior.typical:g}" in caption(effect)
 
 
 def test_a_picture_follows_the_theme():

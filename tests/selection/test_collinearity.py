@@ -10,7 +10,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.diagnosis.findings import Confounded
-from accelcal.diagnosis.search.confounding import DetectedEffect
+from accelcal.diagnosis.search.confounding import DetectedEffect, Weights
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.select.collinearity import (
     confounding_families,
@@ -34,7 +34,7 @@ def candidate(effect: str, p_raw: float, comparisons: int = 1) -> Candidate:
 
 
 def finding(effect: str) -> DetectedEffect:
-    return DetectedEffect(effect, {}, (effect,), "move twice as far")
+    return DetectedEffect(effect, {}, {effect: Weights()}, "move twice as far")
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda e: e.name)
@@ -114,7 +114,7 @@ def test_a_curve_takes_over_the_gains_of_the_effects_that_it_replaces():
 def test_an_effect_whose_rival_shares_a_variable_with_another_is_confounded_with_the_curve():
     history = SelectionHistory()
     history.enter(finding("coulomb"), 400.0)
-    history.enter(DetectedEffect("creep", {}, ("creep", "velocity"), "move faster"), 300.0)
+    history.enter(DetectedEffect("creep", {}, dict.fromkeys(("creep", "velocity"), Weights()), "move faster"), 300.0)
     assert [group.members for group in history.final_classes([])] == [
         ("coulomb", "shape_of_velocity"),
         ("creep", "velocity"),

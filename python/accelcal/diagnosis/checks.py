@@ -18,7 +18,6 @@ from accelcal.diagnosis.evidence import Evidence, noise_ratio
 from accelcal.diagnosis.left_out import cut_without
 from accelcal.diagnosis.noise.noise_test import LINE
 from accelcal.diagnosis.policy import (
-    CLEAR_LOG_EVIDENCE,
     COHERENCE_LEAST_SHARE,
     DATA_SHEET_NOISE_RATIO,
     DISTURBED_SECONDS,
@@ -26,6 +25,7 @@ from accelcal.diagnosis.policy import (
     DISTURBED_STRETCHES,
     DRIFT_BAND,
     ENGINES_APART,
+    FAMILYWISE_ALPHA,
     TRANSVERSE_ALPHA,
     TURNING_BAND,
     TURNING_LEAST_PERIODS,
@@ -34,7 +34,7 @@ from accelcal.diagnosis.policy import (
     UNRESOLVED_MOST_SHARE,
 )
 from accelcal.diagnosis.runs import runs_disagree
-from accelcal.diagnosis.search.confounding import DetectedEffect
+from accelcal.diagnosis.search.confounding import DetectedEffect, with_members
 from accelcal.diagnosis.search.homogeneity import OF_FREQUENCY
 from accelcal.effects import BUILT_IN, OF_TIME, find
 from accelcal.estimation.estimate import Fit, result, solve_runs
@@ -112,7 +112,8 @@ def turning_sensor(e: Evidence) -> Iterator[Remark]:
 def beside_tilt(detected: Sequence[DetectedEffect]) -> tuple[DetectedEffect, ...]:
     """Effects that were found, with a tilt in the class of each drift of the bias."""
     return tuple(
-        replace(effect, members=(*effect.members, TILT)) if effect.effect in DRIFTS else effect for effect in detected
+        replace(effect, weights=with_members(effect.weights, [TILT])) if effect.effect in DRIFTS else effect
+        for effect in detected
     )
 
 
@@ -406,7 +407,7 @@ def coloured_position(e: Evidence) -> Iterator[Remark]:
     White noise of the sensor is flat in the residual acceleration, white noise of a reading rises with f⁴, and a
     Gauss-Markov process on the reading with f² above its corner. Two models of that spectrum are compared by Whittle's
     likelihood: a sensor of any noise with white readings, and a sensor as declared with white and Gauss-Markov noise of
-    the readings, which must gain `CLEAR_LOG_EVIDENCE` (tests/diagnosis/test_position_noise.py).
+    the readings, whose likelihood must be 1/`FAMILYWISE_ALPHA` times as large (tests/diagnosis/test_position_noise.py).
     """
     fit, span, declared = e.fit, e.span, e.recording.rig.sensor.noise
     if declared is None or noise_ratio(fit) <= DATA_SHEET_NOISE_RATIO:
@@ -431,7 +432,7 @@ def coloured_position(e: Evidence) -> Iterator[Remark]:
         )
         if best is None or likelihood > best[0]:
             best = likelihood, math.sqrt(float(sizes[0])), float(tau)
-    if best is not None and best[0] - by_sensor >= CLEAR_LOG_EVIDENCE:
+    if best is not None and best[0] - by_sensor >= -math.log(FAMILYWISE_ALPHA):
         yield remark("coloured_position", rms=best[1], tau=best[2], log_evidence=best[0] - by_sensor)
 
 

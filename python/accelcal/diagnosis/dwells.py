@@ -13,7 +13,8 @@ from accelcal._support.result import Result
 from accelcal._support.values import immutable
 from accelcal.data import Dwells
 from accelcal.diagnosis.findings import with_next_step
-from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE, FAMILYWISE_ALPHA
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
+from accelcal.diagnosis.search.confounding import credible_set
 from accelcal.effects import BUILT_IN, Effect, is_local, users_own
 from accelcal.estimation.dwell_fit import DwellFit, solve_dwells
 from accelcal.estimation.dwell_rows import acts_at_rest, dwell_rows, remainder, shown
@@ -144,10 +145,7 @@ def judged(candidates: tuple[DwellCandidate, ...], result: DwellFit, dwells: Dwe
     if any(note.forbids_names for note in result.remarks):
         verdict, sentence = "unexplained", "No effect is named: the scale factor is that of no working sensor."
     elif best is not None:
-        rivals = [
-            candidate for candidate in candidates if best.sigma**2 - candidate.sigma**2 < 2.0 * CLEAR_LOG_EVIDENCE
-        ]
-        members = tuple(rival.effect for rival in rivals)
+        members = tuple(credible_set({candidate.effect: candidate.sigma**2 / 2.0 for candidate in candidates}))
         verdict = "named" if len(members) == 1 else "tied"
         sentence = f"{best.effect} is missing ({best.sigma:.1f} sigma; {len(candidates)} candidates examined)."
         if len(members) > 1:

@@ -11,7 +11,7 @@ from scipy import special
 
 from accelcal.data import in_usual_unit
 from accelcal.diagnosis.noise.noise_test import NoiseTest
-from accelcal.diagnosis.search.confounding import DetectedEffect
+from accelcal.diagnosis.search.confounding import DetectedEffect, Weights
 from accelcal.diagnosis.search.homogeneity import PartSizes
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.search.scores import log_survival
@@ -128,10 +128,27 @@ class Confounded:
     experiment: str
     parts: PartSizes = field(default_factory=PartSizes.none)
     """Sizes in the parts of the runs, over the size in all of them."""
+    weights: Mapping[str, Weights] = field(default_factory=dict)
+    """Posterior weights of the members, where the search has examined them."""
 
     def with_members(self, others: Sequence[str]) -> Confounded:
         """A copy with further confounded effects."""
         return replace(self, members=tuple(dict.fromkeys((*self.members, *others))))
+
+    @property
+    def posterior(self) -> str:
+        """The sentence on the weights of the members, by the record and with the data sheets; empty without any."""
+        weights = {name: w for name, w in self.weights.items() if math.isfinite(w.by_record)}
+        if len(weights) < 2:
+            return ""
+        by_record, with_sheets = (
+            ", ".join(f"{name} {w:.2f}" for name, w in sorted(pairs, key=lambda pair: -pair[1]))
+            for pairs in (
+                [(name, w.by_record) for name, w in weights.items()],
+                [(name, w.with_sheets) for name, w in weights.items()],
+            )
+        )
+        return f"Weights by this record alone: {by_record}; with the sizes of data sheets: {with_sheets}."
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,7 +265,7 @@ def explained_gain(fit: Fit, name: str) -> tuple[float, int]:
     coefficients = [k for k, e in enumerate(fit.free) if owners.get(e.name) == name]
     x = np.array([fit.free[k].value for k in coefficients])
     information = np.linalg.inv(fit.covariance[np.ix_(coefficients, coefficients)])
-    if find(name).search.prior:
+    if find(name).prior.mean:
         information -= np.diag([fit.model.priors[name].std ** -2 if name in fit.model.priors else 0.0])
     return max(0.0, float(x @ information @ x)), len(coefficients)
 
@@ -263,7 +280,7 @@ def present(fit: Fit, alpha: float, sizes: Mapping[str, Size]) -> tuple[Finding,
         effect = find(name)
         finding = in_model(fit, Confounded(name, (name,), effect.experiment.rstrip(".")), sizes)
         shown = effect.traits.visible or effect.seen_by_sets
-        if not shown or effect.search.prior or name in fit.model.priors or not finding.estimate:
+        if not shown or effect.prior.mean or name in fit.model.priors or not finding.estimate:
             confirmed = effect.port == "process" and finding.largest is not None and finding.largest.value > 0.0
         else:
             confirmed = log_survival(*explained_gain(fit, name)) < math.log(alpha)

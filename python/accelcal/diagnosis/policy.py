@@ -45,27 +45,12 @@ trials would otherwise lose to a smooth rival. [share; tests/diagnosis/search/te
 DEFERRED_GAIN_SHARE = 0.1
 """Share of the strongest effect's gain below which an effect waits for the next round. What a strong effect leaves
 at a trial shape can pass for a weak one. [share; tests/hidden/test_hidden.py]"""
-FAMILY_DISCOUNT = 0.95
-"""Share of its gain with which a nonparametric curve competes. A named effect that explains nearly as much is
-preferred. [share; tests/hidden/test_hidden.py]"""
-RANDOM_PROCESS_DISCOUNT = 0.9
-"""Share of its gain with which a random-walk or Gauss-Markov parameter competes. It follows any function of time,
-which a function of a recorded variable does not. [share; tests/hidden/test_hidden.py]"""
-RANDOM_PROCESS_COMPARISONS = 100
-"""Comparisons that a function of time pays for once the model has a random process of the same parameter. What is left
-of any random process drifts and steps a little. [comparisons; tests/diagnosis/search/test_hypotheses.py]"""
-FREE_SHAPE_PARAMETERS = 1
-"""Shape parameters that the trials of an effect have paid for already. Each further one costs as much as a
-coefficient. [parameters; tests/experiment/test_detectability.py]"""
 FORMULA_LOG_EVIDENCE = 3.0
 """Distance of formulas in log-evidence up to which a record does not separate them. It is a likelihood ratio of 20.
 [logarithm; tests/selection/test_formulas.py]"""
 FORMULA_LACK_OF_FIT_ALPHA = 1e-3
 """Probability of what a smooth curve explains beside a formula below which the formula is rejected. A true one is
 rejected in one record of a thousand. [probability; tests/selection/test_formulas.py]"""
-SHAPE_FORMS = 2
-"""Forms of a nonparametric curve, coarse and fine, of which the less probable one under the null is reported. The
-choice between them is one more comparison. [forms; tests/diagnosis/search/test_hypotheses.py]"""
 
 # ---- slow noise and homogeneity: whether an effect has one size ----
 
@@ -102,21 +87,13 @@ trace. [share; tests/diagnosis/test_transverse.py]"""
 
 # ---- confounding: which effects one record does not separate ----
 
-CONFOUNDED_LOG_EVIDENCE = 4.5
-"""Log-evidence within which a rival is confounded with an effect. Odds of 90 to 1 for the better of two. [nat;
-benches/hidden.py]"""
-CLEAR_LOG_EVIDENCE = 6.0
-"""Log-evidence below which an effect may have come first by chance. What is missing is added to the distance within
-which its rivals count. [nat; benches/hidden.py]"""
-CONFOUNDED_CORRELATION = 0.95
-"""Correlation of signatures above which two effects are confounded, unless a record decides far more clearly. Nine
-tenths of one effect's power are then the other's. [correlation; tests/experiment/test_detectability.py]"""
-RIVAL_SHARE = 0.5
-"""Share of the gain of a named effect from which the next one is told as its rival. Less is no explanation of the same.
-[share; tests/diagnosis/search/test_confounding.py]"""
-PLAN_CORRELATION = CONFOUNDED_CORRELATION - 0.002
-"""Correlation below which a planned motion separates two effects. The noise of a real record must not confound what
-the plan separates. [correlation; tests/experiment/test_design.py]"""
+CLASS_WEIGHT = 0.99
+"""Posterior weight, all candidates equally likely before, of the smallest set of effects that is reported as one class.
+A class that misses the truth once in a hundred names seldom what is wrong. [probability; benches/hidden.py]"""
+INDEPENDENT_PIECES = 1000.0
+"""Independent pieces of a record at most: a gain g counts as n log(1 + g/n), as where the variance is unknown.
+What an effect leaves by errors of its shape and of the smoothed motion is then noise, which no length of the record
+makes smaller. [pieces; benches/hidden.py]"""
 RESOLVED_WAVE_PERIODS = 2.0
 """Periods on the travel from which a wave over position is known to repeat. A part of a wave is any smooth function
 of position. [periods; tests/hidden/test_hidden.py]"""

@@ -206,7 +206,7 @@ def further_runs(
         together = added(fisher, gram, model, layout, extra)
         after = deviations(together, len(extra))
         for name, term, old, std in zip(names, extra, before, after, strict=True):
-            shown = old > find(name).scale and std < TELLS * old  # not by these runs, but with that one
+            shown = old > find(name).prior.typical and std < TELLS * old  # not by these runs, but with that one
             if shown and std < (runs_by_effect[name].std if name in runs_by_effect else math.inf):
                 runs_by_effect[name] = FurtherRun(name, term.unit, text, std)
     return tuple(runs_by_effect.values())

@@ -31,7 +31,6 @@ from accelcal.diagnosis.findings import (
 from accelcal.diagnosis.noise.noise_test import WHITENESS, NoiseTest
 from accelcal.diagnosis.noise.spectra import harmonic_effects
 from accelcal.diagnosis.policy import (
-    CLEAR_LOG_EVIDENCE,
     DATA_SHEET_NOISE_RATIO,
     FAMILYWISE_ALPHA,
     VERDICT_LEAST_BLOCKS,
@@ -210,7 +209,10 @@ def nameable(e: Evidence) -> tuple[Scan, tuple[NoiseTest, ...], tuple[NoiseTest,
 def classes_of(e: Evidence, scan: Scan, tests: Sequence[NoiseTest]) -> list[Confounded]:
     """Effects that would enter, each with its confounding class; a significant delay comes first."""
     groups = [Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT)] if e.delayed and not e.forbidden else []
-    searched_for = [Confounded(effect.effect, effect.members, effect.experiment, effect.parts) for effect in scan.found]
+    searched_for = [
+        Confounded(effect.effect, effect.members, effect.experiment, effect.parts, effect.weights)
+        for effect in scan.found
+    ]
     p_values: dict[str, float] = {}
     for test in tests:
         p_values[test.effect] = min(test.p_value, p_values.get(test.effect, 1.0))
@@ -223,7 +225,7 @@ def classes_of(e: Evidence, scan: Scan, tests: Sequence[NoiseTest]) -> list[Conf
     tested = []
     for name, p in p_values.items():
         if name not in searched:
-            uncertain = p > e.level * math.exp(-CLEAR_LOG_EVIDENCE)
+            uncertain = p > e.level * FAMILYWISE_ALPHA
             members = (name, *(find(name).confused if uncertain else harmonics.get(name, ())))
             tested.append(Confounded(name, members, find(name).experiment.rstrip(".")))
     wave = leading_wave(scan, tests)
@@ -295,7 +297,7 @@ class Case:
         if not others:
             return "named", f"{text}{self.scan.nearest_rival(effect)}"
         tie = f"It is confounded with {', '.join(others)} on this record; to separate them: {group.experiment}."
-        return "tied", f"{text} {tie}"
+        return "tied", " ".join(filter(None, (text, tie, group.posterior)))
 
 
 def judgement(case: Case) -> Judgement:

@@ -75,7 +75,7 @@ def process(name: str, tau: Shape | None = None) -> dict[str, Any]:
         "unit": stem.unit if tau else "1/√s" if stem.unit == "1" else f"{stem.unit}/√s",
         "port": "process",
         "symbol": f"{'sigma' if tau else 'sqrt(q)'}({stem.symbol})",
-        "scale": 0.1 * stem.scale,
+        "scale": 0.1 * stem.prior.scale,
         "source": MADE.format(name),
         "parts": STATIONARY if tau else BIAS_COSINES,
         "traits": Traits(positive=True, memory=stem.traits.memory, changes=name),

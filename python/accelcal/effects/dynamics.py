@@ -7,7 +7,7 @@ import numpy as np
 from accelcal.data import Array
 from accelcal.effects.building_blocks import jitter_at_top_jerk, lagged, slow, snap
 from accelcal.effects.mechanisms import INSTANT, TIME, product
-from accelcal.effects.registry import NoiseSource, Search, Shape, Traits, effect, enter
+from accelcal.effects.registry import NoiseSource, Search, Shape, SizePrior, Traits, effect, enter
 from accelcal.signals.signals import Signals
 
 enter(
@@ -198,11 +198,10 @@ def creep(s: Signals, tau: float, start: float) -> Array:
     "ac_coupling",
     unit="1",
     symbol="h",
-    scale=1.0,
-    source="piezoelectric sensors and AC-coupled channels: tau = 0.1 s to 10 s",
+    scale=SizePrior(0.02, "piezoelectric sensors and AC-coupled channels: tau = 0.1 s to 10 s", (1.0,), mean=1.0),
     shapes={"tau": Shape("s", slow(0.002, 1000.0), trials=7, spacing="log")},
     traits=Traits(positive=True, memory=True),
-    search=Search(includes=("bias",), prior=(1.0, 0.02)),
+    search=Search(includes=("bias",)),
 )
 def ac_coupling(s: Signals, tau: float) -> Array:
     """First-order high-pass that was not declared (derivations 7.3b): a coupling capacitor, a charge amplifier.

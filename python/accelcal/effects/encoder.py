@@ -18,7 +18,7 @@ from accelcal.effects.building_blocks import (
     since,
     slacks,
 )
-from accelcal.effects.registry import NoiseSource, Search, Shape, Traits, effect
+from accelcal.effects.registry import NoiseSource, Search, Shape, SizePrior, Traits, effect
 from accelcal.signals.signals import Signals
 
 
@@ -163,11 +163,12 @@ def encoder_scale(s: Signals) -> Array:
     port="position",
     owner="encoder",
     symbol="le",
-    scale=1.0,
-    source="LVDT behind a demodulator of 500 Hz: tau = 0.3 ms; filtered motion capture: 10 ms",
+    scale=SizePrior(
+        0.02, "LVDT behind a demodulator of 500 Hz: tau = 0.3 ms; filtered motion capture: 10 ms", (1.0,), mean=1.0
+    ),
     shapes={"tau": Shape("s", (3e-5, 3e-2), trials=5, spacing="log")},
     traits=Traits(positive=True, memory=True, summand="(-encoder lag)", delay_class=True, of_any_reference=True),
-    search=Search(includes=("time_offset",), prior=(1.0, 0.02)),
+    search=Search(includes=("time_offset",)),
 )
 def encoder_lag(s: Signals, tau: float) -> Array:
     """First-order low-pass of the position sensor (derivations 7.3b): LVDT, vibrometer, filtered motion capture.

@@ -235,7 +235,7 @@ def mechanism(carrier: str, name: str) -> dict[str, Any]:
     Separate by: changing {driver.text} alone, in stretches longer than tau{lasting}.
     """,
         "symbol": f"{changed.symbol}({driver.text})",
-        "scale": 0.1 * changed.scale / driver.size,
+        "scale": 0.1 * changed.prior.scale / driver.size,
         "source": f"a tenth of {carrier} over a usual range of the driver",
         "shapes": {**changed.shapes, "tau": Shape("s", memories, trials=7, spacing="log"), "start": state_of(driver)},
         "traits": Traits(memory=True),

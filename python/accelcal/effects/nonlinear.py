@@ -7,7 +7,7 @@ import numpy as np
 from accelcal.data import Array
 from accelcal.effects.building_blocks import play
 from accelcal.effects.mechanisms import product
-from accelcal.effects.registry import Search, Shape, Static, Traits, effect, enter
+from accelcal.effects.registry import Shape, SizePrior, Static, Traits, effect, enter
 from accelcal.signals.signals import TINY, Signals
 
 OUT_OF_LEVEL = 0.02
@@ -116,11 +116,9 @@ def _levels(s: Signals) -> tuple[float, float]:
     "saturation",
     unit="1",
     symbol="s",
-    scale=1.0,
-    source="the output clips: ±2 g to ±5 g (paper)",
+    scale=SizePrior(0.3, "the output clips: ±2 g to ±5 g (paper)", (1.0,), mean=1.0),
     shapes={"level": Shape("m/s²", _levels, trials=5)},
     traits=Traits(positive=True, clips_at="level"),
-    search=Search(prior=(1.0, 0.3)),
 )
 def saturation(s: Signals, level: float) -> Array:
     """Saturation of the output at a level; a coefficient of 1 is a hard clip, less a soft one.

@@ -26,7 +26,7 @@ from accelcal.data import Array, Rig, normalise
 from accelcal.data.units import base_dimension, conversion, is_unit
 from accelcal.effects import registry
 from accelcal.effects.guard import EffectsFileError, Guarded, line_of, place_of, text_of
-from accelcal.effects.registry import CATALOGUE, Effect
+from accelcal.effects.registry import CATALOGUE, Effect, SizePrior
 from accelcal.signals.signals import Signals
 
 PROBE = 64
@@ -361,8 +361,7 @@ def _made(
         port=port,
         owner=owner,
         symbol=name,
-        scale=1.0,
-        source="own expression",
+        prior=SizePrior(1.0, "own expression"),
         function=function,
         shapes=MappingProxyType({}),
         needs=needs,

@@ -66,7 +66,7 @@ def find(name: str) -> Effect:
 
 def on_demand(effect: Effect) -> bool:
     """Whether an effect is one that `find` has made."""
-    random = effect.port == "process" and effect.source == MADE.format(effect.traits.changes)
+    random = effect.port == "process" and effect.prior.source == MADE.format(effect.traits.changes)
     return random or effect.mechanism is not None or stem_of(effect) != effect.name
 
 
@@ -198,7 +198,10 @@ def card(effect: Effect) -> str:
     lines = [f"## {effect.name}", "", " ".join(effect.card.split("\nEquation:")[0].split()), ""]
     lines += [f"- {label}: {text}" for label in CARD if (text := effect.line(label))]
     lines.append(f"- Unit of {effect.symbol}: {effect.unit}; owner: {effect.owner}; {PORTS[effect.port]}.")
-    lines.append(f"- Typical size: {effect.scale:g} ({effect.source}).")
+    prior = effect.prior
+    known = f"{prior.mean:g} ± {prior.scale:g}" if prior.mean else f"{prior.scale:g}"
+    worse = "".join(f", as likely {m:g} times as large" for m in prior.tails[1:])
+    lines.append(f"- Prior of its size: {known} ({prior.source}){worse}.")
     for label, refined in (("Refined by likelihood", True), ("Range fixed at fit time", False)):
         shapes = [f"{name} ({shape.unit})" for name, shape in effect.shapes.items() if shape.refined is refined]
         if shapes:
@@ -211,9 +214,6 @@ def card(effect: Effect) -> str:
         lines.append(f"- Includes: {', '.join(effect.search.includes)}.")
     if effect.traits.positive:
         lines.append("- Only a positive coefficient is physical.")
-    if effect.search.prior:
-        mean, std = effect.search.prior
-        lines.append(f"- Prior: {mean:g} ± {std:g} (1 sigma).")
     if effect.seen_by_sets:
         lines.append("- No motion of a level, untouched rig can show it.")
     elif not effect.traits.visible:

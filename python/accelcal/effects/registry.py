@@ -242,9 +242,47 @@ class Search:
     by what it explains beyond them."""
     beside: str = ""
     """An effect without which this one is not searched for."""
-    prior: tuple[float, float] | None = None
-    """Mean and standard deviation that the coefficient has before any record, in its unit, where a record says
-    little."""
+
+
+@dataclass(frozen=True, slots=True)
+class SizePrior:
+    """Distribution of an effect's size over sensors, before any record: a mixture of normal ones about `mean`, whose
+    standard deviations are the multiples `tails` of `scale`, equally likely."""
+
+    scale: float
+    """Standard deviation over sensors that keep their data sheets, in the effect's unit."""
+    source: str = ""
+    """Where that size comes from."""
+    tails: tuple[float, ...] = (1.0, 10.0, 100.0)
+    """Multiples of it: sensors are worse than their data sheets."""
+    mean: float = 0.0
+    """Size that the effect has by its definition, where it has one."""
+
+    @property
+    def typical(self) -> float:
+        """A typical size, in the effect's unit."""
+        return abs(self.mean) or self.scale
+
+    def log_evidence(self, estimate: Array, covariance: Array) -> float:
+        """Log of the probability of an estimate with this prior over that with size 0.
+
+        Parameters
+        ----------
+        estimate : (m,) sizes of the columns, all of the same prior; of a random process its intensity.
+        covariance : (m, m) of the estimate.
+
+        Notes
+        -----
+        log N(b; mean, s² I + C) - log N(b; 0, C), averaged over s = tails scale.
+        """
+        b, C = np.atleast_1d(estimate), np.atleast_2d(covariance)
+        values, vectors = np.linalg.eigh(C)
+        good = values > 0.0
+        values, vectors = values[good], vectors[:, good]
+        z0, z = vectors.T @ b, vectors.T @ (b - self.mean)
+        s2 = (self.scale * np.array(self.tails)[:, None]) ** 2
+        terms = 0.5 * np.sum(z0**2 / values - z**2 / (s2 + values) - np.log1p(s2 / values), axis=1)
+        return float(np.logaddexp.reduce(terms) - math.log(len(self.tails)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,10 +344,8 @@ class Effect(Result):
     Gauss-Markov process, whose correlation time is its shape parameter tau, or the intensity of a random walk."""
     owner: Owner
     symbol: str
-    scale: float
-    """A typical size of the coefficient, in its unit."""
-    source: str
-    """Where that size comes from."""
+    prior: SizePrior
+    """Distribution of its size over sensors."""
     function: Callable[..., Array]
     shapes: Mapping[str, Shape]
     """Parameters that enter nonlinearly, by keyword."""
@@ -350,9 +386,8 @@ class Effect(Result):
         if guard.is_trusted(self.function):
             return
         sentence, failure = guard.words_for(self.function, self.name)
-        guard.require_declared(
-            self.name, {"unit": self.unit, "symbol": self.symbol, "source": self.source}, self.scale, sentence
-        )
+        texts = {"unit": self.unit, "symbol": self.symbol, "source": self.prior.source}
+        guard.require_declared(self.name, texts, self.prior.scale, sentence)
         shapes = {
             key: replace(shape, bounds=guard.guarded_bounds(shape.bounds, shape.spacing, key, sentence))
             for key, shape in self.shapes.items()
@@ -462,7 +497,7 @@ def effect(
     port: Port = "output",
     owner: Owner = "sensor",
     symbol: str,
-    scale: float,
+    scale: float | SizePrior,
     source: str = "",
     shapes: Mapping[str, Shape] | None = None,
     needs: tuple[str, ...] = (),
@@ -479,7 +514,7 @@ def effect(
     port : where the contribution adds: "output" (m/s²) or "position" (m), or how it acts on noise.
     owner : the part of the set-up that carries it: what moves with the sensor to another rig, and what stays.
     symbol : letter in formulas and tables.
-    scale : typical size of the coefficient, in `unit`.
+    scale : typical size of the coefficient, in `unit`, or the whole prior of it.
     source : where that size comes from.
     shapes : nonlinear parameters by keyword of the function.
     needs : side channels it uses.
@@ -490,8 +525,8 @@ def effect(
     Raises
     ------
     ValueError
-        If the name is taken, or port, owner or a shape's keyword does not exist; if the prior is not a mean and a
-        standard deviation of one constant coefficient.
+        If the name is taken, or port, owner or a shape's keyword does not exist; if a mean is declared of what is not
+        one constant coefficient, or a standard deviation that is not positive.
 
     Examples
     --------
@@ -505,11 +540,11 @@ def effect(
         raise AccelcalError(f"effect {name!r}: port {port!r} is none of {', '.join(get_args(Port))}")
     if owner not in get_args(Owner):
         raise AccelcalError(f"effect {name!r}: owner {owner!r} is none of {', '.join(get_args(Owner))}")
-    prior = search.prior
-    if prior is not None and (len(parts) > 1 or port not in ("output", "position")):
-        raise AccelcalError(f"effect {name!r}: only one constant coefficient can have a prior")
-    if prior is not None and not (len(prior) == 2 and math.isfinite(sum(prior)) and prior[1] > 0.0):
-        raise AccelcalError(f"effect {name!r}: prior {prior} needs a mean and a positive standard deviation")
+    prior = scale if isinstance(scale, SizePrior) else SizePrior(scale, source)
+    if prior.mean and (len(parts) > 1 or port not in ("output", "position")):
+        raise AccelcalError(f"effect {name!r}: only one constant coefficient can have a mean")
+    if prior.mean and not (math.isfinite(prior.mean) and prior.scale > 0.0):
+        raise AccelcalError(f"effect {name!r}: {prior} needs a finite mean and a positive standard deviation")
     declared = MappingProxyType(dict(shapes or {}))
 
     def enter(function: Callable[..., Array]) -> Callable[..., Array]:
@@ -522,7 +557,7 @@ def effect(
             ):
                 raise AccelcalError(f"effect {name!r} declares the shape {keyword!r} but its function does not take it")
         CATALOGUE[name] = Effect(
-            name, unit, port, owner, symbol, scale, source, function, declared, needs, parts, traits, search
+            name, unit, port, owner, symbol, prior, function, declared, needs, parts, traits, search
         )
         return function
 

@@ -27,7 +27,7 @@ TURN = 1e-6
 """Half the difference of angles that a slope is taken over, rad."""
 ZERO_STD = 0.1
 """Standard deviation of an angle zero where no level is declared, rad: some degrees."""
-ORDINARY = {effect.name: 10.0 * effect.scale for effect in BUILT_IN}
+ORDINARY = {effect.name: 10.0 * effect.prior.typical for effect in BUILT_IN}
 """Coefficient that is ordinary for each effect."""
 
 

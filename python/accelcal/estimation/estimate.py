@@ -1047,9 +1047,7 @@ def mostly_prior(layout: Layout, covariance: Array, model: Model) -> list[Remark
     return [
         remark("mostly_prior", parameter=term.name, mean=belief.mean, std=belief.std)
         for k, (term, _) in enumerate(layout.slots)
-        if term.effect.search.prior
-        and (belief := model.priors.get(term.name))
-        and 2.0 * covariance[k, k] > belief.std**2
+        if term.effect.prior.mean and (belief := model.priors.get(term.name)) and 2.0 * covariance[k, k] > belief.std**2
     ]
 
 

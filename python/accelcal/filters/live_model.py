@@ -554,7 +554,7 @@ def belief(model: Model, term: Term, processes: Mapping[str, GaussMarkov]) -> Pr
         return Prior(0.0, 0.0 if moves.tau == math.inf else math.sqrt(0.5 * moves.q * moves.tau))
     if term.name in model.fixed:
         return Prior(model.fixed[term.name], 0.0)
-    return model.priors.get(term.name, Prior(0.0, WIDE * term.effect.scale))
+    return model.priors.get(term.name, Prior(0.0, WIDE * term.effect.prior.typical))
 
 
 def _require_amounts(*, gate: float, **amounts: float) -> None:

@@ -45,7 +45,7 @@ def parameters(fit: Fit) -> Figure:
     ----------
     fit : from `accelcal.fit`.
     """
-    scale = np.array([find(e.name).scale for e in fit.estimates])
+    scale = np.array([find(e.name).prior.typical for e in fit.estimates])
     y = np.array([e.value for e in fit.estimates]) / scale
     reach = 2.0 * np.array([e.std for e in fit.estimates]) / scale
     fixed = np.array([e.name in fit.model.fixed for e in fit.estimates], dtype=bool)

@@ -83,7 +83,7 @@ def signature(effect: Effect) -> Figure:
 
 def caption(effect: Effect) -> str:
     """Caption of the figure, in a sentence."""
-    size = f"{effect.scale:g} {effect.unit}".removesuffix(" 1")
+    size = f"{effect.prior.typical:g} {effect.unit}".removesuffix(" 1")
     drawn = "one realisation" if effect.family or effect.port == "process" else "contribution"
     return f"{effect.name.replace('_', ' ')}: {drawn} to a motion of {SECONDS:g} s at its typical size, {size}"
 
@@ -119,14 +119,14 @@ def contributions(effect: Effect, s: Signals, shape: Mapping[str, float]) -> dic
     """
     y = effect.column(s, **shape)
     if effect.port == "noise":
-        return {"": np.sqrt(effect.scale * y)}
+        return {"": np.sqrt(effect.prior.typical * y)}
     if effect.width == 1:
-        return {"": effect.scale * y}
+        return {"": effect.prior.typical * y}
     if effect.family or effect.port == "process":
-        return {"": effect.scale * (y @ np.random.default_rng(SEED).standard_normal(effect.width))}
+        return {"": effect.prior.typical * (y @ np.random.default_rng(SEED).standard_normal(effect.width))}
     sizes = np.max(np.abs(y), axis=0)
     return {
-        name: effect.scale * column * (sizes[0] / size)
+        name: effect.prior.typical * column * (sizes[0] / size)
         for name, column, size in zip(effect.parts, y.T, sizes, strict=True)
     }
 

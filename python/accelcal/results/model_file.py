@@ -337,12 +337,13 @@ def _parameters(fit: Fit) -> Found:
         term = terms[e.name]
         if e.unit != term.unit:
             yield f"estimates[{i}].unit", f"found {e.unit!r}, expected {term.unit!r}, the unit of {e.name}"
-        if abs(e.value) > MOST_TYPICAL * term.effect.scale:
+        typical = term.effect.prior.typical
+        if abs(e.value) > MOST_TYPICAL * typical:
             yield (
                 f"estimates[{i}].value",
                 (
-                    f"found {e.value:.4g}, expected at most {MOST_TYPICAL * term.effect.scale:.4g}: {e.name} is "
-                    f"typically {term.effect.scale:.2g} {term.unit}"
+                    f"found {e.value:.4g}, expected at most {MOST_TYPICAL * typical:.4g}: {e.name} is "
+                    f"typically {typical:.2g} {term.unit}"
                 ),
             )
         by_name.setdefault(e.name, []).append((e.run, e.axis))

@@ -49,7 +49,7 @@ def test_the_scatter_of_a_few_blocks_is_shrunk_to_the_noise_of_the_model() -> No
     assert inflations[:, 1].mean() < 1.4
 
 
-def test_an_effect_of_little_evidence_is_confounded_with_more_rivals(plain: Simulated) -> None:
+def test_the_rivals_of_an_effect_of_little_evidence_have_more_weight(plain: Simulated) -> None:
     motion = plain.truth.motion
     weak, strong = (
         next(
@@ -59,9 +59,9 @@ def test_an_effect_of_little_evidence_is_confounded_with_more_rivals(plain: Simu
         )
         for more in (lambda t: 5e-5 * motion.acceleration(t) ** 3, lambda t: 1.5e-4 * motion.acceleration(t) ** 3)
     )
-    print(f"log evidence {weak.log_evidence:.1f}: {weak.members}; {strong.log_evidence:.1f}: {strong.members}")
+    print(f"log evidence {weak.log_evidence:.1f}: {weak.weights}; {strong.log_evidence:.1f}: {strong.weights}")
     assert 0.0 < weak.log_evidence < 6.0 < strong.log_evidence
-    assert len(weak.members) > len(strong.members)
+    assert 0.2 < weak.weights["cubic"].by_record < 0.9 < strong.weights["cubic"].by_record
 
 
 def test_a_step_between_two_trials_does_not_lose_to_a_smooth_rival(tmp_path: Path) -> None:

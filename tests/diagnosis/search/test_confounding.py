@@ -11,7 +11,7 @@ import pytest
 import accelcal as ac
 from accelcal.diagnosis.findings import NEXT_STEPS, TO_GO_ON, USUAL_STEP
 from accelcal.diagnosis.search.beam import SearchRules
-from accelcal.diagnosis.search.confounding import confounding_class, plainest
+from accelcal.diagnosis.search.confounding import Weights, confounding_class, plainest
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scan import Candidate, Scan
 from accelcal.diagnosis.search.scores import CandidateScores
@@ -62,14 +62,14 @@ def test_in_a_tie_what_an_effect_includes_comes_first() -> None:
 
 def test_a_name_is_given_with_its_nearest_rival() -> None:
     def candidate(name: str, gain: float) -> Candidate:
-        return Candidate(name, {}, (1.0,), (0.1,), "1", gain, 1, 0.0, 0.0, 0.5 * gain, 1.0, (name,))
+        return Candidate(name, {}, (1.0,), (0.1,), "1", gain, 1, 0.0, 0.0, 0.5 * gain, 1.0, {name: Weights()})
 
     alone = SimpleNamespace(effect="cubic", members=("cubic",), experiment="")
-    for gain, told in ((3721.0, True), (100.0, False)):
+    for gain, worse in ((3721.0, 105), (100.0, 1916)):
         scan = Scan((candidate("cubic", 3931.0), candidate("odd_quadratic", gain)), (alone,), 180, 200)
         verdict, text = judgement(Case(SimpleNamespace(runs=[1], remarks=()), scan, (), groups=(alone,)))
         assert verdict == "named"
-        assert ("Its nearest rival is odd_quadratic, worse by 105 in log-evidence." in text) == told
+        assert f"Its nearest rival is odd_quadratic, worse by {worse} in log-evidence." in text
 
 
 @pytest.mark.parametrize("code", [*UNSTEADY, *(code for code, kind in KINDS.items() if kind.place == "verdict")])

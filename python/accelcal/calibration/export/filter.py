@@ -380,7 +380,7 @@ def untraced(effect: Effect) -> str | None:
     model = (
         base if effect.name in base.effects else base.add(effect.name, shapes={effect.name: shapes} if shapes else {})
     )
-    random = {term.name: Prior(0.0, effect.scale) for term in model.terms if term.effect.port == "process"}
+    random = {term.name: Prior(0.0, effect.prior.typical) for term in model.terms if term.effect.port == "process"}
     model = replace(model, priors={**model.priors, **random})
     live = LiveModel(model, Rig(), rate=1e3, q=1e-6, r_position=1e-12, position=0.0)
     try:

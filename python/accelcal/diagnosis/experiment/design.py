@@ -22,7 +22,8 @@ from accelcal.data import Array, Rig
 from accelcal.diagnosis.experiment.detectability import Detectability, Power, evidence_of, rules_for
 from accelcal.diagnosis.experiment.planned_motion import ACCEL_RATE, POSITION_RATE, planned_noise, planned_state
 from accelcal.diagnosis.experiment.power_analysis import detectability_of, most_visible_direction
-from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION, FAMILYWISE_ALPHA, PLAN_CORRELATION
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
+from accelcal.diagnosis.search.confounding import TIED_CORRELATION
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
 from accelcal.diagnosis.search.scan import detectable_sizes
 from accelcal.diagnosis.search.scores import CandidateScores
@@ -239,7 +240,7 @@ class Plan(Result):
     @property
     def separated(self) -> bool:
         """Whether every pair is separated, and each effect visible."""
-        return all(correlation < CONFOUNDED_CORRELATION for *_, correlation in self.correlations) and all(
+        return all(correlation < TIED_CORRELATION for *_, correlation in self.correlations) and all(
             s.seen for s in self.detectabilities
         )
 
@@ -380,7 +381,7 @@ class Trial:
         """Correlation of the worst pair beyond what is separated, then the distance of the least visible effect from
         zero."""
         worst = max((rho for *_, rho in self.correlations), default=0.0)
-        return -max(0.0, worst - PLAN_CORRELATION), min(self.typical)
+        return -max(0.0, worst - MARGIN * TIED_CORRELATION), min(self.typical)
 
 
 def evidence_of_best(state: RunState, wanted: tuple[str, ...]) -> CandidateScores:
@@ -414,5 +415,5 @@ def separated_distances(evidence: CandidateScores, correlation: Array) -> tuple[
     distances = []
     for i, item in enumerate(evidence.items):
         power = float(np.max(np.diag(evidence.G[evidence.columns[i], evidence.columns[i]])))
-        distances.append(item.effect.scale * math.sqrt(max(0.0, power * float(unshared[i]))))
+        distances.append(item.effect.prior.typical * math.sqrt(max(0.0, power * float(unshared[i]))))
     return tuple(distances)

@@ -24,9 +24,9 @@ from accelcal.diagnosis.experiment.detectability import (
 )
 from accelcal.diagnosis.experiment.drift_bandwidth import drift_bandwidth
 from accelcal.diagnosis.faults import usable
-from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION, DETECTION_PROBABILITY, FAMILYWISE_ALPHA
+from accelcal.diagnosis.policy import DETECTION_PROBABILITY, FAMILYWISE_ALPHA
 from accelcal.diagnosis.search.beam import SearchRules, entry_gains
-from accelcal.diagnosis.search.confounding import contribution_correlation, largest
+from accelcal.diagnosis.search.confounding import TIED_CORRELATION, contribution_correlation, largest
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scan import detectable_sizes
 from accelcal.diagnosis.search.scores import CandidateScores, scale_of, variance_gain
@@ -190,7 +190,7 @@ def rivals(evidence: CandidateScores, i: int, best_index: Mapping[str, int]) -> 
         if name == item.effect.name or name not in best_index or rival.effect.family:
             continue
         rho = contribution_correlation(evidence, evidence.G, i, j, direction)
-        if rho > max(CONFOUNDED_CORRELATION, correlations.get(name, 0.0)):
+        if rho > max(TIED_CORRELATION, correlations.get(name, 0.0)):
             correlations[name] = min(rho, 1.0)
     return dict(sorted(correlations.items(), key=lambda pair: -pair[1]))
 

@@ -21,9 +21,8 @@ from accelcal.diagnosis.policy import (
     BLOCK_SECONDS,
     DEFERRED_GAIN_SHARE,
     DETECTION_PROBABILITY,
-    FAMILY_DISCOUNT,
+    INDEPENDENT_PIECES,
     MODEL_NOISE_BLOCKS,
-    RANDOM_PROCESS_DISCOUNT,
     SEARCH_DEPTH,
 )
 from accelcal.diagnosis.search.homogeneity import PartScores, PartSizes, direction_of, exempt
@@ -39,8 +38,6 @@ def entry_gains(
     *,
     dof: int = 1,
     comparisons: int = 1,
-    share: float = 1.0,
-    further: int = 0,
 ) -> tuple[float, float]:
     """Gain that is significant over all alternatives, and gain that equals its price; an effect needs both.
 
@@ -51,13 +48,16 @@ def entry_gains(
     alpha : family-wise false-alarm rate.
     dof : coefficients of the effect.
     comparisons : alternatives among which the effect was selected before it was tried.
-    share : of its gain that the effect may claim, below 1 for a nonparametric curve.
-    further : shape parameters that cost as much as a coefficient.
     """
     tail = alpha / (max(1, examined) * comparisons)
     significant = 2.0 * float(special.gammainccinv(dof / 2.0, tail))
-    price = (dof + further) * math.log(max(blocks, 2)) + 2.0 * math.log(max(examined, 2) * comparisons)
-    return significant, price / share
+    price = dof * math.log(max(blocks, 2)) + 2.0 * math.log(max(examined, 2) * comparisons)
+    return significant, INDEPENDENT_PIECES * math.expm1(price / INDEPENDENT_PIECES)
+
+
+def saturated(gain: float) -> float:
+    """Gain of a record whose shapes and motion are not exact: n log(1 + g/n), `INDEPENDENT_PIECES` for n."""
+    return INDEPENDENT_PIECES * math.log1p(max(gain, 0.0) / INDEPENDENT_PIECES)
 
 
 def predicted_detection(
@@ -68,7 +68,6 @@ def predicted_detection(
     dof: int = 1,
     blocks: int = 2,
     comparisons: int = 1,
-    share: float = 1.0,
 ) -> float:
     """Probability that an effect enters on its own, at a distance of `d` standard deviations from zero.
 
@@ -79,13 +78,11 @@ def predicted_detection(
     >>> [round(predicted_detection(d, examined=96, alpha=0.005), 2) for d in (0.0, 3.0, 4.05, 10.0)]
     [0.0, 0.15, 0.5, 1.0]
     """
-    required = max(entry_gains(examined, blocks, alpha, dof=dof, comparisons=comparisons, share=share))
+    required = max(entry_gains(examined, blocks, alpha, dof=dof, comparisons=comparisons))
     return 1.0 - float(special.chndtr(required, dof, d**2))
 
 
-def least_distance(
-    examined: int, blocks: int, alpha: float, *, dof: int = 1, comparisons: int = 1, share: float = 1.0
-) -> float:
+def least_distance(examined: int, blocks: int, alpha: float, *, dof: int = 1, comparisons: int = 1) -> float:
     """Distance from zero, in standard deviations, at which an effect enters on its own with probability
     `DETECTION_PROBABILITY`.
 
@@ -95,9 +92,7 @@ def least_distance(
     >>> round(predicted_detection(d, 96, 0.005, blocks=240), 6)
     0.95
     """
-    return distance_for_gain(
-        max(entry_gains(examined, blocks, alpha, dof=dof, comparisons=comparisons, share=share)), dof
-    )
+    return distance_for_gain(max(entry_gains(examined, blocks, alpha, dof=dof, comparisons=comparisons)), dof)
 
 
 def distance_for_gain(gain: float, dof: int) -> float:
@@ -123,31 +118,30 @@ class SearchRules:
         """Whether a gain exceeds what the best of all alternatives reaches by chance."""
         return dof > 0 and log_chance(gain, dof, item) < self.threshold
 
-    def net_gain(self, gain: float, dof: int, item: Hypothesis) -> float:
-        """Gain less the price of its coefficients and of the comparisons made; curves and random processes claim a
-        share of it."""
-        return self.net_gain_as_rival(
-            gain * (RANDOM_PROCESS_DISCOUNT if item.effect.port == "process" else 1.0), dof, item
-        )
+    def net_gain(self, gain: float, dof: int, item: Hypothesis, cost: float = 0.0) -> float:
+        """Twice the log-evidence: the gain less the price of coefficients and of the comparisons made.
 
-    def net_gain_as_rival(self, gain: float, dof: int, item: Hypothesis) -> float:
-        """`net_gain` without the discount of a random process; it decides which rivals are confounded with it."""
-        credited = gain * (FAMILY_DISCOUNT if item.effect.family else 1.0)
-        comparisons = max(self.examined, 2) * item.comparisons
-        return credited - (dof + item.further) * math.log(max(self.blocks, 2)) - 2.0 * math.log(comparisons)
+        `cost` is the part of its price that the gain of a random process contains already.
+        """
+        comparisons = max(self.examined, 2) * item.alternatives
+        credited = saturated(gain + cost) - cost
+        return credited - dof * math.log(max(self.blocks, 2)) - 2.0 * math.log(comparisons)
+
+    def evidence_with_size(self, evidence: CandidateScores, i: int, given: Sequence[int], inflation: float) -> float:
+        """Log-evidence of a hypothesis given others, with the prior of its size."""
+        gain, dof, estimate, covariance = evidence.gain(i, given)
+        item, cost = evidence.items[i], evidence.cost(i, given)
+        if not dof:
+            return -math.inf
+        credited = saturated(gain / inflation + cost) - cost
+        covariance = covariance * gain / max(credited, VANISHING)
+        prior = item.effect.prior
+        surprise = 0.5 * float(estimate @ np.linalg.pinv(covariance, hermitian=True) @ estimate)
+        return prior.log_evidence(estimate, covariance) - surprise + 0.5 * credited - math.log(item.alternatives)
 
     def required_gains(self, dof: int, item: Hypothesis) -> tuple[float, float]:
         """Gain at which a hypothesis is significant, and gain that is worth its price."""
-        share = FAMILY_DISCOUNT if item.effect.family else 1.0
-        return entry_gains(
-            self.examined,
-            self.blocks,
-            self.alpha,
-            dof=dof,
-            comparisons=item.comparisons,
-            share=share,
-            further=item.further,
-        )
+        return entry_gains(self.examined, self.blocks, self.alpha, dof=dof, comparisons=item.comparisons)
 
     def best_set(self, evidence: CandidateScores, scatter: BlockScatter | None = None) -> tuple[int, ...]:
         """The set with the largest net gain, each member significant given all others, strongest first."""
@@ -186,7 +180,7 @@ class SearchRules:
         robust_gain = gain if scatter is None else gain / scatter.inflation(i, given)
         if scatter is not None and not self.significant(robust_gain, dof, evidence.items[i]):
             return -math.inf
-        return self.net_gain(gain, dof, evidence.items[i])
+        return self.net_gain(gain, dof, evidence.items[i], evidence.cost(i, given))
 
     def beam(self, evidence: CandidateScores, scatter: BlockScatter | None = None) -> list[tuple[int, ...]]:
         """Beam search: the best set, then every set that was kept at any depth."""
@@ -223,7 +217,7 @@ class SearchRules:
                 continue
             if scatter is not None and not self.significant(gain / scatter.inflation(i, chosen), dof, item):
                 continue
-            extended.append((self.net_gain(gain, dof, item), i))
+            extended.append((self.net_gain(gain, dof, item, evidence.cost(i, chosen)), i))
         return sorted(extended, reverse=True)
 
     def distinct(

@@ -4,17 +4,15 @@ contains."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy import special
 
 from accelcal.data import Array
 from accelcal.diagnosis.policy import (
-    CLEAR_LOG_EVIDENCE,
-    CONFOUNDED_CORRELATION,
-    CONFOUNDED_LOG_EVIDENCE,
-    EQUAL_SIZE_SHARE,
+    CLASS_WEIGHT,
     RESOLVED_MEMORIES,
     RESOLVED_WAVE_PERIODS,
 )
@@ -27,6 +25,10 @@ from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Prior
 from accelcal.signals.signals import Signals
 
+CLASS_ODDS = math.log(CLASS_WEIGHT / (1.0 - CLASS_WEIGHT))
+"""Log-evidence within which the worse of two alternatives belongs to the class of the better."""
+TIED_CORRELATION = math.sqrt(1.0 - 2.0 * CLASS_ODDS / 10.0**2)
+"""Correlation of signatures from which one effect at ten standard deviations belongs to the class of the other."""
 SAME_CORRELATION = 0.99
 """Correlation with a product from which the memory of its driver adds nothing to it."""
 EMPTY_COLUMN = 1e-8
@@ -36,12 +38,23 @@ CHUNK = 1 << 18
 
 
 @dataclass(frozen=True, slots=True)
+class Weights:
+    """Posterior weights of one effect among those that explain the same."""
+
+    by_record: float = math.nan
+    """All of them equally likely before the record, whatever their sizes; nan where it was not examined."""
+    with_sheets: float = math.nan
+    """Among the members of its class, with the priors of their sizes."""
+
+
+@dataclass(frozen=True, slots=True)
 class DetectedEffect:
     """An effect that entered, with its confounding class and the experiment that separates the class."""
 
     effect: str
     shape: Mapping[str, float]
-    members: tuple[str, ...]
+    weights: Mapping[str, Weights]
+    """Posterior weights of the members of its confounding class, itself first."""
     experiment: str
     prior_std: float | None = None
     """Intensity of a random-walk or Gauss-Markov bias; None for constant coefficients."""
@@ -53,6 +66,11 @@ class DetectedEffect:
     """Its sizes in bands of frequency."""
     largest: float = 0.0
     """Its largest contribution over the runs, m/s² (m at the encoder)."""
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """Its confounding class on this record, itself first."""
+        return tuple(self.weights)
 
     @property
     def unequal(self) -> PartSizes | None:
@@ -75,40 +93,50 @@ class DetectedEffect:
 
 def confounding_class(
     evidence: CandidateScores, scatter: BlockScatter, i: int, others: Sequence[int], rules: SearchRules
-) -> tuple[str, ...]:
-    """Effects that are confounded with hypothesis `i` on this record, itself first.
+) -> dict[str, Weights]:
+    """Effects that are confounded with hypothesis `i` on this record, itself first, with their posterior weights.
 
-    A rival belongs to the class if its log-evidence is within `CONFOUNDED_LOG_EVIDENCE`. Where its contribution
-    correlates by more than `CONFOUNDED_CORRELATION` the distance also holds what the effect loses if a share
-    `EQUAL_SIZE_SHARE` of it is wrong, since shape and motion are not exact. A nonparametric curve belongs to it by its
-    log-evidence alone, if its variable is not the effect's. An effect with less than `CLEAR_LOG_EVIDENCE` may have come
-    first by chance, so what it lacks is added to the distance within which rivals count.
+    The smallest set that holds `CLASS_WEIGHT` of their posterior weight, all of them equally likely before the record.
+    A nonparametric curve counts if its variable is not the effect's.
     """
     G, _ = evidence.given(others)
     gains, dofs = evidence.gains(others)
-    gain, dof, estimate, _ = evidence.gain(i, others)
+    _, _, estimate, _ = evidence.gain(i, others)
     item = evidence.items[i]
     inflation = scatter.inflation(i, others)
-    own_gain = rules.net_gain(gain / inflation, dof, item)
-    reach = CONFOUNDED_LOG_EVIDENCE + max(0.0, CLEAR_LOG_EVIDENCE - own_gain / 2.0)
-    if_alike = reach + 0.5 * EQUAL_SIZE_SHARE**2 * gain / inflation
-    rivals: list[tuple[float, str]] = []
+    specific = item.effect.family is None and item.effect.port != "process"
+    log_evidence: dict[str, float] = {}
+    best: dict[str, int] = {}
     for j, rival in enumerate(evidence.items):
-        nonspecific = item.effect.family or item.effect.port == "process"
-        curve = rival.effect.family is not None and not nonspecific
-        if j == i or j in others or (curve and not beats(rival.effect, item.effect)):
+        name = rival.effect.name
+        if j in others or not dofs[j] or (specific and rival.effect.family and not beats(rival.effect, item.effect)):
             continue
-        rival_gain, rival_dof = float(gains[j]), int(dofs[j])
-        if rival_dof == 0:
-            continue
-        gap = (own_gain - rules.net_gain_as_rival(rival_gain / inflation, rival_dof, rival)) / 2.0
-        alike = not curve and reach <= gap < if_alike
         product = rival.effect.mechanism and item.effect.name in rival.effect.search.includes
         if product and contribution_correlation(evidence, G, i, j, estimate) > SAME_CORRELATION:
             continue  # its memory is too short to be one
-        if gap < reach or (alike and contribution_correlation(evidence, G, i, j, estimate) > CONFOUNDED_CORRELATION):
-            rivals.append((gap, rival.effect.name))
-    return (item.effect.name, *dict.fromkeys(name for _, name in sorted(rivals)))
+        gain = float(gains[j]) / inflation
+        value = rules.net_gain(gain, int(dofs[j]), rival, evidence.cost(j, others)) / 2.0
+        if value > log_evidence.get(name, -math.inf):
+            log_evidence[name], best[name] = value, j
+    members = credible_set(log_evidence)
+    names = [item.effect.name, *(name for name in members if name != item.effect.name)]
+    with_sizes = [rules.evidence_with_size(evidence, best[name], others, inflation) for name in names]
+    weights = map(Weights, (members.get(name, 0.0) for name in names), special.softmax(with_sizes).tolist())
+    return dict(zip(names, weights, strict=True))
+
+
+def with_members(weights: Mapping[str, Weights], others: Iterable[str]) -> dict[str, Weights]:
+    """A class with further members, which no weights have."""
+    return {**weights, **{name: Weights() for name in others if name not in weights}}
+
+
+def credible_set(log_evidence: Mapping[str, float]) -> dict[str, float]:
+    """The smallest set of alternatives with `CLASS_WEIGHT` of the posterior weight, likeliest first, and the weights;
+    all are equally likely before."""
+    ranked = sorted(log_evidence, key=lambda name: -log_evidence[name])
+    weights = special.softmax([log_evidence[name] for name in ranked]) if ranked else []
+    count = 1 + int(np.searchsorted(np.cumsum(weights), CLASS_WEIGHT))
+    return dict(zip(ranked[:count], weights, strict=False))
 
 
 def plainest(
@@ -124,16 +152,13 @@ def plainest(
         others, effect = chosen[:position] + chosen[position + 1 :], evidence.items[i].effect
         plainer = [j for j, item in enumerate(evidence.items) if j not in others and is_plainer(item.effect, effect)]
         gains, dofs = evidence.gains(others)
-        inflation, (_, _, estimate, _) = scatter.inflation(i, others), evidence.gain(i, others)
+        inflation = scatter.inflation(i, others)
         net_gains = {
-            j: rules.net_gain_as_rival(float(gains[j]) / inflation, int(dofs[j]), evidence.items[j])
+            j: rules.net_gain(float(gains[j]) / inflation, int(dofs[j]), evidence.items[j], evidence.cost(j, others))
             for j in (i, *plainer)
         }
-        G, _ = evidence.given(others)
         for j in plainer:
-            tied = bool(dofs[j]) and net_gains[i] - net_gains[j] < 2.0 * CONFOUNDED_LOG_EVIDENCE
-            random = evidence.items[j].effect.port == "process"
-            if tied and (random or contribution_correlation(evidence, G, i, j, estimate) > CONFOUNDED_CORRELATION):
+            if dofs[j] and net_gains[i] - net_gains[j] < 2.0 * CLASS_ODDS:
                 chosen = (*chosen[:position], j, *chosen[position + 1 :])
                 break
     return chosen
@@ -184,9 +209,9 @@ def detected_effect(
     return DetectedEffect(
         effect=item.effect.name,
         shape=dict(item.shape),
-        members=(
-            *confounding_class(evidence, scatter, i, others, rules),
-            *smooth_rivals(item, evidence.runs[0].column_filter.signals),
+        weights=with_members(
+            confounding_class(evidence, scatter, i, others, rules),
+            smooth_rivals(item, evidence.runs[0].column_filter.signals),
         ),
         experiment=item.effect.experiment.rstrip("."),
         prior_std=float(estimate[0]) if process else None,

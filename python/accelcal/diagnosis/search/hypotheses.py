@@ -11,7 +11,6 @@ import numpy as np
 import scipy
 
 from accelcal.data import ACROSS, DERIVED, POSITION_ORDER, Array
-from accelcal.diagnosis.policy import FREE_SHAPE_PARAMETERS, RANDOM_PROCESS_COMPARISONS
 from accelcal.effects import BUILT_IN, Effect, find, side_channels, users_own
 from accelcal.effects.building_blocks import periods
 from accelcal.effects.mechanisms import CARRIERS, mechanisms_of
@@ -218,16 +217,18 @@ class Hypothesis:
     """Intervals within which shape parameters that the record proposed may be refined."""
     leading: int | None = None
     """Number of its columns, where it is the coarse form of a curve."""
+    trials: int = 1
+    """Hypotheses of its effect, equally likely before the record."""
+
+    @property
+    def alternatives(self) -> int:
+        """Alternatives of its effect: hypotheses, or values among which the record proposed this one."""
+        return max(self.trials, self.comparisons)
 
     @property
     def terms(self) -> tuple[Term, ...]:
         """Its coefficients."""
         return terms_of(self.effect, self.shape)[: self.leading]
-
-    @property
-    def further(self) -> int:
-        """Shape parameters that cost as much as a coefficient."""
-        return max(0, sum(shape.refined for shape in self.effect.shapes.values()) - FREE_SHAPE_PARAMETERS)
 
     @property
     def held(self) -> tuple[Term, ...]:
@@ -263,8 +264,8 @@ def trials_of(
 ) -> list[Hypothesis]:
     """Those of several effects that may be missing from a model on this record, at each of their trial shapes."""
     s, dwells = state.signals, state.run.recording.dwells
-    moving = {find(name).traits.changes for name in model.effects if find(name).port == "process"}
-    time_functions = {e.name for e in BUILT_IN if e.port != "process" and e.traits.changes in moving - {""}}
+    processes = [find(name) for name in model.effects if find(name).port == "process"]
+    columns_in_time = {process.traits.changes: process.width for process in processes if process.traits.changes}
     hypotheses: list[Hypothesis] = []
     for effect in offered:
         if may_be_refined(model, effect):
@@ -288,15 +289,16 @@ def trials_of(
         for trial in itertools.product(*tried.values()):
             chosen = dict(zip(tried, trial, strict=True))
             brackets = {name: proposed.bracket for name, proposed in chosen.items() if proposed.bracket}
-            comparisons = math.prod(proposed.comparisons for proposed in trial) * (
-                RANDOM_PROCESS_COMPARISONS if effect.name in time_functions else 1
-            )
+            comparisons = math.prod(proposed.comparisons for proposed in trial)
+            if effect.port != "process":  # beside one it is a column among others
+                comparisons *= columns_in_time.get(effect.traits.changes, 1)
             shape = {name: proposed.value for name, proposed in chosen.items()}
             for proposed in trial:
                 shape |= proposed.also
             hypotheses.append(Hypothesis(effect, shape, comparisons, brackets))
         if effect.coarse:
             hypotheses.append(replace(hypotheses[first], leading=effect.coarse))
+        hypotheses[first:] = [replace(item, trials=len(hypotheses) - first) for item in hypotheses[first:]]
     return hypotheses
 
 

@@ -10,9 +10,16 @@ from typing import Literal
 
 import numpy as np
 
-from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, RIVAL_SHARE, SHAPE_FORMS, VERDICT_LEAST_BLOCKS
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, VERDICT_LEAST_BLOCKS
 from accelcal.diagnosis.search.beam import BlockScatter, SearchRules, block_length, distance_for_gain
-from accelcal.diagnosis.search.confounding import DetectedEffect, confounding_class, detected_effect, largest, plainest
+from accelcal.diagnosis.search.confounding import (
+    DetectedEffect,
+    Weights,
+    confounding_class,
+    detected_effect,
+    largest,
+    plainest,
+)
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for, mechanisms_for
 from accelcal.diagnosis.search.refine import refine, shortlist, starting_points
 from accelcal.diagnosis.search.scores import DEGENERATE, BaseProjection, CandidateScores, log_survival, score_gain
@@ -87,10 +94,15 @@ class Candidate:
     log_evidence: float
     largest: float
     """Largest contribution over the used range, m/s² (m at the encoder)."""
-    members: tuple[str, ...] = ()
-    """Its confounding class on this record, itself included."""
+    weights: Mapping[str, Weights] = field(default_factory=dict)
+    """Posterior weights of its confounding class on this record, itself included."""
     comparisons: int = 1
     """Values of a shape parameter among which the record was searched for this one."""
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """Its confounding class on this record, itself included."""
+        return tuple(self.weights)
 
     @property
     def chance(self) -> float:
@@ -135,8 +147,7 @@ class Scan:
         """The sentence on what explains most of the same as a named effect of the search; empty where nothing does."""
         ranked = {candidate.effect: candidate for candidate in reversed(self.candidates)}
         first = ranked.pop(effect, None)
-        rivals = [rival for rival in ranked.values() if first and rival.gain > RIVAL_SHARE * first.gain]
-        rival = max(rivals, key=lambda rival: rival.log_evidence, default=None)
+        rival = max(ranked.values(), key=lambda rival: rival.log_evidence, default=None)
         if first is None or rival is None:
             return ""
         worse = first.log_evidence - rival.log_evidence
@@ -259,7 +270,7 @@ def relinearised(
         evidence = CandidateScores(runs, [item])
         again = detected_effect(evidence, BlockScatter(evidence, length), (0,), 0, rules)
         if again.unequal is None:
-            return replace(again, members=lead.members)
+            return replace(again, weights=lead.weights)
     return None
 
 
@@ -326,7 +337,10 @@ class BestSet:
             random = [i for i, item in enumerate(evidence.items) if item.effect.port == "process"]
             gains, dofs = evidence.gains()
             able = [i for i in random if rules.significant(float(gains[i]), int(dofs[i]), evidence.items[i])]
-            net_gains = {i: rules.net_gain(float(gains[i]), int(dofs[i]), evidence.items[i]) for i in (*able, *chosen)}
+            net_gains = {
+                i: rules.net_gain(float(gains[i]), int(dofs[i]), evidence.items[i], evidence.cost(i))
+                for i in (*able, *chosen)
+            }
             best = max(net_gains, key=lambda i: net_gains[i], default=-1)
             if best in able:
                 return cls(evidence, BlockScatter(evidence, length), (best,), noises)
@@ -409,10 +423,10 @@ def rank(
                 dof=dof,
                 p_raw=math.exp(log_p),
                 p_value=math.exp(min(0.0, log_p + math.log(rules.examined * item.comparisons))),
-                log_evidence=rules.net_gain(gain, dof, item) / 2.0,
+                log_evidence=rules.net_gain(gain, dof, item, evidence.cost(i, others)) / 2.0,
                 largest=max(largest(item, estimate, state) for state in passes),
-                members=confounding_class(evidence, scatter, i, others, rules),
-                comparisons=item.comparisons * (SHAPE_FORMS if item.effect.coarse else 1),
+                weights=confounding_class(evidence, scatter, i, others, rules),
+                comparisons=item.alternatives,
             )
         )
     return tuple(sorted(ranked, key=lambda f: f.log_evidence, reverse=True))

@@ -367,6 +367,7 @@ class CandidateScores:
         self.G[absorbed], self.G[:, absorbed], self.c[absorbed] = 0.0, 0.0, 0.0
         self._given: dict[tuple[int, ...], tuple[Array, Array]] = {(): (self.G, self.c)}
         self._gains: dict[tuple[int, ...], tuple[Array, NDArray[np.intp]]] = {}
+        self._costs: dict[tuple[int, ...], float] = {}
 
     def rows(self) -> Iterator[tuple[Array, Array, Array]]:
         """Second pass over the rows of the Gram matrix, the base projected out, stretch by stretch.
@@ -462,6 +463,18 @@ class CandidateScores:
             covariance = covariance + np.diag(rounding)
             gain = float(estimate @ np.linalg.solve(covariance, estimate))
         return gain, dof, estimate, covariance
+
+    def cost(self, i: int, chosen: Sequence[int] = ()) -> float:
+        """What the gain of a random process given those chosen has paid for its columns, log det(I + s² A); 0 of
+        others."""
+        if self.items[i].effect.port != "process":
+            return 0.0
+        key = (i, *chosen)
+        if key not in self._costs:
+            A = self.given(chosen)[0][self.columns[i], self.columns[i]]
+            s = float(self.gain(i, chosen)[2][0])
+            self._costs[key] = float(np.linalg.slogdet(np.eye(len(A)) + s**2 * A)[1])
+        return self._costs[key]
 
     def gains(self, chosen: Sequence[int] = ()) -> tuple[Array, NDArray[np.intp]]:
         """Gain and degrees of freedom of every hypothesis given those chosen, (items,) each."""

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from accelcal.data import Array
-from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE, SLOW_NOISE_SIGMA
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, SLOW_NOISE_SIGMA
 from accelcal.estimation.noise import BANDS_PER_OCTAVE
 
 POWERS = (0, 1, 2)
@@ -97,7 +97,7 @@ def slow_noise(r: Array, rate: float, crossover: float, explained: Array | None 
     shapes = spectral_shapes(centre, crossover)
     _, _, by_white = most_likely(shapes[:, [0, 3]], level, dof[determined])
     coefficients, covariance, by_slow = most_likely(shapes, level, dof[determined])
-    if by_slow - by_white < CLEAR_LOG_EVIDENCE:
+    if by_slow - by_white < -math.log(FAMILYWISE_ALPHA):
         return None
     return SlowNoise(coefficients, covariance, crossover, by_slow - by_white)
 

@@ -223,7 +223,7 @@ def undetermined(name: str, solution: Solution) -> Remark | None:
     The remark; None where its size is told from zero, or it has none of its own.
     """
     slots = [i for i, (term, _) in enumerate(solution.layout.slots) if term.effect.name == name]
-    if not slots or find(name).port == "process" or find(name).search.prior:
+    if not slots or find(name).port == "process" or find(name).prior.mean:
         return None
     information = np.diag(solution.layout.prior_information(solution.model))
     for index, state in enumerate(solution.states):
@@ -242,7 +242,7 @@ def unconfirmed(name: str, fit: Fit, examined: int, alpha: float) -> Remark | No
     The search judges by rows that are linear at the model without the effect, the fit by its own uncertainty, with that
     of the shape parameters and with the scatter of the residual.
     """
-    if find(name).port == "process" or find(name).search.prior:
+    if find(name).port == "process" or find(name).prior.mean:
         return None
     gain, coefficients = explained_gain(fit, name)
     if coefficients == 0 or log_survival(gain, coefficients) < math.log(alpha / max(1, examined)):

@@ -23,13 +23,12 @@ from accelcal._support.result import Storable
 from accelcal._support.values import listing
 from accelcal.data import Array, concise
 from accelcal.diagnosis.policy import (
-    CONFOUNDED_LOG_EVIDENCE,
     FAMILYWISE_ALPHA,
     FORMULA_LACK_OF_FIT_ALPHA,
     FORMULA_LOG_EVIDENCE,
-    RIVAL_SHARE,
 )
 from accelcal.diagnosis.search.beam import SearchRules, block_length
+from accelcal.diagnosis.search.confounding import CLASS_ODDS
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for, mechanisms_for
 from accelcal.diagnosis.search.refine import refine
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores, log_survival, score_gain
@@ -344,17 +343,17 @@ def memories_of(
     rival = 0.0
     for item, gain, dof in zip(items, *CandidateScores([base], items).gains(), strict=True):
         if item.effect.mechanism is None:
-            rival = max(rival, rules.net_gain_as_rival(float(gain), int(dof), item) if dof else rival)
+            rival = max(rival, rules.net_gain(float(gain), int(dof), item) if dof else rival)
         elif rules.significant(float(gain), int(dof), item) and gain > best.get(item.effect.name, (0.0, item))[0]:
             best[item.effect.name] = float(gain), item
     first = sorted(best.values(), key=lambda trial: -trial[0])[:MOST_MEMORIES]
-    near = [item for gain, item in first if gain > RIVAL_SHARE * max(rival, first[0][0])]
+    near = [item for _, item in first]
     count = sum(item.effect.mechanism is not None for item in items)
     if not near:
         return [], count
     (refined,) = refine([base], [near])
     gains = zip(refined, *CandidateScores([base], refined).gains(), strict=True)
-    least = rival + 2.0 * CONFOUNDED_LOG_EVIDENCE
+    least = rival + 2.0 * CLASS_ODDS
     ahead = [item for item, gain, dof in gains if rules.net_gain(float(gain), int(dof), item) > least]
     names = len({item.effect.name for item in items if item.effect.mechanism})
     return [memory_element(item, s, 2 * k * TAUS, names) for k, item in enumerate(ahead)], count

@@ -16,7 +16,7 @@ from accelcal.diagnosis.policy import (
     SEARCH_MODELS,
     VERDICT_LEAST_BLOCKS,
 )
-from accelcal.diagnosis.search.confounding import DetectedEffect
+from accelcal.diagnosis.search.confounding import DetectedEffect, with_members
 from accelcal.diagnosis.search.scan import Candidate, scan
 from accelcal.diagnosis.select.collinearity import (
     Replacement,
@@ -398,7 +398,7 @@ class StepwiseSelection:
             return None
         test = tests[0]
         group = next(group for group in verdict.classes if group.effect == test.effect)
-        entering = DetectedEffect(test.effect, test.shape, group.members, group.experiment)
+        entering = DetectedEffect(test.effect, test.shape, with_members({}, group.members), group.experiment)
         try:
             judged = self.admitted(self.refit(entering.enter(self.current.model)), test.effect)
         except (NotIdentifiable, ValueError):
@@ -450,7 +450,7 @@ class StepwiseSelection:
             left and replacement.effect.port == "process"
         ):
             return None
-        return replace(requested.entered[0], members=replacement.members), judged
+        return replace(requested.entered[0], weights=with_members({}, replacement.members)), judged
 
     def without(self, name: str) -> JudgedModel | None:
         """The judged fit without an effect that entered before others; None where that fit asks for it again."""
