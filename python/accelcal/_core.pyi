@@ -107,6 +107,7 @@ class FixedRateFilter:
         P0: _Array,
         dt: float,
         effects: tuple[float, list[tuple[float, float]]] | None = None,
+        watch: tuple[list[float], int] | None = None,
     ) -> FixedRateFilter: ...
     def step(self, u: float, z: float | None = None) -> float | None: ...
     def step_with_effects(
@@ -117,6 +118,9 @@ class FixedRateFilter:
         position_columns: _Array,
         slopes: _Array | None = None,
     ) -> float | None: ...
+    def begin(self, x0: _Array, P0: _Array) -> None: ...
+    @property
+    def evidence(self) -> _Array: ...
     def run(
         self,
         u: _Array,

@@ -136,7 +136,7 @@ def test_effects_come_with_their_columns() -> None:
         live.step(0.0, 0.0)
     with pytest.raises(ValueError, match="step_with_effects"):
         live.run(np.zeros(2), np.zeros(2))
-    with pytest.raises(ValueError, match=r"tracks 2 effects; found columns of shape \[2, 2\]"):
+    with pytest.raises(ValueError, match=r"tracks 2 effects and watches 0; found columns of shape \[2, 2\]"):
         live.step_with_effects(0.0, 0.0, np.zeros((2, 2)), np.zeros(2))
     assert live.step_with_effects(0.0, 0.0, np.zeros((3, 2)), np.zeros(2)) == 0.0
     with pytest.raises(ValueError, match="up to 14 effects"):

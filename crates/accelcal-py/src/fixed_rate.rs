@@ -19,6 +19,7 @@ pub struct FixedRateFilter {
     filter: Box<dyn FixedRate>,
     dt: f64,
     effects: usize,
+    suspects: usize,
     circumstances: Circumstances,
 }
 
@@ -30,9 +31,10 @@ impl FixedRateFilter {
 
 #[pymethods]
 impl FixedRateFilter {
-    /// `effects` is the specific force at rest and `(rate, q)` of every parameter where effects follow `k, K0`.
+    /// `effects` is the specific force at rest and `(rate, q)` of every parameter where effects follow `k, K0`; `watch` typical
+    /// sizes of suspects, SI, and the samples between two starts at least.
     #[new]
-    #[pyo3(signature = (setup, x0, P0, dt, effects=None))]
+    #[pyo3(signature = (setup, x0, P0, dt, effects=None, watch=None))]
     fn new(
         py: Python<'_>,
         setup: &FilterSetup,
@@ -40,6 +42,7 @@ impl FixedRateFilter {
         P0: PyReadonlyArray2<'_, f64>,
         dt: f64,
         effects: Option<(f64, Vec<(f64, f64)>)>,
+        watch: Option<(Vec<f64>, u64)>,
     ) -> PyResult<Self> {
         let (states, x, P) = prior(&x0, &P0)?;
         let prior = ekf_simd::Prior { states, x, P };
@@ -65,7 +68,15 @@ impl FixedRateFilter {
         };
         let circumstances = Circumstances::new(setup, states, P, Some(1.0 / dt), columns);
         match filter {
-            Ok(filter) => Ok(Self { filter, dt, effects: count, circumstances }),
+            Ok(mut filter) => {
+                let (scales, least) = watch.unwrap_or_default();
+                if !scales.is_empty() && !filter.watch(&scales, least) {
+                    return Err(PyValueError::new_err(
+                        "a watch needs an ACI filter on UD factors that whitens innovations",
+                    ));
+                }
+                Ok(Self { filter, dt, effects: count, suspects: scales.len(), circumstances })
+            }
             Err(error) => Err(circumstances.raise(py, error.into())),
         }
     }
@@ -81,7 +92,7 @@ impl FixedRateFilter {
                 self.effects
             )));
         }
-        let sample = SampleInput { u, z: z.unwrap_or(f64::NAN), effects: None };
+        let sample = SampleInput { u, z: z.unwrap_or(f64::NAN), effects: None, suspects: None };
         match self.filter.step(&sample) {
             Ok(innovation) => Ok(innovation.map(|innovation| innovation.e)),
             Err(error) => Err(self.failed(py, self.filter.samples(), error)),
@@ -101,25 +112,50 @@ impl FixedRateFilter {
         position_columns: PyReadonlyArray1<'_, f64>,
         slopes: Option<PyReadonlyArray1<'_, f64>>,
     ) -> PyResult<Option<f64>> {
-        if columns.shape() != [3, self.effects] || position_columns.len() != self.effects {
+        let width = self.effects + self.suspects;
+        if columns.shape() != [3, width] || position_columns.len() != width {
             return Err(PyValueError::new_err(format!(
-                "this filter tracks {} effects; found columns of shape {:?} and {} position columns",
+                "this filter tracks {} effects and watches {}; found columns of shape {:?} and {} position columns",
                 self.effects,
+                self.suspects,
                 columns.shape(),
                 position_columns.len()
             )));
         }
-        let (before, rest) = columns.as_slice()?.split_at(self.effects);
-        let (middle, here) = rest.split_at(self.effects);
-        let effects = [before, middle, here];
+        let (before, rest) = columns.as_slice()?.split_at(width);
+        let (middle, here) = rest.split_at(width);
         let slopes = slopes.as_ref().map_or(Ok(&[][..]), PyReadonlyArray1::as_slice)?;
-        let position_columns = position_columns.as_slice()?;
-        let columns = EffectColumns { over: effects, position: position_columns, slopes };
-        let sample = SampleInput { u, z: z.unwrap_or(f64::NAN), effects: Some(&columns) };
+        let all = [before, middle, here, position_columns.as_slice()?, slopes];
+        let parts = all.map(|row| row.split_at(self.effects.min(row.len())));
+        let columns = |[before, middle, here, position, slopes]: [_; 5]| EffectColumns {
+            over: [before, middle, here],
+            position,
+            slopes,
+        };
+        let (effects, suspects) = (columns(parts.map(|part| part.0)), columns(parts.map(|part| part.1)));
+        let sample = SampleInput { u, z: z.unwrap_or(f64::NAN), effects: Some(&effects), suspects: Some(&suspects) };
         match self.filter.step(&sample) {
             Ok(innovation) => Ok(innovation.map(|innovation| innovation.e)),
             Err(error) => Err(self.failed(py, self.filter.samples(), error)),
         }
+    }
+
+    /// Begins anew with another prior; suspects keep what they have gathered.
+    fn begin(&mut self, py: Python<'_>, x0: PyReadonlyArray1<'_, f64>, P0: PyReadonlyArray2<'_, f64>) -> PyResult<()> {
+        let (states, x, P) = prior(&x0, &P0)?;
+        let begun = self.filter.begin(ekf_simd::Prior { states, x, P });
+        begun.map_err(|error| self.circumstances.raise(py, error.into()))
+    }
+
+    /// Of each suspect, (J, 6): logarithm of its e-value, size, standard deviation, s since when, score and information.
+    #[getter]
+    fn evidence(&self, py: Python<'_>) -> PyResult<Matrix> {
+        let each = (0..self.suspects).filter_map(|j| {
+            let (evidence, [b, G], steps) = self.filter.evidence(j)?;
+            let since = steps.saturating_sub(evidence.since) as f64 * self.dt;
+            Some([evidence.log_e, evidence.size, evidence.std, since, b, G])
+        });
+        matrix(py, each.flatten().collect(), 6)
     }
 
     /// Takes in a record, `u` and `z` (n,), NaN where not read; histories go into arrays of the caller's.

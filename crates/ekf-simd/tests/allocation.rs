@@ -105,7 +105,7 @@ fn fixed_rate_steps(filter: &mut dyn FixedRate, effects: usize) -> usize {
         for j in 0..STEPS {
             let z = if j % 2 == 0 { position(j) } else { f64::NAN };
             let columns = EffectColumns { over: [effects; 3], position: effects, slopes: &[] };
-            let sample = SampleInput { u: output(j), z, effects: Some(&columns) };
+            let sample = SampleInput { u: output(j), z, effects: Some(&columns), suspects: None };
             filter.step(&sample).unwrap();
         }
         let mut histories = Histories { states: Some(&mut states), ..Histories::default() };

@@ -126,7 +126,7 @@ fn agrees<S: System<N>, const N: usize>(
         Histories { states: Some(&mut states), innovations: Some(&mut innovations), ..Histories::default() };
     one.over(&u, &z, &mut histories).unwrap();
     for j in 0..STEPS {
-        let found = steps.step(&SampleInput { u: u[j], z: z[j], effects: None }).unwrap();
+        let found = steps.step(&SampleInput { u: u[j], z: z[j], effects: None, suspects: None }).unwrap();
         assert_eq!(found.map_or(f64::NAN, |found| found.e).to_bits(), innovations[j].to_bits());
         for i in 0..N {
             assert_eq!(steps.x(i).to_bits(), states[N * j + i].to_bits());
@@ -167,7 +167,7 @@ fn effects_agree<const N: usize, const M: usize>(choice: Choice) {
         let (before, middle, here) = (at(j.saturating_sub(1)), at(j + STEPS), at(j));
         let position_columns: Vec<f64> = (0..M - 2).map(|i| lean(i, j)).collect();
         let columns = EffectColumns { over: [&before, &middle, &here], position: &position_columns, slopes: &[] };
-        steps.step(&SampleInput { u: u[j], z: z[j], effects: Some(&columns) }).unwrap();
+        steps.step(&SampleInput { u: u[j], z: z[j], effects: Some(&columns), suspects: None }).unwrap();
 
         if j > 0 {
             // The last four samples on a clock of their own; too few are a line.
@@ -247,11 +247,11 @@ fn a_step_that_fails_leaves_the_filter_as_it_was() {
     let filter = choice.filter(Aci { sensor: choice.sensor(), q: 1e-6, tau: 0.0 });
     let P: Vec<f64> = (0..16).map(|at| if at % 5 == 0 { 1e-4 } else { 0.0 }).collect();
     let mut live = aci(&filter, Correction::None, DT, Prior { states: 4, x: &[0.0; 4], P: &P }).unwrap();
-    live.step(&SampleInput { u: 1.0, z: 0.0, effects: None }).unwrap();
+    live.step(&SampleInput { u: 1.0, z: 0.0, effects: None, suspects: None }).unwrap();
     let before: Vec<u64> = (0..4).map(|i| live.x(i).to_bits()).collect();
-    let failed = live.step(&SampleInput { u: f64::INFINITY, z: 0.0, effects: None });
+    let failed = live.step(&SampleInput { u: f64::INFINITY, z: 0.0, effects: None, suspects: None });
     assert_eq!(failed, Err(StepError::Innovation { e: f64::INFINITY }));
-    let failed = live.step(&SampleInput { u: 1.0, z: f64::INFINITY, effects: None });
+    let failed = live.step(&SampleInput { u: 1.0, z: f64::INFINITY, effects: None, suspects: None });
     assert_eq!(failed, Err(StepError::Innovation { e: f64::INFINITY }));
     assert_eq!(before, (0..4).map(|i| live.x(i).to_bits()).collect::<Vec<_>>());
     assert_eq!(live.samples(), 1);

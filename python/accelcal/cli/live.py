@@ -180,9 +180,11 @@ class Lines:
         """One line of what is known."""
         say_line(line_of(state), flush=True)
 
-    def alarm(self, alarm: measuring.Alarm, state: sessions.LiveState) -> None:
-        """Say that the model no longer holds, once for blocks in a row."""
-        if alarm.t == alarm.since:
+    def alarm(self, alarm: measuring.Alarm | measuring.Naming, state: sessions.LiveState) -> None:
+        """Say that the model no longer holds, once for blocks in a row, and what a watch names."""
+        if isinstance(alarm, measuring.Naming):
+            print_status(f"watch: {alarm.sentence}")
+        elif alarm.t == alarm.since:
             print_status(f"alarm: {alarm.sentence}")
 
     def end(self, state: sessions.LiveState, ended: str) -> None:
@@ -201,9 +203,12 @@ class JsonLines(Lines):
         """One object of what is known."""
         self._print(sessions.LiveEvent("state", self.source, state))
 
-    def alarm(self, alarm: measuring.Alarm, state: sessions.LiveState) -> None:
-        """One object of the alarm."""
-        self._print(sessions.LiveEvent("alarm", self.source, state, alarm))
+    def alarm(self, alarm: measuring.Alarm | measuring.Naming, state: sessions.LiveState) -> None:
+        """One object of the alarm, or of what is named."""
+        if isinstance(alarm, measuring.Naming):
+            self._print(sessions.LiveEvent("name", self.source, state, naming=alarm))
+        else:
+            self._print(sessions.LiveEvent("alarm", self.source, state, alarm))
 
     def end(self, state: sessions.LiveState, ended: str) -> None:
         """The last object."""
@@ -218,7 +223,7 @@ class Screen(Lines):
 
         super().__init__(source, REFRESH)
         self._live = Live(auto_refresh=False)
-        self._alarms: deque[measuring.Alarm] = deque(maxlen=MOST_ALARMS)
+        self._alarms: deque[measuring.Alarm | measuring.Naming] = deque(maxlen=MOST_ALARMS)
 
     def __enter__(self) -> Self:
         self._live.__enter__()
@@ -233,7 +238,7 @@ class Screen(Lines):
         """Draw what is known."""
         self._live.update(picture(state, self.source, list(self._alarms)), refresh=True)
 
-    def alarm(self, alarm: measuring.Alarm, state: sessions.LiveState) -> None:
+    def alarm(self, alarm: measuring.Alarm | measuring.Naming, state: sessions.LiveState) -> None:
         """Keep it for the next picture."""
         self._alarms.append(alarm)
 
@@ -244,7 +249,7 @@ class Screen(Lines):
         say_line(f"{self.source}: {ended}")
 
 
-def picture(state: sessions.LiveState, source: str, alarms: list[measuring.Alarm]) -> Group:
+def picture(state: sessions.LiveState, source: str, alarms: list[measuring.Alarm | measuring.Naming]) -> Group:
     """Parameters, innovations and counts, for a terminal."""
     from rich.console import Group
     from rich.table import Table
@@ -338,6 +343,10 @@ def live(
         Path | None,
         typer.Option("--save", help="Model file to write at the end; needs --model.", callback=writable_file),
     ] = None,
+    watch: Annotated[
+        str | None,
+        typer.Option("--watch", help="Effects to watch for, a comma between names, or auto; needs --model."),
+    ] = None,
     every: Annotated[str, typer.Option("--every", help="Time between lines when stdout is not a terminal.")] = "5 s",
     json: Json = False,
 ) -> None:
@@ -357,10 +366,15 @@ def live(
         refuse_replacing(output)
     if save is not None and model is None:
         raise UsageError("--save: needs --model, whose noise, rig and range the new file keeps; or fit the recording")
+    if watch is not None and model is None:
+        raise UsageError("--watch: needs --model, what is right so far; fit a recording first: accelcal fit -o m.json")
     opener = source_of(serial, baud, tcp, file, follow=follow)
     declared = io.read_sidecar(rig)
     fit = None if model is None else model_file.load(model)
-    settings = measuring.settings_of(declared.rig, fit)
+    suspects = tuple(name.strip() for name in watch.split(",")) if watch is not None else ()
+    if suspects == ("auto",) and fit is not None:
+        suspects = measuring.watchable(fit.model, declared.channels)
+    settings = measuring.settings_of(declared.rig, fit, suspects)
     source = opener()
     with deferred() as stopped, measuring.LiveSession(source, declared, settings, output) as session:
         if session.lines.left_out:

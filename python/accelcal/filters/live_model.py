@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal, NoReturn
@@ -17,7 +17,7 @@ from accelcal.effects.building_blocks import carried_on, lag_weights
 from accelcal.effects.own import probe
 from accelcal.filters.choice import GaussMarkov, rate_and_density
 from accelcal.filters.stream import FACTORED, MOST_EFFECTS, fixed_rate_with_effects
-from accelcal.model import Estimate, Model, Prior, Term
+from accelcal.model import Estimate, Model, Prior, Term, terms_of
 from accelcal.signals.signals import Origins, Signals
 
 INSTANTS = np.array([0.0, 0.5, 1.0])
@@ -136,6 +136,30 @@ MOTION = 2
 """States before the coefficients: position and velocity."""
 
 
+BETWEEN_STARTS = 10.0
+"""Time between two starts of a watch at least, s; later on it is an eighth of the time that the watch has run."""
+FALSE_NAMES = 0.005
+"""Probability that a watch names anything, at whatever time, while the model holds."""
+CLASS_WEIGHT = 0.95
+"""Of the suspects that are named together, in all e-values."""
+
+
+@dataclass(frozen=True, slots=True)
+class Suspicion:
+    """An effect that the model lacks, and how much the innovations say for it."""
+
+    name: str
+    unit: str
+    """Of size and std."""
+    size: float
+    """Coefficient given the innovations `since` then, with a prior of 1, 10 or 100 typical sizes."""
+    std: float
+    log_e: float
+    """Natural logarithm of the e-value: while the model holds, E exceeds 1/alpha at any time with probability alpha."""
+    since: float
+    """How long ago the likelier start is, s: the begin of the watch, or the newest."""
+
+
 class LiveModel:
     """Bias, scale factor and every effect of a model, estimated from output and position as they arrive.
 
@@ -164,6 +188,8 @@ class LiveModel:
     gauss_markov : coefficients that are not constant, by name.
     order : first- or second-order filter.
     gate : reject readings with e²/S above this; None for no gate.
+    watch : suspects, effects that the model lacks, with one coefficient and no shape parameter each, or steps;
+        `watched` is what the innovations say for each of them, `named` what is there.
 
     Raises
     ------
@@ -196,6 +222,7 @@ class LiveModel:
         covariance: Array | None = None,
         order: Literal[1, 2] = 1,
         gate: float | None = None,
+        watch: Sequence[str] = (),
     ) -> None:
         if not 0 < rate < math.inf:
             raise AccelcalError(f"LiveModel: rate = {rate:g} Hz; give the samples of the output per second.")
@@ -218,7 +245,9 @@ class LiveModel:
         ]
         self._parts = [part for part in self._parts if part.states or np.any(part.values)]
         """Effects whose coefficients are states, or fixed at another value than zero."""
-        m = len(states)
+        self._suspects = suspects_of(model, watch)
+        self._m = m = len(states)
+        self._parts += [_Part.of([term], {term.name: m + j}, {}) for j, term in enumerate(self._suspects)]
         if m > MOST_EFFECTS:
             raise AccelcalError(
                 f"a live filter has room for {MOST_EFFECTS} coefficients beside bias and scale_factor; "
@@ -249,23 +278,24 @@ class LiveModel:
             "parameters": [moving.get(name) for name in self.names],
             "choice": replace(FACTORED, order=order, scores=True),
             "gate": gate,
+            "watch": ([term.effect.scale for term in self._suspects], math.ceil(BETWEEN_STARTS * rate)),
         }
         """Those of `fixed_rate_with_effects`; the start is that of the last beginning."""
-        self._begin(position, np.array([prior.mean for prior in beliefs]), spread)
+        self._prior_at(position, np.array([prior.mean for prior in beliefs]), spread)
+        self._filter = fixed_rate_with_effects(**self.settings)
         self._signals = CausalSignals(rig, origins or Origins(), 1.0 / rate, q)
         self._lag = lag_weights(tau, 0.5 / rate) if tau > 0.0 else None
         self._x, self._variances = np.zeros(MOTION + 2 + m), np.zeros(MOTION + 2 + m)
-        self._columns, self._constant = np.zeros((3, m)), np.zeros(3)
+        self._columns, self._constant = np.zeros((3, m + len(self._suspects))), np.zeros(3)
         self._memories: list[list[float]] = [[] for _ in self._parts]
         self._side: dict[str, float] = {}
 
-    def _begin(self, position: float, values: Array, covariance: Array, velocity: float = 0.0) -> None:
-        """Begin with nothing known of the motion but the place, and the likely velocity."""
+    def _prior_at(self, position: float, values: Array, covariance: Array, velocity: float = 0.0) -> None:
+        """Set the prior: nothing known of the motion but the place, and the likely velocity."""
         P0 = np.zeros((MOTION + len(values),) * 2)
         P0[:MOTION, :MOTION], P0[MOTION:, MOTION:] = self._motion, covariance
         p, v = self.rig.polarity * (position - self._tau * velocity), self.rig.polarity * velocity
         self.settings |= {"x0": np.array([p, v, *values]), "P0": P0}
-        self._filter = fixed_rate_with_effects(**self.settings)
 
     def __reduce__(self) -> NoReturn:
         raise TypeError("a LiveModel is a running filter and cannot be pickled or copied; make another one")
@@ -301,7 +331,7 @@ class LiveModel:
     def until(self, u: float, early: float = 0.0) -> tuple[Signals, Step, float]:
         """Signals over the step to output `u` (m/s²), what the effects add over it, and the way (m) from a reading that
         is `early` (s); nothing is changed."""
-        before, _, here = self._columns @ self._x[MOTION + len(SENSOR) :] + self._constant
+        before, _, here = self._columns[:, : self._m] @ self._x[MOTION + len(SENSOR) :] + self._constant
         added = np.stack([here, here - before])  # a line through the last step
         signals = self._signals.over(u, added, self._x, self._variances, self._side)
         reading, way = (signals, 0.0) if early == 0.0 else before_sample(signals, early)
@@ -318,7 +348,8 @@ class LiveModel:
         # The integral of q exp(-2 rate s) over the hole; of a walk q gap.
         grown = q * np.where(rates > 0.0, -np.expm1(-2.0 * rates * gap) / np.where(rates > 0.0, 2.0 * rates, 1.0), gap)
         covariance = np.outer(stays, stays) * self.covariance + np.diag(grown)
-        self._begin(position, stays * self.values, covariance, velocity)
+        self._prior_at(position, stays * self.values, covariance, velocity)
+        self._filter.begin(self.settings["x0"], self.settings["P0"])
         self._columns, self._constant = np.zeros_like(self._columns), np.zeros_like(self._constant)
 
     def run(self, u: Array, z: Array, **side: Array) -> None:
@@ -381,7 +412,29 @@ class LiveModel:
     def noisy_names(self) -> set[str]:
         """Coefficients whose gradient follows from the output, which carries noise; the scale factor is one of them."""
         added = self.names[len(SENSOR) :]
-        return {SENSOR[0], *(added[j] for part in self._parts if part.noisy for j in part.states)}
+        return {SENSOR[0], *(added[j] for part in self._parts if part.noisy for j in part.states if j < self._m)}
+
+    @property
+    def watched(self) -> tuple[Suspicion, ...]:
+        """What the innovations so far say for each suspect, in the order of `watch`."""
+        rows = self._filter.evidence.tolist()
+        return tuple(
+            Suspicion(term.name, term.unit, size, std, log_e, since)
+            for term, (log_e, size, std, since, *_) in zip(self._suspects, rows, strict=True)
+        )
+
+    def named(self, alpha: float = FALSE_NAMES) -> tuple[Suspicion, ...]:
+        """Suspects of which one is there, the likeliest first; none while chance explains them.
+
+        Parameters
+        ----------
+        alpha : probability that anything is named, at whatever time, while the model holds.
+        """
+        ordered = sorted(self.watched, key=lambda suspicion: -suspicion.log_e)
+        if not ordered or ordered[0].log_e - math.log(len(ordered)) <= -math.log(alpha):
+            return ()
+        weights = np.exp([suspicion.log_e - ordered[0].log_e for suspicion in ordered])
+        return tuple(ordered[: int(np.searchsorted(np.cumsum(weights), CLASS_WEIGHT * np.sum(weights))) + 1])
 
     def _require_side(self) -> None:
         for part in self._parts:
@@ -480,6 +533,56 @@ class _Part:
         return cls(first.effect, shape, position, tracked, places, values, noisy)
 
 
+def suspects_of(model: Model, watch: Sequence[str]) -> tuple[Term, ...]:
+    """Coefficients of effects that a model lacks, for a watch.
+
+    Raises
+    ------
+    ValueError
+        For an effect that the model has, that occurs twice, or that a watch cannot follow; the sentence says why.
+    """
+    terms: list[Term] = []
+    for name in watch:
+        effect = suspect_of(name)
+        wrong = (
+            "the model has it already"
+            if effect.name in model.effects
+            else "it is given twice"
+            if effect.name in (term.name for term in terms)
+            else unwatched(effect)
+        )
+        if wrong:
+            raise AccelcalError(f"{effect.name} cannot be watched: {wrong}.")
+        terms += terms_of(effect)
+    return tuple(terms)
+
+
+def suspect_of(name: str) -> Effect:
+    """An effect as a watch follows it: a step is what steps, since each start of a watch is an instant."""
+    effect = find(name)
+    if tuple(effect.shapes) != ("instant",) or not effect.traits.changes:
+        return effect
+    steps = find(effect.traits.changes)
+    return replace(steps, name=effect.name, symbol=effect.symbol, scale=effect.scale)
+
+
+def watchable(model: Model, channels: Collection[str]) -> tuple[str, ...]:
+    """Effects that a model lacks and a watch can follow, as far as these side channels go."""
+    lacking = (effect for effect in BUILT_IN if effect.traits.visible and effect.name not in model.effects)
+    return tuple(e.name for e in lacking if set(e.needs) <= set(channels) and not unwatched(suspect_of(e.name)))
+
+
+def unwatched(effect: Effect) -> str:
+    """Why a watch cannot follow an effect; empty where it can."""
+    if effect.port not in ("output", "position"):
+        return "it acts on the noise, and a watch follows the mean"
+    if effect.shapes or effect.width > 1:
+        return "it has shape parameters or several coefficients, and a watch follows one; fit it to a record"
+    if refusal(effect) is None and follows_change(effect):
+        return "it follows how fast the output changes, whose noise passes for it; fit it to a record"
+    return refusal(effect) or ""
+
+
 def state_names(model: Model) -> tuple[str, ...]:
     """Coefficients of a model that are states of a `LiveModel`, in its order."""
     return (*SENSOR, *(name for name in live_terms(model)[0] if name not in SENSOR and name not in model.fixed))
@@ -507,6 +610,13 @@ def follows_acceleration(effect: Effect, shape: Mapping[str, float]) -> bool:
     s = probe(effect.needs)
     here, moved = (effect.column(signals, **shape) for signals in (s, replace(s, a=s.a + 1e-3)))
     return not np.array_equal(here, moved)
+
+
+def follows_change(effect: Effect) -> bool:
+    """Whether the values of an effect follow from changes of the acceleration, which live are mostly noise."""
+    s = probe(effect.needs)
+    moved = replace(s, jerk=s.jerk + 1.0) if not effect.traits.memory else replace(s, jerk=s.jerk + 1.0, a=2.0 * s.a)
+    return not np.array_equal(effect.column(s), effect.column(moved))
 
 
 def _is_pointwise(effect: Effect, shape: Mapping[str, float]) -> bool:

@@ -252,6 +252,7 @@ def fixed_rate_with_effects(
     parameters: Sequence[GaussMarkov | None] | None = None,
     choice: FilterChoice = FACTORED,
     gate: float | None = None,
+    watch: tuple[list[float], int] | None = None,
 ) -> _core.FixedRateFilter:
     """ACI with a forward linear sensor and m effects whose columns the caller gives at every step.
 
@@ -270,6 +271,11 @@ def fixed_rate_with_effects(
 
     choice : FilterChoice
         Order, integrator and carrier count: system, sensor and interpolation are given. RK4 needs the dense carrier.
+
+    watch : tuple
+        Typical sizes of J suspects, SI, and the samples of the shortest stretch; `step_with_effects` then takes m + J
+        columns, those of suspects last, and `evidence` is (J, 6): logarithm of the e-value, size, its standard
+        deviation, time since the likeliest start (s), score and information. It needs `choice.scores`.
 
     Other parameters are those of `fixed_rate`.
 
@@ -293,4 +299,5 @@ def fixed_rate_with_effects(
         raise AccelcalError('fixed_rate_with_effects: UD factors need integrator="exact".')
     choice = replace(choice, system="aci", model="linear", form="forward", interpolation="cubic")
     setup = core_setup(choice, q, r_position, None, None, tau, None, gate)
-    return _core.FixedRateFilter(setup, *core_prior(names, x, P0), dt, (rest, [rate_and_density(w) for w in processes]))
+    effects = (rest, [rate_and_density(w) for w in processes])
+    return _core.FixedRateFilter(setup, *core_prior(names, x, P0), dt, effects, watch)

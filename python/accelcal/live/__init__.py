@@ -1,7 +1,8 @@
 """A running measurement followed by a live filter: parameters, innovations, and whether the model holds."""
 
+from accelcal.filters.live_model import watchable
 from accelcal.live.session import LiveHistory, LiveSession, LiveState
-from accelcal.live.tracker import Alarm, InnovationMonitor, LiveSettings, Tracker, settings_of
+from accelcal.live.tracker import Alarm, InnovationMonitor, LiveSettings, Naming, Tracker, settings_of
 
 __all__ = [
     "Alarm",
@@ -10,6 +11,8 @@ __all__ = [
     "LiveSession",
     "LiveSettings",
     "LiveState",
+    "Naming",
     "Tracker",
     "settings_of",
+    "watchable",
 ]

@@ -17,6 +17,7 @@ import numpy as np
 from accelcal._support.result import Storable
 from accelcal.data import Array
 from accelcal.estimation.triad import absent_faces
+from accelcal.filters.live_model import Suspicion
 from accelcal.filters.stream import Readings
 from accelcal.io.dwells import Rest
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
@@ -30,6 +31,7 @@ from accelcal.live.tracker import (
     Interval,
     LiveSettings,
     ModelTracker,
+    Naming,
     NoiseShare,
     Tracker,
 )
@@ -63,6 +65,8 @@ class LiveState:
     alarms: int = 0
     remark: str = ""
     """Of the newest block, where it has less noise than declared."""
+    watched: tuple[Suspicion, ...] = ()
+    """What the readings say for each suspect."""
     outputs: int = 0
     readings: int = 0
     used: int = 0
@@ -86,11 +90,12 @@ class LiveState:
 class LiveEvent(Storable):
     """One line of `accelcal live --json`."""
 
-    event: Literal["state", "alarm", "end"]
+    event: Literal["state", "alarm", "name", "end"]
     source: str
     """Name of the source."""
     state: LiveState
     alarm: Alarm | None = None
+    naming: Naming | None = None
     ended: str | None = None
     """Why the source ended."""
 
@@ -146,13 +151,15 @@ class LiveSession:
         finally:
             self._stack.close()
 
-    def run(self, *, ends: Callable[[], bool], on_alarm: Callable[[Alarm], None], show: Callable[[], None]) -> None:
+    def run(
+        self, *, ends: Callable[[], bool], on_alarm: Callable[[Alarm | Naming], None], show: Callable[[], None]
+    ) -> None:
         """Follow the source to its end, or until `ends`; every row that was read is then in filter and file.
 
         Parameters
         ----------
         ends : asked between chunks, several times a second.
-        on_alarm : told of each alarm.
+        on_alarm : called with each alarm, and with what a watch names.
         show : called between chunks.
 
         Raises
@@ -202,6 +209,7 @@ class LiveSession:
             blocks=monitor.blocks,
             alarms=monitor.alarms,
             remark=monitor.remark,
+            watched=tracker.watched,
             outputs=tracker.outputs,
             readings=tracker.readings,
             used=counts.used,
@@ -215,7 +223,7 @@ class LiveSession:
             recorded=0 if self._recorder is None else self._recorder.file.rows,
         )
 
-    def _take(self, rows: Rows, on_alarm: Callable[[Alarm], None]) -> None:
+    def _take(self, rows: Rows, on_alarm: Callable[[Alarm | Naming], None]) -> None:
         if not len(rows):
             return
         self._t = float(rows.t[-1])
@@ -223,9 +231,11 @@ class LiveSession:
             self._recorder.add(rows)
         self._judge(self.tracker.feed(rows), on_alarm)
 
-    def _judge(self, readings: Readings, on_alarm: Callable[[Alarm], None]) -> None:
+    def _judge(self, readings: Readings, on_alarm: Callable[[Alarm | Naming], None]) -> None:
         for alarm in self.monitor.add(readings):
             on_alarm(alarm)
+        if (naming := self.tracker.naming()) is not None:
+            on_alarm(naming)
         if len(readings.t):
             self._newest = Innovation(float(readings.t[-1]), float(readings.e[-1]), float(readings.variance[-1]))
 
@@ -304,6 +314,8 @@ class LiveHistory:
         """Take in a state, an alarm or the end."""
         if event.alarm is not None:
             self._alarm(event.alarm)
+            return
+        if event.naming is not None:
             return
         self.newest = event
         t = event.state.t

@@ -12,11 +12,12 @@ import numpy as np
 
 from accelcal._support.result import Storable
 from accelcal.data import DERIVED, Array, Flags, RecordingError, Rig, unsupported
+from accelcal.data.units import concise
 from accelcal.effects import BUILT_IN, Effect, find, of_one_record
 from accelcal.estimation.engines import PARAMETER_OF, PRIOR_STD, LiveStart, as_fit, live_start
 from accelcal.estimation.estimate import Fit
 from accelcal.filters.choice import PARAMETERS, FilterChoice, GaussMarkov, spread_start, to_stage
-from accelcal.filters.live_model import LiveModel, live_terms, refusal, state_names
+from accelcal.filters.live_model import FALSE_NAMES, LiveModel, Suspicion, live_terms, refusal, state_names, suspects_of
 from accelcal.filters.record import ForwardParameters
 from accelcal.filters.stream import MOST_EFFECTS, LiveFilter, Readings
 from accelcal.io.stream import Rows
@@ -64,11 +65,13 @@ class LiveSettings:
     """(m, m) covariance of the coefficients of the model at the start, of those in `state_names`."""
     remarks: tuple[str, ...] = ()
     """Sentences on what the model has and the filter does not estimate."""
+    watch: tuple[str, ...] = ()
+    """Suspects beside the model."""
 
     @property
     def needs(self) -> tuple[str, ...]:
         """Side channels that the effects of the model take."""
-        names = () if self.model is None else self.model.effects
+        names = () if self.model is None else (*self.model.effects, *self.watch)
         return tuple(dict.fromkeys(channel for name in names for channel in find(name).needs))
 
     @property
@@ -112,16 +115,19 @@ class LiveSettings:
         return tuple(estimates)
 
 
-def settings_of(rig: Rig, fit: Fit | None = None) -> LiveSettings:
+def settings_of(rig: Rig, fit: Fit | None = None, watch: tuple[str, ...] = ()) -> LiveSettings:
     """Settings for a rig, and for the parameters, their uncertainty, noise and time offset of a fit.
 
-    Without a fit the parameters start at zero, as wide as any working sensor, and the noise is that of the sidecar.
+    Without a fit the parameters start at zero, as wide as any working sensor, and the noise is that of the sidecar. A
+    watch needs a fit.
 
     Raises
     ------
     RecordingError
         For a filter that a live filter does not undo, for noise that is not declared, and for a model with effects that
         cannot run on a stream. The sentence says what to do.
+    ValueError
+        For a suspect that the model has, or that cannot be watched.
     """
     refused = unsupported(rig.filters, "a live view")
     if refused:
@@ -154,7 +160,10 @@ def settings_of(rig: Rig, fit: Fit | None = None) -> LiveSettings:
         True,
     )
     others = [name for name in fit.model.added if name not in PAPER and find(name).port != "noise"]
-    return _with_model(settings, fit, start) if others else settings
+    if watch:
+        suspects_of(fit.model, watch)
+        settings = replace(settings, watch=watch)
+    return _with_model(settings, fit, start) if others or watch else settings
 
 
 ANEW = "its clock is that of the fitted record; it is estimated anew, from nothing and of about the size that it had"
@@ -354,6 +363,33 @@ class Alarm(Storable):
         expected = f"expected {self.low:.3g} to {self.high:.3g} over {self.readings} readings"
         what, cause = CAUSES[self.kind].format(value=self.value).split("; ", 1)
         return f"t = {self.t:.6g} s: {what}, {expected}; {cause}"
+
+
+@dataclass(frozen=True, slots=True)
+class Naming(Storable):
+    """Suspects of which one is there."""
+
+    derived: ClassVar[tuple[str, ...]] = ("sentence",)
+
+    t: float
+    """s"""
+    suspects: tuple[Suspicion, ...]
+    """The likeliest first."""
+    count: int
+    """Suspects in all."""
+
+    @property
+    def sentence(self) -> str:
+        """Since when, what, how large, and how often that is said without a cause."""
+        first, *others = self.suspects
+        names = " or ".join(suspicion.name for suspicion in self.suspects)
+        alike = ", which act alike so far; the size is that of the first" if others else ""
+        size = f"{concise(first.size, first.std)} {first.unit}".removesuffix(" 1")
+        power = (first.log_e - math.log(self.count)) / math.log(10.0)
+        return (
+            f"since about t = {self.t - first.since:.6g} s: {names}{alike}, {size}, odds 10^{power:.1f} to 1 against "
+            f"chance among {self.count} suspects; a false name in one of {1.0 / FALSE_NAMES:.0f} operations"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -768,6 +804,15 @@ class Tracker:
         """Coefficients whose gradient is the output itself."""
         return {PARAMETER_OF[name] for name in self.settings.names if name != "K0"}
 
+    @property
+    def watched(self) -> tuple[Suspicion, ...]:
+        """What the readings say for each suspect; empty without a watch."""
+        return ()
+
+    def naming(self) -> Naming | None:
+        """Suspects of which one is there, where they are others than at the last call."""
+        return None
+
     def fitted(self, fit: Fit) -> Fit:
         """The fit with the parameters as the filter holds them now."""
         if self.filter is None:
@@ -882,6 +927,8 @@ class ModelTracker(Tracker):
         self._step = self._at = self._zero = 0.0
         """Step between instants, the next of them, and the first, s."""
         self._behind_hole = False
+        self._named = set[str]()
+        """At the last call of `naming`."""
         self._before: tuple[float, float] | None = None
         """The reading before the one with which the filter begins."""
 
@@ -1009,6 +1056,7 @@ class ModelTracker(Tracker):
             origins=settings.origins,
             gauss_markov={PARAMETER_OF[name]: moves for name, moves in settings.parameters.items()},
             covariance=settings.spread,
+            watch=settings.watch,
         )
 
     @property
@@ -1024,6 +1072,20 @@ class ModelTracker(Tracker):
 
     def _noisy(self) -> set[str]:
         return set[str]() if self.live is None else self.live.noisy_names
+
+    @property
+    def watched(self) -> tuple[Suspicion, ...]:
+        """What the readings say for each suspect; empty without a watch."""
+        return () if self.live is None else self.live.watched
+
+    def naming(self) -> Naming | None:
+        """Suspects of which one is there, where they are others than at the last call."""
+        named = () if self.live is None else self.live.named()
+        names = {suspicion.name for suspicion in named}
+        if not names or names == self._named:
+            return None
+        self._named = names
+        return Naming(self._at - self._step, named, len(self.settings.watch))
 
     def fitted(self, fit: Fit) -> Fit:
         """The fit with the coefficients as the filter holds them, but for those that belong to the fitted record."""

@@ -189,7 +189,7 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
         self.theta = self.theta.plus(scaled, Plain(gains));
     }
 
-    /// One step without integration error; the parameters may drift.
+    /// One step without integration error; the parameters may drift. Returns what they add to the motion.
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse; the factors are then as they were.
@@ -198,7 +198,7 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
         q: T,
         drift: &GaussMarkovSet<Plain<T, M>, M>,
         step: &StepInput<E, I>,
-    ) -> Result<(), DomainError>
+    ) -> Result<StepIntegrals<Plain<T, M>>, DomainError>
     where
         E: AccelerationModel<Plain<T, M>, M>,
         I: Fn(f64) -> E::Input,
@@ -213,7 +213,7 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
             let integrals =
                 StepIntegrals::over::<E, M>(Integrator::Exact, step.dt, q, &step.model, &table, &step.input)?;
             self.predict(dt, &integrals);
-            return Ok(());
+            return Ok(integrals);
         }
         let start = (&self.theta, &P_theta);
         let integrals = StepIntegrals::over_drifting(q, drift, start, step)?;
@@ -223,7 +223,7 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
         for impulse in &impulses {
             self.add_impulses(impulse);
         }
-        Ok(())
+        Ok(integrals)
     }
 
     /// Multiplies the parameters by `left`: their rows of `U`, brought back to a unit diagonal.
@@ -328,16 +328,16 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
             s = (*f * *D).times_plus(*f, s);
         }
         let e = z - (tau.times_plus(self.v, self.p) + b.dot(self.theta));
-        (MaskedInnovation { e, s, present: None }, FactoredReading { v, theta })
+        (MaskedInnovation { e, s, present: None }, FactoredReading { v, theta, b: *b })
     }
 
-    /// Bierman's update by such a reading; what it would be if the parameters were known.
+    /// Bierman's update by such a reading; what it would be if the parameters were known, and its gains.
     pub fn correct_with(
         &mut self,
         R: T,
         reading: &FactoredReading<T, M>,
         innovation: &MaskedInnovation<T>,
-    ) -> KnownParameters<T> {
+    ) -> (KnownParameters<T>, UpdateGains<T, M>) {
         let zero = R.like(0.0);
         let mut s = R + self.d[0];
         let mut gp = self.d[0];
@@ -385,7 +385,7 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
         self.p = gp.times_plus(scaled, self.p);
         self.v = gv.times_plus(scaled, self.v);
         self.theta = self.theta.plus(scaled, Plain(gains));
-        known
+        (known, UpdateGains { unscaled: ([gp, gv], Plain(gains)), s })
     }
 }
 
@@ -398,6 +398,15 @@ pub struct KnownParameters<T> {
     pub s: T,
 }
 
+/// Gains of an update, which cost a division only where they are asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct UpdateGains<T, const M: usize> {
+    /// Of `p`, `v` and the parameters, times `s`.
+    pub unscaled: ([T; 2], Plain<T, M>),
+    /// Variance of the innovation.
+    pub s: T,
+}
+
 /// `f = U' H` of a reading, but for position, where it is one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FactoredReading<T, const M: usize> {
@@ -405,6 +414,8 @@ pub struct FactoredReading<T, const M: usize> {
     pub v: T,
     /// In the places of the parameters.
     pub theta: Plain<T, M>,
+    /// Of the parameters in the reading.
+    pub b: Plain<T, M>,
 }
 
 impl<const N: usize, const M: usize> AciFactored<f64, N, M> {

@@ -18,6 +18,7 @@ use crate::structured::gauss_markov::GaussMarkovSet;
 use crate::structured::number::{Number, Real};
 use crate::structured::row::{Plain, Row};
 use crate::structured::taps::{TAPS, Taps};
+use crate::structured::watch::{Gains, Passage};
 use crate::structured::whitening::{Score, Whitened, Whitening};
 
 /// Readings between two corrections of the estimate: information adds, so it need not be at each of them.
@@ -133,6 +134,8 @@ pub struct AciCorrected<T, const N: usize, const M: usize> {
     /// `b` and its share of `da/du` itself, of the readings since the last correction.
     gathered: (Plain<T, M>, T),
     readings: u32,
+    /// What the newest step did to errors of the mean; `None` unless a watch is beside the filter.
+    pub passage: Option<Passage<T, M>>,
 }
 
 impl<T: Real, const N: usize, const M: usize> AciCorrected<T, N, M> {
@@ -152,6 +155,7 @@ impl<T: Real, const N: usize, const M: usize> AciCorrected<T, N, M> {
             slopes: none,
             gathered: none,
             readings: 0,
+            passage: None,
         }
     }
 
@@ -172,12 +176,12 @@ impl<T: Real, const N: usize, const M: usize> AciCorrected<T, N, M> {
         I: Fn(f64) -> E::Input,
     {
         let Some((taps, length)) = taps else {
-            return self.filter.exact(q, drift, step);
+            return self.filter.exact(q, drift, step).map(|_| ());
         };
         let theta = self.filter.theta;
         let begin = step.model.mixed(&theta, (step.input)(0.0))?;
         let end = step.model.mixed(&theta, (step.input)(step.dt))?;
-        self.filter.exact(q, drift, step)?;
+        let integrals = self.filter.exact(q, drift, step)?;
         let half = q.like(0.5);
         self.slopes = (
             begin.0.scaled(half * begin.1).plus(half * end.1, end.0),
@@ -192,6 +196,20 @@ impl<T: Real, const N: usize, const M: usize> AciCorrected<T, N, M> {
                 whitening.predict(dt, length, taps, half * (begin.1 + end.1));
             }
         }
+        if let Some(passage) = &mut self.passage {
+            let slope = half * (begin.1 + end.1);
+            *passage = Passage {
+                dt: q.like(step.dt),
+                slope,
+                to_p: integrals.to_p,
+                to_v: integrals.to_v,
+                left: drift.decay(q, step.dt),
+                noise: self.slopes.0.scaled(q.like(1.0) / self.slopes.1),
+                taps: taps.gains(slope, length),
+                passed: false,
+                reading: None,
+            };
+        }
         Ok(())
     }
 
@@ -201,6 +219,9 @@ impl<T: Real, const N: usize, const M: usize> AciCorrected<T, N, M> {
         self.noise.shift();
         if let Some(whitening) = &mut self.whitening {
             whitening.shift(self.sample);
+        }
+        if let Some(passage) = &mut self.passage {
+            passage.passed = true;
         }
     }
 
@@ -215,12 +236,12 @@ impl<T: Real, const N: usize, const M: usize> AciCorrected<T, N, M> {
         correction: Correction,
     ) {
         let between = self.filter.U[0].0[1];
-        let known = self.filter.correct_with(R, reading, innovation);
+        let (known, gains) = self.filter.correct_with(R, reading, innovation);
         if correction == Correction::None {
             return;
         }
         let share = self.noise.variance(tau) / known.s;
-        self.score = self.whitening.as_mut().map(|whitening| {
+        let white = self.whitening.as_mut().map(|whitening| {
             // `U' H` of the first two parameters, without what the second has of the first.
             let [first, second] = [reading.theta.0[0], reading.theta.0[1]];
             let innovation_slopes = [innovation.e, first, second - between * first];
@@ -228,6 +249,19 @@ impl<T: Real, const N: usize, const M: usize> AciCorrected<T, N, M> {
             let others = innovation.s - known.s;
             whitening.correct(tau, R, &Whitened { innovation: innovation_slopes, gain: known.gain, others, slopes })
         });
+        self.score = white.map(|(score, _)| score);
+        if let Some(passage) = &mut self.passage {
+            let over = R.like(1.0) / gains.s;
+            let (motion, theta) = gains.unscaled;
+            passage.reading = Some(Gains {
+                tau,
+                b: reading.b,
+                motion: motion.map(|gain| gain * over),
+                theta: theta.scaled(over),
+                known: known.gain,
+                white: white.map(|(_, white)| white),
+            });
+        }
         self.noise.correct(tau, known.gain);
         self.gathered.0 = self.gathered.0.plus(share, self.slopes.0);
         self.gathered.1 = share.times_plus(self.slopes.1, self.gathered.1);

@@ -13,4 +13,5 @@ pub mod measurement;
 pub mod number;
 pub mod row;
 pub mod taps;
+pub mod watch;
 pub mod whitening;

@@ -2,6 +2,7 @@
 
 use crate::integration::nodes as quadrature;
 use crate::signal::interpolation::Interpolation;
+use crate::structured::number::Number;
 
 /// Samples of the output that a curve between two of them depends on, at most.
 pub const TAPS: usize = 4;
@@ -31,6 +32,12 @@ impl Taps {
             }
         }
         Self { weights }
+    }
+
+    /// What the noise of each sample adds to position and velocity over a segment of `length` seconds; `slope` is `da/du`.
+    #[inline(always)]
+    pub(crate) fn gains<T: Number>(&self, slope: T, length: f64) -> [[T; 2]; TAPS] {
+        self.weights.map(|[p, v]| [slope * slope.like(p * length * length), slope * slope.like(v * length)])
     }
 
     /// Over a whole segment between even stamps; `causal` puts a cubic through the two samples before, otherwise through

@@ -8,9 +8,10 @@ use crate::structured::number::Number;
 use crate::structured::taps::{TAPS, Taps};
 
 /// Error of `p`, of `v`, and the noise of each sample that still drives.
-const STATES: usize = 2 + TAPS;
+pub const STATES: usize = 2 + TAPS;
 
-type Vector<T> = [T; STATES];
+/// One number for each of them.
+pub type Vector<T> = [T; STATES];
 
 /// The filter of a filter's own errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,6 +51,19 @@ pub struct Whitened<T> {
     pub slopes: [T; 2],
 }
 
+/// How an innovation was whitened.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct White<T> {
+    /// Gains of the whitening.
+    pub L: Vector<T>,
+    /// What is left of the innovation, over its variance.
+    pub scaled: T,
+    /// One over that variance.
+    pub over: T,
+    /// Share of the output's noise in it.
+    pub share: T,
+}
+
 impl<T: Copy> Score<T> {
     /// In another arithmetic.
     pub fn map<U>(self, convert: impl Fn(T) -> U + Copy) -> Score<U> {
@@ -80,7 +94,7 @@ impl<T: Number> Whitening<T> {
     /// `dt` seconds of a segment that is `length` seconds long; `slope` is `da/du`.
     #[inline(always)]
     pub fn predict(&mut self, dt: T, length: f64, taps: &Taps, slope: T) {
-        let gains = taps.weights.map(|[p, v]| [slope * dt.like(p * length * length), slope * dt.like(v * length)]);
+        let gains = taps.gains(slope, length);
         let moved = |at: &Vector<T>| {
             let (mut p, mut v) = (dt.times_plus(at[1], at[0]), at[1]);
             for (noise, [gp, gv]) in at[2..].iter().zip(&gains) {
@@ -120,9 +134,9 @@ impl<T: Number> Whitening<T> {
         self.P[STATES - 1][STATES - 1] = variance;
     }
 
-    /// Takes in the innovation of a reading of `p + tau v` with variance `R`.
+    /// Takes in the innovation of a reading of `p + tau v` with variance `R`; its score, and how it came about.
     #[inline(always)]
-    pub fn correct(&mut self, tau: T, R: T, whitened: &Whitened<T>) -> Score<T> {
+    pub fn correct(&mut self, tau: T, R: T, whitened: &Whitened<T>) -> (Score<T>, White<T>) {
         let Whitened { innovation, gain, others, slopes } = *whitened;
         let read = |at: &Vector<T>| tau.times_plus(at[1], at[0]);
         let (PH, WH) = (self.P.map(|row| read(&row)), self.of_readings.map(|row| read(&row)));
@@ -151,7 +165,7 @@ impl<T: Number> Whitening<T> {
         let [left, first, second] = left;
         let slope = |h: T, of_noise: T| h.times_plus(left / variance, share * of_noise);
         let both = |h: T, g: T, of_noise: T| h.times_plus(g / variance, share * of_noise);
-        Score {
+        let score = Score {
             left,
             variance,
             of_readings: noise / variance,
@@ -161,6 +175,7 @@ impl<T: Number> Whitening<T> {
                 both(second, second, slopes[1] * slopes[1]),
                 both(first, second, slopes[0] * slopes[1]),
             ],
-        }
+        };
+        (score, White { L, scaled: left / variance, over: R.like(1.0) / variance, share })
     }
 }

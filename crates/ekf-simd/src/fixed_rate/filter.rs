@@ -12,6 +12,7 @@ use ekf_core::structured::measurement::{ReadCubic, ReadInverse, ReadLinear};
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::{Plain, Row};
 use ekf_core::structured::taps::Taps;
+use ekf_core::structured::watch::{Evidence, Passage, Suspect, SuspectColumn, Watch};
 use ekf_core::structured::whitening::Score;
 use ekf_core::{Aci, Carrier, Cwpa, Filter, Form, GaussMarkov};
 use pulp::NullaryFnOnce;
@@ -63,6 +64,19 @@ pub trait FixedRate: Send + Sync {
 
     /// Covariance of states `i` and `j`.
     fn P(&self, i: usize, j: usize) -> f64;
+
+    /// Begins anew with another prior; suspects keep what they have gathered.
+    ///
+    /// # Errors
+    /// [`SetupError`] for a prior that cannot be used.
+    fn begin(&mut self, prior: Prior<'_>) -> Result<(), SetupError>;
+
+    /// Watches suspects of these typical sizes (SI) from the next sample on, with starts `least` samples apart or more; false
+    /// where the filter has no factors.
+    fn watch(&mut self, scales: &[f64], least: u64) -> bool;
+
+    /// What suspect `j` has gathered, its `b` and `G`, and the samples of the watch; `None` without it.
+    fn evidence(&self, j: usize) -> Option<(Evidence, [f64; 2], u64)>;
 
     /// The newest innovation of all.
     fn innovation(&self) -> Option<Innovation>;
@@ -170,6 +184,7 @@ struct Stepper<W: Arithmetic, K: FixedRateStep<V, M>, V: Row<Number = W::Number>
     states: usize,
     drifting: bool,
     at: FilterState<K::Block, W::Number>,
+    watch: Option<Watch<Vec<Suspect<W::Number, M>>>>,
 }
 
 /// The state of a filter between two samples.
@@ -179,6 +194,21 @@ struct FilterState<B, T> {
     history: OutputHistory,
     innovation: Option<Innovation>,
     unchecked: u32,
+}
+
+impl<B, T: Scalar> FilterState<B, T> {
+    /// Before the first sample.
+    fn new<V: Row<Number = T>, const M: usize>(prior: &Prior<'_>, witness: T, threshold: f64) -> Self
+    where
+        B: Block<V, M>,
+    {
+        // Places beyond the states hold zeros: a row may be wider than the filter.
+        let N = prior.states;
+        let x = |i: usize| witness.like(if i < N { prior.x[i] } else { 0.0 });
+        let P = |i: usize, j: usize| witness.like(if i < N && j < N { prior.P[i * N + j] } else { 0.0 });
+        let gate = ReadingGate { threshold, likelihood: LogLikelihood::new(witness, true), rejected: 0 };
+        Self { block: B::new(x, P), gate, history: OutputHistory::default(), innovation: None, unchecked: 0 }
+    }
 }
 
 /// Whether a block can still be a belief; by value, so that the block of a step stays in registers.
@@ -192,10 +222,16 @@ where
 }
 
 impl<W: Arithmetic, K: FixedRateStep<V, M>, V: Row<Number = W::Number>, const M: usize> Stepper<W, K, V, M> {
+    /// Whether the block records what its steps do to errors of the mean, as it is asked to from here on.
+    fn record_passages(&mut self) -> bool {
+        let witness = self.arithmetic.witness();
+        self.at.block.passage().map(|passage| *passage = Some(Passage::none(witness))).is_some()
+    }
+
     /// One sample, in place.
     #[inline(always)]
     fn next(&mut self, sample: &SampleInput<'_>) -> Result<Option<Innovation>, StepError> {
-        let Self { kernel, settings, states, drifting, at, .. } = self;
+        let Self { kernel, settings, states, drifting, at, watch, .. } = self;
         for reading in [sample.u, sample.z] {
             if reading.is_infinite() || K::DRIVEN && sample.u.is_nan() {
                 return Err(StepError::Innovation { e: reading });
@@ -225,6 +261,17 @@ impl<W: Arithmetic, K: FixedRateStep<V, M>, V: Row<Number = W::Number>, const M:
         at.unchecked = if due { 0 } else { at.unchecked + 1 };
         at.history.push(sample.u);
         at.innovation = found.or(at.innovation);
+        if let Some((watch, passage)) = watch.as_mut().zip(at.block.passage().and_then(|passage| passage.as_ref())) {
+            let witness = passage.dt;
+            let columns = sample.suspects.copied().unwrap_or_default();
+            let at = |values: &[f64], j: usize| witness.like(values.get(j).copied().unwrap_or(0.0));
+            let column = |j: usize| SuspectColumn {
+                over: columns.over.map(|values| at(values, j)),
+                position: at(columns.position, j),
+                slope: at(columns.slopes, j),
+            };
+            watch.advance(passage, column, Scalar::value);
+        }
         Ok(found)
     }
 }
@@ -255,7 +302,7 @@ where
 
     fn over(&mut self, u: &[f64], z: &[f64], histories: &mut Histories<'_>) -> Result<(), (usize, StepError)> {
         for (j, (&u, &z)) in u.iter().zip(z).enumerate() {
-            let found = self.step(&SampleInput { u, z, effects: None }).map_err(|error| (j, error))?;
+            let found = self.step(&SampleInput { u, z, effects: None, suspects: None }).map_err(|error| (j, error))?;
             let block = &self.at.block;
             histories.keep(j, self.states, found, |i| block.x(i).value(), |i| block.P(i, i).value());
         }
@@ -272,6 +319,30 @@ where
 
     fn P(&self, i: usize, j: usize) -> f64 {
         self.at.block.P(i, j).value()
+    }
+
+    fn begin(&mut self, prior: Prior<'_>) -> Result<(), SetupError> {
+        checked_prior(&prior, self.settings.dt, 4)?;
+        let witness = self.arithmetic.witness();
+        self.at = FilterState::new(&prior, witness, self.at.gate.threshold);
+        if let Some(watch) = &mut self.watch {
+            watch.suspects.iter_mut().for_each(Suspect::interrupt);
+            self.record_passages();
+        }
+        Ok(())
+    }
+
+    fn watch(&mut self, scales: &[f64], least: u64) -> bool {
+        let suspects = scales.iter().map(|&scale| Suspect::new(self.arithmetic.witness(), scale)).collect();
+        let recorded = self.record_passages();
+        self.watch = recorded.then(|| Watch::new(suspects, least));
+        recorded
+    }
+
+    fn evidence(&self, j: usize) -> Option<(Evidence, [f64; 2], u64)> {
+        let watch = self.watch.as_ref()?;
+        let sums = watch.suspects.get(j)?.sums().map(Scalar::value);
+        Some((watch.evidence(j, Scalar::value)?, sums, watch.steps()))
     }
 
     fn innovation(&self) -> Option<Innovation> {
@@ -312,21 +383,9 @@ impl Construction<'_> {
     {
         let witness = arithmetic.witness();
         let settings = Settings::of(&self.filter, self.dt, witness);
-        // Places beyond the states hold zeros: a row may be wider than the filter.
-        let N = self.prior.states;
-        let x = |i: usize| witness.like(if i < N { self.prior.x[i] } else { 0.0 });
-        let P = |i: usize, j: usize| witness.like(if i < N && j < N { self.prior.P[i * N + j] } else { 0.0 });
-        let gate =
-            ReadingGate { threshold: self.filter.gate, likelihood: LogLikelihood::new(witness, true), rejected: 0 };
-        let at = FilterState {
-            block: K::Block::new(x, P),
-            gate,
-            history: OutputHistory::default(),
-            innovation: None,
-            unchecked: 0,
-        };
+        let at = FilterState::new(&self.prior, witness, self.filter.gate);
         let drifting = !settings.drift.is_constant();
-        Box::new(Stepper { arithmetic, kernel, settings, states: N, drifting, at })
+        Box::new(Stepper { arithmetic, kernel, settings, states: self.prior.states, drifting, at, watch: None })
     }
 }
 
@@ -372,7 +431,13 @@ fn construction<'a, S>(
     least: usize,
 ) -> Result<Construction<'a>, SetupError> {
     filter.consider.refused()?;
-    let Prior { states, x, P } = prior;
+    checked_prior(&prior, dt, least)?;
+    Ok(Construction { filter: filter.with_system(dynamics), dt, prior })
+}
+
+/// Refuses a prior that no filter can use.
+fn checked_prior(prior: &Prior<'_>, dt: f64, least: usize) -> Result<(), SetupError> {
+    let &Prior { states, x, P } = prior;
     if x.len() != states || P.len() != states * states || states < least {
         return Err(SetupError::Size { given: states });
     }
@@ -382,8 +447,7 @@ fn construction<'a, S>(
     if let Some(&value) = x.iter().chain(P).find(|value| !value.is_finite()) {
         return Err(SetupError::Setting { name: "prior", value });
     }
-    check_covariance(states, |i, j| P[i * states + j]).map_err(SetupError::Belief)?;
-    Ok(Construction { filter: filter.with_system(dynamics), dt, prior })
+    check_covariance(states, |i, j| P[i * states + j]).map_err(SetupError::Belief)
 }
 
 /// What a sample adds over a whole step.

@@ -28,6 +28,8 @@ pub struct SampleInput<'a> {
     pub z: f64,
     /// What the caller gives of effects.
     pub effects: Option<&'a EffectColumns<'a>>,
+    /// And of the suspects of a watch.
+    pub suspects: Option<&'a EffectColumns<'a>>,
 }
 
 /// Effects over a step, one number for each.

@@ -6,6 +6,7 @@ use ekf_core::structured::cwpa::CwpaBlock;
 use ekf_core::structured::errors_in_variables::AciCorrected;
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::{Plain, Row};
+use ekf_core::structured::watch::Passage;
 use ekf_core::structured::whitening::Score;
 
 /// The motion's states first, then `M` parameters.
@@ -55,6 +56,11 @@ pub trait Block<V: Row, const M: usize>: Copy {
     /// The newest innovation as its monitors see it; `None` of blocks that have no whitening.
     #[must_use]
     fn score(&self) -> Option<Score<V::Number>> {
+        None
+    }
+
+    /// What the newest step did to errors of the mean, for a watch; `None` of blocks that cannot have one.
+    fn passage(&mut self) -> Option<&mut Option<Passage<V::Number, M>>> {
         None
     }
 }
@@ -108,5 +114,9 @@ impl<const N: usize, const M: usize> Block<Plain<f64, M>, M> for AciCorrected<f6
 
     fn score(&self) -> Option<Score<f64>> {
         self.score
+    }
+
+    fn passage(&mut self) -> Option<&mut Option<Passage<f64, M>>> {
+        Some(&mut self.passage)
     }
 }
