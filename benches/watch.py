@@ -88,7 +88,7 @@ class Hour:
         middle, _ = effects(halfway, self.v, self.temperature, self.t - 0.5 / RATE)
         columns = np.stack([before, middle, here], axis=1)
         P0 = np.diag([1e-8, 1e-4, START**2, START**2])
-        scales = [find(name).scale for name in SUSPECTS]
+        scales = [find(name).prior.typical for name in SUSPECTS]
         filtered = fixed_rate_with_effects(
             dt=1.0 / RATE, q=self.noise**2 / 2.0, r_position=self.reading**2, x0=self.start, P0=P0,
             choice=replace(FACTORED, scores=True), watch=(scales, round(BETWEEN_STARTS * RATE)),

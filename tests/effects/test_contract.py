@@ -167,7 +167,7 @@ def test_the_card_is_complete(effect):
     assert effect.experiment == effect.line("Separate by")
     assert effect.unit
     assert effect.symbol
-    assert effect.source
+    assert effect.prior.source
     assert effect.prior.scale > 0.0
     mentioned = re.findall(r"\b[a-z]+_[a-z_]+[a-z]\b", effect.line("Easily confused with"))
     assert set(mentioned) <= {*IDENTIFIERS, "a_y", "a_z"}

@@ -63,7 +63,7 @@ def test_loading_again_takes_the_file_as_it_is_now(write):
 
 
 ONE = '@effect("own", unit="1", symbol="c", scale=1.0)\ndef own(s):\n    return {}\n'
-HEAD = "import numpy as np\nfrom accelcal.effects import Search, Shape, Variable, effect, family\n"
+HEAD = "import numpy as np\nfrom accelcal.effects import Search, Shape, SizePrior, Variable, effect, family\n"
 
 
 @pytest.mark.parametrize(
@@ -87,9 +87,9 @@ HEAD = "import numpy as np\nfrom accelcal.effects import Search, Shape, Variable
             "1 of its 1 columns cannot be a coarser",
         ),
         (
-            HEAD + ONE.format("s.a").replace('unit="1"', 'unit="1", search=Search(prior=(1.0, 0.0))'),
+            HEAD + ONE.format("s.a").replace("scale=1.0", "scale=SizePrior(0.0, mean=1.0)"),
             3,
-            "needs a mean and a positive",
+            "needs a finite mean and a positive",
         ),
         (
             HEAD + ONE.format("s.a").replace('unit="1"', 'unit="1", shapes={"tau": Shape("s", (1, 2))}'),

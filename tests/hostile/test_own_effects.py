@@ -21,6 +21,7 @@ from accelcal.effects import (
     EffectsFileError,
     ExpressionError,
     Shape,
+    SizePrior,
     effect,
     find,
     from_expression,
@@ -360,7 +361,7 @@ def test_an_effect_is_looked_at_however_it_was_made(kind, way):
     elif way == "replaced":
         made = dataclasses.replace(find("cubic"), name="own", function=function)
     else:
-        made = Effect("own", "1", "output", "sensor", "c", 1.0, "", function, {})
+        made = Effect("own", "1", "output", "sensor", "c", SizePrior(1.0), function, {})
     with pytest.raises(EffectsFileError, match=said) as caught:
         made.column(probe(()))
     assert ("effect 'own'" if way == "no function" else f"{__file__}, line ") in str(caught.value)
@@ -374,15 +375,15 @@ def test_an_effect_is_looked_at_however_it_was_made(kind, way):
         ({"name": 1}, "needs a name of letters"),
         ({"unit": "m\n"}, "needs a unit of at most"),
         ({"symbol": "x" * 201}, "needs a symbol of at most"),
-        ({"source": None}, "needs a source of at most"),
-        ({"scale": float("nan")}, "typical size nan"),
-        ({"scale": -1.0}, "typical size -1"),
+        ({"prior": SizePrior(1.0, None)}, "needs a source of at most"),
+        ({"prior": SizePrior(float("nan"))}, "typical size nan"),
+        ({"prior": SizePrior(-1.0)}, "typical size -1"),
         ({"shapes": {"w": Shape("s", (0.0, 1.0), spacing="log")}}, "begin above 0"),
         ({"shapes": {"w": Shape("s", (1.0, 0.0))}}, "has no bounds of w"),
     ],
 )
 def test_a_declaration_that_no_model_holds_is_refused_however_it_was_made(declared, said):
-    given = {"name": "own", "unit": "1", "symbol": "c", "scale": 1.0, "source": "", "shapes": {}} | declared
+    given = {"name": "own", "unit": "1", "symbol": "c", "prior": SizePrior(1.0), "shapes": {}} | declared
     with pytest.raises(EffectsFileError, match=said):
         Effect(port="output", owner="sensor", function=lambda s, w=1.0: s.a, **given)
 
@@ -390,8 +391,8 @@ def test_a_declaration_that_no_model_holds_is_refused_however_it_was_made(declar
 def test_effects_of_accelcal_are_not_looked_at_again():
     for known in BUILT_IN:
         assert not isinstance(known.function, Guarded), known.name
-    own = Effect("own", "1", "output", "sensor", "c", 1.0, "", lambda s: s.a, {})
-    assert dataclasses.replace(own, scale=2.0).function is own.function
+    own = Effect("own", "1", "output", "sensor", "c", SizePrior(1.0), lambda s: s.a, {})
+    assert dataclasses.replace(own, prior=SizePrior(2.0)).function is own.function
 
 
 def test_an_extra_that_misbehaves_is_refused_by_name():

@@ -14,7 +14,7 @@ import pytest
 import accelcal as ac
 from accelcal._support.result import Result
 from accelcal.data.rig import Uncertainty
-from accelcal.effects import CATALOGUE, find, names
+from accelcal.effects import CATALOGUE, SizePrior, find, names
 from accelcal.estimation.engines import ForwardFilter
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.tracks import track
@@ -145,7 +145,7 @@ def test_a_field_cannot_be_set_and_the_error_says_what_to_do(objects: dict[str, 
 
 
 def test_an_effect_of_nobodys_catalogue_is_not_pickled(objects: dict[str, Any]) -> None:
-    strange = dataclasses.replace(find("cubic"), scale=2.0)
+    strange = dataclasses.replace(find("cubic"), prior=SizePrior(2.0))
     with pytest.raises(pickle.PicklingError, match="load_effects"):
         pickle.dumps(strange)
 

@@ -199,9 +199,9 @@ def card(effect: Effect) -> str:
     lines += [f"- {label}: {text}" for label in CARD if (text := effect.line(label))]
     lines.append(f"- Unit of {effect.symbol}: {effect.unit}; owner: {effect.owner}; {PORTS[effect.port]}.")
     prior = effect.prior
-    known = f"{prior.mean:g} ± {prior.scale:g}" if prior.mean else f"{prior.scale:g}"
+    size = f"{prior.mean:g} ± {prior.scale:g}" if prior.mean else f"{prior.scale:g}"
     worse = "".join(f", as likely {m:g} times as large" for m in prior.tails[1:])
-    lines.append(f"- Prior of its size: {known} ({prior.source}){worse}.")
+    lines.append(f"- Prior of its size: {size} ({prior.source}){worse}.")
     for label, refined in (("Refined by likelihood", True), ("Range fixed at fit time", False)):
         shapes = [f"{name} ({shape.unit})" for name, shape in effect.shapes.items() if shape.refined is refined]
         if shapes:

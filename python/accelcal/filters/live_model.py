@@ -254,11 +254,9 @@ class LiveModel:
                 f"the model has {m}: drop some, or hold some at a value."
             )
         moving = {**processes, **(gauss_markov or {})}
-        unknown = sorted(set(moving) - set(self.names))
-        if unknown:
+        if unknown := sorted(set(moving) - set(self.names)):
             raise AccelcalError(f"gauss_markov: {', '.join(unknown)} not in the model; it has {', '.join(self.names)}.")
-        refused = unsupported(rig.filters, "a live filter")
-        if refused:
+        if refused := unsupported(rig.filters, "a live filter"):
             raise AccelcalError(refused)
         beliefs = [belief(model, terms[name], processes) for name in self.names]
         spread = np.diag([prior.std**2 for prior in beliefs])
@@ -266,8 +264,7 @@ class LiveModel:
             spread[: len(covariance), : len(covariance)] = covariance
         self._tau = tau = rig.lowpass.tau if rig.lowpass is not None else 0.0
         # Behind a low-pass the filter's motion lags: it begins tau v behind the stage.
-        lag = -tau * speed**2
-        self._motion = np.array([[DIFFUSE * r_position + (tau * speed) ** 2, lag], [lag, speed**2]])
+        self._motion = DIFFUSE * r_position * np.diag([1.0, 0.0]) + np.outer([-tau, 1.0], [-tau, 1.0]) * speed**2
         """Covariance of position and velocity where a filter begins."""
         self.settings: dict[str, Any] = {
             "dt": 1.0 / rate,
@@ -278,7 +275,7 @@ class LiveModel:
             "parameters": [moving.get(name) for name in self.names],
             "choice": replace(FACTORED, order=order, scores=True),
             "gate": gate,
-            "watch": ([term.effect.scale for term in self._suspects], math.ceil(BETWEEN_STARTS * rate)),
+            "watch": ([term.effect.prior.typical for term in self._suspects], math.ceil(BETWEEN_STARTS * rate)),
         }
         """Those of `fixed_rate_with_effects`; the start is that of the last beginning."""
         self._prior_at(position, np.array([prior.mean for prior in beliefs]), spread)
@@ -563,7 +560,7 @@ def suspect_of(name: str) -> Effect:
     if tuple(effect.shapes) != ("instant",) or not effect.traits.changes:
         return effect
     steps = find(effect.traits.changes)
-    return replace(steps, name=effect.name, symbol=effect.symbol, scale=effect.scale)
+    return replace(steps, name=effect.name, symbol=effect.symbol, prior=effect.prior)
 
 
 def watchable(model: Model, channels: Collection[str]) -> tuple[str, ...]:

@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from scipy import special
+from scipy import optimize, special
 
 from accelcal.data import Array
 from accelcal.data.arrays import VANISHING
@@ -53,6 +54,48 @@ def entry_gains(
     significant = 2.0 * float(special.gammainccinv(dof / 2.0, tail))
     price = dof * math.log(max(blocks, 2)) + 2.0 * math.log(max(examined, 2) * comparisons)
     return significant, INDEPENDENT_PIECES * math.expm1(price / INDEPENDENT_PIECES)
+
+
+def size_given_choice(z: float, threshold: float, share: float = 1.0) -> tuple[float, float, float]:
+    """Median-unbiased size of an effect that entered because its estimate exceeded a threshold, and the ends of its
+    exact 95 % interval, all in standard deviations of the estimate.
+
+    Parameters
+    ----------
+    z : the estimate.
+    threshold : what the estimate from the part that chose it had to exceed, on either side.
+    share : of its information, that of that part; 1 where it is fitted to the data that chose it.
+
+    Notes
+    -----
+    Distribution of an estimate given its selection (Lee et al. 2016; of a part, Tian and Taylor 2018): the normal
+    density of z times the probability that the part exceeds the threshold. The medians of the first are Hedges's
+    (1984) and Zhong and Prentice's (2008).
+
+    Examples
+    --------
+    >>> [round(x, 2) for x in size_given_choice(4.5, 4.2)]
+    [2.43, -0.24, 6.14]
+    >>> [round(x, 2) for x in size_given_choice(8.0, 4.2)]
+    [8.0, 6.02, 9.96]
+    """
+    edge, z = threshold / math.sqrt(share), abs(z)
+    far = max(z, edge) + 20.0
+    ends = sorted({-far, -edge, edge, z, far})
+    u = np.concatenate([np.linspace(*pair, 2000) for pair in pairwise(ends)])
+    width = math.sqrt(max(1.0 - share, 1e-12) / share)
+    passed = special.ndtr((u - edge) / width) + special.ndtr((-u - edge) / width)
+    beyond = 2000 * ends.index(z)
+
+    def above(size: float) -> float:
+        exponent = -0.5 * (u - size) ** 2
+        density = passed * np.exp(exponent - np.max(exponent[passed > 0.0]))
+        return float(np.trapezoid(density[beyond:], u[beyond:]) / np.trapezoid(density, u))
+
+    def size_at(share_above: float) -> float:
+        return float(optimize.brentq(lambda size: above(size) - share_above, -z - 8.0, z + 8.0))
+
+    return size_at(0.5), size_at(0.025), size_at(0.975)
 
 
 def saturated(gain: float) -> float:
