@@ -35,7 +35,7 @@ def test_the_page_is_what_the_module_prints():
 
 
 def test_a_page_with_another_value_is_noticed():
-    changed = PAGE.replace("| 4.5 nat |", "| 4.6 nat |")
+    changed = PAGE.replace("| 0.99 probability |", "| 0.98 probability |")
     assert changed != PAGE
     assert with_printed("method.md", changed) == PAGE
 

@@ -42,7 +42,7 @@ def scores(names: tuple[str, str], d: float, correlation: float, noise: float = 
 @pytest.mark.parametrize(("d", "tied"), [(10.0, True), (20.0, False), (60.0, False)])
 def test_a_rival_that_looks_alike_is_tied_until_the_record_decides(d: float, tied: bool) -> None:
     """At a correlation of 0.97 the rival explains 6 % less: 3 at d = 10, 106 at d = 60 in log-evidence."""
-    members = confounding_class(scores(("cubic", "odd_quadratic"), d, 0.97), PLAIN, 0, (), RULES)
+    members = tuple(confounding_class(scores(("cubic", "odd_quadratic"), d, 0.97), PLAIN, 0, (), RULES))
     assert members == (("cubic", "odd_quadratic") if tied else ("cubic",))
 
 

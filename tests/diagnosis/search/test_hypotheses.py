@@ -61,7 +61,8 @@ def test_errors_of_a_position_are_offered_where_one_is_read(plain: Simulated, re
 def test_a_function_of_time_pays_for_more_comparisons_next_to_a_random_process(plain: Simulated) -> None:
     state = fitted(plain, np.zeros_like)
     random_process = Model.linear().add("bias_random_walk", shapes={"bias_random_walk": {"start": 0.0, "length": 40.0}})
-    for name, more in (("bias_step", 100), ("warm_up", 100), ("cubic", 1)):
+    columns = sum(term.effect.name == "bias_random_walk" for term in random_process.terms)
+    for name, more in (("bias_step", columns), ("warm_up", columns), ("cubic", 1)):
         alone, beside = (
             next(item.comparisons for item in hypotheses_for(state, model) if item.effect.name == name)
             for model in (Model.linear(), random_process)
