@@ -23,14 +23,16 @@ from accelcal.diagnosis.checks import disturbance, slow_residual, stretches_of
 from accelcal.diagnosis.clean_fit import RejectedReadings, clean_fit, run_outlier_tests
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
 from accelcal.diagnosis.evidence import Evidence, largest_wave
+from accelcal.diagnosis.experiment.detectability import rules_for
 from accelcal.diagnosis.faults import Examined, TimeSpan, examine
-from accelcal.diagnosis.findings import Confounded, in_model
+from accelcal.diagnosis.findings import Confounded, chosen, entry_sigmas, in_model
 from accelcal.diagnosis.noise.fitted import noise_scores, require_noise_shown, with_noise_effects
 from accelcal.diagnosis.noise.noise_test import POSITION_JUMPS
 from accelcal.diagnosis.one_axis import require_motion_above_noise, require_one_axis
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, SHOWN_SIGMA, VALIDATION_SIGMA
 from accelcal.diagnosis.runs import RunValues, runs_disagree, values_by_run
-from accelcal.diagnosis.search.hypotheses import lacks_its_position, may_be_refined
+from accelcal.diagnosis.search.beam import SearchRules
+from accelcal.diagnosis.search.hypotheses import hypotheses_for, lacks_its_position, may_be_refined
 from accelcal.diagnosis.search.refine import together
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.select.curve_formulas import FormulaSet, formulas_of
@@ -496,13 +498,22 @@ def add(
             grown, solution = fitted(model, runs, within(progress, 0.9, 0.95), **how)
     require_distinguished_from_bias(names, solution.model)
     require_noise_shown(grown, names)
-    shown = [*replaced, *barely_shown(grown, names), *(remark("beside_others", effect=name) for name in unseen)]
+    entry = dict[str, float]() if states is None else dict.fromkeys(names, entry_sigma(states, fit.model, extra))
+    allowed = chosen(grown, entry | entry_sigmas(fit, grown))
+    unshown = [remark("beside_others", effect=name) for name in unseen]
+    shown = [*replaced, *barely_shown(grown, names), *allowed, *unshown]
     lost = [name for name in names if find(name).port == "noise" and not solution.converged]
     lost += [name for name, size in waves.items() if max(in_model(grown, Confounded(name, (name,), ""), {}).std) > size]
     if lost:
         why = "the fit does not determine its size" if solution.converged else "the fit with it does not settle"
         raise AccelcalError(f"{lost[0]!r} cannot be added: {why}; `accelcal power` says what the record can show")
     return remembered(replace(grown, remarks=(*broken, *grown.remarks, *shown)), recordings)
+
+
+def entry_sigma(states: Sequence[RunState], model: Model, extra: Sequence[Effect] | None) -> float:
+    """Standard deviations above which runs fitted with a model name an effect that it lacks."""
+    examined = len(hypotheses_for(states[0], model, extra, others=states[1:]))
+    return rules_for(states[0], examined, FAMILYWISE_ALPHA).entry_sigma
 
 
 def require_distinguished_from_bias(names: Sequence[str], model: Model) -> None:
@@ -598,6 +609,18 @@ def barely_shown(fit: Fit, names: Sequence[str]) -> list[Remark]:
     ]
 
 
+def refit(
+    before: Fit,
+    recordings: Recording | Dwells | Sequence[Recording | Dwells | Positions],
+    model: Model,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Fit:
+    """Fit a model in the manner of an earlier fit, sizes of effects allowing for their choice as there."""
+    method: Any = before.engine.name
+    again = fit(recordings, model, method=method, origins=before.origins, progress=progress)
+    return replace(again, remarks=(*again.remarks, *chosen(again, entry_sigmas(before, again))))
+
+
 @checked
 @one_thread
 def drop(
@@ -625,7 +648,8 @@ def drop(
     model = model_in_motion(fit).drop(*names)
     origins, engine = fit.origins, fit.engine
     left, _ = fitted(model, runs, within(progress, 0.0, 0.9), origins=origins, engine=engine)
-    return remembered(replace(left, remarks=(*broken, *left.remarks)), recordings)
+    allowed = chosen(left, entry_sigmas(fit, left))
+    return remembered(replace(left, remarks=(*broken, *left.remarks, *allowed)), recordings)
 
 
 @checked
@@ -744,6 +768,8 @@ def improve(
     if unseen is None:  # the held-out end has done its work: the model is that of the whole record
         whole = clean_fit(original, lambda these: solve(best.model, these, stretch, finish))
         best = replace(with_noise_effects(result(whole.solution), original, whole.solution.states), tilt=best.tilt)
+    entry = SearchRules(last.scan.examined, last.scan.blocks, alpha).entry_sigma
+    best = replace(best, remarks=(*best.remarks, *chosen(best, dict.fromkeys(best.model.added, entry), steps[-1].fit)))
     return Improvement(tuple(steps), best, last, tuple(selection.classes), selection.examined, holdout is None)
 
 

@@ -233,10 +233,8 @@ def freeze(
     def again(
         fitted: Fit, recordings: list[data.Recording | data.Dwells | data.Positions], report: Callable[[float], None]
     ) -> Fit:
-        chosen = fitted.model.release(*(release or ())).freeze(**held)
-        return verbs.fit(
-            recordings, chosen, method=cast("Method", fitted.engine.name), origins=fitted.origins, progress=report
-        )
+        model = fitted.model.release(*(release or ())).freeze(**held)
+        return verbs.refit(fitted, recordings, model, report)
 
     refit(again, model, runs, rig, effects_file, output, json, then=("diagnose", output, *runs))
 

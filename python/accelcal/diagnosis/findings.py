@@ -11,14 +11,21 @@ from scipy import special
 
 from accelcal.data import in_usual_unit
 from accelcal.diagnosis.noise.noise_test import NoiseTest
+from accelcal.diagnosis.search.beam import size_given_choice
 from accelcal.diagnosis.search.confounding import DetectedEffect, Weights
 from accelcal.diagnosis.search.homogeneity import PartSizes
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.search.scores import log_survival
 from accelcal.effects import CATALOGUE, HARMONICS, find
 from accelcal.estimation.estimate import Fit
+from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, evaluate
+
+NAMED_SURELY = 6.0
+"""Standard deviations from which the choice of an effect makes no difference to its size."""
+NORMAL_95 = 1.96
+"""Half of a 95 % interval in standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,6 +232,55 @@ def in_model(fit: Fit, group: Confounded, sizes: Mapping[str, Size]) -> Finding:
         sizes.get(name),
         wave=wave_of(fit.model, name),
     )
+
+
+def chosen(fit: Fit, thresholds: Mapping[str, float], chosen_by: Fit | None = None) -> list[Remark]:
+    """Remarks on effects of one coefficient that the recordings of a fit named at fewer than `NAMED_SURELY` standard
+    deviations: their sizes allowing for that choice.
+
+    Parameters
+    ----------
+    fit : with the effects.
+    thresholds : standard deviations above which its recordings named each effect.
+    chosen_by : the fit to the part that named them; by default to all.
+    """
+    owners = {term.name: term.effect for term in fit.model.terms}
+    stds = {e.name: e.std for e in (chosen_by or fit).free}
+    notes = []
+    for e in fit.free:
+        effect = owners.get(e.name)
+        if effect is None or e.name not in thresholds or effect.port in ("noise", "process") or effect.prior.mean:
+            continue
+        share = min(1.0, (e.std / stds.get(e.name, e.std)) ** 2)
+        sigma, threshold = abs(e.value) / e.std, thresholds[e.name]
+        if sigma >= NAMED_SURELY or sigma * math.sqrt(share) < threshold:
+            continue
+        size, low, high = (math.copysign(e.std, e.value) * x for x in size_given_choice(sigma, threshold, share))
+        low, high = sorted((low, high))
+        std = (high - low) / (2.0 * NORMAL_95)
+        notes.append(
+            remark(
+                "chosen",
+                effect=e.name,
+                sigma=sigma,
+                threshold=threshold,
+                size=size,
+                std=std,
+                low=low,
+                high=high,
+                interval=f"{in_usual_unit(low, e.unit)} to {in_usual_unit(high, e.unit)}",
+                text=in_usual_unit(size, e.unit),
+                raw=f"{in_usual_unit(e.value, e.unit)} ± {in_usual_unit(e.std, e.unit, 2)}",
+            )
+        )
+    return notes
+
+
+def entry_sigmas(before: Fit, fit: Fit) -> dict[str, float]:
+    """Standard deviations above which the recordings of an earlier fit named effects, where that matters for their
+    sizes; empty where another fit is to other recordings."""
+    notes = [note.values for note in before.remarks if note.code == "chosen" and before.sources == fit.sources]
+    return {str(values["effect"]): float(values["threshold"]) for values in notes}
 
 
 def wave_of(model: Model, name: str) -> dict[str, float]:

@@ -267,6 +267,27 @@ class Fit(Result):
         return max([factor * e.std, *halves])
 
     @property
+    def given_choice(self) -> Fit:
+        """The fit with the sizes of effects that its own recordings named, allowing for that choice: median-unbiased,
+        the other estimates as they follow from those; itself where nothing is allowed for."""
+        values = np.array([e.value for e in self.free])
+        names, C = [e.name for e in self.free], np.array(self.covariance)
+        for note in (note for note in self.remarks if note.code == "chosen"):
+            i = names.index(str(note.values["effect"]))
+            size, std = float(note.values["size"]), float(note.values["std"])
+            follow, v = C[:, i] / C[i, i], C[i, i]
+            values = values + follow * (size - values[i])
+            C += np.outer(follow, follow) * (std**2 - v)
+        if np.array_equal(C, self.covariance):
+            return self
+        allowed = iter(zip(values.tolist(), np.sqrt(np.diag(C)).tolist(), strict=True))
+        estimates = [
+            e if e.name in self.model.fixed else replace(e, **dict(zip(("value", "std"), next(allowed), strict=True)))
+            for e in self.estimates
+        ]
+        return replace(self, estimates=tuple(estimates), covariance=C)
+
+    @property
     def log_likelihood(self) -> float:
         """Innovation log-likelihood of all runs; dwells are not in it."""
         return sum(run.log_likelihood for run in self.runs)

@@ -270,6 +270,12 @@ KINDS: dict[str, Kind] = {
         "{effect} is {sigma:.1f} standard deviations from zero, where {expected:g} are expected of an effect that is "
         "there: drop it, or fit a record that separates it, by {experiment}",
     ),
+    "chosen": Kind(
+        "beside",
+        "{effect}: these recordings named it at {sigma:.1f} standard deviations, where {threshold:.1f} are needed, and "
+        "estimates that are named are too large on average. Allowing for that choice its size is {text}, 95 %: "
+        "{interval}; the estimate alone is {raw}",
+    ),
     "replaced": Kind("beside", "{process} was taken out: {effect} explains what it did"),
     "beside_others": Kind("beside", "the record shows nothing of {effect} beside the other processes: drop it"),
     "not_fitted": Kind("beside", "{text}"),

@@ -100,6 +100,7 @@ def parameter_rows(fit: Fit, *, in_full: bool = False) -> tuple[Row, ...]:
     An effect with more than MOST_COLUMNS coefficients is one row, unless `in_full`. Columns of a curve that are held at
     zero, because a simpler curve suffices, are no parameters.
     """
+    fit = fit.given_choice
     unused = [e for e in fit.estimates if e.std <= 0.0 and e.value == 0.0 and find(owner_of(e)).family]
     named = {e.name: e for e in fit.estimates if e not in unused}  # a time offset of each run is no curve
     counts = Counter(map(owner_of, named.values()))

@@ -272,6 +272,7 @@ def calibrate(fit: Fit, *, without: Sequence[str] = (), source: str = "") -> Cal
         If effects of the sensor have no place in a function of one reading, or the model cannot be inverted.
     """
     require_finite({f"the estimate of {e.name}": e for e in fit.estimates} | {"the covariance": fit.covariance})
+    fit = fit.given_choice
     require_finite({"the declared rig": fit.rig, "the range of the fit": fit.validity, "an origin": fit.origins})
     require_covariance(fit.covariance)
     curve = characteristic(fit)

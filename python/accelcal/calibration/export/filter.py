@@ -74,6 +74,7 @@ def live_filter(fit: Fit, rate: float, *, position: float = 0.0) -> LiveModel:
     """
     require_finite({f"the estimate of {e.name}": e for e in fit.estimates} | {"the covariance": fit.covariance})
     require_covariance(fit.covariance)
+    fit = fit.given_choice
     start = live_start(fit, fit.rig)
     model = with_held_as_states(start.model)
     return LiveModel(

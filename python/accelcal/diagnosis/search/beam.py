@@ -153,6 +153,11 @@ class SearchRules:
     alpha: float
 
     @property
+    def entry_sigma(self) -> float:
+        """Standard deviations at which an effect of one coefficient enters."""
+        return math.sqrt(max(entry_gains(self.examined, self.blocks, self.alpha)))
+
+    @property
     def threshold(self) -> float:
         """Log probability below which one of the alternatives is significant."""
         return math.log(self.alpha / max(1, self.examined))
