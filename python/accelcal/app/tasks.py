@@ -37,7 +37,6 @@ from accelcal.response import FrequencyResponse, frequency_response
 from accelcal.results import model_file
 from accelcal.results.json import content as content_of
 from accelcal.results.words import with_unit
-from accelcal.signals.signals import Origins
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.validation.comparison import Evaluation
 from accelcal.validation.differences import Comparison
@@ -50,6 +49,7 @@ from accelcal.verbs import (
     drop,
     fit,
     model_in_motion,
+    refit,
     run_values,
     used_runs,
 )
@@ -166,9 +166,14 @@ def check(
     return replace(shortest, remarks=tuple(noticed.values())[::-1]), quality.describe(rest[0])
 
 
-def fitted(model: Model, train: Data, origins: Origins | None, *, progress: Report) -> Fit:
+def fitted(model: Model, train: Data, *, progress: Report) -> Fit:
     """Fit a model."""
-    return fit(list(train), model, origins=origins, progress=progress)
+    return fit(list(train), model, progress=progress)
+
+
+def refitted(before: Fit, train: Data, model: Model, *, progress: Report) -> Fit:
+    """Fit a model in the manner of an earlier fit."""
+    return refit(before, list(train), model, progress)
 
 
 def added(before: Fit, train: Data, name: str, own_names: Sequence[str], *, progress: Report) -> Fit:

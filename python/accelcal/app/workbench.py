@@ -488,7 +488,7 @@ class Workbench:
         name, train = change.name, state.train
         if change.kind == "base":
             base = {"linear": Model.linear, "cubic": Model.cubic}[name]()
-            fit: Fit = self._done(tasks.fitted, base, train, None, progress=progress)
+            fit: Fit = self._done(tasks.fitted, base, train, progress=progress)
             return fit
         before = fitted(state).fit
         if change.kind == "add":
@@ -498,7 +498,7 @@ class Workbench:
         else:
             held = change.kind == "hold"
             model = before.model.freeze(**{name: change.value}) if held else before.model.release(name)
-            fit = self._done(tasks.fitted, model, train, before.origins, progress=progress)
+            fit = self._done(tasks.refitted, before, train, model, progress=progress)
         return fit
 
     def _grown(self, state: State, change: Change, progress: Report) -> State:

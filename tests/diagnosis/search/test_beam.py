@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 import accelcal as ac
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.search.beam import BlockScatter
+from accelcal.diagnosis.search.beam import BlockScatter, size_given_choice
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
 from accelcal.diagnosis.search.refine import between_trials
 from accelcal.diagnosis.search.scan import scan
@@ -84,3 +85,50 @@ def test_shapes_between_two_trials_are_tried_where_they_may_come_first(plain: Si
         assert known[known.index(low) + 1] == high
         assert item.shape["instant"] == pytest.approx(0.5 * (low + high))
     assert between_trials(evidence, "bias_step", math.inf) == []
+
+
+ENTRY = 4.2
+"""Standard deviations at which an effect enters in the worlds below."""
+
+
+def named_estimates(d: float, share: float, rng: np.random.Generator, count: int) -> Array:
+    """Estimates of an effect `d` from zero from a whole record, of which a part has named it; (count,)."""
+    part = math.sqrt(share) * d + rng.standard_normal(100_000)
+    rest = math.sqrt(1.0 - share) * d + rng.standard_normal(100_000)
+    whole = math.sqrt(share) * part + math.sqrt(1.0 - share) * rest
+    chosen = whole[(np.abs(part) > ENTRY) & (whole > 0.0)]
+    return chosen[:count]
+
+
+@pytest.mark.parametrize("share", [1.0, 0.8])
+def test_sizes_of_named_effects_are_median_unbiased_and_their_intervals_hold(share: float) -> None:
+    """300 named effects at each of d = 3, 4, 5, 6; at each 41-59 % of the sizes above the truth, 93-97 % of all 1200
+    intervals with it (false alarm 0.7 % in all). The estimates alone, the twin, are above it in more than 59 %."""
+    rng = np.random.default_rng(4117)
+    grid = np.linspace(0.5, 14.0, 140) if share < 1.0 else ENTRY + np.geomspace(1e-6, 10.0, 140)
+    table = np.array([size_given_choice(z, ENTRY, share) for z in grid])
+    held, above, ratios = [], {}, {}
+    for d in (3.0, 4.0, 5.0, 6.0):
+        z = named_estimates(d, share, rng, 300)
+        size, low, high = (np.interp(z, grid, column) for column in table.T)
+        held.append((low < d) & (d < high))
+        above[d], ratios[d] = float(np.mean(size > d)), float(np.mean(z) / d)
+        assert len(z) == 300
+        if d < 5.0:
+            assert np.mean(z > d) > 0.59
+    cover = float(np.mean(np.concatenate(held)))
+    print(f"above the truth {above} (0.41 to 0.59), cover {cover:.3f} of 1200 (0.93 to 0.97), raw over truth {ratios}")
+    assert all(0.41 <= part <= 0.59 for part in above.values())
+    assert 0.93 <= cover <= 0.97
+    assert ratios[3.0] > 1.4
+    assert ratios[4.0] > 1.15
+
+
+def test_a_size_given_its_choice_is_that_of_the_closed_form() -> None:
+    def beyond(z: float, size: float) -> float:
+        return ndtr(size - z) / (ndtr(-ENTRY - size) + ndtr(size - ENTRY))
+
+    for z in (4.3, 5.0, 7.0):
+        for size, expected in zip(size_given_choice(z, ENTRY), (0.5, 0.025, 0.975), strict=True):
+            assert beyond(z, size) == pytest.approx(expected, abs=2e-3)
+    assert size_given_choice(9.0, ENTRY)[0] == pytest.approx(9.0, abs=1e-2)
