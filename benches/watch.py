@@ -174,7 +174,7 @@ def live(run: int, seed: int) -> dict[str, Any]:
     rows = np.asarray(followed._filter.evidence)
     return {
         "z": (rows[:, 4] / np.sqrt(np.maximum(rows[:, 5], 1e-300))).tolist(),
-        "named": sorted(named),
+        "named": sorted(reached),
         "noise": hour.noise,
     }
 

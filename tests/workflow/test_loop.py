@@ -161,7 +161,7 @@ def test_a_diagnosis_has_its_documented_keys(nonlinear):
     keys = {"schema", "verdict", "sentence", "effects", "classes", "inseparable", "breaks", "used", "suspect", "scan"}
     assert keys | {"where", "importance"} <= set(content)
     first = content["scan"]["candidates"][0]
-    assert {"effect", "estimate", "unit", "std", "p_value", "p_raw", "log_evidence", "weights"} <= set(first)
+    assert {"effect", "estimate", "unit", "std", "p_value", "p_raw", "log_evidence", "members", "weights"} <= set(first)
     assert first["effect"] == "quadratic"
     assert abs(first["estimate"][0] - 1e-3) < 4.5 * first["std"][0]
     evidence = [c["log_evidence"] for c in content["scan"]["candidates"]]

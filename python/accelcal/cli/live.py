@@ -223,7 +223,7 @@ class Screen(Lines):
 
         super().__init__(source, REFRESH)
         self._live = Live(auto_refresh=False)
-        self._alarms: deque[measuring.Alarm | measuring.Naming] = deque(maxlen=MOST_ALARMS)
+        self._alarms: deque[measuring.Alarm] = deque(maxlen=MOST_ALARMS)
 
     def __enter__(self) -> Self:
         self._live.__enter__()
@@ -239,8 +239,9 @@ class Screen(Lines):
         self._live.update(picture(state, self.source, list(self._alarms)), refresh=True)
 
     def alarm(self, alarm: measuring.Alarm | measuring.Naming, state: sessions.LiveState) -> None:
-        """Keep it for the next picture."""
-        self._alarms.append(alarm)
+        """Keep it for the next picture; what a watch names is in the state."""
+        if isinstance(alarm, measuring.Alarm):
+            self._alarms.append(alarm)
 
     def end(self, state: sessions.LiveState, ended: str) -> None:
         """Leave the last picture, and say why it is the last."""
@@ -249,7 +250,7 @@ class Screen(Lines):
         say_line(f"{self.source}: {ended}")
 
 
-def picture(state: sessions.LiveState, source: str, alarms: list[measuring.Alarm | measuring.Naming]) -> Group:
+def picture(state: sessions.LiveState, source: str, alarms: list[measuring.Alarm]) -> Group:
     """Parameters, innovations and counts, for a terminal."""
     from rich.console import Group
     from rich.table import Table

@@ -244,6 +244,10 @@ class Search:
     """An effect without which this one is not searched for."""
 
 
+DEGENERATE = 1e-12
+"""Share of the largest variance of an estimate below which a direction of it is not determined by a record."""
+
+
 @dataclass(frozen=True, slots=True)
 class SizePrior:
     """Distribution of an effect's size over sensors, before any record: a mixture of normal ones about `mean`, whose
@@ -263,13 +267,14 @@ class SizePrior:
         """A typical size, in the effect's unit."""
         return abs(self.mean) or self.scale
 
-    def log_evidence(self, estimate: Array, covariance: Array) -> float:
+    def log_evidence(self, estimate: Array, covariance: Array, gain: float | None = None) -> float:
         """Log of the probability of an estimate with this prior over that with size 0.
 
         Parameters
         ----------
         estimate : (m,) sizes of the columns, all of the same prior; of a random process its intensity.
         covariance : (m, m) of the estimate.
+        gain : twice the log-likelihood that the estimate gains over 0, where it is not that of its covariance.
 
         Notes
         -----
@@ -277,11 +282,12 @@ class SizePrior:
         """
         b, C = np.atleast_1d(estimate), np.atleast_2d(covariance)
         values, vectors = np.linalg.eigh(C)
-        good = values > 0.0
+        good = values > DEGENERATE * np.max(values)
         values, vectors = values[good], vectors[:, good]
-        z0, z = vectors.T @ b, vectors.T @ (b - self.mean)
+        z = vectors.T @ (b - self.mean)
+        gained = float(np.sum((vectors.T @ b) ** 2 / values)) if gain is None else gain
         s2 = (self.scale * np.array(self.tails)[:, None]) ** 2
-        terms = 0.5 * np.sum(z0**2 / values - z**2 / (s2 + values) - np.log1p(s2 / values), axis=1)
+        terms = 0.5 * (gained - np.sum(z**2 / (s2 + values) + np.log1p(s2 / values), axis=1))
         return float(np.logaddexp.reduce(terms) - math.log(len(self.tails)))
 
 
@@ -541,6 +547,8 @@ def effect(
     if owner not in get_args(Owner):
         raise AccelcalError(f"effect {name!r}: owner {owner!r} is none of {', '.join(get_args(Owner))}")
     prior = scale if isinstance(scale, SizePrior) else SizePrior(scale, source)
+    if not prior.tails or not all(0.0 < multiple < math.inf for multiple in prior.tails):
+        raise AccelcalError(f"effect {name!r}: tails = {prior.tails} of its size; expected positive multiples")
     if prior.mean and (len(parts) > 1 or port not in ("output", "position")):
         raise AccelcalError(f"effect {name!r}: only one constant coefficient can have a mean")
     if prior.mean and not (math.isfinite(prior.mean) and prior.scale > 0.0):

@@ -542,8 +542,9 @@ def _solved(
             else of_run
             for of_run, state in zip(solution.by_band, solution.states, strict=True)
         )
-        if trials != solution.by_band:
+        if tuple(map(best_band, trials)) != solution.chosen:
             solution = iterated(trials)
+        solution = replace(solution, by_band=trials)
     return replace(refine_shapes(solution), seen_by_runs=by_runs)
 
 

@@ -286,6 +286,7 @@ class LiveModel:
         self._columns, self._constant = np.zeros((3, m + len(self._suspects))), np.zeros(3)
         self._memories: list[list[float]] = [[] for _ in self._parts]
         self._side: dict[str, float] = {}
+        self._steps, self._holes = 0, list[tuple[int, float]]()
 
     def _prior_at(self, position: float, values: Array, covariance: Array, velocity: float = 0.0) -> None:
         """Set the prior: nothing known of the motion but the place, and the likely velocity."""
@@ -300,7 +301,7 @@ class LiveModel:
     def step(self, u: float, z: float | None = None, early: float = 0.0, **side: float) -> float | None:
         """Take in the next sample: output (m/s²), position (m) where it was read, side channels where they changed.
 
-        Side channels are in SI, temperature in degC; the last value holds. Position that was read `early` (s) before
+        Side channels are in SI, temperature in degC; the last value holds, NaN is none. Position that was read `early` (s) before
         the sample, by less than a step, is carried to it along the motion. Returns the innovation, m, or None.
 
         Raises
@@ -314,7 +315,7 @@ class LiveModel:
             raise AccelcalError(
                 f"{GRAVITY}: a live filter takes gravity along the axis as constant; give the rig's, and fit a record"
             )
-        self._side.update(side)
+        self._side.update({name: value for name, value in side.items() if not math.isnan(value)})
         self._require_side()
         self._filter.read(self._x, self._variances)
         signals, step, way = self.until(u, early)
@@ -323,6 +324,7 @@ class LiveModel:
         e = self._filter.step_with_effects(u - step.constant[2], z, step.columns, step.position_columns, step.slopes)
         self._columns, self._constant, self._memories = step.columns, step.constant, step.memories
         self._signals.advance(u, signals)
+        self._steps += 1
         return None if e is None else polarity * e
 
     def until(self, u: float, early: float = 0.0) -> tuple[Signals, Step, float]:
@@ -339,6 +341,7 @@ class LiveModel:
         the hole is long, the motion unknown but for the position (m) of the stage at the next sample and its likely
         velocity (m/s), `t` (s) after the first one."""
         gap = self._signals.restart(t)
+        self._holes.append((self._steps, gap))
         moving = np.array([rate_and_density(moves) for moves in self.settings["parameters"]])
         rates, q = moving.T
         stays = np.exp(-rates * gap)
@@ -414,9 +417,13 @@ class LiveModel:
     @property
     def watched(self) -> tuple[Suspicion, ...]:
         """What the innovations so far say for each suspect, in the order of `watch`."""
-        rows = self._filter.evidence.tolist()
+        rows, rate = self._filter.evidence.tolist(), 1.0 / self.settings["dt"]
+
+        def ago(since: float) -> float:
+            return since + sum(gap for steps, gap in self._holes if steps > self._steps - since * rate)
+
         return tuple(
-            Suspicion(term.name, term.unit, size, std, log_e, since)
+            Suspicion(term.name, term.unit, size, std, log_e, ago(since))
             for term, (log_e, size, std, since, *_) in zip(self._suspects, rows, strict=True)
         )
 
@@ -425,10 +432,12 @@ class LiveModel:
 
         Parameters
         ----------
-        alpha : probability that anything is named, at whatever time, while the model holds.
+        alpha : probability that anything is named, at whatever time, while the model holds and the noise of the output
+            is small beside the motion.
         """
-        ordered = sorted(self.watched, key=lambda suspicion: -suspicion.log_e)
-        if not ordered or ordered[0].log_e - math.log(len(ordered)) <= -math.log(alpha):
+        watched = (suspicion for suspicion in self.watched if math.isfinite(suspicion.log_e))
+        ordered = sorted(watched, key=lambda suspicion: -suspicion.log_e)
+        if not ordered or ordered[0].log_e - math.log(len(self._suspects)) <= -math.log(alpha):
             return ()
         weights = np.exp([suspicion.log_e - ordered[0].log_e for suspicion in ordered])
         return tuple(ordered[: int(np.searchsorted(np.cumsum(weights), CLASS_WEIGHT * np.sum(weights))) + 1])

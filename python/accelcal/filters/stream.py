@@ -297,6 +297,8 @@ def fixed_rate_with_effects(
     choice.refuse_consider("fixed_rate_with_effects")
     if choice.carrier == "factored" and choice.integrator != "exact":
         raise AccelcalError('fixed_rate_with_effects: UD factors need integrator="exact".')
+    if watch is not None and watch[0] and not choice.scores:
+        raise AccelcalError("fixed_rate_with_effects: a watch follows whitened innovations, scores=True of the choice.")
     choice = replace(choice, system="aci", model="linear", form="forward", interpolation="cubic")
     setup = core_setup(choice, q, r_position, None, None, tau, None, gate)
     effects = (rest, [rate_and_density(w) for w in processes])

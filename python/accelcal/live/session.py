@@ -67,6 +67,8 @@ class LiveState:
     """Of the newest block, where it has less noise than declared."""
     watched: tuple[Suspicion, ...] = ()
     """What the readings say for each suspect."""
+    naming: Naming | None = None
+    """Suspects that a watch has named, the newest."""
     outputs: int = 0
     readings: int = 0
     used: int = 0
@@ -81,9 +83,10 @@ class LiveState:
 
     @property
     def sentences(self) -> list[str]:
-        """What the declared noise of output and readings leads to."""
+        """What the declared noise of output and readings leads to, and what a watch has named."""
         share = "" if self.noise_share is None else self.noise_share.sentence
-        return [sentence for sentence in (share, self.remark) if sentence]
+        named = "" if self.naming is None else f"watch: {self.naming.sentence}"
+        return [sentence for sentence in (share, self.remark, named) if sentence]
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +129,7 @@ class LiveSession:
             resolution=settings.sharp_resolution, settling=1 if settings.begun else SETTLING
         )
         self._newest: Innovation | None = None
+        self._named: Naming | None = None
         self._t: float | None = None
         self._recorder = None if recording is None else _Recorder(recording, declared, self.lines)
         self._stack = ExitStack()
@@ -210,6 +214,7 @@ class LiveSession:
             alarms=monitor.alarms,
             remark=monitor.remark,
             watched=tracker.watched,
+            naming=self._named,
             outputs=tracker.outputs,
             readings=tracker.readings,
             used=counts.used,
@@ -235,6 +240,7 @@ class LiveSession:
         for alarm in self.monitor.add(readings):
             on_alarm(alarm)
         if (naming := self.tracker.naming()) is not None:
+            self._named = naming
             on_alarm(naming)
         if len(readings.t):
             self._newest = Innovation(float(readings.t[-1]), float(readings.e[-1]), float(readings.variance[-1]))

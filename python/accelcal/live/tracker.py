@@ -10,6 +10,7 @@ from typing import ClassVar, Literal, TypeVar, get_args
 
 import numpy as np
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Storable
 from accelcal.data import DERIVED, Array, Flags, RecordingError, Rig, unsupported
 from accelcal.data.units import concise
@@ -139,6 +140,8 @@ def settings_of(rig: Rig, fit: Fit | None = None, watch: tuple[str, ...] = ()) -
     tau = rig.lowpass.tau if rig.lowpass is not None else 0.0
     walk = rig.sensor.random_walk
     parameters = {"K0": GaussMarkov(walk**2)} if walk else {}
+    if fit is None and watch:
+        raise AccelcalError("live: a watch needs a fit, whose model it looks beyond; give a model file")
     if fit is None:
         q, r = declared_noise(rig)
         choice = _choice("linear")
@@ -1079,8 +1082,10 @@ class ModelTracker(Tracker):
         return () if self.live is None else self.live.watched
 
     def naming(self) -> Naming | None:
-        """Suspects of which one is there, where they are others than at the last call."""
-        named = () if self.live is None else self.live.named()
+        """Suspects of which one is there, where they are others than at the last call; none while the noise of the
+        output is more beside the motion than a correction can allow for."""
+        share = self.noise_share
+        named = () if self.live is None or (share is not None and share.sentence) else self.live.named()
         names = {suspicion.name for suspicion in named}
         if not names or names == self._named:
             return None

@@ -39,6 +39,7 @@ def entry_gains(
     *,
     dof: int = 1,
     comparisons: int = 1,
+    trials: int = 1,
 ) -> tuple[float, float]:
     """Gain that is significant over all alternatives, and gain that equals its price; an effect needs both.
 
@@ -49,10 +50,11 @@ def entry_gains(
     alpha : family-wise false-alarm rate.
     dof : coefficients of the effect.
     comparisons : alternatives among which the effect was selected before it was tried.
+    trials : shapes of it that are tried, which share its price and of which each is one of `examined`.
     """
     tail = alpha / (max(1, examined) * comparisons)
     significant = 2.0 * float(special.gammainccinv(dof / 2.0, tail))
-    price = dof * math.log(max(blocks, 2)) + 2.0 * math.log(max(examined, 2) * comparisons)
+    price = dof * math.log(max(blocks, 2)) + 2.0 * math.log(max(examined, 2) * max(comparisons, trials))
     return significant, INDEPENDENT_PIECES * math.expm1(price / INDEPENDENT_PIECES)
 
 
@@ -183,13 +185,13 @@ class SearchRules:
             return -math.inf
         credited = saturated(gain / inflation + cost) - cost
         covariance = covariance * gain / max(credited, VANISHING)
-        prior = item.effect.prior
-        surprise = 0.5 * float(estimate @ np.linalg.pinv(covariance, hermitian=True) @ estimate)
-        return prior.log_evidence(estimate, covariance) - surprise + 0.5 * credited - math.log(item.alternatives)
+        return item.effect.prior.log_evidence(estimate, covariance, credited) - math.log(item.alternatives)
 
     def required_gains(self, dof: int, item: Hypothesis) -> tuple[float, float]:
         """Gain at which a hypothesis is significant, and gain that is worth its price."""
-        return entry_gains(self.examined, self.blocks, self.alpha, dof=dof, comparisons=item.comparisons)
+        return entry_gains(
+            self.examined, self.blocks, self.alpha, dof=dof, comparisons=item.comparisons, trials=item.trials
+        )
 
     def best_set(self, evidence: CandidateScores, scatter: BlockScatter | None = None) -> tuple[int, ...]:
         """The set with the largest net gain, each member significant given all others, strongest first."""

@@ -6,10 +6,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from scipy import special
 
+from accelcal._support.result import Storable
 from accelcal.data import Array
 from accelcal.diagnosis.policy import (
     CLASS_WEIGHT,
@@ -48,8 +50,10 @@ class Weights:
 
 
 @dataclass(frozen=True, slots=True)
-class DetectedEffect:
+class DetectedEffect(Storable):
     """An effect that entered, with its confounding class and the experiment that separates the class."""
+
+    derived: ClassVar[tuple[str, ...]] = ("members",)
 
     effect: str
     shape: Mapping[str, float]
@@ -118,10 +122,11 @@ def confounding_class(
         value = rules.net_gain(gain, int(dofs[j]), rival, evidence.cost(j, others)) / 2.0
         if value > log_evidence.get(name, -math.inf):
             log_evidence[name], best[name] = value, j
+    weights_of_all = dict(zip(log_evidence, special.softmax(list(log_evidence.values())).tolist(), strict=True))
     members = credible_set(log_evidence)
     names = [item.effect.name, *(name for name in members if name != item.effect.name)]
     with_sizes = [rules.evidence_with_size(evidence, best[name], others, inflation) for name in names]
-    weights = map(Weights, (members.get(name, 0.0) for name in names), special.softmax(with_sizes).tolist())
+    weights = map(Weights, (weights_of_all.get(name, 0.0) for name in names), special.softmax(with_sizes).tolist())
     return dict(zip(names, weights, strict=True))
 
 

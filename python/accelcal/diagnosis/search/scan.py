@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -76,8 +76,10 @@ Verdict = Literal["adequate", "named", "tied", "shape", "unexplained", "too_shor
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class Candidate(Storable):
     """What one effect explains, given the model and the effects that entered before it."""
+
+    derived: ClassVar[tuple[str, ...]] = ("members",)
 
     effect: str
     shape: Mapping[str, float]
@@ -144,14 +146,15 @@ class Scan:
         return self.blocks >= VERDICT_LEAST_BLOCKS
 
     def nearest_rival(self, effect: str) -> str:
-        """The sentence on what explains most of the same as a named effect of the search; empty where nothing does."""
+        """The sentence on what explains most beside a named effect of the search; empty where nothing does."""
         ranked = {candidate.effect: candidate for candidate in reversed(self.candidates)}
         first = ranked.pop(effect, None)
         rival = max(ranked.values(), key=lambda rival: rival.log_evidence, default=None)
         if first is None or rival is None:
             return ""
         worse = first.log_evidence - rival.log_evidence
-        if worse < 0.5:  # the search found the effect otherwise than by its gain in this table
+        # The search may have found the effect otherwise than by its gain in this table.
+        if worse < 0.5 or rival.log_evidence <= 0.0:
             return ""
         return f" Its nearest rival is {rival.effect}, worse by {worse:.0f} in log-evidence."
 
