@@ -301,8 +301,9 @@ class LiveModel:
     def step(self, u: float, z: float | None = None, early: float = 0.0, **side: float) -> float | None:
         """Take in the next sample: output (m/s²), position (m) where it was read, side channels where they changed.
 
-        Side channels are in SI, temperature in degC; the last value holds, NaN is none. Position that was read `early` (s) before
-        the sample, by less than a step, is carried to it along the motion. Returns the innovation, m, or None.
+        Side channels are in SI, temperature in degC; the last value holds, NaN is none. Position that was read
+        `early` (s) before the sample, by less than a step, is carried to it along the motion. Returns the innovation,
+        m, or None.
 
         Raises
         ------

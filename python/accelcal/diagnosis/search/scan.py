@@ -10,6 +10,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from accelcal._support.result import Storable
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, VERDICT_LEAST_BLOCKS
 from accelcal.diagnosis.search.beam import BlockScatter, SearchRules, block_length, distance_for_gain
 from accelcal.diagnosis.search.confounding import (
