@@ -260,6 +260,18 @@ class Model(Result):
         return replace(self, per_run=tuple(n for n in self.per_run if n not in names))
 
     @checked
+    def with_priors(self, priors: Mapping[str, Prior]) -> Model:
+        """Return the model with normal priors of those of its free coefficients that are among `priors`.
+
+        Examples
+        --------
+        >>> Model.linear().with_priors({"bias": Prior(0.05, 1e-3), "cubic": Prior(0.0, 1e-3)}).priors
+        {'bias': Prior(mean=0.05, std=0.001)}
+        """
+        free = {term.name for term in self.free}
+        return replace(self, priors={**self.priors, **{n: prior for n, prior in priors.items() if n in free}})
+
+    @checked
     def freeze(self, **values: float) -> Model:
         """Return the model with some coefficients or shape parameters (creep.tau) held at given values (SI)."""
         shapes = {name: dict(shape) for name, shape in self.shapes.items()}

@@ -33,14 +33,14 @@ from accelcal.cli.common import (
     suggest,
     with_exit_codes,
 )
-from accelcal.cli.lazy import data, io, model_file, verbs
+from accelcal.cli.lazy import data, io, model_file, summary, verbs
 from accelcal.cli.overwriting import writing
 
 if TYPE_CHECKING:
     from accelcal.estimation.engines import Method
     from accelcal.estimation.estimate import Fit
     from accelcal.filters.choice import FilterChoice
-    from accelcal.model import Model
+    from accelcal.model import Model, Prior
 
 
 FittedRuns = Annotated[
@@ -76,6 +76,9 @@ def fit(
     vary: Annotated[
         list[str] | None, typer.Option("--vary", help="A parameter that differs from run to run; can be repeated.")
     ] = None,
+    prior: Annotated[
+        Path | None, typer.Option("--prior", help="JSON of accelcal fleet: its sensors are the prior of this one.")
+    ] = None,
     start: From = None,
     end: To = None,
     band: Band = None,
@@ -109,11 +112,17 @@ def fit(
         recordings = load_runs(runs, rig) if position is None else [of_two(runs, position, rig)]
         if isinstance(engine, str):
             base = chosen().add("clock_skew") if print_alignment(*recordings) else chosen()
+            base = base if prior is None else base.with_priors(priors_of(prior))
             wanted, part = varying(base, vary or []), within(report, LOADED, 1.0)
             result = verbs.fit(recordings, wanted, start=begin, end=stop, band=width, method=engine, progress=part)
-        elif len(recordings) != 1 or band is not None or not isinstance(recordings[0], data.Recording):
+        elif (
+            len(recordings) != 1
+            or band is not None
+            or prior is not None
+            or not isinstance(recordings[0], data.Recording)
+        ):
             raise UsageError(
-                f"--method {method} accepts one recording and no --band; auto, replay and weak accept several"
+                f"--method {method} accepts one recording, no --band and no --prior; auto, replay and weak accept them"
             )
         else:
             result = verbs.fit(recordings[0], start=begin, end=stop, method=engine)
@@ -122,6 +131,19 @@ def fit(
         after_fit(output, runs)
     elif not json:
         suggest("cut", *runs, "--position", position, "-o", JOINED)
+
+
+def priors_of(path: Path) -> dict[str, Prior]:
+    """Priors of the next sensor, from the JSON of a fleet."""
+    try:
+        sensors = summary.Fleet.from_json(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise UsageError(
+            f"--prior {path}: {error}; expected JSON of a fleet, which accelcal fleet FOLDER... --json > {path.name} writes"
+        ) from None
+    if not sensors.priors:
+        raise UsageError(f"--prior {path}: {len(sensors.sensors)} sensor; expected a fleet of two sensors or more")
+    return sensors.priors
 
 
 def varying(model: Model, names: Sequence[str]) -> Model:

@@ -11,6 +11,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
+import scipy
 
 from accelcal._support.errors import AccelcalError
 from accelcal._support.process import one_thread
@@ -32,6 +33,7 @@ from accelcal.data import (
     high_passes,
     require_same_sensor,
 )
+from accelcal.data.arrays import VANISHING
 from accelcal.data.orientation import ANGLE, LEVEL_AXLE
 from accelcal.data.recording import dwells_with_first, listed
 from accelcal.effects import BUILT_IN, CATALOGUE, find
@@ -70,7 +72,7 @@ from accelcal.estimation.shape_parameters import at_means, held_shapes, on_bound
 from accelcal.estimation.values import Noise, Values
 from accelcal.estimation.weak_form.covariance import NoWeakForm
 from accelcal.filters.choice import FilterChoice
-from accelcal.model import Estimate, Model, Prior, plain_name, terms_of
+from accelcal.model import Estimate, Model, Prior, Term, plain_name, terms_of
 from accelcal.signals.signals import Origins
 
 if TYPE_CHECKING:
@@ -674,7 +676,7 @@ def result(solution: Solution) -> Fit:
         for run in runs
         if not run.rig.coupled
     ]
-    remarks += mostly_prior(layout, covariance, model)
+    remarks += [*mostly_prior(layout, covariance, model), *against_priors(layout, x, covariance, model)]
     remarks += far_zeros(estimates, runs)
     remarks += [remark("on_bound", text=text) for text in on_bounds(solution)]
     remarks += [remark("seen_by_runs", text=choice.sentence, effect=choice.effect) for choice in solution.seen_by_runs]
@@ -1062,6 +1064,35 @@ def judge(layout: Layout, x: Array, covariance: Array, states: Sequence[RunState
         if mistaken:
             raise RecordingError(mistaken)
     return remarks
+
+
+def against_priors(layout: Layout, x: Array, covariance: Array, model: Model) -> list[Remark]:
+    """The remark that the record contradicts the priors of the sensor's coefficients.
+
+    With prior N(m, W) and the estimate x of covariance U given both, x - m has covariance W - U where the prior holds.
+    """
+    slots = [(k, term.name) for k, (term, _) in enumerate(layout.slots) if of_sensor(term, model)]
+    if not slots:
+        return []
+    rows = [k for k, _ in slots]
+    priors = [model.priors[name] for _, name in slots]
+    away = x[rows] - np.array([prior.mean for prior in priors])
+    S = np.diag([prior.std**2 for prior in priors]) - covariance[np.ix_(rows, rows)]
+    squares = float(away @ np.linalg.pinv(S, rcond=1e-9, hermitian=True) @ away)
+    p_value = float(scipy.special.chdtrc(len(rows), squares))
+    if p_value >= REMARK_ALPHA:
+        return []
+    sigma = np.abs(away) / np.sqrt(np.maximum(np.diag(S), VANISHING))
+    worst = int(np.argmax(sigma))
+    names = ", ".join(name for _, name in slots)
+    named = {"parameters": names, "parameter": slots[worst][1]}
+    return [remark("not_of_type", p_value=p_value, sigma=float(sigma[worst]), **named)]
+
+
+def of_sensor(term: Term, model: Model) -> bool:
+    """Whether a coefficient is one of the sensor for which a type or a data sheet has given a prior."""
+    effect = term.effect
+    return term.name in model.priors and effect.owner == "sensor" and effect.port != "process" and not effect.prior.mean
 
 
 def mostly_prior(layout: Layout, covariance: Array, model: Model) -> list[Remark]:

@@ -240,6 +240,11 @@ KINDS: dict[str, Kind] = {
         "constant of its output is not laid on the sensor",
     ),
     "mostly_prior": Kind("beside", "{parameter} is dominated by its prior, {mean:g} ± {std:g}: the record says little"),
+    "not_of_type": Kind(
+        "verdict",
+        "This sensor is not of the type of its prior (p = {p_value:.1g} over {parameters}): {parameter} lies {sigma:.1f} "
+        "standard deviations from it; fit again without the prior",
+    ),
     "angle_zero": Kind(
         "beside",
         "{recording}: the arm is level {degrees:.3g} degrees{counts} from the declared zero of the angle; reduce zero "

@@ -25,7 +25,7 @@ from accelcal.data import Array, Counts
 from accelcal.estimation.run_to_run import over_all
 from accelcal.fleet.campaign import Results
 from accelcal.io import load
-from accelcal.model import Model
+from accelcal.model import Model, Prior
 from accelcal.plots import matplotlib
 from accelcal.plots.figure import Axis, Figure, Level, Line, Mark, Panel, Points
 from accelcal.report.page import filled, svg_url
@@ -78,6 +78,11 @@ class Population(Storable):
     def next_run_std(self) -> float:
         """The same for one run of it."""
         return math.hypot(self.next_sensor_std, self.run_to_run.value)
+
+    @property
+    def prior(self) -> Prior:
+        """Distribution of the parameter in one run of a sensor to come."""
+        return Prior(self.mean, self.next_run_std)
 
     def shorter(self, std: float) -> float:
         """Share of the length of a calibration of standard deviation `std` that reaches the same with the population as
@@ -313,6 +318,11 @@ class Fleet(Storable):
     charts: tuple[Chart, ...]
     errors: dict[str, str]
     """By file, why it was not fitted."""
+
+    @property
+    def priors(self) -> dict[str, Prior]:
+        """Priors of the parameters of the next sensor of this type, in one run of it, for `Model.with_priors`."""
+        return {name: population.prior for name, population in self.populations.items() if population.next_run_std > 0}
 
     @property
     def outlying(self) -> list[tuple[str, str, float]]:
