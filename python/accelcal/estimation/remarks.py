@@ -242,8 +242,8 @@ KINDS: dict[str, Kind] = {
     "mostly_prior": Kind("beside", "{parameter} is dominated by its prior, {mean:g} ± {std:g}: the record says little"),
     "not_of_type": Kind(
         "verdict",
-        "This sensor is not of the type of its prior (p = {p_value:.1g} over {parameters}): {parameter} lies {sigma:.1f} "
-        "standard deviations from it; fit again without the prior",
+        "This sensor is not of the type of its prior (p = {p_value:.1g} over {parameters}): {parameter} lies "
+        "{sigma:.1f} standard deviations from it; fit again without the prior",
     ),
     "angle_zero": Kind(
         "beside",
