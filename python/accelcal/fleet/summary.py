@@ -81,8 +81,10 @@ class Population(Storable):
 
     @property
     def prior(self) -> Prior:
-        """Distribution of the parameter in one run of a sensor to come."""
-        return Prior(self.mean, self.next_run_std)
+        """Distribution of the parameter in one run of a sensor to come: the normal one with the 95 % interval of
+        Student's, since the spread is known from as many sensors as there are."""
+        student = float(scipy.special.stdtrit(len(self.sensors) - 1, 0.975) / scipy.special.ndtri(0.975))
+        return Prior(self.mean, student * self.next_run_std)
 
     def shorter(self, std: float) -> float:
         """Share of the length of a calibration of standard deviation `std` that reaches the same with the population as
