@@ -346,6 +346,7 @@ def test_what_does_not_go_together_is_refused_with_the_next_step(one, tmp_path):
         ("0,5,500", "5,5,500", 'row 2, column "end_s": found 5, expected a time after start_s'),
         (",500,", ",1,", 'row 2, column "samples": found 1, expected a number of samples, at least 2'),
         ("9.8,1,", "9.8,-1,", 'row 2, column "std_x": found -1, expected a standard deviation'),
+        ("9.8,1,", "16384,1,", "a norm of 1.638e\\+04 m/s² in the median of 1 rows; expected about 9.807"),
     ):
         table.write_text(good.replace(old, new))
         with pytest.raises(ac.RecordingError, match=sentence):

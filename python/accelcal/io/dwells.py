@@ -15,6 +15,7 @@ import numpy as np
 from accelcal._support.arguments import checked
 from accelcal.data import (
     OUTPUTS,
+    STANDARD_GRAVITY,
     Array,
     Dwells,
     DwellSetup,
@@ -380,6 +381,12 @@ def _positions(table: Table, declared: Sidecar) -> Rests:
     later = ("end_s", start + 1e-9, np.inf, "a time after start_s")
     require_between(table, values, [later, ("samples", 2.0, np.inf, "a number of samples, at least 2"), *limits])
     mean, std = np.stack(outputs[:3], axis=1), np.stack(outputs[3:], axis=1)
+    norms = np.linalg.norm(mean, axis=1)
+    if not 0.5 < (middle := float(np.median(norms))) / STANDARD_GRAVITY < 2.0:
+        raise RecordingError(
+            f"{table.path}: {', '.join(TRIAD)} have a norm of {middle:.4g} m/s² in the median of {len(norms)} rows; "
+            f"expected about {STANDARD_GRAVITY:.4g} m/s². Check their unit, and that these are static positions"
+        )
     listed = zip(start.tolist(), end.tolist(), samples.tolist(), mean.tolist(), std.tolist(), strict=True)
     rests = tuple(Rest(a, b, int(n), tuple(y), tuple(s), None) for a, b, n, y, s in listed)
     return Rests(
