@@ -17,7 +17,14 @@ from scipy import special
 import accelcal as ac
 from accelcal.cli import write_recording
 from accelcal.diagnosis.experiment.design import Limits
-from accelcal.diagnosis.experiment.next_runs import Beliefs, class_with_weights, enlarged, fitted_without, further
+from accelcal.diagnosis.experiment.next_runs import (
+    Beliefs,
+    Further,
+    class_with_weights,
+    enlarged,
+    fitted_without,
+    further,
+)
 from accelcal.diagnosis.policy import CLASS_WEIGHT
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.effects import find
@@ -145,7 +152,7 @@ def test_the_expected_entropy_is_that_of_normal_log_odds(d, monkeypatch):
     monkeypatch.setattr("accelcal.diagnosis.experiment.next_runs.INDEPENDENT_PIECES", 1e12)
     monkeypatch.setattr("accelcal.diagnosis.experiment.next_runs.DRAWS", 20_000)
     beliefs, G = two_rivals(d)
-    predicted = beliefs.after(G, "", 1.0)
+    predicted = beliefs.after(G, Further("", 60.0, lambda: None))
     separation = math.sqrt(G[0, 0]) * 2.0 * 1e3  # what remains where the rival keeps its size
     x, w = np.polynomial.hermite_e.hermegauss(61)
     w = w / w.sum()
@@ -169,7 +176,11 @@ def test_limits_allow_what_they_allow(tone):
     top = 2.0 / (6.0 * math.pi)
     assert float(larger.split()[3]) == pytest.approx(0.2 / top, rel=0.02)  # the speed is the first limit
     assert runs["the same motion with the axis up"].minutes == pytest.approx((20.0 + 60.0) / 60.0, rel=0.01)
-    assert [*wider.ranked] == sorted(wider.ranked, key=lambda run: -run.per_minute)
+    half = 0.5 * max(run.fall for run in wider.ranked)
+    strong = [run.per_minute for run in wider.ranked if run.fall >= half]
+    weak = [run.per_minute for run in wider.ranked if run.fall < half]
+    assert [run.per_minute for run in wider.ranked] == sorted(strong, reverse=True) + sorted(weak, reverse=True)
+    assert weak[0] > strong[-1]  # the twin: by time alone a short run that says little would come before
     assert all(0.0 <= run.fall <= wider.entropy + 1e-9 and 0.0 <= run.decided <= 1.0 for run in wider.ranked)
 
 
@@ -183,7 +194,7 @@ def test_a_temperature_that_rises_is_tried_where_one_was_recorded():
     model, states = fitted_without(diagnosed(record), group, [recorded], lambda share: None)
     item = Hypothesis(find("temperature_bias"), {})
     tried = further(states[0], model, Limits(0.1, 0.1, 9.0), [item], tiltable=False, setup=0.0)
-    runs = {run: state for run, _, state, _ in tried}
+    runs = {run.text: run.state for run in tried}
     (warm,) = (run for run in runs if "temperature" in run)
     beliefs = Beliefs((item,), np.ones(1), np.eye(1), (slice(0, 1),), np.zeros(1), np.zeros(1), 1.0)
     cold, heated = (beliefs.gram(runs[run](), model)[0, 0] for run in (AGAIN, warm))
@@ -218,11 +229,12 @@ def test_the_command_prints_the_runs_then_the_cause_that_remains(tmp_path):
     write_recording(on_many_motions(seed=5), tmp_path / "two.csv")
     write_recording(on_one_tone(truth={"bias": 0.05}), tmp_path / "null.csv")
     assert accelcal("fit", "one.csv", "-o", "m.json", cwd=tmp_path).returncode == 0
-    first = accelcal("next", "m.json", "one.csv", "--stroke", "0.1 m", "--json", cwd=tmp_path)
+    first = accelcal("next", "m.json", "one.csv", "--stroke", "0.1 m", "--json", "--motion", "go.csv", cwd=tmp_path)
     content = json.loads(first.stdout)
     require_published(content)
     assert content["separable"]
     assert content["ranked"][0]["fall"] > content["ranked"][-1]["fall"]
+    assert np.ptp(np.loadtxt(tmp_path / "go.csv", delimiter=",", skiprows=1)[:, 1]) <= 0.1
     second = accelcal("next", "m.json", "one.csv", "two.csv", cwd=tmp_path)
     assert "quadratic remains" in second.stdout
     refused = accelcal("next", "m.json", "null.csv", cwd=tmp_path)

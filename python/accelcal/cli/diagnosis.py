@@ -39,6 +39,7 @@ from accelcal.cli.common import (
     show_table,
     suggest,
     with_exit_codes,
+    writable_file,
     writable_folder,
 )
 from accelcal.cli.lazy import catalogue, data, experiment, io, model_file, results_json, sensors, verbs
@@ -47,6 +48,7 @@ from accelcal.cli.overwriting import mark_of
 
 if TYPE_CHECKING:
     from accelcal.estimation.estimate import Fit
+    from accelcal.simulation.motion import Motion
     from accelcal.validation.differences import Comparison
 
 
@@ -313,7 +315,7 @@ def plan(
             progress=report,
         )
     if output is not None:
-        print_written(*write_set_points(result, used, output))
+        print_written(*write_set_points(result.motion, used, output))
     deliver(result, printing.show_plan, None, json)
 
 
@@ -334,6 +336,10 @@ def next_run(
     amax: Annotated[str | None, typer.Option("--amax", help=f'Largest acceleration, "20 m/s^2"{STAGE}')] = None,
     tiltable: Annotated[bool, typer.Option("--tiltable", help="The axis can be set level and upright.")] = False,
     setup: Annotated[str, typer.Option("--setup", help="Time of a change of mount or set-up.")] = "5 min",
+    motion: Annotated[
+        Path | None,
+        typer.Option("--motion", help="Write set-points of the best planned motion.", callback=writable_file),
+    ] = None,
     effects_file: EffectsFile = None,
     output: Output = None,
     json: Json = False,
@@ -366,14 +372,19 @@ def next_run(
             setup=seconds,
             progress=within(report, 0.7, 1.0),
         )
+    if motion is not None:
+        planned = next((run.motion for run in result.ranked if run.motion is not None), None)
+        if planned is None:
+            raise UsageError(f"--motion {motion}: no planned motion is among the runs; leave it out to see them")
+        print_written(*write_set_points(planned, recordings[0].rig, motion))
     deliver(result, printing.show_next, output, json)
 
 
-def write_set_points(result: experiment.Plan, rig: data.Rig, path: Path) -> tuple[Path, Path]:
+def write_set_points(motion: Motion, rig: data.Rig, path: Path) -> tuple[Path, Path]:
     """Write time and position of a planned motion, and a sidecar with the rig that it was planned for."""
     from accelcal.io.sidecar import Clock, Source
 
-    t, p = result.set_points()
+    t, p = experiment.set_points_of(motion)
     rows = "\n".join(f"{when:.6f},{where:.12f}" for when, where in zip(t, p, strict=True))
     path.parent.mkdir(parents=True, exist_ok=True)
     sidecar = io.sidecar_of(path)

@@ -1,7 +1,7 @@
 """Experiment design: what a record or a planned motion can detect, and how to plan a motion (derivations D3.5)."""
 
 from accelcal._support.values import listing
-from accelcal.diagnosis.experiment.design import Limits, Plan, plan
+from accelcal.diagnosis.experiment.design import Limits, Plan, plan, set_points_of
 from accelcal.diagnosis.experiment.detectability import Detectability, Group, Power
 from accelcal.diagnosis.experiment.drift_bandwidth import DriftBandwidth, TumbleLimit, drift_bandwidth
 from accelcal.diagnosis.experiment.next_runs import Cause, Experiment, NextExperiments, next_experiments
@@ -26,6 +26,7 @@ __all__ = [
     "power_of_motion",
     "power_of_set_points",
     "predicted_detection",
+    "set_points_of",
     "through",
 ]
 

@@ -252,8 +252,13 @@ class Plan(Result):
 
     def set_points(self, rate: float = 1000.0) -> tuple[Array, Array]:
         """Times (n,) s and positions (n,) m to drive the stage through."""
-        t = np.arange(math.floor(self.motion.seconds * rate) + 1) / rate
-        return t, self.motion.position(t)
+        return set_points_of(self.motion, rate)
+
+
+def set_points_of(motion: Motion, rate: float = 1000.0) -> tuple[Array, Array]:
+    """Times (n,) s and positions (n,) m of a motion."""
+    t = np.arange(math.floor(motion.seconds * rate) + 1) / rate
+    return t, motion.position(t)
 
 
 @checked

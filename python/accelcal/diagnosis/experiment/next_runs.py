@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise, starmap
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 import scipy
@@ -22,7 +22,7 @@ from scipy import special
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
 from accelcal._support.process import one_thread, within
-from accelcal._support.result import Result
+from accelcal._support.result import NotStored, Result
 from accelcal._support.values import immutable
 from accelcal.data import GRAVITY, POSITION_ORDER, Array, Recording
 from accelcal.diagnosis.experiment.design import (
@@ -58,6 +58,10 @@ SETUP = 300.0
 """Time to change the mount or the set-up before a run, s."""
 WARMING = 10.0
 """Rise of the temperature over a run that is warmed, K."""
+WARMING_TIME = 1200.0
+"""Time that such a rise takes at least, s; what it is expected to show is that of one run of the first one's length."""
+WEAK = 0.5
+"""Share of the largest expected fall below which a run comes behind all others, however short it is."""
 LONGEST = 120.0
 """Longest planned motion, s."""
 LARGER = 1.05
@@ -97,6 +101,10 @@ class Experiment:
     """Distance between the two causes that it separates least, everything else estimated, standard deviations."""
     pair: tuple[str, str]
     """Those two."""
+    motion: Annotated[Motion | None, NotStored("accelcal.next_experiments with the same arguments plans it again")] = (
+        None
+    )
+    """What the stage is driven through, from the middle of its stroke; None where it repeats the first recording."""
 
     @property
     def per_minute(self) -> float:
@@ -119,7 +127,7 @@ class NextExperiments(Result):
     entropy: float
     """Of the weights now, nat."""
     ranked: tuple[Experiment, ...] = ()
-    """Best first; empty where nothing is left to separate."""
+    """By the fall for each minute, those with less than half of the largest fall last; empty where no class is left."""
     left_out: tuple[str, ...] = ()
     """Members that cannot be simulated: the recordings give them no weight, or they need channels of their own."""
 
@@ -143,8 +151,9 @@ class NextExperiments(Result):
             return f"None of these can separate them: {', '.join(left)}."
         best = self.ranked[0]
         return (
-            f"Record {best.run}: {best.minutes:.2g} min lower the entropy of {len(left)} causes by {best.fall:.2g} of "
-            f"{self.entropy:.2g} nat, and one cause is named with probability {best.decided:.2g}."
+            f"Record {best.run}: in {best.minutes:.2g} min the entropy of {len(left)} causes is expected to fall by "
+            f"{best.fall:.2g} of {self.entropy:.2g} nat, and one of them is then named with probability "
+            f"{best.decided:.2g}."
         )
 
 
@@ -211,16 +220,17 @@ def next_experiments(
     limits = limits_of_stage(*(used if limit is None else limit for limit, used in given))
     tried = list(further(states[0], model, limits, beliefs.items, tiltable=tiltable, setup=setup))
     ranked = []
-    for number, (run, seconds, state, counted) in enumerate(tried):
-        gram = beliefs.gram(state(), model) - (beliefs.gram(states[0], model) if counted else 0.0)
-        ranked.append(beliefs.after(gram, run, seconds / 60.0))
+    for number, run in enumerate(tried):
+        gram = beliefs.gram(run.state(), model) - (beliefs.gram(states[0], model) if run.counted else 0.0)
+        ranked.append(beliefs.after(gram, run))
         progress(0.2 + 0.8 * (number + 1) / len(tried))
+    most = max(run.fall for run in ranked)
     weights = dict(zip(beliefs.names, beliefs.weights.tolist(), strict=True))
     return NextExperiments(
         names,
         causes_of({**dict.fromkeys(then, 0.0), **weights}, then),
         float(np.sum(special.entr(beliefs.weights))),
-        tuple(sorted(ranked, key=lambda run: -run.per_minute)),
+        tuple(sorted(ranked, key=lambda run: (run.fall < WEAK * most, -run.per_minute))),
         tuple(name for name in group.members if name not in weights),
     )
 
@@ -277,6 +287,22 @@ def fitted_without(
         progress=progress,
     )
     return solution.model, solution.states
+
+
+@dataclass(frozen=True, slots=True)
+class Further:
+    """A run that a stage can do."""
+
+    text: str
+    """What to record."""
+    seconds: float
+    """Its length with the set-up, s."""
+    state: Callable[[], RunState]
+    """Makes the fitted run that it would give."""
+    counted: bool = False
+    """Whether the first run is in that once more."""
+    motion: Motion | None = None
+    """The planned one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -349,7 +375,7 @@ class Beliefs:
         G = CandidateScores([BaseProjection(state, model)], self.items).G
         return np.asarray(self.basis.T @ G @ self.basis)
 
-    def after(self, G: Array, run: str, minutes: float) -> Experiment:
+    def after(self, G: Array, run: Further) -> Experiment:
         """What a further run with this Gram matrix is expected to say."""
         rng, count = np.random.default_rng(0), len(self.items)
         noise, deviates = drawn_scores(G, rng, DRAWS), rng.standard_normal((DRAWS, len(G)))
@@ -364,12 +390,13 @@ class Beliefs:
             distances[j, others] = np.sqrt(np.maximum(2.0 * np.mean(gained[:, [j]] - gained[:, others], axis=0), 0.0))
         first, second = np.unravel_index(int(np.argmin(distances)), distances.shape)
         return Experiment(
-            run,
-            minutes,
+            run.text,
+            run.seconds / 60.0,
             max(0.0, float(np.sum(special.entr(self.weights)) - self.weights @ falls)),
             float(self.weights @ decided),
             float(distances[first, second]),
             (self.names[first], self.names[second]),
+            run.motion,
         )
 
     def gained(self, k: int, G: Array, scores: Array) -> Array:
@@ -383,11 +410,6 @@ class Beliefs:
         return np.asarray(0.5 * (INDEPENDENT_PIECES * credited - np.linalg.slogdet(joint)[1]))
 
 
-Further = tuple[str, float, Callable[[], RunState], bool]
-"""A run in words, its time with the set-up in s, the fitted run that it would give, and whether the first run is in
-that once more."""
-
-
 def further(
     state: RunState, model: Model, limits: Limits, items: Sequence[Hypothesis], *, tiltable: bool, setup: float
 ) -> Iterator[Further]:
@@ -395,30 +417,26 @@ def further(
     s, rig, seconds = state.signals, state.run.rig, state.signals.length
     dwelled = state.run.recording.dwells is not None
     state = repeated(state, rig, lambda s: s) if dwelled else state
-    yield "the same motion again", seconds, lambda: state, False
+    yield Further("the same motion again", seconds, lambda: state)
     allowed = limits.stroke, limits.speed, limits.acceleration
     factor = min(limit / used for limit, used in zip(allowed, extremes(s), strict=True))
     alone = GRAVITY not in state.run.recording.side and rig.coupled and not state.run.recording.axis
     if factor >= LARGER and alone:
-        yield (
-            f"the same motion, {factor:.3g} times as large",
-            seconds,
-            lambda: repeated(state, rig, lambda s: enlarged(s, factor)),
-            False,
-        )
+        text = f"the same motion, {factor:.3g} times as large"
+        yield Further(text, seconds, lambda: repeated(state, rig, lambda s: enlarged(s, factor)))
     for text, axis, mount in MOTIONS if alone else ():
         at = axis or rig.axis, mount or rig.mount
         if at != (rig.axis, rig.mount) and (axis is None or tiltable):
-            yield f"the same motion with {text}", seconds + setup, partial(turned, state, *at), False
+            yield Further(f"the same motion with {text}", seconds + setup, partial(turned, state, *at))
     if alone and any(acts_at_rest(item.effect) for item in items) and not dwelled:
         dwells = tumble(state, rig.uncertainty.level or ANGLE_STD)
         text = f"{DWELLS} dwells of {DWELL:g} s around a turn in gravity"
-        yield text, DWELLS * DWELL + setup, lambda: repeated(state, rig, lambda s: s, dwells), True
+        yield Further(text, DWELLS * DWELL + setup, lambda: repeated(state, rig, lambda s: s, dwells), counted=True)
     if "temperature" in s.side:
         text = f"the same motion while the temperature rises by {WARMING:g} K"
-        yield text, seconds + setup, lambda: repeated(state, rig, warmed), False
+        yield Further(text, max(seconds, WARMING_TIME) + setup, lambda: repeated(state, rig, warmed))
     if state.weak is None:
-        yield "the same motion, its position read at twice the rate", seconds, partial(read_faster, state), False
+        yield Further("the same motion, its position read at twice the rate", seconds, partial(read_faster, state))
     needs = {name for item in items for name in item.effect.needs} | {n for t in model.terms for n in t.effect.needs}
     if alone and state.run.order == POSITION_ORDER and needs <= {"temperature"}:
         yield from other_motions(state, model, limits)
@@ -444,7 +462,7 @@ def other_motions(state: RunState, model: Model, limits: Limits) -> Iterator[Fur
             levels = len({burst.level for burst in pattern})
             text = f"bursts of tones of {low:g} to {high:g} Hz{f' at {levels} levels' if levels > 1 else ''}, and moves"
             motion = build(Recipe(pattern, 0.5, aligned=len(pattern) > 1), limits, seconds)
-            yield f"{text} over {limits.stroke:.2g} m", seconds, partial(planned, motion), False
+            yield Further(f"{text} over {limits.stroke:.2g} m", seconds, partial(planned, motion), motion=motion)
 
 
 def read_faster(state: RunState) -> RunState:
