@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from accelcal._core import __version__
     from accelcal._support.errors import AccelcalError
     from accelcal.data import Channel, Dwells, LowPass, Recording, RecordingError, Rig, Sensor
-    from accelcal.diagnosis.experiment import plan, power
+    from accelcal.diagnosis.experiment import next_experiments, plan, power
     from accelcal.diagnosis.select.improvement import Improvement
     from accelcal.diagnosis.verdict import Diagnosis
     from accelcal.effects import effect, load_effects
@@ -72,6 +72,7 @@ __all__ = [
     "load_effects",
     "load_model",
     "nested",
+    "next_experiments",
     "plan",
     "power",
     "response",
@@ -131,7 +132,7 @@ def __getattr__(name: str) -> Any:
     from accelcal import verbs
     from accelcal.diagnosis import experiment
 
-    home = experiment if name in ("plan", "power") else verbs
+    home = experiment if name in ("next_experiments", "plan", "power") else verbs
     return globals().setdefault(name, getattr(home, name))
 
 

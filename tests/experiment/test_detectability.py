@@ -13,8 +13,7 @@ import accelcal as ac
 from accelcal.data.rig import Rig, Sensor
 from accelcal.diagnosis.experiment import power, power_of_motion, predicted_detection, through
 from accelcal.diagnosis.experiment.detectability import Power
-from accelcal.diagnosis.experiment.planned_motion import planned_noise, planned_state
-from accelcal.diagnosis.experiment.power_analysis import detectability_of, with_drift
+from accelcal.diagnosis.experiment.power_analysis import detectability_of, planned_noise, planned_state, with_drift
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.diagnosis.search.beam import least_distance
 from accelcal.diagnosis.search.scan import scan

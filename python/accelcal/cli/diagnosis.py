@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from accelcal._support.errors import AccelcalError
 from accelcal._support.process import within
 from accelcal._support.stopping import Stopped
 from accelcal.cli import lazy, printing
@@ -38,6 +39,7 @@ from accelcal.cli.common import (
     show_table,
     suggest,
     with_exit_codes,
+    writable_file,
     writable_folder,
 )
 from accelcal.cli.lazy import catalogue, data, experiment, io, model_file, results_json, sensors, verbs
@@ -46,6 +48,7 @@ from accelcal.cli.overwriting import mark_of
 
 if TYPE_CHECKING:
     from accelcal.estimation.estimate import Fit
+    from accelcal.simulation.motion import Motion
     from accelcal.validation.differences import Comparison
 
 
@@ -113,6 +116,9 @@ def improve(
     holdout: Holdout = None,
     rig: Rig = None,
     most: Annotated[int, typer.Option("--max-effects", help="Largest number of effects to add.", min=0)] = 3,
+    further: Annotated[
+        bool, typer.Option("--next", help="Rank further runs where causes are confounded, as accelcal next does.")
+    ] = False,
     effects_file: EffectsFile = None,
     start: From = None,
     end: To = None,
@@ -129,6 +135,8 @@ def improve(
     from accelcal.estimation.estimate import require_distinct
 
     load_own_effects(effects_file)
+    if further and json:
+        raise UsageError("--next prints a table; for its JSON run accelcal next MODEL RUN --json")
     recordings = load_runs(runs, rig)
     unseen = None if holdout is None else io.load(holdout, rig)
     if unseen is not None:
@@ -145,6 +153,11 @@ def improve(
             on_step=steps.append,
         )
     deliver(improvement, printing.show_improvement, output, json, improvement.best)
+    if further:
+        try:
+            printing.show_next(experiment.next_experiments(improvement, verbs.runs_of(recordings)))
+        except AccelcalError as error:
+            print_status(f"--next: {error}")
     if not json:
         suggest("report", output, runs[0], "-o", f"{runs[0].stem}.html")
 
@@ -302,15 +315,76 @@ def plan(
             progress=report,
         )
     if output is not None:
-        print_written(*write_set_points(result, used, output))
+        print_written(*write_set_points(result.motion, used, output))
     deliver(result, printing.show_plan, None, json)
 
 
-def write_set_points(result: experiment.Plan, rig: data.Rig, path: Path) -> tuple[Path, Path]:
+STAGE = "; by default what the first recording used."
+
+
+@app.command("next")
+@with_exit_codes
+def next_run(
+    model: ModelFile,
+    runs: Annotated[
+        list[Path],
+        typer.Argument(help="Recordings that leave a class of causes, those that were to separate it last."),
+    ],
+    rig: Rig = None,
+    stroke: Annotated[str | None, typer.Option("--stroke", help=f'Travel of the stage, e.g. "0.2 m"{STAGE}')] = None,
+    vmax: Annotated[str | None, typer.Option("--vmax", help=f'Largest speed, e.g. "0.1 m/s"{STAGE}')] = None,
+    amax: Annotated[str | None, typer.Option("--amax", help=f'Largest acceleration, "20 m/s^2"{STAGE}')] = None,
+    tiltable: Annotated[bool, typer.Option("--tiltable", help="The axis can be set level and upright.")] = False,
+    setup: Annotated[str, typer.Option("--setup", help="Time of a change of mount or set-up.")] = "5 min",
+    motion: Annotated[
+        Path | None,
+        typer.Option("--motion", help="Write set-points of the best planned motion.", callback=writable_file),
+    ] = None,
+    effects_file: EffectsFile = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Rank further runs by how well they would separate causes that recordings confound, for each minute.
+
+    With a further recording behind the first ones, all are diagnosed together: weights before and after it.
+
+    Example: [bold]accelcal next m.json run12.csv --stroke "0.2 m" --vmax "0.1 m/s" --amax "20 m/s^2"[/bold]
+    """
+    load_own_effects(effects_file)
+    given = (stroke, "length", "--stroke"), (vmax, "speed", "--vmax"), (amax, "acceleration", "--amax")
+    limits = [None if text is None else printing.limit(text, kind, option) for text, kind, option in given]
+    seconds = parse_quantity(setup, "time", "--setup") or 0.0
+    fitted = model_file.load(model)
+    with progress("next") as report:
+        recordings = verbs.runs_of(load_all(fitted, runs, rig))
+        if len({recording.axis for recording in recordings}) > 1:
+            raise UsageError("next separates the causes of one output; load one axis of the three")
+        before = None
+        if len(recordings) > 1:
+            before = verbs.diagnose(fitted, recordings[:-1], progress=within(report, LOADED, 0.4))
+        diagnosis = verbs.diagnose(fitted, recordings, progress=within(report, 0.4, 0.7))
+        result = experiment.next_experiments(
+            diagnosis,
+            recordings,
+            before=before,
+            **dict(zip(("stroke", "v_max", "a_max"), limits, strict=True)),
+            tiltable=tiltable,
+            setup=seconds,
+            progress=within(report, 0.7, 1.0),
+        )
+    if motion is not None:
+        planned = next((run.motion for run in result.ranked if run.motion is not None), None)
+        if planned is None:
+            raise UsageError(f"--motion {motion}: no planned motion is among the runs; leave it out to see them")
+        print_written(*write_set_points(planned, recordings[0].rig, motion))
+    deliver(result, printing.show_next, output, json)
+
+
+def write_set_points(motion: Motion, rig: data.Rig, path: Path) -> tuple[Path, Path]:
     """Write time and position of a planned motion, and a sidecar with the rig that it was planned for."""
     from accelcal.io.sidecar import Clock, Source
 
-    t, p = result.set_points()
+    t, p = experiment.set_points_of(motion)
     rows = "\n".join(f"{when:.6f},{where:.12f}" for when, where in zip(t, p, strict=True))
     path.parent.mkdir(parents=True, exist_ok=True)
     sidecar = io.sidecar_of(path)

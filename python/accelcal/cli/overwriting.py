@@ -15,11 +15,11 @@ from typing import Any
 from accelcal._support.errors import AccelcalError
 from accelcal.cli.lazy import files, io, json_text, loading, model_file, response_files
 
-WRITTEN = ("output", "c", "rust", "dcc", "csv", "figure", "save")
+WRITTEN = ("output", "c", "rust", "dcc", "csv", "figure", "save", "motion")
 """Parameters that name an output file."""
 RECORDINGS = (".csv", ".parquet")
 """Endings of recordings that are written, each with a sidecar next to it."""
-RECORDING = ("cut", "demo", "dwells", "plan", "simulate")
+RECORDING = ("cut", "demo", "dwells", "next", "plan", "simulate")
 """Commands that write a recording, or a table, with a sidecar."""
 MODELLING = ("add", "demo", "drop", "fit", "freeze", "improve", "live")
 """Commands that write a model."""

@@ -174,6 +174,11 @@ def show_plan(result: experiment.Plan) -> None:
         say(f"{first} and {second}: correlation {correlation:.3f}")
 
 
+def show_next(result: experiment.NextExperiments) -> None:
+    """Print the causes with their weights, then the further runs."""
+    show(result, "causes")
+
+
 def show_dwells(result: Fit) -> None:
     """Print what a fit leaves of each dwell, its standard deviation, and the angle zeros."""
     if result.dwells is None:

@@ -90,6 +90,9 @@ trace. [share; tests/diagnosis/test_transverse.py]"""
 CLASS_WEIGHT = 0.99
 """Posterior weight, all candidates equally likely before, of the smallest set of effects that is reported as one class.
 A class that misses the truth once in a hundred names seldom what is wrong. [probability; benches/hidden.py]"""
+NEXT_LEAST_FALL = 0.2
+"""Expected fall of the entropy of a class, over the entropy, below which no further run is said to separate it.
+Repeating the motion lets it fall a little by noise alone. [share; tests/experiment/test_next_runs.py]"""
 INDEPENDENT_PIECES = 1000.0
 """Independent pieces of a record at most: a gain g counts as n log(1 + g/n), as where the variance is unknown.
 What an effect leaves by errors of its shape and of the smoothed motion is then noise, which no length of the record

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -229,16 +229,20 @@ def tried(state: RunState, model: Model, extra: Sequence[Term]) -> list[tuple[st
 
 def turned(state: RunState, axis: Axis, mount: Mount) -> RunState:
     """The run as it would have been with another axis or mount."""
-    rotated, old = copy.copy(state), state.run.rig
+    old = state.run.rig
     rig = replace(old, axis=axis, mount=mount, gravity_along_axis=None if axis != old.axis else old.gravity_along_axis)
-    rotated.run = replace(state.run, recording=replace(state.run.recording, rig=rig, dwells=None))
-    rotated.signals = turned_signals(state.signals, old, rig)
+    return repeated(state, rig, lambda s: turned_signals(s, old, rig))
+
+
+def repeated(state: RunState, rig: Rig, change: Callable[[Signals], Signals], dwells: Dwells | None = None) -> RunState:
+    """The run once more, with changed signals on a rig, and dwells beside it."""
+    again = copy.copy(state)
+    again.run = replace(state.run, recording=replace(state.run.recording, rig=rig, dwells=dwells))
+    again.signals = change(state.signals)
     if isinstance(state.weak, WeakRows):
         same = state.weak.signals is state.signals
-        rotated.weak = state.weak.moved(
-            rotated, rotated.signals if same else turned_signals(state.weak.signals, old, rig)
-        )
-    return rotated
+        again.weak = state.weak.moved(again, again.signals if same else change(state.weak.signals))
+    return again
 
 
 def turned_signals(s: Signals, old: Rig, rig: Rig) -> Signals:

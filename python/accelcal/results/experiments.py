@@ -13,6 +13,8 @@ from accelcal.calibration.export.axes import SensorMatrix
 from accelcal.data import concise
 from accelcal.diagnosis.experiment.design import Plan
 from accelcal.diagnosis.experiment.detectability import Detectability, Power
+from accelcal.diagnosis.experiment.next_runs import NextExperiments
+from accelcal.diagnosis.policy import CLASS_WEIGHT
 from accelcal.results.table import Column, Row, Table, as_sentence, require, table
 from accelcal.results.words import amount, number, with_unit
 from accelcal.simulation.sensor import Simulated
@@ -96,6 +98,51 @@ DETECTABLE_COLUMNS = (
     Column("smallest", "smallest size (95 % probability)", smallest_text),
     Column("largest", "largest contribution at that size", largest_text),
     *(Column(key) for key in ("part", "unit", "largest_unit", "confounded_with")),
+)
+
+
+@table.register
+def _(result: NextExperiments, which: str = "") -> Table:
+    require(which, "causes")
+    names = ", ".join(cause.effect for cause in result.causes if cause.weight > 0.0)
+    if which == "causes":
+        weight = "weight by the recordings"
+        return Table(
+            title="Causes",
+            sentence="",
+            columns=(
+                Column("effect", "cause"),
+                Column("before", "weight before", lambda r: "" if r["before"] is None else f"{r['before']:.2f}"),
+                Column("weight", weight, lambda r: f"{r['weight']:.2f}"),
+            ),
+            rows=tuple({"effect": c.effect, "before": c.before, "weight": c.weight} for c in result.causes),
+        )
+    return Table(
+        title=f"Further runs that separate {names}" if result.ranked else f"Causes after {result.recordings[-1]}",
+        sentence=result.sentence,
+        columns=NEXT_COLUMNS,
+        rows=tuple(
+            {
+                "run": run.run,
+                "minutes": run.minutes,
+                "fall": run.fall,
+                "decided": run.decided,
+                "separation": run.separation,
+                "pair": " and ".join(run.pair),
+            }
+            for run in result.ranked
+        ),
+        notes=(f"Not simulated: {', '.join(result.left_out)}.",) if result.left_out else (),
+    )
+
+
+NEXT_COLUMNS = (
+    Column("run", "what to record"),
+    Column("minutes", "min with set-up", lambda r: f"{r['minutes']:.3g}"),
+    Column("fall", "expected fall of entropy, nat", lambda r: f"{r['fall']:.2f}"),
+    Column("decided", f"probability that one has {100.0 * CLASS_WEIGHT:g} %", lambda r: f"{r['decided']:.2f}"),
+    Column("separation", "closest pair, sigma", lambda r: f"{r['separation']:.1f}"),
+    Column("pair", "closest pair", detail=True),
 )
 
 

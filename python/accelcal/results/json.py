@@ -30,6 +30,7 @@ SCHEMAS: Mapping[str, str] = {
     "diagnosis-of-dwells": "diagnosis.dwells:DwellDiagnosis",
     "improvement": "diagnosis.select.improvement:Improvement",
     "power": "diagnosis.experiment.detectability:Power",
+    "next": "diagnosis.experiment.next_runs:NextExperiments",
     "plan": "diagnosis.experiment.design:Plan",
     "formulas": "diagnosis.select.curve_formulas:FormulaSet",
     "triad": "estimation.triad:TriadFit",

@@ -20,8 +20,14 @@ from accelcal._support.process import one_thread
 from accelcal._support.result import NotStored, Result
 from accelcal.data import Array, Rig
 from accelcal.diagnosis.experiment.detectability import Detectability, Power, evidence_of, rules_for
-from accelcal.diagnosis.experiment.planned_motion import ACCEL_RATE, POSITION_RATE, planned_noise, planned_state
-from accelcal.diagnosis.experiment.power_analysis import detectability_of, most_visible_direction
+from accelcal.diagnosis.experiment.power_analysis import (
+    ACCEL_RATE,
+    POSITION_RATE,
+    detectability_of,
+    most_visible_direction,
+    planned_noise,
+    planned_state,
+)
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.diagnosis.search.confounding import TIED_CORRELATION
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
@@ -246,8 +252,13 @@ class Plan(Result):
 
     def set_points(self, rate: float = 1000.0) -> tuple[Array, Array]:
         """Times (n,) s and positions (n,) m to drive the stage through."""
-        t = np.arange(math.floor(self.motion.seconds * rate) + 1) / rate
-        return t, self.motion.position(t)
+        return set_points_of(self.motion, rate)
+
+
+def set_points_of(motion: Motion, rate: float = 1000.0) -> tuple[Array, Array]:
+    """Times (n,) s and positions (n,) m of a motion."""
+    t = np.arange(math.floor(motion.seconds * rate) + 1) / rate
+    return t, motion.position(t)
 
 
 @checked
@@ -302,13 +313,7 @@ def plan(
         raise AccelcalError(
             f"a motion of {seconds:g} s is too long to plan; take {MOST_PLANNED:g} s or less and repeat it"
         )
-    limits, noise = Limits(stroke, v_max, a_max), planned_noise(rig, encoder_noise)
-    for name, value in (("stroke", stroke), ("speed", v_max), ("acceleration", a_max)):
-        if not LEAST_LIMIT <= value <= 1.0 / LEAST_LIMIT:
-            raise AccelcalError(
-                f"{name} {value:g}: expected {LEAST_LIMIT:g} to {1.0 / LEAST_LIMIT:g} in SI; give that of the stage"
-            )
-
+    limits, noise = limits_of_stage(stroke, v_max, a_max), planned_noise(rig, encoder_noise)
     first = [Recipe(*choice) for choice in product(PATTERNS, SHARES, (False, True))]
     trials: list[Trial] = []
 
@@ -332,6 +337,23 @@ def plan(
         typical=best.typical,
         tried=len(trials),
     )
+
+
+def limits_of_stage(stroke: float, speed: float, acceleration: float) -> Limits:
+    """Limits that a user gives.
+
+    Raises
+    ------
+    ValueError
+        If one of them is not that of a stage.
+    """
+    limits = Limits(stroke, speed, acceleration)
+    for name, value in (("stroke", stroke), ("speed", speed), ("acceleration", acceleration)):
+        if not LEAST_LIMIT <= value <= 1.0 / LEAST_LIMIT:
+            raise AccelcalError(
+                f"{name} {value:g}: expected {LEAST_LIMIT:g} to {1.0 / LEAST_LIMIT:g} in SI; give that of the stage"
+            )
+    return limits
 
 
 def require_plannable(names: Sequence[str]) -> None:

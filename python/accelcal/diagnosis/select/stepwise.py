@@ -86,7 +86,9 @@ class SelectionHistory:
         """Add an effect; a nonparametric curve replaces the effects that it covers."""
         leaving = dict.fromkeys((*replaced, finding.effect))  # itself where it was coarse
         self.gains[finding.effect] = gain + sum(self.leave(name) for name in leaving)
-        self.classes.append(Confounded(finding.effect, finding.members, finding.experiment, finding.parts))
+        self.classes.append(
+            Confounded(finding.effect, finding.members, finding.experiment, finding.parts, finding.weights)
+        )
 
     def leave(self, name: str) -> float:
         """Remove an effect if it is present; return what it explained."""
