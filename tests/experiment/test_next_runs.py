@@ -24,8 +24,11 @@ from accelcal.diagnosis.experiment.next_runs import (
     enlarged,
     fitted_without,
     further,
+    saturates,
+    within_range,
 )
 from accelcal.diagnosis.policy import CLASS_WEIGHT
+from accelcal.diagnosis.runs import repeated
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.effects import find
 from accelcal.simulation import CXL02_RIG
@@ -35,7 +38,7 @@ from tests.schemas import require_published
 
 REVERSED = dataclasses.replace(CXL02_RIG, mount="reversed")
 TRUTH = {"bias": 0.05, "quadratic": 1e-3}
-TURNED = "the same motion with the sensor turned by 180 degrees about the vertical"
+TURNED = "the same motion with the sensor turned by 180 degrees, its input axis reversed"
 AGAIN = "the same motion again"
 
 
@@ -184,6 +187,36 @@ def test_limits_allow_what_they_allow(tone):
     assert all(0.0 <= run.fall <= wider.entropy + 1e-9 and 0.0 <= run.decided <= 1.0 for run in wider.ranked)
 
 
+def test_no_run_exceeds_the_limits_or_the_range_of_the_sensor(tone):
+    record, diagnosis, _ = tone
+    smaller = [run.run for run in ac.next_experiments(diagnosis, record, a_max=0.5).ranked]
+    assert AGAIN not in smaller
+    same = [run for run in smaller if run.startswith("the same motion")]
+    assert same
+    assert all(float(run.split()[3]) == pytest.approx(0.25, rel=0.02) for run in same)  # of 2 m/s²
+    _, states = fitted_without(diagnosis, class_with_weights(diagnosis), [record], lambda share: None)
+    limits = within_range(Limits(10.0, 10.0, 1000.0), states[0])
+    assert limits.acceleration == CXL02_RIG.sensor.range
+    wide = ac.next_experiments(diagnosis, record, stroke=10.0, v_max=10.0, a_max=1000.0)
+    (larger,) = (run.run for run in wide.ranked if "times as large" in run.run)
+    assert float(larger.split()[3]) == pytest.approx(CXL02_RIG.sensor.range / 2.0, rel=0.02)
+    assert not saturates(states[0], states[0])
+    assert saturates(repeated(states[0], CXL02_RIG, lambda s: enlarged(s, 11.0)), states[0])
+
+
+def test_an_upright_sensor_is_turned_over_before_quick_runs_that_say_little():
+    # Upright the specific force keeps its sign: a² and a|a| differ where the sensor is turned over, hardly elsewhere.
+    upright = dataclasses.replace(CXL02_RIG, axis="up")
+    made = ac.simulate("tones", seconds=20.0, rig=upright, parameters=TRUTH, rng=np.random.default_rng(3))
+    diagnosis = diagnosed(made.recording)
+    assert {"quadratic", "odd_quadratic"} <= set(diagnosis.classes[0].members)
+    result = ac.next_experiments(diagnosis, made.recording, setup=3600.0)
+    best, others = result.ranked[0], result.ranked[1:]
+    assert best.run == TURNED
+    assert best.fall > 0.5 * result.entropy
+    assert max(run.per_minute for run in others) > best.per_minute
+
+
 def test_a_temperature_that_rises_is_tried_where_one_was_recorded():
     from accelcal.diagnosis.experiment.next_runs import warmed
 
@@ -193,7 +226,7 @@ def test_a_temperature_that_rises_is_tried_where_one_was_recorded():
     group = class_with_weights(diagnosed(record))
     model, states = fitted_without(diagnosed(record), group, [recorded], lambda share: None)
     item = Hypothesis(find("temperature_bias"), {})
-    tried = further(states[0], model, Limits(0.1, 0.1, 9.0), [item], tiltable=False, setup=0.0)
+    tried = further(states[0], model, Limits(0.1, 0.2, 9.0), [item], tiltable=False, setup=0.0)
     runs = {run.text: run.state for run in tried}
     (warm,) = (run for run in runs if "temperature" in run)
     beliefs = Beliefs((item,), np.ones(1), np.eye(1), (slice(0, 1),), np.zeros(1), np.zeros(1), 1.0)
@@ -222,6 +255,8 @@ def test_where_nothing_is_confounded_there_is_nothing_to_separate(tone):
         ac.next_experiments(diagnosis, record, setup=-1.0)
     with pytest.raises(ValueError, match="stroke must be positive"):
         ac.next_experiments(diagnosis, record, stroke=0.0)
+    with pytest.raises(ValueError, match="no recordings; give those"):
+        ac.next_experiments(diagnosis, [])
 
 
 def test_the_command_prints_the_runs_then_the_cause_that_remains(tmp_path):

@@ -140,7 +140,7 @@ MOTIONS: tuple[tuple[str, Axis | None, Mount | None], ...] = (
     ("the axis level", "level", None),
     ("the axis up", "up", None),
     ("the axis down", "down", None),
-    ("the sensor turned by 180 degrees about the vertical", None, "reversed"),
+    ("the sensor turned by 180 degrees, its input axis reversed", None, "reversed"),
     ("the sensor rolled by 180 degrees about its input axis", None, "rolled"),
     ("the sensor as mounted normally", None, "normal"),
 )

@@ -65,7 +65,7 @@ WEAK = 0.5
 LONGEST = 120.0
 """Longest planned motion, s."""
 LARGER = 1.05
-"""Ratio of limit to motion from which a larger motion is worth a run."""
+"""Ratio of limit to motion from which a larger motion is worth a run; of motion to limit from which it is too large."""
 TRIED_PATTERNS = (0, 3, 4, 8)
 """Patterns of bursts that are tried: slow, fast, fast at three levels, short strong ones among long slow ones."""
 SAMPLES_PER_PERIOD = 8.0
@@ -207,6 +207,8 @@ def next_experiments(
     (True, True)
     """
     several = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    if not several:
+        raise AccelcalError("no recordings; give those that the result was found on")
     names = tuple(recording.name for recording in several)
     group, earlier = class_with_weights(result), None if before is None else class_with_weights(before)
     then = {} if earlier is None else {name: w.by_record for name, w in earlier.weights.items()}
@@ -217,12 +219,14 @@ def next_experiments(
     model, states = fitted_without(result, group, several, within(progress, 0.0, 0.2))
     beliefs = Beliefs.of(states, model, group)
     given = zip((stroke, v_max, a_max), extremes(states[0].signals), strict=True)
-    limits = limits_of_stage(*(used if limit is None else limit for limit, used in given))
+    limits = within_range(limits_of_stage(*(used if limit is None else limit for limit, used in given)), states[0])
     tried = list(further(states[0], model, limits, beliefs.items, tiltable=tiltable, setup=setup))
     ranked = []
     for number, run in enumerate(tried):
-        gram = beliefs.gram(run.state(), model) - (beliefs.gram(states[0], model) if run.counted else 0.0)
-        ranked.append(beliefs.after(gram, run))
+        state = run.state()
+        if not saturates(state, states[0]):
+            gram = beliefs.gram(state, model) - (beliefs.gram(states[0], model) if run.counted else 0.0)
+            ranked.append(beliefs.after(gram, run))
         progress(0.2 + 0.8 * (number + 1) / len(tried))
     most = max(run.fall for run in ranked)
     weights = dict(zip(beliefs.names, beliefs.weights.tolist(), strict=True))
@@ -413,33 +417,37 @@ class Beliefs:
 def further(
     state: RunState, model: Model, limits: Limits, items: Sequence[Hypothesis], *, tiltable: bool, setup: float
 ) -> Iterator[Further]:
-    """Runs that a stage can do after a fitted run."""
+    """Runs that a stage can do after a fitted run; where its limits are less than what that used, in a smaller
+    motion."""
     s, rig, seconds = state.signals, state.run.rig, state.signals.length
     dwelled = state.run.recording.dwells is not None
-    state = repeated(state, rig, lambda s: s) if dwelled else state
-    yield Further("the same motion again", seconds, lambda: state)
+    first = state = repeated(state, rig, lambda s: s) if dwelled else state
     allowed = limits.stroke, limits.speed, limits.acceleration
     factor = min(limit / used for limit, used in zip(allowed, extremes(s), strict=True))
     alone = GRAVITY not in state.run.recording.side and rig.coupled and not state.run.recording.axis
+    same = "the same motion"
+    if alone and factor * LARGER < 1.0:
+        same, state = f"{same} {factor:.3g} times as large", repeated(state, rig, lambda s: enlarged(s, factor))
+    yield Further(same if state is not first else f"{same} again", seconds, lambda: state)
     if factor >= LARGER and alone:
-        text = f"the same motion, {factor:.3g} times as large"
+        text = f"{same} {factor:.3g} times as large"
         yield Further(text, seconds, lambda: repeated(state, rig, lambda s: enlarged(s, factor)))
     for text, axis, mount in MOTIONS if alone else ():
         at = axis or rig.axis, mount or rig.mount
         if at != (rig.axis, rig.mount) and (axis is None or tiltable):
-            yield Further(f"the same motion with {text}", seconds + setup, partial(turned, state, *at))
+            yield Further(f"{same} with {text}", seconds + setup, partial(turned, state, *at))
     if alone and any(acts_at_rest(item.effect) for item in items) and not dwelled:
         dwells = tumble(state, rig.uncertainty.level or ANGLE_STD)
         text = f"{DWELLS} dwells of {DWELL:g} s around a turn in gravity"
-        yield Further(text, DWELLS * DWELL + setup, lambda: repeated(state, rig, lambda s: s, dwells), counted=True)
+        yield Further(text, DWELLS * DWELL + setup, lambda: repeated(first, rig, lambda s: s, dwells), counted=True)
     if "temperature" in s.side:
-        text = f"the same motion while the temperature rises by {WARMING:g} K"
+        text = f"{same} while the temperature rises by {WARMING:g} K"
         yield Further(text, max(seconds, WARMING_TIME) + setup, lambda: repeated(state, rig, warmed))
     if state.weak is None:
-        yield Further("the same motion, its position read at twice the rate", seconds, partial(read_faster, state))
+        yield Further(f"{same}, its position read at twice the rate", seconds, partial(read_faster, state))
     needs = {name for item in items for name in item.effect.needs} | {n for t in model.terms for n in t.effect.needs}
     if alone and state.run.order == POSITION_ORDER and needs <= {"temperature"}:
-        yield from other_motions(state, model, limits)
+        yield from other_motions(first, model, limits)
 
 
 def other_motions(state: RunState, model: Model, limits: Limits) -> Iterator[Further]:
@@ -469,6 +477,22 @@ def read_faster(state: RunState) -> RunState:
     """The run with twice as many readings, whose noise is independent: half the variance in the time of one."""
     noise = state.noise.scaled(1.0, 0.5)
     return replace(state, noise=noise, track=run_filter(state.run, state.drive, noise))
+
+
+def within_range(limits: Limits, state: RunState) -> Limits:
+    """Limits at which the specific force stays within the declared range of the sensor, or as far as it went."""
+    s, reach = state.signals, state.run.rig.sensor.range
+    if reach is None:
+        return limits
+    most = max(reach - float(np.max(np.abs(s.gravity))), extremes(s)[2])
+    return replace(limits, acceleration=min(limits.acceleration, most))
+
+
+def saturates(state: RunState, first: RunState) -> bool:
+    """Whether a run exceeds the declared range of the sensor, and the first run does not exceed it as far."""
+    reach = state.run.rig.sensor.range
+    top, usual = (float(np.max(np.abs(run.signals.a))) for run in (state, first))
+    return reach is not None and top > max(reach, usual)
 
 
 def middle_of(s: Signals) -> float:
