@@ -272,22 +272,7 @@ class Fit(Result):
     def given_choice(self) -> Fit:
         """The fit with the sizes of effects that its own recordings named, allowing for that choice: median-unbiased,
         the other estimates as they follow from those; itself where nothing is allowed for."""
-        values = np.array([e.value for e in self.free])
-        names, C = [e.name for e in self.free], np.array(self.covariance)
-        for note in (note for note in self.remarks if note.code == "chosen"):
-            i = names.index(str(note.values["effect"]))
-            size, std = float(note.values["size"]), float(note.values["std"])
-            follow, v = C[:, i] / C[i, i], C[i, i]
-            values = values + follow * (size - values[i])
-            C += np.outer(follow, follow) * (std**2 - v)
-        if np.array_equal(C, self.covariance):
-            return self
-        allowed = iter(zip(values.tolist(), np.sqrt(np.diag(C)).tolist(), strict=True))
-        estimates = [
-            e if e.name in self.model.fixed else replace(e, **dict(zip(("value", "std"), next(allowed), strict=True)))
-            for e in self.estimates
-        ]
-        return replace(self, estimates=tuple(estimates), covariance=C)
+        return allowing_for_choice(self)
 
     @property
     def log_likelihood(self) -> float:
@@ -943,6 +928,26 @@ def on_arms(model: Model, rigs: Sequence[Rig], away: Mapping[str, Prior]) -> Mod
     new = {term.name for name in names for term in terms_of(find(name))}
     model = model.add(*names, priors={n: p for n, p in priors.items() if n in new and n not in held})
     return model.freeze(**{n: y for n, y in held.items() if n in new})
+
+
+def allowing_for_choice(fit: Fit) -> Fit:
+    """A fit whose estimates follow from the sizes of what its own recordings named, given that choice."""
+    values = np.array([e.value for e in fit.free])
+    names, C = [e.name for e in fit.free], np.array(fit.covariance)
+    for note in (note for note in fit.remarks if note.code == "chosen"):
+        i = names.index(str(note.values["effect"]))
+        size, std = float(note.values["size"]), float(note.values["std"])
+        follow, v = C[:, i] / C[i, i], C[i, i]
+        values = values + follow * (size - values[i])
+        C += np.outer(follow, follow) * (std**2 - v)
+    if np.array_equal(C, fit.covariance):
+        return fit
+    allowed = iter(zip(values.tolist(), np.sqrt(np.diag(C)).tolist(), strict=True))
+    estimates = [
+        e if e.name in fit.model.fixed else replace(e, **dict(zip(("value", "std"), next(allowed), strict=True)))
+        for e in fit.estimates
+    ]
+    return replace(fit, estimates=tuple(estimates), covariance=C)
 
 
 def without(model: Model, names: Sequence[str]) -> Model:

@@ -230,8 +230,7 @@ class LiveModel:
         if not math.isfinite(position):
             raise AccelcalError(f"LiveModel: position = {position:g} m; give where the stage is at the first sample.")
         for name in model.effects:
-            reason = refusal(find(name), model.shapes.get(name))
-            if reason is not None:
+            if (reason := refusal(find(name), model.shapes.get(name))) is not None:
                 raise AccelcalError(f"{name} cannot be tracked live: {reason}.")
         terms, processes = live_terms(model)
         self.model, self.rig = model, rig
@@ -263,9 +262,8 @@ class LiveModel:
         if covariance is not None:
             spread[: len(covariance), : len(covariance)] = covariance
         self._tau = tau = rig.lowpass.tau if rig.lowpass is not None else 0.0
-        # Behind a low-pass the filter's motion lags: it begins tau v behind the stage.
         self._motion = DIFFUSE * r_position * np.diag([1.0, 0.0]) + np.outer([-tau, 1.0], [-tau, 1.0]) * speed**2
-        """Covariance of position and velocity where a filter begins."""
+        """Covariance of position and velocity where a filter begins: behind a low-pass tau v behind the stage."""
         self.settings: dict[str, Any] = {
             "dt": 1.0 / rate,
             "q": q,
@@ -282,7 +280,7 @@ class LiveModel:
         self._filter = fixed_rate_with_effects(**self.settings)
         self._signals = CausalSignals(rig, origins or Origins(), 1.0 / rate, q)
         self._lag = lag_weights(tau, 0.5 / rate) if tau > 0.0 else None
-        self._x, self._variances = np.zeros(MOTION + 2 + m), np.zeros(MOTION + 2 + m)
+        self._x, self._variances = np.zeros((2, MOTION + 2 + m))
         self._columns, self._constant = np.zeros((3, m + len(self._suspects))), np.zeros(3)
         self._memories: list[list[float]] = [[] for _ in self._parts]
         self._side: dict[str, float] = {}

@@ -79,7 +79,7 @@ def size_given_choice(z: float, threshold: float, share: float = 1.0) -> tuple[f
     >>> [round(x, 2) for x in size_given_choice(4.5, 4.2)]
     [2.43, -0.24, 6.14]
     >>> [round(x, 2) for x in size_given_choice(8.0, 4.2)]
-    [8.0, 6.02, 9.96]
+    [8.0, 6.03, 9.96]
     """
     edge, z = threshold / math.sqrt(share), abs(z)
     far = max(z, edge) + 20.0
