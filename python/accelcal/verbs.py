@@ -34,7 +34,7 @@ from accelcal.diagnosis.runs import RunValues, runs_disagree, values_by_run
 from accelcal.diagnosis.search.beam import SearchRules
 from accelcal.diagnosis.search.hypotheses import hypotheses_for, lacks_its_position, may_be_refined
 from accelcal.diagnosis.search.refine import together
-from accelcal.diagnosis.search.scan import scan
+from accelcal.diagnosis.search.scan import Scan, scan
 from accelcal.diagnosis.select.curve_formulas import FormulaSet, formulas_of
 from accelcal.diagnosis.select.improvement import Improvement, Step, contradicted, nested_fits
 from accelcal.diagnosis.select.stepwise import SearchBudget, StepwiseSelection, solve
@@ -510,6 +510,12 @@ def add(
     return remembered(replace(grown, remarks=(*broken, *grown.remarks, *shown)), recordings)
 
 
+def with_choice(fit: Fit, scan: Scan, alpha: float, chosen_by: Fit) -> Fit:
+    """A fit with the remarks on sizes of effects that a search has named in the fit to a part."""
+    entry = SearchRules(scan.examined, scan.blocks, alpha).entry_sigma
+    return replace(fit, remarks=(*fit.remarks, *chosen(fit, dict.fromkeys(fit.model.added, entry), chosen_by)))
+
+
 def entry_sigma(states: Sequence[RunState], model: Model, extra: Sequence[Effect] | None) -> float:
     """Standard deviations above which runs fitted with a model name an effect that it lacks."""
     examined = len(hypotheses_for(states[0], model, extra, others=states[1:]))
@@ -726,8 +732,7 @@ def improve(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import accelcal as ac
+    >>> import accelcal as ac, numpy as np
     >>> truth, rng = {"bias": 0.05, "cubic": 1e-3}, np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
     >>> ac.improve(made.recording, most=1).effects
@@ -768,8 +773,7 @@ def improve(
     if unseen is None:  # the held-out end has done its work: the model is that of the whole record
         whole = clean_fit(original, lambda these: solve(best.model, these, stretch, finish))
         best = replace(with_noise_effects(result(whole.solution), original, whole.solution.states), tilt=best.tilt)
-    entry = SearchRules(last.scan.examined, last.scan.blocks, alpha).entry_sigma
-    best = replace(best, remarks=(*best.remarks, *chosen(best, dict.fromkeys(best.model.added, entry), steps[-1].fit)))
+    best = with_choice(best, last.scan, alpha, steps[-1].fit)
     return Improvement(tuple(steps), best, last, tuple(selection.classes), selection.examined, holdout is None)
 
 
