@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,11 +25,14 @@ from accelcal.diagnosis.experiment.next_runs import (
     enlarged,
     fitted_without,
     further,
+    likeliest,
     saturates,
     within_range,
 )
+from accelcal.diagnosis.findings import Confounded
 from accelcal.diagnosis.policy import CLASS_WEIGHT
 from accelcal.diagnosis.runs import repeated
+from accelcal.diagnosis.search.confounding import Weights
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.effects import find
 from accelcal.simulation import CXL02_RIG
@@ -244,6 +248,18 @@ def test_an_enlarged_motion_is_the_motion_times_a_factor(tone):
     np.testing.assert_allclose(np.gradient(twice.v, s.step)[5:-5], twice.a[5:-5], atol=0.05)
     np.testing.assert_allclose(twice.a, 2.0 * s.a, atol=1e-12)
     assert np.ptp(twice.p) == pytest.approx(2.0 * np.ptp(s.p))
+
+
+def test_a_class_with_one_weight_of_99_percent_is_decided():
+    def group(weight):
+        weights = {"cubic": Weights(1.0 - weight), "quadratic": Weights(weight), "shape_of_time": Weights()}
+        return Confounded("cubic", tuple(weights), "", weights=weights)
+
+    assert likeliest(group(0.995)) == (0.995, "quadratic")
+    assert class_with_weights(SimpleNamespace(classes=[group(0.995)])) is None
+    undecided = group(0.98)
+    assert class_with_weights(SimpleNamespace(classes=[group(0.995), undecided])) is undecided
+    assert likeliest(Confounded("cubic", ("cubic", "tone"), "")) == (0.0, "cubic")
 
 
 def test_where_nothing_is_confounded_there_is_nothing_to_separate(tone):

@@ -252,7 +252,7 @@ def remaining(result: Diagnosis | Improvement, names: tuple[str, ...], then: Map
             f"nothing to separate: {names[0] or 'the recording'} leaves no class of causes with weights; "
             f"the verdict is {result.verdict}. Run accelcal diagnose for what it says"
         )
-    left = next((effect for effect in result.effects if effect in then), None)
+    left = next((name for _, name in map(likeliest, result.classes) if name in then), None)
     return NextExperiments(names, causes_of({name: float(name == left) for name in then}, then), 0.0)
 
 
@@ -263,9 +263,14 @@ def causes_of(weights: Mapping[str, float], then: Mapping[str, float]) -> tuple[
 
 
 def class_with_weights(result: Diagnosis | Improvement) -> Confounded | None:
-    """The first class of which two members or more have weights; None where there is none."""
-    weighed = (group for group in result.classes if sum(math.isfinite(w.by_record) for w in group.weights.values()) > 1)
-    return next(weighed, None)
+    """The first class of which two members or more have weights, none of them that with which it would be named."""
+    return next((group for group in result.classes if 0.0 < likeliest(group)[0] < CLASS_WEIGHT), None)
+
+
+def likeliest(group: Confounded) -> tuple[float, str]:
+    """Largest weight of a class and its member; weight 0 and the effect itself where fewer than two have weights."""
+    weights = [(float(w.by_record), name) for name, w in group.weights.items() if math.isfinite(w.by_record)]
+    return max(weights) if len(weights) > 1 else (0.0, group.effect)
 
 
 def fitted_without(
