@@ -452,8 +452,7 @@ def add(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import accelcal as ac
+    >>> import accelcal as ac, numpy as np
     >>> truth = {"bias": 0.05, "cubic": 1e-3}
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng)
