@@ -423,10 +423,12 @@ def after_fit(model: Path | None, runs: Sequence[Path]) -> None:
 
 
 def after_diagnosis(fit: Fit, diagnosis: Diagnosis, model: Path, runs: Sequence[Path]) -> None:
-    """What is missing is added, to the recordings that the model was fitted to; a model that lacks nothing goes into
-    the report."""
+    """What is missing is added, to the recordings that the model was fitted to, and of a class it is asked which run
+    separates it; a model that lacks nothing goes into the report."""
     fitted = fitted_files(fit, model, *runs)
     missing = next((effect for effect in diagnosis.effects if effect not in fit.model.effects), None)
+    if diagnosis.verdict == "tied" and any(len(group.weights) > 1 for group in diagnosis.classes):
+        suggest("next", model, *fitted)
     if diagnosis.verdict in ("named", "tied", "shape"):
         suggest("add", model, *fitted, "--effect", missing, "-o", f"{model.stem}_{missing}.json")
     elif diagnosis.verdict == "adequate":
