@@ -27,7 +27,7 @@ SIGNALS = (signal.SIGKILL, signal.SIGINT, signal.SIGTERM)
 OLD = b"old\n"
 LIGHT = [name for name, writer in WRITERS.items() if not writer.heavy]
 HEAVY = [name for name, writer in WRITERS.items() if writer.heavy]
-WRITING_OPTIONS = {"output", "c", "rust", "dcc", "plots", "figure", "store"}
+WRITING_OPTIONS = {"output", "c", "rust", "dcc", "plots", "figure", "store", "motion"}
 MOST_IMPORTS = 1400
 """Modules that are looked for during a fit, about."""
 counted: Counter[str] = Counter()

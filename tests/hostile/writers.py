@@ -17,7 +17,8 @@ import accelcal as ac
 from accelcal.cli import write_recording
 from accelcal.estimation.estimate import estimate
 from accelcal.results import model_file
-from accelcal.simulation import ADXL105_RIG
+from accelcal.simulation import ADXL105_RIG, CXL02_RIG
+from accelcal.simulation.motion import Motion, Tones
 
 PLOTS = tuple(
     f"plots/{name}.{kind}"
@@ -79,6 +80,9 @@ WRITERS: Mapping[str, Writer] = {
         heavy=True,
     ),
     "plan": Writer((*_plan(), "--seconds", "10", "-o", "motion.csv"), ("motion.csv", "motion.toml"), heavy=True),
+    "next": Writer(
+        ("next", "m4.json", "tied.csv", *_plan()[3:], "--motion", "next.csv"), ("next.csv", "next.toml"), heavy=True
+    ),
     "report": Writer(
         ("report", "m.json", "run.csv", "--light", "--pdf", "-o", "run.html"), ("run.html", "run.pdf"), heavy=True
     ),
@@ -136,6 +140,11 @@ def make_inputs(folder: Path) -> None:
     y = 9.8 * np.cos(0.8 * position) + 0.01 * rng.standard_normal(len(t)) + moving
     rows = "\n".join(f"{when!r},{value!r}" for when, value in zip(t.tolist(), y.tolist(), strict=True))
     (folder / "tumble.csv").write_text(f"t_s,accel_m_per_s2\n{rows}\n")
+    tone = Motion((Tones(np.array([2.0 / (6.0 * np.pi) ** 2]), np.array([3.0]), np.zeros(1)),), 20.0, name="tone")
+    truth, rng = {"bias": 0.05, "quadratic": 1e-3}, np.random.default_rng(1)
+    tied = ac.simulate(tone, seconds=20.0, rig=CXL02_RIG, parameters=truth, rng=rng).recording
+    write_recording(tied, folder / "tied.csv")
+    model_file.save(estimate(ac.Model.linear(), tied), folder / "m4.json")
 
 
 def is_whole(path: Path, reference: bytes, *, grows: bool = False) -> bool:
