@@ -623,7 +623,8 @@ def refit(
     """Fit a model in the manner of an earlier fit, sizes of effects allowing for their choice as there."""
     method: Any = before.engine.name
     again = fit(recordings, model, method=method, origins=before.origins, progress=progress)
-    return replace(again, remarks=(*again.remarks, *chosen(again, entry_sigmas(before, again))))
+    allowed = chosen(again, entry_sigmas(before, again))
+    return remembered(replace(again, remarks=(*again.remarks, *allowed)), recordings)
 
 
 @checked

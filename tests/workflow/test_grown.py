@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
+from accelcal import verbs
 from accelcal.calibration.export.calibration import calibrate
 from accelcal.estimation import run_state
 from accelcal.estimation.estimate import solve_runs
@@ -92,3 +93,11 @@ def test_a_size_that_no_choice_has_changed_is_the_estimate(size: float) -> None:
     fit = ac.add(ac.fit(recording), recording, "cubic")
     assert not allowances(fit)
     assert fit.given_choice is fit
+
+
+def test_a_refit_is_remembered_with_its_recording():
+    recording = cubic_record(WEAK, 3)
+    named = ac.add(ac.fit(recording), recording, "cubic")
+    again = verbs.refit(named, recording, named.model.freeze(time_offset=0.0))
+    assert allowances(again) == ["cubic"]
+    assert [source() for source in verbs._fitted_to[id(again)]] == [recording]
