@@ -11,7 +11,7 @@ from scipy.special import ndtr
 
 import accelcal as ac
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.search.beam import BlockScatter, size_given_choice
+from accelcal.diagnosis.search.beam import BlockScatter, SearchRules, size_given_choice
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
 from accelcal.diagnosis.search.refine import between_trials
 from accelcal.diagnosis.search.scan import scan
@@ -48,6 +48,34 @@ def test_the_scatter_of_a_few_blocks_is_shrunk_to_the_noise_of_the_model() -> No
     assert np.all(np.abs(inflations[:, 0] - 2.5) < 1.0)
     assert np.all(inflations[:, 1] < 2.0)
     assert inflations[:, 1].mean() < 1.4
+
+
+@pytest.mark.parametrize("further", [False, True], ids=["alone", "beside another effect"])
+def test_a_strong_effect_does_not_lose_to_two_that_share_it(further: bool) -> None:
+    """`velocity_squared` explains all, either of two others nearly all, both together as much."""
+
+    class Table:
+        """Effects of one record by the directions of their columns; the gain is the square of what they explain."""
+
+        items = tuple(
+            Hypothesis(find(name), {})
+            for name in ("vibration_rectification", "velocity_squared", "scale_asymmetry", "cubic")
+        )
+        X = np.array([[0.917, 1.0, 0.955, 0.0], [0.399, 0.0, -0.295, 0.0], [0.0, 0.0, 0.0, 1.0]])
+        y = np.array([32.0, 0.0, 12.0 if further else 0.0])
+
+        def gains(self, given: tuple[int, ...] = ()) -> tuple[Array, Array]:
+            q, _ = np.linalg.qr(self.X[:, list(given)])
+            X, y = (v - q @ (q.T @ v) for v in (self.X, self.y))
+            power = np.sum(X**2, axis=0)
+            dofs = (power > 1e-9).astype(int)
+            return np.where(dofs, (y @ X) ** 2 / np.maximum(power, 1e-9), 0.0), dofs
+
+        def cost(self, i: int, given: tuple[int, ...]) -> float:
+            return 0.0
+
+    best = SearchRules(examined=326, blocks=200, alpha=0.01).best_set(Table())
+    assert best == ((1, 3) if further else (1,))
 
 
 def test_the_rivals_of_an_effect_of_little_evidence_have_more_weight(plain: Simulated) -> None:

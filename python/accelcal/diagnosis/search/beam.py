@@ -173,9 +173,12 @@ class SearchRules:
 
         `cost` is the part of its price that the gain of a random process contains already.
         """
+        return saturated(gain + cost) - cost - self.price(dof, item)
+
+    def price(self, dof: int, item: Hypothesis) -> float:
+        """Price of the coefficients of a hypothesis and of the comparisons made."""
         comparisons = max(self.examined, 2) * item.alternatives
-        credited = saturated(gain + cost) - cost
-        return credited - dof * math.log(max(self.blocks, 2)) - 2.0 * math.log(comparisons)
+        return dof * math.log(max(self.blocks, 2)) + 2.0 * math.log(comparisons)
 
     def evidence_with_size(self, evidence: CandidateScores, i: int, given: Sequence[int], inflation: float) -> float:
         """Log-evidence of a hypothesis given others, with the prior of its size."""
@@ -218,8 +221,13 @@ class SearchRules:
         return tuple(ordered)
 
     def net_gain_of_set(self, evidence: CandidateScores, ordered: Sequence[int]) -> float:
-        """Net gain of a set whose members enter one after the other."""
-        return sum(self.net_gain_given(evidence, None, i, ordered[:k]) for k, i in enumerate(ordered))
+        """Joint gain of a set less the prices of its members.
+
+        Evidence that saturates would credit two members that share what they explain with more than the single effect
+        that explains as much.
+        """
+        tables = [(i, *evidence.gains(ordered[:k])) for k, i in enumerate(ordered)]
+        return sum(float(gains[i]) - self.price(int(dofs[i]), evidence.items[i]) for i, gains, dofs in tables)
 
     def net_gain_given(
         self, evidence: CandidateScores, scatter: BlockScatter | None, i: int, given: Sequence[int]
@@ -267,7 +275,7 @@ class SearchRules:
                 continue
             if scatter is not None and not self.significant(gain / scatter.inflation(i, chosen), dof, item):
                 continue
-            extended.append((self.net_gain(gain, dof, item, evidence.cost(i, chosen)), i))
+            extended.append((gain - self.price(dof, item), i))
         return sorted(extended, reverse=True)
 
     def distinct(
