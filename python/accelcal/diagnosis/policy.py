@@ -45,9 +45,6 @@ trials would otherwise lose to a smooth rival. [share; tests/diagnosis/search/te
 DEFERRED_GAIN_SHARE = 0.1
 """Share of the strongest effect's gain below which an effect waits for the next round. What a strong effect leaves
 at a trial shape can pass for a weak one. [share; tests/hidden/test_hidden.py]"""
-FORMULA_LOG_EVIDENCE = 3.0
-"""Distance of formulas in log-evidence up to which a record does not separate them. It is a likelihood ratio of 20.
-[logarithm; tests/selection/test_formulas.py]"""
 FORMULA_LACK_OF_FIT_ALPHA = 1e-3
 """Probability of what a smooth curve explains beside a formula below which the formula is rejected. A true one is
 rejected in one record of a thousand. [probability; tests/selection/test_formulas.py]"""

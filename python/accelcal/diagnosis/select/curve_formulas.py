@@ -25,7 +25,6 @@ from accelcal.data import Array, concise
 from accelcal.diagnosis.policy import (
     FAMILYWISE_ALPHA,
     FORMULA_LACK_OF_FIT_ALPHA,
-    FORMULA_LOG_EVIDENCE,
 )
 from accelcal.diagnosis.search.beam import SearchRules, block_length
 from accelcal.diagnosis.search.confounding import CLASS_ODDS
@@ -576,7 +575,7 @@ def formulas_of(
     examined = tried + sum(len(lengths(elements, nodes)) for elements in combinations())
     p_value = min(1.0, math.exp(min(0.0, log_survival(ranked[0].gain, ranked[0].dof) + math.log(examined))))
     other = None if holdout is None else HatGram(*holdout, curve, nodes_of(holdout[0], curve), memories)
-    near = [trial for trial in ranked if trial.log_evidence > ranked[0].log_evidence - FORMULA_LOG_EVIDENCE]
+    near = [trial for trial in ranked if trial.log_evidence > ranked[0].log_evidence - CLASS_ODDS]
     candidates = [
         trial.formula(hats, curve, other) for trial in near if trial.determined(hats) and not contains(trial, near)
     ]
