@@ -4,7 +4,7 @@ From the top of the repository: python -m benches.next_runs [--seeds 5] [--seed 
 A simulated stage moves by one tone; an effect is hidden at d = 20. Where the diagnosis ends in a class, the first run
 of `accelcal next` that the stage can do is recorded with it and diagnosed together with all before, until one cause has
 the weight with which it is named, at most ten runs; and the tone is repeated twice as often. Bars: half as many runs as
-by repeating in the median; at most 1 % stops at a wrong cause; the pair that the run separates least ends within 20 % of
+by repeating in the median; at most 1 % stops at a wrong cause; the pair that a run separates least ends within 20 % of
 the predicted distance. `same`: the class holds a copy of the cause, which no run separates: said.
 """
 
