@@ -7,11 +7,11 @@ rejected before every fit.
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import Any, overload
+from typing import Any, Literal, overload
 
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
@@ -20,7 +20,7 @@ from accelcal._support.values import listing
 from accelcal.data import DERIVED, Dwells, Positions, Recording, RecordingError
 from accelcal.data.recording import with_dwells
 from accelcal.diagnosis.checks import disturbance, slow_residual, stretches_of
-from accelcal.diagnosis.clean_fit import RejectedReadings, clean_fit, run_outlier_tests
+from accelcal.diagnosis.clean_fit import CleanFit, RejectedReadings, clean_fit, run_outlier_tests
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
 from accelcal.diagnosis.evidence import Evidence, largest_wave
 from accelcal.diagnosis.experiment.detectability import rules_for
@@ -32,6 +32,7 @@ from accelcal.diagnosis.one_axis import require_motion_above_noise, require_one_
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, SHOWN_SIGMA, VALIDATION_SIGMA
 from accelcal.diagnosis.runs import RunValues, runs_disagree, values_by_run
 from accelcal.diagnosis.search.beam import SearchRules
+from accelcal.diagnosis.search.confounding import size_priors
 from accelcal.diagnosis.search.hypotheses import hypotheses_for, lacks_its_position, may_be_refined
 from accelcal.diagnosis.search.refine import together
 from accelcal.diagnosis.search.scan import Scan, scan
@@ -56,7 +57,7 @@ from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_fit import SEEN_BY_RUNS, run_to_hold_out
 from accelcal.estimation.run_state import RunState
 from accelcal.filters.choice import FilterChoice
-from accelcal.model import BASE, Model
+from accelcal.model import BASE, Model, Prior
 from accelcal.signals.signals import Origins
 from accelcal.validation import evaluation
 from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Evaluation, RmsInterval
@@ -104,6 +105,7 @@ def diagnose(
     *,
     extra: Sequence[Effect] | None = None,
     alpha: float = FAMILYWISE_ALPHA,
+    prior: Mapping[str, Prior] | Literal["none"] | None = None,
     start: float | None = None,
     end: float | None = None,
     progress: Callable[[float], None] = ...,
@@ -118,6 +120,7 @@ def diagnose(
     *,
     extra: Sequence[Effect] | None = None,
     alpha: float = FAMILYWISE_ALPHA,
+    prior: Mapping[str, Prior] | Literal["none"] | None = None,
     start: float | None = None,
     end: float | None = None,
     progress: Callable[[float], None] = lambda share: None,
@@ -131,6 +134,8 @@ def diagnose(
     extra : users' effects to consider besides the built-in ones; by default all that are registered (`load_effects`,
         `effect`, `from_expression`), with () none.
     alpha : family-wise false-alarm rate.
+    prior : of effect sizes by name, as `Fleet.priors`, before those of the sidecar and of the catalogue; they make the
+        second set of weights of confounded effects, which decides no name. With "none" there is no such set.
     start, end : s, optional; only this part is used.
     progress : called with the share of the work that is done, 0 to 1.
 
@@ -158,7 +163,9 @@ def diagnose(
         return diagnose_dwells(fit, recordings, alpha=alpha)
     several = runs_of(recordings)
     if len({recording.axis for recording in several}) > 1:
-        return diagnose_axes(fit, several, diagnose, progress, alpha=alpha, extra=extra, start=start, end=end)
+        settings = {"extra": extra, "prior": prior, "start": start, "end": end}
+        return diagnose_axes(fit, several, diagnose, progress, alpha=alpha, **settings)
+    priors = size_priors(several, prior)
     examined = [examine(recording, start, end) for recording in several]
     if "scale_factor" not in fit.model.fixed:
         require_relation(examined)
@@ -177,12 +184,15 @@ def diagnose(
             progress=within(progress, 0.1, 0.3),
         )
 
+    def judge(fitted: CleanFit, stretch: TimeSpan) -> Diagnosis:
+        return verdict_on(Evidence(fitted, stretch, extra, alpha, within(progress, 0.35, 1.0), priors=priors))
+
     fitted = clean_fit(runs, solve)
-    judged = verdict_on(Evidence(fitted, stretch, extra, alpha, within(progress, 0.35, 1.0)))
+    judged = judge(fitted, stretch)
     if rest := undisturbed(runs, stretch, judged):
         runs, stretch = rest
         fitted = clean_fit(runs, solve)
-        judged = verdict_on(Evidence(fitted, stretch, extra, alpha, within(progress, 0.35, 1.0)))
+        judged = judge(fitted, stretch)
     return replace(judged, dropped=fitted.rejected(runs), remarks=(*judged.remarks, *broken))
 
 
@@ -702,6 +712,7 @@ def improve(
     most: int = MOST_EFFECTS,
     extra: Sequence[Effect] | None = None,
     alpha: float = FAMILYWISE_ALPHA,
+    prior: Mapping[str, Prior] | Literal["none"] | None = None,
     start: float | None = None,
     end: float | None = None,
     progress: Callable[[float], None] = lambda share: None,
@@ -716,7 +727,7 @@ def improve(
         more whose axis and mount another one has, else the last 30 % of the first, to which only `best` is fitted.
     most : most effects to add.
     extra : users' effects to consider besides the built-in ones; by default all that are registered, with () none.
-    alpha : family-wise false-alarm rate.
+    alpha, prior : family-wise false-alarm rate, and priors of effect sizes, both as of `diagnose`.
     start, end : s, optional; only this part of the recordings is used, of the held-out one as well.
     progress : called with the share of the work that is done.
     on_step : called with each model as soon as it is fitted, to be kept where the work is ended.
@@ -742,21 +753,20 @@ def improve(
     apart = run_to_hold_out(several) if holdout is None else None
     if apart is not None:
         holdout = several.pop(apart)
-    budget = SearchBudget()
+    budget, priors = SearchBudget(), size_priors(several, prior)
     examined = [examine(recording, start, end) for recording in several]
     require_relation(examined)
     original, stretch, broken = judged_runs(examined)
     begin, finish = stretch.start, stretch.end
     split = finish - HELD_OUT * (finish - begin) if holdout is None else finish
-    selection = StepwiseSelection.begin(original, stretch, split, extra, alpha, budget)
+    selection = StepwiseSelection.begin(original, stretch, split, extra, alpha, budget, priors)
     if rest := undisturbed(original, stretch, selection.current.verdict):
         original, stretch = rest
-        selection = StepwiseSelection.begin(original, stretch, split, extra, alpha, budget)
+        selection = StepwiseSelection.begin(original, stretch, split, extra, alpha, budget, priors)
     selection.grow(most, on_step, within(progress, 0.3, 0.9))
     unseen = None if holdout is None else examine(holdout, start, end)
     test, span = (original[0], (split, finish)) if unseen is None else (unseen.source, unseen.span)
-    rejected = selection.current.fitted.rejected(original)
-    if rejected:
+    if rejected := selection.current.fitted.rejected(original):
         test, more = clean_holdout(selection.steps[0][1].model, test, *span)
         rejected = (*rejected, *more)
     steps, disturbed = uncontradicted_steps(selection, begin, test, *span, clean=unseen is None)

@@ -194,6 +194,51 @@ def test_a_fleet_is_the_prior_of_the_next_sensor(sensors, tmp_path):
         assert "accelcal fleet FOLDER..." in refused.output.replace("\n", " ")
 
 
+def test_a_fleet_is_the_prior_of_sizes_in_a_search(tmp_path):
+    """Of eight sensors whose K3 differs little; the twin, --prior none, has no second set."""
+    truth, rng = {"bias": 0.05, "cubic": 1.5e-4}, np.random.default_rng(1)
+    made = ac.simulate("interleaved", seconds=12.0, rig=CXL02_RIG, parameters=truth, rng=rng)
+    side, path = write_recording(made.recording, tmp_path / "run.csv"), tmp_path / "fleet.json"
+    side.write_text(f'{side.read_text()}\n[prior]\nodd_quadratic = "1 g/g^2"\n')
+    sensor = np.arange(8)
+    cubic = population(1.5e-4 + 1e-6 * rng.standard_normal(8), np.full(8, 1e-7), sensor)
+    names, values = tuple(f"s{i}" for i in sensor), {"cubic": np.full(8, 1.5e-4), "cubic.std": np.full(8, 1e-7)}
+    fleet = summary.Fleet(names, names, sensor, values, {"cubic": "(m/s²)⁻²"}, {"cubic": cubic}, (), {})
+    path.write_text(fleet.to_json())
+    model = str(tmp_path / "m.json")
+    assert CliRunner().invoke(app, ["fit", str(tmp_path / "run.csv"), "-o", model]).exit_code == 0
+    sets = {}
+    for prior in ((), ("--prior", str(path)), ("--prior", "none")):
+        done = CliRunner().invoke(app, ["diagnose", model, str(tmp_path / "run.csv"), *prior, "--json"])
+        assert done.exit_code == 0, done.output
+        found = json.loads(done.stdout)
+        sets[prior[-1:]] = found["scan"]["found"][0]["weights"], found["sentence"]
+    (sheet, text), (given, said), (alone, bare) = sets.values()
+    first = {name: w["by_record"] for name, w in sheet.items()}
+    for other in (given, alone):
+        assert {name: w["by_record"] for name, w in other.items()} == first
+    assert given["cubic"]["with_sheets"] > 0.98 > 0.96 > sheet["cubic"]["with_sheets"]
+    assert [given[name]["source"] for name in ("cubic", "odd_quadratic")] == ["fleet", "run.toml"]
+    assert "(odd_quadratic: run.toml)" in text
+    assert "(cubic: fleet, odd_quadratic: run.toml)" in said
+    assert {w["with_sheets"] for w in alone.values()} == {"NaN"}
+    assert "data sheets" not in bare
+    improved = CliRunner().invoke(app, ["improve", str(tmp_path / "run.csv"), "--prior", "none", "--json"])
+    assert improved.exit_code == 0, improved.output
+    assert "data sheets" not in improved.stdout
+
+
+@pytest.mark.parametrize("command", [["diagnose", "m.json", "run.csv"], ["improve", "run.csv"]])
+def test_what_is_no_fleet_is_refused_before_a_recording_is_read(command, sensors, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    next_one = sensors / "s0" / "r0.csv"
+    model = CliRunner().invoke(app, ["fit", str(next_one), "-o", "m.json"])
+    assert model.exit_code == 0, model.output
+    refused = CliRunner().invoke(app, [*command, "--prior", "other.json"])
+    assert refused.exit_code == 2
+    assert "accelcal fleet FOLDER..." in refused.output.replace("\n", " ")
+
+
 def test_workers_do_not_change_a_byte_and_nothing_is_computed_twice(sensors, tmp_path):
     two_sensors = partial(run, sensors, sensors=(2, 3))
     one = two_sensors(tmp_path / "one.sqlite", "--json")

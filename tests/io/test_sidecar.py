@@ -7,8 +7,10 @@ from dataclasses import asdict, replace
 import pytest
 
 from accelcal import io
+from accelcal.data import units
 from accelcal.data.recording import RecordingError
 from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
+from accelcal.effects import BUILT_IN, find
 from accelcal.io.sidecar import Clock, Source, read_sidecar
 
 G0 = 9.80665
@@ -147,6 +149,11 @@ def test_position_with_its_own_clock(tmp_path):
         ('[channels]\nrate = "1 Hz"\ntime = { column = "t" }', "channels.rate: there is a time as well"),
         ('[channels]\nrate = "0 Hz"', "channels.rate: found '0 Hz', expected a frequency that is positive"),
         ("[uncertainty]\nlevel = 0.05", 'uncertainty.level: 0.05 has no unit; expected an angle such as "0.05 deg"'),
+        ("[prior]\ncubic = true", "prior.cubic: found True, expected a positive number with its unit"),
+        ('[prior]\ncubic = "0 ug/g^3"', "prior.cubic: found '0 ug/g^3', expected a positive number with its unit"),
+        ('[prior]\ncubic = "-1 ug/g^3"', "prior.cubic: found '-1 ug/g^3', expected a positive number with its unit"),
+        ('[prior]\ncubic = "1 parsec"', 'prior.cubic: unknown unit "parsec"'),
+        ("[prior]\ncubic = [1]", "prior.cubic: found [1], expected a positive number with its unit"),
         ("[rig]\naxis = up", "not valid TOML: Invalid value (at line 2, column 8); correct that line"),
     ],
 )
@@ -154,6 +161,22 @@ def test_mistake_is_named_with_file_key_and_what_was_expected(tmp_path, text, sa
     with pytest.raises(RecordingError, match=re.escape(str(tmp_path / "run.toml"))) as error:
         read(tmp_path, text)
     assert said in str(error.value)
+
+
+def test_sizes_of_effects_are_read_as_they_are_written(tmp_path):
+    found = read(tmp_path, '[prior]\ncubic = "100 ug/g^3"\ncross_axis = 1e-3\n')
+    assert found.prior_sizes == {"cubic": "100 ug/g^3", "cross_axis": "0.001"}
+    assert units.coefficient("100 ug/g^3", find("cubic").unit) == pytest.approx(1e-4 / G0**2, rel=1e-14)
+    assert units.coefficient("1 mg/degC", find("temperature_bias").unit) == pytest.approx(1e-3 * G0, rel=1e-14)
+
+
+def test_every_effect_takes_its_size_in_the_unit_that_a_mistake_names():
+    """But for the one whose coefficients are of two units."""
+    refused = {e.name for e in BUILT_IN if not units.is_unit(e.unit)}
+    assert refused == {"encoder_nonlinearity"}
+    for effect in (e for e in BUILT_IN if e.name not in refused):
+        name, size = units.usual_unit(effect.unit)
+        assert units.coefficient(f"2 {name}", effect.unit) == pytest.approx(2.0 * size, rel=1e-12)  # pint rounds
 
 
 def test_sidecar_that_cannot_be_opened_is_named(tmp_path, monkeypatch):

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accelcal import io
+from accelcal.cli import write_recording
 from accelcal.data import units
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
@@ -76,6 +77,14 @@ def test_declared_rig_survives_writing_and_reading(tmp_path, kind, rig):
     back = io.load(path)
     assert dataclasses.replace(back.rig, assumptions=()) == rig
     assert same(run.accel, back.accel)
+
+
+def test_sizes_of_effects_go_with_a_part(tmp_path):
+    sizes = {"cubic": "100 ug/g^3", "odd effect": "0.001"}
+    path = tmp_path / "run.csv"
+    run = dataclasses.replace(recording(), prior_sizes=sizes)
+    write_recording(run.part(0.0, 0.1), path)
+    assert io.load(path).prior_sizes == sizes
 
 
 def test_round_numbers_stand_in_the_units_of_data_sheets(tmp_path):

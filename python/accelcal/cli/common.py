@@ -181,6 +181,14 @@ OfPosition = Annotated[
 ]
 Output = Annotated[Path | None, typer.Option("-o", "--output", help="File to write.", callback=writable_file)]
 Holdout = Annotated[Path | None, typer.Option("--holdout", help="Held-out recording.")]
+NO_PRIOR = Path("none")
+"""Word for no prior, among paths of fleets."""
+SizesFrom = Annotated[
+    Path | None,
+    typer.Option(
+        "--prior", help="JSON of accelcal fleet, the prior of effect sizes in weights of causes; none: no such prior."
+    ),
+]
 EffectsFile = Annotated[
     list[Path] | None,
     typer.Option("--effects-file", help="Python file with your own effects; may be given several times."),

@@ -238,7 +238,13 @@ def write_recording(recording: data.Recording, path: Path) -> Path:
     with io.together():
         columns = write(recording, path)
         io.write_sidecar(
-            recording.rig, columns, sidecar, labels=recording.labels, noticed=recording.findings, mark=mark_of(path)
+            recording.rig,
+            columns,
+            sidecar,
+            labels=recording.labels,
+            noticed=recording.findings,
+            prior_sizes=recording.prior_sizes,
+            mark=mark_of(path),
         )
     return sidecar
 

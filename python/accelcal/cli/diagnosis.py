@@ -23,6 +23,7 @@ from accelcal.cli.common import (
     ModelFile,
     Output,
     Rig,
+    SizesFrom,
     To,
     UsageError,
     after_comparison,
@@ -43,7 +44,7 @@ from accelcal.cli.common import (
     writable_folder,
 )
 from accelcal.cli.lazy import catalogue, data, experiment, io, model_file, results_json, sensors, verbs
-from accelcal.cli.models import LOADED, load_all, load_like, load_runs
+from accelcal.cli.models import LOADED, load_all, load_like, load_runs, size_priors_of
 from accelcal.cli.overwriting import mark_of
 
 if TYPE_CHECKING:
@@ -63,6 +64,7 @@ def diagnose(
     rig: Rig = None,
     holdout: Holdout = None,
     effects_file: EffectsFile = None,
+    prior: SizesFrom = None,
     output: Output = None,
     json: Json = False,
 ) -> None:
@@ -75,18 +77,19 @@ def diagnose(
     from accelcal.diagnosis.verdict import AxesDiagnosis
 
     load_own_effects(effects_file)
-    fitted = model_file.load(model)
+    fitted, sizes = model_file.load(model), size_priors_of(prior)
     with progress("diagnose") as report:
         recordings = with_dwells(load_all(fitted, runs, rig))
         if not isinstance(recordings, data.Dwells):
-            diagnosis = verbs.diagnose(fitted, recordings, progress=within(report, LOADED, 0.8 if holdout else 1.0))
+            share = within(report, LOADED, 0.8 if holdout else 1.0)
+            diagnosis = verbs.diagnose(fitted, recordings, prior=sizes, progress=share)
             comparison = None
             if holdout is not None:
                 unseen = verbs.runs_of(load_all(fitted, [holdout], rig))
                 comparison = verbs.compare(fitted if isinstance(diagnosis, AxesDiagnosis) else diagnosis.fit, unseen)
     if isinstance(recordings, data.Dwells):
-        if holdout is not None:
-            raise UsageError("--holdout needs a recording of a motion; these are dwells alone")
+        if holdout is not None or prior is not None:
+            raise UsageError("--holdout and --prior need a recording of a motion; these are dwells alone")
         deliver(diagnose_dwells(fitted, recordings), printing.show, output, json)
         return
     if comparison is not None:
@@ -120,6 +123,7 @@ def improve(
         bool, typer.Option("--next", help="Rank further runs where causes are confounded, as accelcal next does.")
     ] = False,
     effects_file: EffectsFile = None,
+    prior: SizesFrom = None,
     start: From = None,
     end: To = None,
     output: Output = None,
@@ -137,7 +141,7 @@ def improve(
     load_own_effects(effects_file)
     if further and json:
         raise UsageError("--next prints a table; for its JSON run accelcal next MODEL RUN --json")
-    recordings = load_runs(runs, rig)
+    sizes, recordings = size_priors_of(prior), load_runs(runs, rig)
     unseen = None if holdout is None else io.load(holdout, rig)
     if unseen is not None:
         require_distinct([*(recording for recording in recordings if isinstance(recording, data.Recording)), unseen])
@@ -147,6 +151,7 @@ def improve(
             recordings,
             holdout=unseen,
             most=most,
+            prior=sizes,
             start=parse_quantity(start, "time", "--from"),
             end=parse_quantity(end, "time", "--to"),
             progress=report,

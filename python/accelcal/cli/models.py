@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Literal, cast, get_args, get_type_hints
 
 import typer
 
 from accelcal._support.process import within
 from accelcal.cli import printing
 from accelcal.cli.common import (
+    NO_PRIOR,
     UNSEEN,
     Band,
     EffectsFile,
@@ -134,7 +135,7 @@ def fit(
 
 
 def priors_of(path: Path) -> dict[str, Prior]:
-    """Priors of the next sensor, from the JSON of a fleet."""
+    """Priors of the next sensor of a type, from the JSON of a fleet."""
     try:
         sensors = summary.Fleet.from_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
@@ -144,6 +145,11 @@ def priors_of(path: Path) -> dict[str, Prior]:
     if not sensors.priors:
         raise UsageError(f"--prior {path}: {len(sensors.sensors)} sensor; expected a fleet of two sensors or more")
     return sensors.priors
+
+
+def size_priors_of(path: Path | None) -> dict[str, Prior] | Literal["none"] | None:
+    """Priors of effect sizes that an option gives: those of a fleet, none at all, or None where it is not given."""
+    return "none" if path == NO_PRIOR else None if path is None else priors_of(path)
 
 
 def varying(model: Model, names: Sequence[str]) -> Model:

@@ -285,6 +285,8 @@ class Recording(Result):
     origin: Origin = field(default=Origin(), repr=False)
     axis: str = ""
     """Which output of one sensor with several this is: "x", "y" or "z"; empty where it has one."""
+    prior_sizes: Mapping[str, str] = field(default_factory=dict, repr=False)
+    """Typical sizes of effects by name, as in "100 ug/g^3", in place of those that the catalogue has."""
 
     def __post_init__(self) -> None:
         check_fields(self)

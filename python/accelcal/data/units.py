@@ -277,6 +277,38 @@ def quantity(text: object, kind: str) -> float:
     return value
 
 
+def coefficient(text: object, unit: str | None = None) -> float:
+    """Read a positive size of a coefficient of any unit, in SI.
+
+    Parameters
+    ----------
+    text : number and unit such as ``"100 ug/g^3"``; a pure number may be a bare one. In a product degC is a difference.
+    unit : that it is to be converted to; None accepts every unit.
+
+    Raises
+    ------
+    UnitError
+        If it is no positive number with a known unit, or the unit is of another dimension.
+
+    Examples
+    --------
+    >>> round(coefficient("100 ug/g^3", "(m/s²)⁻²") * 9.80665**2, 9)
+    0.0001
+    """
+    written = str(text) if isinstance(text, str | int | float) and not isinstance(text, bool) else ""
+    match = _QUANTITY.fullmatch(written) if len(written) <= _LONGEST_QUANTITY else None
+    number = float(match["number"]) if match else math.nan
+    rule = conversion(normalise(match["unit"] if match else "").replace("degC", "K") or "1")
+    if not SMALLEST < number * rule.factor < LARGEST:
+        raise UnitError(f"found {shown(text)}, expected a positive number with its unit")
+    if unit is not None and not is_unit(unit):
+        raise UnitError(f"its coefficients are in {unit}, for which there is no one size; leave the key out")
+    if unit is not None and conversion(unit).si != rule.si:
+        wanted = "a pure number" if unit == "1" else f"a size in {usual_unit(unit)[0]} or a unit that converts to it"
+        raise UnitError(f"found {shown(text)}, expected {wanted}")
+    return number * rule.factor
+
+
 Sensitivity = tuple[float, str, str]
 """V, or counts, per SI unit of what is measured; "V" or "count"; and that SI unit."""
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 from scipy import special
@@ -21,7 +22,7 @@ from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, NOISE_TEST_ALPHA, VIBRAT
 from accelcal.diagnosis.runs import further_runs, values_by_run
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Scan, scan
-from accelcal.effects import BUILT_IN, Effect, find, next_name, stem_of
+from accelcal.effects import BUILT_IN, Effect, SizePrior, find, next_name, stem_of
 from accelcal.estimation.estimate import Fit, judge, result
 from accelcal.estimation.gauss_newton import ROUNDS_OF_GROWN, Solution, estimated
 from accelcal.estimation.remarks import Remark
@@ -188,6 +189,7 @@ class Evidence:
     alpha : family-wise false-alarm rate.
     progress : called with the share of the work that is done, 0 to 1.
     midway : whether a search goes on; no verdict rests on what is coasted or on regions, and `where` is without.
+    priors : of sizes by effect, as of `scan`.
     """
 
     def __init__(
@@ -198,6 +200,7 @@ class Evidence:
         alpha: float = FAMILYWISE_ALPHA,
         progress: Callable[[float], None] = lambda share: None,
         midway: bool = False,
+        priors: Mapping[str, SizePrior] | None = MappingProxyType({}),
     ) -> None:
         solution = cleaned.solution
         states, model = solution.states, solution.model
@@ -207,7 +210,7 @@ class Evidence:
         """What was prepared before the fit, and the runs as they were fitted."""
         self.signals = states[0].signals
         lines, searching = separate_lines(cleaned), within(progress, 0.0, 0.8)
-        self.scan = scan(states, model, extra=extra, separate=lines, alpha=alpha, progress=searching)
+        self.scan = scan(states, model, extra=extra, separate=lines, alpha=alpha, priors=priors, progress=searching)
         self.level = alpha / (self.scan.examined + len(cleaned.tests))
         """Probability by chance below which one noise test is significant."""
         significant = own_tests([test for test in cleaned.tests if test.p_value < self.level and not test.single])

@@ -155,7 +155,11 @@ class Confounded:
                 [(name, w.with_sheets) for name, w in weights.items()],
             )
         )
-        return f"Weights by this record alone: {by_record}; with the sizes of data sheets: {with_sheets}."
+        if any(math.isnan(w.with_sheets) for w in weights.values()):
+            return f"Weights by this record alone: {by_record}."
+        others = ", ".join(f"{name}: {w.source}" for name, w in weights.items() if w.source)
+        sizes = f"the sizes of data sheets ({others})" if others else "the sizes of data sheets"
+        return f"Weights by this record alone: {by_record}; with {sizes}: {with_sheets}."
 
 
 @dataclass(frozen=True, slots=True)

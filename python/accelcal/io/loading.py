@@ -838,6 +838,7 @@ def recording_of(
         reference=reference,
         origin=origin_of(table, plan, declared),
         gravity=local_gravity(declared.dwell),
+        prior_sizes=declared.prior_sizes,
     )
     clocks = {name: source.time for name, source in plan.sources.items()}
     told_by = ANGLE if declared.angle_zero is not None else "position" if reference is None else reference.name

@@ -118,6 +118,8 @@ class Sidecar:
     """What was noticed in the recording that this is a part of."""
     dwell: DwellSetup | None = None
     """What is declared of dwells; None without that table."""
+    prior_sizes: Mapping[str, str] = field(default_factory=dict)
+    """Typical sizes of effects by name, as they are written."""
     axis: str = ""
     """Which of three outputs it was read for."""
     aside: tuple[str, ...] = ()
@@ -281,6 +283,12 @@ def _scaled(values: dict[str, Any], where: str) -> tuple[units.Sensitivity | Non
             f"found a value in {unit}, but scale counts in {scale[1]}; give both in the same",
         )
     return scale, zero, scale[1] if scale is not None else unit
+
+
+def _size(value: object) -> str:
+    """A positive size of an effect as it is written; the search, which knows the effects, compares its unit."""
+    units.coefficient(value)
+    return str(value)
 
 
 def _whole(value: object) -> int:
@@ -983,14 +991,25 @@ KEYS: dict[str, dict[str, Key]] = {
             "effects that contribute less are listed as below tolerance",
         )
     },
+    "prior": {
+        _ANY_OTHER: Key(
+            _size,
+            about=(
+                'size of its coefficient, as in `"100 ug/g^3"`; a pure number may be a bare one',
+                "typical size of that effect in this type of sensor, for the second set of "
+                "[weights](posterior.md) of confounded causes; 10 and 100 times as much stay as likely",
+                "that of [its card](effects.md)",
+            ),
+        )
+    },
 }
-"""Every key of a sidecar by its table; any other key of [channels] is a side channel."""
+"""Every key of a sidecar by its table; any other key of [channels] is a side channel, any key of [prior] an effect."""
 
 
 def markdown(table: str) -> str:
     """The keys of a table as a table of the documents."""
     rows = [
-        f"| {', '.join(f'`{name}`' for name, _ in group)} | {' | '.join(about)} |\n"
+        f"| {', '.join(f'`{name}`' for name, _ in group).replace(_ANY_OTHER, 'EFFECT')} | {' | '.join(about)} |\n"
         for about, group in groupby(KEYS[table].items(), lambda item: item[1].about)
         if about
     ]
@@ -1036,6 +1055,7 @@ def _sidecar(content: Mapping[str, Any], path: Path) -> Sidecar:
             noticed=tables["run"].pop("noticed", ()),
             labels=RunLabels(**tables["run"]),
             dwell=_dwell(tables["dwell"]) if "dwell" in content else None,
+            prior_sizes=tables["prior"],
         )
     except _KeyError as error:
         raise RecordingError(f"{path}: {error.where}: {error.text}") from None

@@ -12,7 +12,7 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from operator import attrgetter
 from pathlib import Path
-from types import SimpleNamespace, TracebackType
+from types import MappingProxyType, SimpleNamespace, TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -100,6 +100,7 @@ def write_sidecar(
     dwell: DwellSetup | None = None,
     labels: RunLabels = NO_LABELS,
     noticed: tuple[Finding, ...] = (),
+    prior_sizes: Mapping[str, str] = MappingProxyType({}),
     mark: Callable[[str], str] = str,
 ) -> None:
     """Write what is declared of a rig and of the columns of its file; reading it gives the same rig.
@@ -112,6 +113,7 @@ def write_sidecar(
     dwell : what it says of a table of dwells.
     labels : when, how mounted and by whom the run was made.
     noticed : in the recording that the file is a part of.
+    prior_sizes : typical sizes of effects by name.
     mark : gives the text that is written from that which declares all this.
     """
     reference = reference_among(channels) or "position"
@@ -119,6 +121,7 @@ def write_sidecar(
     tables = {name: {key: _written(entry, holder) for key, entry in keys.items()} for name, keys in KEYS.items()}
     if GRAVITY in channels:  # gravity along the axis is not declared twice
         tables["rig"][GRAVITY] = None
+    tables["prior"] = {name: toml_text(size) for name, size in prior_sizes.items()}
     tables["channels"] = {name: _channel(rig, name, source, reference) for name, source in channels.items()}
     text = "\n".join(
         f"[{name}]\n" + "".join(f"{toml_key(key)} = {value}\n" for key, value in entries.items() if value)

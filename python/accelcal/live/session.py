@@ -281,6 +281,7 @@ class _Recorder:
                 {"time": Clock("t", "s"), **channels},
                 sidecar_of(self.path),
                 labels=self.declared.labels,
+                prior_sizes=self.declared.prior_sizes,
             )
 
 

@@ -10,6 +10,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.diagnosis.findings import NEXT_STEPS, TO_GO_ON, USUAL_STEP
+from accelcal.diagnosis.policy import INDEPENDENT_PIECES
 from accelcal.diagnosis.search.beam import SearchRules
 from accelcal.diagnosis.search.confounding import Weights, confounding_class, plainest
 from accelcal.diagnosis.search.hypotheses import Hypothesis
@@ -17,7 +18,7 @@ from accelcal.diagnosis.search.scan import Candidate, Scan
 from accelcal.diagnosis.search.scores import CandidateScores
 from accelcal.diagnosis.verdict import RULES as JUDGED_BY
 from accelcal.diagnosis.verdict import UNSTEADY, Case, judgement
-from accelcal.effects import find
+from accelcal.effects import SizePrior, find
 from accelcal.estimation.remarks import KINDS, Remark
 
 RULES = SearchRules(examined=180, blocks=200, alpha=0.005)
@@ -100,3 +101,96 @@ def test_every_effect_of_a_set_has_its_largest_contribution() -> None:
     assert {"cubic", "velocity"} <= {*diagnosis.effects}
     assert "velocity" not in {candidate.effect for candidate in diagnosis.scan.candidates}
     assert diagnosis.sizes["velocity"].value == pytest.approx(0.6 * float(np.max(np.abs(v))), rel=0.1)
+
+
+def test_the_second_set_is_the_evidence_ratio_under_the_priors_that_are_given() -> None:
+    """Signatures alike at d = 10: the odds are those of two normal distributions, by their closed form."""
+    priors = {"cubic": SizePrior(3.0, "run.toml", (1.0,)), "odd_quadratic": SizePrior(300.0, "fleet", (1.0,), 8.0)}
+    alone, given = (
+        confounding_class(scores(("cubic", "odd_quadratic"), 10.0, 1.0 - 1e-9), PLAIN, 0, (), rules)
+        for rules in (RULES, replace(RULES, priors=priors))
+    )
+    assert {name: w.by_record for name, w in given.items()} == {name: w.by_record for name, w in alone.items()}
+    assert [w.source for w in given.values()] == ["run.toml", "fleet"]
+    C = 10.0**2 / (INDEPENDENT_PIECES * np.log1p(10.0**2 / INDEPENDENT_PIECES))  # as wide as the gain is discounted
+    odds = 0.5 * ((8.0 - 10.0) ** 2 / (300.0**2 + C) + np.log1p(300.0**2 / C))
+    odds -= 0.5 * (10.0**2 / (3.0**2 + C) + np.log1p(3.0**2 / C))
+    cubic, rival = (given[name].with_sheets for name in ("cubic", "odd_quadratic"))
+    assert np.log(cubic / rival) == pytest.approx(odds, rel=1e-6)  # columns differ by 1e-9
+    assert not np.isclose(cubic, alone["cubic"].with_sheets, atol=0.1)  # the twin: by the catalogue
+    none = confounding_class(scores(("cubic", "odd_quadratic"), 10.0, 0.97), PLAIN, 0, (), replace(RULES, priors=None))
+    assert all(np.isnan(w.with_sheets) for w in none.values())
+
+
+@pytest.fixture(scope="module")
+def tie() -> tuple[ac.Fit, ac.Recording]:
+    """K3 of six standard deviations, which two rivals explain nearly as well."""
+    truth, rng = {"bias": 0.05, "cubic": 1.5e-4}, np.random.default_rng(1)
+    run = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters=truth, rng=rng).recording
+    return ac.fit(run), run
+
+
+def weights(diagnosis: ac.Diagnosis, which: str) -> dict[str, float]:
+    """One set of weights of what the search named."""
+    return {name: getattr(w, which) for name, w in diagnosis.scan.found[0].weights.items()}
+
+
+def test_a_prior_moves_the_second_set_alone(tie: tuple[ac.Fit, ac.Recording]) -> None:
+    """The size that a sidecar declares, or a fleet has, leaves class, name and first set as they are, to the bit; the
+    twin declares the size of the catalogue and moves nothing."""
+    fit, run = tie
+    own = f"{find('odd_quadratic').prior.scale!r} (m/s^2)^-1"
+    plain, same, sheet, fleet, none = (
+        ac.diagnose(fit, replace(run, prior_sizes=sizes), prior=prior)
+        for sizes, prior in (
+            ({}, None),
+            ({"odd_quadratic": own}, None),
+            ({"odd_quadratic": "1 g/g^2"}, None),
+            ({"cubic": "1 g/g^3"}, {"cubic": ac.Prior(1.5e-4, 1e-6), "lever_arm.x": ac.Prior(0.0, 1.0)}),
+            ({"odd_quadratic": "1 g/g^2"}, "none"),
+        )
+    )
+    assert len(plain.classes[0].members) > 1
+    for other in (same, sheet, fleet, none):
+        assert (other.verdict, other.effects) == (plain.verdict, plain.effects)
+        assert [group.members for group in other.classes] == [group.members for group in plain.classes]
+        assert weights(other, "by_record") == weights(plain, "by_record")
+    assert weights(same, "with_sheets") == weights(plain, "with_sheets")
+    assert weights(sheet, "with_sheets")["odd_quadratic"] < 0.05 < 0.2 < weights(plain, "with_sheets")["odd_quadratic"]
+    assert weights(fleet, "with_sheets")["cubic"] > 0.9 > 0.8 > weights(plain, "with_sheets")["cubic"]
+    assert "with the sizes of data sheets (odd_quadratic: simulated interleaved): " in sheet.sentence
+    assert "with the sizes of data sheets (cubic: fleet): " in fleet.sentence
+    assert "with the sizes of data sheets: " in plain.sentence
+    assert plain.sentence.startswith(none.sentence.removesuffix("."))
+    assert "data sheets" not in none.sentence
+    assert all(np.isnan(w) for w in weights(none, "with_sheets").values())
+
+
+@pytest.mark.parametrize(
+    ("sizes", "said"),
+    [
+        ({"cubik": "1 ug/g^3"}, "prior.cubik: there is no effect called 'cubik'; did you mean cubic"),
+        ({"cubic": "1 mg"}, "prior.cubic: found '1 mg', expected a size in µg/g³ or a unit that converts to it"),
+        ({"cross_axis": "1 mg"}, "prior.cross_axis: found '1 mg', expected a pure number"),
+        ({"cubic": "0 ug/g^3"}, "prior.cubic: found '0 ug/g^3', expected a positive number with its unit"),
+        ({"encoder_nonlinearity": "1 1/m"}, "its coefficients are in m⁻¹, m⁻², for which there is no one size"),
+    ],
+)
+def test_a_size_that_no_effect_has_is_refused_before_the_search(
+    tie: tuple[ac.Fit, ac.Recording], sizes: dict[str, str], said: str
+) -> None:
+    fit, run = tie
+    run = replace(run, prior_sizes=sizes)
+    with pytest.raises(ac.RecordingError) as error:
+        ac.diagnose(fit, run)
+    assert str(error.value).startswith(f"{run.name}: prior.")
+    assert said in str(error.value)
+    with pytest.raises(ac.RecordingError):
+        ac.improve(run)
+
+
+def test_recordings_that_declare_two_sizes_of_one_effect_are_refused(tie: tuple[ac.Fit, ac.Recording]) -> None:
+    fit, run = tie
+    runs = [replace(run, name=f"{i}.csv", prior_sizes={"cubic": f"{i} ug/g^3"}) for i in (1, 2)]
+    with pytest.raises(ac.RecordingError, match=r"2.csv: prior.cubic: found 2 ug/g\^3, but 1.csv has another"):
+        ac.diagnose(fit, runs)

@@ -8,8 +8,8 @@ exceeds its price.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -29,6 +29,7 @@ from accelcal.diagnosis.policy import (
 from accelcal.diagnosis.search.homogeneity import PartScores, PartSizes, direction_of, exempt
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scores import CandidateScores, log_survival, scale_of
+from accelcal.effects import SizePrior
 from accelcal.estimation.run_state import RunState
 
 
@@ -153,6 +154,8 @@ class SearchRules:
     examined: int
     blocks: int
     alpha: float
+    priors: Mapping[str, SizePrior] | None = field(default_factory=dict)
+    """Priors of sizes by effect, in place of the catalogue's; None = weights are those by the record alone."""
 
     @property
     def entry_sigma(self) -> float:
@@ -181,14 +184,17 @@ class SearchRules:
         return dof * math.log(max(self.blocks, 2)) + 2.0 * math.log(comparisons)
 
     def evidence_with_size(self, evidence: CandidateScores, i: int, given: Sequence[int], inflation: float) -> float:
-        """Log-evidence of a hypothesis given others, with the prior of its size."""
+        """Log-evidence of a hypothesis given others, with the prior of its size; nan without any priors."""
+        if self.priors is None:
+            return math.nan
         gain, dof, estimate, covariance = evidence.gain(i, given)
         item, cost = evidence.items[i], evidence.cost(i, given)
         if not dof:
             return -math.inf
         credited = saturated(gain / inflation + cost) - cost
         covariance = covariance * gain / max(credited, VANISHING)
-        return item.effect.prior.log_evidence(estimate, covariance, credited) - math.log(item.alternatives)
+        prior = self.priors.get(item.effect.name, item.effect.prior)
+        return prior.log_evidence(estimate, covariance, credited) - math.log(item.alternatives)
 
     def required_gains(self, dof: int, item: Hypothesis) -> tuple[float, float]:
         """Gain at which a hypothesis is significant, and gain that is worth its price."""

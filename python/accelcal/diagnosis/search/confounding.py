@@ -5,14 +5,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import ClassVar
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import ClassVar, Literal
 
 import numpy as np
 from scipy import special
 
 from accelcal._support.result import Storable
-from accelcal.data import Array
+from accelcal.data import Array, Recording, RecordingError
+from accelcal.data.units import coefficient
 from accelcal.diagnosis.policy import (
     CLASS_WEIGHT,
     RESOLVED_MEMORIES,
@@ -22,7 +24,7 @@ from accelcal.diagnosis.search.beam import BlockScatter, SearchRules
 from accelcal.diagnosis.search.homogeneity import PartSizes
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scores import DEGENERATE_MIX, CandidateScores, scale_of, score_gain
-from accelcal.effects import BUILT_IN, Effect, is_local
+from accelcal.effects import BUILT_IN, Effect, SizePrior, find, is_local
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Prior
 from accelcal.signals.signals import Signals
@@ -46,7 +48,41 @@ class Weights:
     by_record: float = math.nan
     """All of them equally likely before the record, whatever their sizes; nan where it was not examined."""
     with_sheets: float = math.nan
-    """Among the members of its class, with the priors of their sizes."""
+    """Among the members of its class, with the priors of their sizes; nan without priors."""
+    source: str = ""
+    """Where the prior of its size comes from; empty for that of the catalogue."""
+
+
+def size_priors(
+    recordings: Sequence[Recording], prior: Mapping[str, Prior] | Literal["none"] | None
+) -> dict[str, SizePrior] | None:
+    """Priors of sizes by effect that stand in place of the catalogue's; None where weights are to go without any.
+
+    Parameters
+    ----------
+    recordings : with the sizes that their sidecars declare.
+    prior : of coefficients by name, as of a fleet, before those; those of effects of several columns are left out.
+
+    Raises
+    ------
+    RecordingError
+        Naming sidecar and key, if there is no such effect, its unit is of another dimension, or two of them differ.
+    """
+    if prior == "none":
+        return None
+    sizes: dict[str, SizePrior] = {}
+    for recording in recordings:
+        sidecar = recording.origin.sidecar or recording.name or "recording"
+        for name, text in recording.prior_sizes.items():
+            try:
+                effect = find(name)
+                size = replace(effect.prior, scale=coefficient(text, effect.unit), source=Path(sidecar).name)
+            except ValueError as error:
+                raise RecordingError(f"{sidecar}: prior.{name}: {error}") from None
+            if (other := sizes.setdefault(name, size)).scale != size.scale:
+                raise RecordingError(f"{sidecar}: prior.{name}: found {text}, but {other.source} has another; keep one")
+    of_one = {name: p for name, p in (prior or {}).items() if find(name.partition(".")[0]).name == name}
+    return sizes | {name: SizePrior(p.std, "fleet", (1.0,), p.mean) for name, p in of_one.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,8 +162,11 @@ def confounding_class(
     members = credible_set(log_evidence)
     names = [item.effect.name, *(name for name in members if name != item.effect.name)]
     with_sizes = [rules.evidence_with_size(evidence, best[name], others, inflation) for name in names]
-    weights = map(Weights, (weights_of_all.get(name, 0.0) for name in names), special.softmax(with_sizes).tolist())
-    return dict(zip(names, weights, strict=True))
+    sources = {name: prior.source for name, prior in (rules.priors or {}).items()}
+    return {
+        name: Weights(weights_of_all.get(name, 0.0), with_sheets, sources.get(name, ""))
+        for name, with_sheets in zip(names, special.softmax(with_sizes).tolist(), strict=True)
+    }
 
 
 def with_members(weights: Mapping[str, Weights], others: Iterable[str]) -> dict[str, Weights]:

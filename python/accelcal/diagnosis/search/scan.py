@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -25,7 +26,7 @@ from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for, mec
 from accelcal.diagnosis.search.refine import refine, shortlist, starting_points
 from accelcal.diagnosis.search.scores import DEGENERATE, BaseProjection, CandidateScores, log_survival, score_gain
 from accelcal.diagnosis.search.slow_noise import SlowNoise
-from accelcal.effects import BUILT_IN, Effect, find, users_own
+from accelcal.effects import BUILT_IN, Effect, SizePrior, find, users_own
 from accelcal.estimation.gauss_newton import ROUNDS_OF_GROWN, estimated
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term
@@ -168,6 +169,7 @@ def scan(
     only: Sequence[Effect] = (),
     separate: Sequence[Term] = (),
     alpha: float = FAMILYWISE_ALPHA,
+    priors: Mapping[str, SizePrior] | None = MappingProxyType({}),
     progress: Callable[[float], None] = lambda share: None,
 ) -> Scan:
     """Rank every effect that may be missing, and find the set that explains most.
@@ -180,6 +182,7 @@ def scan(
     only : test these effects alone, whether significant or not.
     separate : contributions that other tests report, such as spectral lines; no effect is credited for explaining them.
     alpha : family-wise false-alarm rate.
+    priors : of sizes by effect, in place of the catalogue's, for the second set of weights; None = no such set.
     progress : called with the share of the work that is done, 0 to 1.
 
     Notes
@@ -198,7 +201,7 @@ def scan(
             return Scan((), (), 0, 0)
     length = max(block_length(state) for state in passes)
     blocks = int(sum(np.sum(state.counts) * state.run.reading_step for state in passes) / length)
-    rules = SearchRules(len(items), blocks, alpha)
+    rules = SearchRules(len(items), blocks, alpha, priors)
     runs = [BaseProjection(state, model, separate) for state in passes]
     progress(0.1)
     evidence = CandidateScores(runs, items, progress=lambda share: progress(0.1 + 0.5 * share))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 from accelcal.diagnosis.clean_fit import CHANNEL_OF, CleanFit, clean_fit
 from accelcal.diagnosis.evidence import DELAY_CLASS, DELAY_EXPERIMENT, Evidence, delay_is_significant
@@ -33,7 +34,7 @@ from accelcal.diagnosis.select.collinearity import (
 )
 from accelcal.diagnosis.select.cross_validation import cross_validate, refusing
 from accelcal.diagnosis.verdict import Diagnosis, leading_wave, verdict_on
-from accelcal.effects import Effect, find, stem_of
+from accelcal.effects import Effect, SizePrior, find, stem_of
 from accelcal.estimation.estimate import Fit, result, solve_runs
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.estimation.remarks import Remark, remark
@@ -144,6 +145,8 @@ class StepwiseSelection:
     examined: int
     """Alternatives examined so far."""
     budget: SearchBudget
+    priors: Mapping[str, SizePrior] | None = field(default_factory=dict)
+    """Of sizes by effect, as of `scan`."""
     history: SelectionHistory = field(default_factory=SelectionHistory)
     past: list[tuple[JudgedModel, SelectionHistory]] = field(default_factory=list)
     """Every model so far, the base first, with the history that led to it."""
@@ -163,10 +166,11 @@ class StepwiseSelection:
         extra: Sequence[Effect] | None,
         alpha: float,
         budget: SearchBudget,
+        priors: Mapping[str, SizePrior] | None = MappingProxyType({}),
     ) -> StepwiseSelection:
         """Start from the base model, fitted and judged."""
         fitted = clean_fit(original, lambda these: solve(Model.linear(), these, stretch, split))
-        current = JudgedModel(fitted, verdict_on(Evidence(fitted, stretch, extra, alpha, midway=True)))
+        current = JudgedModel(fitted, verdict_on(Evidence(fitted, stretch, extra, alpha, midway=True, priors=priors)))
         return cls(
             original,
             stretch,
@@ -176,6 +180,7 @@ class StepwiseSelection:
             current,
             current.verdict.scan.examined,
             budget,
+            priors,
             past=[(current, SelectionHistory())],
         )
 
@@ -359,7 +364,8 @@ class StepwiseSelection:
 
     def judge(self, fitted: CleanFit) -> JudgedModel:
         """A fitted model with the verdict on it."""
-        return JudgedModel(fitted, verdict_on(Evidence(fitted, self.stretch, self.extra, self.alpha, midway=True)))
+        evidence = Evidence(fitted, self.stretch, self.extra, self.alpha, midway=True, priors=self.priors)
+        return JudgedModel(fitted, verdict_on(evidence))
 
     def with_next(self, among: Sequence[str] | None = None) -> tuple[DetectedEffect, JudgedModel] | None:
         """The judged fit with the effect that comes first, or with a rival of it where it is refused, or with the next
