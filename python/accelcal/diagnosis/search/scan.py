@@ -209,10 +209,9 @@ def scan(
     progress(0.7)
     mechanisms = [] if only or not best.chosen else mechanisms_for(passes[0], model, passes[1:])
     if mechanisms:
-        names = {item.effect.name for item in best.evidence.items}
         rules = replace(rules, examined=rules.examined + len(mechanisms))
-        left = [item for item in items if item.effect.name in names or item.effect.mechanism]
-        best = BestSet.among(CandidateScores(runs, [*left, *mechanisms]), length, rules)
+        refined = [*best.evidence.items, *(item for item in items if item.effect.mechanism)]
+        best = BestSet.among(CandidateScores(runs, [*refined, *mechanisms]), length, rules)
     progress(0.9)
     enough = blocks >= VERDICT_LEAST_BLOCKS
     entering, changing = best.divided(evidence, rules) if enough else ((), ())
