@@ -7,7 +7,6 @@ import pytest
 from scipy.signal import lfilter
 
 import accelcal as ac
-from accelcal.diagnosis.search import scan
 from tests.worlds import Hidden, World
 
 SCALE = {"scale_gauss_markov", "scale_random_walk"}
@@ -31,24 +30,6 @@ def test_it_is_named_and_the_scale_factor_has_the_error_that_it_states(tmp_path,
     if entering.effect == "scale_gauss_markov":  # the mean of a random walk is that of the record, and no less certain
         assert fit["scale_factor"].std > 2.0 * linear["scale_factor"].std
         assert entering.prior_std == pytest.approx(size, rel=0.5)
-
-
-def test_a_step_that_recurs_gives_way_to_the_process_with_which_it_is_confounded(tmp_path, monkeypatch):
-    """The record on which a step leads; with the twin that never replaces it, nothing enters. A walk and a Gauss-Markov
-    process are one class on it."""
-    world = World("tones", "ADXL105", (Hidden("scale_gauss_markov", 2e-3, {"tau": 2.0}),), seed=1701001).settled()
-    run = recorded(tmp_path, world)
-    fit = ac.fit(run)
-    found = ac.diagnose(fit, run)
-    (process,) = found.scan.found
-    assert process.effect in ("scale_gauss_markov", "scale_random_walk")
-    assert "scale_gauss_markov" in process.members
-    assert not found.scan.changing
-    monkeypatch.setattr(scan.BestSet, "process_instead", lambda *arguments: None)
-    monkeypatch.setattr(scan, "mechanisms_for", lambda *arguments: [])
-    twin = ac.diagnose(fit, run)
-    assert not twin.scan.found
-    assert [each.effect for each in twin.scan.changing] == ["scale_step"]
 
 
 def test_a_constant_scale_factor_is_no_process(tmp_path):

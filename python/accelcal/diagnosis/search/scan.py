@@ -215,9 +215,6 @@ def scan(
     progress(0.9)
     enough = blocks >= VERDICT_LEAST_BLOCKS
     entering, changing = best.divided(evidence, rules) if enough else ((), ())
-    process = best.process_instead(runs, changing, length, rules)
-    if process is not None:
-        best, (entering, changing) = process, process.divided(evidence, rules)
     lead = next((effect for effect in (*entering, *changing) if effect.effect == best.first), None)
     again = None if lead is None else relinearised(passes, model, lead, separate, length, rules)
     if again is not None:
@@ -366,20 +363,6 @@ class BestSet:
         }
         entering = [effect for effect in detected if effect.unequal is None and effect.effect not in again]
         return tuple(entering), tuple(effect for effect in detected if effect not in entering)
-
-    def process_instead(
-        self, runs: Sequence[BaseProjection], changing: Sequence[DetectedEffect], length: float, rules: SearchRules
-    ) -> BestSet | None:
-        """The best set without effects that change or recur, if a random process leads it with which one of them is
-        confounded: what steps again and again is one. None where there is no such process."""
-        refused = {effect.effect for effect in changing}
-        left = [item for item in self.evidence.items if item.effect.name not in refused]
-        members = {name for effect in changing for name in effect.members}
-        if not any(item.effect.port == "process" and item.effect.name in members for item in left):
-            return None
-        other = BestSet.of(CandidateScores(runs, left), length, rules)
-        first = other.evidence.items[other.chosen[0]].effect if other.chosen else None
-        return other if first is not None and first.port == "process" and first.name in members else None
 
 
 def rivals_of_first(
