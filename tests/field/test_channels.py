@@ -339,6 +339,12 @@ def test_an_undeclared_sensitivity_is_shown_by_the_motion(tmp_path):
     assert abs(fit["scale_factor"].value) < 0.01
 
 
+def test_output_and_position_in_the_column_of_each_other_are_exchanged_by_the_line_that_is_printed(tmp_path):
+    rig = honest(62, "shaker", 0.02)
+    rig.declare(TIME, ACCEL.replace('"acc"', '"pos"'), POSITION.replace('"pos"', '"acc"'))
+    assert f"write [channels] {ACCEL} and {POSITION}" in sentence(rig.write(tmp_path))
+
+
 @pytest.mark.parametrize("kind", ["stage", "shaker", "lift"])
 @pytest.mark.parametrize("k", [-0.25, 0.35])
 def test_an_ordinary_sensor_is_not_accused(kind, k, tmp_path):

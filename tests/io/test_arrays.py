@@ -73,6 +73,24 @@ def test_masks_of_position_stamps_and_columns_of_a_frame_are_kept_too() -> None:
     np.testing.assert_array_equal(channel.y, output()[~BAD])
 
 
+@pytest.mark.parametrize("zone", [None, "Europe/Oslo"])
+def test_dates_and_time_deltas_in_a_column_are_stamps_without_a_unit(zone: str | None) -> None:
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame({"accel_m_per_s2": output(), "position_m": POSITION})
+    elapsed = pandas.to_timedelta(T, unit="s")
+    for stamps in (elapsed, pandas.Timestamp("2026-05-12 14:03:27", tz=zone) + elapsed):
+        run = ac.Recording.from_dataframe(frame.assign(timestamp=stamps))
+        np.testing.assert_allclose(run.accel.t, T - T[0], atol=2e-9)
+
+
+def test_text_in_a_frame_is_refused_with_what_makes_numbers_of_it() -> None:
+    pandas = pytest.importorskip("pandas")
+    accel = [f"{y:.3f}".replace(".", ",") for y in output()]
+    frame = pandas.DataFrame({"t_s": T, "accel_g": accel, "position_m": POSITION})
+    with pytest.raises(ac.RecordingError, match=r"accel_g is an array of .*read_csv\(\.\.\., decimal="):
+        ac.Recording.from_dataframe(frame)
+
+
 def test_a_batch_of_filters_passes_over_masked_positions() -> None:
     settings = {"dt": 2e-3, "q": 1e-6, "r_position": 1e-12, "x0": np.zeros(4), "P0": np.eye(4)}
     choice = filters.FilterChoice("aci", "linear", "inverse")

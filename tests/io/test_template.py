@@ -61,6 +61,14 @@ def test_electrical_channel_asks_for_its_scale(tmp_path):
         io.load(path)
 
 
+@pytest.mark.parametrize(("columns", "proposed"), [("enc_counts", True), ("enc_counts,aux_counts", False)])
+def test_the_only_column_in_counts_is_the_position_where_none_is_a_length(tmp_path, columns, proposed):
+    rows = "".join(f"{0.01 * k:.2f},{k % 7},{k % 9},{k % 5}"[: 8 + 2 * columns.count(",")] + "\n" for k in range(10))
+    text = io.init(write(tmp_path, f"t_s,accel_g,{columns}", rows))
+    assert ('position = { column = "enc_counts", unit = "counts", scale = "?" }' in text) == proposed
+    assert ('\nenc = { column = "enc_counts"' in text) != proposed
+
+
 @pytest.mark.parametrize(
     ("rows", "note"), [("0.0,1,0,20\n", "# 1 rows"), ("1,1,0,20\n1,1,0,20\n1,1,0,20\n", "step 0 s\n")]
 )

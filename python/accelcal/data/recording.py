@@ -141,6 +141,9 @@ class Channel:
         return f"Channel({self.name}: {len(self)} samples{span}, {self.unit})"
 
 
+IF_TEXT = '. pandas makes numbers of text: pandas.read_csv(..., decimal=","), pandas.to_numeric, pandas.to_datetime'
+
+
 def series(name: str, key: str, values: ArrayLike) -> Array:
     """Real numbers in one dimension, copied; NaN = not sampled.
 
@@ -153,7 +156,7 @@ def series(name: str, key: str, values: ArrayLike) -> Array:
     if numbers.ndim != 1 or numbers.dtype.kind not in "fiu":
         raise RecordingError(
             f"{name}: {key} is an array of {numbers.dtype} of shape {numbers.shape}; expected real numbers in one "
-            "dimension"
+            f"dimension{IF_TEXT * (numbers.dtype.kind in 'OUST')}"
         )
     return numbers.astype(np.float64, copy=False)
 
@@ -363,7 +366,8 @@ class Recording(Result):
         Parameters
         ----------
         frame : columns t, accel, position (or accel_g, position_mm, ...) and side channels; without a column for time
-            its index is the time: numbers, time deltas, or dates, which count from the first. NaN = not sampled.
+            its index is the time. Stamps are numbers, time deltas, or dates, which count from the first; the last two
+            need no unit. NaN = not sampled.
         units : unit by column; by default those in `frame.attrs["units"]`, else those in the names of the columns.
         rig, name : as in `from_arrays`.
 

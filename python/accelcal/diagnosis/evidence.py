@@ -129,14 +129,16 @@ def own_tests(significant: Sequence[NoiseTest]) -> list[NoiseTest]:
     return [test for test in significant if own(test)]
 
 
-def independent_tests(significant: Sequence[NoiseTest], effects: Sequence[str] = ()) -> tuple[NoiseTest, ...]:
+def independent_tests(
+    significant: Sequence[NoiseTest], effects: Sequence[str] = (), *, changing: bool = False
+) -> tuple[NoiseTest, ...]:
     """Tests among `own_tests` that name their effect, beside effects that the search found.
 
     A line below thrice the band of the motion may be a harmonic of a missing nonlinearity, which the search finds: it
-    counts only when no effect of the motion was found, and where the motion makes no lines. A line above that band
-    where the motion makes lines counts when no effect was found, and then no wave over position does: both are
-    harmonics of the motion. Readings that an error of the encoder moves pass for outliers: with one that was found in
-    the model they are tested anew.
+    counts only when no effect was found, nor one without one size (`changing`), and where the motion makes no lines. A
+    line above that band where the motion makes lines counts under the same condition, and then no wave over position
+    does: both are harmonics of the motion. Readings that an error of the encoder moves pass for outliers: with one that
+    was found in the model they are tested anew.
     """
     at_encoder = any(find(name).port == "position" for name in effects)
     harmonic = any(test.effect == LINE and test.parts.get("made_by_motion") for test in significant)
@@ -146,7 +148,7 @@ def independent_tests(significant: Sequence[NoiseTest], effects: Sequence[str] =
             moved = at_encoder and test.effect == READING_OUTLIERS
             return not (moved or (test.effect == POSITION_WAVE and harmonic))
         within, by_motion = bool(test.parts.get("within_motion")), bool(test.parts.get("made_by_motion"))
-        return not (within or by_motion) or (not effects and within != by_motion)
+        return not (within or by_motion) or (not (effects or changing) and within != by_motion)
 
     return tuple(test for test in significant if names(test))
 
@@ -215,7 +217,8 @@ class Evidence:
         """Probability by chance below which one noise test is significant."""
         significant = own_tests([test for test in cleaned.tests if test.p_value < self.level and not test.single])
         unexplained = [test for test in significant if not test.in_model(model, self.signals)]
-        named = independent_tests(unexplained, [finding.effect for finding in self.scan.found])
+        effects = [finding.effect for finding in self.scan.found]
+        named = independent_tests(unexplained, effects, changing=bool(self.scan.changing))
         self.tests = tuple(
             replace(test, effect=find(next_name(test.effect, model.effects)).name) if test.shape else test
             for test in largest_first(named)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -71,7 +72,7 @@ def suspicion(recording: Recording) -> str:
     scale = rig.polarity * slope
     share = scale / (rig.ratio or 1.0)
     if abs(alike) < THE_OUTPUT:
-        return other_column(recording)
+        return exchanged(recording) or other_column(recording)
     if REVERSED_SCALE[0] < share < REVERSED_SCALE[1]:
         return turned(recording, scale)
     if plausible(share) or plausible(share / alike**2):
@@ -84,8 +85,9 @@ def turned(recording: Recording, scale: float) -> str:
     """The sentence on an output that runs against the encoder, with the line that mends it."""
     return f"{recording.name or 'recording'}: the output runs against the encoder (1 + k = {scale:.3f}). " + (
         f"Is a sign of the output or of input_axis swapped, or {other_sense(recording)}" * bool(other_sense(recording))
-        or "The sensor is mounted the other way round or a sign is swapped; write in the sidecar\n[rig]\n"
-        f'mount = "{OTHER_MOUNT[recording.rig.mount]}"'
+        or "The sensor is mounted the other way round or a sign is swapped; "
+        + ("write in the sidecar\n[rig]\nmount = " if recording.origin.file else "give rig=Rig(mount=...) with ")
+        + f'"{OTHER_MOUNT[recording.rig.mount]}"'
     )
 
 
@@ -102,8 +104,9 @@ def other_sense(recording: Recording) -> str:
 def mistaken(recording: Recording, scale: float) -> str:
     """What was mistaken where 1 + k is no sensor's: another column, or a unit, range or clock; and what accepts it."""
     ratio = np.format_float_positional(float(f"{scale:.4g}"), trim="-")
-    accept = f"If the rig itself makes this ratio, a lever or two masses, write [rig] ratio = {ratio}"
-    texts = [other_column(recording)]
+    line = f"write [rig] ratio = {ratio}" if recording.origin.file else f"give rig=Rig(ratio={ratio})"
+    accept = f"If the rig itself makes this ratio, a lever or two masses, {line}"
+    texts = [exchanged(recording) or other_column(recording)]
     if not texts[0]:
         ranked = sorted(causes(recording, abs(scale / (recording.rig.ratio or 1.0))))
         texts = [t for unusual, off, t in ranked[:2] if unusual + off < sum(ranked[0][:2]) + CLEARLY_BETTER]
@@ -111,6 +114,37 @@ def mistaken(recording: Recording, scale: float) -> str:
             return f"{ORIENTED}. {accept}"
     line = sensitivity_line(recording.rig, scale)
     return f"{'; or '.join(texts) or f'no unit, range or column explains it. {line}'.rstrip('. ')}. {accept}"
+
+
+def declaring(recording: Recording, channel: str, column: str, unit: str) -> str:
+    """What declares a column and its unit: a line of the sidecar, or the argument behind which arrays are read."""
+    if recording.origin.file:
+        return f'Write [channels] {channel} = {{ column = "{column}", unit = "{unit}" }}'
+    return f'Give units={{"{column}": "{unit}"}}'
+
+
+def exchanged(recording: Recording) -> str:
+    """The sentence on output and position that are in the column of each other; empty where they are not.
+
+    Numbers of either column, in the unit of the other channel, are then an output and its position.
+    """
+    (output, unit), (position, length) = (
+        recording.origin.columns.get(name, ("", "")) for name in ("accel", "position")
+    )
+    kinds = [units.conversion(text).si if units.is_unit(text) else "" for text in (unit, length)]
+    if recording.reference is not None or recording.axis or kinds != ["m/s^2", "m"]:
+        return ""
+    size = units.conversion(unit).factor / units.conversion(length).factor
+    read, moved = recording.position, recording.accel
+    slope, alike = relation(replace(read, y=read.y * size), replace(moved, y=moved.y / size))
+    if abs(alike) < THE_OUTPUT or not plausible(abs(slope)):
+        return ""
+    line = (
+        f'write [channels] accel = {{ column = "{position}", unit = "{unit}" }} and position = '
+        f'{{ column = "{output}", unit = "{length}" }}'
+    )
+    line = line if recording.origin.file else "exchange them where the recording is made"
+    return f"output and position are each in the column of the other: {line}"
 
 
 def other_column(recording: Recording) -> str:
@@ -160,10 +194,7 @@ def causes(recording: Recording, share: float) -> Iterator[tuple[float, float, s
                 if factor == 1.0 or not power or not plausible(left):
                     continue
                 channel = OUTPUTS.get(recording.axis, name) if name == "accel" else name
-                text = (
-                    f"the unit of column {column}: {true}, not {unit}? Write [channels] {channel} = "
-                    f'{{ column = "{column}", unit = "{true}" }}'
-                )
+                text = f"the unit of column {column}: {true}, not {unit}? {declaring(recording, channel, column, true)}"
                 if electrical:
                     line = sensitivity_line(recording.rig, 1.0 / factor) if name == "accel" else ""
                     text = f"the scale of {column}? It is {1.0 / factor:.6g} times the declared one. {line}".rstrip(

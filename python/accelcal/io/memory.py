@@ -54,6 +54,9 @@ def from_dataframe(frame: DataFrame, *, units: Mapping[str, str] | None, rig: Ri
         )
     columns = {str(key): frame[key] for key in frame.columns}
     declared = dict(frame.attrs.get("units", {}) if units is None else units)
+    dated = [key for key, column in columns.items() if getattr(column.dtype, "kind", "") in "mM"]
+    columns |= {key: index_in_seconds(frame.set_index(key).index) for key in dated}
+    declared |= dict.fromkeys(dated, "s")
     if not any(naming.role(naming.take_apart(key).base) == "time" for key in columns):
         columns = {"t": index_in_seconds(frame.index), **columns}
         declared.setdefault("t", "s")

@@ -174,8 +174,11 @@ def _is_angle(table: Table, column: str) -> bool:
 
 
 def _only(table: Table, name: str, others: Collection[str | None]) -> str | None:
-    """The column that is alone in measuring what a channel does; None where none or several do."""
+    """The column that is alone in measuring what a channel does, for a position else in counts; None where none or
+    several do."""
     likely = [column for column, _ in candidates(table, name) if column not in others]
+    if name == "position" and not likely:
+        likely = [c for c in table.columns if c not in others and _dimension(table, c) == "count"]
     return likely[0] if len(likely) == 1 else None
 
 

@@ -17,7 +17,7 @@ from accelcal.calibration.export import filter as export
 from accelcal.calibration.export.calibration import NotExportable
 from accelcal.calibration.export.filter import filter_files, program, replayed, with_held_as_states
 from accelcal.calibration.export.symbols import FORMATS
-from accelcal.data.rig import Rig
+from accelcal.data.rig import Rig, Sensor
 from accelcal.effects import BUILT_IN
 from accelcal.filters.live_model import LiveModel
 from accelcal.live.tracker import running
@@ -128,7 +128,7 @@ def test_without_the_correction_for_noise_of_the_output_the_estimates_are_others
 
 @pytest.mark.parametrize("language", ["c", "rust"])
 def test_the_top_of_a_file_states_signs_units_states_and_cost(language):
-    rig = Rig(axis="up", mount="reversed")
+    rig = Rig(Sensor(scale=0.04, scale_unit="V", zero=2.5), axis="up", mount="reversed")
     files = filter_files(filter_of(with_effects("temperature_bias"), rig), "3 axis", language, "f32", "m.json")
     assert list(files) == (
         ["sensor_3_axis.rs", "sensor_3_axis_replay.rs"]
@@ -141,6 +141,7 @@ def test_the_top_of_a_file_states_signs_units_states_and_cost(language):
         "1667 outputs a second, in f32",
         "= -(acceleration of the stage + 9.80665 m/s^2)",
         "has k, K2 and K3 of the other sign to first order; this filter is not of that form",
+        "the output (m/s^2, by the declared scale (V - 2.5) / 0.04)",
         "temperature (degC)",
         "3 temperature_bias (m/s^2/K), prior 0 with standard deviation",
         "density of the output 1e-08 (m/s^2)^2/Hz, two-sided; variance of a reading 1e-12 m^2",

@@ -94,6 +94,13 @@ def test_a_significant_test_whose_effect_is_not_named_forbids_that_nothing_is_mi
     assert sentence.startswith("A line, where the motion may make one")
 
 
+@pytest.mark.parametrize("parts", [{"within_motion": 1.0}, {"made_by_motion": 1.0}])
+def test_what_may_be_a_harmonic_is_not_named_beside_an_effect_without_one_size(parts):
+    harmonic, hum = line(215.0, **parts), line(50.02)
+    assert independent_tests([harmonic, hum]) == (harmonic, hum)
+    assert independent_tests([harmonic, hum], changing=True) == (hum,)
+
+
 def test_what_a_vibration_raises_is_no_test_of_its_own():
     shaken = NoiseTest(
         "vibration", 1.0, 0.0, 0.2, "m/s²", 1e-3, "vibration", {"frequency": 230.0, "lowest": 200.0, "highest": 260.0}

@@ -881,7 +881,8 @@ def comment(text: Text) -> list[str]:
     of_record = {t.name for t in plan.live.model.terms if t.effect.port != "process" and of_one_record(t.effect)}
     anew = [name for name in plan.names if name in of_record and estimates[name].value == 0.0]
     least, most = text.operations
-    kind = plan.format.rust
+    kind, sensor = plan.format.rust, rig.sensor
+    raw = f"({sensor.scale_unit or 'V'} - {sensor.zero or 0.0:.10g}) / {sensor.scale or 1.0:.10g}"
     paragraphs = [
         f"Live filter of {text.source}, written by accelcal {__version__}: position, velocity and parameters of an "
         f"accelerometer from its output and an encoder, {1.0 / settings['dt']:.10g} outputs a second, in {kind}.",
@@ -889,7 +890,8 @@ def comment(text: Text) -> list[str]:
         f"the specific force along the input axis = {sign}(acceleration of the stage + {rig.gravity:.6g} m/s^2). This "
         "is the sign of every report of accelcal. A paper's inverse form, f = (1 - k) w + K2 w^2 + K3 w^3 with w = "
         "output - K0, has k, K2 and K3 of the other sign to first order; this filter is not of that form.",
-        "A step takes the output (m/s^2), the position (m; NaN or infinite where it was not read)"
+        f"A step takes the output (m/s^2{f', by the declared scale {raw}' * (sensor.scale is not None)}), the position "
+        "(m; NaN or infinite where it was not read)"
         + "".join(f", {name} ({'degC' if name == 'temperature' else 'SI'})" for name in plan.side)
         + ". Steps are one sample apart, without a gap. An argument that is not finite, but for the position, is "
         "refused, and nothing is changed.",
