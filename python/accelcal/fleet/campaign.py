@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal._core import __version__
-from accelcal._support.errors import AccelcalError
+from accelcal._support.errors import AccelcalError, visible
 from accelcal._support.values import listing
 
 SCHEMA = "accelcal/campaign/1"
@@ -112,6 +112,9 @@ def begin(
     CampaignError
         If the file belongs to another campaign.
     """
+    for item in items:
+        if item.encode(errors="ignore").decode() != item:
+            raise CampaignError(f"{visible(item)}: this name is not UTF-8, expected one that is; rename the file.")
     connection.execute("BEGIN IMMEDIATE")
     if not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
         for table in TABLES:
