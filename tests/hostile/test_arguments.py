@@ -241,7 +241,7 @@ def test_a_file_whose_name_is_not_utf8_is_fitted_and_refused_by_a_fleet(folder, 
         done = subprocess.run(words, cwd=tmp_path, capture_output=True, env=environment, timeout=300)
         return done.returncode, done.stdout.decode(), done.stderr.decode()
 
-    code, out, said = run("fit", place.name, "-o", "m.json")
+    code, _, said = run("fit", place.name, "-o", "m.json")
     assert code == 0, said
     assert json.loads((tmp_path / "m.json").read_text())["runs"][0]["name"] == "\\udcff\\udcfe.csv"
     assert run("compare", "m.json", place.name, "--json")[0] == 0

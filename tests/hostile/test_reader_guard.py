@@ -240,7 +240,7 @@ def test_what_a_killed_reader_leaves_is_removed(place: Path) -> None:
     assert os.listdir(place / "temporary") == []
 
 
-def nested(folder: Path, fan: int, depth: int, number: str) -> Path:
+def nested_types(folder: Path, fan: int, depth: int, number: str) -> Path:
     """An MCAP with one message of ROS 2 types that hold `fan` of the next each; the last holds `number`."""
     from mcap.writer import Writer
 
@@ -265,11 +265,11 @@ def test_definitions_that_nest_into_endless_columns_are_counted_while_they_are_m
     pytest.importorskip("mcap")
     began = sum(os.times()[:4])
     with pytest.raises(RecordingError, match="more than 4096 columns" if number == "float64" else "."):
-        io.load(nested(tmp_path, 10, 25, number))
+        io.load(nested_types(tmp_path, 10, 25, number))
     assert (
         sum(os.times()[:4]) - began < 4.0
     )  # s of processor; without counting it is the limit of a reader, 5 s, and more
     with pytest.raises(
         RecordingError, match=r"/a\.f0\.f1\.f2\.f0"
     ):  # the twin: 81 columns are listed, and none is known
-        io.load(nested(tmp_path, 3, 4, "float64"))
+        io.load(nested_types(tmp_path, 3, 4, "float64"))

@@ -99,7 +99,7 @@ def waiting(path: Path) -> Path:
 
 
 def atomic_write(path: str | Path, content: str | bytes) -> None:
-    """Write a whole file at once: text as UTF-8 with the line ends it has, or bytes; half a surrogate pair as its escape."""
+    """Write a whole file at once: bytes, or text as UTF-8 with the line ends it has; what UTF-8 lacks as its escape."""
     with atomic(path) as part:
         part.write_bytes(content.encode(errors="backslashreplace") if isinstance(content, str) else content)
 
