@@ -294,6 +294,23 @@ def test_a_fleet_grows_and_tries_again_what_failed(tmp_path):
     write_recording(made.recording, tmp_path / "s0" / "r0b.csv")  # sorts before others
     assert "1 recordings fitted, 4 found" in call()
     assert "1 recordings fitted, 4 found" in call("--retry")
+    assert "0 recordings fitted, 5 found" in (said := call())  # the twin: what has not changed is fitted once
+    assert "changed" not in said
+
+    def bias():
+        stored = campaign.load(store)
+        return stored.values["bias"][stored.items.index(str(tmp_path / "s1" / "r0.csv"))]
+
+    assert bias() == pytest.approx(0.05, abs=0.02)
+    made = ac.simulate("tones", seconds=6.0, rig=CXL02_RIG, parameters={"bias": 0.45}, rng=rng)
+    side = write_recording(made.recording, tmp_path / "s1" / "r0.csv")
+    assert f"1 recordings have changed since {store} keeps them, {tmp_path / 's1' / 'r0.csv'} first" in (said := call())
+    assert "1 recordings fitted, 4 found" in said
+    assert bias() == pytest.approx(0.45, abs=0.02)
+    side.write_text(f"{side.read_text()}# nothing else\n")
+    assert "1 recordings fitted, 4 found" in call()
+    store.write_bytes(b"")  # as a kill leaves it that came before the first transaction
+    assert "5 recordings fitted, 0 found" in call()
 
 
 def test_the_runs_of_one_sensor_have_limits_of_their_own():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -212,3 +214,42 @@ def test_a_signal_that_a_library_swallows_still_ends_the_command(name):
     assert done.returncode == 128 + getattr(signal, name)
     assert done.stderr.count("\n") == 1
     assert "Traceback" not in done.stderr
+
+
+def test_a_working_folder_that_was_removed_is_said(folder, tmp_path):
+    for words in (["check", "run.csv"], ["fit", str(folder / "run.csv"), "-o", "m.json"], ["simulate", "-o", "x.csv"]):
+        (tmp_path / "gone").mkdir()
+        code = f"import os, sys; os.rmdir(os.getcwd()); sys.argv = {['accelcal', *words]!r}\n"
+        code += "from accelcal.cli import main; main()"
+        done = subprocess.run(
+            [sys.executable, "-c", code], cwd=tmp_path / "gone", capture_output=True, text=True, timeout=60
+        )
+        assert done.returncode == 3, done.stderr
+        named = "run.csv: there is no such file" if words[0] == "check" else "the folder in which the command runs was"
+        assert named in done.stderr
+        assert "Errno" not in done.stderr
+
+
+def test_a_file_whose_name_is_not_utf8_is_fitted_and_refused_by_a_fleet(folder, tmp_path):
+    place = Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xff\xfe.csv"))
+    shutil.copy(folder / "run.csv", place)
+    shutil.copy(folder / "run.toml", place.with_suffix(".toml"))
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+
+    def run(*words):
+        words = [sys.executable, "-m", "accelcal", *words]
+        done = subprocess.run(words, cwd=tmp_path, capture_output=True, env=environment, timeout=300)
+        return done.returncode, done.stdout.decode(), done.stderr.decode()
+
+    code, _, said = run("fit", place.name, "-o", "m.json")
+    assert code == 0, said
+    assert json.loads((tmp_path / "m.json").read_text())["runs"][0]["name"] == "\\udcff\\udcfe.csv"
+    assert run("compare", "m.json", place.name, "--json")[0] == 0
+    assert run("report", "m.json", place.name, "-o", "r.html")[0] == 0
+    assert "\\udcff\\udcfe.csv" in (tmp_path / "r.html").read_text(encoding="utf-8")
+    code, _, said = run("fleet", ".", "--store", "f.sqlite")
+    assert code == 3
+    assert "this name is not UTF-8" in said
+    place.rename(tmp_path / "run.csv")  # the twin
+    shutil.copy(folder / "run.toml", tmp_path / "run.toml")
+    assert run("fleet", ".", "--store", "g.sqlite")[0] == 0

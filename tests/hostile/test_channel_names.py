@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import accelcal as ac
 from accelcal import io
-from accelcal.data.recording import RecordingError
+from accelcal.data.recording import RecordingError, require_same_sensor
 from accelcal.effects import side_channels
 from accelcal.effects.guard import LONGEST
+from accelcal.results import model_file
 
 from .case import case_rng, cases
 from .workbench import write
@@ -71,3 +73,20 @@ def test_a_long_name_is_refused_by_its_length(tmp_path: Path) -> None:
     ):
         io.load(with_column(tmp_path, "x" * 181 + "_V"))
     assert "x" * 180 in io.load(with_column(tmp_path, "x" * 180 + "_V")).side
+
+
+@pytest.mark.parametrize("name", ["a\u2028b", "\u202eb", "a\tb"], ids=ascii)
+def test_a_sensor_of_any_name_is_that_of_its_model(tmp_path: Path, name: str) -> None:
+    path = write(tmp_path / "run.csv", 1, 3.0)
+    declared = path.with_suffix(".toml").read_text()
+    recordings = []
+    for serial in (name, f"{name}2"):
+        path.with_suffix(".toml").write_text(declared.replace("[sensor]", f"[sensor]\nserial = {json.dumps(serial)}"))
+        recordings.append(io.load(path))
+        assert recordings[-1].rig.sensor.serial.isprintable()
+        assert recordings[-1].rig.sensor.serial != serial  # its escape; a name without such characters stays
+    model_file.save(ac.fit(recordings[0], ac.Model.linear()), tmp_path / "m.json")
+    stored = model_file.load(tmp_path / "m.json")
+    require_same_sensor(recordings[0], stored.rig, "the model")
+    with pytest.raises(RecordingError, match="expected one sensor"):  # the twin: another sensor
+        require_same_sensor(recordings[1], stored.rig, "the model")

@@ -7,6 +7,7 @@ import json
 import math
 import os
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -115,6 +116,20 @@ def test_reports_are_never_written_over_and_find_another_place(here, monkeypatch
     monkeypatch.setattr(errors, "_folders", lambda: iter([str(here / "absent")]))
     assert ended("check", "run.csv") == 70
     assert "no folder accepts a report of it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("short", [MemoryError(), ImportError("_core.so: failed to map segment from shared object")])
+def test_a_report_that_finds_no_memory_either_costs_no_sentence(monkeypatch, short):
+    def without_memory(*_: object) -> object:
+        raise MemoryError
+
+    monkeypatch.setattr(errors, "_report", without_memory)
+    monkeypatch.delitem(sys.modules, "accelcal._core")
+    monkeypatch.setitem(sys.modules, "accelcal._core", None)  # importing it fails
+    said = errors.sentence(short)
+    assert "it asked for more memory than there is" in said
+    assert said.endswith("no folder accepts a report of it")
+    assert "memory" not in errors.sentence(ImportError("no module"))  # the twin
 
 
 def raise_own() -> None:

@@ -238,3 +238,38 @@ def test_what_a_killed_reader_leaves_is_removed(place: Path) -> None:
     with pytest.raises(RecordingError, match="its reader ended"):
         process.columns(["accel"])
     assert os.listdir(place / "temporary") == []
+
+
+def nested_types(folder: Path, fan: int, depth: int, number: str) -> Path:
+    """An MCAP with one message of ROS 2 types that hold `fan` of the next each; the last holds `number`."""
+    from mcap.writer import Writer
+
+    parts = [
+        "\n".join(f"pkg/T{k + 1} f{i}" if k + 1 < depth else f"{number} f{i}" for i in range(fan)) for k in range(depth)
+    ]
+    text = f"\n{'=' * 80}\n".join([parts[0], *(f"MSG: pkg/T{k}\n{part}" for k, part in enumerate(parts[1:], 1))])
+    path = folder / "run.mcap"
+    with path.open("wb") as handle:
+        file = Writer(handle)
+        file.start()
+        channel = file.register_channel("/a", "cdr", file.register_schema("pkg/msg/T0", "ros2msg", text.encode()))
+        file.add_message(channel, 0, bytes(1024), 0)
+        file.finish()
+    return path
+
+
+@pytest.mark.parametrize("number", ["float64", "string"])
+def test_definitions_that_nest_into_endless_columns_are_counted_while_they_are_made(
+    tmp_path: Path, number: str
+) -> None:
+    pytest.importorskip("mcap")
+    began = sum(os.times()[:4])
+    with pytest.raises(RecordingError, match="more than 4096 columns" if number == "float64" else "."):
+        io.load(nested_types(tmp_path, 10, 25, number))
+    assert (
+        sum(os.times()[:4]) - began < 4.0
+    )  # s of processor; without counting it is the limit of a reader, 5 s, and more
+    with pytest.raises(
+        RecordingError, match=r"/a\.f0\.f1\.f2\.f0"
+    ):  # the twin: 81 columns are listed, and none is known
+        io.load(nested_types(tmp_path, 3, 4, "float64"))

@@ -189,6 +189,15 @@ def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path) -> None:
     refused(path, "this is a pipe")
 
 
+@pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="needs a file that cannot be read")
+def test_a_file_that_fails_while_it_is_read_is_named() -> None:
+    path = Path("/proc/self/mem")  # a regular file whose first byte is an error, as of a disk that fails
+    for read in (io.load, read_sidecar, io.load_dwells):
+        assert sentence_of(lambda r=read: r(path)).startswith(f"{path}: cannot be read (Input/output error); give ")  # type: ignore[misc]
+    with pytest.raises(OSError, match="Errno 5"), path.open("rb") as file:  # the twin: the system names no file
+        file.read(1)
+
+
 def test_a_link_to_a_file_is_that_file(tmp_path: Path) -> None:
     (tmp_path / "kept.csv").write_text(TABLE)
     (tmp_path / "run.csv").symlink_to(tmp_path / "kept.csv")

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pyarrow import parquet
 
 import accelcal as ac
 from accelcal import io
@@ -22,6 +23,7 @@ from accelcal._support import locks
 from accelcal._support.locks import scratch_folder
 from accelcal.cli import app, write_recording
 from accelcal.estimation.estimate import estimate
+from accelcal.io.write import GrowingParquet
 from accelcal.results import model_file
 from accelcal.simulation import ADXL105_RIG
 from tests.commands import accelcal
@@ -293,6 +295,30 @@ def test_a_command_with_several_outputs_writes_all_or_none(made, tmp_path, monke
 def limited() -> None:
     """No file above 20 kB from here on: what a full disk does, without one."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+
+
+def test_two_measurements_that_begin_at_once_do_not_replace_each_other(tmp_path):
+    path = tmp_path / "run.parquet"
+    with GrowingParquet(path, {"t": "s"}) as one, GrowingParquet(path, {"t": "s"}) as other:
+        one.append({"t": np.array([0.0, 1.0])})
+        with pytest.raises(OSError, match=r"run\.parquet: another program has begun to write it; give one of them"):
+            other.append({"t": np.array([5.0])})
+        one.append({"t": np.array([2.0])})
+    assert parquet.read_table(path)["t"].to_pylist() == [0.0, 1.0, 2.0]
+    with GrowingParquet(path, {"t": "s"}) as later:  # the twin: what was there before is replaced, as its writer asks
+        later.append({"t": np.array([5.0])})
+    assert parquet.read_table(path)["t"].to_pylist() == [5.0]
+
+
+def test_a_page_is_written_again_by_its_command_and_a_page_of_the_user_is_not(made, tmp_path):
+    words = ["report", str(made / "m.json"), str(made / "run.csv"), "-o", str(tmp_path / "r.html")]
+    for _ in range(2):
+        assert accelcal(*words, cwd=tmp_path).returncode == 0
+    (tmp_path / "r.html").write_text("<!DOCTYPE html><title>mine</title>")
+    assert accelcal(*words, cwd=tmp_path).returncode == 2
+    pages = [path.read_text("utf-8") for path in Path(ac.__file__).parent.rglob("*.html")]
+    heads = [page for page in pages if "<!DOCTYPE" in page]
+    assert len(heads) == sum('<meta name="generator" content="accelcal">' in page for page in heads) == 3
 
 
 @pytest.mark.parametrize("old", [False, True], ids=["new", "replaced"])

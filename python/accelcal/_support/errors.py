@@ -71,9 +71,10 @@ class RemoteTraceback(Exception):
 
 def is_for_user(error: BaseException) -> bool:
     """Whether the text of an exception was written for users; if not, the exception is an error of accelcal."""
-    from accelcal._core import FilterError
-
-    return isinstance(error, AccelcalError | FilterError) or (isinstance(error, OSError) and error.errno is not None)
+    core = sys.modules.get("accelcal._core")  # importing it takes memory, and that may be what is missing
+    if core is not None and isinstance(error, core.FilterError):
+        return True
+    return isinstance(error, AccelcalError) or (isinstance(error, OSError) and error.errno is not None)
 
 
 def sentence(error: BaseException, command: Sequence[str] | None = None) -> str:
@@ -87,16 +88,20 @@ def sentence(error: BaseException, command: Sequence[str] | None = None) -> str:
     if is_for_user(error):
         if isinstance(error, OSError) and error.filename and error.strerror:
             return f"{error.filename}: {error.strerror.lower()}; check the path and its permissions"
+        if isinstance(error, FileNotFoundError) and error.errno is not None:  # of no file, so of the working folder
+            return "the folder in which the command runs was removed; change to one that exists, or run: cd"
         return str(error)
     line = _line_of_user(error.__traceback__)
     if line is not None:
         text = " ".join(str(error).split())
         return f"{line}: {type(error).__name__}: {text}; change this line"
-    place = write_report(error, sys.argv if command is None else command)
+    place = None
+    with suppress(Exception):  # no memory
+        place = write_report(error, sys.argv if command is None else command)
     inside = [_place(f.f_code.co_filename, line, "") for f, line in _frames(error.__traceback__) if _is_own(f)]
     cause = (
         "it asked for more memory than there is; a shorter part of the recording may pass"
-        if isinstance(error, MemoryError)
+        if isinstance(error, MemoryError) or "failed to map segment" in str(error)
         else f"{type(error).__name__} in {inside[-1].partition(' in ')[0] if inside else 'code that it calls'}"
     )
     sent = f"please send {place} to its authors; it holds no data" if place else "no folder accepts a report of it"

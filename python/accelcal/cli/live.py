@@ -94,12 +94,20 @@ def fleet(
 
 
 def in_stored_order(files: list[str], store: Path, *, retry: bool) -> list[str]:
-    """Recordings in the order in which a store knows them, new ones behind; with `retry` it forgets its failures."""
-    if not store.exists():
+    """Recordings in the order in which a store knows them, new ones behind; it forgets those that have changed since,
+    with `retry` its failures as well."""
+    if not store.exists() or not store.stat().st_size:  # of a call that was killed before it wrote anything
         return files
-    places = {item: run for run, item in campaign.items(store).items()}
-    if retry:
-        campaign.forget_failures(store)
+    stored = campaign.load(store)
+    places = dict(zip(stored.items, stored.runs.tolist(), strict=True))
+    marks = stored.values.get(summary.CONTENT, ())  # of an older version, none
+    fitted = [(item, mark) for item, mark in zip(stored.items, marks, strict=False) if item not in stored.errors]
+    changed = [item for item, mark in fitted if item in files and summary.content_of(Path(item)) != mark]
+    if changed:
+        print_status(
+            f"{len(changed)} recordings have changed since {store} keeps them, {changed[0]} first: fitted again"
+        )
+    campaign.forget(store, [*changed, *(stored.errors if retry else ())])
     if not set(places) <= set(files):
         return files  # of other folders: the campaign says so
     new = (file for file in files if file not in places)
@@ -393,7 +401,7 @@ def live(
                 raise data.RecordingError(
                     f"{source.name}: no line could be used ({counts.broken} broken, {counts.out_of_order} out of "
                     "order); expected lines t,accel,position with a comma between the fields, a point in the numbers "
-                    "and an empty field where nothing was sampled"
+                    f"and an empty field where nothing was sampled{'; check --baud' if serial is not None else ''}"
                 )
             face.end(session.state, session.ended)
         if output is not None and session.state.recorded:

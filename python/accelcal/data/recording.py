@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from accelcal._support.arguments import check_fields
-from accelcal._support.errors import AccelcalError
+from accelcal._support.errors import AccelcalError, visible
 from accelcal._support.result import Result
 from accelcal._support.values import face, immutable, listing
 from accelcal.data import units
@@ -495,7 +495,7 @@ def require_same_sensor(recording: Recording | Dwells | Positions, rig: Rig, oth
         Naming both; what is declared on one side only is not compared.
     """
     for key in ("model", "serial"):
-        here, there = getattr(recording.rig.sensor, key), getattr(rig.sensor, key)
+        here, there = (visible(getattr(sensor, key), one_line=True) for sensor in (recording.rig.sensor, rig.sensor))
         if here and there and here != there:
             raise RecordingError(
                 f'{recording.name}: sensor.{key} is "{here}" but that of {other} is "{there}"; expected one sensor. '

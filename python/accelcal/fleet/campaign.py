@@ -22,7 +22,7 @@ import os
 import sqlite3
 import traceback
 from collections import Counter
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal._core import __version__
-from accelcal._support.errors import AccelcalError
+from accelcal._support.errors import AccelcalError, visible
 from accelcal._support.values import listing
 
 SCHEMA = "accelcal/campaign/1"
@@ -112,6 +112,9 @@ def begin(
     CampaignError
         If the file belongs to another campaign.
     """
+    for item in items:
+        if item.encode(errors="ignore").decode() != item:
+            raise CampaignError(f"{visible(item)}: this name is not UTF-8, expected one that is; rename the file.")
     connection.execute("BEGIN IMMEDIATE")
     if not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
         for table in TABLES:
@@ -167,8 +170,8 @@ def items(path: str | Path) -> dict[int, str]:
         return dict(connection.execute("SELECT run, item FROM run ORDER BY run"))
 
 
-def forget_failures(path: str | Path) -> None:
-    """Remove runs whose task raised, so that the next call computes them again.
+def forget(path: str | Path, items: Iterable[str]) -> None:
+    """Remove the runs of some items, so that the next call computes them again.
 
     Raises
     ------
@@ -178,7 +181,9 @@ def forget_failures(path: str | Path) -> None:
     with opened(path, "rw") as connection:
         _identity(connection, path)
         connection.execute("BEGIN IMMEDIATE")
-        connection.execute("DELETE FROM run WHERE error IS NOT NULL")
+        for item in items:
+            connection.execute("DELETE FROM value WHERE run IN (SELECT run FROM run WHERE item = ?)", (item,))
+            connection.execute("DELETE FROM run WHERE item = ?", (item,))
         connection.execute("COMMIT")
 
 
@@ -333,7 +338,7 @@ def _digest(function: Callable[..., Any]) -> str:
     return hashlib.sha256(source.encode()).hexdigest()
 
 
-__all__ = ["CampaignError", "Count", "Results", "forget_failures", "items", "label", "load", "run", "seeds"]
+__all__ = ["CampaignError", "Count", "Results", "forget", "items", "label", "load", "run", "seeds"]
 
 AHEAD = 64
 """Batches that wait at the executor at most; more would only take memory."""

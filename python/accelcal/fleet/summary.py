@@ -24,7 +24,8 @@ from accelcal._support.result import Storable
 from accelcal.data import Array, Counts
 from accelcal.estimation.run_to_run import over_all
 from accelcal.fleet.campaign import Results
-from accelcal.io import load
+from accelcal.io import load, sidecar_of
+from accelcal.io.loading import digest_of
 from accelcal.model import Model, Prior
 from accelcal.plots import matplotlib
 from accelcal.plots.figure import Axis, Figure, Level, Line, Mark, Panel, Points
@@ -226,6 +227,16 @@ def deleted(sums: Sums, between: float) -> Array:
     return p
 
 
+CONTENT = "content"
+"""Name under which a store holds the mark of what was fitted."""
+
+
+def content_of(path: Path) -> float:
+    """Mark of the bytes of a recording and of its sidecar: 52 bits of their SHA-256, which a float holds exactly."""
+    sidecar = sidecar_of(path)
+    return float(int(digest_of(path)[:7] + (digest_of(sidecar)[:6] if sidecar.is_file() else ""), 16))
+
+
 MODELS = {"linear": Model.linear, "cubic": Model.cubic}
 STD = ".std"
 """Ending of the name under which a standard deviation is kept."""
@@ -242,13 +253,15 @@ def fit_of(path: Path, *, model: str = "linear") -> dict[str, float]:
     Returns
     -------
     Value and standard deviation of each parameter; ratio of the noise to the declared one, normalised innovation
-    squared, length (s), date (days), mean temperature (degC), NaN where not known; number of remarks.
+    squared, length (s), date (days), mean temperature (degC), NaN where not known; number of remarks; `content_of`.
     """
+    content = content_of(path)  # before it is read: a file that grows meanwhile has changed
     recording = load(path)
     fitted = fit(recording, MODELS[model]())
     run = fitted.runs[0]
     warm = recording.side.get("temperature")
     values = {
+        CONTENT: content,
         "nis": math.nan if run.nis is None else run.nis,
         "noise_ratio": math.nan if run.noise.ratio is None else run.noise.ratio,
         "seconds": run.end - run.start,
@@ -397,7 +410,7 @@ def summarise(results: Results) -> Fleet:
         raise AccelcalError(
             f"no recording of the fleet could be fitted; {first[0]}: {first[1].strip().splitlines()[-1]}"
         )
-    values = {name: y[good] for name, y in results.values.items()}
+    values = {name: y[good] for name, y in results.values.items() if name != CONTENT}
     names = [sensor_name(file) for file in files]
     sensors = tuple(dict.fromkeys(names))
     sensor_of = np.array([sensors.index(name) for name in names], dtype=np.intp)

@@ -99,9 +99,9 @@ def waiting(path: Path) -> Path:
 
 
 def atomic_write(path: str | Path, content: str | bytes) -> None:
-    """Write a whole file at once: text as UTF-8 with the line ends it has, or bytes."""
+    """Write a whole file at once: bytes, or text as UTF-8 with the line ends it has; what UTF-8 lacks as its escape."""
     with atomic(path) as part:
-        part.write_bytes(content.encode() if isinstance(content, str) else content)
+        part.write_bytes(content.encode(errors="backslashreplace") if isinstance(content, str) else content)
 
 
 class Part:
@@ -125,7 +125,8 @@ class Part:
         self.target = name if self.straight else Path(os.path.realpath(name))
         self._folder = Path(tempfile.gettempdir()) if self.straight else self.target.parent
         self._mode = None if there is None or self.straight else stat.S_IMODE(there.st_mode) & 0o777
-        self._new = there is None
+        self.is_new = there is None
+        """Whether nothing was there."""
         self._descriptor = -1
         self._old: Path | None = None
         self.path = _free_name(self._folder)
@@ -166,7 +167,7 @@ class Part:
         """Bring back what `publish` replaced; without hard links the new content stays where an old one was."""
         if self._old is not None:
             os.replace(self._old, self.target)
-        elif self._new:
+        elif self.is_new:
             self.target.unlink(missing_ok=True)
 
     def free_name(self) -> Path:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import os
 import re
 import stat
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, TypeVar
+from typing import IO
 
+from accelcal._support.errors import AccelcalError
 from accelcal.data import RecordingError
 from accelcal.io.decoding.known_formats import EXPORTERS, FORMATS, MARKS, SUFFIXES
 from accelcal.io.table import Table
-
-Result = TypeVar("Result")
 
 
 def open_regular(path: Path, expected: str, most: int | None = None) -> IO[bytes]:
@@ -32,7 +32,8 @@ def open_regular(path: Path, expected: str, most: int | None = None) -> IO[bytes
         If it is a folder, a pipe, a device or a socket, has a name that no file can have, is not readable, or is too
         large.
     """
-    status = _in_words(os.stat, path, expected)
+    with in_words(path, expected):
+        status = os.stat(path)
     if not stat.S_ISREG(status.st_mode):
         kinds = {stat.S_IFDIR: "directory", stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket"}
         kinds |= {stat.S_IFCHR: "device", stat.S_IFBLK: "device"}
@@ -40,29 +41,37 @@ def open_regular(path: Path, expected: str, most: int | None = None) -> IO[bytes
         raise RecordingError(f"{shown(path)}: this is {f'a {kind}' if kind else 'no regular file'}; give {expected}.")
     if most is not None and status.st_size > most:
         raise RecordingError(f"{shown(path)}: {status.st_size} bytes, expected at most {most}; give {expected}.")
-    return os.fdopen(_in_words(lambda name: os.open(name, _FLAGS), path, expected), "rb")
+    with in_words(path, expected):
+        return os.fdopen(os.open(path, _FLAGS), "rb")
 
 
 _FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 """A pipe that took the place of a file in between is not waited for."""
 
 
-def _in_words(ask: Callable[[Path], Result], path: Path, expected: str) -> Result:
-    """What the system answers about a path; its refusals as one sentence."""
+@contextmanager
+def in_words(path: Path, expected: str) -> Iterator[None]:
+    """Refusals of the system, while a file is opened or read, as one sentence; arguments are those of `open_regular`.
+
+    Raises
+    ------
+    FileNotFoundError
+        If nothing is there.
+    RecordingError
+        Of any other reason, such as a disk that fails.
+    """
     try:
-        return ask(path)
-    except FileNotFoundError:
+        yield
+    except (FileNotFoundError, AccelcalError):
         raise
-    except OSError as error:
-        reason = error.strerror or str(error)
-    except ValueError:
-        reason = "its name has a zero byte"
-    raise RecordingError(f"{shown(path)}: cannot be read ({reason}); give {expected}.")
+    except (OSError, ValueError) as error:
+        reason = (error.strerror or str(error)) if isinstance(error, OSError) else "no file can have this name"
+        raise RecordingError(f"{shown(path)}: cannot be read ({reason}); give {expected}.") from None
 
 
 def content_of(path: Path, expected: str, most: int) -> bytes:
     """All bytes of a regular file of at most `most` bytes; errors are those of `open_regular`."""
-    with open_regular(path, expected, most) as file:
+    with open_regular(path, expected, most) as file, in_words(path, expected):
         content = file.read(most + 1)
     if len(content) > most:  # it has grown since
         raise RecordingError(f"{shown(path)}: more than {most} bytes; give {expected}.")
@@ -130,11 +139,12 @@ _UNMARKED = {
     suffix: file_format.name for file_format in FORMATS if file_format.unmarked for suffix in file_format.suffixes
 }
 _HEAD = 1024
+A_RECORDING = "one recording file (CSV, Parquet, MAT, npz or HDF5)"
 
 
 def _first_bytes(path: Path) -> bytes:
     try:
-        with open_regular(path, "one recording file (CSV, Parquet, MAT, npz or HDF5)") as file:
+        with open_regular(path, A_RECORDING) as file, in_words(path, A_RECORDING):
             head = file.read(_HEAD)
     except FileNotFoundError:
         raise RecordingError(f"{shown(path)}: there is no such file; check the path.") from None

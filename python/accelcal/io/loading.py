@@ -18,6 +18,7 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal._support.arguments import checked
+from accelcal._support.errors import visible
 from accelcal.data import (
     ANGLE,
     DERIVED,
@@ -76,7 +77,7 @@ from accelcal.io.assign import (
     unit_of,
 )
 from accelcal.io.dialect import DAY
-from accelcal.io.files import is_there, open_regular, open_table
+from accelcal.io.files import A_RECORDING, in_words, is_there, open_regular, open_table
 from accelcal.io.sidecar import (
     Clock,
     Sidecar,
@@ -506,7 +507,7 @@ def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
         temperature=columns.get("temperature_degC"),
         angle_std=setup.angle_std or 0.0,
         gravity=local_gravity(setup),
-        name=table.path.name,
+        name=visible(table.path.name, one_line=True),
         digest=digest_of(table.path),
         assumptions=assumed(setup) + repeated(table, columns) + in_kelvin(columns.get("temperature_degC")),
     )
@@ -598,7 +599,7 @@ def digest_of(path: Path) -> str:
         If it is no regular file, or is not readable.
     """
     digest = hashlib.sha256()
-    with open_regular(path, "a recording") as file:
+    with open_regular(path, A_RECORDING) as file, in_words(path, A_RECORDING):
         left = os.fstat(file.fileno()).st_size
         while left > 0 and (part := file.read(min(left, 1_000_000))):
             digest.update(part)
@@ -832,7 +833,7 @@ def recording_of(
         position=position,
         rig=rig,
         side=channels,
-        name=path.name,
+        name=visible(path.name, one_line=True),
         findings=tuple(findings),
         labels=declared.labels,
         reference=reference,

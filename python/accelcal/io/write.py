@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from accelcal._support.errors import AccessError
 from accelcal.data import (
     GRAVITY,
     NO_LABELS,
@@ -373,7 +374,8 @@ class GrowingParquet:
         Raises
         ------
         OSError
-            If it cannot be written, or an earlier group could not; the file under its name is then as it was.
+            If it cannot be written, another program has begun to write it, or an earlier group could not be written;
+            the file under its name is then as it was.
         """
         import pyarrow as pa
 
@@ -389,6 +391,8 @@ class GrowingParquet:
             self._table.append_row_groups(table)
         hidden, latest = self._copies
         with named(self.path):
+            if not self.groups and hidden.part.is_new and self.path.exists():
+                raise AccessError(f"{self.path}: another program has begun to write it; give one of them another name")
             hidden.grow(self._late + group, _footer(self._table))
             hidden.take(self.path)
         self._copies = [latest, hidden]

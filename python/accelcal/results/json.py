@@ -11,13 +11,13 @@ from typing import Any, TypeVar, get_type_hints
 import numpy as np
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic.json_schema import GenerateJsonSchema
-from pydantic_core import CoreSchema, SchemaSerializer, SchemaValidator, core_schema
+from pydantic_core import CoreSchema, PydanticSerializationError, SchemaSerializer, SchemaValidator, core_schema
 
 from accelcal import _core
 from accelcal._support.errors import AccelcalError, visible
 from accelcal._support.result import NotStored
 from accelcal._support.values import face
-from accelcal.results.json_text import ModelFileError, escaped, strict
+from accelcal.results.json_text import ModelFileError, escaped, finite, strict
 
 T = TypeVar("T")
 
@@ -76,7 +76,11 @@ def head(kind: Any) -> dict[str, Any]:
 
 def written(writer: SchemaSerializer, result: Any) -> str:
     """Text of the fields of a result, then of the properties derived from them."""
-    return writer.to_json(result, warnings=False, fallback=lambda value: value.item()).decode()
+    options: Any = {"warnings": False, "fallback": lambda value: value.item()}
+    try:
+        return writer.to_json(result, **options).decode()
+    except PydanticSerializationError:  # a text that is not Unicode: of a file whose name is not UTF-8
+        return json.dumps(finite(writer.to_python(result, mode="json", **options)))
 
 
 def from_json(kind: type[T], text: str) -> T:

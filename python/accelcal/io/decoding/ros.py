@@ -6,17 +6,18 @@ The library makes Python code of these definitions, so nothing but plain names c
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from functools import reduce
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from accelcal.io.decoding.source import Leaf, RefusedError
+from accelcal.io.decoding.source import Leaf, RefusedError, limited
 from accelcal.io.table import MOST_DEPTH
 
 Kind = Literal["ros1msg", "ros2msg", "ros2idl"]
+_Number: TypeAlias = tuple[tuple[str | int, ...], str | None]
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 _STAMP, _HEADER = "builtin_interfaces/msg/Time", "std_msgs/msg/Header"
 _IDL_MARK = "=" * 80 + "\nIDL: "
@@ -58,10 +59,11 @@ class Messages:
                 _require_name(identifier)
         self._store = get_typestore(Stores.EMPTY)
         self._store.register({name: ([], fields) for name, (_, fields) in types.items()})
+        self._listed: dict[tuple[str, int], tuple[_Number, ...]] = {}
 
     def leaves(self, name: str) -> tuple[Leaf, ...]:
         """The numbers of each message of a type."""
-        return tuple(self._leaves(_full(name), (), None, 0))
+        return tuple(Leaf(_dotted(path), unit, _taker(path, float)) for path, unit in self._numbers(_full(name), 0))
 
     def stamp(self, name: str) -> Callable[[Any], int] | None:
         """What reads the stamp of a message with a header, ns."""
@@ -75,18 +77,28 @@ class Messages:
         read = self._store.deserialize_ros1 if kind == "ros1msg" else self._store.deserialize_cdr
         return lambda data: read(data, _full(name))
 
-    def _leaves(self, name: str, path: tuple[str | int, ...], unit: str | None, depth: int) -> Iterator[Leaf]:
+    def _numbers(self, name: str, depth: int) -> tuple[_Number, ...]:
+        """Path and unit of each number; listed once for a type and depth, since a few types may nest into endless ones.
+
+        The unit is that of the innermost field that has one.
+        """
         if depth > MOST_DEPTH:
             raise RefusedError(f"messages lie more than {MOST_DEPTH} deep; expected numbers of a sensor")
-        for field, (kind, node) in self._store.fielddefs[name][1]:
-            here, its = (*path, field), _UNITS.get((name, field), unit)
-            if kind == Nodetype.BASE and "string" not in node[0]:
-                yield Leaf(_dotted(here), its, _taker(here, float))
-            elif kind == Nodetype.NAME and node not in (_HEADER, _STAMP):
-                yield from self._leaves(str(node), here, its, depth + 1)
-            elif kind == Nodetype.ARRAY and _is_short(field, node):
-                for k in range(int(node[1])):
-                    yield Leaf(_dotted((*here, k)), its, _taker((*here, k), float))
+        if (name, depth) not in self._listed:
+            self._listed[name, depth] = limited(
+                ((field, *path), unit or _UNITS.get((name, field)))
+                for field, node in self._store.fielddefs[name][1]
+                for path, unit in self._inside(field, node, depth)
+            )
+        return self._listed[name, depth]
+
+    def _inside(self, field: str, of: Any, depth: int) -> Iterable[_Number]:
+        kind, node = of
+        if kind == Nodetype.BASE and "string" not in node[0]:
+            return [((), None)]
+        if kind == Nodetype.NAME and node not in (_HEADER, _STAMP):
+            return self._numbers(str(node), depth + 1)
+        return [((k,), None) for k in range(int(node[1]))] if kind == Nodetype.ARRAY and _is_short(field, node) else []
 
 
 def _parsed(name: str, text: str, kind: Kind) -> dict[str, Any]:

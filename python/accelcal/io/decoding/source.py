@@ -6,11 +6,13 @@ from array import array
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from accelcal.io.table import MOST_COLUMNS, MOST_DEPTH, MOST_NAME, Column
+
+Listed = TypeVar("Listed")
 
 
 class RefusedError(Exception):
@@ -55,8 +57,8 @@ class Source:
     """Reads one column by its name."""
 
 
-def limited(entries: Iterable[Entry]) -> tuple[Entry, ...]:
-    """The entries of a file, unless there are too many of them."""
+def limited(entries: Iterable[Listed]) -> tuple[Listed, ...]:
+    """The columns of a file, unless there are too many of them; counted while they are made."""
     listed = []
     for entry in entries:
         listed.append(entry)
