@@ -207,8 +207,8 @@ def export(
             )
         suspects = tuple(name.strip() for name in watch.split(",")) if watch is not None else ()
         filter_of_model = exports.live_filter(fitted, rate, watch=suspects)
-        files = exports.filter_files(filter_of_model, output.name, live, precision, model.name)
-        paths = {output.parent / name: text for name, text in files.items()}
+        texts = exports.filter_files(filter_of_model, output.name, live, precision, model.name)
+        paths = {output.parent / name: text for name, text in texts.items()}
         write_together(paths)
         print_written(*paths)
         return

@@ -225,7 +225,7 @@ def described(text: Text) -> list[str]:
     )
     return [
         f"Watched, effects that the model lacks: {listed}. While the model holds, any of them is named, at whatever "
-        f"time, with a probability of {FALSE_NAMES:g} at most, where the noise of the output is small beside the motion."
+        f"time, with a probability of {FALSE_NAMES:g} at most; noise of the output is to be small beside the motion."
     ]
 
 
