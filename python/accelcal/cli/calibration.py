@@ -200,17 +200,8 @@ def export(
         if live is None or rate is None or c or rust or dcc or json or without or parameters:
             raise UsageError("--filter c (or rust) and --rate 1667 go together, and with no other form of export")
         load_own_effects(effects_file)
-        fitted = model_file.load(model)
-        if fitted.axes:
-            raise UsageError(
-                f"--filter: {model} is of {len(fitted.axes)} outputs; expected one. Fit one, or give --c or --rust"
-            )
         suspects = tuple(name.strip() for name in watch.split(",")) if watch is not None else ()
-        filter_of_model = exports.live_filter(fitted, rate, watch=suspects)
-        texts = exports.filter_files(filter_of_model, output.name, live, precision, model.name)
-        paths = {output.parent / name: text for name, text in texts.items()}
-        write_together(paths)
-        print_written(*paths)
+        export_filter(model, suspects, live, rate, precision, output)
         return
     if watch is not None:
         raise UsageError("--watch: goes with --filter c (or rust) and --rate 1667")
@@ -271,6 +262,22 @@ def write_together(files: Mapping[Path, str]) -> None:
     with io.together():
         for path, text in files.items():
             io.atomic_write(path, text)
+
+
+def export_filter(
+    model: Path, watch: Sequence[str], language: Language, rate: float, precision: Precision, output: Path
+) -> None:
+    """Write the live filter of a model beside the program that replays a record through it."""
+    fitted = model_file.load(model)
+    if fitted.axes:
+        raise UsageError(
+            f"--filter: {model} is of {len(fitted.axes)} outputs; expected one. Fit one, or give --c or --rust"
+        )
+    filter_of_model = exports.live_filter(fitted, rate, watch=watch)
+    files = exports.filter_files(filter_of_model, output.name, language, precision, model.name)
+    paths = {output.parent / name: text for name, text in files.items()}
+    write_together(paths)
+    print_written(*paths)
 
 
 @app.command("app")

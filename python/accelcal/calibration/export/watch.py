@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from functools import reduce
 from itertools import combinations_with_replacement
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -34,8 +34,8 @@ from accelcal.calibration.export.symbols import (
 from accelcal.data import Array
 from accelcal.filters.live_model import FALSE_NAMES
 
-if TYPE_CHECKING:
-    from accelcal.calibration.export.filter import Belief, Program, Push, Taken, Text
+Program = Belief = Push = Taken = Text = Any
+"""Those of `filter`, which imports this file."""
 
 STATES = 6
 """Of the whitening: errors of p and v, and the noise of each sample that still drives."""
