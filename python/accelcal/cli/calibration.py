@@ -178,6 +178,10 @@ def export(
     ] = None,
     rate: Annotated[float | None, typer.Option("--rate", help="Outputs a second that --filter takes, Hz.")] = None,
     precision: Annotated[Precision, typer.Option("--precision", help="Numbers of --filter: f32 or f64.")] = "f32",
+    watch: Annotated[
+        str | None,
+        typer.Option("--watch", help="Effects that --filter watches for, a comma between names.", show_default=False),
+    ] = None,
     output: Annotated[Path, typer.Option("-o", "--output", help="Beginning of the names of the files of --filter.")] = (
         Path("filter")
     ),
@@ -190,19 +194,17 @@ def export(
     is the live filter of the model instead: position, velocity and parameters from output and encoder.
 
     Example: [bold]accelcal export m.json --c sensor.h --rust sensor.rs --dcc draft.xml[/bold]
-    Example: [bold]accelcal export m.json --filter c --rate 1667 -o tracker[/bold]
+    Example: [bold]accelcal export m.json --filter c --rate 1667 --watch cubic,quadratic -o tracker[/bold]
     """
     if live is not None or rate is not None:
         if live is None or rate is None or c or rust or dcc or json or without or parameters:
             raise UsageError("--filter c (or rust) and --rate 1667 go together, and with no other form of export")
         load_own_effects(effects_file)
-        fitted = model_file.load(model)
-        if fitted.axes:
-            raise UsageError(
-                f"--filter: {model} is of {len(fitted.axes)} outputs; expected one. Fit one, or give --c or --rust"
-            )
-        export_filter(model, fitted, live, rate, precision, output)
+        suspects = tuple(name.strip() for name in watch.split(",")) if watch is not None else ()
+        export_filter(model, suspects, live, rate, precision, output)
         return
+    if watch is not None:
+        raise UsageError("--watch: goes with --filter c (or rust) and --rate 1667")
     if not (c or rust or dcc or json or parameters):
         raise UsageError(
             "nothing to write: give --c sensor.h, --rust sensor.rs, --dcc draft.xml, --filter, --json, or --parameters "
@@ -263,10 +265,15 @@ def write_together(files: Mapping[Path, str]) -> None:
 
 
 def export_filter(
-    model: Path, fitted: Fit, language: Language, rate: float, precision: Precision, output: Path
+    model: Path, watch: Sequence[str], language: Language, rate: float, precision: Precision, output: Path
 ) -> None:
     """Write the live filter of a model beside the program that replays a record through it."""
-    filter_of_model = exports.live_filter(fitted, rate)
+    fitted = model_file.load(model)
+    if fitted.axes:
+        raise UsageError(
+            f"--filter: {model} is of {len(fitted.axes)} outputs; expected one. Fit one, or give --c or --rust"
+        )
+    filter_of_model = exports.live_filter(fitted, rate, watch=watch)
     files = exports.filter_files(filter_of_model, output.name, language, precision, model.name)
     paths = {output.parent / name: text for name, text in files.items()}
     write_together(paths)

@@ -263,8 +263,10 @@ def run(command: list[str], folder: Path) -> str:
     return done.stdout + done.stderr
 
 
-def compiled(folder: Path, parameters: int, arguments: int, kind: str) -> ctypes.CDLL:
+def compiled(folder: Path, parameters: int, arguments: int, kind: str, *, watch: bool = False) -> ctypes.CDLL:
     """The C filter as a shared library, with functions over rows of arguments."""
+    asked = f"int named(void) {{ return cal_named(&f); }}\nint watch(unsigned j, {kind} *y)"
+    asked += " { return cal_watch(&f, j, y, y + 1, y + 2, y + 3); }\n"
     more = "".join(f", x[{j}]" for j in range(2, arguments))
     (folder / "rows.c").write_text(f"""\
 #include "cal.h"
@@ -281,7 +283,7 @@ void estimates({kind} *y)
     unsigned j;
     for (j = 0u; j < {parameters}u; ++j) {{ y[j] = cal_estimate(&f, j); y[{parameters}u + j] = cal_variance(&f, j); }}
 }}
-""")
+{asked if watch else ""}""")
     run(["cc", *STRICT, "-shared", "-fPIC", "cal.c", "rows.c", "-o", f"{kind}.so"], folder)
     return ctypes.CDLL(str(folder / f"{kind}.so"))
 

@@ -7,12 +7,14 @@ import dataclasses
 import os
 import shutil
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from accelcal._support.errors import AccelcalError
 from accelcal.calibration.export import filter as export
 from accelcal.calibration.export.calibration import NotExportable
 from accelcal.calibration.export.filter import filter_files, program, replayed, with_held_as_states
@@ -69,9 +71,9 @@ MODELS: dict[str, tuple[Model, Rig]] = {
 }
 
 
-def filter_of(model: Model, rig: Rig = LEVEL) -> LiveModel:
+def filter_of(model: Model, rig: Rig = LEVEL, *, rate: float = 1667.0, watch: Sequence[str] = ()) -> LiveModel:
     origins, covariance = Origins(t=0.1, temperature=20.0), np.array([[1e-4, 2e-4], [2e-4, 1e-2]])
-    given = {"rate": 1667.0, "q": 1e-8, "r_position": 1e-12, "position": 0.0}
+    given = {"rate": rate, "q": 1e-8, "r_position": 1e-12, "position": 0.0, "watch": watch}
     return LiveModel(with_held_as_states(model), rig, origins=origins, covariance=covariance, **given)
 
 
@@ -188,6 +190,107 @@ def test_fused_multiplications_change_the_bits(tmp_path):
     if " fma " not in Path("/proc/cpuinfo").read_text():
         pytest.skip("this processor does not fuse")
     assert on_host(tmp_path, "-ffp-contract=fast", "-mfma").digest != on_host(tmp_path).digest
+
+
+WATCHED: dict[str, tuple[str, tuple[str, ...]]] = {
+    "linear": ("linear", ("cubic", "quadratic")),
+    "three effects": ("three effects", ("cubic", "scale_asymmetry", "coulomb", "odd_quadratic")),
+    "low-pass": ("low-pass", ("velocity", "bias_step")),
+    "reversed": ("corners, upright and reversed", ("quadratic",)),
+    "process": ("process", ("cubic",)),
+}
+"""Models and suspects."""
+SLOW = 100.0
+"""Outputs a second, Hz, at which a record of 3000 samples has several starts."""
+
+
+def watched(name: str, rate: float = SLOW) -> LiveModel:
+    model, suspects = WATCHED[name]
+    return filter_of(*MODELS[model], rate=rate, watch=suspects)
+
+
+@pytest.mark.outside
+@pytest.mark.parametrize("name", WATCHED)
+def test_the_watch_is_that_of_the_live_filter(tmp_path, monkeypatch, name):
+    # Through the replay: f64 within 1e-6 of a standard deviation, f32 within 0.1, log_e within that or 2 % in f32.
+    monkeypatch.setattr(export, "RECORD", LONG)
+    monkeypatch.setattr(export, "CHECKS", (100, 1000, 1500, 2500, 2999))
+    for precision in ("f64", "f32"):
+        for language in ("c", "rust") if name == "linear" else ("c",):
+            for file, text in filter_files(watched(name), "cal", language, precision).items():
+                (tmp_path / file).write_text(text)
+            recipe = ["cc", *STRICT, "cal.c", "cal_replay.c"]
+            recipe = recipe if language == "c" else ["rustc", "--edition", "2021", "-D", "warnings", "cal_replay.rs"]
+            run([*recipe, "-o", "replay"], tmp_path)
+            assert run(["./replay"], tmp_path).startswith("0 of ")
+    # The twin that must fail: a watch that begins anew at other times.
+    changed = (tmp_path / "cal.c").read_text().replace("% 1000u", "% 700u")
+    (tmp_path / "cal.c").write_text(changed)
+    run(["cc", *STRICT, "cal.c", "cal_replay.c", "-o", "replay"], tmp_path)
+    assert subprocess.run(["./replay"], cwd=tmp_path, capture_output=True, check=False).returncode == 1
+
+
+@pytest.mark.outside
+@pytest.mark.parametrize("precision", ["f32", "f64"])
+def test_a_cubic_of_ten_standard_deviations_is_named_and_an_honest_record_names_nothing(
+    tmp_path, monkeypatch, precision
+):
+    # An honest record names anything with a probability of 0.005 at most.
+    monkeypatch.setattr(export, "RECORD", LONG)
+    for file, text in filter_files(watched("linear"), "cal", "c", precision).items():
+        (tmp_path / file).write_text(text)
+    library = compiled(tmp_path, 3, 2, FORMATS[precision].c, watch=True)
+    honest = watched("linear")
+    rows = replayed(program(honest, precision)).arguments
+    std = 1.0 / np.sqrt(honest._filter.evidence[0, -1])
+    planted = filter_of(Model.linear().add("cubic").freeze(cubic=10.0 * std), rate=SLOW)
+    answers = []
+    for record in (rows, replayed(program(planted, precision)).arguments):
+        record = np.ascontiguousarray(record.astype(np.float32 if precision == "f32" else np.float64))
+        library.begin()
+        library.rows(record.ctypes.data_as(ctypes.c_void_p), len(record))
+        y = np.zeros(4, record.dtype)
+        assert library.watch(0, y.ctypes.data_as(ctypes.c_void_p)) == 0
+        assert library.watch(2, y.ctypes.data_as(ctypes.c_void_p)) == 1
+        answers.append((library.named(), y.astype(np.float64)))
+        print(f"{precision}: named {answers[-1][0]}, log_e {y[0]:.3g}, size {y[1] / std:.3g} std, {y[3]:.3g} s")
+    assert [named for named, _ in answers] == [-1, 0]
+    assert answers[1][1][1] == pytest.approx(10.0 * std, abs=4.0 * std)
+
+
+@pytest.mark.outside
+def test_a_watch_on_a_device_has_the_bits_of_the_host_and_a_known_cost(tmp_path):
+    require("arm-none-eabi-gcc")
+    model, suspects = Model.linear().add("velocity"), ("cubic", "quadratic", "coulomb", "scale_asymmetry")
+    means: dict[tuple[str, int], float] = {}
+    for count in (0, 1, 4):
+        write(tmp_path, partial(filter_of, model, watch=suspects[:count]))
+        host = on_host(tmp_path)
+        for language in ("c", "rust"):
+            report = on_device(tmp_path, language)
+            assert (report.digest, report.refused) == (host.digest, 0)
+            means[language, count] = report.mean
+            print(
+                f"{language}, {count} suspects: {report.without:.0f} instructions a step without a reading, "
+                f"{report.with_reading:.0f} at most, {report.mean:.0f} in the mean"
+            )
+    for language in ("c", "rust"):
+        a_suspect = (means[language, 4] - means[language, 1]) / 3.0
+        whitening = means[language, 1] - means[language, 0] - a_suspect
+        print(f"{language}: a suspect {a_suspect:.0f} instructions a step, whitening {whitening:.0f}")
+        assert a_suspect <= 400.0
+        assert whitening <= 400.0
+
+
+def test_what_cannot_be_watched_is_refused_by_name():
+    for name, said in (
+        ("cubic_jerk_that_is_none", "cubic_jerk_that_is_none"),
+        ("noise", "noise"),
+        ("quadratic", "quadratic cannot be watched: the model has it already"),
+        ("hysteresis", "hysteresis cannot be watched: it has shape parameters"),
+    ):
+        with pytest.raises(AccelcalError, match=said):
+            filter_of(with_effects("quadratic"), watch=(name,))
 
 
 @pytest.mark.outside

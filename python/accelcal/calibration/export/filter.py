@@ -21,6 +21,7 @@ from typing import Any, Literal
 import numpy as np
 
 from accelcal._core import __version__
+from accelcal.calibration.export import watch as watching
 from accelcal.calibration.export.calibration import (
     WIDTH,
     NotExportable,
@@ -57,7 +58,7 @@ Language = Literal["c", "rust"]
 Precision = Literal["f32", "f64"]
 
 
-def live_filter(fit: Fit, rate: float, *, position: float = 0.0) -> LiveModel:
+def live_filter(fit: Fit, rate: float, *, position: float = 0.0, watch: Sequence[str] = ()) -> LiveModel:
     """The live filter that starts from what a fit knows.
 
     Parameters
@@ -66,11 +67,12 @@ def live_filter(fit: Fit, rate: float, *, position: float = 0.0) -> LiveModel:
         record starts from zero, and the error of the low-pass goes into its time constant.
     rate : samples of the output per second, Hz.
     position : position of the stage at the first sample, m.
+    watch : effects that the model lacks, for each of which the filter says how much speaks for it.
 
     Raises
     ------
     ValueError
-        For an effect that cannot be tracked live, by name.
+        For an effect that cannot be tracked or watched live, by name.
     """
     require_finite({f"the estimate of {e.name}": e for e in fit.estimates} | {"the covariance": fit.covariance})
     require_covariance(fit.covariance)
@@ -86,6 +88,7 @@ def live_filter(fit: Fit, rate: float, *, position: float = 0.0) -> LiveModel:
         position=position,
         origins=replace(fit.origins, t=0.0),
         covariance=start.spread(fit, model),
+        watch=watch,
     )
 
 
@@ -213,7 +216,7 @@ class Belief:
             cross[2 * i : 2 * i + 2] = cp + variance * gp, cv + variance * gv
         self.Pi, self.cross = Pi, cross[2:]
 
-    def read_noise(self, tau: float, gain: tuple[Any, Any]) -> None:
+    def read_noise(self, tau: float, gain: Sequence[Any]) -> None:
         """What a reading of p + tau v leaves of it, by the gains of p and v."""
 
         def moved(p: Any, v: Any) -> tuple[Any, Any]:
@@ -261,14 +264,14 @@ class Belief:
         self.upv = pivot_before + beta * to_p
         self.d = [self.d[0] + c * to_p * to_p, pivot]
 
-    def correct(self, tau: float, b: Sequence[Any], e: Any, R: float) -> tuple[Any, Any, tuple[Any, Any]]:
-        """Bierman's reading of p + tau v + b'theta: its variance S; of known parameters 1/S and the gains of p, v."""
+    def correct(self, tau: float, b: Sequence[Any], e: Any, R: float) -> tuple[Taken, Taken]:
+        """Bierman's reading of p + tau v + b'theta, and what it would be with known parameters."""
         m = len(self.theta)
         columns = [[self.upv], *([self.up[j], self.uv[j]] for j in range(m))]
         s, gains = self.d[0] + R, [self.d[0]]
         self.d[0] = self.d[0] * over(R, s)
         inverse = over(1.0, s)
-        settled: tuple[Any, tuple[Any, Any]] = (inverse, (0.0, 0.0))
+        settled = Taken(s, inverse, [])
         for j, column in enumerate(columns, start=-1):
             rows = column if j < 1 else [*column, *(self.U[self.among(i, j)] for i in range(j))]
             weights = [1.0, tau, *b[: max(j, 0)]]
@@ -282,7 +285,7 @@ class Belief:
             gains = [*(gain + u * g for u, gain in zip(rows, gains, strict=True)), g]
             if j < 0:
                 self.d[1], self.upv = renewed, updated[0]
-                settled = (inverse, (gains[0] * inverse, gains[1] * inverse))
+                settled = Taken(s, inverse, [gain * inverse for gain in gains])
                 continue
             self.D[j], self.up[j], self.uv[j] = renewed, updated[0], updated[1]
             for i in range(j):
@@ -291,7 +294,16 @@ class Belief:
         self.move(gains[0] * scaled)
         self.v = self.v + gains[1] * scaled
         self.theta = [x + gain * scaled for x, gain in zip(self.theta, gains[2:], strict=True)]
-        return s, *settled
+        return Taken(s, inverse, [gain * inverse for gain in gains]), settled
+
+
+@dataclass(slots=True)
+class Taken:
+    """A reading as its filter took it in: variance of the innovation, one over it, gains of p, v and the parameters."""
+
+    s: Any
+    inverse: Any
+    gains: list[Any]
 
 
 def taps(h: float) -> Array:
@@ -310,6 +322,8 @@ class Push:
     to_p: list[Any]
     to_v: list[Any]
     noise: Any
+    left: list[float]
+    """What is left of each parameter at its end."""
 
 
 @dataclass(slots=True)
@@ -337,6 +351,12 @@ class Program:
     def names(self) -> tuple[str, ...]:
         """Of the free parameters."""
         return tuple(self.live.names[j] for j in self.free)
+
+    @property
+    def suspects(self) -> dict[str, float]:
+        """Effects of a watch and their typical sizes, SI."""
+        names = (term.name for term in self.live._suspects)
+        return dict(zip(names, self.live.settings["watch"][0], strict=True))
 
 
 def program(live: LiveModel, precision: Precision) -> Program:
@@ -400,9 +420,10 @@ def trace(plan: Program) -> None:
         columns, position_columns, slopes, ports = effects_of(plan, belief, theta, first)
         target = plan.first if first else plan.next
         if not first:
-            push(plan, belief, theta, columns)
+            step = push(plan, belief, theta, columns)
             belief.spread(settings["dt"], settings["q"] / settings["dt"])
             slope = over(1.0, 1.0 + theta[0])
+            target |= watching.predicted(plan, step, slope, taps(settings["dt"]), columns, slopes)
             mixed = [slope, 0.0, *slopes]
             ports |= {f"@mixed[{at}]": -slope * slope * mixed[j] for at, j in enumerate(free)} | {
                 "@slope": slope * slope
@@ -430,7 +451,7 @@ def effects_of(plan: Program, belief: Belief, theta: list[Any], first: bool) -> 
     """Columns of the effects over a step, (3, m) and (m,), their slopes by the output, (m,), and the fields that they
     are evaluated from."""
     live, leaf = plan.live, plan.graph.leaf
-    m = len(live.names) - 2
+    m = live._columns.shape[1]
     traced = object.__new__(LiveModel)
     traced.__dict__.update(live.__dict__)
     traced._signals = signals = copy.copy(live._signals)
@@ -479,7 +500,7 @@ def untraceable(live: LiveModel, u: Any) -> str:
     return ""
 
 
-def push(plan: Program, belief: Belief, theta: list[Any], columns: Any) -> None:
+def push(plan: Program, belief: Belief, theta: list[Any], columns: Any) -> Push:
     """Predict over a step with the integrals of output and effects."""
     settings, leaf = plan.live.settings, plan.graph.leaf
     h, moving = settings["dt"], rate_and_density_of(plan.live)
@@ -505,13 +526,22 @@ def push(plan: Program, belief: Belief, theta: list[Any], columns: Any) -> None:
         forces.append(force - settings["rest"] * (0.5 * h * h if lever else h))
         gradients.append([-force * slope, *g])
     to_p, to_v = ([g[j] for j in plan.free] for g in gradients)
-    belief.predict(h, Push(forces[0], forces[1], to_p, to_v, settings["q"] * slope * slope))
-    belief.decay([float(np.exp(-moving[j][0] * h)) for j in plan.free])
+    step = Push(
+        forces[0],
+        forces[1],
+        to_p,
+        to_v,
+        settings["q"] * slope * slope,
+        [float(np.exp(-moving[j][0] * h)) for j in plan.free],
+    )
+    belief.predict(h, step)
+    belief.decay(step.left)
     for at, j in enumerate(plan.free):
         rate, density = moving[j]
         for s, w in nodes(0.0, h) if density > 0.0 else ():
             outer = [0.0] * at + [float(np.exp(-rate * (h - s)))]
             belief.add_outer(density * w, gradient(j, s, True), gradient(j, s, False), outer)
+    return step
 
 
 def read(plan: Program) -> None:
@@ -528,10 +558,12 @@ def read(plan: Program) -> None:
     e = (plan.graph.leaf("z") - belief.p) - beside
     pp, pv, vv = belief.Pi
     noise = pp + tau * (2.0 * pv + tau * vv)
-    s, inverse, gain = belief.correct(tau, [b[j] for j in plan.free], e, settings["r_position"])
-    belief.read_noise(tau, gain)
-    share, leaf = noise * inverse, plan.graph.leaf
-    plan.reading = {f"@{name}": x for name, x in belief.fields().items()} | {"@e": e, "@s": s}
+    b = [b[j] for j in plan.free]
+    taken, settled = belief.correct(tau, b, e, settings["r_position"])
+    belief.read_noise(tau, settled.gains)
+    share, leaf = noise * settled.inverse, plan.graph.leaf
+    plan.reading = {f"@{name}": x for name, x in belief.fields().items()} | {"@e": e, "@s": taken.s}
+    plan.reading |= watching.read(plan, b, e, taken, settled)
     plan.reading["@share"] = leaf("@share#") + share * leaf("@slope#")
     b = [narrow(plan.next[f"@mixed[{at}]"]) for at in range(len(plan.free))]
     gathered = [0.0 if not isinstance(x, Symbol) and x == 0.0 else leaf(f"@gathered[{at}]#") for at, x in enumerate(b)]
@@ -545,7 +577,7 @@ def read(plan: Program) -> None:
     belief.add_outer(over(1.0, leaf("@share#")), p, v, moved)
     plan.correction = {f"@{name}": x for name, x in belief.fields().items()}
     plan.correction |= {f"@gathered[{at}]": 0.0 for at, x in enumerate(gathered) if isinstance(x, Symbol)}
-    plan.correction |= {"@share": 0.0}
+    plan.correction |= {"@share": 0.0, **watching.begun(plan, belief)}
 
 
 KEPT = ("before", "here", "memory", "reached", "way", "mixed", "slope")
@@ -725,7 +757,7 @@ def functions(writer: Writer) -> list[str]:
     return [line for key in sorted(texts, key=lambda key: (key[0] not in PRIMITIVE, key)) for line in texts[key]]
 
 
-PRIMITIVE = ("guess", "two_to")
+PRIMITIVE = ("exponent", "guess", "two_to")
 """Functions of the bits of a number."""
 
 
@@ -735,7 +767,11 @@ def primitive(writer: Writer, name: str, wide: bool) -> list[str]:
         return []
     fmt, function = writer.kind(wide), writer.function(name, wide)
     size, excess = 1 + fmt.exponent + fmt.fraction, 2 ** (fmt.exponent - 1) - 1
+    mask = 2**fmt.exponent - 1
     if writer.language == "rust":
+        if name == "exponent":
+            power = f"(((x.to_bits() >> {fmt.fraction}) & {mask}) as i32 - {excess}) as {fmt.rust}"
+            return [f"fn {function}(x: {fmt.rust}) -> {fmt.rust} {{", f"    {power}", "}", ""]
         bits = (
             f"{fmt.seed:#x}_u{size}.wrapping_sub(x.to_bits() >> 1)"
             if name == "guess"
@@ -748,9 +784,12 @@ def primitive(writer: Writer, name: str, wide: bool) -> list[str]:
         f"static {fmt.c} {function}({fmt.c} x)",
         "{",
         f"    union {{ {fmt.c} x; uint{size}_t u; }} w;",
-        *(["    w.x = x;"] if name == "guess" else []),
-        f"    w.u = {bits};",
-        "    return w.x;",
+        *([] if name == "two_to" else ["    w.x = x;"]),
+        *(
+            [f"    return ({fmt.c})((int32_t)((w.u >> {fmt.fraction}) & {mask}u) - {excess});"]
+            if name == "exponent"
+            else [f"    w.u = {bits};", "    return w.x;"]
+        ),
         "}",
         "",
     ]
@@ -791,6 +830,7 @@ FIELDS = {
     "share": "its size",
     "e": "innovation of the newest reading, m",
     "s": "its variance, m^2",
+    **watching.FIELDS,
 }
 """Fields of the filter's state, beside the numbers of samples and of readings since the last correction."""
 EVERY = 16
@@ -813,10 +853,15 @@ class Text:
     sizes: dict[str, int] = field(init=False)
     """Of each field: 0 for a number, else the length of the array."""
     locals: list[str] = field(init=False)
+    evidence: list[list[str]] = field(init=False)
+    """Statements of a watch: from sums, and over both starts."""
 
     def __post_init__(self) -> None:
         stages = pruned(self.plan)
         self.stages = [self.writer.statements(stage) for stage in stages]
+        graph = self.plan.graph
+        asked = (watching.posterior(graph), watching.evidence(graph)) if self.plan.suspects else ()
+        self.evidence = [self.writer.statements(targets) for targets in asked]
         self.helpers = functions(self.writer)
         targets = [target for stage in stages for target in stage]
         self.locals = sorted({target for target in targets if target[0] == "b"})
@@ -831,7 +876,7 @@ class Text:
     def bytes(self) -> int:
         """Of the filter's state."""
         size = 4 if self.plan.format is FORMATS["f32"] else 8
-        return 8 + size * sum(max(1, count) for count in self.sizes.values())
+        return 8 + 8 * bool(self.plan.suspects) + size * sum(max(1, count) for count in self.sizes.values())
 
     @property
     def operations(self) -> tuple[int, int]:
@@ -857,6 +902,7 @@ class Text:
             "U": [float(u) for u in among],
             "d": D[:2].tolist(),
             "D": D[2:].tolist(),
+            "slope": [1.0],
         }
 
     @property
@@ -903,6 +949,7 @@ def comment(text: Text) -> list[str]:
         )
         + ". Covariance as factors U D U'.",
         *([f"Held, not estimated: {', '.join(held)}."] if held else []),
+        *(watching.described(text) if plan.suspects else []),
         *([f"Of one record, estimated anew on the device: {', '.join(anew)}."] if anew else []),
         f"Noise: density of the output {settings['q']:.6g} (m/s^2)^2/Hz, two-sided; variance of a reading "
         f"{settings['r_position']:.6g} m^2."
@@ -964,6 +1011,7 @@ def step(text: Text) -> list[str]:
         f"            {me}readings = 0{'u' if c else ''};",
         "        }",
         "    }",
+        *(watching.due(text) if text.plan.suspects else []),
     ]
 
 
@@ -983,6 +1031,8 @@ def c_header(text: Text) -> str:
         f"    {kind} {field}{f'[{count}]' if count else ''}; /* {FIELDS[field]} */"
         for field, count in text.sizes.items()
     )
+    counters = "    uint32_t begun, starts; /* samples before the newest start of the watch; which one */\n"
+    counters = counters if text.plan.suspects else ""
     places = ",\n".join(f"    {big}_{identifier(plain(x)).upper()} = {i}" for i, x in enumerate(text.plan.names))
     return f"""\
 /*
@@ -1013,7 +1063,7 @@ enum {{
 typedef struct {{
     uint32_t n; /* samples so far */
     uint32_t readings; /* since the last correction */
-{fields}
+{counters}{fields}
 }} {name}_filter;
 
 /* To the prior of the model, the stage at rest at a position (m): the first reading will do. */
@@ -1027,7 +1077,7 @@ int {name}_step({name}_filter *f, {parameter_list(text)});
 /* Estimate of a parameter, SI, and its variance. */
 {kind} {name}_estimate(const {name}_filter *f, unsigned parameter);
 {kind} {name}_variance(const {name}_filter *f, unsigned parameter);
-
+{watching.c_declarations(text) if text.plan.suspects else ""}
 #ifdef __cplusplus
 }}
 #endif
@@ -1043,6 +1093,7 @@ def c_source(text: Text) -> str:
     lag = f" + {text.writer.literal(tau)} * f->v" if tau else ""
     start = "\n".join(f"    {line}" for line in assigned(text))
     sides = [f"side_{identifier(x)}" for x in text.plan.side]
+    counters = "    f->begun = 0u;\n    f->starts = 0u;\n" if text.plan.suspects else ""
     zero = text.writer.literal(0.0)
     finite = " && ".join(f"{x} * {zero} == {zero}" for x in ["output", *sides])
     return f"""\
@@ -1057,11 +1108,12 @@ def c_source(text: Text) -> str:
 #endif
 
 {chr(10).join(text.helpers)}
+{watching.c_functions(text) if text.plan.suspects else ""}
 void {name}_init({name}_filter *f, {kind} position)
 {{
     f->n = 0u;
     f->readings = 0u;
-    f->p = {sign}position;
+{counters}    f->p = {sign}position;
 {start}
 }}
 
@@ -1147,6 +1199,13 @@ def rust_module(text: Text) -> str:
         f"    /// {FIELDS[name].capitalize()}.\n    pub {name}: {f'[{kind}; {count}]' if count else kind},"
         for name, count in text.sizes.items()
     )
+    counters = ("", "")
+    if text.plan.suspects:
+        counters = (
+            "    /// Samples before the newest start of the watch.\n    pub begun: u32,\n"
+            "    /// Which one that is.\n    pub starts: u32,\n",
+            "            begun: 0,\n            starts: 0,\n",
+        )
     prior = text.prior
     start = "\n".join(
         f"            {name}: {rust_value(text, prior.get(name, [0.0] * max(1, count)), count)},"
@@ -1183,10 +1242,11 @@ pub struct Filter {{
     pub n: u32,
     /// Readings since the last correction.
     pub readings: u32,
-{fields}
+{counters[0]}{fields}
 }}
 
 {chr(10).join(text.helpers)}
+{watching.rust_places(text) if text.plan.suspects else ""}
 impl Filter {{
     /// The prior of the model, the stage at rest at a position (m): the first reading will do.
     #[must_use]
@@ -1194,7 +1254,7 @@ impl Filter {{
         Self {{
             n: 0,
             readings: 0,
-            p: {sign}position,
+{counters[1]}            p: {sign}position,
 {start}
         }}
     }}
@@ -1208,7 +1268,7 @@ impl Filter {{
         Ok(())
     }}
 
-{rust_queries(text)}}}
+{rust_queries(text)}{watching.rust_methods(text) if text.plan.suspects else ""}}}
 """
 
 
@@ -1228,6 +1288,8 @@ class Replay:
     """(checks, m) in the order of the program."""
     std: Array
     """Likewise."""
+    watched: Array
+    """(checks, suspects, 3) log_e, size and std of each."""
 
 
 def replayed(plan: Program, seed: int = 1) -> Replay:
@@ -1261,13 +1323,14 @@ def replayed(plan: Program, seed: int = 1) -> Replay:
     arguments = np.column_stack([u, z, *(y + origins.of(name) for name, y in side.items())])
     if plan.format is FORMATS["f32"]:
         arguments = arguments.astype(np.float32).astype(np.float64)
-    values, std = [], []
+    values, std, watched = [], [], []
     for n, row in enumerate(arguments.tolist(), start=1):
         live.step(row[0], None if math.isnan(row[1]) else row[1], **dict(zip(plan.side, row[2:], strict=True)))
         if n in CHECKS:
             values.append(live.values[list(plan.free)])
             std.append(np.sqrt(np.diag(live.covariance))[list(plan.free)])
-    return Replay(arguments, np.array(values), np.array(std))
+            watched.append([[each.log_e, each.size, each.std] for each in live.watched])
+    return Replay(arguments, np.array(values), np.array(std), np.array(watched))
 
 
 def table(text: Text, rows: Array, missing: str) -> str:
@@ -1286,6 +1349,9 @@ def replay_program(text: Text, replay: Replay) -> str:
     width, m = replay.arguments.shape[1], len(text.plan.free)
     tolerance = AGREEMENT[precision] * replay.std
     start = text.writer.literal(text.plan.live.rig.polarity * text.plan.live.settings["x0"][0])
+    tables, compared, checked = watching.compared(text, replay.watched, AGREEMENT[precision], table)
+    count = f"{len(CHECKS)} * ({name}::PARAMETERS{checked})"
+    count = count if text.writer.language == "rust" else f"{len(CHECKS)}u * ({m}u{checked})"
     if text.writer.language == "rust":
         arguments = ", ".join(f"row[{j}]" for j in range(width))
         return f"""\
@@ -1296,7 +1362,7 @@ const RECORD: [[{kind}; {width}]; {RECORD}] = {table(text, replay.arguments, f"{
 const AFTER: [usize; {len(CHECKS)}] = {list(CHECKS)};
 const EXPECTED: [[{kind}; {m}]; {len(CHECKS)}] = {table(text, replay.values, "0.0")};
 const TOLERANCE: [[{kind}; {m}]; {len(CHECKS)}] = {table(text, tolerance, "0.0")};
-
+{tables}
 fn main() {{
     let mut filter = {name}::Filter::new({start});
     let mut failed = 0;
@@ -1307,9 +1373,9 @@ fn main() {{
                 let far = !((filter.theta[j] - EXPECTED[k][j]).abs() <= TOLERANCE[k][j]);
                 failed += i32::from(i + 1 == *after && far);
             }}
-        }}
+{compared}        }}
     }}
-    println!("{{failed}} of {{}} estimates disagree", {len(CHECKS)} * {name}::PARAMETERS);
+    println!("{{failed}} of {{}} estimates disagree", {count});
     std::process::exit(i32::from(failed != 0));
 }}
 """
@@ -1324,7 +1390,7 @@ static const {kind} record[{RECORD}][{width}] = {table(text, replay.arguments, "
 static const unsigned after[{len(CHECKS)}] = {{ {", ".join(f"{n}u" for n in CHECKS)} }};
 static const {kind} expected[{len(CHECKS)}][{m}] = {table(text, replay.values, "0.0")};
 static const {kind} tolerance[{len(CHECKS)}][{m}] = {table(text, tolerance, "0.0")};
-
+{tables}
 int main(void)
 {{
     {name}_filter filter;
@@ -1341,9 +1407,9 @@ int main(void)
                     ++failed;
                 }}
             }}
-        }}
+{compared}        }}
     }}
-    printf("%u of %u estimates disagree\\n", failed, {len(CHECKS)}u * {m}u);
+    printf("%u of %u estimates disagree\\n", failed, {count});
     return failed != 0u;
 }}
 """

@@ -246,7 +246,7 @@ def function(name: str) -> Callable[[Any], Any]:
     return lambda x: operation(name, lambda x: float(exact(x)), x)
 
 
-sine, cosine, exponential, root = map(function, ("sin", "cos", "exp", "root"))
+sine, cosine, exponential, logarithm, root = map(function, ("sin", "cos", "exp", "log", "root"))
 
 
 def hyperbolic_tangent(x: Any) -> Any:
@@ -331,6 +331,15 @@ def body(name: str, x: Any, fmt: Format) -> Any:
         r = functools.reduce(lambda rest, part: minus(rest, times(part, n)), LOG_2_SINGLE if single else LOG_2, x)
         series = [1.0 / math.factorial(k) for k in range(8 if single else 14)]
         return times(_horner(series, r), x.graph.entry("two_to", (n,), x.wide))
+    if name == "log":
+        n = x.graph.entry("exponent", (x,), x.wide)
+        x = times(x, x.graph.entry("two_to", (minus_of(n),), x.wide))  # 1 ... 2
+        above = less(math.sqrt(2.0), x)
+        x, n = select(above, times(0.5, x), x), select(above, plus(n, 1.0), n)
+        r = over(minus(x, 1.0), plus(x, 1.0))
+        series = [2.0 / (2 * k + 1) for k in range(6 if single else 12)]
+        most, rest = LOG_2_SINGLE if single else LOG_2
+        return plus(times(most, n), plus(times(rest, n), times(r, _horner(series, times(r, r)))))
     n = nearest(times(x, 2.0 / math.pi), fmt)
     parts = HALF_PI_SINGLE if single else HALF_PI
     r = functools.reduce(lambda rest, part: minus(rest, times(part, n)), parts, x)
