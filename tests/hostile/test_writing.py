@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import resource
+import shutil
 import stat
 import subprocess
 import sys
@@ -314,6 +315,12 @@ def test_a_page_is_written_again_by_its_command_and_a_page_of_the_user_is_not(ma
     words = ["report", str(made / "m.json"), str(made / "run.csv"), "-o", str(tmp_path / "r.html")]
     for _ in range(2):
         assert accelcal(*words, cwd=tmp_path).returncode == 0
+    turned = tmp_path / "\u202egnp.csv"
+    shutil.copy(made / "run.csv", turned)
+    shutil.copy(made / "run.toml", turned.with_suffix(".toml"))
+    assert accelcal(*words[:2], str(turned), *words[3:], cwd=tmp_path).returncode == 0
+    assert r"\u202egnp.csv" in (page := (tmp_path / "r.html").read_text("utf-8"))
+    assert "\u202e" not in page
     (tmp_path / "r.html").write_text("<!DOCTYPE html><title>mine</title>")
     assert accelcal(*words, cwd=tmp_path).returncode == 2
     pages = [path.read_text("utf-8") for path in Path(ac.__file__).parent.rglob("*.html")]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast, get_args
 
 import typer
 
+from accelcal._support.errors import visible
 from accelcal._support.process import within
 from accelcal.cli import printing
 from accelcal.cli.common import (
@@ -127,7 +128,7 @@ def report(
                 fitted,
                 runs,
                 holdout=unseen,
-                command=shlex.join(["accelcal", *sys.argv[1:]]),
+                command=visible(shlex.join(["accelcal", *sys.argv[1:]]), one_line=True),
                 progress=within(share, 0.0, 0.8),
             )
             page, paper = pages.light if light else pages.html, pages.pdf
