@@ -23,7 +23,6 @@ from accelcal.diagnosis.checks import disturbance, slow_residual, stretches_of
 from accelcal.diagnosis.clean_fit import CleanFit, RejectedReadings, clean_fit, run_outlier_tests
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
 from accelcal.diagnosis.evidence import Evidence, largest_wave
-from accelcal.diagnosis.experiment.detectability import rules_for
 from accelcal.diagnosis.faults import Examined, TimeSpan, examine
 from accelcal.diagnosis.findings import Confounded, chosen, entry_sigmas, in_model
 from accelcal.diagnosis.noise.fitted import noise_scores, require_noise_shown, with_noise_effects
@@ -528,7 +527,7 @@ def with_choice(fit: Fit, scan: Scan, alpha: float, chosen_by: Fit) -> Fit:
 def entry_sigma(states: Sequence[RunState], model: Model, extra: Sequence[Effect] | None) -> float:
     """Standard deviations above which runs fitted with a model name an effect that it lacks."""
     examined = len(hypotheses_for(states[0], model, extra, others=states[1:]))
-    return rules_for(states[0], examined, FAMILYWISE_ALPHA).entry_sigma
+    return SearchRules.of(states[0], examined, FAMILYWISE_ALPHA).entry_sigma
 
 
 def require_distinguished_from_bias(names: Sequence[str], model: Model) -> None:

@@ -19,7 +19,7 @@ from accelcal._support.errors import AccelcalError
 from accelcal._support.process import one_thread
 from accelcal._support.result import NotStored, Result
 from accelcal.data import Array, Rig
-from accelcal.diagnosis.experiment.detectability import Detectability, Power, evidence_of, rules_for
+from accelcal.diagnosis.experiment.detectability import Detectability, Power, evidence_of
 from accelcal.diagnosis.experiment.power_analysis import (
     ACCEL_RATE,
     POSITION_RATE,
@@ -29,6 +29,7 @@ from accelcal.diagnosis.experiment.power_analysis import (
     planned_state,
 )
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
+from accelcal.diagnosis.search.beam import SearchRules
 from accelcal.diagnosis.search.confounding import TIED_CORRELATION
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
 from accelcal.diagnosis.search.scan import detectable_sizes
@@ -411,7 +412,7 @@ def evidence_of_best(state: RunState, wanted: tuple[str, ...]) -> CandidateScore
     model = Model.linear()
     items = [item for item in hypotheses_for(state, model) if item.effect.name in wanted]
     if any(item.shape for item in items):
-        evidence, rules = evidence_of(state, model, items), rules_for(state, len(items), FAMILYWISE_ALPHA)
+        evidence, rules = evidence_of(state, model, items), SearchRules.of(state, len(items), FAMILYWISE_ALPHA)
         smallest = [min(detectable_sizes(evidence, i, rules)[1]) for i in range(len(items))]
     else:
         smallest = [0.0] * len(items)

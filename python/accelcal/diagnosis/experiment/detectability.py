@@ -53,7 +53,7 @@ class DetectionModel:
         """All hypotheses that `diagnose` would examine on a run."""
         offered = hypotheses_for(state, model, extra)
         items = evenly_placed([item for item in offered if item.leading is None], state)
-        return cls(state, model, items, evidence_of(state, model, items), rules_for(state, len(offered), alpha))
+        return cls(state, model, items, evidence_of(state, model, items), SearchRules.of(state, len(offered), alpha))
 
     def item(self, effect: str, shape: Mapping[str, float]) -> Hypothesis:
         """An effect at its own shape, which need not be one of the trials; what the record determines is kept."""
@@ -170,12 +170,6 @@ def evenly_placed(items: Sequence[Hypothesis], state: RunState) -> list[Hypothes
             grid = item.effect.shapes[name].grid(s)
             placed += [replace(item, shape={**item.shape, name: float(value)}, brackets={}) for value in grid]
     return placed
-
-
-def rules_for(state: RunState, examined: int, alpha: float) -> SearchRules:
-    """Rules by which an effect would enter, as `diagnose` applies them."""
-    seconds = float(np.sum(state.counts)) * state.run.reading_step
-    return SearchRules(examined, int(seconds / block_length(state)), alpha)
 
 
 def proposed_by_record(item: Hypothesis) -> bool:

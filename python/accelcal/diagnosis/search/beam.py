@@ -157,6 +157,12 @@ class SearchRules:
     priors: Mapping[str, SizePrior] | None = field(default_factory=dict)
     """Priors of sizes by effect, in place of the catalogue's; None = weights are those by the record alone."""
 
+    @classmethod
+    def of(cls, state: RunState, examined: int, alpha: float) -> SearchRules:
+        """Those of a run by itself."""
+        seconds = float(np.sum(state.counts)) * state.run.reading_step
+        return cls(examined, int(seconds / block_length(state)), alpha)
+
     @property
     def entry_sigma(self) -> float:
         """Standard deviations at which an effect of one coefficient enters."""
