@@ -1329,7 +1329,7 @@ def replayed(plan: Program, seed: int = 1) -> Replay:
         if n in CHECKS:
             values.append(live.values[list(plan.free)])
             std.append(np.sqrt(np.diag(live.covariance))[list(plan.free)])
-            watched.append([[each.log_e, each.size, each.std] for each in live.watched])
+            watched.append([[suspicion.log_e, suspicion.size, suspicion.std] for suspicion in live.watched])
     return Replay(arguments, np.array(values), np.array(std), np.array(watched))
 
 
