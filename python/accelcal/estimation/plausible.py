@@ -72,7 +72,7 @@ def suspicion(recording: Recording) -> str:
     scale = rig.polarity * slope
     share = scale / (rig.ratio or 1.0)
     if abs(alike) < THE_OUTPUT:
-        return exchanged(recording) or other_column(recording)
+        return other_column(recording) or exchanged(recording)
     if REVERSED_SCALE[0] < share < REVERSED_SCALE[1]:
         return turned(recording, scale)
     if plausible(share) or plausible(share / alike**2):
@@ -106,14 +106,14 @@ def mistaken(recording: Recording, scale: float) -> str:
     ratio = np.format_float_positional(float(f"{scale:.4g}"), trim="-")
     line = f"write [rig] ratio = {ratio}" if recording.origin.file else f"give rig=Rig(ratio={ratio})"
     accept = f"If the rig itself makes this ratio, a lever or two masses, {line}"
-    texts = [exchanged(recording) or other_column(recording)]
+    texts = [other_column(recording)]
     if not texts[0]:
         ranked = sorted(causes(recording, abs(scale / (recording.rig.ratio or 1.0))))
         texts = [t for unusual, off, t in ranked[:2] if unusual + off < sum(ranked[0][:2]) + CLEARLY_BETTER]
         if GRAVITY in recording.side and not (ranked and ranked[0][1] < EXACTLY):
             return f"{ORIENTED}. {accept}"
     line = sensitivity_line(recording.rig, scale)
-    return f"{'; or '.join(texts) or f'no unit, range or column explains it. {line}'.rstrip('. ')}. {accept}"
+    return f"{'; or '.join(texts) or exchanged(recording) or f'no unit, range or column explains it. {line}'.rstrip('. ')}. {accept}"
 
 
 def declaring(recording: Recording, channel: str, column: str, unit: str) -> str:
