@@ -78,19 +78,3 @@ def test_two_jumps_are_both_found_at_their_first_reading():
     t = plain.position.t
     assert [step.time for step in found] == [t[np.searchsorted(t, at)] for at in (20.0, 41.0)]
     assert max(step.p_value for step in found) < 1e-6
-
-
-def test_the_end_of_a_record_in_motion_is_no_jump():
-    """A drift that the model lacks shows in the last readings, behind which nothing says whether it stays."""
-    rng, t = np.random.default_rng(1), np.arange(0.0, 120.0, 0.01)
-    w, size = 2.0 * np.pi * np.array([[0.35], [1.3], [4.1]]), np.array([[1.0], [3.0], [5.0]])
-    p, a = (size / w**2 * np.sin(w * t)).sum(axis=0), -(size * np.sin(w * (t - 3e-3))).sum(axis=0)
-    warming = a + 0.18 * (1.0 - np.exp(-t / 48.0)) + 3e-3 * rng.standard_normal(len(t))
-    read = p + 1e-6 * rng.standard_normal(len(t))
-
-    def jumps(z: np.ndarray) -> int:
-        run = Recording.from_arrays(t, warming, z, units={"accel": "m/s^2", "position": "m"})
-        return len(Examined(run).source.recording.position_steps)
-
-    assert jumps(read) == 0
-    assert jumps(read + 3e-4 * (t > 60.0)) == 1  # the twin: behind this one it is seen to stay
