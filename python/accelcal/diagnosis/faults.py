@@ -417,8 +417,7 @@ def position_steps(columns: RelationColumns) -> list[PositionStep]:
     behind_gap = np.diff(t, prepend=t[0]) > HOLE * run.reading_step
     jumps: list[PositionStep] = []
     last = -PULSE
-    whole = high[high <= len(t) - PULSE]  # nearer to the end nothing shows that a step stays
-    for k in (int(k) for k in whole if chance[k] < FAULT_ALPHA and not behind_gap[k]):
+    for k in (int(k) for k in high if chance[k] < FAULT_ALPHA and not behind_gap[k]):
         neighbours = slice(max(0, k - PULSE), k + PULSE)
         if k - last < PULSE or np.max(np.abs(matched[neighbours])) > abs(matched[k]):
             continue
