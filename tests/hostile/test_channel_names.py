@@ -83,8 +83,7 @@ def test_a_sensor_of_any_name_is_that_of_its_model(tmp_path: Path, name: str) ->
     for serial in (name, f"{name}2"):
         path.with_suffix(".toml").write_text(declared.replace("[sensor]", f"[sensor]\nserial = {json.dumps(serial)}"))
         recordings.append(io.load(path))
-        assert recordings[-1].rig.sensor.serial.isprintable()
-        assert recordings[-1].rig.sensor.serial != serial  # its escape; a name without such characters stays
+        assert recordings[-1].rig.sensor.serial == serial
     model_file.save(ac.fit(recordings[0], ac.Model.linear()), tmp_path / "m.json")
     stored = model_file.load(tmp_path / "m.json")
     require_same_sensor(recordings[0], stored.rig, "the model")

@@ -85,9 +85,8 @@ def turned(recording: Recording, scale: float) -> str:
     """The sentence on an output that runs against the encoder, with the line that mends it."""
     return f"{recording.name or 'recording'}: the output runs against the encoder (1 + k = {scale:.3f}). " + (
         f"Is a sign of the output or of input_axis swapped, or {other_sense(recording)}" * bool(other_sense(recording))
-        or "The sensor is mounted the other way round or a sign is swapped; "
-        + ("write in the sidecar\n[rig]\nmount = " if recording.origin.file else "give rig=Rig(mount=...) with ")
-        + f'"{OTHER_MOUNT[recording.rig.mount]}"'
+        or "The sensor is mounted the other way round or a sign is swapped; write in the sidecar\n[rig]\n"
+        f'mount = "{OTHER_MOUNT[recording.rig.mount]}"'
     )
 
 
@@ -112,8 +111,8 @@ def mistaken(recording: Recording, scale: float) -> str:
         texts = [t for unusual, off, t in ranked[:2] if unusual + off < sum(ranked[0][:2]) + CLEARLY_BETTER]
         if GRAVITY in recording.side and not (ranked and ranked[0][1] < EXACTLY):
             return f"{ORIENTED}. {accept}"
-    line = sensitivity_line(recording.rig, scale)
-    return f"{'; or '.join(texts) or exchanged(recording) or f'no unit, range or column explains it. {line}'.rstrip('. ')}. {accept}"
+    line = f"no unit, range or column explains it. {sensitivity_line(recording.rig, scale)}".rstrip(". ")
+    return f"{'; or '.join(texts) or exchanged(recording) or line}. {accept}"
 
 
 def declaring(recording: Recording, channel: str, column: str, unit: str) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from accelcal._support.arguments import check_fields
-from accelcal._support.errors import AccelcalError, visible
+from accelcal._support.errors import AccelcalError
 from accelcal.data import (
     ACCELERATION,
     ANGLE,
@@ -244,11 +244,6 @@ def _text(value: object) -> str:
     if not isinstance(value, str):
         raise AccelcalError(f"found {units.shown(value)}, expected a text in quotes")
     return value
-
-
-def _name(value: object) -> str:
-    """A name that reports, model files and terminals show; what they would obey is written as its escape."""
-    return visible(_text(value), one_line=True)
 
 
 def _one_of(*words: str) -> _Check:
@@ -652,8 +647,8 @@ class Key:
 
 KEYS: dict[str, dict[str, Key]] = {
     "sensor": {
-        "model": Key(_name, "rig.sensor.model", about=_PROVENANCE, example='"ADXL105"', label="Model"),
-        "serial": Key(_name, "rig.sensor.serial", about=_PROVENANCE, example='"12"'),
+        "model": Key(_text, "rig.sensor.model", about=_PROVENANCE, example='"ADXL105"', label="Model"),
+        "serial": Key(_text, "rig.sensor.serial", about=_PROVENANCE, example='"12"'),
         "noise": Key(
             _amount("noise density", "positive"),
             "rig.sensor.noise",
@@ -924,7 +919,7 @@ KEYS: dict[str, dict[str, Key]] = {
             ),
         ),
         "mounting": Key(
-            _name,
+            _text,
             "run.mounting",
             about=(
                 "text",
@@ -932,7 +927,7 @@ KEYS: dict[str, dict[str, Key]] = {
                 "not tried",
             ),
         ),
-        "operator": Key(_name, "run.operator", about=("text", "the same for the operator", "not tried")),
+        "operator": Key(_text, "run.operator", about=("text", "the same for the operator", "not tried")),
         "noticed": Key(
             _noticed,
             "noticed",
