@@ -264,14 +264,14 @@ class Belief:
         self.upv = pivot_before + beta * to_p
         self.d = [self.d[0] + c * to_p * to_p, pivot]
 
-    def correct(self, tau: float, b: Sequence[Any], e: Any, R: float) -> tuple[Taken, Taken]:
+    def correct(self, tau: float, b: Sequence[Any], e: Any, R: float) -> tuple[Update, Update]:
         """Bierman's reading of p + tau v + b'theta, and what it would be with known parameters."""
         m = len(self.theta)
         columns = [[self.upv], *([self.up[j], self.uv[j]] for j in range(m))]
         s, gains = self.d[0] + R, [self.d[0]]
         self.d[0] = self.d[0] * over(R, s)
         inverse = over(1.0, s)
-        settled = Taken(s, inverse, [])
+        settled = Update(s, inverse, [])
         for j, column in enumerate(columns, start=-1):
             rows = column if j < 1 else [*column, *(self.U[self.among(i, j)] for i in range(j))]
             weights = [1.0, tau, *b[: max(j, 0)]]
@@ -285,7 +285,7 @@ class Belief:
             gains = [*(gain + u * g for u, gain in zip(rows, gains, strict=True)), g]
             if j < 0:
                 self.d[1], self.upv = renewed, updated[0]
-                settled = Taken(s, inverse, [gain * inverse for gain in gains])
+                settled = Update(s, inverse, [gain * inverse for gain in gains])
                 continue
             self.D[j], self.up[j], self.uv[j] = renewed, updated[0], updated[1]
             for i in range(j):
@@ -294,11 +294,11 @@ class Belief:
         self.move(gains[0] * scaled)
         self.v = self.v + gains[1] * scaled
         self.theta = [x + gain * scaled for x, gain in zip(self.theta, gains[2:], strict=True)]
-        return Taken(s, inverse, [gain * inverse for gain in gains]), settled
+        return Update(s, inverse, [gain * inverse for gain in gains]), settled
 
 
 @dataclass(slots=True)
-class Taken:
+class Update:
     """A reading as its filter took it in: variance of the innovation, one over it, gains of p, v and the parameters."""
 
     s: Any
@@ -360,7 +360,7 @@ class Program:
 
 
 def program(live: LiveModel, precision: Precision) -> Program:
-    """Trace the step of a live filter that has taken in nothing yet.
+    """Trace the step of a live filter that has received nothing yet.
 
     Raises
     ------
@@ -559,11 +559,11 @@ def read(plan: Program) -> None:
     pp, pv, vv = belief.Pi
     noise = pp + tau * (2.0 * pv + tau * vv)
     b = [b[j] for j in plan.free]
-    taken, settled = belief.correct(tau, b, e, settings["r_position"])
+    update, settled = belief.correct(tau, b, e, settings["r_position"])
     belief.read_noise(tau, settled.gains)
     share, leaf = noise * settled.inverse, plan.graph.leaf
-    plan.reading = {f"@{name}": x for name, x in belief.fields().items()} | {"@e": e, "@s": taken.s}
-    plan.reading |= watching.read(plan, b, e, taken, settled)
+    plan.reading = {f"@{name}": x for name, x in belief.fields().items()} | {"@e": e, "@s": update.s}
+    plan.reading |= watching.read(plan, b, e, update, settled)
     plan.reading["@share"] = leaf("@share#") + share * leaf("@slope#")
     b = [narrow(plan.next[f"@mixed[{at}]"]) for at in range(len(plan.free))]
     gathered = [0.0 if not isinstance(x, Symbol) and x == 0.0 else leaf(f"@gathered[{at}]#") for at, x in enumerate(b)]
@@ -1422,7 +1422,7 @@ def filter_files(
 
     Parameters
     ----------
-    live : a filter that has taken in nothing yet; it is used up.
+    live : a filter that has received nothing yet; it is used up.
     name : of the files, and the beginning of what they define.
     source : name of the model file.
 

@@ -38,7 +38,7 @@ Belief: TypeAlias = Any
 """These five are those of `filter`, which imports this file."""
 Program: TypeAlias = Any
 Push: TypeAlias = Any
-Taken: TypeAlias = Any
+Update: TypeAlias = Any
 Text: TypeAlias = Any
 
 STATES = 6
@@ -124,7 +124,7 @@ def predicted(plan: Program, step: Push, slope: Any, taps: Array, columns: Any, 
     return targets | stored(changed)
 
 
-def read(plan: Program, b: Sequence[Any], e: Any, taken: Taken, settled: Taken) -> dict[str, Any]:
+def read(plan: Program, b: Sequence[Any], e: Any, update: Update, settled: Update) -> dict[str, Any]:
     """Fields of the watch behind a reading with the innovation e and the columns b of the parameters, by name."""
     if not plan.suspects:
         return {}
@@ -142,7 +142,7 @@ def read(plan: Program, b: Sequence[Any], e: Any, taken: Taken, settled: Taken) 
     rest = [x - y * noise for x, y in zip(in_N, L, strict=True)]
     ahead = [leaf(f"@ahead[{i}]#") for i in range(STATES)]
     gains = [select(begun, gain, 0.0) for gain in settled.gains]
-    inverse = select(begun, over(1.0, s + (taken.s - settled.s)), 0.0)
+    inverse = select(begun, over(1.0, s + (update.s - settled.s)), 0.0)
 
     def whitened(e: Any, mean: Sequence[Any]) -> tuple[Any, list[Any]]:
         left = e - at_reading(mean)
@@ -168,7 +168,7 @@ def read(plan: Program, b: Sequence[Any], e: Any, taken: Taken, settled: Taken) 
             psi = psi + scale * leaf(name)
         of_noise = dot(mixed, theta) - (leaf(f"@leaning[{j}]#") if f"@leaning[{j}]" in plan.next else 0.0)
         white, mean = whitened(psi, mean)
-        changed.append([*(x - gain * psi for x, gain in zip([p, v, *theta], taken.gains, strict=True)), *mean])
+        changed.append([*(x - gain * psi for x, gain in zip([p, v, *theta], update.gains, strict=True)), *mean])
         shared = share * of_noise
         for at, x in ((2 * r, white * scaled + shared), (2 * r + 1, white * white * inverse + shared * of_noise)):
             before, more = leaf(f"@sums[{at}]#"), x

@@ -210,7 +210,9 @@ def scan(
     mechanisms = [] if only or not best.chosen else mechanisms_for(passes[0], model, passes[1:])
     if mechanisms:
         rules = replace(rules, examined=rules.examined + len(mechanisms))
-        refined = [*best.evidence.items, *(item for item in items if item.effect.mechanism)]
+        place = {item.effect.name: k for k, item in enumerate(items)}
+        refined = sorted(best.evidence.items, key=lambda item: place[item.effect.name])
+        refined += [item for item in items if item.effect.mechanism]
         best = BestSet.among(CandidateScores(runs, [*refined, *mechanisms]), length, rules)
     progress(0.9)
     enough = blocks >= VERDICT_LEAST_BLOCKS
