@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from functools import reduce
 from itertools import combinations_with_replacement
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -34,8 +34,12 @@ from accelcal.calibration.export.symbols import (
 from accelcal.data import Array
 from accelcal.filters.live_model import FALSE_NAMES
 
-Program = Belief = Push = Taken = Text = Any
-"""Those of `filter`, which imports this file."""
+Program: TypeAlias = Any
+Belief: TypeAlias = Any
+Push: TypeAlias = Any
+Taken: TypeAlias = Any
+Text: TypeAlias = Any
+"""These five are those of `filter`, which imports this file."""
 
 STATES = 6
 """Of the whitening: errors of p and v, and the noise of each sample that still drives."""
