@@ -120,7 +120,8 @@ def test_the_examples_of_the_page_run(tmp_path):
         else:
             done = subprocess.run(line, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=60)
         assert done.returncode == 0, f"{line}: {done.stderr}"
-    variables = ("double volts = 0.0;", "float position = 0.0f, output = 0.0f, k;")
+    begun = "tracker_filter f; int named; tracker_init(&f, 0.0f);"
+    variables = ("double volts = 0.0;", "float position = 0.0f, output = 0.0f, k;", begun)
     for code, declared in zip(blocks("c"), variables, strict=True):
         include, body = code.split("\n\n")
         (tmp_path / "main.c").write_text(f"{include}\nint main(void)\n{{\n{declared}\n{body}\nreturn 0;\n}}\n")
