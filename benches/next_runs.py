@@ -79,11 +79,12 @@ class Stage:
             rig = replace(rig, mount="reversed") if TURNED.search(planned.run) else rig
             factor = float((LARGER.search(planned.run) or ["", "1"])[1])
             motion = planned.motion or replace(motion, gain=factor * motion.gain)
-        made = ac.simulate(
+        simulation = ac.simulate(
             motion, seconds=motion.seconds, rig=rig, parameters={"bias": 0.05}, rng=np.random.default_rng(seed)
         )
-        effect = find(trial.hidden)
-        return with_effect(made, effect, self.size, {}, Origins(), self.count) if self.size else made.recording
+        if not self.size:
+            return simulation.recording
+        return with_effect(simulation, find(trial.hidden), self.size, {}, Origins(), self.count)
 
 
 def copy_of(effect: Effect) -> Effect:

@@ -197,8 +197,8 @@ def test_a_fleet_is_the_prior_of_the_next_sensor(sensors, tmp_path):
 def test_a_fleet_is_the_prior_of_sizes_in_a_search(tmp_path):
     """Of eight sensors whose K3 differs little; the twin, --prior none, has no second set."""
     truth, rng = {"bias": 0.05, "cubic": 1.5e-4}, np.random.default_rng(1)
-    made = ac.simulate("interleaved", seconds=12.0, rig=CXL02_RIG, parameters=truth, rng=rng)
-    side, path = write_recording(made.recording, tmp_path / "run.csv"), tmp_path / "fleet.json"
+    simulation = ac.simulate("interleaved", seconds=12.0, rig=CXL02_RIG, parameters=truth, rng=rng)
+    side, path = write_recording(simulation.recording, tmp_path / "run.csv"), tmp_path / "fleet.json"
     side.write_text(f'{side.read_text()}\n[prior]\nodd_quadratic = "1 g/g^2"\n')
     sensor = np.arange(8)
     cubic = population(1.5e-4 + 1e-6 * rng.standard_normal(8), np.full(8, 1e-7), sensor)
@@ -211,8 +211,8 @@ def test_a_fleet_is_the_prior_of_sizes_in_a_search(tmp_path):
     for prior in ((), ("--prior", str(path)), ("--prior", "none")):
         done = CliRunner().invoke(app, ["diagnose", model, str(tmp_path / "run.csv"), *prior, "--json"])
         assert done.exit_code == 0, done.output
-        found = json.loads(done.stdout)
-        sets[prior[-1:]] = found["scan"]["found"][0]["weights"], found["sentence"]
+        answer = json.loads(done.stdout)
+        sets[prior[-1:]] = answer["scan"]["found"][0]["weights"], answer["sentence"]
     (sheet, text), (given, said), (alone, bare) = sets.values()
     first = {name: w["by_record"] for name, w in sheet.items()}
     for other in (given, alone):
@@ -302,8 +302,8 @@ def test_a_fleet_grows_and_tries_again_what_failed(tmp_path):
         return stored.values["bias"][stored.items.index(str(tmp_path / "s1" / "r0.csv"))]
 
     assert bias() == pytest.approx(0.05, abs=0.02)
-    made = ac.simulate("tones", seconds=6.0, rig=CXL02_RIG, parameters={"bias": 0.45}, rng=rng)
-    side = write_recording(made.recording, tmp_path / "s1" / "r0.csv")
+    simulation = ac.simulate("tones", seconds=6.0, rig=CXL02_RIG, parameters={"bias": 0.45}, rng=rng)
+    side = write_recording(simulation.recording, tmp_path / "s1" / "r0.csv")
     assert f"1 recordings have changed since {store} keeps them, {tmp_path / 's1' / 'r0.csv'} first" in (said := call())
     assert "1 recordings fitted, 4 found" in said
     assert bias() == pytest.approx(0.45, abs=0.02)

@@ -164,8 +164,8 @@ def test_mistake_is_named_with_file_key_and_what_was_expected(tmp_path, text, sa
 
 
 def test_sizes_of_effects_are_read_as_they_are_written(tmp_path):
-    found = read(tmp_path, '[prior]\ncubic = "100 ug/g^3"\ncross_axis = 1e-3\n')
-    assert found.prior_sizes == {"cubic": "100 ug/g^3", "cross_axis": "0.001"}
+    declared = read(tmp_path, '[prior]\ncubic = "100 ug/g^3"\ncross_axis = 1e-3\n')
+    assert declared.prior_sizes == {"cubic": "100 ug/g^3", "cross_axis": "0.001"}
     assert units.coefficient("100 ug/g^3", find("cubic").unit) == pytest.approx(1e-4 / G0**2, rel=1e-14)
     assert units.coefficient("1 mg/degC", find("temperature_bias").unit) == pytest.approx(1e-3 * G0, rel=1e-14)
 

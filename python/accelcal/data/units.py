@@ -260,7 +260,7 @@ def quantity(text: object, kind: str) -> float:
             raise UnitError(f'{shown(text)} has no unit; expected {expected.name} such as "{expected.example}"')
         number, unit = _float(text), ""
     else:
-        match = _QUANTITY.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST_QUANTITY else None
+        match = _parted(text) if isinstance(text, str) else None
         if match is None:
             raise UnitError(f'{shown(text)} is not a quantity; expected {expected.name} such as "{expected.example}"')
         number, unit = float(match["number"]), match["unit"]
@@ -275,6 +275,11 @@ def quantity(text: object, kind: str) -> float:
             f"{shown(text)} is beyond all that is measured; expected {expected.name} such as {expected.example!r}"
         )
     return value
+
+
+def _parted(text: str) -> re.Match[str] | None:
+    """Number and unit of a quantity; None where it is none."""
+    return _QUANTITY.fullmatch(text) if len(text) <= _LONGEST_QUANTITY else None
 
 
 def coefficient(text: object, unit: str | None = None) -> float:
@@ -296,7 +301,7 @@ def coefficient(text: object, unit: str | None = None) -> float:
     0.0001
     """
     written = str(text) if isinstance(text, str | int | float) and not isinstance(text, bool) else ""
-    match = _QUANTITY.fullmatch(written) if len(written) <= _LONGEST_QUANTITY else None
+    match = _parted(written)
     number = float(match["number"]) if match else math.nan
     rule = conversion(normalise(match["unit"] if match else "").replace("degC", "K") or "1")
     if not SMALLEST < number * rule.factor < LARGEST:
@@ -331,7 +336,7 @@ def sensitivity(text: object, kind: str | None = None) -> Sensitivity:
     >>> sensitivity("0.25 V/g", "acceleration")[0] * 9.80665, sensitivity("4 um/count")
     (0.25, (250000.0, 'count', 'm'))
     """
-    match = _QUANTITY.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST_QUANTITY else None
+    match = _parted(text) if isinstance(text, str) else None
     unit, number = (normalise(match["unit"]), float(match["number"])) if match else ("", 0.0)
     for signal, measured in (unit.partition("/")[::2], unit.rpartition("/")[::-2]):
         if number and measured and is_unit(signal) and conversion(signal).si in ELECTRICAL:

@@ -115,10 +115,15 @@ def mistaken(recording: Recording, scale: float) -> str:
     return f"{'; or '.join(texts) or exchanged(recording) or line}. {accept}"
 
 
+def declaration(channel: str, column: str, unit: str) -> str:
+    """The line of a sidecar that declares a column and its unit."""
+    return f'{channel} = {{ column = "{column}", unit = "{unit}" }}'
+
+
 def declaring(recording: Recording, channel: str, column: str, unit: str) -> str:
     """What declares a column and its unit: a line of the sidecar, or the argument behind which arrays are read."""
     if recording.origin.file:
-        return f'Write [channels] {channel} = {{ column = "{column}", unit = "{unit}" }}'
+        return f"Write [channels] {declaration(channel, column, unit)}"
     return f'Give units={{"{column}": "{unit}"}}'
 
 
@@ -138,11 +143,10 @@ def exchanged(recording: Recording) -> str:
     slope, alike = relation(replace(read, y=read.y * size), replace(moved, y=moved.y / size))
     if abs(alike) < THE_OUTPUT or not plausible(abs(slope)):
         return ""
-    line = (
-        f'write [channels] accel = {{ column = "{position}", unit = "{unit}" }} and position = '
-        f'{{ column = "{output}", unit = "{length}" }}'
-    )
-    line = line if recording.origin.file else "exchange them where the recording is made"
+    line = "exchange them where the recording is made"
+    if recording.origin.file:
+        lines = declaration("accel", position, unit), declaration("position", output, length)
+        line = f"write [channels] {' and '.join(lines)}"
     return f"output and position are each in the column of the other: {line}"
 
 
@@ -162,8 +166,7 @@ def other_column(recording: Recording) -> str:
     return (
         f"the motion is in {column}{', with the other sign' * other} (correlation {correlation:.2f}), not in "
         f"{recording.origin.columns.get('accel', ('accel',))[0]} ({alike:.2f}): write [channels] "
-        f"{OUTPUTS.get(recording.axis, 'accel')} = "
-        f'{{ column = "{column}", unit = "{unit}" }}{mount}'
+        f"{declaration(OUTPUTS.get(recording.axis, 'accel'), column, unit)}{mount}"
     )
 
 

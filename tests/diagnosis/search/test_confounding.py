@@ -139,12 +139,12 @@ def test_a_prior_moves_the_second_set_alone(tie: tuple[ac.Fit, ac.Recording]) ->
     """The size that a sidecar declares, or a fleet has, leaves class, name and first set as they are, to the bit; the
     twin declares the size of the catalogue and moves nothing."""
     fit, run = tie
-    own = f"{find('odd_quadratic').prior.scale!r} (m/s^2)^-1"
+    catalogue_size = f"{find('odd_quadratic').prior.scale!r} (m/s^2)^-1"
     plain, same, sheet, fleet, none = (
         ac.diagnose(fit, replace(run, prior_sizes=sizes), prior=prior)
         for sizes, prior in (
             ({}, None),
-            ({"odd_quadratic": own}, None),
+            ({"odd_quadratic": catalogue_size}, None),
             ({"odd_quadratic": "1 g/g^2"}, None),
             ({"cubic": "1 g/g^3"}, {"cubic": ac.Prior(1.5e-4, 1e-6), "lever_arm.x": ac.Prior(0.0, 1.0)}),
             ({"odd_quadratic": "1 g/g^2"}, "none"),

@@ -70,8 +70,8 @@ FORMATS = (
     ),
     Format("MF4", (".mf4",), "mf4", "asammdf", rb"MDF     ", "mf4", "the channel", scratch=True),
     Format("MCAP", (".mcap",), "mcap", "mcap", rb"\x89MCAP0\r\n", "mcap", _OF_MESSAGES),
-    Format("ROS bag", (".bag",), "bag", "rosbags", rb"\#ROSBAG", "ros", _OF_MESSAGES),
-    Format("ROS 2 bag", (".db3",), "bag", "rosbags", rb"SQLite format 3\x00", "ros", _OF_MESSAGES),
+    Format("ROS bag", (".bag",), "ros", "rosbags", rb"\#ROSBAG", "ros", _OF_MESSAGES),
+    Format("ROS 2 bag", (".db3",), "ros", "rosbags", rb"SQLite format 3\x00", "ros", _OF_MESSAGES),
     Format(  # version 3 has a mark; version 2 begins with a number, a letter for its quality, and a space or zero
         "miniSEED", (".mseed", ".miniseed"), "mseed", "pymseed", rb"MS\x03|[0-9 \x00]{6}[DRQM][ \x00]", "mseed"
     ),
