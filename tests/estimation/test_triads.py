@@ -27,7 +27,7 @@ from accelcal.diagnosis.verdict import AxesDiagnosis
 from accelcal.estimation import estimate
 from accelcal.estimation.gauss_newton import Layout, Output, initial_states, iterate, outputs_of, solve
 from accelcal.estimation.rows import normal_equations
-from accelcal.estimation.run import prepare
+from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.io import loading
 from accelcal.results.json import from_json
 from accelcal.verbs import require_relation
@@ -321,7 +321,7 @@ def test_a_gyroscope_of_a_part_leaves_the_rest_out_and_says_so(with_gyroscope, t
     assert any("beyond it are left out" in finding.text for finding in recording.findings)
 
 
-def test_noise_of_the_attitude_is_in_the_model_and_a_gyroscope_lowers_what_the_lever_arm_meets(folder):
+def test_noise_of_the_attitude_is_in_the_model_and_a_gyroscope_lowers_what_the_lever_arm_meets(folder, monkeypatch):
     # The output is declared right, 0.00098: what is fitted beside noise of the attitude is that, and without it more.
     noisy = Triad(74, attitude_noise=1e-3)
     noisy.truth["lever"] *= 0.0
@@ -334,6 +334,11 @@ def test_noise_of_the_attitude_is_in_the_model_and_a_gyroscope_lowers_what_the_l
     fitted = [ac.fit(recording).runs[0].noise.all.density for recording in (level, without)]
     assert fitted[0] == pytest.approx(noisy.noise, rel=0.25)
     assert fitted[1] > 1.3 * noisy.noise
+    # Carried by a gyroscope it falls with frequency. Its density at rest, in the model, would take all of the output's.
+    carrier = io.load_axes(Triad(74, attitude_noise=1e-3, gyroscope=1e-3, every=2).write(folder))[0]
+    assert ac.fit(carrier).runs[0].noise.all.density == pytest.approx(noisy.noise, rel=0.25)
+    monkeypatch.setattr(PreparedRun, "least_q", 0.0)
+    assert ac.fit(carrier).runs[0].noise.all.density < 0.25 * noisy.noise
     far = [Triad(75, attitude_noise=1e-3, gyroscope=gyroscope) for gyroscope in (None, 1e-3)]
     for triad in far:
         triad.truth["lever"] = np.full((3, 3), 0.05)

@@ -68,8 +68,6 @@ not depend on it."""
 QUATERNION_TOLERANCE = 0.02
 """Difference of a quaternion's norm from 1 that rounding of its columns explains."""
 
-CHI_SQUARE_3 = 2.366
-"""Median of chi-square of three degrees of freedom."""
 SCATTER_ORDER = 8
 """Order of the differences of an attitude that its noise is taken from: motion leaves less in each higher one."""
 
@@ -133,10 +131,11 @@ def attitude_scatter(q: Array) -> float:
 
 
 def scatter(y: Array) -> float:
-    """Standard deviation of one reading of a series of vectors (n, 3 or more) in each of three directions."""
+    """Standard deviation of one reading of a series of numbers (n, 1), or of vectors in each of three directions."""
     differences = np.diff(y, SCATTER_ORDER, axis=0)
     usual = float(np.median(np.sum(differences**2, axis=1))) if len(differences) else 0.0
-    return math.sqrt(usual / (math.comb(2 * SCATTER_ORDER, SCATTER_ORDER) * CHI_SQUARE_3))
+    median = float(scipy.special.chdtri(min(y.shape[1], 3), 0.5))
+    return math.sqrt(usual / (math.comb(2 * SCATTER_ORDER, SCATTER_ORDER) * median))
 
 
 def turning(
@@ -238,8 +237,6 @@ def moving(t: Array, place: Array, attitude: tuple[Array, Array], sense: Sense) 
 
 SPAN = 1.0
 """Time over which the turning of a gyroscope is compared with that of a reference, s."""
-LEAST_READINGS = 4
-"""Of the reference from knot to knot of the drift of a gyroscope, at least."""
 SOLUTIONS = 5
 """Solutions for bias, matrix and delay of a gyroscope, each from the turning by the one before."""
 USUAL_GYROSCOPE = np.array([0.1, *(9 * [0.3]), *(3 * [1.0])])
@@ -270,7 +267,7 @@ def carried(reference: tuple[Array, Rotation], gyroscope: tuple[Array, Array], n
     """The attitude at the samples of a gyroscope, which a reference holds (derivations 7.9).
 
     Bias, matrix and delay of the gyroscope are those with which it turns over a second as the reference does. What is
-    left of their difference is slow: a spline through it, straight across holes of the reference, corrects it.
+    left of their difference walks at random: its smoothed path, straight across holes of the reference, corrects it.
 
     Parameters
     ----------
@@ -315,24 +312,30 @@ def carried(reference: tuple[Array, Rotation], gyroscope: tuple[Array, Array], n
     middle = drift[len(drift) // 2]
     away, white = (drift * middle.inv()).as_rotvec(), noise**2 * step
     walk += 1e-3 * white / SPAN**2
-    between = math.sqrt(12.0 * white / walk) if walk > 0.0 else SPAN  # what walks between is then as large as `white`
-    readings = max(LEAST_READINGS, round(between / step))
-    instants, at_stamps, splines = t - delay, away.copy(), []
-    for rows in (rows for rows in unbroken(stamps) if rows.stop - rows.start > 1):
-        spline = smooth_spline(stamps[rows], away[rows], readings)
-        at_stamps[rows] = spline(stamps[rows])
-        splines.append((spline, (stamps[rows][0] <= instants) & (instants <= stamps[rows][-1])))
+    at_stamps, instants = smoothed_walk(stamps, away, noise**2 / walk if noise > 0.0 else 0.0), t - delay
     correction = np.column_stack([np.interp(instants, stamps, series) for series in at_stamps.T])
-    for spline, inside in splines:
-        correction[inside] = spline(instants[inside])
-    density = np.full(len(t), max(white, walk * (readings * step) ** 2 / 12.0))
-    for cut in holes(stamps):  # held at both ends, a walk over T gains T^3/12 in the integral
-        inside = (stamps[cut - 1] < instants) & (instants < stamps[cut])
-        density[inside] += walk * (stamps[cut] - stamps[cut - 1]) ** 2 / 12.0
     covered = (stamps[0] <= instants) & (instants <= stamps[-1])
+    between = np.diff(stamps)[np.clip(np.searchsorted(stamps, instants) - 1, 0, len(stamps) - 2)]
+    density = white + walk * between**2 / 12.0  # held at both ends, a walk over T gains T^3/12 in the integral
     attitude = (rotation.from_rotvec(correction) * middle * strapdown)[covered]
     disagreement = float(np.sqrt(np.mean(apart**2))) / max(expected, TINY_TURN)
     return Strapdown(instants[covered], attitude, bias, matrix, delay, density[covered], disagreement)
+
+
+def smoothed_walk(t: Array, y: Array, ratio: float) -> Array:
+    """Return the smoothed path of random walks whose readings are noisy: that of a Kalman smoother, (n, k).
+
+    Parameters
+    ----------
+    t : (n,) s, rising.
+    y : (n, k) readings.
+    ratio : variance of a reading over what the walk gains per second, s.
+    """
+    steps = ratio / np.diff(t)
+    bands = np.zeros((2, len(t)))
+    bands[0, 1:] = -steps
+    bands[1] = 1.0 + np.pad(steps, (0, 1)) + np.pad(steps, (1, 0))
+    return np.asarray(scipy.linalg.solveh_banded(bands, y))
 
 
 TINY_TURN = 1e-3

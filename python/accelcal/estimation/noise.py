@@ -370,7 +370,8 @@ def estimate_noise(
     ValueError
         From the core, if the record is unusable.
     """
-    return most_likely_noise(Likelihood(run, integrals, start, counts), run.reading_variance_floor, start, width)
+    likelihood = Likelihood(run, integrals, start, counts)
+    return most_likely_noise(likelihood, run.reading_variance_floor, start, width, run.least_q)
 
 
 LARGEST_LOG = 700.0
@@ -378,7 +379,11 @@ LARGEST_LOG = 700.0
 
 
 def most_likely_noise(
-    log_likelihood: Callable[[float, float], float], floor: Callable[[float], float], start: Noise, width: float
+    log_likelihood: Callable[[float, float], float],
+    floor: Callable[[float], float],
+    start: Noise,
+    width: float,
+    least_q: float = 0.0,
 ) -> Noise:
     """Most likely q and R, by the simplex method.
 
@@ -387,14 +392,17 @@ def most_likely_noise(
     log_likelihood : of log q and log R.
     floor : least R, m², at a q.
     start, width : where to begin, and the first steps in log q and log R.
+    least_q : least q, (m/s²)²/Hz.
     """
+    lowest = math.log(least_q) if least_q > 0.0 else -math.inf
 
     def cost(x: Array) -> float:
-        log_q, log_r = float(x[0]), float(x[1])
-        if max(log_q, log_r) > LARGEST_LOG:
+        if max(x) > LARGEST_LOG:
             return math.inf
+        log_q, log_r = max(float(x[0]), lowest), float(x[1])
         least = math.log(floor(math.exp(log_q)))
-        return -log_likelihood(log_q, max(log_r, least)) + 1e3 * max(0.0, least - log_r)
+        beyond = max(0.0, lowest - float(x[0])) + max(0.0, least - log_r)
+        return -log_likelihood(log_q, max(log_r, least)) + 1e3 * beyond
 
     x0 = np.log([start.q, max(start.r, floor(start.q) * 1.01)])
     simplex = x0 + width * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
@@ -404,7 +412,7 @@ def most_likely_noise(
         method="Nelder-Mead",
         options={"initial_simplex": simplex, "xatol": 3e-3, "fatol": 0.02, "maxfev": 120},
     )
-    log_q, log_r = float(best.x[0]), float(best.x[1])
+    log_q, log_r = max(float(best.x[0]), lowest), float(best.x[1])
     return Noise(float(np.exp(log_q)), float(np.exp(max(log_r, math.log(floor(math.exp(log_q)))))))
 
 
