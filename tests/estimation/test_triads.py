@@ -20,7 +20,7 @@ import accelcal as ac
 from accelcal import io
 from accelcal.calibration.export import PARAMETERS, NotExportable, SensorMatrix, c_files, rust_module
 from accelcal.data import GRAVITY, GRAVITY_NOISE, Recording, RecordingError, orientation
-from accelcal.data.orientation import Strapdown, carried, turning
+from accelcal.data.orientation import Strapdown, carried, smoothed_walk, turning
 from accelcal.diagnosis import clean_fit
 from accelcal.diagnosis.faults import examine
 from accelcal.diagnosis.verdict import AxesDiagnosis
@@ -271,6 +271,22 @@ def test_the_density_of_a_carried_attitude_is_that_of_its_errors(noise):
     assert low < 2.0 * np.median(body.noise)
     assert np.median(body.noise) < (3.0 if noise < 0.1 else 30.0) * 1e-6 * 0.05
     assert np.max(0.5 * np.mean(power[f > 10.0], axis=1)) < np.median(body.noise)
+
+
+def test_a_smoothed_walk_is_that_of_the_recursions():
+    # Rauch, Tung and Striebel, forwards and back, with a variance of a reading of 1 and a beginning that is not known.
+    rng, ratio = np.random.default_rng(8), 0.7
+    t = np.cumsum(rng.uniform(0.1, 2.0, 40))
+    y = np.cumsum(rng.normal(size=40)) + rng.normal(size=40)
+    at, variance = [y[0]], [1.0]
+    for step, reading in zip(np.diff(t) / ratio, y[1:], strict=True):
+        gain = (variance[-1] + step) / (variance[-1] + step + 1.0)
+        at.append(at[-1] + gain * (reading - at[-1]))
+        variance.append(gain)
+    path = at[-1:]
+    for x, P, step in zip(at[-2::-1], variance[-2::-1], np.diff(t)[::-1] / ratio, strict=True):
+        path.append(x + P / (P + step) * (path[-1] - x))
+    assert smoothed_walk(t, y[:, None], ratio)[:, 0] == pytest.approx(path[::-1], abs=1e-12)
 
 
 MUTATED = {

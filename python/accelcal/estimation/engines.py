@@ -351,7 +351,8 @@ def with_noise(rows: WeakRows, width: float = 0.3) -> WeakRows:
             total -= 0.5 * float(np.sum(solved(L, y) ** 2)) + float(np.sum(np.log(L[0])))
         return total
 
-    noise_found = most_likely_noise(log_likelihood, rows.least_reading_variance, start, width)
+    least_q = rows.state.run.least_q
+    noise_found = most_likely_noise(log_likelihood, rows.least_reading_variance, start, width, least_q)
     return rows.at_noise(replace(start, q=noise_found.q, r=noise_found.r))
 
 
