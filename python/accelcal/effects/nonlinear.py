@@ -23,7 +23,7 @@ enter(
     Equation: e = K2 a².
     Looks like: second harmonic and a shift of the mean, both growing with the square of the amplitude.
     Easily confused with: scale_asymmetry, and velocity_squared when the motion has one frequency.
-    Separate by: two frequencies at equal amplitude; a wider range of amplitudes; on a vertical axis, the sensor reversed.
+    Separate by: two frequencies at equal amplitude; a wider range of amplitudes; a vertical axis reversed.
     """,
             "symbol": "K2",
             "scale": 1e-4,
