@@ -336,16 +336,22 @@ def test_the_unit_test_sees_a_wrong_unit():
     assert powers("m⁻¹ s⁻²", 4.0, 1.0) == 0.25
 
 
-def test_the_whole_catalogue_with_all_trials_is_evaluated_in_a_quarter_second():
+def test_the_whole_catalogue_with_all_trials_costs_no_more_than_two_arctangents_a_column():
+    # A quarter of a second on an idle machine; the pace of the machine is in both.
     s = sines()
     assert len(s.t) == 25_000
-    best = np.inf
+    ratios = []
     for _ in range(3):
         count, columns, begin = 0, 0, time.process_time()
         for effect in BUILT_IN:
             for shape in trials(effect, s):
                 effect.column(s, **shape)
                 count, columns = count + 1, columns + effect.width
-        best = min(best, time.process_time() - begin)
-    print(f"{len(BUILT_IN)} effects, {count} trials, {columns} columns of {len(s.t)}: {1e3 * best:.0f} ms")
-    assert best < 0.25
+        middle = time.process_time()
+        for _ in range(columns):
+            np.arctan(s.a)
+        ratios.append((middle - begin) / (time.process_time() - middle))
+    print(
+        f"{len(BUILT_IN)} effects, {count} trials, {columns} columns of {len(s.t)}: {min(ratios):.2f} arctangents each"
+    )
+    assert min(ratios) < 2.0
