@@ -90,8 +90,10 @@ def _several(number: int, seed: int, names: Sequence[str], count: int) -> tuple[
             return chosen
 
 
-def draw(trial: Trial) -> World:
+def draw(trial: Trial, rig: World | None = None) -> World:
     """The world of a trial, its hidden effects at their strength.
+
+    Of `rig` everything is kept that is not drawn, its rates for example; its seed is added to the one that is drawn.
 
     Raises
     ------
@@ -101,13 +103,14 @@ def draw(trial: Trial) -> World:
     rng = trial.rng
     first = trial.number // max(1, _cycle(trial)) + int(rng.integers(len(MIXES))) if trial.names else trial.number
     nuisances = beside(trial.names, Nuisances.draw(rng))
-    seed = int(rng.integers(2**31))
+    rig = rig or World()
+    rig = replace(rig, seconds=trial.length, seed=rig.seed + int(rng.integers(2**31)), nuisances=nuisances)
     signs = rng.choice([-1.0, 1.0], len(trial.names))
     why = "nothing was tried"
     for attempt in range(5):
         motion, sensor = MIXES[(first + 3 * attempt) % len(MIXES)]
         hidden = tuple(hide(name, sign) for name, sign in zip(trial.names, signs, strict=True))
-        world = World(motion, sensor, hidden, seconds=trial.length, seed=seed, nuisances=nuisances)
+        world = replace(rig, motion=motion, sensor=sensor, hidden=hidden)
         try:
             if trial.d:
                 for _ in range(2 if len(hidden) > 1 else 1):
@@ -222,6 +225,11 @@ def improved(found: verbs.Improvement, world: World) -> Outcome:
     }
 
 
+def at_output(hidden: Hidden, k: float) -> float:
+    """Magnitude as the output shows it: behind a scale factor of 1 + k where the effect enters before it."""
+    return hidden.magnitude * ((1.0 + k) if hidden.effect.place in ("force", "dynamics") else 1.0)
+
+
 def errors(fit: Fit, world: World) -> dict[str, list[float]]:
     """Estimate, its standard deviation and the truth, for what has one number in both worlds."""
     k = float(world.scale_factor or 0.0)
@@ -230,8 +238,7 @@ def errors(fit: Fit, world: World) -> dict[str, list[float]]:
     for hidden in world.hidden:
         if hidden.name in UNLIKE:
             continue
-        place = hidden.effect.place
-        truth[hidden.name] = hidden.magnitude * ((1.0 + k) if place in ("force", "dynamics") else 1.0)
+        truth[hidden.name] = at_output(hidden, k)
         if hidden.name == "saturation":
             truth[hidden.name] = 1.0
         if hidden.name == "temperature_scale":  # k is given at the model's reference temperature

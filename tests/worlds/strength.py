@@ -20,7 +20,6 @@ from scipy.signal import lfilter, lfiltic
 
 from .numerics import Array, double_integral, interpolate
 from .world import (
-    ACCEL_RATE,
     SENSORS,
     Chain,
     Hidden,
@@ -226,15 +225,15 @@ def _gain(power: Array) -> float:
 
 def _variance(world: World, hidden: Hidden, chain: Chain, index: int) -> float:
     shape, m = chain.shapes[index], hidden.magnitude
-    n = int(world.seconds * ACCEL_RATE)
+    n, rate = int(world.seconds * world.accel_rate), world.accel_rate
     tau = time_constant(world)
-    variance, keep = SENSORS[world.sensor].noise ** 2 / (4 * tau), np.exp(-1 / (ACCEL_RATE * tau))
+    variance, keep = SENSORS[world.sensor].noise ** 2 / (4 * tau), np.exp(-1 / (rate * tau))
     cycles = (np.arange(64) + 0.5) / 128
     floor = variance * (1 - keep**2) / (1 + keep**2 - 2 * keep * np.cos(2 * np.pi * cycles))
     speed = np.abs(chain.scene.v[::60])
     speed = speed / np.max(np.abs(chain.scene.v))
-    band = (cycles * ACCEL_RATE > 205) & (cycles * ACCEL_RATE < 295)
-    passed = band / (1 + (2 * np.pi * cycles * ACCEL_RATE * tau) ** 2) * len(cycles) / np.sum(band) / 2
+    band = (cycles * rate > 205) & (cycles * rate < 295)
+    passed = band / (1 + (2 * np.pi * cycles * rate * tau) ** 2) * len(cycles) / np.sum(band) / 2
     noise = floor + (world.nuisances.vibration * speed[:, None] ** 2) ** 2 * passed
     if hidden.name == "accelerometer_outliers":
         return n * contamination(shape["share"], float(np.mean(1 / np.mean(noise, axis=0))) ** -0.5, m)

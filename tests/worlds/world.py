@@ -140,6 +140,10 @@ class World:
     """Standard deviation of white noise before the encoder rounds, m."""
     resolution: float = RESOLUTION
     """m"""
+    accel_rate: float = ACCEL_RATE
+    """Hz"""
+    lateral_rate: float = LATERAL_RATE
+    """Hz"""
 
     def settled(self) -> World:
         """Return this world with bias, scale factor and every shape parameter fixed as they were drawn."""
@@ -286,8 +290,11 @@ class Record:
         """What each hidden effect adds on the fine grid, by name."""
         return {h.name: c for h, c in zip(self.world.hidden, self.chain.contributions, strict=True)}
 
-    def write(self, directory: Path | str, name: str = "run") -> Path:
-        """Write NAME.csv and its sidecar NAME.toml; return the path of the CSV."""
+    def write(self, directory: Path | str, name: str = "run", digits: int | None = None) -> Path:
+        """Write NAME.csv and its sidecar NAME.toml; return the path of the CSV.
+
+        By default `digits` is 9, and 13 where the reference resolves less than a nanometre.
+        """
         sensor, nuisances = SENSORS[self.world.sensor], self.world.nuisances
         channels = {
             "accel": (self.t_accel, self.accel, "m/s^2"),
@@ -303,8 +310,8 @@ class Record:
             "rig": {"axis": "level", "mount": self.world.mount, "gravity_along_axis": "0 m/s^2"},
             "clock": {"offset_tolerance": f"{nuisances.clock_tolerance * 1e6:g} us"},
         }
-        digits = 9 if self.world.resolution >= 1e-9 else 13  # of an interferometer nothing may be lost
-        return write(Path(directory), name, channels, extra, tables, digits)
+        whole = 9 if self.world.resolution >= 1e-9 else 13  # of an interferometer nothing may be lost
+        return write(Path(directory), name, channels, extra, tables, digits or whole)
 
 
 def _measure(world: World, chain: Chain) -> Record:
@@ -318,9 +325,9 @@ def _measure(world: World, chain: Chain) -> Record:
         t_position, position = _read_rate(world, chain, encoder_rng)
     accel[accel_rng.random(len(accel)) < nuisances.missing_accel] = np.nan
     position[encoder_rng.random(len(position)) < nuisances.missing] = np.nan
-    t_side = _stamps(LATERAL_RATE, world.seconds, side_rng)
+    t_side = _stamps(world.lateral_rate, world.seconds, side_rng)
     a_y = interpolate(truth.t[0], truth.a_y, t_side)
-    a_y += SENSORS["CXL02"].noise * np.sqrt(LATERAL_RATE / 2) * side_rng.standard_normal(len(t_side))
+    a_y += SENSORS["CXL02"].noise * np.sqrt(world.lateral_rate / 2) * side_rng.standard_normal(len(t_side))
     side = {"temperature": (*thermometer(truth, side_rng), "degC"), "a_y": (t_side, a_y, "m/s^2")}
     hidden = tuple(replace(h, shape=shape) for h, shape in zip(world.hidden, chain.shapes, strict=True))
     settled = replace(world, hidden=hidden, bias=chain.bias, scale_factor=chain.scale_factor, unit=world._unit)
@@ -339,12 +346,12 @@ def time_constant(world: World) -> float:
     return (1 + world.nuisances.lowpass_error) / (2 * np.pi * CUTOFF)
 
 
-def low_passed_noise(n: int, density: float, tau: float, rng: np.random.Generator) -> Array:
-    """Return white noise of a one-sided density behind an RC, exactly at the n stamps: an Ornstein-Uhlenbeck process.
+def low_passed_noise(n: int, rate: float, density: float, tau: float, rng: np.random.Generator) -> Array:
+    """Return white noise of a one-sided density behind an RC, exactly at n stamps: an Ornstein-Uhlenbeck process.
 
     Variance N²/(4 tau), correlation exp(−dt/tau) from stamp to stamp (Papoulis 1991, section 10.2).
     """
-    keep = np.exp(-1 / (ACCEL_RATE * tau))
+    keep = np.exp(-1 / (rate * tau))
     shocks = rng.standard_normal(n) * np.sqrt(1 - keep**2)
     shocks[0] /= np.sqrt(1 - keep**2)
     return np.asarray(lfilter([density / np.sqrt(4 * tau)], [1.0, -keep], shocks))
@@ -362,11 +369,12 @@ def _on_samples(world: World, chain: Chain, name: str, y: Array) -> Array:
 
 def _read_accelerometer(world: World, chain: Chain, rng: np.random.Generator) -> tuple[Array, Array]:
     sensor = SENSORS[world.sensor]
-    stamps = _stamps(ACCEL_RATE, world.seconds, rng)
+    stamps = _stamps(world.accel_rate, world.seconds, rng)
     tau = time_constant(world)
     behind = lag(chain.output, tau)
     instants = stamps + _on_samples(world, chain, "timing_jitter", np.zeros_like(stamps))
-    y = interpolate(chain.scene.t[0], behind, instants) + low_passed_noise(len(stamps), sensor.noise, tau, rng)
+    y = interpolate(chain.scene.t[0], behind, instants)
+    y += low_passed_noise(len(stamps), world.accel_rate, sensor.noise, tau, rng)
     y += _on_samples(world, chain, "accelerometer_outliers", y)
     y = np.clip(y, -sensor.range, sensor.range)
     code = sensor.range / 2 ** (world.nuisances.converter_bits - 1)
