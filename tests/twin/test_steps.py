@@ -191,7 +191,8 @@ def failing(kind: str) -> None:
             live.step(0.0, accel=float("nan"))
         case "Mean":
             late = Channel("accel", accel.t * 1e6, accel.y, "m/s²")
-            filters.run(aci, late, position, **settings(aci, x0=[0.0, 1e308, 0.0, 0.0]))  # overflows
+            later = Channel("position", position.t * 1e6, position.y, "m")
+            filters.run(aci, late, later, **settings(aci, x0=[0.0, 1e308, 0.0, 0.0]))  # overflows before a reading
         case "Variance":
             late = Channel("accel", accel.t * 1e6, accel.y, "m/s²")
             later = Channel("position", position.t * 1e6, position.y, "m")
