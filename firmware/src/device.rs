@@ -49,6 +49,7 @@ struct Cost {
     stack: u32,
 }
 
+// SAFETY: the start code looks for this name, and no other function has it.
 #[unsafe(no_mangle)]
 extern "C" fn main() -> ! {
     timer_start();

@@ -36,6 +36,7 @@ pub fn run(steps: u32, mut step: impl FnMut(&mut Tracker<Number>, Sample)) -> (u
 
 /// The run as a C function, for the host.
 #[allow(unsafe_code)] // a name for the linker
+// SAFETY: no other function of the library, and none of C's, has this name.
 #[unsafe(no_mangle)]
 pub extern "C" fn outcome(steps: u32) -> Outcome {
     let (digest, tracker) = run(steps, |tracker, sample| {

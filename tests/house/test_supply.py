@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import re
+import runpy
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -11,6 +13,7 @@ from fnmatch import fnmatch
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
+import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -62,6 +65,26 @@ def test_every_requirement_has_a_lower_bound_and_no_cap():
         assert [one.operator for one in each.specifier] == [">="], name
 
 
+def argued(page: str) -> set[str]:
+    """Names in the first column of the table of dependencies."""
+    table = page.partition("## Dependencies")[2]
+    cells = re.findall(r"^\| ([^|]+) \| [^|]+ \| [^|]+ \| [^|]+ \|$", table, flags=re.MULTILINE)
+    names = {name for cell in cells for name in re.sub(r"\([^)]*\)", "", cell).split(",")}
+    return {canonicalize_name(name.strip()) for name in names} - {"dependency", "---"}
+
+
+def test_every_dependency_is_argued_on_the_page_of_decisions():
+    extras = PROJECT["optional-dependencies"].values()
+    python = declared([*PROJECT["dependencies"], *(text for each in extras for text in each)])
+    manifests = [tomllib.loads(path.read_text(encoding="utf-8")) for path in ROOT.glob("crates/**/Cargo.toml")]
+    tables = [each.get(name, {}) for each in manifests for name in ("dependencies", "dev-dependencies")]
+    crates = {name for table in tables for name in table if not name.startswith("ekf-")}
+    page = (ROOT / "docs" / "decisions.md").read_text(encoding="utf-8")
+    print(f"{len(python)} Python packages, {len(crates)} crates")
+    assert argued(page) == set(python) | crates
+    assert argued("## Dependencies\n| one, Two (`x`) | a | b | c |\n") == {"one", "two"}
+
+
 def test_the_versions_that_were_tested_are_listed():
     listed = dict(
         line.split("==") for line in (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines() if line
@@ -83,3 +106,51 @@ def test_the_licences_of_all_crates_in_the_wheel_are_there():
     written = re.search(r"tools/licences.py > (\S+)\n.*maturin build", (ROOT / "Makefile").read_text(encoding="utf-8"))
     assert written
     assert any(fnmatch(written[1], pattern) for pattern in PROJECT["license-files"])
+
+
+RELEASE = runpy.run_path(str(ROOT / "tools" / "release_check.py"))
+
+
+def test_versions_agree_and_the_changelog_is_short():
+    print(RELEASE["versions"](), RELEASE["changelog"](), sep="; ")
+
+
+@pytest.mark.parametrize(
+    ("item", "file", "before", "after", "sentence"),
+    [
+        ("versions", "Cargo.toml", 'version = "0.1.0"', 'version = "0.2.0"', "pyproject|CHANGELOG.md has 0.1.0"),
+        (
+            "versions",
+            "Cargo.lock",
+            'ekf-core"\nversion = "0.1.0"',
+            'ekf-core"\nversion = "0.0.9"',
+            "ekf-core in .* 0.0.9",
+        ),
+        ("versions", "CHANGELOG.md", "## 0.1.0", "## 0.2.0\n\n## 0.1.0", "CHANGELOG.md has 0.2.0"),
+        ("changelog", "CHANGELOG.md", "## 0.1.0", "## 0.1.0" + "\n" * 60, "lines, at most 60"),
+        ("changelog", "CHANGELOG.md", "## 0.1.0", "## 0.1.0 (unreleased)", "says that it is not released"),
+    ],
+)
+def test_a_release_that_does_not_fit_together_is_refused(item, file, before, after, sentence, tmp_path):
+    for name in ("Cargo.toml", "Cargo.lock", "pyproject.toml", "CHANGELOG.md"):
+        shutil.copy(ROOT / name, tmp_path)
+    text = (tmp_path / file).read_text(encoding="utf-8")
+    assert before in text
+    (tmp_path / file).write_text(text.replace(before, after), encoding="utf-8")
+    with pytest.raises(RELEASE["NotHeld"], match=sentence):
+        RELEASE[item](tmp_path)
+
+
+def test_a_release_page_has_a_line_an_item_and_fails_with_one(monkeypatch, capsys):
+    items = {"short": lambda: "3 lines", "long": lambda: RELEASE["require"](False, "99 lines")}
+    monkeypatch.setitem(RELEASE["main"].__globals__, "ITEMS", items)
+    assert RELEASE["main"](["short"]) == 0
+    assert RELEASE["main"]([]) == 1
+    assert "NOT HELD  long        99 lines\n1 of 2 items held, 1 not, 0 open" in capsys.readouterr().out
+    assert RELEASE["main"](["absent"]) == 2
+
+
+def test_a_licence_is_allowed_where_one_choice_is_permissive():
+    assert [
+        RELEASE["allowed"](terms) for terms in ("MIT OR GPL-3.0", "MIT/Apache-2.0", "MIT AND GPL-3.0", "MPL-2.0")
+    ] == [*(True, True, False, False)]

@@ -20,6 +20,8 @@ ALLOWED = {
 COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
 UNSAFE = re.compile(r"\bunsafe\b")
 FORBIDDEN = re.compile(r"^#!\[forbid\(unsafe_code\)\]$", re.MULTILINE)
+NEEDS_REASON = re.compile(r"\bunsafe\s*(\{|impl\b|extern\b|\()")
+"""A block, an implementation, a list of foreign functions, an attribute: what somebody vouches for."""
 BUILT = {"target", "build", "dist", ".venv"}
 
 
@@ -45,6 +47,28 @@ def test_every_crate_of_the_extension_is_listed() -> None:
 
 def test_unsafe_stands_where_it_is_allowed_and_nowhere_else() -> None:
     assert unsafe_places(ROOT) == ALLOWED
+
+
+def without_reason(source: str) -> list[int]:
+    """Lines, from 1, with `unsafe` code that no line `// SAFETY:` above it argues."""
+    lines, argued, places = source.splitlines(), False, []
+    for number, line in enumerate(lines, start=1):
+        code = COMMENT.sub("", line)
+        if NEEDS_REASON.search(code) and not argued:
+            places.append(number)
+        argued = "// SAFETY:" in line or (argued and not code.strip())
+    return places
+
+
+def test_every_unsafe_block_is_argued() -> None:
+    lines = {path: without_reason((ROOT / path).read_text(encoding="utf-8")) for path in ALLOWED}
+    print(f"{sum(ALLOWED.values())} times unsafe in {len(ALLOWED)} files")
+    assert not {path: numbers for path, numbers in lines.items() if numbers}
+
+
+def test_a_block_without_a_reason_is_noticed() -> None:
+    assert without_reason("// SAFETY: a\nunsafe { f() }\nunsafe { g() }\n// other\n#[unsafe(no_mangle)]\n") == [3, 5]
+    assert without_reason("// SAFETY: a\n// more of it\nunsafe impl A for B {\n    unsafe fn f() {}\n") == []
 
 
 def test_the_search_sees_code_and_no_comments(tmp_path: Path) -> None:

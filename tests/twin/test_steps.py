@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from accelcal import filters
-from accelcal._core import FilterError, FilterStream, FixedRateFilter, run_filter
+from accelcal._core import FilterError, FilterStream, FixedRateFilter, Parts, run_filter
 from accelcal.data.recording import Channel
 from accelcal.filters.choice import FilterChoice, GaussMarkov, core_samples, core_setup
 from accelcal.filters.stream import LiveFilter
@@ -191,7 +191,8 @@ def failing(kind: str) -> None:
             live.step(0.0, accel=float("nan"))
         case "Mean":
             late = Channel("accel", accel.t * 1e6, accel.y, "m/s²")
-            filters.run(aci, late, position, **settings(aci, x0=[0.0, 1e308, 0.0, 0.0]))  # overflows
+            later = Channel("position", position.t * 1e6, position.y, "m")
+            filters.run(aci, late, later, **settings(aci, x0=[0.0, 1e308, 0.0, 0.0]))  # overflows before a reading
         case "Variance":
             late = Channel("accel", accel.t * 1e6, accel.y, "m/s²")
             later = Channel("position", position.t * 1e6, position.y, "m")
@@ -304,3 +305,40 @@ def test_no_function_name_contains_two_choices() -> None:
     for name in names:
         words = set(name.lower().split("_"))
         assert sum(bool(words & spellings) for spellings in CHOICES.values()) <= 1, name
+
+
+def test_a_log_likelihood_that_is_no_number_is_an_error() -> None:
+    # 1e160 m has a double, its square has none: each filter would return -inf.
+    choice, far = FilterChoice("aci"), 1e160
+    accel, position = tone()
+    z = np.where(np.arange(len(position.y)) == 7, far, position.y)
+    with pytest.raises(FilterError, match="or its square over its variance, is not finite"):
+        filters.run(choice, accel, dataclasses.replace(position, y=z), **settings(choice))
+    live = filters.fixed_rate(choice, dt=DT, **settings(choice))
+    live.step(0.0, 0.0)
+    before = live.log_likelihood
+    with pytest.raises(FilterError, match="or its square over its variance, is not finite"):
+        live.step(0.0, far)
+    assert live.log_likelihood == before  # the filter is what it was
+    stamped = LiveFilter(choice, **settings(choice))
+    stamped.step(0.0, accel=0.0)
+    stamped.step(DT, position=far)
+    with pytest.raises(FilterError, match="or its square over its variance, is not finite"):
+        stamped.step(2 * DT, accel=0.0)
+    batch = filters.run_batch(choice, np.zeros((1, 20)), np.full((1, 20), far), dt=DT, **settings(choice))
+    assert batch.faults[0]
+    nothing = np.zeros(8)
+    start = np.arange(8) == 0
+    record = (np.arange(8.0), np.where(start, 0.0, far), nothing, nothing, start, nothing, nothing)
+    parts = Parts([(record, np.ones(8, dtype=bool))])
+    with pytest.raises(ValueError, match="the log-likelihood is -inf: check the units"):
+        parts.log_likelihood(q=1e-6, r=1e-12, prior=(0.0, 1e-10, 0.0, 1e-2))
+
+
+def test_variances_without_a_product_are_an_error_of_the_likelihood() -> None:
+    choice = FilterChoice("aci")
+    live = filters.fixed_rate(choice, dt=DT, **settings(choice, r_position=1e60))
+    for _ in range(16):
+        live.step(0.0, 0.0)
+    with pytest.raises(ValueError, match="outside 1e-38 to 1e38 m²"):
+        _ = live.log_likelihood

@@ -265,10 +265,17 @@ impl FixedRateFilter {
         self.filter.rejected()
     }
 
-    /// Log-likelihood of the accepted readings.
+    /// Log-likelihood of the accepted readings; a `ValueError` where it is not finite.
     #[getter]
-    fn log_likelihood(&self) -> f64 {
-        self.filter.log_likelihood()
+    fn log_likelihood(&self) -> PyResult<f64> {
+        let value = self.filter.log_likelihood();
+        let refused = || {
+            PyValueError::new_err(format!(
+                "the log-likelihood is {value}: the variance of an innovation is \
+             outside 1e-38 to 1e38 m²; check the units of r_position and of the prior"
+            ))
+        };
+        value.is_finite().then_some(value).ok_or_else(refused)
     }
 }
 

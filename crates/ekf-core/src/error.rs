@@ -50,7 +50,7 @@ pub enum StepError {
         /// The `S` found, in the unit of the reading squared.
         s: f64,
     },
-    /// The innovation `e` is not finite: the reading or the state is not.
+    /// The innovation `e` or `e^2 / S` is not finite: the reading or the state is not, or is far too large.
     Innovation {
         /// The `e` found, in the unit of the reading.
         e: f64,
@@ -113,7 +113,7 @@ impl fmt::Display for StepError {
             Self::InnovationVariance { s } => {
                 write!(f, "the innovation variance is {s}, not positive and finite")
             }
-            Self::Innovation { e } => write!(f, "the innovation is {e}, not finite"),
+            Self::Innovation { e } => write!(f, "the innovation {e}, or its square over its variance, is not finite"),
             Self::Mean { state } => write!(f, "the estimate of state {state} is not finite"),
             Self::Variance { state, variance } => {
                 write!(f, "positive definiteness is lost: state {state} has variance {variance:.3e}")

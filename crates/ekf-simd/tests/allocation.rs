@@ -29,10 +29,12 @@ thread_local! {
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         COUNT.set(COUNT.get() + 1);
+        // SAFETY: the caller holds the contract of `alloc`, which is the one of this call.
         unsafe { Heap.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, at: *mut u8, layout: Layout) {
+        // SAFETY: `at` is from `Heap.alloc` above, with this layout.
         unsafe { Heap.dealloc(at, layout) }
     }
 }

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import sys
 import tempfile
 import time
 import zlib
@@ -13,14 +12,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
 DAY = 86400.0
 """Age after which a leftover is removed that no lock tells of, s."""
-MACHINE = f"{zlib.crc32(os.uname().nodename.encode() if sys.platform != 'win32' else b''):08x}"
+MACHINE = f"{zlib.crc32(os.uname().nodename.encode() if hasattr(os, 'uname') else b''):08x}"
 """Part of the names of files of this machine: the locks of another one may not be seen here."""
 
 
 def create(path: Path, mode: int = 0o666) -> int | None:
     """Create a file that nobody else has, and lock it; return its descriptor, or None if it was swept meanwhile.
+
+    A system without locks neither renames nor removes a file that is open: there the descriptor is that of no file.
 
     Raises
     ------
@@ -28,6 +34,9 @@ def create(path: Path, mode: int = 0o666) -> int | None:
         If it exists or cannot be made.
     """
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, mode)
+    if fcntl is None:
+        os.close(descriptor)
+        return os.open(os.devnull, os.O_RDONLY)
     if try_lock(descriptor) is not False and _is_at(path, descriptor):
         return descriptor
     os.close(descriptor)
@@ -43,7 +52,7 @@ def take(path: Path) -> int | None:
         descriptor = os.open(path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
     except OSError:
         return None
-    ours = sys.platform != "win32" and os.fstat(descriptor).st_uid == os.getuid()
+    ours = hasattr(os, "getuid") and os.fstat(descriptor).st_uid == os.getuid()
     if ours and try_lock(descriptor) and _is_at(path, descriptor):
         return descriptor
     os.close(descriptor)
@@ -52,10 +61,8 @@ def take(path: Path) -> int | None:
 
 def try_lock(descriptor: int) -> bool | None:
     """Lock a file: True if that succeeded, False if it is locked, None if the file system knows no locks."""
-    if sys.platform == "win32":
+    if fcntl is None:
         return None
-    import fcntl
-
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

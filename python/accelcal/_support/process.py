@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import wraps
 from threading import current_thread, main_thread
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from accelcal._support import stopping
 
@@ -31,6 +31,8 @@ POLL = 0.02
 """Interval at which its end is looked for meanwhile, s."""
 _END_WITH_PARENT = 1
 """Of Linux: PR_SET_PDEATHSIG."""
+OWN_GROUP: dict[str, Any] = {"process_group": 0} if os.name == "posix" else {"creationflags": 0x200}
+"""Of `Popen`: Ctrl-C in the terminal is for this process, which ends that one in order."""
 
 
 def continue_in_child() -> None:
@@ -68,9 +70,9 @@ def continue_in_child() -> None:
 def give_back_memory() -> None:
     """Give freed memory back to the system, where the C library does so when asked: what a long record used at its peak
     would stay with the process."""
-    import ctypes
+    with suppress(ImportError, AttributeError, OSError, TypeError):
+        import ctypes
 
-    with suppress(AttributeError, OSError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)
 
 

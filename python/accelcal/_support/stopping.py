@@ -187,7 +187,7 @@ SIGPIPE: int = getattr(signal, "SIGPIPE", 13)
 
 def _report_end(number: int) -> int:
     """Say why the command ends, to whoever still reads; return the exit code."""
-    words = SIGNALS.get(signal.Signals(number).name, "")
+    words = next((said for name, said in SIGNALS.items() if getattr(signal, name) == number), "")
     try:
         if words and sys.stderr is not None:
             print(f"accelcal: {words}", file=sys.stderr)
@@ -223,7 +223,7 @@ def _watch_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    if os.name != "posix":
+    if not hasattr(signal, "SIGPIPE"):
         return
     if sys.stdout is not None:
         sys.stdout = _watched(sys.stdout, 1)

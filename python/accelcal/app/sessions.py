@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from accelcal._support.process import OWN_GROUP
 from accelcal.app.session_file import Keeper, KeptSession
 from accelcal.app.workbench import Workbench
 from accelcal.app.workers import Compute, direct
@@ -184,7 +185,7 @@ class Follower:
             encoding="utf-8",
             errors="replace",
             cwd=folder,
-            process_group=0,  # Ctrl-C in the terminal is for the server, which ends this in order
+            **OWN_GROUP,
         )
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()

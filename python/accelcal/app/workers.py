@@ -29,7 +29,7 @@ from typing import Any, BinaryIO, Protocol, TypeVar
 
 from accelcal._support import errors
 from accelcal._support.errors import AccelcalError
-from accelcal._support.process import end, send
+from accelcal._support.process import OWN_GROUP, end, send
 from accelcal.app.state import Known
 
 SHARE_OF_MEMORY = 0.75
@@ -122,14 +122,14 @@ def _portable(error: Exception) -> Exception:
 
 def _limit() -> None:
     """Bound the memory of this process, and let the server that answers pages go first, where the system can."""
-    with suppress(ImportError, OSError, ValueError):
+    with suppress(ImportError, AttributeError, OSError, ValueError):
         import resource
 
         most = int(SHARE_OF_MEMORY * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
     with suppress(AttributeError, OSError):
         os.nice(PATIENCE)
-    with suppress(OSError), open("/proc/self/oom_score_adj", "w") as file:
+    with suppress(OSError), open("/proc/self/oom_score_adj", "w", encoding="ascii") as file:
         file.write(EXPENDABLE)
 
 
@@ -283,7 +283,7 @@ class _Worker:
             stdout=subprocess.PIPE,
             cwd=folder,
             env={**os.environ, "TMPDIR": str(folder)},
-            process_group=0,
+            **OWN_GROUP,
         )
         self._answers: queue.SimpleQueue[Answer | None] = queue.SimpleQueue()
         threading.Thread(target=self._listen, daemon=True).start()

@@ -374,8 +374,9 @@ def estimate_noise(
     return most_likely_noise(likelihood, run.reading_variance_floor, start, width, run.least_q)
 
 
-LARGEST_LOG = 700.0
-"""Logarithm of a density or variance beyond which none is tried: near the largest number of double precision."""
+LARGEST_LOG = 60.0
+"""Logarithm of a density or variance beyond which none is tried: after a gap of an hour without readings the product of
+eight innovation variances, of which the likelihood takes the logarithm, is still within double precision."""
 
 
 def most_likely_noise(

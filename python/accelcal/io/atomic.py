@@ -145,7 +145,7 @@ class Part:
     def settle(self) -> None:
         """See that the content is on the disk, so that no power failure leaves a name without it."""
         if not self.straight:
-            os.fsync(self._descriptor)
+            _settle(self.path, os.O_WRONLY)
 
     def keep_old(self) -> None:
         """Keep what `publish` replaces within reach of `withdraw`, where the file system has hard links."""
@@ -256,7 +256,8 @@ def _publish(parts: list[Part]) -> None:
                 part.withdraw()
         raise
     for folder in {part.target.parent for part in ordered if not part.straight}:
-        _settle_folder(folder)
+        with suppress(OSError):  # a file system that cannot do so for a folder does it in its own time
+            _settle(folder, os.O_RDONLY)
 
 
 def _free_name(folder: Path) -> Path:
@@ -274,16 +275,13 @@ def _sweep(folder: Path) -> None:
                 (folder / name).unlink(missing_ok=True)
 
 
-def _settle_folder(folder: Path) -> None:
-    """See that new names are on the disk; a file system that cannot do so for a folder does it in its own time."""
-    if sys.platform == "win32":
-        return
-    with suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+def _settle(path: Path, flags: int) -> None:
+    """See that a file, or the names in a folder, are on the disk."""
+    descriptor = os.open(path, flags)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _pour(part: Path, stream: Path) -> None:
@@ -304,5 +302,6 @@ def _open(stream: Path) -> int:
         if error.errno == errno.ENXIO:
             raise OSError(errno.ENXIO, "nobody reads this pipe") from None
         raise
-    os.set_blocking(descriptor, True)
+    if hasattr(os, "O_NONBLOCK"):
+        os.set_blocking(descriptor, True)
     return descriptor

@@ -34,7 +34,7 @@ impl Innovation {
         if !(s > 0.0 && s.is_finite()) {
             return Err(StepError::InnovationVariance { s });
         }
-        if !e.is_finite() {
+        if !(e * e / s).is_finite() {
             return Err(StepError::Innovation { e });
         }
         Ok(Self { e, s })
@@ -144,6 +144,10 @@ mod tests {
             innovate(&prior(), &READING, -10.0, 1.0).unwrap_err(),
             StepError::InnovationVariance { s: 2.0 + 0.3 + 0.25 - 10.0 }
         );
-        assert!(matches!(innovate(&prior(), &READING, R, f64::NAN), Err(StepError::Innovation { .. })));
+        // The square of the last one has no double, nor has its log-likelihood.
+        for z in [f64::NAN, f64::INFINITY, 1e160] {
+            assert!(matches!(innovate(&prior(), &READING, R, z), Err(StepError::Innovation { .. })));
+        }
+        assert!(innovate(&prior(), &READING, R, 1e150).unwrap().0.log_likelihood().is_finite());
     }
 }

@@ -301,7 +301,7 @@ const PRODUCT: usize = 8;
 /// Sum over the records of `-1/2 sum (e^2/S + ln 2 pi S)` over the readings that count (derivations 6.3).
 ///
 /// # Errors
-/// [`ReplayError`] for unusable noise, or when a variance stops being positive.
+/// [`ReplayError`] for unusable noise, when a variance stops being positive, or when the sum is not finite.
 #[inline(always)]
 pub fn log_likelihood<const N: usize>(
     readings: &[InterleavedReading<N>],
@@ -331,5 +331,6 @@ pub fn log_likelihood<const N: usize>(
     )?;
     logarithms += product.map(libm::log).iter().sum::<f64>();
     let constant = counted.iter().sum::<f64>() * libm::log(core::f64::consts::TAU);
-    Ok(-0.5 * (squares.iter().sum::<f64>() + logarithms + constant))
+    let value = -0.5 * (squares.iter().sum::<f64>() + logarithms + constant);
+    if value.is_finite() { Ok(value) } else { Err(ReplayError::LogLikelihood { value }) }
 }

@@ -98,6 +98,11 @@ pub enum ReplayError {
         /// The variance, m^2.
         S: f64,
     },
+    /// The log-likelihood is not finite: innovations or variances are too large or too small for doubles.
+    LogLikelihood {
+        /// The log-likelihood.
+        value: f64,
+    },
     /// A reading lies outside the grid that carries the columns.
     Grid {
         /// Index of the reading.
@@ -118,6 +123,9 @@ impl core::fmt::Display for ReplayError {
             Self::ExtraVariance { index, R } => write!(f, "variance {R} of reading {index} is negative or not finite"),
             Self::InnovationVariance { index, S } => {
                 write!(f, "innovation variance {S} at reading {index} is not positive")
+            }
+            Self::LogLikelihood { value } => {
+                write!(f, "the log-likelihood is {value}: check the units of the readings and of their noise")
             }
             Self::Grid { index, t } => write!(f, "reading {index} at {t} s lies outside the grid of the columns"),
         }

@@ -499,3 +499,14 @@ fn what_is_unusable_is_refused() {
     let lost = ReplayError::InnovationVariance { index: 0, S: LOW_NOISE.R - 1.0 };
     assert_eq!(log_likelihood(&rows, LOW_NOISE, prior), Err(lost));
 }
+
+#[test]
+fn a_log_likelihood_that_is_not_finite_is_refused() {
+    let mut far = Z;
+    far[3] = 1e160; // its square has no double
+    let found = likelihood(Readings { z: &far, ..readings(&WHOLE) }, NOISE, PRIOR, &[true; N]);
+    assert_eq!(found, Err(ReplayError::LogLikelihood { value: f64::NEG_INFINITY }));
+    let wide = Noise { q: NOISE.q, R: 1e60 }; // nor has the product of eight variances
+    let found = likelihood(readings(&WHOLE), wide, PRIOR, &[true; N]);
+    assert_eq!(found, Err(ReplayError::LogLikelihood { value: f64::NEG_INFINITY }));
+}

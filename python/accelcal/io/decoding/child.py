@@ -18,6 +18,7 @@ import sys
 import tempfile
 import types
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -33,6 +34,7 @@ IDLE = 10.0
 WRITTEN = 64_000_000
 """Bytes of the longest file that a library may write into its scratch folder."""
 _NEVER = (
+    "_winapi.CreateProcess",
     "ctypes.",
     "os.exec",
     "os.fork",
@@ -164,7 +166,8 @@ def limit(size: int) -> None:
     }
     for which, most in limits.items():
         hard = resource.getrlimit(which)[1]
-        resource.setrlimit(which, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+        with suppress(ValueError):  # macOS bounds no address space
+            resource.setrlimit(which, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
 
 
 def _address_space() -> int:
@@ -172,7 +175,7 @@ def _address_space() -> int:
     statm = Path("/proc/self/statm")
     if not statm.exists():
         return 4_000_000_000
-    return int(statm.read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    return int(statm.read_text(encoding="ascii").split()[0]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def _waits(requests: IO[bytes]) -> bool:
