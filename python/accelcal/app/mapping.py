@@ -17,7 +17,7 @@ from accelcal.data import ANGLE, GRAVITY, GYROSCOPE, PLACE, QUATERNION, Recordin
 from accelcal.data.rig import ANALOG
 from accelcal.io.dialect import decoded
 from accelcal.io.files import open_regular, open_table
-from accelcal.io.sidecar import has_sidecar
+from accelcal.io.sidecar import UNKNOWN, has_sidecar
 from accelcal.io.table import SIDECAR_BYTES
 
 NOT_USED = "not used"
@@ -30,7 +30,6 @@ ON_ARM = {
     "rig.input_axis": ("Input axis on the arm", "radial"),
 }
 """What must be declared beside an angle, by the path of its key: name of its field, and an example."""
-UNKNOWN = "?"
 ELECTRICAL = ("V", "count")
 """Units of an output that a scale turns into acceleration."""
 NO_FILTER, OTHER_FILTER = "none", "as in the sidecar"

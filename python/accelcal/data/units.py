@@ -346,8 +346,9 @@ def sensitivity(text: object, kind: str | None = None) -> Sensitivity:
             value = number * (volts.factor / rule.factor) if upright else volts.factor / (number * rule.factor)
             if SMALLEST < abs(value) < LARGEST:
                 return value, volts.si, rule.si
-    example = SCALE_EXAMPLES.get(kind or "", SCALE_EXAMPLES["temperature"])["V"]
-    raise UnitError(f'{shown(text)} is no electrical scale factor; expected one that is not zero such as "{example}"')
+    examples = SCALE_EXAMPLES.get(kind or "", SCALE_EXAMPLES["temperature"]).values()
+    such = " or ".join(f'"{example}"' for example in examples)
+    raise UnitError(f"{shown(text)} is no electrical scale factor; expected one that is not zero such as {such}")
 
 
 ELECTRICAL = ("V", "count")

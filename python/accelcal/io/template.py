@@ -14,7 +14,6 @@ import numpy as np
 from accelcal.data import ANGLE, QUATERNION, RecordingError, units
 from accelcal.io import naming
 from accelcal.io.assign import (
-    UNKNOWN,
     candidates,
     clock_text,
     columns_of,
@@ -24,7 +23,7 @@ from accelcal.io.assign import (
 )
 from accelcal.io.atomic import atomic_write
 from accelcal.io.files import open_table
-from accelcal.io.sidecar import KEYS, sidecar_of, toml_key, toml_text
+from accelcal.io.sidecar import KEYS, UNKNOWN, sidecar_of, toml_key, toml_text
 from accelcal.io.table import Table
 
 
