@@ -77,6 +77,31 @@ def test_wrong_value_is_not_called_open(tmp_path):
         io.load(path)
 
 
+@pytest.mark.parametrize("unit", ["Inkr.", "Ink", "Schritte", "Imp", "counts", "Increments"])
+def test_counts_of_an_encoder_ask_for_its_resolution(tmp_path, unit):
+    path = write(tmp_path, f"t_s,accel_g,position [{unit}],temp_degC")
+    with pytest.raises(RecordingError, match=r"resolution of the encoder.*write in") as refused:
+        io.load(path)
+    assert f'position = {{ column = "position [{unit}]", unit = "{unit}", scale = "200 count/mm" }}' in str(
+        refused.value
+    )
+    text = io.init(path)
+    for scale in (f"1000 {unit}/mm", "1 um/count"):
+        io.sidecar_of(path).write_text(text.replace('scale = "?"', f'scale = "{scale}"'))
+        assert io.load(path).position.y.tolist() == pytest.approx([0.0, 1e-6, 3e-6])
+
+
+def test_unknown_unit_is_no_count(tmp_path):
+    with pytest.raises(RecordingError, match='unknown unit "Skt"'):
+        io.load(write(tmp_path, "t_s,accel_g,position [Skt],temp_degC"))
+
+
+def test_counts_are_the_position_where_another_column_is_an_acceleration(tmp_path):
+    text = io.init(write(tmp_path, "t_s,Beschl [m/s^2],Weg [Inkr.],x"))
+    assert 'accel = { column = "Beschl [m/s^2]"' in text
+    assert 'position = { column = "Weg [Inkr.]"' in text
+
+
 @pytest.mark.parametrize(("columns", "proposed"), [("enc_counts", True), ("enc_counts,aux_counts", False)])
 def test_the_only_column_in_counts_is_the_position_where_none_is_a_length(tmp_path, columns, proposed):
     rows = "".join(f"{0.01 * k:.2f},{k % 7},{k % 9},{k % 5}"[: 8 + 2 * columns.count(",")] + "\n" for k in range(10))

@@ -500,7 +500,7 @@ def normalise(unit: str) -> str:
         return unit  # which is no unit
     text = _SUPERSCRIPT.sub(lambda run: "^" + run[0].translate(_DIGITS), unit.strip().translate(_SYMBOLS))
     text = text.replace("_per_", "/").replace("**", "^")
-    text = _IN_WORDS.get(text.lower(), text)
+    text = _IN_WORDS.get(text.lower().rstrip("."), text)
     text = re.sub(r"√\(?([A-Za-z]+)\)?|sqrt\(([^()]*)\)|\brt([A-Z][a-z]*)", _root, text)
     return re.sub(r"(?<=[A-Za-z])([23])(?![\d.])", r"^\1", text)
 
@@ -512,8 +512,13 @@ _IN_WORDS = {
     for word, unit in (("second", "s"), ("meter", "m"), ("metre", "m"), ("volt", "V"))
     for prefix, letter in (("", ""), ("milli", "m"), ("micro", "u"), ("nano", "n"), ("centi", "c"))
     for plural in ("", "s")
-} | {"sec": "s", "msec": "ms", "usec": "us", "minutes": "min", "hours": "h", "inches": "inch", "degrees": "deg"}
-"""Units that exporters spell out, in lower case."""
+} | {
+    **{"sec": "s", "msec": "ms", "usec": "us", "minutes": "min", "hours": "h", "inches": "inch", "degrees": "deg"},
+    **dict.fromkeys(("cts", "digits", "ticks", "pulses", "increments", "steps"), "count"),
+    **dict.fromkeys(("ink", "inkr", "inkremente", "imp", "impulse", "schritte", "striche"), "count"),
+}
+"""Units that exporters spell out or shorten, in lower case without a full stop; counts as loggers in English and in
+German call them."""
 _SUPERSCRIPT = re.compile("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+")
 _DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _TEMPERATURES = {

@@ -450,6 +450,8 @@ def in_si(table: Table, plan: Plan, name: str, source: Source, rig: Rig, values:
             write = (
                 f'give rig=Rig(Sensor(scale=..., scale_unit="{rule.si}", zero=...)), the scale in {rule.si} per m/s²'
             )
+        if kind in ("length", "angle") and rule.si == "count":
+            declared += " (the resolution of the encoder, from its data sheet)"
         raise RecordingError(f'{table.path}: column "{source.column}" is in {unit}, but {declared}; {write}')
     with np.errstate(over="ignore"):  # found as not finite
         return (rule.apply(values) - zero) / scale[0], scale[2]
