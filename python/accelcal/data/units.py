@@ -589,6 +589,8 @@ def instant(t: float) -> str:
 
 MICRO_G = 1e-6 * 9.80665
 """1 ug in m/s²."""
+NORMAL_95 = 1.96
+"""Half of a 95 % interval in standard deviations."""
 
 _USUAL = {
     "m/s²": ("mg", 1e3 * MICRO_G),
