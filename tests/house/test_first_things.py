@@ -93,6 +93,20 @@ def test_the_next_step_reads_what_this_one_read(folder: Path, words: Sequence[st
     assert accelcal(folder, *words).stderr.decode().splitlines()[-1] == f"next: accelcal {step}"
 
 
+def test_a_mistake_is_corrected_before_anything_is_fitted(tmp_path: Path) -> None:
+    t = np.arange(0.0, 20.0, 0.005)
+    size, w = np.array([0.03, 0.01, 0.004]), 2.0 * np.pi * np.array([0.7, 1.9, 3.1])
+    waves = np.sin(w[:, None] * t)
+    output = (size * w**2) @ waves + np.random.default_rng(1).normal(0.0, 0.01, len(t))  # it points backwards
+    rows = np.column_stack([t, output, size @ waves])
+    np.savetxt(tmp_path / "run.csv", rows, fmt="%.9g", delimiter=",", header="t_s,accel_g,position_m", comments="")
+    unit, rig = '[channels]\naccel = { column = "accel_g", unit = "m/s^2" }\n', '[rig]\nmount = "reversed"\n'
+    corrected = "next: correct that in run.toml, then: accelcal check run.csv"
+    for sidecar, step in (("", corrected), (unit, corrected), (unit + rig, "next: accelcal fit run.csv -o run.json")):
+        (tmp_path / "run.toml").write_text(sidecar)
+        assert accelcal(tmp_path, "check", "run.csv").stderr.decode().splitlines()[-1] == step
+
+
 def test_a_file_of_the_same_name_elsewhere_is_not_what_was_fitted(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_bytes((folder / "held.csv").read_bytes())
     (tmp_path / "run.toml").write_bytes((folder / "held.toml").read_bytes())

@@ -56,8 +56,9 @@ def init(run: RunFile) -> None:
     print_status(f"wrote {io.sidecar_of(run)}: {what}, then run: accelcal check {run}")
 
 
-def checked_recording(recording: data.Recording, *, json: bool) -> tuple[dict[str, Any], list[str]]:
-    """What a check says of a recording: as JSON, if that is asked for, or as lines."""
+def checked_recording(recording: data.Recording, *, json: bool) -> tuple[dict[str, Any], list[str], bool]:
+    """What a check says of a recording: as JSON, if that is asked for, or as lines; and whether a declaration must be
+    corrected before any fit."""
     from accelcal.diagnosis.faults import Examined
     from accelcal.estimation.plausible import suspicion
     from accelcal.estimation.run import recording_of
@@ -71,8 +72,13 @@ def checked_recording(recording: data.Recording, *, json: bool) -> tuple[dict[st
     gone = [note.sentence for note in noticed]
     suspect = [text for text in [suspicion(recording_of(examined.stepped[0]))] if text]
     if json:
-        return {**data.quality.describe(recording), "breaks_s": breaks, "faults": gone, "suspect": suspect}, []
-    return {}, [data.quality.summarise(recording), *(f"suspect data: {text}" for text in (*gone, *suspect))]
+        return (
+            {**data.quality.describe(recording), "breaks_s": breaks, "faults": gone, "suspect": suspect},
+            [],
+            bool(suspect),
+        )
+    lines = [data.quality.summarise(recording), *(f"suspect data: {text}" for text in (*gone, *suspect))]
+    return {}, lines, bool(suspect)
 
 
 @app.command()
@@ -96,14 +102,17 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
             contents[recording.axis] = checked_recording(recording, json=json)
             report((number + 0.9) / len(recordings))
     if json:
-        by_axis = {axis: content for axis, (content, _) in contents.items()}
+        by_axis = {axis: content for axis, (content, *_) in contents.items()}
         if by_axis:
             print_json(by_axis.get("", by_axis))
         return
-    for _, lines in contents.values():
+    for _, lines, _ in contents.values():
         for text in lines:
             say_line(text)
-    suggest("fit", run, "-o", f"{run.stem}.json")
+    if any(wrong for *_, wrong in contents.values()):
+        suggest("check", run, before=f"correct that in {rig or io.sidecar_of(run)}, then: ")
+    else:
+        suggest("fit", run, "-o", f"{run.stem}.json")
 
 
 @app.command()
