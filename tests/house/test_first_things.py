@@ -107,6 +107,32 @@ def test_a_mistake_is_corrected_before_anything_is_fitted(tmp_path: Path) -> Non
         assert accelcal(tmp_path, "check", "run.csv").stderr.decode().splitlines()[-1] == step
 
 
+OWN_EFFECT = '''from accelcal.effects import effect
+@effect("cable_pull", unit="s⁻²", owner="rig", symbol="cp", scale=1e-2, source="spring balance")
+def cable_pull(s):
+    """The cable pulls.
+
+    Equation: e = cp p.
+    Looks like: a residual that grows along the rail.
+    Easily confused with: rail_slope.
+    Separate by: removing the cable.
+    """
+    return s.p
+'''
+
+
+def test_check_refuses_the_size_of_an_effect_that_nobody_has_defined(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_bytes((folder / "run.csv").read_bytes())
+    sidecar = (folder / "run.toml").read_text(encoding="utf-8")
+    (tmp_path / "run.toml").write_text(f'{sidecar}\n[prior]\ncable_pull = "0.01 1/s^2"\n', encoding="utf-8")
+    (tmp_path / "mine.py").write_text(OWN_EFFECT, encoding="utf-8")
+    refused = accelcal(tmp_path, "check", "run.csv")
+    assert refused.returncode == 3
+    assert "run.toml: prior.cable_pull: there is no effect called 'cable_pull'" in refused.stderr.decode()
+    last = accelcal(tmp_path, "check", "run.csv", "--effects-file", "mine.py").stderr.decode().splitlines()[-1]
+    assert last.startswith("next: accelcal fit run.csv")
+
+
 def test_a_file_of_the_same_name_elsewhere_is_not_what_was_fitted(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_bytes((folder / "held.csv").read_bytes())
     (tmp_path / "run.toml").write_bytes((folder / "held.toml").read_bytes())

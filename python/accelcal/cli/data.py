@@ -15,6 +15,7 @@ import typer
 from accelcal._support.stopping import deferred
 from accelcal.cli import printing
 from accelcal.cli.common import (
+    EffectsFile,
     Json,
     OfPosition,
     Output,
@@ -23,6 +24,7 @@ from accelcal.cli.common import (
     UsageError,
     app,
     deliver,
+    load_own_effects,
     parse_quantity,
     print_alignment,
     print_json,
@@ -60,10 +62,12 @@ def checked_recording(recording: data.Recording, *, json: bool) -> tuple[dict[st
     """What a check says of a recording: as JSON, if that is asked for, or as lines; and whether a declaration must be
     corrected before any fit."""
     from accelcal.diagnosis.faults import Examined
+    from accelcal.diagnosis.search.confounding import size_priors
     from accelcal.estimation.plausible import suspicion
     from accelcal.estimation.run import recording_of
 
     data.quality.require_varying(recording)
+    size_priors([recording], None)  # those that are declared are compared with the catalogue
     examined = Examined(recording)
     try:
         noticed, breaks = examined.remarks(), list(examined.breaks)
@@ -83,11 +87,12 @@ def checked_recording(recording: data.Recording, *, json: bool) -> tuple[dict[st
 
 @app.command()
 @with_exit_codes
-def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
+def check(run: RunFile, rig: Rig = None, effects_file: EffectsFile = None, json: Json = False) -> None:
     """Check a recording: rates, spans, gaps, ranges, warnings, what is left out, and where the relation breaks.
 
     Example: [bold]accelcal check run12.csv[/bold]
     """
+    load_own_effects(effects_file)  # sizes of such may be declared
     with progress("check") as report:
         recordings, contents = io.load_declared(run, rig), {}
         for number, recording in enumerate(recordings):
