@@ -60,6 +60,10 @@ WRONG: dict[str, tuple[Any, str]] = {
     "a word for a rig": (lambda r, f: ac.Recording(r.accel, r.position, "level"), r"expected a Rig"),
     "an axis of no name": (lambda r, f: ac.Rig(axis="sideways"), r"'level' or 'up' or 'down'"),
     "a noise with its unit": (lambda r, f: ac.Sensor(noise="20 ug"), r"noise is .*expected a number"),
+    "a scale with its unit": (
+        lambda r, f: ac.Sensor(scale="0.1 V/g"),
+        r'in SI units\..*units\.sensitivity\("0\.1 V/g"',
+    ),
     "a word for a model": (lambda r, f: ac.Model("linear"), r"effects is the text"),
     "a filter of no name": (lambda r, f: ac.FilterChoice("ekf"), r"'aci' or 'cwpa'"),
     "a frame that is none": (lambda r, f: ac.Recording.from_dataframe(r.accel.y), r"expected a pandas DataFrame"),

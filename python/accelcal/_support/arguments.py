@@ -35,6 +35,10 @@ HOW_TO = {
 """Where an object of a class comes from, by its name."""
 SEVERAL = {"float": "numbers", "int": "whole numbers", "str": "texts"}
 """Elements of a list, in words."""
+HOW_TO_CONVERT = (
+    'accelcal.data.units.quantity("0.5 mg", "acceleration") reads a text, '
+    'accelcal.data.units.sensitivity("0.1 V/g", "acceleration") an electrical scale factor and what it counts in'
+)
 NAMES_OF_EFFECTS = "enter a function with @accelcal.effect(...), then give the name of the effect as text"
 
 
@@ -152,6 +156,8 @@ def refusal(owner: str, names: str, name: str, hint: Any, value: object) -> str:
         return f"{text}. To use a function, {NAMES_OF_EFFECTS}"
     if type(value).__name__ == "Effect" and "str" in classes(hint):
         return f'{text}. Give its name, "{getattr(value, "name", "")}"'
+    if isinstance(value, str) and "float" in classes(hint):
+        return f"{text}, in SI units. {HOW_TO_CONVERT}"
     return ". ".join([text, *[HOW_TO[kind] for kind in classes(hint) if kind in HOW_TO][:1]])
 
 

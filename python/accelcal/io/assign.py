@@ -447,9 +447,11 @@ def in_si(table: Table, plan: Plan, name: str, source: Source, rig: Rig, values:
             lines = f'[sensor]\nscale = "{example}"\nzero  = "{units.ZERO_EXAMPLE[rule.si]}"'
         write = fix(plan.sidecar, lines)
         if table.units_from == IN_MEMORY:
-            write = (
-                f'give rig=Rig(Sensor(scale=..., scale_unit="{rule.si}", zero=...)), the scale in {rule.si} per m/s²'
-            )
+            number, per = example.split()[0], example.partition("/")[2]
+            write = f"give it converted: of {example} the array divided by {number}, in {per}"
+            if name == "accel":
+                write = f'give rig=Rig(sensor=Sensor(scale=..., scale_unit="{rule.si}", zero=...)), the scale in '
+                write += f"{rule.si} per m/s²: of {example} it is {number} / 9.80665"
         if kind in ("length", "angle") and rule.si == "count":
             declared += " (the resolution of the encoder, from its data sheet)"
         raise RecordingError(f'{table.path}: column "{source.column}" is in {unit}, but {declared}; {write}')
