@@ -324,7 +324,7 @@ def candidates(table: Table, channel: str) -> list[tuple[str, str]]:
 def _likely_text(likely: Sequence[tuple[str, str]]) -> str:
     """Columns that a channel may be, in a sentence of their own."""
     names = [f'"{column}" in {unit}' for column, unit in likely]
-    return f"By its unit it may be {_listed(names)}. " if names else ""
+    return f"By its unit it may be {_listed(names).removesuffix('.')}. " if names else ""
 
 
 def _wrong_column(table: Table, channel: str, column: str, sidecar: Path) -> str:

@@ -17,6 +17,7 @@ from accelcal.app.screens import files
 from accelcal.app.state import ROLES, Run, State, Stretch, time_span
 from accelcal.data import ANGLE, Dwells, RecordingError, instant
 from accelcal.data.rig import ANALOG
+from accelcal.data.units import SCALE_EXAMPLES
 from accelcal.diagnosis.left_out import MILLISECOND
 from accelcal.estimation.remarks import Remark
 from accelcal.io.sidecar import KEYS
@@ -105,7 +106,7 @@ class Declarations:
 
     def __init__(self, text: str) -> None:
         self.text = text
-        ui.label("An output in volts or counts needs its scale. The rest may stay empty.").classes("note")
+        ui.label("An output or a position in volts or counts needs its scale. The rest may stay empty.").classes("note")
         low_pass, axis = mapping.LowPassEntry.of(text), mapping.declared(text, AXIS)
         with ui.element("div").classes("fields"):
             self.texts = {path: self._entry(path, *labelled(path)) for path in TEXTS}
@@ -114,9 +115,13 @@ class Declarations:
             self.corner = ui.input("Corner (−3 dB)", value=low_pass.corner, placeholder="500 Hz")
             self.order = ui.input("Order", value=low_pass.order, placeholder="4")
             for field, kinds in ((self.corner, ANALOG), (self.order, ANALOG[1:])):
-                field.props("dense outlined")
+                field.props("dense outlined stack-label")
                 field.bind_visibility_from(self.kind, "value", backward=partial(operator.contains, kinds))
-            if ANGLE in mapping.channels(text):
+            turned = ANGLE in mapping.channels(text)
+            moved, kind = (ANGLE, "angle") if turned else ("position", "length")
+            scale = f"channels.{moved}.scale"
+            self.texts[scale] = self._entry(scale, f"Scale of the {moved}", SCALE_EXAMPLES[kind]["count"])
+            if turned:
                 self.texts |= {path: self._entry(path, *labels) for path, labels in mapping.ON_ARM.items()}
             self.texts[mapping.RESOLUTION] = self._entry(mapping.RESOLUTION, "Encoder resolution", "1 um")
             angle = mapping.declared(text, GRAVITY_ALONG)
@@ -127,7 +132,7 @@ class Declarations:
 
     def _entry(self, path: str, label: str, example: str) -> ui.input:
         entry = ui.input(label, value=mapping.declared(self.text, path), placeholder=example)
-        return entry.props("dense outlined")
+        return entry.props("dense outlined stack-label")  # so that the example is in sight
 
     @property
     def changes(self) -> dict[str, Any]:
