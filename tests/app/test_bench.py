@@ -94,6 +94,19 @@ def test_a_step_is_drawn_before_and_after_on_one_scale(grown):
     assert float(back.panels[1].title.split()[1]) > float(back.panels[0].title.split()[1])
 
 
+def test_names_under_the_bars_stay_apart_and_have_room(grown, monkeypatch):
+    def under(letters):
+        monkeypatch.setattr(widgets, "AXIS_LETTERS", letters)
+        layout = widgets.falling(grown.state, "light").figure["layout"]
+        lines = [name.split("<br>") for name in layout["xaxis"]["ticktext"]]
+        return max(map(len, lines)), max(len(line) for several in lines for line in several), layout["margin"]["b"]
+
+    (few, long, low), (many, short, deep) = under(200), under(30)
+    assert few < many
+    assert short <= 15 < long
+    assert deep - low == 16 * (many - few)
+
+
 def test_what_a_sidecar_is_for_depends_on_what_has_been_loaded_meanwhile(tmp_path):
     sidecar = tmp_path / "run.toml"
     sidecar.write_text("[columns]\n", encoding="utf-8")
