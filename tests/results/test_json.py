@@ -228,9 +228,9 @@ def test_a_value_of_another_kind_is_refused_by_its_path(change: dict[str, Any], 
     [
         (
             {"schema": "accelcal/evaluation/4"},
-            "; an earlier version of accelcal wrote it, accelcal compare",
+            "; an earlier version wrote it, accelcal compare",
         ),
-        ({"schema": "accelcal/evaluation/6"}, "; a later version of accelcal wrote it, accelcal compare"),
+        ({"schema": "accelcal/evaluation/6"}, "; a later version wrote it, accelcal compare"),
         ({"schema": "accelcal/model/5"}, "schema: found 'accelcal/model/5', expected 'accelcal/evaluation/5'"),
         ({"schema": "accelcal/evaluations/4"}, "expected 'accelcal/evaluation/5'"),
         (

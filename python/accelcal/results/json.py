@@ -105,7 +105,7 @@ def from_json(kind: type[T], text: str) -> T:
         named = stored.get("schema") if isinstance(stored, dict) else None
         kind_named, _, number = str(named).rpartition("/")
         age = "an earlier" if number < str(VERSION) else "a later"
-        same = f"; {age} version of accelcal wrote it, {command} of this one writes it anew"
+        same = f"; {age} version wrote it, {command} of this one writes it anew"
         cause = same if kind_named == f"accelcal/{name}" else ""
         raise ModelFileError(f"schema: found {shown(named)}, expected {expected!r}{cause}")
     try:
