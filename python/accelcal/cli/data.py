@@ -62,12 +62,14 @@ def checked_recording(recording: data.Recording, *, json: bool) -> tuple[dict[st
     """What a check says of a recording: as JSON, if that is asked for, or as lines; and whether a declaration must be
     corrected before any fit."""
     from accelcal.diagnosis.faults import Examined
-    from accelcal.diagnosis.search.confounding import size_priors
     from accelcal.estimation.plausible import suspicion
     from accelcal.estimation.run import recording_of
 
     data.quality.require_varying(recording)
-    size_priors([recording], None)  # those that are declared are compared with the catalogue
+    if recording.prior_sizes:  # compared with the catalogue; the search takes a while to import
+        from accelcal.diagnosis.search.confounding import size_priors
+
+        size_priors([recording], None)
     examined = Examined(recording)
     try:
         noticed, breaks = examined.remarks(), list(examined.breaks)
