@@ -94,6 +94,39 @@ def test_a_step_is_drawn_before_and_after_on_one_scale(grown):
     assert float(back.panels[1].title.split()[1]) > float(back.panels[0].title.split()[1])
 
 
+def test_a_reversed_sensor_is_said_on_loading_and_declared_in_the_form(bench, files):
+    recording = ac.load(files / "cubic.csv")
+    path = bench.upload_folder() / "back.csv"
+    path.write_bytes((files / "cubic.csv").read_bytes())
+    sidecar = (files / "cubic.toml").read_text(encoding="utf-8")
+    other = "normal" if recording.rig.mount == "reversed" else "reversed"
+    wrong, right = (
+        mapping.sidecar_from(
+            sidecar, mapping.choices(mapping.columns_of(path), sidecar, ""), changes={data_screen.MOUNT: mount}
+        )
+        for mount in (other, recording.rig.mount)
+    )
+    io.sidecar_of(path).write_text(wrong, encoding="utf-8")
+    bench.load(path)
+    (said,) = bench.state.run.summary["suspect"]
+    assert f'mount = "{recording.rig.mount}"' in said
+    bench.declare(right)
+    assert bench.state.run.summary["suspect"] == []
+
+
+def test_names_under_the_bars_stay_apart_and_have_room(grown, monkeypatch):
+    def under(letters):
+        monkeypatch.setattr(widgets, "AXIS_LETTERS", letters)
+        layout = widgets.falling(grown.state, "light").figure["layout"]
+        lines = [name.split("<br>") for name in layout["xaxis"]["ticktext"]]
+        return max(map(len, lines)), max(len(line) for several in lines for line in several), layout["margin"]["b"]
+
+    (few, long, low), (many, short, deep) = under(200), under(30)
+    assert few < many
+    assert short <= 15 < long
+    assert deep - low == 16 * (many - few)
+
+
 def test_what_a_sidecar_is_for_depends_on_what_has_been_loaded_meanwhile(tmp_path):
     sidecar = tmp_path / "run.toml"
     sidecar.write_text("[columns]\n", encoding="utf-8")

@@ -80,6 +80,18 @@ def test_a_column_that_is_alone_with_its_kind_of_unit_gets_a_role(tmp_path: Path
     np.testing.assert_allclose(io.load(path).accel.y, 0.0, atol=1e-9)
 
 
+def test_a_position_in_counts_asks_for_its_scale(tmp_path: Path) -> None:
+    columns = ("Zeit [s]", "Ausgang [m/s^2]", "Weg [Inkr.]")
+    template = german(tmp_path, columns)
+    found = mapping.choices(columns, template, template)
+    assert mapping.unknown(found, template) == ["the scale of position"]
+    text = mapping.sidecar_from(template, found, changes={"channels.position.scale": "1 um/count"})
+    assert mapping.unknown(found, text) == []
+    path = tmp_path / "messung.csv"
+    path.with_suffix(".toml").write_text(text, encoding="utf-8")
+    assert io.load(path).position.y[1] == 1e-6
+
+
 def test_two_columns_of_one_kind_and_what_was_declared_are_left_to_the_user(tmp_path: Path) -> None:
     columns = (*GERMAN, "Hub [mm]")
     template = german(tmp_path, columns)

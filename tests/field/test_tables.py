@@ -158,7 +158,7 @@ def test_rows_of_a_header_are_joined_where_the_last_repeats(tmp_path, form):
     lines = [f"{a + 51.2:.4f},{b / 9.80665:.7f}" for a, b in zip(t, motion.output(t - 2.0), strict=True)]
     imu = write(tmp_path / "imu.csv", ["time_s,accel_g", *lines])
     said = refused(imu, position=take)
-    assert "the column is still to be filled in. By its unit it may be" in said
+    assert "still to be filled in; expected the name of a column. By its unit it may be" in said
     assert '"Sled.Position.X"' in said
     sidecar(take, 'position = { column = "Sled.Position.X", unit = "cm" }')
     assert 'says "cm"; correct one of the two' in refused(imu, position=take)

@@ -93,6 +93,46 @@ def test_the_next_step_reads_what_this_one_read(folder: Path, words: Sequence[st
     assert accelcal(folder, *words).stderr.decode().splitlines()[-1] == f"next: accelcal {step}"
 
 
+def test_a_mistake_is_corrected_before_anything_is_fitted(tmp_path: Path) -> None:
+    t = np.arange(0.0, 20.0, 0.005)
+    size, w = np.array([0.03, 0.01, 0.004]), 2.0 * np.pi * np.array([0.7, 1.9, 3.1])
+    waves = np.sin(w[:, None] * t)
+    output = (size * w**2) @ waves + np.random.default_rng(1).normal(0.0, 0.01, len(t))  # it points backwards
+    rows = np.column_stack([t, output, size @ waves])
+    np.savetxt(tmp_path / "run.csv", rows, fmt="%.9g", delimiter=",", header="t_s,accel_g,position_m", comments="")
+    unit, rig = '[channels]\naccel = { column = "accel_g", unit = "m/s^2" }\n', '[rig]\nmount = "reversed"\n'
+    corrected = "next: correct that in run.toml, then: accelcal check run.csv"
+    for sidecar, step in (("", corrected), (unit, corrected), (unit + rig, "next: accelcal fit run.csv -o run.json")):
+        (tmp_path / "run.toml").write_text(sidecar)
+        assert accelcal(tmp_path, "check", "run.csv").stderr.decode().splitlines()[-1] == step
+
+
+OWN_EFFECT = '''from accelcal.effects import effect
+@effect("cable_pull", unit="s⁻²", owner="rig", symbol="cp", scale=1e-2, source="spring balance")
+def cable_pull(s):
+    """The cable pulls.
+
+    Equation: e = cp p.
+    Looks like: a residual that grows along the rail.
+    Easily confused with: rail_slope.
+    Separate by: removing the cable.
+    """
+    return s.p
+'''
+
+
+def test_check_refuses_the_size_of_an_effect_that_nobody_has_defined(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_bytes((folder / "run.csv").read_bytes())
+    sidecar = (folder / "run.toml").read_text(encoding="utf-8")
+    (tmp_path / "run.toml").write_text(f'{sidecar}\n[prior]\ncable_pull = "0.01 1/s^2"\n', encoding="utf-8")
+    (tmp_path / "mine.py").write_text(OWN_EFFECT, encoding="utf-8")
+    refused = accelcal(tmp_path, "check", "run.csv")
+    assert refused.returncode == 3
+    assert "run.toml: prior.cable_pull: there is no effect called 'cable_pull'" in refused.stderr.decode()
+    last = accelcal(tmp_path, "check", "run.csv", "--effects-file", "mine.py").stderr.decode().splitlines()[-1]
+    assert last.startswith("next: accelcal fit run.csv")
+
+
 def test_a_file_of_the_same_name_elsewhere_is_not_what_was_fitted(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_bytes((folder / "held.csv").read_bytes())
     (tmp_path / "run.toml").write_bytes((folder / "held.toml").read_bytes())

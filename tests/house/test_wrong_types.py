@@ -34,6 +34,14 @@ WRONG: dict[str, tuple[Any, str]] = {
     "fit a list of names": (lambda r, f: ac.fit(["a.csv"]), r'list with the text "a.csv"'),
     "fit a word": (lambda r, f: ac.fit(r, "linear"), r"Model\.linear\(\)"),
     "fit at text": (lambda r, f: ac.fit(r, start="1 s"), r"start is .*expected a number"),
+    "diagnose with bare sizes": (
+        lambda r, f: ac.diagnose(f, r, prior={"cubic": 1e-4}),
+        r"prior is a dict of str to float; expected a mapping of text to a Prior .*Prior\(0\.0, 1e-4\)",
+    ),
+    "improve with numbers for names": (
+        lambda r, f: ac.improve(r, prior={3: ac.Prior(0.0, 1e-4)}),
+        r"prior is a dict of int to Prior; expected a mapping of text",
+    ),
     "add a function": (lambda r, f: ac.Model.linear().add(lambda s: s.p), r"a function.*@accelcal\.effect"),
     "add an effect": (lambda r, f: ac.Model.linear().add(ac.effects.find("cubic")), r'Give its name, "cubic"'),
     "hold at text": (lambda r, f: ac.Model.linear().freeze(bias="0"), r"bias is .*expected a number"),
@@ -52,6 +60,10 @@ WRONG: dict[str, tuple[Any, str]] = {
     "a word for a rig": (lambda r, f: ac.Recording(r.accel, r.position, "level"), r"expected a Rig"),
     "an axis of no name": (lambda r, f: ac.Rig(axis="sideways"), r"'level' or 'up' or 'down'"),
     "a noise with its unit": (lambda r, f: ac.Sensor(noise="20 ug"), r"noise is .*expected a number"),
+    "a scale with its unit": (
+        lambda r, f: ac.Sensor(scale="0.1 V/g"),
+        r'in SI units\..*units\.sensitivity\("0\.1 V/g"',
+    ),
     "a word for a model": (lambda r, f: ac.Model("linear"), r"effects is the text"),
     "a filter of no name": (lambda r, f: ac.FilterChoice("ekf"), r"'aci' or 'cwpa'"),
     "a frame that is none": (lambda r, f: ac.Recording.from_dataframe(r.accel.y), r"expected a pandas DataFrame"),

@@ -131,3 +131,22 @@ def test_an_output_that_hardly_changes_is_no_sensor(size: float) -> None:
     run = ac.Recording.from_arrays(T, size * np.sin(6.0 * T), POSITION, units=UNITS, rig=RIG)
     with pytest.raises(RecordingError, match=r"as good as zero beside the acceleration|expected an output that varies"):
         ac.fit(run)
+
+
+def test_an_output_in_volts_is_read_by_the_scale_of_its_data_sheet(tmp_path: Path) -> None:
+    """Arrays and a file without a sidecar give one output; without the scale the sentence says how it is given."""
+    t = np.arange(200) * 0.01
+    moved, volts = 1e-3 * np.sin(t), 2.5 + 0.1 * np.sin(3.0 * t)
+    scale, unit, _ = ac.data.units.sensitivity("0.1 V/g", "acceleration")
+    rig = ac.Rig(sensor=ac.Sensor(scale=scale, scale_unit=unit, zero=2.5))
+    columns, units = np.column_stack([t, volts, moved]), {"accel": "V", "position": "m"}
+    path = tmp_path / "run.csv"
+    np.savetxt(path, columns, delimiter=",", header="t_s,accel_V,position_m", comments="")
+    for run in (ac.Recording.from_arrays(t, volts, moved, units=units, rig=rig), ac.load(path, rig=rig)):
+        np.testing.assert_allclose(run.accel.y, 9.80665 * np.sin(3.0 * t), atol=1e-9)
+    for name, said in (
+        ("accel", r'Sensor\(scale=.*, scale_unit="count".*of 1024 count/g it is 1024 / 9\.80665'),
+        ("position", r"of 200 count/mm the array divided by 200, in mm"),
+    ):
+        with pytest.raises(RecordingError, match=said):
+            ac.Recording.from_arrays(t, moved, moved, units={"accel": "m/s^2", "position": "m", name: "count"})

@@ -248,7 +248,7 @@ def test_missing_unit_shows_the_line_to_write(write, channel):
         ),
         ({"position": "kg"}, 'column "position": "kg" does not measure a length'),
         ({"time": "m"}, 'column "t": "m" does not measure a time'),
-        ({"accel": "?"}, 'channels.accel: the unit of column "accel" is still to be filled in'),
+        ({"accel": "?"}, 'channels.accel.unit: still to be filled in; expected the unit of column "accel"'),
         ({"accel": "V"}, 'column "accel" is in V, but no scale is declared; write in'),
         ({"accel": "V"}, '[sensor]\n    scale = "0.25 V/g"\n    zero  = "2.5 V"'),
         ({"accel": "count"}, '[sensor]\n    scale = "1024 count/g"'),

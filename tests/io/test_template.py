@@ -5,6 +5,7 @@ import pytest
 from accelcal import io
 from accelcal.data.recording import RecordingError
 
+SCALE_LINE = 'scale = "?"                     # FILL IN, like "0.25 V/g" or "1024 count/g"'
 ROWS = "0.0,1,0,20\n0.1,2,1,21\n0.2,1,3,21\n"
 
 
@@ -35,7 +36,9 @@ def test_units_that_cannot_be_read_are_left_for_the_user(tmp_path):
     )
     assert 'accel = { column = "accel", unit = "?" }  # FILL IN the unit: m/s^2, g, mg, V, count' in text
     assert '# state = { column = "state", unit = "?" }' in text
-    with pytest.raises(RecordingError, match="is still to be filled in"):
+    with pytest.raises(
+        RecordingError, match=r"run\.toml, line \d+: channels\.time\.unit: still to be filled in; .*unit = \"s\""
+    ):
         io.load(path)
     filled = text.replace('"t", unit = "?"', '"t", unit = "s"').replace('"accel", unit = "?"', '"accel", unit = "g"')
     io.sidecar_of(path).write_text(filled.replace('"position", unit = "?"', '"position", unit = "mm"'))
@@ -50,15 +53,53 @@ def test_columns_that_cannot_be_recognised_are_left_for_the_user(tmp_path):
         in text
     )
     assert '# x1 = { column = "x1", unit = "?" }' in text
-    with pytest.raises(RecordingError, match="the column is still to be filled in"):
+    with pytest.raises(
+        RecordingError, match=r"channels\.accel\.column: still to be filled in; expected the name of a column"
+    ):
         io.load(path)
 
 
 def test_electrical_channel_asks_for_its_scale(tmp_path):
     path = write(tmp_path, "t_s,accel_V,position_mm,temp_degC")
     assert 'scale = "?"                     # FILL IN, like "0.25 V/g"' in io.init(path)
-    with pytest.raises(RecordingError, match=r"sensor\.scale: '\?' is no electrical scale factor; expected"):
+    number = io.sidecar_of(path).read_text().splitlines().index(SCALE_LINE) + 1
+    with pytest.raises(
+        RecordingError, match=rf"run\.toml, line {number}: sensor\.scale: still .* \"1024 count/g\""
+    ) as refused:
         io.load(path)
+    assert str(refused.value).endswith(SCALE_LINE)
+
+
+def test_wrong_value_is_not_called_open(tmp_path):
+    path = write(tmp_path, "t_s,accel_V,position_mm,temp_degC")
+    io.sidecar_of(path).write_text(io.init(path).replace(SCALE_LINE, 'scale = "0.25"  # like "?"'))
+    with pytest.raises(RecordingError, match=r"run\.toml: sensor\.scale: '0\.25' is no electrical scale factor"):
+        io.load(path)
+
+
+@pytest.mark.parametrize("unit", ["Inkr.", "Ink", "Schritte", "Imp", "counts", "Increments"])
+def test_counts_of_an_encoder_ask_for_its_resolution(tmp_path, unit):
+    path = write(tmp_path, f"t_s,accel_g,position [{unit}],temp_degC")
+    with pytest.raises(RecordingError, match=r"resolution of the encoder.*write in") as refused:
+        io.load(path)
+    assert f'position = {{ column = "position [{unit}]", unit = "{unit}", scale = "200 count/mm" }}' in str(
+        refused.value
+    )
+    text = io.init(path)
+    for scale in (f"1000 {unit}/mm", "1 um/count"):
+        io.sidecar_of(path).write_text(text.replace('scale = "?"', f'scale = "{scale}"'))
+        assert io.load(path).position.y.tolist() == pytest.approx([0.0, 1e-6, 3e-6])
+
+
+def test_unknown_unit_is_no_count(tmp_path):
+    with pytest.raises(RecordingError, match='unknown unit "Skt"'):
+        io.load(write(tmp_path, "t_s,accel_g,position [Skt],temp_degC"))
+
+
+def test_counts_are_the_position_where_another_column_is_an_acceleration(tmp_path):
+    text = io.init(write(tmp_path, "t_s,Beschl [m/s^2],Weg [Inkr.],x"))
+    assert 'accel = { column = "Beschl [m/s^2]"' in text
+    assert 'position = { column = "Weg [Inkr.]"' in text
 
 
 @pytest.mark.parametrize(("columns", "proposed"), [("enc_counts", True), ("enc_counts,aux_counts", False)])
@@ -100,7 +141,7 @@ def test_an_angle_takes_the_place_of_a_position_and_asks_for_its_arm(tmp_path, c
     assert f'angle = {{ column = "{column}"' in text
     assert "position = {" not in text
     for key, wanted in (("arm", '"200 mm"'), ("axle", '"vertical"'), ("input_axis", '"radial"')):
-        with pytest.raises(RecordingError, match=rf"rig.{key}: (found )?'\?'"):
+        with pytest.raises(RecordingError, match=rf"line \d+: rig.{key}: still to be filled in; "):
             io.load(path)
         text = text.replace(f'\n{key} = "?"', f"\n{key} = {wanted}")
         io.sidecar_of(path).write_text(text)

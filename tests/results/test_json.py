@@ -20,6 +20,8 @@ from hypothesis.extra.numpy import arrays
 
 import accelcal as ac
 from accelcal._support.result import NotStored
+from accelcal.cli import app
+from accelcal.cli.common import name_of
 from accelcal.data.rig import ChannelFilter, Rig
 from accelcal.diagnosis.dwells import DwellDiagnosis
 from accelcal.diagnosis.experiment.design import Limits, Plan
@@ -211,7 +213,6 @@ BIN = {"variable": "a", "unit": "m/s²", "edges": [0.0, 1.0], "mean": [1.0], "st
         ),
         ({"bins": [BIN | {"seen_at": [[1.0, 2.0], [3.0]]}]}, "expected rows of equal length"),
         ({"bins": [BIN | {"mean": [None]}]}, "mean: found [None], expected floats in lists, not null"),
-        ({"schema": "accelcal/model/5"}, "found 'accelcal/model/5', expected 'accelcal/evaluation/5'"),
     ],
 )
 def test_a_value_of_another_kind_is_refused_by_its_path(change: dict[str, Any], said: str) -> None:
@@ -220,6 +221,46 @@ def test_a_value_of_another_kind_is_refused_by_its_path(change: dict[str, Any], 
     with pytest.raises(ValueError, match=r"expected|no key") as caught:
         Evaluation.from_json(json.dumps(content | change))
     assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            {"schema": "accelcal/evaluation/4"},
+            "; an earlier version wrote it, accelcal compare",
+        ),
+        ({"schema": "accelcal/evaluation/6"}, "; a later version wrote it, accelcal compare"),
+        ({"schema": "accelcal/model/5"}, "schema: found 'accelcal/model/5', expected 'accelcal/evaluation/5'"),
+        ({"schema": "accelcal/evaluations/4"}, "expected 'accelcal/evaluation/5'"),
+        (
+            {"version": "0.0.9", "band": None},
+            "band: found null, expected a valid number; accelcal 0.0.9 wrote it",
+        ),
+    ],
+)
+def test_a_file_of_another_version_says_which_command_writes_it_anew(change: dict[str, Any], said: str) -> None:
+    made = ac.simulate("interleaved", seconds=2.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
+    content = results_json.content(ac.compare(ac.fit(made.recording), made.recording)[0])
+    Evaluation.from_json(json.dumps(content))
+    with pytest.raises(ValueError, match=r"expected") as caught:
+        Evaluation.from_json(json.dumps(content | change))
+    assert said in str(caught.value)
+    assert ("accelcal compare" in str(caught.value)) == ("evaluation/" in change.get("schema", "evaluation/"))
+
+
+def test_a_missing_key_says_so_too() -> None:
+    made = ac.simulate("interleaved", seconds=2.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
+    content = results_json.content(ac.compare(ac.fit(made.recording), made.recording)[0])
+    del content["coast_starts"]
+    with pytest.raises(ValueError, match=r"coast_starts is missing; .*: accelcal compare of this version"):
+        Evaluation.from_json(json.dumps(content))
+
+
+def test_every_result_names_a_command_that_there_is() -> None:
+    commands = {name_of(command) for command in app.registered_commands}
+    assert {results_json.WRITTEN_BY.get(name, name) for name in results_json.SCHEMAS} <= commands
+    assert "diagnosis" not in commands
 
 
 def test_pydantic_is_imported_by_json_alone() -> None:

@@ -26,6 +26,7 @@ HOW_TO = {
     "Model": 'Model.linear(), Model.cubic() or Model.linear().add("cubic") makes one',
     "Channel": "Channel(name, t, y, unit) makes one; Recording.from_arrays makes a recording of arrays",
     "Rig": 'Rig(axis="level") makes one; Recording.rig is that of a recording',
+    "Prior": "Prior(0.0, 1e-4) makes one: mean and standard deviation of a coefficient, in SI units",
     "Effect": "accelcal.effects.find(NAME) is one",
     "Positions": "accelcal.io.load_positions(PATH) reads some",
     "Comparison": "accelcal.compare(fit, recording) makes one",
@@ -34,6 +35,10 @@ HOW_TO = {
 """Where an object of a class comes from, by its name."""
 SEVERAL = {"float": "numbers", "int": "whole numbers", "str": "texts"}
 """Elements of a list, in words."""
+HOW_TO_CONVERT = (
+    'accelcal.data.units.quantity("0.5 mg", "acceleration") reads a text, '
+    'accelcal.data.units.sensitivity("0.1 V/g", "acceleration") an electrical scale factor and what it counts in'
+)
 NAMES_OF_EFFECTS = "enter a function with @accelcal.effect(...), then give the name of the effect as text"
 
 
@@ -96,7 +101,7 @@ def hints_of(declared: Hashable) -> Mapping[str, Any]:
 
 
 def accepts(hint: Any, value: object) -> bool:
-    """Whether a value is of a declared type; elements of lists and tuples are looked at, those of mappings are not."""
+    """Whether a value is of a declared type; elements of lists, tuples and mappings are looked at."""
     origin, inside = get_origin(hint), get_args(hint)
     if origin in (Union, UnionType):
         return any(accepts(option, value) for option in inside)
@@ -121,7 +126,9 @@ def accepts(hint: Any, value: object) -> bool:
             return isinstance(value, np.ndarray)
         if not isinstance(value, origin):
             return False
-        if origin is tuple or not issubclass(origin, Iterable) or issubclass(origin, Mapping):
+        if isinstance(value, Mapping) and inside:
+            return all(accepts(inside[0], key) and accepts(inside[1], item) for key, item in value.items())
+        if origin is tuple or not issubclass(origin, Iterable):
             return True
         return not isinstance(value, str | bytes) and (
             not isinstance(value, Sequence) or all(accepts(inside[0], item) for item in value)
@@ -149,6 +156,8 @@ def refusal(owner: str, names: str, name: str, hint: Any, value: object) -> str:
         return f"{text}. To use a function, {NAMES_OF_EFFECTS}"
     if type(value).__name__ == "Effect" and "str" in classes(hint):
         return f'{text}. Give its name, "{getattr(value, "name", "")}"'
+    if isinstance(value, str) and "float" in classes(hint):
+        return f"{text}, in SI units. {HOW_TO_CONVERT}"
     return ". ".join([text, *[HOW_TO[kind] for kind in classes(hint) if kind in HOW_TO][:1]])
 
 
@@ -165,6 +174,9 @@ def found(value: object) -> str:
         return "a function"
     if isinstance(value, list | tuple) and value:
         return f"a {type(value).__name__} with {found(value[0])}"
+    if isinstance(value, Mapping) and value:
+        kinds = (" and ".join(dict.fromkeys(type(x).__name__ for x in xs)) for xs in (value, value.values()))
+        return f"a {type(value).__name__} of {' to '.join(kinds)}"
     kind = type(value).__name__
     return f"{'an' if kind[0] in 'AEIOUaeiou' else 'a'} {kind}"
 

@@ -17,7 +17,7 @@ from accelcal.data import ANGLE, GRAVITY, GYROSCOPE, PLACE, QUATERNION, Recordin
 from accelcal.data.rig import ANALOG
 from accelcal.io.dialect import decoded
 from accelcal.io.files import open_regular, open_table
-from accelcal.io.sidecar import has_sidecar
+from accelcal.io.sidecar import UNKNOWN, has_sidecar
 from accelcal.io.table import SIDECAR_BYTES
 
 NOT_USED = "not used"
@@ -30,7 +30,6 @@ ON_ARM = {
     "rig.input_axis": ("Input axis on the arm", "radial"),
 }
 """What must be declared beside an angle, by the path of its key: name of its field, and an example."""
-UNKNOWN = "?"
 ELECTRICAL = ("V", "count")
 """Units of an output that a scale turns into acceleration."""
 NO_FILTER, OTHER_FILTER = "none", "as in the sidecar"
@@ -108,15 +107,17 @@ def unknown(options: Sequence[Choice], text: str) -> list[str]:
     """What must be said before the columns can be used, for people; empty where that is everything."""
     by_channel = {c.channel: c for c in options}
     open_points = []
-    for channel in (*ESSENTIAL[:2], ANGLE if ANGLE in by_channel else ESSENTIAL[2]):
+    moved = ANGLE if ANGLE in by_channel else ESSENTIAL[2]
+    for channel in (*ESSENTIAL[:2], moved):
         choice = by_channel.get(channel)
         if choice is None:
             open_points.append(f"the column of {channel}")
         elif not choice.unit:
             open_points.append(f"the unit of {channel}")
-    accel = by_channel.get("accel")
-    if accel is not None and _dimension(accel.unit) in ELECTRICAL and not declared(text, "sensor.scale"):
-        open_points.append("the scale of the sensor")
+    for channel, path, of in (("accel", "sensor.scale", "the sensor"), (moved, f"channels.{moved}.scale", moved)):
+        choice = by_channel.get(channel)
+        if choice is not None and _dimension(choice.unit) in ELECTRICAL and not declared(text, path):
+            open_points.append(f"the scale of {of}")
     if ANGLE in by_channel:
         rig = _read_table(text, "rig")
         open_points += [key for key in ON_ARM if rig.get(key.removeprefix("rig."), UNKNOWN) == UNKNOWN]

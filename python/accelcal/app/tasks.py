@@ -28,7 +28,8 @@ from accelcal.diagnosis.verdict import AxesDiagnosis, Diagnosis
 from accelcal.effects import Effect, find, side_channels, spelled
 from accelcal.estimation import tracks
 from accelcal.estimation.estimate import Fit, solve_runs
-from accelcal.estimation.run import prepare
+from accelcal.estimation.plausible import suspicion
+from accelcal.estimation.run import prepare, recording_of
 from accelcal.io.sidecar import has_sidecar
 from accelcal.model import Model
 from accelcal.plots.timeline import Marks, marks
@@ -163,7 +164,9 @@ def check(
     both = zip(reversed(outputs), reversed(results), strict=True)  # of the same remark on several that on the first
     noticed = {note.sentence.removeprefix(of.name): note for of, result in both for note in reversed(result.remarks)}
     shortest = min(results, key=lambda result: result.end - result.start)
-    return replace(shortest, remarks=tuple(noticed.values())[::-1]), quality.describe(rest[0])
+    suspect = suspicion(recording_of(examine(rest[0]).stepped[0]))
+    summary = {**quality.describe(rest[0]), "suspect": [suspect] if suspect else []}
+    return replace(shortest, remarks=tuple(noticed.values())[::-1]), summary
 
 
 def fitted(model: Model, train: Data, *, progress: Report) -> Fit:

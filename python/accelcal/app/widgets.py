@@ -110,9 +110,12 @@ def falling(state: State, theme: ThemeName) -> Picture:
     figure = diagnosis.error_reduction(compared)
     (panel,) = figure.panels
     measure, (factor, _) = compared.headline, ruled(compared)
-    sizes = [quoted(measure, evaluation).partition(" (")[0] for evaluation in compared]
+    sizes = [quoted(measure, e).partition(" (")[0].replace(" ", "\N{NO-BREAK SPACE}") for e in compared]
+    letters = max(
+        12, AXIS_LETTERS // len(sizes)
+    )  # of a line under a bar: where they overlap, plotly turns and cuts them
     names = [
-        f"{labelled(step)}: {size}\n{share_text(compared, i)}"
+        f"{textwrap.fill(f'{labelled(step)}: {size}', letters)}\n{textwrap.fill(share_text(compared, i), letters)}"
         for i, (step, size) in enumerate(zip(state.path, sizes, strict=True))
     ]
     marks = [replace(m, text=()) if isinstance(m, Bars) else m for m in panel.marks]  # text would sit on the noise line
@@ -151,6 +154,8 @@ def where(diagnosis: Diagnosis, theme: ThemeName) -> list[Figure | Picture]:
     ]
 
 
+AXIS_LETTERS = 90
+"""Letters along the abscissa of a figure in a wide window."""
 WIDTH = 272
 """Width of the axes on a phone, px."""
 PANEL = 150

@@ -381,9 +381,9 @@ UNSEEN = "OTHER.csv"
 """Stands in a hint for a recording that the command has not seen."""
 
 
-def suggest(*words: str | Path | None) -> None:
+def suggest(*words: str | Path | None, before: str = "") -> None:
     """Print "next: accelcal ..." with some words, and the options of the command under way that the next one takes
-    as well; nothing where a word is None: a file that is not known."""
+    as well; nothing where a word is None: a file that is not known. `before` is what the user does before it."""
     if None in words:
         return
     callbacks = [c.callback for c in app.registered_commands if name_of(c) == words[0] and c.callback is not None]
@@ -398,7 +398,7 @@ def suggest(*words: str | Path | None) -> None:
     ]
     output = words.index("-o") if "-o" in words else len(words)
     line = (*words[:output], *options, *words[output:])
-    print_status(f"next: accelcal {' '.join(shlex.quote(str(word)) for word in line)}")
+    print_status(f"next: {before}accelcal {' '.join(shlex.quote(str(word)) for word in line)}")
 
 
 CARRIED = {

@@ -15,6 +15,7 @@ import typer
 from accelcal._support.stopping import deferred
 from accelcal.cli import printing
 from accelcal.cli.common import (
+    EffectsFile,
     Json,
     OfPosition,
     Output,
@@ -23,6 +24,7 @@ from accelcal.cli.common import (
     UsageError,
     app,
     deliver,
+    load_own_effects,
     parse_quantity,
     print_alignment,
     print_json,
@@ -56,13 +58,18 @@ def init(run: RunFile) -> None:
     print_status(f"wrote {io.sidecar_of(run)}: {what}, then run: accelcal check {run}")
 
 
-def checked_recording(recording: data.Recording, *, json: bool) -> tuple[dict[str, Any], list[str]]:
-    """What a check says of a recording: as JSON, if that is asked for, or as lines."""
+def checked_recording(recording: data.Recording, *, json: bool) -> tuple[dict[str, Any], list[str], bool]:
+    """What a check says of a recording: as JSON, if that is asked for, or as lines; and whether a declaration must be
+    corrected before any fit."""
     from accelcal.diagnosis.faults import Examined
     from accelcal.estimation.plausible import suspicion
     from accelcal.estimation.run import recording_of
 
     data.quality.require_varying(recording)
+    if recording.prior_sizes:  # compared with the catalogue; the search takes a while to import
+        from accelcal.diagnosis.search.confounding import size_priors
+
+        size_priors([recording], None)
     examined = Examined(recording)
     try:
         noticed, breaks = examined.remarks(), list(examined.breaks)
@@ -71,17 +78,23 @@ def checked_recording(recording: data.Recording, *, json: bool) -> tuple[dict[st
     gone = [note.sentence for note in noticed]
     suspect = [text for text in [suspicion(recording_of(examined.stepped[0]))] if text]
     if json:
-        return {**data.quality.describe(recording), "breaks_s": breaks, "faults": gone, "suspect": suspect}, []
-    return {}, [data.quality.summarise(recording), *(f"suspect data: {text}" for text in (*gone, *suspect))]
+        return (
+            {**data.quality.describe(recording), "breaks_s": breaks, "faults": gone, "suspect": suspect},
+            [],
+            bool(suspect),
+        )
+    lines = [data.quality.summarise(recording), *(f"suspect data: {text}" for text in (*gone, *suspect))]
+    return {}, lines, bool(suspect)
 
 
 @app.command()
 @with_exit_codes
-def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
+def check(run: RunFile, rig: Rig = None, effects_file: EffectsFile = None, json: Json = False) -> None:
     """Check a recording: rates, spans, gaps, ranges, warnings, what is left out, and where the relation breaks.
 
     Example: [bold]accelcal check run12.csv[/bold]
     """
+    load_own_effects(effects_file)  # sizes of such may be declared
     with progress("check") as report:
         recordings, contents = io.load_declared(run, rig), {}
         for number, recording in enumerate(recordings):
@@ -96,14 +109,17 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
             contents[recording.axis] = checked_recording(recording, json=json)
             report((number + 0.9) / len(recordings))
     if json:
-        by_axis = {axis: content for axis, (content, _) in contents.items()}
+        by_axis = {axis: content for axis, (content, *_) in contents.items()}
         if by_axis:
             print_json(by_axis.get("", by_axis))
         return
-    for _, lines in contents.values():
+    for _, lines, _ in contents.values():
         for text in lines:
             say_line(text)
-    suggest("fit", run, "-o", f"{run.stem}.json")
+    if any(wrong for *_, wrong in contents.values()):
+        suggest("check", run, before=f"correct that in {rig or io.sidecar_of(run)}, then: ")
+    else:
+        suggest("fit", run, "-o", f"{run.stem}.json")
 
 
 @app.command()

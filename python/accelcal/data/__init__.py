@@ -55,7 +55,7 @@ from accelcal.data.rig import (
     low_passes,
     unsupported,
 )
-from accelcal.data.units import MICRO_G, concise, in_usual_unit, instant, normalise, usual_unit
+from accelcal.data.units import MICRO_G, NORMAL_95, concise, in_usual_unit, instant, normalise, usual_unit
 
 __all__ = [
     "ACCELERATION",
@@ -71,6 +71,7 @@ __all__ = [
     "LEVELS",
     "LEVERS",
     "MICRO_G",
+    "NORMAL_95",
     "NO_LABELS",
     "OF_ARM",
     "OUTPUTS",

@@ -191,6 +191,14 @@ class Sensor:
     --------
     >>> Sensor(model="CXL02TG3", range=2 * 9.80665)
     Sensor(model='CXL02TG3', range=19.6133)
+
+    An output of 0.1 V/g around 2.5 V, for `accelcal.load` and `Recording.from_arrays`, whose unit of it is then V:
+
+    >>> from accelcal.data import units
+    >>> scale, unit, _ = units.sensitivity("0.1 V/g", "acceleration")
+    >>> rig = Rig(sensor=Sensor(scale=scale, scale_unit=unit, zero=2.5))
+    >>> rig.sensor.scale == 0.1 / 9.80665, rig.sensor.scale_unit
+    (True, 'V')
     """
 
     model: str = ""

@@ -346,8 +346,9 @@ def sensitivity(text: object, kind: str | None = None) -> Sensitivity:
             value = number * (volts.factor / rule.factor) if upright else volts.factor / (number * rule.factor)
             if SMALLEST < abs(value) < LARGEST:
                 return value, volts.si, rule.si
-    example = SCALE_EXAMPLES.get(kind or "", SCALE_EXAMPLES["temperature"])["V"]
-    raise UnitError(f'{shown(text)} is no electrical scale factor; expected one that is not zero such as "{example}"')
+    examples = SCALE_EXAMPLES.get(kind or "", SCALE_EXAMPLES["temperature"]).values()
+    such = " or ".join(f'"{example}"' for example in examples)
+    raise UnitError(f"{shown(text)} is no electrical scale factor; expected one that is not zero such as {such}")
 
 
 ELECTRICAL = ("V", "count")
@@ -499,7 +500,7 @@ def normalise(unit: str) -> str:
         return unit  # which is no unit
     text = _SUPERSCRIPT.sub(lambda run: "^" + run[0].translate(_DIGITS), unit.strip().translate(_SYMBOLS))
     text = text.replace("_per_", "/").replace("**", "^")
-    text = _IN_WORDS.get(text.lower(), text)
+    text = _IN_WORDS.get(text.lower().rstrip("."), text)
     text = re.sub(r"√\(?([A-Za-z]+)\)?|sqrt\(([^()]*)\)|\brt([A-Z][a-z]*)", _root, text)
     return re.sub(r"(?<=[A-Za-z])([23])(?![\d.])", r"^\1", text)
 
@@ -511,8 +512,13 @@ _IN_WORDS = {
     for word, unit in (("second", "s"), ("meter", "m"), ("metre", "m"), ("volt", "V"))
     for prefix, letter in (("", ""), ("milli", "m"), ("micro", "u"), ("nano", "n"), ("centi", "c"))
     for plural in ("", "s")
-} | {"sec": "s", "msec": "ms", "usec": "us", "minutes": "min", "hours": "h", "inches": "inch", "degrees": "deg"}
-"""Units that exporters spell out, in lower case."""
+} | {
+    **{"sec": "s", "msec": "ms", "usec": "us", "minutes": "min", "hours": "h", "inches": "inch", "degrees": "deg"},
+    **dict.fromkeys(("cts", "digits", "ticks", "pulses", "increments", "steps"), "count"),
+    **dict.fromkeys(("ink", "inkr", "inkremente", "imp", "impulse", "schritte", "striche"), "count"),
+}
+"""Units that exporters spell out or shorten, in lower case without a full stop; counts as loggers in English and in
+German call them."""
 _SUPERSCRIPT = re.compile("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+")
 _DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _TEMPERATURES = {
@@ -583,6 +589,8 @@ def instant(t: float) -> str:
 
 MICRO_G = 1e-6 * 9.80665
 """1 ug in m/s²."""
+NORMAL_95 = 1.96
+"""Half of a 95 % interval in standard deviations."""
 
 _USUAL = {
     "m/s²": ("mg", 1e3 * MICRO_G),

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import special
 
-from accelcal.data import in_usual_unit
+from accelcal.data import NORMAL_95, in_usual_unit
 from accelcal.diagnosis.noise.noise_test import NoiseTest
 from accelcal.diagnosis.search.beam import size_given_choice
 from accelcal.diagnosis.search.confounding import DetectedEffect, Weights
@@ -24,8 +24,6 @@ from accelcal.model import Model, evaluate
 
 NAMED_SURELY = 6.0
 """Standard deviations from which the choice of an effect makes no difference to its size."""
-NORMAL_95 = 1.96
-"""Half of a 95 % interval in standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)

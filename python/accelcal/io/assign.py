@@ -29,7 +29,7 @@ from accelcal.data import (
 from accelcal.data.clocks import BITS, FRAME_BITS, packets, unwrapped
 from accelcal.data.recording import ORDERS
 from accelcal.io import naming
-from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of, toml_text
+from accelcal.io.sidecar import UNKNOWN, Clock, Sidecar, Source, sidecar_of, toml_text, unfilled
 from accelcal.io.table import DATES, MOST_CHANNEL_NAME, MOST_NAME, Column, Table
 
 ATTITUDE = tuple(f"attitude.{name}" for name in QUATERNION)
@@ -324,13 +324,13 @@ def candidates(table: Table, channel: str) -> list[tuple[str, str]]:
 def _likely_text(likely: Sequence[tuple[str, str]]) -> str:
     """Columns that a channel may be, in a sentence of their own."""
     names = [f'"{column}" in {unit}' for column, unit in likely]
-    return f"By its unit it may be {_listed(names)}. " if names else ""
+    return f"By its unit it may be {_listed(names).removesuffix('.')}. " if names else ""
 
 
 def _wrong_column(table: Table, channel: str, column: str, sidecar: Path) -> str:
     if column == UNKNOWN:
         hint = _likely_text(candidates(table, channel)).strip() or f"Columns are: {_listed(table.columns)}"
-        return f"{sidecar}: channels.{channel}: the column is still to be filled in. {hint}"
+        return unfilled(sidecar, f"channels.{channel}.column", f"expected the name of a column. {hint}")
     if column in table.columns:
         return f'{table.path}: {table.columns.count(column)} columns are called "{column}"; rename all but one.'
     close = difflib.get_close_matches(column, table.columns, n=1)
@@ -348,10 +348,6 @@ USUAL_UNIT = {
     **dict.fromkeys(GYROSCOPE, "rad/s"),
 }
 """The unit that a message proposes."""
-
-
-UNKNOWN = "?"
-"""What a sidecar template puts where the user must fill in a unit."""
 
 
 def in_seconds(
@@ -451,9 +447,13 @@ def in_si(table: Table, plan: Plan, name: str, source: Source, rig: Rig, values:
             lines = f'[sensor]\nscale = "{example}"\nzero  = "{units.ZERO_EXAMPLE[rule.si]}"'
         write = fix(plan.sidecar, lines)
         if table.units_from == IN_MEMORY:
-            write = (
-                f'give rig=Rig(Sensor(scale=..., scale_unit="{rule.si}", zero=...)), the scale in {rule.si} per m/s²'
-            )
+            number, per = example.split()[0], example.partition("/")[2]
+            write = f"give it converted: of {example} the array divided by {number}, in {per}"
+            if name == "accel":
+                write = f'give rig=Rig(sensor=Sensor(scale=..., scale_unit="{rule.si}", zero=...)), the scale in '
+                write += f"{rule.si} per m/s²: of {example} it is {number} / 9.80665"
+        if kind in ("length", "angle") and rule.si == "count":
+            declared += " (the resolution of the encoder, from its data sheet)"
         raise RecordingError(f'{table.path}: column "{source.column}" is in {unit}, but {declared}; {write}')
     with np.errstate(over="ignore"):  # found as not finite
         return (rule.apply(values) - zero) / scale[0], scale[2]
@@ -485,9 +485,8 @@ def stated_unit(table: Table, plan: Plan, channel: str, column: str, declared: s
         )
     source, unit = stated[0]
     if unit == UNKNOWN:
-        raise RecordingError(
-            f'{plan.sidecar}: channels.{channel}: the unit of column "{column}" is still to be filled in.'
-        )
+        example = f'expected the unit of column "{column}" such as unit = "{USUAL_UNIT.get(channel, "V")}"'
+        raise RecordingError(unfilled(plan.sidecar, f"channels.{channel}.unit", example))
     for other, differing in stated[1:]:
         if not units.same_unit(unit, differing):
             raise RecordingError(

@@ -1058,7 +1058,29 @@ def _sidecar(content: Mapping[str, Any], path: Path) -> Sidecar:
             prior_sizes=tables["prior"],
         )
     except _KeyError as error:
+        if units.shown(UNKNOWN) in error.text:
+            raise RecordingError(unfilled(path, error.where, error.text)) from None
         raise RecordingError(f"{path}: {error.where}: {error.text}") from None
+
+
+UNKNOWN = "?"
+"""What a template puts where the user must fill in a value."""
+
+
+def unfilled(path: Path, where: str, text: str) -> str:
+    """The sentence on a key that is still to be filled in, with its line, whose comment has examples in a template.
+
+    Parameters
+    ----------
+    path, where : sidecar, and key with the tables that it stands in.
+    text : what is expected.
+    """
+    lines = sidecar_text(path).splitlines() if is_there(path) else []
+    for number, line in enumerate(lines, start=1):
+        declared = line.partition("#")[0]
+        if toml_text(UNKNOWN) in declared and declared.partition("=")[0].strip(' "') in where.split("."):
+            return f"{path}, line {number}: {where}: still to be filled in; {text}\n    {line.strip()}"
+    return f"{path}: {where}: still to be filled in; {text}"
 
 
 def _dwell(values: dict[str, Any]) -> DwellSetup:

@@ -14,7 +14,6 @@ import numpy as np
 from accelcal.data import ANGLE, QUATERNION, RecordingError, units
 from accelcal.io import naming
 from accelcal.io.assign import (
-    UNKNOWN,
     candidates,
     clock_text,
     columns_of,
@@ -24,7 +23,7 @@ from accelcal.io.assign import (
 )
 from accelcal.io.atomic import atomic_write
 from accelcal.io.files import open_table
-from accelcal.io.sidecar import KEYS, sidecar_of, toml_key, toml_text
+from accelcal.io.sidecar import KEYS, UNKNOWN, sidecar_of, toml_key, toml_text
 from accelcal.io.table import Table
 
 
@@ -177,6 +176,8 @@ def _only(table: Table, name: str, others: Collection[str | None]) -> str | None
     """The column that is alone in measuring what a channel does, for a position else in counts; None where none or
     several do."""
     likely = [column for column, _ in candidates(table, name) if column not in others]
+    if name == "accel" and len(likely) > 1 and not candidates(table, "position"):
+        likely = [c for c in likely if _dimension(table, c) != "count"]  # which is then the position
     if name == "position" and not likely:
         likely = [c for c in table.columns if c not in others and _dimension(table, c) == "count"]
     return likely[0] if len(likely) == 1 else None

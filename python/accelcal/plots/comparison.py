@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal.data import Array, instant
+from accelcal.data import NORMAL_95, Array, instant
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.estimation.estimate import Fit
 from accelcal.plots import matplotlib
 from accelcal.plots.diagnosis import added_variable, error_reduction, ranking
 from accelcal.plots.figure import (
     COLUMNS,
-    TWO_SIDED_95,
     Axis,
     Band,
     Figure,
@@ -149,7 +148,7 @@ def one_step(comparison: Evaluation, *, previous: Evaluation | None = None) -> F
     if comparison.innovations is not None:  # the reference is no position
         (t, e), std, unit = comparison.innovations, np.ones(len(comparison.innovations[1])), "1"
         what = f"Innovations over their predicted deviation: rms {math.sqrt(np.mean(e**2)):.3f}"
-    reach, settled = TWO_SIDED_95 * std, std <= TRANSIENT * np.median(std)
+    reach, settled = NORMAL_95 * std, std <= TRANSIENT * np.median(std)
     edge = 1.15 * float(max(np.abs(e[settled]).max(), reach[settled].max()))
     share = f"{100.0 * float(np.mean(np.abs(e) <= reach)):.1f} % of {grouped(len(e))} inside the 95 % band"
     factor, unit = prefixed(unit, edge)

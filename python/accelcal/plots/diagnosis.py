@@ -186,7 +186,8 @@ def added_variables(comparison: Comparison) -> Figure:
         values, lacking = better.values(), dict[str, systematic.Lacking]()
         for name in better.model.effects[len(fit.model.effects) :]:
             terms = [term for term in values.terms if term.effect.name == name]
-            lacking[spelled(name)] = find(name), terms[0].shape, [values.by_name[term.name] for term in terms]
+            if terms:  # an effect on noise has none
+                lacking[spelled(name)] = find(name), terms[0].shape, [values.by_name[term.name] for term in terms]
         panels += against(before, fit, lacking)
     return evidence(panels, "Error of the output on unseen data against each effect, before it is added, ± 2 σ")
 

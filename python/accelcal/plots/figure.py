@@ -443,7 +443,6 @@ def tick(value: float) -> str:
     return f"10{raised}" if digit == "1" else f"{digit}·10{raised}"
 
 
-TWO_SIDED_95 = 1.96
 CANDIDATES = 12
 """Candidates that are drawn."""
 

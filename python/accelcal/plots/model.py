@@ -6,7 +6,7 @@ import numpy as np
 
 from accelcal.calibration.agreement import LIMIT, Agreement
 from accelcal.calibration.characteristic import StraightLine, straight_line
-from accelcal.data import MICRO_G
+from accelcal.data import MICRO_G, NORMAL_95
 from accelcal.effects import find, spelled
 from accelcal.estimation.allan import OutputNoise, RestNoise
 from accelcal.estimation.estimate import Fit
@@ -14,7 +14,6 @@ from accelcal.io.dwells import Rests
 from accelcal.model import Estimate
 from accelcal.plots.figure import (
     COLUMNS,
-    TWO_SIDED_95,
     Axis,
     Band,
     Figure,
@@ -98,7 +97,7 @@ def nonlinearity(fit: Fit) -> Figure:
         If the fit has seen one acceleration only.
     """
     line = straight_line(fit)
-    wide, reach = TWO_SIDED_95 * line.output_std, TWO_SIDED_95 * line.deviation_std
+    wide, reach = NORMAL_95 * line.output_std, NORMAL_95 * line.deviation_std
     factor, unit = prefixed("m/s²", np.abs(line.deviation) + reach)
     above = (
         Band(line.a, line.output - wide, line.output + wide, outlined=False),
@@ -125,7 +124,7 @@ def _sentence(line: StraightLine) -> str:
     factor, unit = prefixed("m/s²", abs(float(line.deviation[at])), float(line.deviation_std[at]))
     return (
         f"Output over {span}: largest deviation from the best straight line {factor * line.deviation[at]:+.3g} ± "
-        f"{factor * TWO_SIDED_95 * line.deviation_std[at]:.2g} {unit} at {line.a[at]:+.3g} m/s², "
+        f"{factor * NORMAL_95 * line.deviation_std[at]:.2g} {unit} at {line.a[at]:+.3g} m/s², "
         f"{100.0 * abs(line.deviation[at]) / line.span:.2g} % of the span"
     )
 

@@ -352,7 +352,7 @@ class Page:
             names = [*(panel.y.ticks[1] if panel.y.ticks else ()), *(name for mark in tiles for name in mark.rows)]
             left = max(left, label_margin(names))
             right = max(right, label_margin(panel.y.beside) if panel.y.beside else 0)
-            below += 16 if panel.x.ticks and any("\n" in text for text in panel.x.ticks[1]) else 0
+            below += 16 * max((text.count("\n") for text in panel.x.ticks[1]), default=0) if panel.x.ticks else 0
             below += max((int(0.8 * label_margin(m.columns)) - 18 for m in tiles if m.slanted), default=0)
         if headline and figure.headline:
             above += 20 * len(large) + 15 * len(small)

@@ -10,13 +10,12 @@ from dataclasses import replace
 import numpy as np
 from scipy import special
 
-from accelcal.data import Array, instant
+from accelcal.data import NORMAL_95, Array, instant
 from accelcal.diagnosis.noise.noise_test import NoiseTest
 from accelcal.effects import spelled
 from accelcal.estimation.estimate import Fit
 from accelcal.plots.figure import (
     COLUMNS,
-    TWO_SIDED_95,
     Axis,
     Band,
     Figure,
@@ -150,7 +149,7 @@ def _whiteness(comparison: Evaluation, least: int) -> Whiteness | None:
 def _lags(whiteness: Whiteness) -> tuple[Panel, str]:
     """Autocorrelation at each lag with the limits of white residuals, and how many lie outside."""
     rho = whiteness.autocorrelation
-    lags, limit = len(rho), TWO_SIDED_95 / math.sqrt(whiteness.samples)
+    lags, limit = len(rho), NORMAL_95 / math.sqrt(whiteness.samples)
     lag = np.arange(1.0, lags + 1.0)
     stems = np.column_stack([np.zeros(lags), rho, np.full(lags, np.nan)]).ravel()
     marks = (

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
-from accelcal.data import Array, Channel, Recording, instant
+from accelcal.data import NORMAL_95, Array, Channel, Recording, instant
 from accelcal.data.quality import rest
 from accelcal.diagnosis.faults import Fault, examine
 from accelcal.diagnosis.left_out import MILLISECOND
@@ -371,7 +371,7 @@ def paths(moving: Sequence[Path]) -> Figure:
     """
     panels = []
     for path in moving:
-        reach = 1.96 * path.std
+        reach = NORMAL_95 * path.std
         factor, unit = (100.0, "%") if path.unit == "1" else formatting.prefixed(path.unit, path.value)
         low, high, y = ((path.value + side * reach) * factor for side in (-1.0, 1.0, 0.0))
         marks: list[Mark] = [Band(path.t, low, high, "95 %"), Line(path.t, y, "estimate", "residual")]

@@ -282,8 +282,10 @@ def _(result: Improvement, which: str = "") -> Table:
     require(which)
     last, steps = result.diagnosis, [step.heldout for step in result.steps]
     same = "the end of the same run, which does not reveal set-up and slow-drift errors"
+    lacking = {*last.effects} - {*result.best.model.effects}  # an effect on noise is found by the last diagnosis
+    verdict = "adequate" if last.verdict == "named" and not lacking else last.verdict
     return error_reduction(
-        f"Improvement: {VERDICTS[last.verdict]}; held out: {same if result.same_run else 'another recording'}",
+        f"Improvement: {VERDICTS[verdict]}; held out: {same if result.same_run else 'another recording'}",
         [" + ".join(("base", *step.effects)) for step in result.steps],
         [("", steps, [None, *result.changes])],
         Ruler.of([step.fit for step in result.steps]),

@@ -43,6 +43,12 @@ SCHEMAS: Mapping[str, str] = {
     "session": "app.state:Content",
 }
 """Result of each schema name: module and class."""
+WRITTEN_BY: Mapping[str, str] = {
+    **{"model": "fit", "evaluation": "compare", "comparison": "compare", "improvement": "improve", "session": "app"},
+    **dict.fromkeys(("diagnosis", "diagnosis-of-axes", "diagnosis-of-dwells"), "diagnose"),
+    **{"formulas": "formula", "triad": "dwells", "sensor-matrix": "export"},
+}
+"""Command that writes a result, where it is not called as its schema."""
 VERSION = 5
 """Of every schema: keys are the names of fields."""
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -89,14 +95,26 @@ def from_json(kind: type[T], text: str) -> T:
     Raises
     ------
     ModelFileError
-        If it is not strict JSON, or does not follow the schema of the kind.
+        If it is not strict JSON, or does not follow the schema of the kind; it says which command writes it anew.
     """
     stored = strict(text)
     expected = schema_name(kind)
+    name = expected.split("/")[1]
+    command = f"accelcal {WRITTEN_BY.get(name, name)}"
     if not isinstance(stored, dict) or stored.get("schema") != expected:
         named = stored.get("schema") if isinstance(stored, dict) else None
-        raise ModelFileError(f"schema: found {shown(named)}, expected {expected!r}")
-    result: T = read(kind, {key: value for key, value in stored.items() if key not in ("schema", "version")})
+        kind_named, _, number = str(named).rpartition("/")
+        age = "an earlier" if number < str(VERSION) else "a later"
+        same = f"; {age} version wrote it, {command} of this one writes it anew"
+        cause = same if kind_named == f"accelcal/{name}" else ""
+        raise ModelFileError(f"schema: found {shown(named)}, expected {expected!r}{cause}")
+    try:
+        result: T = read(kind, {key: value for key, value in stored.items() if key not in ("schema", "version")})
+    except ModelFileError as error:
+        version = visible(str(stored.get("version"))[:SHOWN], one_line=True)
+        raise ModelFileError(
+            f"{error}; accelcal {version} wrote it: {command} of this version ({_core.__version__}) writes it anew"
+        ) from None
     return result
 
 

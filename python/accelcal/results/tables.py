@@ -11,7 +11,7 @@ from operator import methodcaller
 import numpy as np
 
 from accelcal._support.values import listing
-from accelcal.data import ACCELERATION, MICRO_G, VELOCITY, Dwells, Recording, describe, instant
+from accelcal.data import ACCELERATION, MICRO_G, NORMAL_95, VELOCITY, Dwells, Recording, describe, instant
 from accelcal.effects import CATALOGUE, Effect, find, spelled
 from accelcal.effects.mechanisms import driver_of
 from accelcal.effects.registry import CARD
@@ -30,8 +30,6 @@ from accelcal.validation.comparison import Coast
 
 MOST_COLUMNS = 4
 """Coefficients of one effect that a table shows one by one; more are one row."""
-NORMAL_95 = 1.96
-"""Half of a 95 % interval in standard deviations."""
 
 
 @table.register

@@ -8,13 +8,13 @@ import re
 import numpy as np
 
 from accelcal._support.values import listing
-from accelcal.data import MICRO_G, Array, usual_unit
+from accelcal.data import MICRO_G, NORMAL_95, Array, usual_unit
 from accelcal.data import concise as concise
 from accelcal.effects import CATALOGUE, spelled, static_terms
 from accelcal.effects.mechanisms import PATTERN
 
 
-def interval(value: float, std: float, factor: float = 1.96) -> str:
+def interval(value: float, std: float, factor: float = NORMAL_95) -> str:
     """The interval that contains the true value with 95 % probability, to two digits of the standard deviation.
 
     `factor` is half the interval over the standard deviation, more where that is known from few runs.

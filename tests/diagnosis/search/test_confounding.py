@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
+from accelcal.cli.data import checked_recording
 from accelcal.diagnosis.findings import NEXT_STEPS, TO_GO_ON, USUAL_STEP
 from accelcal.diagnosis.policy import INDEPENDENT_PIECES
 from accelcal.diagnosis.search.beam import SearchRules
@@ -187,6 +189,9 @@ def test_a_size_that_no_effect_has_is_refused_before_the_search(
     assert said in str(error.value)
     with pytest.raises(ac.RecordingError):
         ac.improve(run)
+    with pytest.raises(ac.RecordingError, match=re.escape(str(error.value))):
+        checked_recording(run, json=False)
+    checked_recording(replace(run, prior_sizes={"cubic": "1 ug/g^3"}), json=False)
 
 
 def test_recordings_that_declare_two_sizes_of_one_effect_are_refused(tie: tuple[ac.Fit, ac.Recording]) -> None:

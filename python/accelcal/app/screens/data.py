@@ -7,7 +7,7 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, get_args
 
 from nicegui import ui
 
@@ -16,7 +16,8 @@ from accelcal.app.page import Page
 from accelcal.app.screens import files
 from accelcal.app.state import ROLES, Run, State, Stretch, time_span
 from accelcal.data import ANGLE, Dwells, RecordingError, instant
-from accelcal.data.rig import ANALOG
+from accelcal.data.rig import ANALOG, Mount
+from accelcal.data.units import SCALE_EXAMPLES
 from accelcal.diagnosis.left_out import MILLISECOND
 from accelcal.estimation.remarks import Remark
 from accelcal.io.sidecar import KEYS
@@ -26,11 +27,13 @@ from accelcal.results.words import amount, number
 NAMED = (*mapping.ESSENTIAL, *mapping.ORIENTATION, mapping.NOT_USED)
 CHOICES = [*mapping.ESSENTIAL, "other", mapping.NOT_USED, *mapping.ORIENTATION]
 TEXTS = ("sensor.model", "sensor.scale", "sensor.zero", "sensor.noise", "sensor.range")
-AXIS, GRAVITY_ALONG = "rig.axis", "rig.gravity_along_axis"
+AXIS, MOUNT, GRAVITY_ALONG = "rig.axis", "rig.mount", "rig.gravity_along_axis"
 """Keys of the sidecar that have a field in the form."""
 AT_AN_ANGLE = "at an angle"
 AXES = {"": "not declared", "level": "level", "up": "up", "down": "down", AT_AN_ANGLE: "at an angle"}
 """Axes of a stage: as the sidecar has them, and as the form shows them."""
+MOUNTS = {"": "not declared"} | {word: word for word in get_args(Mount)}
+"""The same of mounts of the sensor."""
 
 
 def ask(page: Page) -> None:
@@ -105,7 +108,7 @@ class Declarations:
 
     def __init__(self, text: str) -> None:
         self.text = text
-        ui.label("An output in volts or counts needs its scale. The rest may stay empty.").classes("note")
+        ui.label("An output or a position in volts or counts needs its scale. The rest may stay empty.").classes("note")
         low_pass, axis = mapping.LowPassEntry.of(text), mapping.declared(text, AXIS)
         with ui.element("div").classes("fields"):
             self.texts = {path: self._entry(path, *labelled(path)) for path in TEXTS}
@@ -114,20 +117,27 @@ class Declarations:
             self.corner = ui.input("Corner (−3 dB)", value=low_pass.corner, placeholder="500 Hz")
             self.order = ui.input("Order", value=low_pass.order, placeholder="4")
             for field, kinds in ((self.corner, ANALOG), (self.order, ANALOG[1:])):
-                field.props("dense outlined")
+                field.props("dense outlined stack-label")
                 field.bind_visibility_from(self.kind, "value", backward=partial(operator.contains, kinds))
-            if ANGLE in mapping.channels(text):
+            turned = ANGLE in mapping.channels(text)
+            moved, kind = (ANGLE, "angle") if turned else ("position", "length")
+            scale = f"channels.{moved}.scale"
+            self.texts[scale] = self._entry(scale, f"Scale of the {moved}", SCALE_EXAMPLES[kind]["count"])
+            if turned:
                 self.texts |= {path: self._entry(path, *labels) for path, labels in mapping.ON_ARM.items()}
             self.texts[mapping.RESOLUTION] = self._entry(mapping.RESOLUTION, "Encoder resolution", "1 um")
             angle = mapping.declared(text, GRAVITY_ALONG)
             self.axis = ui.select(AXES, value=AT_AN_ANGLE if angle else axis if axis in AXES else "")
             self.axis.props('dense outlined label="Axis of the stage" aria-label="Axis of the stage"')
+            mount = mapping.declared(text, MOUNT)
+            self.mount = ui.select(MOUNTS, value=mount if mount in MOUNTS else "")
+            self.mount.props('dense outlined label="Mount of the sensor" aria-label="Mount of the sensor"')
             self.gravity = self._entry(GRAVITY_ALONG, *labelled(GRAVITY_ALONG))
             self.gravity.bind_visibility_from(self.axis, "value", value=AT_AN_ANGLE)
 
     def _entry(self, path: str, label: str, example: str) -> ui.input:
         entry = ui.input(label, value=mapping.declared(self.text, path), placeholder=example)
-        return entry.props("dense outlined")
+        return entry.props("dense outlined stack-label")  # so that the example is in sight
 
     @property
     def changes(self) -> dict[str, Any]:
@@ -135,6 +145,7 @@ class Declarations:
         axis = str(self.axis.value or "")
         angle = axis == AT_AN_ANGLE
         entered = {path: str(entry.value or "").strip() for path, entry in self.texts.items()}
+        entered[MOUNT] = str(self.mount.value or "")
         entered |= {AXIS: "" if angle else axis, GRAVITY_ALONG: str(self.gravity.value or "").strip() if angle else ""}
         entries = (str(field.value or "").strip() for field in (self.kind, self.corner, self.order))
         changed = {path: value for path, value in entered.items() if value != mapping.declared(self.text, path)}
@@ -382,6 +393,7 @@ def dwells(result: Dwells) -> None:
 def check(page: Page, run: Run) -> None:
     """Faults with a button that excludes what they spoil, warnings and notes; channels of the recording."""
     summary = run.summary
+    widgets.lines(summary.get("suspect", ()), "problem")
     faults = [] if run.marks is None else [(widgets.remark_text(r), spoilt(r, run)) for r in run.marks.remarks]
     for text, stretch in faults:
         with ui.row().classes("line"):
