@@ -111,9 +111,7 @@ def falling(state: State, theme: ThemeName) -> Picture:
     (panel,) = figure.panels
     measure, (factor, _) = compared.headline, ruled(compared)
     sizes = [quoted(measure, e).partition(" (")[0].replace(" ", "\N{NO-BREAK SPACE}") for e in compared]
-    letters = max(
-        12, AXIS_LETTERS // len(sizes)
-    )  # of a line under a bar: where they overlap, plotly turns and cuts them
+    letters = max(12, AXIS_LETTERS // len(sizes))  # in a line: where names overlap, plotly turns and cuts them
     names = [
         f"{textwrap.fill(f'{labelled(step)}: {size}', letters)}\n{textwrap.fill(share_text(compared, i), letters)}"
         for i, (step, size) in enumerate(zip(state.path, sizes, strict=True))
