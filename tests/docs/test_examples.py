@@ -54,8 +54,10 @@ BY_HAND = {
         "apt-get install qemu-system-arm binutils-arm-none-eabi",
         ".venv/bin/python -m tests.firmware.run",
     ],
+    "security": ["pip-audit --strict -r constraints.txt --no-deps --disable-pip", "cargo audit"],
 }
-"""What these tests do not run: `.ci/run` and `make embedded` do, and rustup and devices are for other machines."""
+"""What these tests do not run: `.ci/run` and `make embedded` do, and rustup, devices and advisories are for other
+machines."""
 
 
 def prepare(page, folder):

@@ -370,7 +370,7 @@ WRONG = {
     "axle word": ('"horizontal"', '"diagonal"', 'expected "horizontal", "vertical"'),
     "arm": ('arm = "0.2 m"\n', "", "rig.arm: is missing beside channels.angle"),
     "axis": ('input_axis = "radial"\n', "", "rig.input_axis: is missing beside channels.angle"),
-    "counts": ('unit = "deg"', 'unit = "count"', 'no scale is declared; write.*scale = "4096 count/rev"'),
+    "counts": ('unit = "deg"', 'unit = "count"', 'no scale is declared .*; write.*scale = "4096 count/rev"'),
     "length": ('unit = "deg"', 'unit = "mm"', "does not measure an angle"),
     "position": ("angle =", 'position = { column = "acc", unit = "m" }\nangle =', "leave one of the two out"),
     "mount": ("[rig]\n", '[rig]\nmount = "reversed"\n', "rig.mount: beside channels.angle axle and input_axis say"),

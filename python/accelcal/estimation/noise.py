@@ -10,7 +10,8 @@ import numpy as np
 import scipy
 
 from accelcal import _core
-from accelcal.data import Array, Flags, Reference, Rig
+from accelcal.data import GRAVITY_NOISE, Array, Flags, Reference, Rig
+from accelcal.data.orientation import scatter
 from accelcal.effects import Effect
 from accelcal.effects.registry import Owner
 from accelcal.estimation.drive import DriveIntegrals
@@ -371,7 +372,17 @@ def estimate_noise(
         From the core, if the record is unusable.
     """
     likelihood = Likelihood(run, integrals, start, counts)
-    return most_likely_noise(likelihood, run.reading_variance_floor, start, width, run.least_q)
+    return most_likely_noise(likelihood, run.reading_variance_floor, start, width, least_q(run))
+
+
+def least_q(run: PreparedRun) -> float:
+    """Least density of process noise beside that of an attitude, (m/s²)²/Hz: that of the output at its highest
+    frequencies, at most as much as that of the attitude, which hides it and may itself fall with frequency."""
+    of_attitude = run.recording.side.get(GRAVITY_NOISE)
+    if of_attitude is None:
+        return 0.0
+    fastest = run.unchanged("fastest", (run.accel_step,), lambda: scatter(run.accel.y[:, None]) ** 2 * run.accel_step)
+    return min(fastest, float(np.median(of_attitude.y)))
 
 
 LARGEST_LOG = 60.0

@@ -33,7 +33,7 @@ from accelcal.data import (
     usual_step,
 )
 from accelcal.data.arrays import Answer, Unchanged
-from accelcal.data.orientation import HOLE, holes, scatter
+from accelcal.data.orientation import HOLE, holes
 from accelcal.data.quality import require_pace
 from accelcal.estimation.channel_filters import ChannelFilters, uniform
 from accelcal.estimation.readings import MIN_READINGS, distinct_readings, readings_apart, runs_of_one_count, spikes
@@ -309,15 +309,6 @@ class RunSamples:
         extra = extra_density(self.t, self.accel, self.accel_step, self.jumps, self.filled)
         of_attitude = self.recording.side.get(GRAVITY_NOISE)
         return extra if of_attitude is None else extra + np.interp(self.t, of_attitude.t, of_attitude.y)
-
-    @cached_property
-    def least_q(self) -> float:
-        """Least density of process noise beside that of an attitude, (m/s²)²/Hz: that of the output at its highest
-        frequencies, at most as much as that of the attitude, which hides it and may itself fall with frequency."""
-        of_attitude = self.recording.side.get(GRAVITY_NOISE)
-        if of_attitude is None:
-            return 0.0
-        return min(scatter(self.accel.y[:, None]) ** 2 * self.accel_step, float(np.median(of_attitude.y)))
 
     @property
     def attitude_density(self) -> float:
