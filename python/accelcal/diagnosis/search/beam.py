@@ -185,9 +185,11 @@ class SearchRules:
         return saturated(gain + cost) - cost - self.price(dof, item)
 
     def price(self, dof: int, item: Hypothesis) -> float:
-        """Price of the coefficients of a hypothesis and of the comparisons made."""
+        """Price of the coefficients of a hypothesis and of the comparisons made: each coefficient of a nonparametric
+        curve is one, as each named effect is that explains the same."""
         comparisons = max(self.examined, 2) * item.alternatives
-        return dof * math.log(max(self.blocks, 2)) + 2.0 * math.log(comparisons)
+        chosen = max(dof, 1) if item.effect.family else 1
+        return dof * math.log(max(self.blocks, 2)) + 2.0 * chosen * math.log(comparisons)
 
     def evidence_with_size(self, evidence: CandidateScores, i: int, given: Sequence[int], inflation: float) -> float:
         """Log-evidence of a hypothesis given others, with the prior of its size; nan without any priors."""
