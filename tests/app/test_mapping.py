@@ -83,10 +83,10 @@ def test_a_column_that_is_alone_with_its_kind_of_unit_gets_a_role(tmp_path: Path
 def test_a_position_in_counts_asks_for_its_scale(tmp_path: Path) -> None:
     columns = ("Zeit [s]", "Ausgang [m/s^2]", "Weg [Inkr.]")
     template = german(tmp_path, columns)
-    found = mapping.choices(columns, template, template)
-    assert mapping.unknown(found, template) == ["the scale of position"]
-    text = mapping.sidecar_from(template, found, changes={"channels.position.scale": "1 um/count"})
-    assert mapping.unknown(found, text) == []
+    roles = mapping.choices(columns, template, template)
+    assert mapping.unknown(roles, template) == ["the scale of position"]
+    text = mapping.sidecar_from(template, roles, changes={"channels.position.scale": "1 um/count"})
+    assert mapping.unknown(roles, text) == []
     path = tmp_path / "messung.csv"
     path.with_suffix(".toml").write_text(text, encoding="utf-8")
     assert io.load(path).position.y[1] == 1e-6

@@ -353,7 +353,7 @@ def test_noise_of_the_attitude_is_in_the_model_and_a_gyroscope_lowers_what_the_l
     # Carried by a gyroscope it falls with frequency. Its density at rest, in the model, would take all of the output's.
     carrier = io.load_axes(Triad(74, attitude_noise=1e-3, gyroscope=1e-3, every=2).write(folder))[0]
     assert ac.fit(carrier).runs[0].noise.all.density == pytest.approx(noisy.noise, rel=0.25)
-    monkeypatch.setattr(noise, "least_q", lambda run: 0.0)
+    monkeypatch.setattr(noise, "least_density", lambda run: 0.0)
     assert ac.fit(carrier).runs[0].noise.all.density < 0.25 * noisy.noise
     far = [Triad(75, attitude_noise=1e-3, gyroscope=gyroscope) for gyroscope in (None, 1e-3)]
     for triad in far:

@@ -160,12 +160,12 @@ def test_what_cannot_be_written_ends_in_a_sentence(
 
 
 def test_rivals_follow_the_effect_and_a_wave_has_one_amplitude() -> None:
-    found = [
+    findings = [
         finding("tone", (3e-3, 4e-3), (1e-4, 2e-4), ("shape_of_time", "cubic"), {"frequency": 50.0}),
         finding("cubic", (1e-3,), (1e-5,), ()),
         finding("encoder_nonlinearity", (1.0, 2.0), (0.1, 0.1), ()),
     ]
-    rows = suite.rows_of(SimpleNamespace(found=found, verdict="tied"))
+    rows = suite.rows_of(SimpleNamespace(found=findings, verdict="tied"))
     assert rows == {"tone": ("0.005", "0.0002"), "other": ("", ""), "cubic": ("", ""), "encoder_nonlinearity": ("", "")}
     assert next(iter(rows)) == "tone"
     for verdict, name in (("adequate", "nothing"), ("unexplained", "other")):
@@ -186,5 +186,5 @@ def test_accelcal_answers_from_the_data_files(places: tuple[Path, Path], tmp_pat
     path = tmp_path / "answers.csv"
     with path.open("w", encoding="utf-8") as file:
         suite.answer(places[0], file)
-    own = suite.score(places[0], path, places[1] / "truth.json")
-    assert (own["in_class"], own["false"]) == (2, 0)  # 1 % each outside its class, 0.5 % falsely named
+    figures = suite.score(places[0], path, places[1] / "truth.json")
+    assert (figures["in_class"], figures["false"]) == (2, 0)  # 1 % each outside its class, 0.5 % falsely named

@@ -186,13 +186,13 @@ def test_an_effect_on_noise_a_curve_and_a_shape_stand_in_every_face(full, tmp_pa
 def test_an_effect_on_noise_is_in_the_last_model_and_has_no_panel_of_its_own():
     """The last verdict names it, and the model has it; a model without it lacks it, as one without the cubic does."""
     rng, truth = np.random.default_rng(1), {"cubic": 1e-3}
-    made = ac.simulate("interleaved", seconds=12.0, rig=CXL02_RIG, parameters=truth, rng=rng, lsb=0.02).recording
-    result = ac.improve(made)
+    recording = ac.simulate("interleaved", seconds=12.0, rig=CXL02_RIG, parameters=truth, rng=rng, lsb=0.02).recording
+    result = ac.improve(recording)
     assert result.effects == ("cubic", "quantisation")
     assert result.table().title.startswith("Improvement: no effect is missing; ")
-    assert ac.improve(made, most=0).diagnosis.verdict != "adequate"
+    assert ac.improve(recording, most=0).diagnosis.verdict != "adequate"
     without = result.best.model.drop("quantisation")
     lacking = dataclasses.replace(result, best=dataclasses.replace(result.best, model=without))
     assert lacking.table().title.startswith("Improvement: an effect is missing; ")
-    drawn = added_variables(ac.compare([step.fit for step in result.steps], made))
+    drawn = added_variables(ac.compare([step.fit for step in result.steps], recording))
     assert [panel.title.split(":")[0] for panel in drawn.panels] == ["cubic"]

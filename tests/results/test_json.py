@@ -216,8 +216,8 @@ BIN = {"variable": "a", "unit": "m/s²", "edges": [0.0, 1.0], "mean": [1.0], "st
     ],
 )
 def test_a_value_of_another_kind_is_refused_by_its_path(change: dict[str, Any], said: str) -> None:
-    made = ac.simulate("interleaved", seconds=2.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
-    content = results_json.content(ac.compare(ac.fit(made.recording), made.recording)[0])
+    simulation = ac.simulate("interleaved", seconds=2.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
+    content = results_json.content(ac.compare(ac.fit(simulation.recording), simulation.recording)[0])
     with pytest.raises(ValueError, match=r"expected|no key") as caught:
         Evaluation.from_json(json.dumps(content | change))
     assert said in str(caught.value)
@@ -240,8 +240,8 @@ def test_a_value_of_another_kind_is_refused_by_its_path(change: dict[str, Any], 
     ],
 )
 def test_a_file_of_another_version_says_which_command_writes_it_anew(change: dict[str, Any], said: str) -> None:
-    made = ac.simulate("interleaved", seconds=2.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
-    content = results_json.content(ac.compare(ac.fit(made.recording), made.recording)[0])
+    simulation = ac.simulate("interleaved", seconds=2.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
+    content = results_json.content(ac.compare(ac.fit(simulation.recording), simulation.recording)[0])
     Evaluation.from_json(json.dumps(content))
     with pytest.raises(ValueError, match=r"expected") as caught:
         Evaluation.from_json(json.dumps(content | change))
@@ -250,8 +250,8 @@ def test_a_file_of_another_version_says_which_command_writes_it_anew(change: dic
 
 
 def test_a_missing_key_says_so_too() -> None:
-    made = ac.simulate("interleaved", seconds=2.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
-    content = results_json.content(ac.compare(ac.fit(made.recording), made.recording)[0])
+    simulation = ac.simulate("interleaved", seconds=2.0, rig=CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
+    content = results_json.content(ac.compare(ac.fit(simulation.recording), simulation.recording)[0])
     del content["coast_starts"]
     with pytest.raises(ValueError, match=r"coast_starts is missing; .*: accelcal compare of this version"):
         Evaluation.from_json(json.dumps(content))

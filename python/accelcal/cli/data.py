@@ -77,14 +77,13 @@ def checked_recording(recording: data.Recording, *, json: bool) -> tuple[dict[st
         noticed, breaks = [], []
     gone = [note.sentence for note in noticed]
     suspect = [text for text in [suspicion(recording_of(examined.stepped[0]))] if text]
+    content: dict[str, Any] = {}
+    lines: list[str] = []
     if json:
-        return (
-            {**data.quality.describe(recording), "breaks_s": breaks, "faults": gone, "suspect": suspect},
-            [],
-            bool(suspect),
-        )
-    lines = [data.quality.summarise(recording), *(f"suspect data: {text}" for text in (*gone, *suspect))]
-    return {}, lines, bool(suspect)
+        content = {**data.quality.describe(recording), "breaks_s": breaks, "faults": gone, "suspect": suspect}
+    else:
+        lines = [data.quality.summarise(recording), *(f"suspect data: {text}" for text in (*gone, *suspect))]
+    return content, lines, bool(suspect)
 
 
 @app.command()

@@ -18,7 +18,7 @@ from accelcal.estimation.noise import (
     MeasuredSpectrum,
     NoiseSearch,
     blocks,
-    least_q,
+    least_density,
     measured_spectrum,
     most_likely_noise,
     whitener,
@@ -352,7 +352,7 @@ def with_noise(rows: WeakRows, width: float = 0.3) -> WeakRows:
             total -= 0.5 * float(np.sum(solved(L, y) ** 2)) + float(np.sum(np.log(L[0])))
         return total
 
-    least = least_q(rows.state.run)
+    least = least_density(rows.state.run)
     noise_found = most_likely_noise(log_likelihood, rows.least_reading_variance, start, width, least)
     return rows.at_noise(replace(start, q=noise_found.q, r=noise_found.r))
 

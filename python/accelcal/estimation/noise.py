@@ -372,10 +372,10 @@ def estimate_noise(
         From the core, if the record is unusable.
     """
     likelihood = Likelihood(run, integrals, start, counts)
-    return most_likely_noise(likelihood, run.reading_variance_floor, start, width, least_q(run))
+    return most_likely_noise(likelihood, run.reading_variance_floor, start, width, least_density(run))
 
 
-def least_q(run: PreparedRun) -> float:
+def least_density(run: PreparedRun) -> float:
     """Least density of process noise beside that of an attitude, (m/s²)²/Hz: that of the output at its highest
     frequencies, at most as much as that of the attitude, which hides it and may itself fall with frequency."""
     of_attitude = run.recording.side.get(GRAVITY_NOISE)
