@@ -187,7 +187,7 @@ def plainest(
     evidence: CandidateScores, scatter: BlockScatter, chosen: tuple[int, ...], rules: SearchRules
 ) -> tuple[int, ...]:
     """A set in which the plainest effect stands for those that look the same and explain as much: what an effect
-    includes, and the plainest power of the acceleration.
+    includes, and the plainest power of the acceleration. What adds to it what is significant alone does not look the same.
 
     Where the specific force keeps its sign, as on a vertical axis, even and odd powers are alike, and chance decides
     which gains more. The bias and the scale factor, which are those at zero specific force, depend on the power.
@@ -202,7 +202,8 @@ def plainest(
             for j in (i, *plainer)
         }
         for j in plainer:
-            if dofs[j] and net_gains[i] - net_gains[j] < 2.0 * CLASS_ODDS:
+            tied = dofs[j] and net_gains[i] - net_gains[j] < 2.0 * CLASS_ODDS
+            if tied and rules.net_gain_given(evidence, scatter, i, (*others, j)) <= 0.0:
                 chosen = (*chosen[:position], j, *chosen[position + 1 :])
                 break
     return chosen
