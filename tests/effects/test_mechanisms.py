@@ -333,7 +333,10 @@ def test_every_face_tells_the_coefficient_at_rest_and_at_the_mean(tmp_path, sag)
     upright = replace(with_mechanism, rig=replace(with_mechanism.rig, axis="up"))
     assert "scale_factor, at |a| = 0" in str(upright)
     warm = fit.model.add("bias_follows_temperature", shapes={"bias_follows_temperature": {"tau": 1.0, "start": 0.0}})
-    assert "bias, at the mean of T" in str(ac.fit(run, warm))
+    degrees = f"{run.side['temperature'].y.mean():.1f} °C"
+    for model in (warm, fit.model.add("temperature_bias")):
+        assert f"bias, at {degrees} " in str(ac.fit(run, model))
+    assert "°C" not in str(ac.fit(run, fit.model.add("temperature_scale"))).partition("scale_factor")[0]
 
 
 @pytest.mark.parametrize(

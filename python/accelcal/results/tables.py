@@ -184,16 +184,20 @@ def mean_row(fit: Fit, e: Estimate) -> Row:
 
 
 def at_zero(fit: Fit, coefficient: str) -> str:
-    """Where the drivers of the mechanisms that move a coefficient are at zero; empty where none does."""
-    moving = [of for of in (find(name).mechanism for name in fit.model.added) if of and of.carrier == coefficient]
+    """Where that is zero which moves a coefficient, a driver or the temperature; empty where nothing moves it."""
+    added = [find(name) for name in fit.model.added]
+    moving = [of for of in (effect.mechanism for effect in added) if of and of.carrier == coefficient]
+    static, warm = find(coefficient.partition(".")[0]).traits.static, f"at {fit.origins.temperature:.1f} °C"
+    thermal = [effect.traits.static.power for effect in added if effect.traits.static and effect.traits.static.thermal]
     zero = np.zeros(2)
-    still, places = Signals(t=zero, p=zero, v=zero, a=zero, jerk=zero, scale=1.0, rig=fit.rig), []
+    still = Signals(t=zero, p=zero, v=zero, a=zero, jerk=zero, scale=1.0, rig=fit.rig)
+    places = [warm] if static and static.power in thermal and not static.thermal else []
     for of in moving:
         driver = driver_of(of.driver)
         if driver.at_rest is not None:
             places.append("at rest" if driver.at_rest(still) == 0.0 else f"at {of.text} = 0")
         elif of.driver in driver.needs:
-            places.append(f"at the mean of {of.text}")
+            places.append(warm if of.driver == "temperature" else f"at the mean of {of.text}")
         else:
             places.append(
                 f"at {of.text} = {with_unit(number(fit.origins.p if of.driver == 'position' else 0.0), driver.unit)}"

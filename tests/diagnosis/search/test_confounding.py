@@ -14,7 +14,7 @@ from accelcal.cli.data import checked_recording
 from accelcal.diagnosis.findings import NEXT_STEPS, TO_GO_ON, USUAL_STEP
 from accelcal.diagnosis.policy import INDEPENDENT_PIECES
 from accelcal.diagnosis.search.beam import SearchRules
-from accelcal.diagnosis.search.confounding import Weights, confounding_class, plainest
+from accelcal.diagnosis.search.confounding import CLASS_ODDS, Weights, confounding_class, plainest
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scan import Candidate, Scan
 from accelcal.diagnosis.search.scores import CandidateScores
@@ -61,6 +61,17 @@ def test_in_a_tie_what_an_effect_includes_comes_first() -> None:
     assert plainest(tied, PLAIN, (0,), RULES) == (0,)
     apart = scores(("cross_axis_product", "cross_axis"), 20.0, 0.9)  # the twin: the product is true, and shown
     assert plainest(apart, PLAIN, (0,), RULES) == (0,)
+
+
+def test_what_an_effect_adds_significantly_to_what_it_includes_keeps_its_place() -> None:
+    """At d = 55 and a correlation of 0.994 it explains 6 sigma more; saturated evidence leaves a tie."""
+    strong = scores(("cross_axis_product", "cross_axis"), 55.0, 0.994)
+    gains, _ = strong.gains()
+    nearer = [RULES.net_gain(float(gain), 1, item) for gain, item in zip(gains, strong.items, strict=True)]
+    assert nearer[0] - nearer[1] < 2.0 * CLASS_ODDS
+    assert plainest(strong, PLAIN, (0,), RULES) == (0,)
+    weaker = scores(("cross_axis_product", "cross_axis"), 55.0, 0.9985)  # the twin: 3 sigma more are chance
+    assert plainest(weaker, PLAIN, (0,), RULES) == (1,)
 
 
 def test_a_name_is_given_with_its_nearest_rival() -> None:

@@ -187,7 +187,7 @@ def plainest(
     evidence: CandidateScores, scatter: BlockScatter, chosen: tuple[int, ...], rules: SearchRules
 ) -> tuple[int, ...]:
     """A set in which the plainest effect stands for those that look the same and explain as much: what an effect
-    includes, and the plainest power of the acceleration. What adds to it what is significant alone does not look the same.
+    includes, and the plainest power of the acceleration. What adds to it significantly does not look the same.
 
     Where the specific force keeps its sign, as on a vertical axis, even and odd powers are alike, and chance decides
     which gains more. The bias and the scale factor, which are those at zero specific force, depend on the power.
