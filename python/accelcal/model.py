@@ -39,6 +39,9 @@ class Prior:
     mean: float
     std: float
 
+    def __post_init__(self) -> None:
+        check_fields(self, signed=("mean",))
+
 
 @dataclass(frozen=True, slots=True)
 class OwnEffect:

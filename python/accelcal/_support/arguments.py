@@ -9,7 +9,7 @@ import functools
 import inspect
 import numbers
 import os
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from types import NoneType, SimpleNamespace, UnionType
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -75,8 +75,9 @@ def labelled(name: str, value: Any, kind: Any) -> list[tuple[str, object]]:
     return list(value.items()) if kind is inspect.Parameter.VAR_KEYWORD else [(name, value)]
 
 
-def check_fields(value: Any) -> None:
-    """Refuse a value of a dataclass, one of whose fields is of the wrong type.
+def check_fields(value: Any, signed: Collection[str] | None = None) -> None:
+    """Refuse a value of a dataclass, one of whose fields is of the wrong type, or negative where only those `signed`
+    may be.
 
     Raises
     ------
@@ -89,6 +90,10 @@ def check_fields(value: Any) -> None:
             names = ", ".join(kind.__dataclass_fields__)
             wrong = getattr(value, name)
             raise error_of(hint, wrong)(refusal(kind.__name__, names, name, hint, wrong))
+    for name in set(kind.__dataclass_fields__) - set(signed) if signed is not None else ():
+        amount = getattr(value, name)
+        if isinstance(amount, int | float) and not amount >= 0.0:
+            raise AccelcalError(f"{kind.__name__}: {name} is {amount:g}; expected a number that is not negative")
 
 
 @functools.cache

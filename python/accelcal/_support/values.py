@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, Field, FrozenInstanceError, fields
+from dataclasses import MISSING, Field, FrozenInstanceError, fields, is_dataclass
 from importlib import import_module
+from numbers import Number
 from types import ModuleType
 from typing import Any, TypeVar
+
+import numpy as np
 
 Value = TypeVar("Value")
 
 
 def immutable(value: type[Value]) -> type[Value]:
-    """Give a frozen dataclass errors that name the class, the field, and what gives a changed copy."""
+    """Give a frozen dataclass errors that name the class, the field, and what gives a changed copy; values that hold
+    arrays are equal where every field is."""
 
     def refuse(self: Value, name: str, *_: object) -> None:
         kind = type(self).__name__
@@ -26,7 +30,28 @@ def immutable(value: type[Value]) -> type[Value]:
 
     for method in ("__setattr__", "__delattr__"):
         type.__setattr__(value, method, refuse)
+    if value.__dataclass_params__.eq:  # type: ignore[attr-defined]
+        type.__setattr__(value, "__eq__", alike)
     return value
+
+
+def alike(a: Any, b: Any) -> bool:
+    """Whether two values are equal in every field and element, NaN being equal to NaN."""
+    if a is b:
+        return True
+    if isinstance(a, Mapping) and isinstance(b, Mapping):
+        return a.keys() == b.keys() and all(alike(y, b[key]) for key, y in a.items())
+    if isinstance(a, Number) and isinstance(b, Number):
+        return bool(a == b or (a != a and b != b))
+    if type(a) is not type(b):
+        return False
+    if isinstance(a, np.ndarray):
+        return a.shape == b.shape and bool(np.all((a == b) | ((a != a) & (b != b))))
+    if is_dataclass(a):
+        return all(alike(getattr(a, f.name), getattr(b, f.name)) for f in fields(a) if f.compare)
+    if isinstance(a, list | tuple):
+        return len(a) == len(b) and all(map(alike, a, b))
+    return bool(a == b)
 
 
 def short_repr(value: type[Value]) -> type[Value]:

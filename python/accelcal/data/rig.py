@@ -173,7 +173,7 @@ class LowPass:
     """Relative standard tolerance of the time constant; None = not declared."""
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        check_fields(self, signed=())
 
     @property
     def tau(self) -> float:
@@ -219,7 +219,7 @@ class Sensor:
     """Random walk of the bias, (m/s²)/sqrt(s)."""
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        check_fields(self, signed=("scale", "zero"))
 
 
 @immutable
@@ -286,7 +286,7 @@ class Rig:
     """Sentences on what was not declared and therefore assumed."""
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        check_fields(self, signed=("gravity_along_axis", "ratio", "axle"))
 
     @property
     def gravity(self) -> float:

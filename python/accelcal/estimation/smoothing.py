@@ -140,8 +140,10 @@ PASSED = 1.25
 """Corner of the low-pass of motion over its bandwidth, 1.4 times the highest frequency in it, where the model has
 effects: it then passes that to 1e-4, of which a cubic makes three times as much. Without effects only columns are
 evaluated on the motion, and harmonics that the model lacks lie above it."""
-CONSTANT_LEFT = 1e-5
-"""Constant that a further correction for the effects may move, over the standard deviation of the acceleration."""
+CORRECTION_LEFT = 1e-5
+"""What a further correction for the effects may move, over the standard deviation of the acceleration."""
+MOST_CORRECTIONS = 40
+"""Corrections of the output for the effects; as many are needed where these exceed the acceleration."""
 
 
 def corner_of(values: Values, cutoff: float) -> float:
@@ -365,12 +367,20 @@ def output_signals(run: PreparedRun, values: Values, cutoff: float, motion: tupl
         jerk = derivative(a, run.accel_step)
         return sensor_signals(run, grid.t, SmoothedMotion(p, v, grid.thin(a), grid.thin(jerk)), values, cutoff)
 
-    # Each correction gains the ratio of the effects to the acceleration, at most a few percent. Only gravity makes a
-    # constant of them that is large beside the motion.
-    before = corrected(corrected(None))
-    signals, moved = corrected(before), math.inf
-    while CONSTANT_LEFT * float(np.std(signals.a)) < (step := abs(float(np.mean(signals.a - before.a)))) < moved:
-        before, signals, moved = signals, corrected(signals), step
+    # Each correction gains the ratio of the effects to the acceleration, mostly a few percent: a whole correction is
+    # added until one is larger than the last, as where effects change more than the acceleration; from there on halves.
+    signals, moved, share = corrected(corrected(None)), math.inf, 1.0
+    for _ in range(MOST_CORRECTIONS):
+        before, signals = signals, corrected(signals)
+        step = float(np.sqrt(np.mean((signals.a - before.a) ** 2)))
+        if step < CORRECTION_LEFT * float(np.std(signals.a)):
+            break
+        share = share if step < moved else 0.5 * share
+        moved = step
+        if share < 1.0:
+            rest = 1.0 - share
+            a, jerk = share * signals.a + rest * before.a, share * signals.jerk + rest * before.jerk
+            signals = replace(signals, a=a, jerk=jerk)
     return signals
 
 

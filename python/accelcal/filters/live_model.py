@@ -10,6 +10,7 @@ from typing import Any, Literal, NoReturn
 
 import numpy as np
 
+from accelcal._support.arguments import HOW_TO, found
 from accelcal._support.errors import AccelcalError
 from accelcal.data import GRAVITY, Array, Rig, unsupported
 from accelcal.effects import BUILT_IN, Effect, find, is_local
@@ -224,6 +225,11 @@ class LiveModel:
         gate: float | None = None,
         watch: Sequence[str] = (),
     ) -> None:
+        for argument, value, kind in (("model", model, Model), ("rig", rig, Rig)):
+            if not isinstance(value, kind):
+                raise TypeError(f"LiveModel: {argument} is {found(value)}; {HOW_TO[kind.__name__]}")
+        if isinstance(watch, str):
+            raise TypeError(f"LiveModel: watch is {watch!r}; expected a list of names of effects, as [{watch!r}]")
         if not 0 < rate < math.inf:
             raise AccelcalError(f"LiveModel: rate = {rate:g} Hz; give the samples of the output per second.")
         _require_amounts(q=q, r_position=r_position, speed=speed, gate=math.inf if gate is None else gate)
@@ -314,6 +320,11 @@ class LiveModel:
             raise AccelcalError(
                 f"{GRAVITY}: a live filter takes gravity along the axis as constant; give the rig's, and fit a record"
             )
+        if not (math.isfinite(u) and 0.0 <= early < self._signals.step and (z is None or math.isfinite(z))):
+            raise AccelcalError(
+                f"LiveModel.step: output {u!r}, position {z!r}, early {early!r}; expected finite numbers, no position "
+                f"(None) where it was not read, and 0 <= early < {self._signals.step:g} s. Leave this sample out"
+            )
         self._side.update({name: value for name, value in side.items() if not math.isnan(value)})
         self._require_side()
         self._filter.read(self._x, self._variances)
@@ -353,6 +364,11 @@ class LiveModel:
 
     def run(self, u: Array, z: Array, **side: Array) -> None:
         """Take a record in, (n,) each; NaN where position was not read."""
+        if any(np.shape(y) != np.shape(u) or np.ndim(y) != 1 for y in (u, z, *side.values())):
+            shapes = ", ".join(str(np.shape(y)) for y in (u, z, *side.values()))
+            raise AccelcalError(
+                f"LiveModel.run: arrays of shapes {shapes}; expected (n,) each, NaN where none was read"
+            )
         for j in range(len(u)):
             read = float(z[j])
             here = {name: float(y[j]) for name, y in side.items()}
@@ -434,6 +450,8 @@ class LiveModel:
         alpha : probability that anything is named, at whatever time, while the model holds and the noise of the output
             is small beside the motion.
         """
+        if not 0.0 < alpha < 1.0:
+            raise AccelcalError(f"LiveModel.named: alpha = {alpha:g}; expected a probability between 0 and 1")
         watched = (suspicion for suspicion in self.watched if math.isfinite(suspicion.log_e))
         ordered = sorted(watched, key=lambda suspicion: -suspicion.log_e)
         if not ordered or ordered[0].log_e - math.log(len(self._suspects)) <= -math.log(alpha):

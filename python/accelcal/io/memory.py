@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from accelcal._support.arguments import HOW_TO, found
 from accelcal.data import UNITS, Array, Recording, RecordingError, Reference, Rig, reference_among
 from accelcal.data.recording import series
 from accelcal.io import naming
@@ -38,6 +39,7 @@ def from_arrays(
     reference: Reference,
 ) -> Recording:
     """See `accelcal.Recording.from_arrays`."""
+    require_kinds("from_arrays", units, rig)
     columns = {"t": t, "accel": accel, reference: position, **side}
     if position_t is not None:
         columns["position_t"] = position_t
@@ -52,15 +54,42 @@ def from_dataframe(frame: DataFrame, *, units: Mapping[str, str] | None, rig: Ri
             f"from_dataframe: frame is a {type(frame).__name__}; expected a pandas DataFrame. "
             "Recording.from_arrays takes arrays"
         )
+    require_kinds("from_dataframe", {} if units is None else units, rig)
+    twice = [str(key) for key in frame.columns[frame.columns.duplicated()]]
+    if twice:
+        raise RecordingError(f'{name or "frame"}: two columns are called "{twice[0]}"; give each a name of its own')
     columns = {str(key): frame[key] for key in frame.columns}
     declared = dict(frame.attrs.get("units", {}) if units is None else units)
+    for key in [key for key, column in columns.items() if getattr(column.dtype, "kind", "") in "OSUT"]:
+        plain = naming.take_apart(key)
+        if not (plain.suffix or plain.brackets or naming.role(plain.base) or key in declared):
+            del columns[key]  # a remark, a label
     dated = [key for key, column in columns.items() if getattr(column.dtype, "kind", "") in "mM"]
     columns |= {key: index_in_seconds(frame.set_index(key).index) for key in dated}
     declared |= dict.fromkeys(dated, "s")
     if not any(naming.role(naming.take_apart(key).base) == "time" for key in columns):
+        if type(frame.index).__name__ == "RangeIndex" and "t" not in declared:
+            raise RecordingError(
+                f"{name or 'frame'}: no column for time; the columns are {', '.join(columns)}, and the index counts "
+                'rows. Name one t, or say what the index is, as in units={"t": "s"}'
+            )
         columns = {"t": index_in_seconds(frame.index), **columns}
-        declared.setdefault("t", "s")
+        declared |= {} if frame.index.dtype.kind in "iuf" and "t" in declared else {"t": "s"}
     return from_columns(columns, declared, rig, name or str(frame.attrs.get("name", "")))
+
+
+def require_kinds(caller: str, units: object, rig: object) -> None:
+    """Refuse units that are no mapping, and a rig that is none.
+
+    Raises
+    ------
+    TypeError
+        Saying what was found and how to make one.
+    """
+    if not isinstance(units, Mapping):
+        raise TypeError(f'{caller}: units is {found(units)}; expected a unit by column, as {{"accel": "g"}}')
+    if not isinstance(rig, Rig | None):
+        raise TypeError(f"{caller}: rig is {found(rig)}; {HOW_TO['Rig']}; a sidecar belongs to accelcal.load")
 
 
 def index_in_seconds(index: Any) -> Any:

@@ -479,7 +479,7 @@ def share_text(comparison: Comparison, number: int) -> str:
         return "error rises"
     if comparison.at_floor[number]:
         return f"{round(100.0 * min(share, 1.0))} % of its power explained, down to the noise"
-    return f"{min(round(100.0 * share), 99)} % of its power explained"
+    return f"{'more than 99.9' if share > 0.999 else f'{100.0 * share:.3g}'} % of its power explained"
 
 
 def candidate_groups(diagnosis: Diagnosis, most: int = CANDIDATES) -> list[list[Candidate]]:

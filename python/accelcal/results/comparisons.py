@@ -223,12 +223,19 @@ def density(value: float) -> str:
     return f"{number(value / MICRO_G, 3)} µg/√Hz"
 
 
+CLEARLY_BEYOND = 1.05
+"""Times the trained range from which a motion is said to leave it; the motion of two filters differs by less."""
+
+
 def outside_note(evaluation: Evaluation) -> list[str]:
     """One sentence on how far the motion of a recording leaves the trained range, and the errors inside and outside."""
     *parts, anywhere = evaluation.outside or (None,)
     if anywhere is None or not anywhere.count:
         return []
-    beyond = ", ".join(f"{part.variable} {part.beyond:.2g}×" for part in parts if part is not None and part.count)
+    clear = [part for part in parts if part is not None and part.count and part.beyond >= CLEARLY_BEYOND]
+    if not clear:
+        return []
+    beyond = ", ".join(f"{part.variable} {part.beyond:.2g}×" for part in clear)
     inside, outside = ("–" if y is None else length(y) for y in anywhere.one_step)
     return [
         f"{evaluation.recording or 'The recording'} goes beyond the trained range: {beyond} "
