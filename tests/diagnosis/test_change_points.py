@@ -101,6 +101,14 @@ def test_each_fault_is_reported_with_time_and_size(kind, motion, rig):
     print(found[0].sentence)
 
 
+@pytest.mark.parametrize("rate", [14e-6, 17e-6, 20e-6, -17e-6])
+def test_a_clock_that_runs_at_another_rate_loses_no_sample(rate):
+    """Its delay grows by about 1 ms over the record, of which the best step is one sample of the output."""
+    good = record("fast", CXL02_RIG, 5)
+    bad = output(good, good.accel.y, good.accel.t * (1.0 + rate))
+    assert not [fault for fault in faults(bad, prepare(bad)) if fault.kind == "dropped_samples"]
+
+
 REAL = {
     "cyberdiver_ext_ret_trial1": (0.202, 0.005),  # water contact
     "cyberdiver_ext_ret_trial2": (0.202, 0.005),

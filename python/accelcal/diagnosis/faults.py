@@ -511,7 +511,8 @@ def dropped_samples(columns: RelationColumns) -> list[Fault]:
 
 
 def _delay_change(gram: Array, size: Array) -> tuple[int, float, float]:
-    """Instant of the largest change of delay: blocks before it, change in shifts of `RelationColumns`, and its std.
+    """Instant of the largest change of delay: blocks before it, change in shifts of `RelationColumns`, and its std; no
+    change where a delay that grows steadily, as of two clocks, explains more.
 
     The instant is chosen with the scatter of scores under no change; the variance at that instant is that under the
     change.
@@ -530,11 +531,14 @@ def _delay_change(gram: Array, size: Array) -> tuple[int, float, float]:
     jump = (behind - before) @ to_delay
     variance = np.einsum("i,kij,j->k", to_delay, B1 @ V1 @ B1 + B2 @ V2 @ B2, to_delay)
     k = int(np.argmax(jump**2 / np.maximum(variance, 1e-300)))
+    x = np.arange(len(A)) - np.average(np.arange(len(A)), weights=np.trace(A, axis1=1, axis2=2))
+    steady = np.linalg.solve(np.einsum("k,kij->ij", x**2, A) + eye, x @ score) @ (x @ score)
+    step = s1[k] @ before[k] + s2[k] @ behind[k]
     split = RELATION_LEAST_BLOCKS + k + 1
     W1 = _outer(score[:split] - A[:split] @ before[k]).sum(axis=0)
     W2 = _outer(score[split:] - A[split:] @ behind[k]).sum(axis=0)
     std = math.sqrt(max(float(to_delay @ (B1[k] @ W1 @ B1[k] + B2[k] @ W2 @ B2[k]) @ to_delay), 1e-300))
-    return split, float(jump[k]), std
+    return split, float(jump[k]) if step > steady else 0.0, std
 
 
 def _outer(x: Array) -> Array:
