@@ -56,6 +56,21 @@ def test_on_its_own_record_the_step_stays(stepped):
     assert seen.coast_rms[10.0] == pytest.approx(seen.coast_floor[10.0], rel=1.0)
 
 
+def test_clocks_that_agree_within_a_tolerance_are_set_anew_on_another_record():
+    """Loggers started by hand: 2 ms between the clocks of two records is no error of the model where it is declared."""
+    fit, other = ac.fit(record(7)), record(8)
+    late = dataclasses.replace(other.accel, t=other.accel.t + 2e-3)
+    rig = dataclasses.replace(other.rig, offset_tolerance=3e-3)
+    declared = ac.compare(fit, dataclasses.replace(other, accel=late, rig=rig, digest="declared"))[0]
+    assert declared.one_step_rms == pytest.approx(ac.compare(fit, other)[0].one_step_rms, rel=0.01)
+    assert declared.not_carried == ("time_offset: estimated on this one, whose clocks agree within 3 ms only",)
+    # the twins: without a tolerance, and with one that is too small
+    for tolerance in (0.0, 0.5e-3):
+        rig = dataclasses.replace(other.rig, offset_tolerance=tolerance)
+        seen = ac.compare(fit, dataclasses.replace(other, accel=late, rig=rig, digest=f"{tolerance}"))[0]
+        assert seen.one_step_rms > 1.1 * declared.one_step_rms
+
+
 def test_creep_begins_on_another_record_as_after_a_long_rest():
     recording = record(5, "creep", 0.2, {"tau": 2.0, "start": 0.9})
     model = ac.Model.linear().add("creep", shapes={"creep": {"tau": 2.0, "start": 0.9}})

@@ -94,6 +94,17 @@ def listing(module: Mapping[str, object]) -> Callable[[], list[str]]:
     return names
 
 
+def amount_of(number: int, one: str, several: str) -> str:
+    """A number with its noun, and verb, in singular or plural.
+
+    Examples
+    --------
+    >>> amount_of(1, "sample was", "samples were"), amount_of(3, "gap", "gaps")
+    ('1 sample was', '3 gaps')
+    """
+    return f"{number} {one if number == 1 else several}"
+
+
 def face(name: str) -> ModuleType:
     """The module `accelcal.NAME`, imported now."""
     return import_module(f"accelcal.{name}")

@@ -296,7 +296,7 @@ def plan(
     vmax: Annotated[str, typer.Option("--vmax", help='Largest speed, e.g. "0.1 m/s".')],
     amax: Annotated[str, typer.Option("--amax", help='Largest acceleration, e.g. "20 m/s^2".')],
     seconds: Annotated[float, typer.Option("--seconds", help="Length, s.")] = 60.0,
-    sensor: Annotated[str, typer.Option("--sensor", help="ADXL105 or CXL02.")] = "ADXL105",
+    sensor: Annotated[str | None, typer.Option("--sensor", help="ADXL105, the default, or CXL02.")] = None,
     rig: Annotated[Path | None, typer.Option("--rig", help="Sidecar of your own rig, instead of --sensor.")] = None,
     output: Output = None,
     json: Json = False,
@@ -306,7 +306,10 @@ def plan(
     Example: [bold]accelcal plan --effects quadratic,cubic --stroke "0.2 m" --vmax "0.1 m/s" --amax "20 m/s^2"[/bold]
     """
     rigs = {"ADXL105": sensors.ADXL105_RIG, "CXL02": sensors.CXL02_RIG}
-    if rig is None and sensor not in rigs:
+    if rig is not None and sensor is not None:
+        raise UsageError("--sensor and --rig both say which sensor it is; leave one out")
+    sensor = sensor or next(iter(rigs))
+    if sensor not in rigs:
         raise UsageError(f"--sensor {sensor!r}: expected {' or '.join(rigs)}")
     used = rigs[sensor] if rig is None else io.read_sidecar(rig).rig
     with progress("plan") as report:

@@ -163,7 +163,8 @@ def show_formulas(result: FormulaSet) -> None:
 def show_plan(result: experiment.Plan) -> None:
     """Print what a planned motion would detect, and whether it separates the requested effects."""
     names, limits = ", ".join(result.effects), result.limits
-    verdict = "can be separated" if result.separated else "cannot all be separated within these limits"
+    separated = "can be separated from one another" if len(result.effects) > 1 else "alone was asked for"
+    verdict = separated if result.separated else "cannot all be separated within these limits"
     say(
         f"{names} {verdict}; {result.tried} motions of {result.seconds:g} s tried within "
         f"{limits.stroke:g} m, {limits.speed:g} m/s, {limits.acceleration:g} m/s²",

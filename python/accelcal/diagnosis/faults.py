@@ -17,7 +17,7 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal import _core
-from accelcal._support.values import listing
+from accelcal._support.values import amount_of, listing
 from accelcal.data import Array, Channel, Flags, PositionStep, Recording, in_usual_unit, instant
 from accelcal.data.orientation import HOLE
 from accelcal.diagnosis.left_out import cut_without, left_out_remarks, without, without_wrong_readings
@@ -336,7 +336,9 @@ def glitches(recording: Recording, run: PreparedRun) -> list[Fault]:
     for a, b in zip(begins, ends, strict=True):
         jumps = z[a : b + 1] - np.interp(t[a : b + 1], run.t, run.z)
         size = float(jumps[np.argmax(np.abs(jumps))])
-        text = f"position: {b - a + 1} readings jump by {in_usual_unit(size, 'm')} at t = {instant(t[a])} s and return"
+        how_many = amount_of(b - a + 1, "reading jumps", "readings jump")
+        back = "returns" if a == b else "return"
+        text = f"position: {how_many} by {in_usual_unit(size, 'm')} at t = {instant(t[a])} s and {back}"
         instants.append(Fault("glitch", "position", float(t[a]), size, text))
     return instants
 
@@ -504,7 +506,7 @@ def dropped_samples(columns: RelationColumns) -> list[Fault]:
         ):
             text = (
                 f"{channel}: the delay jumps by {jump_s * 1e3:+.3g} ms at t = {instant(time)} s and stays: "
-                f"{abs(round(samples))} samples were lost or duplicated without a trace in the time stamps"
+                f"{amount_of(abs(round(samples)), 'sample was', 'samples were')} lost or duplicated without a trace in the time stamps"
             )
             return [Fault("dropped_samples", channel, time, float(round(samples)), text)]
     return []

@@ -161,7 +161,10 @@ def read_sidecar(path: Path, axis: str = "") -> Sidecar:
             f"{path}: brackets lie too deep inside one another; expected tables as in the template, accelcal init"
         ) from None
     except tomllib.TOMLDecodeError as error:
-        raise RecordingError(f"{path}: not valid TOML: {str(error)[:200]}; correct that line.") from None
+        cure = (
+            "move its lines under the first, and leave out this one" if "twice" in str(error) else "correct that line"
+        )
+        raise RecordingError(f"{path}: not valid TOML: {str(error)[:200]}; {cure}.") from None
 
 
 def sidecar_text(path: Path) -> str:

@@ -46,13 +46,44 @@ def left_out(fit: Fit, recording: Recording) -> tuple[str, ...]:
     if is_fitted(fit, recording):
         return ()
     names = [name for name in fit.model.added if of_one_record(find(name))]
+    aligned = recording.rig.offset_tolerance
     anew = [name for name in fit.model.added if name not in names and find(name).rested({})]
     sentences = []
     if names:
         sentences.append(f"{' and '.join(names)}: follows the clock of the fitted recording; left out on this one")
     if anew:
         sentences.append(f"{' and '.join(anew)}: begins on this recording as after a long rest")
+    if offset_is_its_own(fit, recording):
+        sentences.append(f"time_offset: estimated on this one, whose clocks agree within {1e3 * aligned:.3g} ms only")
     return tuple(sentences)
+
+
+def offset_is_its_own(fit: Fit, recording: Recording) -> bool:
+    """Whether a recording that was not fitted has a time offset of its own, as of two loggers."""
+    free = any(term.name == "time_offset" for term in fit.model.free)
+    return free and recording.rig.offset_tolerance > 0.0 and not is_fitted(fit, recording)
+
+
+def with_offset_of(run: PreparedRun, values: Values, noise: Noise) -> Values:
+    """Coefficients with the time offset of a run, within the tolerance of its clocks: Gauss-Newton on the innovations,
+    all else as it is."""
+    shift, least, most = run.accel_step, *(values.time_offset + x * run.rig.offset_tolerance for x in (-1.0, 1.0))
+    for _ in range(OFFSET_ROUNDS):
+        moved = [Values({**values.by_name, "time_offset": values.time_offset + x}, values.terms) for x in (0.0, shift)]
+        integrals = [drive(run, at, None) for at in moved]
+        counts = integrals[0].settled(run.wait(noise)) & ~integrals[1].restart
+        before, behind = (run_filter(run, driven, noise) for driven in integrals)
+        slope = (behind.series("e") - before.series("e"))[counts] / shift
+        weighted = slope / before.series("S")[counts]
+        offset = values.time_offset - float(weighted @ before.series("e")[counts]) / max(
+            float(weighted @ slope), 1e-300
+        )
+        values = Values({**values.by_name, "time_offset": min(max(offset, least), most)}, values.terms)
+    return values
+
+
+OFFSET_ROUNDS = 3
+"""Steps of Gauss and Newton to the time offset of a run; each leaves a hundredth."""
 
 
 def is_fitted(fit: Fit, recording: Recording) -> bool:
@@ -229,6 +260,8 @@ class Prediction:
         """A run that was prepared at a fit's origins, under its parameters and noise; readings count from `since` on,
         s."""
         values, noise = values_on(fit, run.recording), noise_on(fit, run)
+        if math.isinf(withheld) and offset_is_its_own(fit, run.recording):
+            values = with_offset_of(run, values, noise)
         return cls(run, values, noise, fit.validity["frequency"][1], withheld, since)
 
     @cached_property

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from accelcal._support.values import amount_of
 from accelcal.data import Array, Flags, Places, Recording, in_usual_unit
 from accelcal.diagnosis.noise.growing import total_with_std
 from accelcal.diagnosis.noise.noise_test import OUTPUT_OUTLIERS, READING_OUTLIERS, NoiseTest
@@ -135,8 +136,9 @@ def encoder_outliers(residuals: Residuals) -> NoiseTest:
     p = 0.0 if left_out else flagged.p_value
     count = flagged.count + left_out
     at = tuple(float(t) for t in residuals.run.t[residuals.state.counts][flagged.peaks]) if p < NOISE_TEST_ALPHA else ()
+    how_many = amount_of(int(count), "reading of the encoder is an outlier", "readings of the encoder are outliers")
     text = (
-        f"{count:.0f} readings of the encoder are outliers of up to {in_usual_unit(flagged.size, 'm', 2)}"
+        f"{how_many} of up to {in_usual_unit(flagged.size, 'm', 2)}"
         if p < NOISE_TEST_ALPHA
         else "the encoder has no outliers"
     )
