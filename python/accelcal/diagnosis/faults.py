@@ -336,7 +336,7 @@ def glitches(recording: Recording, run: PreparedRun) -> list[Fault]:
     for a, b in zip(begins, ends, strict=True):
         jumps = z[a : b + 1] - np.interp(t[a : b + 1], run.t, run.z)
         size = float(jumps[np.argmax(np.abs(jumps))])
-        how_many = amount_of(b - a + 1, "reading jumps", "readings jump")
+        how_many = amount_of(int(b - a) + 1, "reading jumps", "readings jump")
         back = "returns" if a == b else "return"
         text = f"position: {how_many} by {in_usual_unit(size, 'm')} at t = {instant(t[a])} s and {back}"
         instants.append(Fault("glitch", "position", float(t[a]), size, text))
@@ -506,7 +506,8 @@ def dropped_samples(columns: RelationColumns) -> list[Fault]:
         ):
             text = (
                 f"{channel}: the delay jumps by {jump_s * 1e3:+.3g} ms at t = {instant(time)} s and stays: "
-                f"{amount_of(abs(round(samples)), 'sample was', 'samples were')} lost or duplicated without a trace in the time stamps"
+                f"{amount_of(abs(round(samples)), 'sample was', 'samples were')} lost or duplicated without a trace in "
+                "the time stamps"
             )
             return [Fault("dropped_samples", channel, time, float(round(samples)), text)]
     return []
