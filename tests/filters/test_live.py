@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from accelcal._support.errors import AccelcalError
 from accelcal.data.rig import Rig, Sensor
 from accelcal.effects import BUILT_IN, CATALOGUE, find
 from accelcal.effects import effect as declare
@@ -44,6 +45,22 @@ def normalised(live: LiveModel) -> float:
 @pytest.fixture(scope="module")
 def records() -> list[World]:
     return [world(seed) for seed in SEEDS]
+
+
+def test_inputs_of_a_live_model_that_are_none_are_refused_in_a_sentence() -> None:
+    live = LiveModel(Model.linear(), RIG, rate=RATE, q=1e-6, r_position=1e-12, position=0.0)
+    nan, ones = float("nan"), np.ones(5)
+    for call, said in (
+        (lambda: live.step(nan, 0.0), r"LiveModel.step: output nan.*Leave this sample out"),
+        (lambda: live.step(1.0, 0.0, early=5.0), r"early 5\.0; expected .* 0 <= early <"),
+        (lambda: live.run(ones, ones[1:]), r"arrays of shapes \(5,\), \(4,\); expected \(n,\) each"),
+        (lambda: live.named(2.0), r"alpha = 2; expected a probability"),
+    ):
+        with pytest.raises(AccelcalError, match=said):
+            call()
+    with pytest.raises(TypeError, match=r"watch is 'cubic'; expected a list"):
+        LiveModel(Model.linear(), RIG, rate=RATE, q=1e-6, r_position=1e-12, position=0.0, watch="cubic")
+    assert live.step(1.0, 0.0) is not None  # nothing was changed
 
 
 def test_live_estimates_of_effects_are_honest_and_near_the_replay(records: list[World]) -> None:

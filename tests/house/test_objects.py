@@ -6,6 +6,7 @@ import copy
 import dataclasses
 import importlib
 import pickle
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -94,6 +95,19 @@ KINDS = (
 )
 
 
+EQUAL = ("Comparison", "Diagnosis", "Evaluation", "Fit", "Recording")
+
+
+def arrays_of(value: Any) -> Iterator[np.ndarray]:
+    """Arrays of numbers anywhere in an object."""
+    if isinstance(value, np.ndarray) and value.size and value.dtype == float:
+        yield value
+    if dataclasses.is_dataclass(value):
+        value = [getattr(value, field.name) for field in dataclasses.fields(value) if field.compare]
+    for part in value if isinstance(value, tuple | list) else ():
+        yield from arrays_of(part)
+
+
 def same(a: object, b: object) -> bool:
     """Whether two objects show the same: arrays have no equality of their own."""
     return type(a) is type(b) and repr(a) == repr(b)
@@ -112,6 +126,17 @@ def test_an_object_is_pickled_and_copied(objects: dict[str, Any], kind: str) -> 
     one = objects[kind]
     for again in (pickle.loads(pickle.dumps(one)), copy.copy(one), copy.deepcopy(one)):
         assert same(again, one)
+        assert kind not in EQUAL or again == one
+
+
+@pytest.mark.parametrize("kind", EQUAL)
+def test_objects_with_arrays_are_equal_where_every_number_is(objects: dict[str, Any], kind: str) -> None:
+    one = objects[kind]
+    other = copy.deepcopy(one)
+    assert other == one
+    next(arrays_of(other)).flat[0] += 1.0
+    assert other != one
+    assert one not in ("text", 3, None)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -66,6 +66,21 @@ WRONG: dict[str, tuple[Any, str]] = {
     ),
     "a word for a model": (lambda r, f: ac.Model("linear"), r"effects is the text"),
     "a filter of no name": (lambda r, f: ac.FilterChoice("ekf"), r"'aci' or 'cwpa'"),
+    "one unit for all": (
+        lambda r, f: ac.Recording.from_arrays(r.accel.t, r.accel.y, r.position.y, units="m"),
+        r'units is the text "m"; expected a unit by column',
+    ),
+    "a sidecar for a rig": (
+        lambda r, f: ac.Recording.from_arrays(r.accel.t, r.accel.y, r.position.y, units={}, rig="rig.toml"),
+        r'rig is the text "rig.toml"',
+    ),
+    "a negative density": (lambda r, f: ac.Sensor(noise=-1e-3), r"Sensor: noise is -0\.001; expected .*not negative"),
+    "a negative tolerance": (lambda r, f: ac.Rig(offset_tolerance=-1.0), r"Rig: offset_tolerance is -1"),
+    "a width that is none": (lambda r, f: ac.Prior(0.0, float("nan")), r"Prior: std is nan"),
+    "a fit to track": (
+        lambda r, f: ac.LiveModel(f, r.rig, rate=1e3, q=1e-6, r_position=1e-12, position=0.0),
+        r"LiveModel: model is a Fit; Model\.linear",
+    ),
     "a frame that is none": (lambda r, f: ac.Recording.from_dataframe(r.accel.y), r"expected a pandas DataFrame"),
 }
 

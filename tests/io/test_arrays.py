@@ -81,6 +81,21 @@ def test_dates_and_time_deltas_in_a_column_are_stamps_without_a_unit(zone: str |
     for stamps in (elapsed, pandas.Timestamp("2026-05-12 14:03:27", tz=zone) + elapsed):
         run = ac.Recording.from_dataframe(frame.assign(timestamp=stamps))
         np.testing.assert_allclose(run.accel.t, T - T[0], atol=2e-9)
+        dated = ac.Recording.from_dataframe(frame.set_index(stamps), units={"t": "ms"})  # dates have no other unit
+        np.testing.assert_array_equal(dated.accel.t, run.accel.t)
+
+
+def test_an_index_that_counts_rows_is_no_clock() -> None:
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame({"accel_m_per_s2": output(), "position_m": POSITION, "remark": "fine"})
+    with pytest.raises(ac.RecordingError, match=r"no column for time.*the index counts rows"):
+        ac.Recording.from_dataframe(frame)
+    counted = ac.Recording.from_dataframe(frame, units={"t": "ms"})
+    assert counted.accel.t[-1] == pytest.approx(1e-3 * (N - 1))
+    assert "remark" not in counted.side
+    twice = pandas.concat([frame, frame[["position_m"]]], axis=1)
+    with pytest.raises(ac.RecordingError, match='two columns are called "position_m"'):
+        ac.Recording.from_dataframe(twice, units={"t": "ms"})
 
 
 def test_text_in_a_frame_is_refused_with_what_makes_numbers_of_it() -> None:
