@@ -197,3 +197,26 @@ def test_the_judge_sees_a_recording_that_is_cut_off_or_not_the_beginning(tmp_pat
         assert is_whole(path, whole, grows=True) == (rows[0] == 1.0)
     path.write_bytes(whole[:-20])
     assert not is_whole(path, whole, grows=True)
+
+
+IN_A_CALLBACK = """
+import signal, sys, time, weakref
+from accelcal._support import stopping
+class Name: pass
+def lost(_):
+    signal.raise_signal(signal.SIGINT)
+    for _ in range(10): pass
+def command():
+    name = Name()
+    reference = weakref.ref(name, lost)
+    del name
+    time.sleep(20.0)
+    print("went on")
+sys.exit(stopping.run(command))
+"""
+
+
+def test_an_interrupt_in_a_callback_whose_exceptions_python_drops_ends_the_command() -> None:
+    done = subprocess.run([sys.executable, "-c", IN_A_CALLBACK], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (130, "")
+    assert done.stderr == "accelcal: interrupted; no file was left half-written\n"

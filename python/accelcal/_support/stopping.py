@@ -73,6 +73,16 @@ class _Signals:
             number = getattr(signal, name)
             if name != "SIGPIPE" and signal.getsignal(number) not in (signal.SIG_IGN, None):
                 signal.signal(number, self._stop)
+        sys.unraisablehook = self._again
+
+    def _again(self, lost: sys.UnraisableHookArgs) -> None:
+        """A signal that came in a finaliser or a callback of a weak reference, where Python drops what is raised, comes
+        once more."""
+        if isinstance(lost.exc_value, Stopped):
+            self.first = None
+            threading.Timer(0.01, signal.raise_signal, (lost.exc_value.number,)).start()
+        else:
+            sys.__unraisablehook__(lost)
 
     def release(self) -> None:
         """Let signals end the process at once: the command has ended, Python still takes itself apart."""

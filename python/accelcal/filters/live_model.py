@@ -320,10 +320,11 @@ class LiveModel:
             raise AccelcalError(
                 f"{GRAVITY}: a live filter takes gravity along the axis as constant; give the rig's, and fit a record"
             )
-        if not (math.isfinite(u) and 0.0 <= early < self._signals.step and (z is None or math.isfinite(z))):
+        if not (math.isfinite(u) and abs(early) < self._signals.step and (z is None or math.isfinite(z))):
             raise AccelcalError(
-                f"LiveModel.step: output {u!r}, position {z!r}, early {early!r}; expected finite numbers, no position "
-                f"(None) where it was not read, and 0 <= early < {self._signals.step:g} s. Leave this sample out"
+                f"LiveModel.step: output {u!r}, position {z!r}, early {early!r}; expected finite numbers, "
+                f"None for a position that was not read, and early less than a step, {self._signals.step:g} s. "
+                "Leave this sample out"
             )
         self._side.update({name: value for name, value in side.items() if not math.isnan(value)})
         self._require_side()

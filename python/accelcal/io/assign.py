@@ -300,16 +300,16 @@ def _absent(table: Table, channel: str, sidecar: Path, declared: Iterable[str]) 
     hint = f' (the sidecar has "{close[0]}"; did you mean "{channel}"?)' if close else ""
     if channel == "accel" and {*OUTPUTS.values()} <= {*names}:
         hint = " (of three outputs declare [channels.attitude] and the place, too, or use accelcal dwells at rest)"
-    likely, file = candidates(table, channel), table.path
+    likely, file, elsewhere = candidates(table, channel), table.path, ""
     if not (hint or likely) and channel in ("accel", "position"):
         files = f"{file} --position READINGS" if channel == "position" else f"OUTPUT --position {file}"
-        hint = f" (if a second logger has it: accelcal fit {files})"
+        elsewhere = f"If a second logger has it: accelcal fit {files}. "
     lines = line(channel, *likely[0]) if likely else line(channel, "...", USUAL_UNIT[channel])
     if channel == "time":
         lines += '\n# or, without a time column: rate = "1667 Hz"'
     return (
         f"{table.path}: no column for {channel}{hint}; columns are: {_listed(table.columns)}. "
-        f"{_likely_text(likely)}Name it like "
+        f"{elsewhere}{_likely_text(likely)}Name it like "
         f"{'t_s' if channel == 'time' else naming.column_name(channel, USUAL_UNIT[channel])}, or {fix(sidecar, lines)}"
     )
 

@@ -68,7 +68,7 @@ def from_dataframe(frame: DataFrame, *, units: Mapping[str, str] | None, rig: Ri
     columns |= {key: index_in_seconds(frame.set_index(key).index) for key in dated}
     declared |= dict.fromkeys(dated, "s")
     if not any(naming.role(naming.take_apart(key).base) == "time" for key in columns):
-        if type(frame.index).__name__ == "RangeIndex" and "t" not in declared:
+        if type(frame.index).__name__ == "RangeIndex" and "t" not in declared and len(frame):
             raise RecordingError(
                 f"{name or 'frame'}: no column for time; the columns are {', '.join(columns)}, and the index counts "
                 'rows. Name one t, or say what the index is, as in units={"t": "s"}'

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable, Mapping
 from functools import cache, cached_property
 from typing import Any, TypeVar, get_type_hints
@@ -385,6 +386,8 @@ def sentence(error: ValidationError) -> str:
     if kind in ("extra_forbidden", "unexpected_keyword_argument"):
         return f"{where} is no key of this schema"
     expected = message.removeprefix("Value error, ").replace("Input should be", "expected").replace("should", "must")
+    if field := re.fullmatch(r"\w+: (\w+) is (\S+); (expected .*)", expected):  # of `check_fields`
+        return f"{where}.{field[1]}: found {field[2]}, {field[3]}"
     if kind == "value_error":
         expected = f"expected {expected}"
     elif not expected.startswith("expected"):
