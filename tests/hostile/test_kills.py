@@ -217,6 +217,8 @@ sys.exit(stopping.run(command))
 
 
 def test_an_interrupt_in_a_callback_whose_exceptions_python_drops_ends_the_command() -> None:
-    done = subprocess.run([sys.executable, "-c", IN_A_CALLBACK], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", IN_A_CALLBACK], capture_output=True, text=True, check=False, timeout=15.0
+    )
     assert (done.returncode, done.stdout) == (130, "")
     assert done.stderr == "accelcal: interrupted; no file was left half-written\n"

@@ -46,7 +46,7 @@ ALLOWED = {
         *("os.WNOHANG", "os.fork", "os.killpg", "prctl", "malloc_trim", "process_group"),
         *("signal.SIGKILL", "signal.SIG_BLOCK", "signal.SIG_SETMASK", "signal.pthread_sigmask"),
     },
-    "_support/stopping.py": {"signal.SIGPIPE"},
+    "_support/stopping.py": {"signal.SIGPIPE", "signal.pthread_kill"},
     "app/live_page.py": {"/dev/"},  # an example of a port
     "app/server.py": {"os.getuid", "signal.SIGHUP"},
     "app/workers.py": {"/proc/", "os.nice", "os.sysconf", "resource"},

@@ -80,7 +80,9 @@ class _Signals:
         once more."""
         if isinstance(lost.exc_value, Stopped):
             self.first = None
-            threading.Timer(0.01, signal.raise_signal, (lost.exc_value.number,)).start()
+            to_main = getattr(signal, "pthread_kill", None)  # wakes it, where there is such a call
+            arguments = (threading.main_thread().ident, lost.exc_value.number) if to_main else (lost.exc_value.number,)
+            threading.Timer(0.01, to_main or signal.raise_signal, arguments).start()
         else:
             sys.__unraisablehook__(lost)
 
