@@ -266,7 +266,8 @@ def gravity_mistaken(recording: Recording, scale: float, constant: float) -> str
     line, along = f'axis = "{"up" if shown > 0.0 else "down"}"', f"on an axis declared {rig.axis}"
     why = f"{along}: the record reads the other way; write in the sidecar"
     if shown == 0.0:
-        line, why = 'gravity_along_axis = "0 m/s^2"', f"{along}: gravity seems to be removed; write in the sidecar"
+        line = 'gravity_along_axis = "0 m/s^2"'
+        why = f'{along}. A level axis has axis = "level"; else gravity seems to be removed; write in the sidecar'
     elif abs(rig.gravity) < near:
         why = f"close to gravity, {along}. If the axis is vertical, write in the sidecar"
     return f"{recording.name or 'recording'}: the output has a constant of {constant:.3f} m/s² {why}\n[rig]\n{line}"
