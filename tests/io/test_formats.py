@@ -131,6 +131,20 @@ def test_parquet_stamps_durations_and_integers_are_numbers(tmp_path):
     np.testing.assert_allclose(recording.position.y, 1e-6 * np.arange(N), rtol=1e-15)
 
 
+def test_the_nameless_index_of_a_frame_holds_the_stamps_where_it_has_dates(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    t = np.arange(3000) / 500.0
+    columns = {"accel_m_per_s2": np.sin(6.0 * t), "position_m": -np.sin(6.0 * t) / 36.0}
+    dates = pandas.Timestamp("2026-01-01") + pandas.to_timedelta(t, unit="s")
+    pandas.DataFrame(columns, index=dates).to_parquet(tmp_path / "dates.parquet")
+    np.testing.assert_allclose(io.load(tmp_path / "dates.parquet").accel.t, t, atol=1e-9)
+    pandas.DataFrame({"t_s": t, **columns}, index=dates[::-1]).to_parquet(tmp_path / "both.parquet")
+    np.testing.assert_array_equal(io.load(tmp_path / "both.parquet").accel.t, t)  # a column for time comes first
+    pandas.DataFrame(columns, index=2 * np.arange(3000)).to_parquet(tmp_path / "rows.parquet")
+    with pytest.raises(RecordingError, match="no column for time"):
+        io.load(tmp_path / "rows.parquet")
+
+
 def test_text_column_in_parquet_is_refused_by_name(tmp_path):
     path = tmp_path / "run.parquet"
     write_parquet(path, {"t_s": pa.array(T), "accel_g": pa.array(["1"] * N), "position_m": pa.array(POSITION)})

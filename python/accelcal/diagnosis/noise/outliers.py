@@ -138,7 +138,7 @@ def encoder_outliers(residuals: Residuals) -> NoiseTest:
     at = tuple(float(t) for t in residuals.run.t[residuals.state.counts][flagged.peaks]) if p < NOISE_TEST_ALPHA else ()
     how_many = amount_of(int(count), "reading of the encoder is an outlier", "readings of the encoder are outliers")
     text = (
-        f"{how_many} of up to {in_usual_unit(flagged.size, 'm', 2)}"
+        how_many + f" of up to {in_usual_unit(flagged.size, 'm', 2)}" * (flagged.size > 0.0)
         if p < NOISE_TEST_ALPHA
         else "the encoder has no outliers"
     )
