@@ -26,10 +26,18 @@ def immutable(value: type[Value]) -> type[Value]:
             )
         raise FrozenInstanceError(f"a {kind} is immutable and has no field {name}; its fields are {', '.join(fields)}")
 
+    of_fields = value.__eq__
+
+    def equal(self: Value, other: object) -> bool:
+        try:
+            return of_fields(self, other)
+        except ValueError:  # of arrays, which have no truth value
+            return alike(self, other)
+
     for method in ("__setattr__", "__delattr__"):
         type.__setattr__(value, method, refuse)
-    if value.__dataclass_params__.eq:  # type: ignore[attr-defined]
-        type.__setattr__(value, "__eq__", alike)
+    if of_fields is not object.__eq__:
+        type.__setattr__(value, "__eq__", equal)
     return value
 
 
