@@ -67,8 +67,8 @@ def test_clocks_that_agree_within_a_tolerance_are_set_anew_on_another_record():
     # the twins: without a tolerance, and with one that is too small
     for tolerance in (0.0, 0.5e-3):
         rig = dataclasses.replace(other.rig, offset_tolerance=tolerance)
-        seen = ac.compare(fit, dataclasses.replace(other, accel=late, rig=rig, digest=f"{tolerance}"))[0]
-        assert seen.one_step_rms > 1.1 * declared.one_step_rms
+        misaligned = ac.compare(fit, dataclasses.replace(other, accel=late, rig=rig, digest=f"{tolerance}"))[0]
+        assert misaligned.one_step_rms > 1.1 * declared.one_step_rms
 
 
 def test_creep_begins_on_another_record_as_after_a_long_rest():

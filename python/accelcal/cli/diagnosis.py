@@ -308,7 +308,7 @@ def plan(
     rigs = {"ADXL105": sensors.ADXL105_RIG, "CXL02": sensors.CXL02_RIG}
     if rig is not None and sensor is not None:
         raise UsageError("--sensor and --rig both say which sensor it is; leave one out")
-    sensor = sensor or next(iter(rigs))
+    sensor = "ADXL105" if sensor is None else sensor
     if sensor not in rigs:
         raise UsageError(f"--sensor {sensor!r}: expected {' or '.join(rigs)}")
     used = rigs[sensor] if rig is None else io.read_sidecar(rig).rig

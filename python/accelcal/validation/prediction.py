@@ -46,7 +46,6 @@ def left_out(fit: Fit, recording: Recording) -> tuple[str, ...]:
     if is_fitted(fit, recording):
         return ()
     names = [name for name in fit.model.added if of_one_record(find(name))]
-    aligned = recording.rig.offset_tolerance
     anew = [name for name in fit.model.added if name not in names and find(name).rested({})]
     sentences = []
     if names:
@@ -54,7 +53,8 @@ def left_out(fit: Fit, recording: Recording) -> tuple[str, ...]:
     if anew:
         sentences.append(f"{' and '.join(anew)}: begins on this recording as after a long rest")
     if offset_is_its_own(fit, recording):
-        sentences.append(f"time_offset: estimated on this one, whose clocks agree within {1e3 * aligned:.3g} ms only")
+        tolerance = 1e3 * recording.rig.offset_tolerance
+        sentences.append(f"time_offset: estimated on this one, whose clocks agree within {tolerance:.3g} ms only")
     return tuple(sentences)
 
 
