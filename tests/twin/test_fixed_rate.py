@@ -143,9 +143,10 @@ def test_effects_come_with_their_columns() -> None:
         filters.fixed_rate_with_effects(dt=DT, q=1e-6, r_position=1e-12, x0=np.zeros(19), P0=np.eye(19))
 
 
-def test_a_step_of_w2_costs_few_empty_calls() -> None:
-    # Other work on the machine slows a step more than an empty call, for a while: the least of three tries counts.
-    found = min((cost(WORKLOADS["W2"], rounds=60) for _ in range(3)), key=lambda one: one.ratio)
-    print(f"\nW2 step: {found.step:.0f} ns, {found.ratio:.2f} empty calls of {found.empty:.0f} ns")
-    # least of 60 rounds, in turn; the loop's own time is taken off both; 3.5 before each step checked its variances
-    assert found.ratio <= 4.0
+def test_a_step_adds_few_empty_calls_to_the_work_of_its_filter() -> None:
+    # What the filter computes depends on the processor and is a bench (benches/streaming.py): `run` does the same work
+    # in one call, so the difference is what calling costs. Steps with stamps are the twin that is beyond the limit.
+    measured = min((cost(WORKLOADS["W2"], rounds=30) for _ in range(3)), key=lambda cost: cost.step - cost.run)
+    calling, stamped = ((step - measured.run) / measured.empty for step in (measured.step, measured.stamped))
+    print(f"\nW2: a step adds {calling:.1f} empty calls, with a stamp {stamped:.1f}")
+    assert calling <= 4.0 < stamped
