@@ -110,4 +110,4 @@ def test_a_fit_repeats_what_reading_warned_of(ended, folder):
     (folder / "doubled.toml").write_bytes((folder / "run.toml").read_bytes())
     code, printed, _ = ended("fit", "doubled.csv")
     assert code == 0
-    assert "warning: doubled.csv: accel: 1 samples repeat the time stamp before" in " ".join(printed.split())
+    assert "warning: doubled.csv: accel: 1 sample repeats the time stamp before" in " ".join(printed.split())

@@ -99,7 +99,7 @@ def test_duplicate_stamps_with_one_value_keep_one():
     channel, findings = check([0.0, 0.1, 0.1, 0.2], [1.0, 2.0, 2.0, 3.0])
     assert channel.t.tolist() == [0.0, 0.1, 0.2]
     assert kinds(findings) == ["duplicate_stamps"]
-    assert findings[0].text.endswith("repeat the time stamp before (first at t = 0.1 s): one of each is kept")
+    assert findings[0].text.endswith("1 sample repeats the time stamp before (first at t = 0.1 s): one of each is kept")
     assert findings[0].severity == "note"
 
 

@@ -15,7 +15,7 @@ from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
-from accelcal._support.errors import AccelcalError
+from accelcal._support.errors import AccelcalError, FieldError
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -93,7 +93,7 @@ def check_fields(value: Any, signed: Collection[str] | None = None) -> None:
     for name in set(kind.__dataclass_fields__) - set(signed) if signed is not None else ():
         amount = getattr(value, name)
         if isinstance(amount, int | float) and not amount >= 0.0:
-            raise AccelcalError(f"{kind.__name__}: {name} is {amount:g}; expected a number that is not negative")
+            raise FieldError(kind.__name__, name, amount, "a number that is not negative")
 
 
 @functools.cache

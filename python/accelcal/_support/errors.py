@@ -31,6 +31,14 @@ class AccelcalError(ValueError):
     """
 
 
+class FieldError(AccelcalError):
+    """A field of a value holds a number that it cannot have."""
+
+    def __init__(self, owner: str, field: str, value: float, expected: str) -> None:
+        super().__init__(f"{owner}: {field} is {value:g}; expected {expected}")
+        self.field, self.value, self.expected = field, value, expected
+
+
 class AccessError(AccelcalError, OSError):
     """A file or a port cannot be used."""
 

@@ -34,7 +34,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal._support.values import listing
+from accelcal._support.values import amount_of, listing
 from accelcal.data import units
 from accelcal.data.arrays import Array
 from accelcal.data.clocks import FEWEST_STAMPS, rounding_std, slewed, stamp_grid, steady_clock, uniform_clock
@@ -289,7 +289,8 @@ def _without_duplicates(samples: Samples) -> tuple[Array, Array, list[Finding]]:
         )
     mean = np.where(differs, np.add.reduceat(y, starts) / lengths, y[starts])
     count = len(t) - len(starts)
-    text = f"{samples.name}: {count} samples repeat the time stamp before (first at t = {instant(doubled)} s): "
+    repeated = amount_of(count, "sample repeats", "samples repeat")
+    text = f"{samples.name}: {repeated} the time stamp before (first at t = {instant(doubled)} s): "
     averaged = int(np.count_nonzero(differs))
     text += (
         f"where the values differ ({averaged} stamps) their mean is used, else one is kept"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Callable, Mapping
 from functools import cache, cached_property
 from typing import Any, TypeVar, get_type_hints
@@ -15,7 +14,7 @@ from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import CoreSchema, PydanticSerializationError, SchemaSerializer, SchemaValidator, core_schema
 
 from accelcal import _core
-from accelcal._support.errors import AccelcalError, visible
+from accelcal._support.errors import AccelcalError, FieldError, visible
 from accelcal._support.result import NotStored
 from accelcal._support.values import face
 from accelcal.results.json_text import ModelFileError, escaped, finite, strict
@@ -386,8 +385,8 @@ def sentence(error: ValidationError) -> str:
     if kind in ("extra_forbidden", "unexpected_keyword_argument"):
         return f"{where} is no key of this schema"
     expected = message.removeprefix("Value error, ").replace("Input should be", "expected").replace("should", "must")
-    if field := re.fullmatch(r"\w+: (\w+) is (\S+); (expected .*)", expected):  # of `check_fields`
-        return f"{where}.{field[1]}: found {field[2]}, {field[3]}"
+    if isinstance(error := first.get("ctx", {}).get("error"), FieldError):
+        return f"{where}.{error.field}: found {error.value:g}, expected {error.expected}"
     if kind == "value_error":
         expected = f"expected {expected}"
     elif not expected.startswith("expected"):
