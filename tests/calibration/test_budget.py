@@ -34,6 +34,10 @@ def on(fit, **rig):
     return replace(fit, rig=replace(fit.rig, uncertainty=DECLARED, **rig))
 
 
+FURTHER = {"temperature_bias": 0, "temperature_scale": 1, "scale_asymmetry": 1, "odd_quadratic": 2}
+"""Power of the acceleration that each multiplies."""
+
+
 def drawn(fit):
     """Spread of each parameter over drawn encoder scales, levels and misalignments, each calibrated without error."""
     rng = np.random.default_rng(2)
@@ -44,15 +48,17 @@ def drawn(fit):
     phi = math.asin(fit.rig.gravity / STANDARD_GRAVITY)
     gravity = STANDARD_GRAVITY * np.sin(phi + level) + STANDARD_GRAVITY * (np.sin(phi + off) - np.sin(phi))
     spread = {"bias": gravity}
-    for name, n in (("scale_factor", 1), ("quadratic", 2), ("cubic", 3)):
-        size = 1.0 + VALUES[name] if name == "scale_factor" else VALUES[name]
+    for name, n in {"scale_factor": 1, "quadratic": 2, "cubic": 3, **FURTHER}.items():
+        size = 1.0 + VALUES[name] if name == "scale_factor" else fit[name].value
         spread[name] = size * (np.cos(off) * (1.0 + e)) ** n
-    return {name: math.hypot(float(np.std(y)), STD[name]) for name, y in spread.items()}
+    return {name: math.hypot(float(np.std(y)), fit[name].std) for name, y in spread.items()}
 
 
 @pytest.mark.parametrize("axis", ["level", "up"])
 def test_combined_uncertainty_is_that_of_drawn_rigs(cubic, axis):
     fit = on(cubic, axis=axis)
+    further = (replace(fit["cubic"], name=name, value=2e-3, std=1e-7) for name in FURTHER)
+    fit = replace(fit, estimates=(*fit.estimates, *further))
     expected = drawn(fit)
     lines = {line.estimate.name: line for line in budget(fit).lines}
     assert set(lines) == set(expected)
@@ -60,7 +66,7 @@ def test_combined_uncertainty_is_that_of_drawn_rigs(cubic, axis):
         assert line.combined == pytest.approx(expected[name], rel=0.02)  # 200 000 draws know it to 0.3 %
         assert line.expanded == 2.0 * line.combined
         assert line.components[0].kind == "A"
-        assert line.components[0].contribution == STD[name]
+        assert line.components[0].contribution == fit[name].std
 
 
 def test_a_wrong_power_would_be_seen(cubic):

@@ -18,7 +18,7 @@ from accelcal.estimation.remarks import Remark
 from accelcal.estimation.tracks import Path as PathOverRun
 from accelcal.report.content import entries
 from accelcal.report.page import script_json
-from accelcal.report.view import METHOD, view
+from accelcal.report.view import METHOD, view, volts
 from accelcal.results.words import readable
 from accelcal.simulation import ADXL105_RIG
 from tests.report.conftest import FILE, HOSTILE
@@ -59,10 +59,15 @@ def test_numbers_are_those_of_the_api(pages, lacking, complete):
         assert values["falling"] == list(content.nested.errors)
     combined = [x for line in complete.budget.lines for x in (line.combined, line.expanded)]
     assert Page(pages["complete"]).values["budget"] == combined
-    volts = Page(pages["complete"]).values["parameters"][-2:]
+    electrical = Page(pages["complete"]).values["parameters"][-2:]
     fitted = complete.fit
-    assert volts[0] == pytest.approx(1e3 * 0.1 * (1.0 + fitted["scale_factor"].value) * 9.80665, rel=1e-14)  # mV/g
-    assert volts[1] == pytest.approx(1e3 * (2.5 + 0.1 * fitted["bias"].value), rel=1e-14)  # mV
+    assert electrical[0] == pytest.approx(1e3 * 0.1 * (1.0 + fitted["scale_factor"].value) * 9.80665, rel=1e-14)  # mV/g
+    assert electrical[1] == pytest.approx(1e3 * (2.5 + 0.1 * fitted["bias"].value), rel=1e-14)  # mV
+    combined = {line.estimate.name: line.combined for line in complete.budget.lines}
+    of_k, of_zero = (row["std"] for row in volts(complete))
+    assert of_k == pytest.approx(1e3 * 0.1 * combined["scale_factor"] * 9.80665, rel=1e-14)
+    assert of_zero == pytest.approx(1e3 * 0.1 * combined["bias"], rel=1e-14)
+    assert combined["bias"] > 1.1 * fitted["bias"].std  # the declared level, which the fit does not know
 
 
 def test_every_figure_is_placed_once(complete):

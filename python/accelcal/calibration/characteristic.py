@@ -334,13 +334,8 @@ def _digits(value: float, count: int) -> float:
 
 COVERAGE_FACTOR = 2.0
 """Expanded uncertainty over standard uncertainty; about 95 % for a normal distribution."""
-POWERS = {
-    name: term.power
-    for name, term in static_terms().items()
-    if not term.thermal and (term.power > 1 or not term.mirrored)
-}
-"""Power of the true acceleration that a parameter multiplies: an encoder scale error enters that many times. The
-coefficients of |a| and of temperature have no budget."""
+POWERS = {name: term.power for name, term in static_terms().items()}
+"""Power of the true acceleration that a parameter multiplies: an encoder scale error enters that many times."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -398,7 +393,7 @@ def budget(fit: Fit) -> Budget:
     is off by d has that share too, and cos d of the motion. An encoder scale error e enters a coefficient of a^n as
     n e, and one of the rate of the clock as 2 n e. What a joint fit has separated (tilt, misalignment, encoder_scale)
     is in the estimates already. Differences between mountings and between days are in it as far as the fitted runs
-    differ.
+    differ. The thermometer is taken as exact.
     """
     declared, separated = fit.rig.uncertainty, _separated(fit)
     needed = {
@@ -445,6 +440,8 @@ def _components(fit: Fit, e: Estimate) -> tuple[Component, ...]:
         return tuple(components)
     size = fit.values().scale if e.name == "scale_factor" else e.value
     n = POWERS[e.name]
+    if n == 0:
+        return tuple(components)
     if "encoder_scale" not in separated:
         components.append(Component("scale of the encoder", "B", ruler, "1", abs(n * size * ruler)))
     components.append(Component("misalignment of the input axis", "B", off, "rad", abs(n * size) * _second_order(off)))

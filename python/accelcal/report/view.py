@@ -510,11 +510,12 @@ def parameters(content: Content) -> Table:
 
 
 def volts(content: Content) -> list[dict[str, Any]]:
-    """Sensitivity and zero-g output where a scale is declared; V/g as mV/g."""
-    rows = []
-    for key, quantity in content.fit.electrical.items():
+    """Sensitivity and zero-g output where a scale is declared; V/g as mV/g; with their budget where it is complete."""
+    rows, fit = [], content.fit
+    for (key, quantity), name in zip(fit.electrical.items(), ("scale_factor", "bias"), strict=False):
         factor, unit = (1e3, f"m{quantity.unit}") if quantity.unit.startswith("V") else (1.0, quantity.unit)
-        value, std = factor * quantity.value, factor * quantity.std
+        of_fit, combined = fit[name].std, standard_uncertainty(content.budget, fit[name])
+        value, std = factor * quantity.value, factor * quantity.std * (combined / of_fit if of_fit else 1.0)
         rows.append(
             {
                 "name": spelled(key),

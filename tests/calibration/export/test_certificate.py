@@ -86,16 +86,17 @@ def test_values_and_expanded_uncertainties_are_those_of_the_budget():
                 "coverageProbability",
             ]
     lines = {line.estimate.name: line for line in budget(made.fit).lines}
-    bias, k = lines["bias"], lines["scale_factor"]
+    bias, k, thermal = (lines[name] for name in ("bias", "scale_factor", "temperature_scale"))
     assert stated["bias (K0)"] == (0.05, r"\metre\second\tothe{-2}", bias.expanded)
     assert stated["scale_factor (k)"] == (0.01, r"\one", k.expanded)
-    assert stated["temperature_scale (kT)"] == (1e-4, r"\kelvin\tothe{-1}", None)
+    assert stated["temperature_scale (kT)"] == (1e-4, r"\kelvin\tothe{-1}", thermal.expanded)
     sensitivity = stated["sensitivity"]
     assert sensitivity[0] == pytest.approx(0.0255 * 1.01, rel=1e-15)
     assert sensitivity[1] == r"\volt\metre\tothe{-1}\second\tothe{2}"
     assert sensitivity[2] == pytest.approx(0.0255 * k.expanded, rel=1e-15)
     assert stated["zero-g output"][0] == pytest.approx(2.5 + 0.0255 * 0.05, rel=1e-15)
     assert stated["largest temperature"] == (40.0, r"\degreecelsius", None)
+    assert "the thermometer is taken as exact" in found.text
     assert "time_offset belongs to timing" in found.text
     assert "time_offset (" not in found.text
 

@@ -395,7 +395,7 @@ def draft(c: Calibration, laboratory: Laboratory) -> Draft:
     ranges += [("temperature", temperature, "degC")] if temperature else []
     notes = [f"Model in forward sense (IEEE 1293): {equation(c)}; {reading(c)}."]
     if c.own.needs_temperature:
-        notes.append(f"T counts from {c.own.reference:.6g} degC.")
+        notes.append(f"T counts from {c.own.reference:.6g} degC; the thermometer is taken as exact.")
     notes += [f"{text}." for text in c.remarks]
     notes.append(f"Not certified: {'; '.join(left_out(c))}.")
     if undeclared:
