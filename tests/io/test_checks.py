@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from accelcal.data.quality import Samples, clean, require_overlap
+from accelcal.data.quality import Samples, clean, reading_step, require_overlap
 from accelcal.data.recording import Channel, RecordingError
 from accelcal.data.rig import Rig, Sensor
 
@@ -90,6 +90,18 @@ def test_repeats_of_position_and_temperature_are_kept():
         channel, findings = check(clock(len(y)), y, name)
         assert kinds(findings) == expected
         assert len(channel) == len(y)
+
+
+def test_readings_on_a_grid_coarser_than_the_declared_resolution_are_said_and_the_grid_is_taken():
+    rig = Rig(resolution=1e-6)
+    coarse, fine, few = noisy(500, 3.0), noisy(500, 1.0), np.repeat([0.0, 3.0, 9.0, 3.0], 100)
+    for counts, expected in ((coarse, 3e-6), (fine, 1e-6), (few, 1e-6), (noisy(500), 1e-6)):
+        y = 1e-6 * (counts + 5e4)
+        assert reading_step(y, rig.resolution) == pytest.approx(expected, rel=1e-6)
+        _, findings = check(clock(len(y)), y, "position", rig)
+        assert ("coarse_grid" in kinds(findings)) == (expected > 1e-6)
+    assert reading_step(1e-6 * coarse, None) == pytest.approx(3e-6, rel=1e-6)
+    assert reading_step(1e-6 * noisy(500), None) == 0.0
 
 
 # Stamps

@@ -10,6 +10,7 @@ import inspect
 import numbers
 import os
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from types import NoneType, SimpleNamespace, UnionType
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -54,11 +55,10 @@ def checked(function: Callable[P, T]) -> Callable[P, T]:
 
     @functools.wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> T:
-        try:
-            given = signature.bind(*args, **kwargs)
-        except TypeError:
-            return function(*args, **kwargs)  # a wrong number of arguments: Python's own sentence names the function
-        for name, value in given.arguments.items():
+        arguments: Mapping[str, Any] = {}  # of a wrong number: Python's own sentence names the function
+        with suppress(TypeError):
+            arguments = signature.bind(*args, **kwargs).arguments
+        for name, value in arguments.items():
             hint = hints_of(function).get(name, Any)
             for label, item in labelled(name, value, signature.parameters[name].kind):
                 if name not in ("self", "cls") and not accepts(hint, item):

@@ -16,6 +16,7 @@ late, slewed stamps  warning: stamps of a host that scatter about a uniform cloc
 lost rows            warning: of channels without stamps whose readings step by what they change by in whole rows. Gaps
                      are left in their place (`accelcal.data.clocks`)
 position repeats     mentioned, kept: an encoder at rest repeats its count
+coarse grid          warning: readings that all lie on a grid coarser than the declared resolution; the grid is taken
 saturated            warning, kept here: readings at the declared range, or piled up at the extreme; the former are
                      left out before anything is estimated (`accelcal.diagnosis.left_out`)
 constant             warning, kept; of the output an error where something is to be learnt from it
@@ -57,6 +58,8 @@ ROUNDED, HELD = "stamps_on_grid", "held_repeats"
 """Kinds of findings that the diagnosis reads; their size is the step of the stamps, s."""
 COARSE_STAMPS = 0.01
 """Share of contradictory duplicate stamps from which on the stamps are coarser than the sampling."""
+GRID_TOLERANCE = 0.05
+"""Steps of a grid by which a reading may lie beside it."""
 CLIP_MARGIN = 1e-3
 """A reading within this share of the declared range counts as clipped."""
 LONGEST_TRAVEL = 100.0
@@ -126,7 +129,7 @@ def clean(samples: Samples, rig: Rig) -> tuple[Channel, list[Finding]]:
         findings += noticed
         findings += _clipping(name, t, y, rig.sensor.range if name == "accel" else None)
     if name == "position":
-        findings += _position_repeats(t, y) + _travel(t, y)
+        findings += _position_repeats(t, y) + _coarse_grid(t, y, rig.resolution) + _travel(t, y)
     findings += _constant(name, t, y) + _gaps(name, t)
     return Channel(name, np.ascontiguousarray(t), np.ascontiguousarray(y), unit), findings
 
@@ -412,6 +415,41 @@ def _position_repeats(t: Array, y: Array) -> list[Finding]:
         "does at rest; all are kept"
     )
     return [Finding("position_repeats", "position", count, float(t[1 + np.argmax(same)]), text)]
+
+
+def reading_step(y: Array, declared: float | None) -> float:
+    """Step of a quantised encoder: that of the grid on which all readings lie, or the declared one if that is no finer.
+
+    Parameters
+    ----------
+    y : readings, (n,) m.
+    declared : m.
+
+    Returns
+    -------
+    m; 0 where neither is known.
+    """
+    steps = np.abs(np.diff(y))
+    grid = float(np.min(steps, where=steps > 0.0, initial=np.inf))
+    counts = steps / grid
+    if not math.isfinite(grid) or float(np.max(np.abs(np.rint(counts) - counts))) > GRID_TOLERANCE:
+        return declared or 0.0
+    if declared is None:
+        return grid
+    many = np.count_nonzero(steps) >= _FEWEST_CHANGES  # of few, all may be multiples of a larger step by chance
+    return grid if many and grid > (1.0 + GRID_TOLERANCE) * declared else declared
+
+
+def _coarse_grid(t: Array, y: Array, declared: float | None) -> list[Finding]:
+    step = reading_step(y, declared)
+    if declared is None or step == declared:
+        return []
+    text = (
+        f"position: all readings lie on a grid of {units.in_usual_unit(step, 'm', 4)}, coarser than the declared "
+        f"resolution of {units.in_usual_unit(declared, 'm', 4)}: the grid is taken as the resolution; declare it, or "
+        "export the readings with more digits"
+    )
+    return [Finding("coarse_grid", "position", len(y), float(t[0]), text, "warning")]
 
 
 def _clipping(name: str, t: Array, y: Array, full_scale: float | None) -> list[Finding]:

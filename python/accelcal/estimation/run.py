@@ -34,7 +34,7 @@ from accelcal.data import (
 )
 from accelcal.data.arrays import Answer, Unchanged
 from accelcal.data.orientation import HOLE, holes
-from accelcal.data.quality import require_pace
+from accelcal.data.quality import reading_step, require_pace
 from accelcal.estimation.channel_filters import ChannelFilters, uniform
 from accelcal.estimation.readings import MIN_READINGS, distinct_readings, readings_apart, runs_of_one_count, spikes
 from accelcal.estimation.values import Noise, Values
@@ -370,17 +370,8 @@ class RunSamples:
 
     @cached_property
     def least_step(self) -> float:
-        """Smallest step the encoder shows, or its declared resolution, m; 0 when neither is known."""
-        if self.order != POSITION_ORDER:
-            return 0.0
-        steps = np.abs(np.diff(self.z))
-        smallest = float(np.min(steps[steps > 0.0], initial=np.inf))
-        declared = self.rig.resolution
-        if declared is not None:
-            return declared
-        counts = steps / smallest
-        quantised = np.isfinite(smallest) and float(np.max(np.abs(np.rint(counts) - counts))) < 0.05
-        return smallest if quantised else 0.0
+        """Step of the encoder, declared or as its readings show it, m; 0 when neither is known."""
+        return reading_step(self.z, self.rig.resolution) if self.order == POSITION_ORDER else 0.0
 
     @cached_property
     def confirmed(self) -> float:

@@ -232,3 +232,12 @@ def test_a_cyclic_error_is_found_on_a_motion_that_rests_at_few_places(size):
     assert found.p_value < NOISE_TEST_ALPHA
     assert found.parts["period"] == pytest.approx(2e-5, rel=1e-3)
     assert good.p_value > NOISE_TEST_ALPHA
+
+
+def test_rounding_coarser_than_the_declared_resolution_is_no_cyclic_error():
+    # Rounding to 3 µm is a wave of that period over position; the rig declares 1 µm.
+    record = simulate("interleaved", seconds=30.0, rig=ADXL105_RIG, parameters={"bias": 0.1}, rng=RNG(7)).recording
+    z = record.position
+    rounded = replace(record, position=Channel(z.name, z.t, 3e-6 * np.round(z.y / 3e-6), z.unit))
+    tests = {test.effect: test for test in run_noise_tests(world.fitted(rounded))}
+    assert tests["encoder_cyclic"].p_value > NOISE_TEST_ALPHA
