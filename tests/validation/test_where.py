@@ -13,10 +13,11 @@ import pytest
 import accelcal as ac
 from accelcal.cli.printing import show
 from accelcal.results import comparisons
+from accelcal.signals.signals import Signals
 from accelcal.simulation import CXL02_RIG
 from accelcal.validation import systematic
 from accelcal.validation.comparison import Bins, Evaluation, Region
-from accelcal.validation.regions import STRETCHES, largest_of, seen_at, worst_regions, worst_sentence
+from accelcal.validation.regions import STRETCHES, largest_of, seen_at, variables_of, worst_regions, worst_sentence
 from benches.regions import evaluation_of, false_regions
 
 VARIABLES = ("time", "position", "velocity", "acceleration", "jerk", "time since reversal")
@@ -27,6 +28,16 @@ def bins_of(variable: str, score: np.ndarray, std: float = 1e-3) -> Bins:
     n = len(score)
     share = np.full(n, 1.0 / n)
     return Bins(variable, "m/s", np.linspace(-1.0, 1.0, n + 1), std * score, np.full(n, std), share=share)
+
+
+def test_the_rate_of_a_coarse_temperature_is_that_of_its_ramp() -> None:
+    # A thermometer of 0.1 K on a ramp of 0.2 K/s steps every half second; its samples are 10 ms apart.
+    t = np.arange(0.0, 20.0, 0.01)
+    zero = np.zeros_like(t)
+    side = {"temperature": 0.1 * np.floor(2.0 * t)}
+    rate, unit = variables_of(Signals(t, zero, zero, zero, zero, 1.0, CXL02_RIG, side=side))["temperature rate"]
+    assert unit == "K/s"
+    assert rate[100:-100] == pytest.approx(0.2, abs=0.051)  # a sample by itself: 0 or 10 K/s
 
 
 def densities(rng: np.random.Generator, n: int = 12, freedom: int = 20) -> Bins:

@@ -385,8 +385,8 @@ def sentence(error: ValidationError) -> str:
     if kind in ("extra_forbidden", "unexpected_keyword_argument"):
         return f"{where} is no key of this schema"
     expected = message.removeprefix("Value error, ").replace("Input should be", "expected").replace("should", "must")
-    if isinstance(error := first.get("ctx", {}).get("error"), FieldError):
-        return f"{where}.{error.field}: found {error.value:g}, expected {error.expected}"
+    if isinstance(cause := first.get("ctx", {}).get("error"), FieldError):
+        return f"{where}.{cause.field}: found {cause.value:g}, expected {cause.expected}"
     if kind == "value_error":
         expected = f"expected {expected}"
     elif not expected.startswith("expected"):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from accelcal.data import Array, Flags, instant
 from accelcal.effects.building_blocks import lagged, since_reversal
+from accelcal.effects.mechanisms import temperature_rate
 from accelcal.estimation.estimate import Fit
 from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import BINS, Bins, Outside, Region, RmsInterval
@@ -132,7 +133,7 @@ def variables_of(motion: Signals) -> dict[str, tuple[Array, str]]:
     turned = np.arange(len(since)) - np.rint(np.nan_to_num(since) / motion.step).astype(np.intp)
     side = {name: (y, "") for name, y in motion.side.items()}
     if "temperature" in side:
-        side["temperature rate"] = (np.gradient(motion.temperature, motion.t), "K/s")
+        side["temperature rate"] = (temperature_rate(motion), "K/s")  # a coarse sensor steps
     return {
         "time": (motion.t, "s"),
         "position": (motion.p, "m"),
