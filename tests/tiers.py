@@ -1,6 +1,6 @@
 """Tiers of the tests: what a case costs in processor seconds, by measurement, and which cases `make test` runs.
 
-`make test` runs what is neither `slow` (a case above 1 s, or what takes its function there), nor `outside`, nor
+`make test` runs what is neither `slow` (a case above half a second, or what takes its function there), nor `outside`, nor
 `statistics`. `make test-durations` runs every test with `ACCELCAL_DURATIONS` naming a folder, into which each worker
 writes a line per case: its time, and from Python 3.12 on the lines of the package that it reaches. `python -m
 tests.tiers FOLDER` makes `tests/durations.json` of them, with a guard for each slow test, and prints how many tests and
@@ -30,7 +30,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = f"{ROOT / 'python' / 'accelcal'}{os.sep}"
 JUDGED = ("estimation/", "diagnosis/", "data/", "io/", "validation/")
 """Folders of the package whose lines `make test` should reach nearly as well as `make test-all`."""
-SLOW = 1.0
+SLOW = 0.5
 """Processor seconds above which a case is slow; of a test function above it, every second or third case stays.
 
 `ACCELCAL_SLOW=0/8` runs every eighth of the slow cases, from the first; 1/8 to 7/8 the others."""
