@@ -681,7 +681,8 @@ def impact(run: PreparedRun) -> float:
     excess = running_median(u, IMPACT_SAMPLES, "edge")
     np.abs(np.subtract(u, excess, out=excess), out=excess)
     pair = np.minimum(excess[1:], excess[:-1])
-    pair[widened(np.diff(t) > HOLE * np.median(np.diff(t), overwrite_input=True), IMPACT_SAMPLES)] = 0.0
+    longest = HOLE * float(np.median(np.diff(t), overwrite_input=True))
+    pair[widened(np.diff(t) > longest, IMPACT_SAMPLES)] = 0.0  # over a gap the motion goes on
     hit = int(np.argmax(pair))
     if hit < 4 * LOCAL:
         return math.inf  # too little before it to know what is usual
