@@ -89,6 +89,17 @@ def recursive_filter(
     return y
 
 
+LONG_TRANSFORM = 1 << 20
+"""Samples from which on the plan of a transform is not worth its memory."""
+
+
+def forget_plans() -> None:
+    """Free what transforms keep of the last lengths, sixteen each: of a long record as much as the record itself."""
+    for n in range(2, 18):
+        for transform in (scipy.fft.rfft, scipy.fft.dct, np.fft.rfft):
+            transform(np.zeros(n))
+
+
 def cosine_window(n: int, weights: Sequence[float] = (0.5, 0.5)) -> Array:
     """Periodic window of `n` samples, a sum of cosines; that of Hann (Harris 1978)."""
     at = np.linspace(-math.pi, math.pi, n + 1)[:-1]
