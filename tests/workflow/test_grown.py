@@ -42,7 +42,7 @@ def test_its_first_step_uses_filter_and_signals_of_the_other(linear):
     model = linear.model.add("quadratic")
     state = linear.states[0]
     grown = state.grown(model)
-    assert grown.track is state.track
+    assert grown.filtered is state.filtered
     assert grown.values.by_name == {**state.values.by_name, "quadratic": 0.0}
     gram = normal_equations(grown, model.free).gram
     assert gram.shape == (len(model.free), len(model.free))

@@ -779,11 +779,12 @@ def relation(output: Channel, position: Channel) -> tuple[float, float]:
     segment = max(count // SEGMENTS, SHORTEST)
     if count < 2 * segment:
         return 0.0, 0.0
-    y, z = (np.interp(first + step * np.arange(count), channel.t, channel.y) for channel in (output, position))
-    parts = np.lib.stride_tricks.sliding_window_view([y[1:-1], np.diff(z, 2) / step**2], segment, axis=1)
-    parts = parts[:, :: segment // 2]
-    u, a = np.fft.rfft((parts - parts.mean(axis=2, keepdims=True)) * np.hanning(segment), axis=2)
-    powers = np.array([(u * a.conj()).real, np.abs(u) ** 2, np.abs(a) ** 2]).sum(axis=1)
+    window, powers = np.hanning(segment), np.zeros((3, segment // 2 + 1))
+    for begin in range(0, count - 1 - segment, segment // 2):
+        at = first + step * np.arange(begin, begin + segment + 2)
+        y, z = (np.interp(at, channel.t, channel.y) for channel in (output, position))
+        u, a = (np.fft.rfft((x - x.mean()) * window) for x in (y[1:-1], np.diff(z, 2) / step**2))
+        powers += (u * a.conj()).real, np.abs(u) ** 2, np.abs(a) ** 2
     tried = [(0.0, 0.0)]
     for low, high in combinations(np.unique(np.geomspace(2, segment // 4, EDGES).astype(int)).tolist(), 2):
         cross, of_output, of_motion = powers[:, low:high].sum(axis=1).tolist()

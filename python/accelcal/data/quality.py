@@ -429,14 +429,17 @@ def reading_step(y: Array, declared: float | None) -> float:
     -------
     m; 0 where neither is known.
     """
-    steps = np.abs(np.diff(y))
-    grid = float(np.min(steps, where=steps > 0.0, initial=np.inf))
-    counts = steps / grid
-    if not math.isfinite(grid) or float(np.max(np.abs(np.rint(counts) - counts))) > GRID_TOLERANCE:
+    counts = np.diff(y)
+    np.abs(counts, out=counts)
+    many = np.count_nonzero(counts) >= _FEWEST_CHANGES
+    grid = float(np.min(counts, where=counts > 0.0, initial=np.inf))
+    counts /= grid
+    counts -= np.rint(counts)
+    if not math.isfinite(grid) or float(np.max(np.abs(counts, out=counts))) > GRID_TOLERANCE:
         return declared or 0.0
     if declared is None:
         return grid
-    many = np.count_nonzero(steps) >= _FEWEST_CHANGES  # of few, all may be multiples of a larger step by chance
+    # Of few, all may be multiples of a larger step by chance.
     return grid if many and grid > (1.0 + GRID_TOLERANCE) * declared else declared
 
 

@@ -45,8 +45,8 @@ from accelcal.model import Model
 from accelcal.signals.processing import ORDER, low_pass, memory, spectral_density
 from accelcal.signals.series import widened
 from accelcal.validation.comparison import Evaluation
-from accelcal.validation.evaluation import AVERAGED_SEGMENTS, accel_residual, compare
-from accelcal.validation.prediction import Prediction
+from accelcal.validation.evaluation import AVERAGED_SEGMENTS, compare, residual_of
+from accelcal.validation.prediction import DrivenRun
 
 PROCESSES = frozenset(effect.name for effect in BUILT_IN if effect.port == "process")
 FOLLOW_TIME = PROCESSES | {LINE, *(name for name in OF_TIME if find(name).family)}
@@ -124,12 +124,12 @@ def slow_residual(fit: Fit, run: PreparedRun, *, stretches: bool = True) -> Iter
     if gravity_is_recorded(recording):
         return
     try:
-        ahead = Prediction.on(fit, run)
+        ahead = DrivenRun.on(fit, run)
     except ValueError:
         return
     band = min(ahead.crossover, 0.2 / run.reading_step)
-    t, residual, _ = accel_residual(ahead, band)
-    slow = SlowResidual.of(recording, (t, residual), band)
+    t, residual, inside = residual_of(ahead, band)
+    slow = SlowResidual.of(recording, (t[inside], residual[inside]), band)
     if slow.stretches and stretches:
         yield slow.apart(recording)
     else:

@@ -30,7 +30,8 @@ from accelcal.estimation.bands import TRIALS, in_its_band
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.remarks import Remark, remark
 from accelcal.estimation.run import PreparedRun
-from accelcal.estimation.run_state import RunState
+from accelcal.estimation.run_state import LONG, RunState
+from accelcal.signals.processing import forget_plans
 
 
 def position_jumps(residuals: Residuals) -> NoiseTest:
@@ -196,13 +197,10 @@ def clean_fit(
     return CleanFit(tuple(runs), solution, (*new, *found_earlier.values()))
 
 
-LONG = 1_000_000
-"""Samples of the output from which on freed arrays are worth giving back: they are used again sooner than that."""
-
-
 def give_back(states: Sequence[RunState]) -> None:
     """Give back the memory in which long runs were solved and tested."""
     if sum(len(state.run.accel) for state in states) > LONG:
+        forget_plans()
         give_back_memory()
 
 

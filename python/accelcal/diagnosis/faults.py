@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import pickle
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import blake2b
@@ -50,11 +50,13 @@ from accelcal.estimation.readings import spikes
 from accelcal.estimation.remarks import Remark, Value, remark
 from accelcal.estimation.run import PreparedRun, Source, prepare, prepared
 from accelcal.estimation.values import Noise, Values
-from accelcal.signals.series import LOCAL, local_spread, running_median, runs_of_true, widened
+from accelcal.signals.series import LOCAL, least_change, local_spread, running_median, runs_of_true, widened
 from accelcal.signals.signals import CORNER_NOISE
 
 BANDS_PER_DECADE = 4
 """Bands between the slowest that the record resolves and a tenth of the encoder's rate."""
+TOGETHER, FORGOTTEN = 1 << 16, 16.0
+"""Readings whose columns are there at a time, and the waits of a filter after which its start has left no bit."""
 MOST_BLOCKS = 512
 """Blocks of a scan; longer records have longer blocks."""
 
@@ -76,23 +78,35 @@ class RelationColumns:
         shift = run.accel_step
         late, plain, early = (drive(run, Values({"time_offset": d}), None) for d in (-shift, 0.0, shift))
         gone = late.restart | plain.restart | early.restart
-        h: Array = np.where(gone, 0.0, np.diff(plain.t, prepend=plain.t[0]))
-        zero = np.zeros_like(h)
-        pull, pulled = run.gravity_integrals if run.gravity.channel else (zero, zero)
-        steady = float(np.sum(pull * ~gone)) / max(float(np.sum(h)), 1e-300)  # a constant would hide what moves
-        pull, pulled = pull - steady * h, pulled - steady * h**2 / 2.0
-        integrals = [
-            (plain.first + pull, plain.second + pulled),
-            (early.first - late.first, early.second - late.second),
-            (early.first + late.first - 2.0 * plain.first, early.second + late.second - 2.0 * plain.second),
-            (h, h**2 / 2.0),
+        h: Array = np.diff(plain.t, prepend=plain.t[0])
+        h[gone] = 0.0
+        duration, zero = (h, h**2 / 2.0), np.zeros(len(h))
+        pull = zero, zero
+        if run.gravity.channel:
+            once, twice = (integral * ~gone for integral in run.gravity_integrals)
+            steady = float(np.sum(once)) / max(float(np.sum(h)), 1e-300)  # a constant would hide what moves
+            pull = once - steady * h, twice - steady * duration[1]
+        slope = early.first - late.first, early.second - late.second
+        for before, middle, behind, pulled in (
+            (late.first, plain.first, early.first, pull[0]),
+            (late.second, plain.second, early.second, pull[1]),
+        ):  # in place: the second difference stands where the early one was
+            behind += before
+            behind -= np.multiply(middle, 2.0, out=before)
+            middle += pulled
+            middle[gone] = behind[gone] = 0.0
+        slope[0][gone] = slope[1][gone] = 0.0
+        against = (-pull[0], -pull[1]) if run.gravity.channel else pull
+        return [
+            DriveIntegrals(plain.t, z, first, second, gone, plain.extra_q)
+            for z, (first, second) in (
+                (zero, (plain.first, plain.second)),
+                (zero, slope),
+                (zero, (early.first, early.second)),
+                (zero, duration),
+                (plain.z - plain.z[0], against),
+            )
         ]
-        moving, extra = ~gone, plain.extra_q
-        drives = [
-            DriveIntegrals(plain.t, zero, first * moving, second * moving, gone, extra) for first, second in integrals
-        ]
-        encoder = np.ascontiguousarray(plain.z - plain.z[0])
-        return [*drives, DriveIntegrals(plain.t, encoder, -pull * moving, -pulled * moving, gone, extra)]
 
     def release(self) -> None:
         """Free them until they are used again: of an hour they are 240 MB."""
@@ -146,16 +160,14 @@ class BandRelation:
         self.source, self.band = source, band
         """Hz"""
         run, noise, drives = source.run, source.noise(band), source.drives
-        self.settled = drives[0].settled(run.wait(noise))
-        """Readings that enter, (readings,)."""
-        t = self.t
+        settled, t = self.settled, self.t
         span = float(t[-1] - t[0]) if len(t) > 1 else 0.0
         number = max(1, int(min(MOST_BLOCKS, span * band)))
         self.edges: Array = np.linspace(t[0], t[-1], number + 1) if len(t) else np.zeros(2)
         """Of blocks of at least one period of the band, (K + 1,) s."""
         driven = [column.arrays[1:4] for column in drives]
         shared, edges, prior = drives[0].arrays, self.edges[:-1], run.prior(noise.r)
-        gram = _core.block_products(shared, driven, self.settled, edges, q=noise.q, r=noise.r, prior=prior)
+        gram = _core.block_products(shared, driven, settled, edges, q=noise.q, r=noise.r, prior=prior)
         size = np.sqrt(np.diag(gram.sum(axis=0))[:5] / max(1, len(t)))
         self.size: Array = np.where(size > 0.0, size, 1.0)
         """(5,) root mean square by which each column was divided, m."""
@@ -164,17 +176,46 @@ class BandRelation:
         """(K, 6, 6) products of the columns over the blocks, the last row and column counting readings."""
 
     @property
+    def settled(self) -> Flags:
+        """Readings that enter, (readings,)."""
+        return self.source.drives[0].settled(self.source.run.wait(self.source.noise(self.band)))
+
+    @property
     def t(self) -> Array:
         """Times of settled readings, (n,) s."""
-        return self.source.run.t[self.settled]
+        settled = self.settled
+        first, last = int(np.argmax(settled)), len(settled) - int(np.argmax(settled[::-1]))
+        whole = settled[first:last].all()  # a view takes no memory
+        return self.source.run.t[first:last] if whole and settled.any() else self.source.run.t[settled]
 
-    def columns(self) -> Array:
-        """The columns at settled readings, (n, 5)."""
-        run, noise = self.source.run, self.source.noise(self.band)
-        drives = [column.arrays for column in self.source.drives]
-        rows = _core.innovations(drives, q=noise.q, r=noise.r, prior=run.prior(noise.r))[:, self.settled]
-        rows /= self.size[:, None]
-        return np.asarray(rows.T)
+    def columns(self, begin: float = -math.inf, end: float = math.inf) -> Iterator[Array]:
+        """The columns at settled readings from `begin` to before `end`, s, in pieces (n, 5).
+
+        The filter starts so long before each piece that nothing of the start is left.
+        """
+        run, noise, settled = self.source.run, self.source.noise(self.band), self.settled
+        first, last = (int(k) for k in np.searchsorted(run.t, (begin, end)))
+        prior, forgotten = run.prior(noise.r), FORGOTTEN * run.wait(noise)
+        for start in range(first, last, TOGETHER):
+            rows = slice(start, min(start + TOGETHER, last))
+            before = int(np.searchsorted(run.t, run.t[start] - forgotten))
+            drives = [column.part(slice(before, rows.stop)).arrays for column in self.source.drives]
+            innovations = _core.innovations(drives, q=noise.q, r=noise.r, prior=prior)[:, start - before :]
+            yield (innovations[:, settled[rows]] / self.size[:, None]).T
+
+    def residual(self) -> Array:
+        """What the best relation leaves of the encoder's innovations at settled readings, (n,) m."""
+        triangle, count = np.empty((0, 5)), 0
+        for columns in self.columns():
+            triangle = np.asarray(np.linalg.qr(np.concatenate([triangle, columns]), mode="r"))
+            count += len(columns)
+        rank_at = count * float(np.finfo(np.float64).eps)
+        c = np.linalg.lstsq(triangle[:, :4], triangle[:, 4], rcond=rank_at)[0]
+        residual, begin = np.empty(count), 0
+        for columns in self.columns():
+            rows = slice(begin, begin := begin + len(columns))
+            residual[rows] = (columns[:, 4] - columns[:, :4] @ c) * self.size[4]
+        return residual
 
     def power(self, gram: Array, c: Array) -> Array:
         """Mean square residual of each block under one relation; empty blocks are skipped."""
@@ -188,7 +229,7 @@ class BandRelation:
         s."""
         t = self.t
         rows = slice(*np.searchsorted(t, interval))
-        columns = self.columns()[rows]
+        columns = np.concatenate([*self.columns(*interval)])
         squares = (columns[:, 4] - columns[:, :4] @ c) ** 2
         behind = np.cumsum(squares[::-1])[::-1]
         count = np.arange(len(squares), 0, -1)
@@ -349,8 +390,7 @@ def rail_hits(run: PreparedRun) -> list[Fault]:
     They are told and kept: a move at constant acceleration, seen by a coarse converter, looks the same.
     """
     t, u = run.accel.t, run.accel.y
-    steps = np.abs(np.diff(u))
-    quantum = float(np.min(steps[steps > 0.0], initial=math.inf))
+    quantum = least_change(u)
     hits = []
     for extreme in (float(u.max()), float(u.min())):
         for a, b in runs_of_true(u == extreme, RAIL_SAMPLES):
@@ -401,19 +441,20 @@ def position_steps(columns: RelationColumns) -> list[PositionStep]:
     """
     run = columns.run
     relation = columns.in_band(0.1 / run.reading_step)
-    t, rows = relation.t, relation.columns()
+    t = relation.t
     if len(t) < 8 * LOCAL:
         return []
-    X, y = rows[:, :4], rows[:, 4] * relation.size[4]
-    residual = y - X @ np.linalg.lstsq(X, y, rcond=None)[0]
+    residual = relation.residual()
     step = columns.response(relation.band, np.arange(2 * PULSE) >= PULSE)
     spike = columns.response(relation.band, np.arange(2 * PULSE) == PULSE)
-    matched = np.correlate(residual, step, "full")[PULSE - 1 :] / np.linalg.norm(step)
-    single = np.correlate(residual, spike, "full")[PULSE - 1 :] / np.linalg.norm(spike)
-    score = np.abs(matched) / local_spread(matched)
+    matched = np.correlate(residual, step, "full")[PULSE - 1 :]
+    matched /= np.linalg.norm(step)
+    score = local_spread(matched)
+    np.divide(np.abs(matched), score, out=score)
     high = np.flatnonzero(score > SURELY_CHANCE)
     if not len(high):
         return []
+    single = np.correlate(residual, spike, "full")[PULSE - 1 :] / np.linalg.norm(spike)
     chance = dict(zip(high, 2.0 * len(score) * scipy.special.stdtr(0.7 * LOCAL, -score[high]), strict=True))
     noise = float(np.median(np.abs(residual))) / 0.6745
     behind_gap = np.diff(t, prepend=t[0]) > HOLE * run.reading_step
@@ -637,23 +678,20 @@ def impact(run: PreparedRun) -> float:
     t, u = run.accel.t, run.accel.y
     if len(u) < 4 * LOCAL:
         return math.inf
-    filtered = running_median(u, IMPACT_SAMPLES, "edge")
-    excess = np.abs(u - filtered)
+    excess = running_median(u, IMPACT_SAMPLES, "edge")
+    np.abs(np.subtract(u, excess, out=excess), out=excess)
     pair = np.minimum(excess[1:], excess[:-1])
-    spacing = np.diff(t)
-    pair[widened(spacing > HOLE * np.median(spacing), IMPACT_SAMPLES)] = 0.0  # over a gap the motion goes on
+    longest = HOLE * float(np.median(np.diff(t), overwrite_input=True))
+    pair[widened(np.diff(t) > longest, IMPACT_SAMPLES)] = 0.0  # over a gap the motion goes on
     hit = int(np.argmax(pair))
     if hit < 4 * LOCAL:
         return math.inf  # too little before it to know what is usual
-    elsewhere = pair[np.abs(t[:-1] - t[hit]) > 2.0 * IMPACT_COINCIDENCE]
+    beside = np.searchsorted(t[:-1], t[hit] + 2.0 * IMPACT_COINCIDENCE * np.array([-1.0, 1.0]))
+    elsewhere = max(np.max(part, initial=0.0) for part in (pair[: beside[0]], pair[beside[1] :]))
     before = slice(max(0, hit - 4 * LOCAL), max(1, hit - IMPACT_SAMPLES))
     spread = float(np.median(excess[before])) / 0.6745
-    steps = np.abs(np.diff(u))
-    spread = max(spread, float(np.min(steps[steps > 0.0], initial=math.inf)))
-    if (
-        pair[hit] < max(IMPACT_OUTPUT_RATIO * spread, IMPACT_PEAK_RATIO * float(np.max(elsewhere, initial=0.0)))
-        or pair[hit] == 0.0
-    ):
+    spread = max(spread, least_change(u))
+    if pair[hit] < max(IMPACT_OUTPUT_RATIO * spread, IMPACT_PEAK_RATIO * float(elsewhere)) or pair[hit] == 0.0:
         return math.inf
     second_difference = np.abs(np.diff(run.z, 2))
     begin = int(np.searchsorted(run.t, t[hit] - IMPACT_COINCIDENCE))

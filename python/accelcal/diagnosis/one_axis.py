@@ -30,7 +30,7 @@ from accelcal.estimation.estimate import require_motion
 from accelcal.estimation.gauss_newton import NotIdentifiable
 from accelcal.estimation.plausible import other_column
 from accelcal.estimation.run import PreparedRun, Source, prepared, recording_of
-from accelcal.signals.processing import low_pass, quintic
+from accelcal.signals.processing import LONG_TRANSFORM, forget_plans, low_pass, quintic
 from accelcal.signals.series import grid_step, interpolation_spread
 from accelcal.validation.evaluation import AVERAGED_SEGMENTS
 
@@ -298,6 +298,8 @@ class Pair:
         weight = np.interp(np.linspace(0.0, 1.0, len(product)), np.linspace(0.0, 1.0, len(share)), share)
         product *= np.where(weight > EXPECTED_COHERENCE, 1.0, 0.0) / np.maximum(np.abs(product), 1e-300)
         correlation = np.abs(fft.irfft(product, n))
+        if n > LONG_TRANSFORM:
+            forget_plans()
         reach = np.concatenate([np.arange(self.segment), np.arange(-self.segment, 0)])
         late = int(reach[int(np.argmax(correlation[reach]))])
         if abs(late) <= self.segment / 16:

@@ -149,14 +149,15 @@ def grid_times(state: RunState, rows: slice) -> tuple[float, float, int]:
 
 def bank_of(state: RunState, readings: slice, grid: tuple[float, float, int], group: int = 1) -> _core.Bank:
     """Gains of a stretch of readings, and their geometry on a grid, ready to filter columns."""
+    part = state.filter_over(readings)
     return _core.Bank(
-        state.track,
-        state.run.t,
-        state.drive.restart,
-        state.counts,
+        part.track,
+        part.drive.t,
+        state.drive.restart[part.over],
+        state.counts[part.over],
         grid=grid,
-        from_=readings.start,
-        to=readings.stop,
+        from_=readings.start - part.over.start,
+        to=readings.stop - part.over.start,
         group=group,
     )
 
@@ -400,5 +401,5 @@ def _transposed(state: RunState, y: Array, B: Array, C: Array, D: float) -> Arra
 
 def _steady(state: RunState) -> tuple[Array, Array, Array]:
     """Transition, median gains and measurement of the filter for position and velocity."""
-    gains = [[float(np.median(state.track.series(name)))] for name in ("gain_p", "gain_v")]
+    gains = [[float(np.median(state.series(name)))] for name in ("gain_p", "gain_v")]
     return np.array([[1.0, state.run.reading_step], [0.0, 1.0]]), np.array(gains), np.array([[1.0, 0.0]])

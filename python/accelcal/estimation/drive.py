@@ -46,7 +46,7 @@ class DriveIntegrals:
         wait = min(wait, 0.2 * float(self.t[-1] - self.t[0]))
         begins = np.flatnonzero(self.restart)
         if len(begins) > 1:
-            begins = begins[np.searchsorted(begins, np.arange(len(self.t)), side="right") - 1]
+            return np.asarray(self.t > np.repeat(self.t[begins] + wait, np.diff(begins, append=len(self.t))))
         return np.asarray(self.t > self.t[begins] + wait)
 
     def part(self, rows: slice) -> DriveIntegrals:
@@ -85,10 +85,13 @@ def drive(run: PreparedRun, values: Values, signals: Signals | None) -> DriveInt
         delay=values.time_offset,
         hole=HOLE * run.accel_step,
     )
-    h = np.diff(run.t, prepend=run.t[0])
+    del stamps
     filters = run.filters
-    first -= values.bias * filters.at_rest * h
-    second -= values.bias * filters.at_rest * h**2 / 2.0
+    if values.bias:
+        h = np.diff(run.t, prepend=run.t[0])
+        first -= values.bias * filters.at_rest * h
+        second -= values.bias * filters.at_rest * h**2 / 2.0
+        del h
     z = run.readings
     if signals is not None:
         t_grid = signals.t + run.origins.t
@@ -107,9 +110,10 @@ def drive(run: PreparedRun, values: Values, signals: Signals | None) -> DriveInt
     restart[0] = True
     restart[np.searchsorted(run.t, run.restarts)] = True
     first *= gain  # in place, as all of it: what is kept lies below what is not, and memory is given back
-    first -= run.gravity_integrals[0]
     second *= gain
-    second -= run.gravity_integrals[1]
+    pulls = run.gravity_integrals
+    first -= pulls[0]
+    second -= pulls[1]
     first[restart] = second[restart] = 0.0
     return DriveIntegrals(run.t, z, first, second, restart, run.extra_q)
 

@@ -17,6 +17,7 @@ from accelcal.effects.registry import Owner
 from accelcal.estimation.drive import DriveIntegrals
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise
+from accelcal.signals.processing import LONG_TRANSFORM, forget_plans
 from accelcal.signals.signals import Signals
 
 BLOCKS = 16
@@ -519,6 +520,8 @@ def measured_spectrum(
     if n <= LEAST_LINES:
         return None
     power = scipy.fft.dct(r, norm="ortho")[1:] ** 2
+    if n > LONG_TRANSFORM:
+        forget_plans()
     free = np.ones(n - 1) if explained is None else 1.0 - explained[1:]
     f = np.arange(1.0, n) * rate / (2.0 * n)
     inside = (free > FREE_SHARE) & (power > 0.0)

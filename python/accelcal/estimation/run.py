@@ -73,9 +73,11 @@ class AxisGravity:
 
     def integrals(self, t: Array) -> tuple[Array, Array]:
         """Velocity (m/s) and, beyond it, position (m) gained over the interval that ends at each of the times, (n,)."""
-        h = np.diff(t, prepend=t[0])
         if self.channel is None:
             level = self.constant * self.filters.at_rest
+            if level == 0.0:
+                return np.zeros(len(t)), np.zeros(len(t))
+            h = np.diff(t, prepend=t[0])
             return level * h, level * h**2 / 2.0
         channel = self._covering(t)
         once, twice, covered = _core.drive(
@@ -117,6 +119,8 @@ def extra_density(t: Array, accel: Channel, step: float, jumps: Jumps, filled: F
     """
     spans = [jump_variances(jumps, step)] if len(jumps.t) else []
     spans += [hole_variances(accel, step, filled)] if len(filled.begin) else []
+    if not spans:
+        return np.zeros(len(t))
     h = np.diff(t, prepend=t[0])
     gained = np.zeros_like(t)
     for begin, end, variance in spans:
@@ -332,9 +336,14 @@ class RunSamples:
         gravity = self.recording.side.get(GRAVITY)
         return gravity is not None and float(np.std(gravity.y)) > TURNED_GRAVITY
 
-    @cached_property
+    @property
     def gravity_integrals(self) -> tuple[Array, Array]:
         """Velocity (m/s) and position (m) that it takes from the interval before each reading, (n,)."""
+        return self.turning_integrals if self.gravity.channel else self.gravity.integrals(self.t)
+
+    @cached_property
+    def turning_integrals(self) -> tuple[Array, Array]:
+        """The same of a recorded one, which take a while; those of a constant take memory."""
         return self.gravity.integrals(self.t)
 
     @cached_property

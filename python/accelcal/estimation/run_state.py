@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import cast
 
 import numpy as np
 
@@ -117,6 +119,56 @@ OCTAVE_BELOW = 0.5
 """That power is taken from this share of the crossover on."""
 
 
+LONG, PART = 1_000_000, 1 << 18
+"""Readings or samples from which on memory that is not used at the moment is given back and the filter runs part by
+part, and readings of a part."""
+FORGOTTEN = 16.0
+"""Waits of a filter after which its start has left less than rounding does."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilteredPart:
+    """The filter over some readings, all of a short run; of a long one it has forgotten where it began and ended."""
+
+    rows: slice
+    """Readings at which it holds."""
+    over: slice
+    """Readings over which it ran."""
+    drive: DriveIntegrals
+    """Over those."""
+    track: _core.ReplayTrack
+
+    @classmethod
+    def of(cls, run: PreparedRun, integrals: DriveIntegrals, noise: Noise, rows: slice) -> FilteredPart:
+        """Of `rows`, at the least."""
+        t, over = run.t, slice(0, len(run.t))
+        if len(t) > LONG:
+            margin = FORGOTTEN * run.wait(noise)
+            length = max(PART, int(4.0 * margin / run.reading_step))
+            rows = slice(rows.start, min(max(rows.stop, rows.start + length), len(t)))
+            begin, end = np.searchsorted(t, [t[rows.start] - margin, t[rows.stop - 1] + margin]).tolist()
+            over = slice(begin, end)
+        else:
+            rows = over
+        part = integrals if over == slice(0, len(t)) else integrals.part(over)
+        return cls(rows, over, part, run_filter(run, part, noise))
+
+    @property
+    def inside(self) -> slice:
+        """The readings at which it holds among those over which it ran."""
+        return slice(self.rows.start - self.over.start, self.rows.stop - self.over.start)
+
+    def series(self, name: str) -> Array:
+        """A series of its track at those readings."""
+        return self.track.series(name)[self.inside]
+
+    @property
+    def smoothed(self) -> tuple[Array, Array, Array]:
+        """Position (m), velocity (m/s) and noise of the output (m/s²) there, given all readings."""
+        p, v, noise = self.track.smooth(*self.drive.arrays)
+        return p[self.inside], v[self.inside], noise[self.inside]
+
+
 @dataclass(slots=True, eq=False, weakref_slot=True)
 class RunState:
     """One run at given coefficients; `at` makes one, `refresh` moves it to others."""
@@ -126,7 +178,8 @@ class RunState:
     noise: Noise
     """Noise that the filter is run with."""
     drive: DriveIntegrals
-    track: _core.ReplayTrack
+    filtered: FilteredPart | None
+    """The filter over the readings that were last asked for; None before any were."""
     signals: Signals
     band: float | None
     """Band that is imposed on the noise, Hz."""
@@ -155,9 +208,9 @@ class RunState:
         if search_noise:
             search = search.again(run, integrals)
             noise = search.within(band, run)
-        track = run_filter(run, integrals, noise)
-        signals = smoothed_signals(run, integrals, track, noise, values, None, band)
-        return cls(run, values, noise, integrals, track, signals, band, search)
+        state = cls(run, values, noise, integrals, None, cast(Signals, None), band, search)
+        state.signals = smoothed_signals(run, integrals, state.smoothed(), noise, values, None, band)
+        return state
 
     def refresh(self, values: Values, *, search_noise: bool, only_growing: bool = False) -> None:
         """Move to other coefficients: drive and signals are made from the signals of the state before.
@@ -166,7 +219,8 @@ class RunState:
         """
         require_output(self.run, values)
         run, ratio = self.run, self.values.scale / values.scale
-        del self.track, self.whitened  # free the old track before the next is made; each holds nine arrays
+        self.filtered = None  # free the old track before the next is made; each holds nine arrays
+        del self.whitened
         self.values = values
         self.search = self.search.scaled(ratio**2)  # the sensor's noise stays; q is that noise over 1 + k
         self.drive = without_transients(run, drive(run, values, self.signals), self.noise)
@@ -176,14 +230,45 @@ class RunState:
             self.search = self.search.again(run, self.drive, functions)
         self.noise = self.search.within(self.band, run)
         self.drive = with_growth(self.drive, self.noise, functions)
-        self.track = run_filter(run, self.drive, self.noise)
-        self.signals = smoothed_signals(run, self.drive, self.track, self.noise, values, self.signals, self.band)
+        before = None if values.constant else self.signals
+        del self.signals  # five arrays, which a model without effects does not need
         self._read_track()
+        self.signals = smoothed_signals(run, self.drive, self.smoothed(), self.noise, values, before, self.band)
+
+    def filter_over(self, rows: slice) -> FilteredPart:
+        """The filter over some readings, and beyond them."""
+        held = self.filtered
+        if held is None or rows.start < held.rows.start or held.rows.stop < rows.stop:
+            self.filtered = held = FilteredPart.of(self.run, self.drive, self.noise, rows)
+        return held
+
+    def parts(self) -> Iterator[FilteredPart]:
+        """The filter over all readings, part by part."""
+        begin = 0
+        while begin < len(self.run.t):
+            part = self.filter_over(slice(begin, begin + 1))
+            yield part
+            begin = part.rows.stop
+
+    def series(self, name: str) -> Array:
+        """A series of the filter at all readings, (n,)."""
+        series = np.empty(len(self.run.t))
+        for part in self.parts():
+            series[part.rows] = part.series(name)
+        return series
+
+    def smoothed(self) -> tuple[Array, Array, Array]:
+        """Position (m), velocity (m/s) and noise of the output (m/s²) at all readings, given all of them, (n,) each."""
+        p, v, noise = (np.empty(len(self.run.t)) for _ in range(3))
+        for part in self.parts():
+            p[part.rows], v[part.rows], noise[part.rows] = part.smoothed
+        return p, v, noise
 
     def _read_track(self) -> None:
         self.counts = self.drive.settled(self.run.wait(self.noise))
-        self.whitened = self.track.series("e")
-        self.whitened /= np.sqrt(self.track.series("S"))
+        self.whitened = np.empty(len(self.run.t))
+        for part in self.parts():
+            np.divide(part.series("e"), np.sqrt(part.series("S")), out=self.whitened[part.rows])
 
     def grown(self, model: Model) -> RunState:
         """A state for a model with further effects, at the coefficients, filter and signals of this one."""
@@ -196,7 +281,7 @@ class RunState:
     @property
     def log_likelihood(self) -> float:
         """Of the innovations that count."""
-        y, S = self.whitened[self.counts], self.track.series("S")[self.counts]
+        y, S = self.whitened[self.counts], self.series("S")[self.counts]
         return float(-0.5 * np.sum(y**2 + np.log(2.0 * np.pi * S)))
 
     @property

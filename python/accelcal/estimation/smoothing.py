@@ -9,7 +9,6 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from accelcal import _core
 from accelcal.data import DERIVED, GRAVITY, Array, Flags
 from accelcal.data.orientation import HOLE
 from accelcal.estimation.drive import DriveIntegrals
@@ -184,7 +183,7 @@ class SmoothedMotion:
 def smoothed_signals(
     run: PreparedRun,
     integrals: DriveIntegrals,
-    track: _core.ReplayTrack,
+    smoothed: tuple[Array, Array, Array],
     noise: Noise,
     values: Values,
     before: Signals | None,
@@ -198,14 +197,16 @@ def smoothed_signals(
 
     Parameters
     ----------
-    run, integrals, track : readings and output, what drives the motion between readings, and the filter over them.
+    run, integrals : readings and output, and what drives the motion between readings.
+    smoothed : position, velocity and noise of the output at the readings, by the filter over them.
     noise, values : those that the filter was run with.
     before : motion that non-constant effects are evaluated on; None while there is none yet.
     cutoff : bandwidth, Hz; by default that of the motion itself.
     subtracted : smoothed noise of the output at `uniform_times`, with the sign and scale of the stage, m/s²; by default
         that of the track.
     """
-    p_smooth, v_smooth, wanted = track.smooth(*integrals.arrays)
+    p_smooth, v_smooth, wanted = smoothed
+    del smoothed
     rate = 1.0 / run.accel_step
     t = uniform_times(run)
     output = cubic(run.undone.t, run.undone.y, values.stamps(t, run.origins.t))
@@ -386,6 +387,8 @@ def output_signals(run: PreparedRun, values: Values, cutoff: float, motion: tupl
 
 def side_channels_at(run: PreparedRun, t: Array) -> dict[str, Array]:
     """Side channels at times `t`, from the model's origin."""
+    if not run.recording.side:
+        return {}
     resampled = run.unchanged("side channels", (t,), lambda: resampled_side(run, t))
     return {name: y - run.origins.of(name) for name, y in resampled.items()}
 

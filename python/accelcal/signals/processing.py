@@ -89,6 +89,17 @@ def recursive_filter(
     return y
 
 
+LONG_TRANSFORM = 1 << 20
+"""Samples from which on the plan of a transform is not worth its memory."""
+
+
+def forget_plans() -> None:
+    """Free what transforms keep of the last lengths, sixteen each: of a long record as much as the record itself."""
+    for n in range(2, 18):
+        for transform in (scipy.fft.rfft, scipy.fft.dct, np.fft.rfft):
+            transform(np.zeros(n))
+
+
 def cosine_window(n: int, weights: Sequence[float] = (0.5, 0.5)) -> Array:
     """Periodic window of `n` samples, a sum of cosines; that of Hann (Harris 1978)."""
     at = np.linspace(-math.pi, math.pi, n + 1)[:-1]
@@ -275,6 +286,8 @@ def cubic(t: Array, y: Array, at: Array) -> Array:
     return values.reshape(*y.shape[:-1], len(at))
 
 
+Curve = Callable[[Array], Array]
+"""Values at times, (n,)."""
 SPLINE_STRETCH, SPLINE_MARGIN = 1 << 17, 32
 """Samples of a spline that are solved for at a time, and those on either side that no longer matter."""
 
@@ -285,15 +298,29 @@ def quintic(t: Array, y: Array, at: Array) -> Array:
     A line at frequency f on samples h apart has an image at 1/h - f, (f h)^6 of its size: of a cubic spline (f h)^4,
     which a periodic motion lifts above the noise of a line (Unser 1999, IEEE Signal Process. Mag. 16(6)).
     """
+
+    def fitted(t: Array, y: Array) -> Curve:
+        degree = min(5, len(t) - 1)
+        curve: Curve = scipy.interpolate.make_interp_spline(t, y, k=degree - (1 - degree % 2))
+        return curve
+
+    return by_stretches(fitted, t, y, at)
+
+
+def spline(t: Array, y: Array, at: Array) -> Array:
+    """Samples (n,) at rising times `at` (m,) by a cubic spline; beyond either end it is continued."""
+    return by_stretches(scipy.interpolate.CubicSpline, t, y, at)
+
+
+def by_stretches(fitted: Callable[[Array, Array], Curve], t: Array, y: Array, at: Array) -> Array:
+    """Values at rising times `at` (m,) of a spline through samples (n,), which is solved for stretch by stretch."""
     values = np.empty(len(at))
     for begin in range(0, len(t), SPLINE_STRETCH):
         end = min(len(t), begin + SPLINE_STRETCH)
         rows = slice(max(0, begin - SPLINE_MARGIN), min(len(t), end + SPLINE_MARGIN))
         low = 0 if begin == 0 else int(np.searchsorted(at, t[begin]))
         high = len(at) if end == len(t) else int(np.searchsorted(at, t[end]))
-        degree = min(5, rows.stop - rows.start - 1)
-        degree -= 1 - degree % 2
-        values[low:high] = scipy.interpolate.make_interp_spline(t[rows], y[rows], k=degree)(at[low:high])
+        values[low:high] = fitted(t[rows], y[rows])(at[low:high])
     return values
 
 

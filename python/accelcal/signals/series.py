@@ -63,20 +63,22 @@ def interpolation_spread(t: Array, y: Array) -> float:
     error, gain = interpolation_errors(t, y)
     if not len(error):
         return float("nan")
-    return float(np.median(np.abs(error / gain))) / 0.6745
+    error /= gain
+    return float(np.median(np.abs(error, out=error), overwrite_input=True)) / 0.6745
 
 
 def local_spread(y: Array) -> Array:
     """Robust standard deviation about each sample, (n,): the largest of its block and both neighbours, and no less
     than that of the whole series."""
-    whole = float(np.median(np.abs(y))) / 0.6745 if len(y) else 0.0
+    whole = float(np.median(np.abs(y), overwrite_input=True)) / 0.6745 if len(y) else 0.0
     K = len(y) // LOCAL
     if K < 3:
         return np.full(len(y), max(whole, 1e-300))
-    spreads = np.median(np.abs(y[: K * LOCAL].reshape(K, LOCAL)), axis=1) / 0.6745
+    spreads = np.median(np.abs(y[: K * LOCAL].reshape(K, LOCAL)), axis=1, overwrite_input=True) / 0.6745
     spreads = np.maximum(np.maximum(spreads, np.append(spreads[1:], 0.0)), np.append(0.0, spreads[:-1]))
-    index = np.minimum(np.arange(len(y)) // LOCAL, K - 1)
-    return np.asarray(np.maximum(spreads, max(whole, 1e-300))[index])
+    lengths = np.full(K, LOCAL)
+    lengths[-1] += len(y) - K * LOCAL
+    return np.asarray(np.repeat(np.maximum(spreads, max(whole, 1e-300)), lengths))
 
 
 def runs_of_true(flags: Flags, least: int) -> list[tuple[int, int]]:
@@ -85,14 +87,21 @@ def runs_of_true(flags: Flags, least: int) -> list[tuple[int, int]]:
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= least]
 
 
+def least_change(y: Array) -> float:
+    """Smallest step between two neighbours that differ; infinite where none do."""
+    steps = np.diff(y)
+    np.abs(steps, out=steps)
+    return float(np.min(steps, where=steps > 0.0, initial=math.inf))
+
+
 def grid_step(y: Array) -> float:
     """Spacing of the values of a quantised channel; 0 when they do not lie on a grid that is used repeatedly."""
     levels = np.unique(y)
-    if len(levels) < 2:
+    if len(levels) < 2 or len(levels) > 0.5 * len(y):
         return 0.0
     gaps = np.diff(levels)
     step = float(np.min(gaps[gaps > 1e-9 * (levels[-1] - levels[0])], initial=math.inf))
-    if not math.isfinite(step) or len(levels) > 0.5 * len(y):
+    if not math.isfinite(step):
         return 0.0
     count = np.rint(gaps / step)
     step = float(np.sum(gaps) / np.sum(count))
@@ -125,6 +134,8 @@ def bridged(y: Array, hidden: Flags) -> Array:
 
 def widened(marked: Flags, reach: int) -> Flags:
     """Samples that are marked, or at most `reach` from one that is, (n,)."""
+    if not marked.any():
+        return np.zeros(len(marked), dtype=np.bool_)
     total = np.cumsum(np.pad(marked, (reach + 1, reach)))
     return np.asarray(total[2 * reach + 1 :] > total[: len(marked)])
 
@@ -132,8 +143,10 @@ def widened(marked: Flags, reach: int) -> Flags:
 def running_median(y: Array, reach: int, ends: Literal["edge", "symmetric"]) -> Array:
     """Median of each sample and of `reach` on either side, (n,); beyond an end its value is held, or all mirrored."""
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(y, reach, mode=ends), 2 * reach + 1)
-    parts = (windows[begin : begin + TOGETHER] for begin in range(0, len(y), TOGETHER))
-    return np.concatenate([np.partition(part, reach, axis=1)[:, reach] for part in parts])
+    median = np.empty(len(y), dtype=y.dtype)
+    for part in (slice(begin, begin + TOGETHER) for begin in range(0, len(y), TOGETHER)):
+        median[part] = np.partition(windows[part], reach, axis=1)[:, reach]
+    return median
 
 
 MOST_FILLED = 16

@@ -175,11 +175,13 @@ def prediction_scores(t: Array, u: Array) -> tuple[Array, Array]:
     """Interpolation error of each sample over its standard deviation, and the noise of a sample, m/s², (n,) each; the
     error of one whose neighbours lie beyond a gap is no sign of anything, and 0."""
     error, gain = interpolation_errors(t, u)
-    spread = np.hypot(local_spread(error / gain), grid_step(u) / np.sqrt(12.0))
-    score = np.abs(error) / (gain * spread)
+    spread = local_spread(error / gain)
+    np.hypot(spread, grid_step(u) / np.sqrt(12.0), out=spread)
+    gain *= spread
+    score = np.divide(np.abs(error, out=error), gain, out=error)
     reach = 2 * ISOLATED
     apart = t[reach:] - t[:-reach]
-    score[ISOLATED:-ISOLATED][apart > 2.0 * reach * np.quantile(np.diff(t), USUAL)] = 0.0
+    score[ISOLATED:-ISOLATED][apart > 2.0 * reach * np.quantile(np.diff(t), USUAL, overwrite_input=True)] = 0.0
     return score, spread
 
 

@@ -21,7 +21,7 @@ from accelcal.estimation.run_state import RunState
 from accelcal.estimation.shape_parameters import linearised
 from accelcal.estimation.smoothing import output_at, side_channels_at
 from accelcal.estimation.values import Noise
-from accelcal.signals.processing import ORDER, derivative, low_pass, spectral_density
+from accelcal.signals.processing import ORDER, derivative, low_pass, spectral_density, spline
 from accelcal.signals.series import runs_of_true
 from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import (
@@ -36,7 +36,7 @@ from accelcal.validation.comparison import (
     Spectrum,
 )
 from accelcal.validation.noise_floor import Ruler
-from accelcal.validation.prediction import MOST_STEPS, Coasting, Prediction, accumulated, left_out, rms
+from accelcal.validation.prediction import MOST_STEPS, Coasting, DrivenRun, Prediction, accumulated, left_out, rms
 from accelcal.validation.regions import outside
 
 
@@ -328,7 +328,14 @@ def coast(fit: Fit, source: Source, start: float, horizon: float) -> Coast:
     return Coast(float(ahead.run.t[k]), ahead.run.t[rows], *ahead.along(k, rows))
 
 
-def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signals]:
+def accel_residual(ahead: DrivenRun, band: float) -> tuple[Array, Array, Signals]:
+    """Residual of `residual_of` where it counts, (n,) m/s², behind its times (n,) s, and the motion of the reference on
+    the same grid."""
+    t, residual, inside = residual_of(ahead, band)
+    return t[inside], residual[inside], motion_at(ahead, t, band).at(inside)
+
+
+def residual_of(ahead: DrivenRun, band: float) -> tuple[Array, Array, Flags]:
     """Output minus what the model says for the encoder's own acceleration, both low-passed at `band`.
 
     Nothing is withheld here: effects are taken at the smoothed motion, for the causal filter knows a reversal too late.
@@ -337,30 +344,38 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
 
     Returns
     -------
-    Times (n,) s, residual (n,) m/s², and the motion of the reference on the same grid.
+    Times (n,) s on an even grid, residual (n,) m/s², and where neither an end nor a hole spoils it, (n,).
     """
-    run, values = ahead.run, ahead.values
-    step = run.reading_step
+    run, step = ahead.run, ahead.run.reading_step
     t = np.arange(run.t[0], run.t[-1], step)
-    rate = 1.0 / step
-    rig = run.rig
-
-    def smoothed(y: Array) -> Array:
-        return low_pass(np.asarray(scipy.interpolate.CubicSpline(run.t, y)(t)), rate, band)
-
-    # one spline at a time: each holds six arrays of its own
     driven = smoothed_drive(ahead)
-    missed = driven.z - accumulated(driven, np.diff(run.t, prepend=run.t[0]))[1]
-    missed = bridged(run.t, without_steps(missed, run), driven.restart, 1.0 / band)
-    residual = -values.scale * rig.polarity * second_derivative(smoothed(missed), step)
-    del missed
-    p = smoothed(without_steps(run.z, run))
+    missed = accumulated(driven, np.diff(run.t, prepend=run.t[0]))[1]
+    missed = without_steps(np.subtract(driven.z, missed, out=missed), run)
+    restart = driven.restart
+    del driven  # each series is as long as the record
+    missed = low_pass(spline(run.t, bridged(run.t, missed, restart, 1.0 / band), t), 1.0 / step, band)
+    residual = second_derivative(missed, step)
+    residual *= -ahead.values.scale * run.rig.polarity
+    edge = int(min(EDGE / band, 0.25 * (t[-1] - t[0])) * (1.0 / step))
+    inside = np.zeros(len(t), dtype=np.bool_)
+    inside[edge : len(t) - edge] = True
+    inside &= t >= ahead.since
+    for hole in np.flatnonzero((np.diff(run.t) > MOST_STEPS * step) | ahead.drive.restart[1:]):
+        near = slice(*np.searchsorted(t, [run.t[hole] - 1.0 / band, run.t[hole + 1] + 1.0 / band]))
+        inside[near] = False
+    return t, residual, inside
+
+
+def motion_at(ahead: DrivenRun, t: Array, band: float) -> Signals:
+    """Motion of the reference, low-passed at `band`, Hz, at the times of a residual (n,), s."""
+    run, values, step, rig = ahead.run, ahead.values, ahead.run.reading_step, ahead.run.rig
+    p = low_pass(spline(run.t, without_steps(run.z, run), t), 1.0 / step, band)
     a = second_derivative(p, step)
     sensed = rig.polarity * (a + run.gravity.within(t, step, band))
     side = side_channels_at(run, t)
     if GRAVITY in side:
         side[GRAVITY] = np.asarray(run.gravity.within(t, step, band))
-    motion = Signals(
+    return Signals(
         t=t - run.origins.t,
         p=p - run.origins.p + np.interp(t, run.t, run.z - without_steps(run.z, run)),
         v=derivative(p, step),
@@ -373,14 +388,6 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
         side=side,
         side_origins=run.origins.side,
     )
-    edge = int(min(EDGE / band, 0.25 * (t[-1] - t[0])) * rate)
-    inside = np.zeros(len(t), dtype=np.bool_)
-    inside[edge : len(t) - edge] = True
-    inside &= t >= ahead.since
-    for hole in np.flatnonzero((np.diff(run.t) > MOST_STEPS * step) | ahead.drive.restart[1:]):
-        near = slice(*np.searchsorted(t, [run.t[hole] - 1.0 / band, run.t[hole + 1] + 1.0 / band]))
-        inside[near] = False
-    return t[inside], residual[inside], motion.at(inside)
 
 
 def of_weak_form(ahead: Prediction) -> tuple[Array, Array]:
@@ -391,7 +398,7 @@ def of_weak_form(ahead: Prediction) -> tuple[Array, Array]:
     return sums.times[asked], sums.whitened[asked]
 
 
-def smoothed_drive(ahead: Prediction) -> DriveIntegrals:
+def smoothed_drive(ahead: DrivenRun) -> DriveIntegrals:
     """What drives the filter where effects are taken at the smoothed motion."""
     if ahead.causal is None:
         return ahead.drive
@@ -400,6 +407,8 @@ def smoothed_drive(ahead: Prediction) -> DriveIntegrals:
 
 def without_steps(y: Array, run: PreparedRun) -> Array:
     """Readings without their jumps where the position counts from another zero; a low-pass would ring."""
+    if not run.restarts:
+        return y
     jumps = np.zeros_like(y)
     behind = np.searchsorted(run.t, run.restarts)
     jumps[behind] = y[behind] - y[behind - 1]
@@ -427,6 +436,9 @@ def second_derivative(y: Array, step: float) -> Array:
         return np.asarray(np.gradient(np.gradient(y, step), step))
     d[1:-1] = y[2:] - 2.0 * y[1:-1] + y[:-2]
     c = (2.0 / 180.0, -27.0 / 180.0, 270.0 / 180.0, -490.0 / 180.0)
-    d[3:-3] = c[3] * y[3:-3] + c[2] * (y[2:-4] + y[4:-2]) + c[1] * (y[1:-5] + y[5:-1]) + c[0] * (y[:-6] + y[6:])
+    inside = np.multiply(y[3:-3], c[3], out=d[3:-3])
+    for k, weight in ((2, c[2]), (1, c[1]), (0, c[0])):
+        inside += weight * (y[k : k - 6] + y[6 - k : len(y) - k])
     d[0], d[-1] = d[1], d[-2]
-    return d / step**2
+    d /= step**2
+    return d

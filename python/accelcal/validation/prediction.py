@@ -6,6 +6,7 @@ import copy
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,8 +142,8 @@ def within(limit: float, y: Array) -> Array:
     return np.clip(np.nan_to_num(y, nan=limit, posinf=limit, neginf=-limit), -limit, limit)
 
 
-class Prediction:
-    """The causal filter over a run, ready to predict from any reading onwards."""
+class DrivenRun:
+    """A run driven by its output under a model, its effects on the motion of the causal filter."""
 
     def __init__(
         self,
@@ -163,6 +164,40 @@ class Prediction:
         if noise.growth:
             motion = self.causal or self._causal(plain, cutoff, withheld)
             self.drive = with_growth(self.drive, noise, variance_functions(run, noise, motion))
+        self._filter(plain)
+
+    def _filter(self, plain: DriveIntegrals) -> None:
+        """What else is of the filter over that drive, from the one without effects, too: nothing."""
+
+    def _causal(self, plain: DriveIntegrals, cutoff: float, withheld: float) -> Signals:
+        """Motion for the effects: acceleration from the output, position and velocity from the causal filter."""
+        run = self.run
+        track = run_filter(run, plain, self.noise)
+        e = track.series("e")
+        p = track.series("p") + track.series("gain_p") * e
+        v = track.series("v") + track.series("gain_v") * e
+        count = max(1, int(np.searchsorted(run.t, withheld, side="right")))
+        p[count:], v[count:] = p[count - 1], v[count - 1]
+        t = uniform_times(run)
+        motion = np.interp(t, run.t, p), np.interp(t, run.t, v)
+        spread = math.sqrt(max(float(np.median(track.series("vv")[:count])), 0.0))
+        return replace(output_signals(run, self.values, cutoff, motion), v_std=spread)
+
+    @classmethod
+    def on(cls, fit: Fit, run: PreparedRun, withheld: float = math.inf, since: float = -math.inf) -> Self:
+        """A run that was prepared at a fit's origins, under its parameters and noise; readings count from `since` on,
+        s."""
+        values, noise = values_on(fit, run.recording), noise_on(fit, run)
+        if math.isinf(withheld) and offset_is_its_own(fit, run.recording):
+            values = with_offset_of(run, values, noise)
+        return cls(run, values, noise, fit.validity["frequency"][1], withheld, since)
+
+
+class Prediction(DrivenRun):
+    """The causal filter over a run, ready to predict from any reading onwards."""
+
+    def _filter(self, plain: DriveIntegrals) -> None:
+        run, noise, cutoff = self.run, self.noise, self.cutoff
         track = run_filter(run, self.drive, noise)
         self.e, self.S = track.series("e"), track.series("S")
         gain_p, gain_v = track.series("gain_p"), track.series("gain_v")
@@ -196,20 +231,6 @@ class Prediction:
         self.nodes_apart = self.ahead.known.step if self.ahead is not None and self.ahead.remembers else 0.0
         """Spacing of nodes on which simulated motion is remembered, by this or another model of its table, s; 0 where
         none is."""
-
-    def _causal(self, plain: DriveIntegrals, cutoff: float, withheld: float) -> Signals:
-        """Motion for the effects: acceleration from the output, position and velocity from the causal filter."""
-        run = self.run
-        track = run_filter(run, plain, self.noise)
-        e = track.series("e")
-        p = track.series("p") + track.series("gain_p") * e
-        v = track.series("v") + track.series("gain_v") * e
-        count = max(1, int(np.searchsorted(run.t, withheld, side="right")))
-        p[count:], v[count:] = p[count - 1], v[count - 1]
-        t = uniform_times(run)
-        motion = np.interp(t, run.t, p), np.interp(t, run.t, v)
-        spread = math.sqrt(max(float(np.median(track.series("vv")[:count])), 0.0))
-        return replace(output_signals(run, self.values, cutoff, motion), v_std=spread)
 
     def _dead_reckoning(self, signals: Signals, cutoff: float) -> DeadReckoning:
         """What the effects do to simulated motion; between readings the output drives it as it drives the filter."""
@@ -254,15 +275,6 @@ class Prediction:
         else:
             run = prepare(recording, fit.origins, start=begin, end=end, withheld=withheld)
         return cls.on(fit, run, withheld, -math.inf if start is None else start)
-
-    @classmethod
-    def on(cls, fit: Fit, run: PreparedRun, withheld: float = math.inf, since: float = -math.inf) -> Prediction:
-        """A run that was prepared at a fit's origins, under its parameters and noise; readings count from `since` on,
-        s."""
-        values, noise = values_on(fit, run.recording), noise_on(fit, run)
-        if math.isinf(withheld) and offset_is_its_own(fit, run.recording):
-            values = with_offset_of(run, values, noise)
-        return cls(run, values, noise, fit.validity["frequency"][1], withheld, since)
 
     @cached_property
     def reference_noise(self) -> ReferenceNoise:
@@ -435,7 +447,11 @@ def noise_on(fit: Fit, run: PreparedRun) -> Noise:
 def accumulated(drive: DriveIntegrals, h: Array) -> tuple[Array, Array]:
     """Velocity gained and position moved since the first reading by what drives the motion, (n,) m/s and m."""
     travelled = np.cumsum(drive.first)
-    return travelled, np.cumsum(h * np.concatenate([[0.0], travelled[:-1]]) + drive.second)
+    moved = h.copy()
+    moved[0] *= 0.0
+    moved[1:] *= travelled[:-1]
+    moved += drive.second
+    return travelled, np.cumsum(moved, out=moved)
 
 
 def posterior(pp: Array, pv: Array, vv: Array, S: Array, r: Array | float) -> tuple[Array, Array, Array]:

@@ -34,7 +34,7 @@ from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scan import detectable_sizes
 from accelcal.diagnosis.search.scores import CandidateScores, scale_of, variance_gain
 from accelcal.effects import Effect
-from accelcal.estimation.drive import DriveIntegrals, run_filter
+from accelcal.estimation.drive import DriveIntegrals
 from accelcal.estimation.estimate import Fit, require_motion, solve_runs
 from accelcal.estimation.noise import NoiseSearch
 from accelcal.estimation.run import prepare
@@ -392,10 +392,9 @@ def planned_state(
     values = Values({term.name: model.fixed.get(term.name, 0.0) for term in model.terms}, model.terms)
     still = np.zeros_like(run.t)
     integrals = DriveIntegrals(run.t, still, still, still, np.arange(len(run.t)) == 0, still)
-    track = run_filter(run, integrals, noise)
     density, crossover = noise.r * run.reading_step, run.crossover(noise)
     cutoff, _ = motion_bandwidth(a, accel_rate, q=noise.q, reading_density=density, crossover=crossover)
     grid = Thinning.of(t, run.accel_step, cutoff)
     a, jerk = (low_pass(y, accel_rate, cutoff) for y in (a, jerk))  # as the signals of a real run are
     signals = sensor_signals(run, grid.t, SmoothedMotion(*(grid.thin(y) for y in (p, v, a, jerk))), values, cutoff)
-    return RunState(run, values, noise, integrals, track, signals, None, NoiseSearch(noise))
+    return RunState(run, values, noise, integrals, None, signals, None, NoiseSearch(noise))

@@ -100,6 +100,7 @@ def output_errors(residuals: Residuals) -> SampleErrors:
     y, interpolation = residuals.interpolation_errors
     sampled = np.flatnonzero(residuals.sampled & np.isfinite(y))
     usual = motion_noise_level(residuals, interpolation)[sampled]
+    residuals.release()
     y = y[sampled]
     y /= usual
     spread, dof = spread_of(y)
@@ -201,7 +202,7 @@ def reading_errors(residuals: Residuals, recording: Recording) -> SampleErrors:
     settled = run.t[state.counts]
     t, z = recording.position.t, recording.position.y
     inside = (t >= settled[0]) & (t <= settled[-1]) & np.isfinite(z)
-    _, velocity, _ = state.track.smooth(*state.drive.arrays)
+    _, velocity, _ = state.smoothed()
     smooth = scipy.interpolate.CubicHermiteSpline(run.t, residuals.smooth_position, velocity)
     added = np.interp(t[inside], run.t, run.readings - state.drive.z)
     y = z[inside] - smooth(t[inside]) - added

@@ -23,7 +23,16 @@ from accelcal.diagnosis.policy import (
 from accelcal.estimation.channel_filters import LEAST_GAIN
 from accelcal.estimation.engines import sums_of
 from accelcal.estimation.run_state import RunState
-from accelcal.signals.processing import Spectrum, cosine_window, low_pass, noise_bandwidth, quintic, recursive_filter
+from accelcal.signals.processing import (
+    LONG_TRANSFORM,
+    Spectrum,
+    cosine_window,
+    forget_plans,
+    low_pass,
+    noise_bandwidth,
+    quintic,
+    recursive_filter,
+)
 from accelcal.signals.series import LOCAL, bridged, grid_step, local_spread, widened
 from accelcal.signals.signals import RESAMPLED, Signals
 from accelcal.signals.unresolved import output_of
@@ -440,7 +449,10 @@ def filtered(y: Array, gain: Array) -> Array:
     n = scipy.fft.next_fast_len(len(y), real=True)
     spectrum = scipy.fft.rfft(y, n)
     spectrum *= gain
-    return np.asarray(scipy.fft.irfft(spectrum, n, overwrite_x=True)[: len(y)])
+    series = np.asarray(scipy.fft.irfft(spectrum, n, overwrite_x=True)[: len(y)])
+    if n > LONG_TRANSFORM:
+        forget_plans()
+    return series
 
 
 def soft_high_pass(f: Array, edge: float) -> Array:
@@ -604,8 +616,8 @@ class Residuals:
         return high_passed(self.residual - correction, self.rate, self.edge)
 
     def release(self) -> None:
-        """Free `background` and `resolved_output` once their spectra are computed; reading them computes them again."""
-        for name in ("background", "resolved_output"):
+        """Free what is as long as the record once its spectra are computed; reading it computes it again."""
+        for name in ("background", "resolved_output", "motion"):
             vars(self).pop(name, None)
 
     def refilled(self, correction: Array, lost: Places, limit: float) -> tuple[Array, Places]:
@@ -705,8 +717,7 @@ class Residuals:
     @cached_property
     def smooth_position(self) -> Array:
         """RTS-smoothed position at the readings, m."""
-        p, _, _ = self.state.track.smooth(*self.state.drive.arrays)
-        return np.asarray(p)
+        return self.state.smoothed()[0]
 
     @property
     def at_jumps(self) -> Flags:
@@ -722,7 +733,7 @@ class Residuals:
 
         None where the readings alone determine the position: no other measurement checks them.
         """
-        if self.state.noise.r < LEAST_CHECK * float(np.median(self.state.track.series("S"))):
+        if self.state.noise.r < LEAST_CHECK * float(np.median(self.state.series("S"))):
             return Outliers(0.0, 0.0, np.empty(0, dtype=np.intp), 0.0, 1.0)
         z = (self.state.drive.z - self.smooth_position)[self.state.counts]
         certain = np.flatnonzero(~self.at_jumps)

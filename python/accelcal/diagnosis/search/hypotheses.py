@@ -92,7 +92,7 @@ def jumps(state: RunState) -> list[InitialShape]:
 
 def jump_response(state: RunState) -> Array:
     """Innovations of the settled filter after a unit jump of the readings, until the filter has forgotten it, (m,)."""
-    gain_p, gain_v = (float(np.median(state.track.series(name))) for name in ("gain_p", "gain_v"))
+    gain_p, gain_v = (float(np.median(state.series(name))) for name in ("gain_p", "gain_v"))
     step = state.run.reading_step
     impulse = np.zeros(max(2, int(state.run.wait(state.noise) / step)))
     impulse[0] = 1.0

@@ -310,7 +310,7 @@ def rounding_variances(terms: Sequence[Term], runs: Sequence[BaseProjection], po
         begins, ends, counts = state.run.rests
         memory = state.run.wait(state.noise)
         jump = jump_response(state)
-        jump_power = float(jump @ jump) / float(np.median(state.track.series("S")))
+        jump_power = float(jump @ jump) / float(np.median(state.series("S")))
         around = np.concatenate([begins, ends, begins - memory, ends + memory]) - state.run.origins.t
         _, place = np.unique(counts, return_inverse=True)
         columns = evaluate([terms[k] for k in at_reading], state.signals)

@@ -331,7 +331,7 @@ class WeakRows:
         else:
             noise = self._noise_of_output(weight, t)
             signals = smoothed_signals(
-                run, state.drive, state.track, state.noise, state.values, self.signals, cutoff, noise
+                run, state.drive, state.smoothed(), state.noise, state.values, self.signals, cutoff, noise
             )
         return replace(signals, reach=self.signals.reach)
 
