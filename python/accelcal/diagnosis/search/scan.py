@@ -249,16 +249,17 @@ def relinearised(
     length: float,
     rules: SearchRules,
 ) -> DetectedEffect | None:
-    """An error of the reading that has one size about a fit with it; None for other effects, and where it has none.
+    """An effect that has one size about a fit with it; None for random processes, and where it has none.
 
-    It spoils the smoothed motion, from which its own column and shape come: what the search takes for its sizes may
-    then differ from part to part. Where it takes a shape for less than the effect can have, the fit that starts from
-    there does not settle and rejects good readings.
+    It spoils the smoothed motion, from which its own column and shape come, as an error of the reading does, or
+    friction where the stage reverses slowly: what the search takes for its sizes may then differ from part to part.
+    Where it takes a shape for less than the effect can have, the fit that starts from there does not settle and rejects
+    good readings.
     """
     effect, again = find(lead.effect), lead
     free = [name for name, shape in effect.shapes.items() if shape.refined and shape.spacing == "log"]
     bounded = [name for name in free if effect.shapes[name].beyond_size]
-    for _ in range(RELINEARISED if effect.port == "position" and (bounded or lead.unequal) else 0):
+    for _ in range(RELINEARISED if effect.port != "process" and (bounded or lead.unequal) else 0):
         grown = again.enter(model)
         try:
             states = estimated(grown, [state.grown(grown) for state in passes], least=ROUNDS_OF_GROWN).states
