@@ -21,6 +21,7 @@ from accelcal.diagnosis.experiment.design import Limits
 from accelcal.diagnosis.experiment.next_runs import (
     Beliefs,
     Further,
+    added,
     class_with_weights,
     enlarged,
     fitted_without,
@@ -37,6 +38,7 @@ from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.effects import find
 from accelcal.simulation import CXL02_RIG
 from accelcal.simulation.motion import Motion, Tones
+from benches.next_runs import Stage, Trial
 from tests.commands import accelcal
 from tests.schemas import require_published
 
@@ -273,6 +275,17 @@ def test_where_nothing_is_confounded_there_is_nothing_to_separate(tone):
         ac.next_experiments(diagnosis, record, stroke=0.0)
     with pytest.raises(ValueError, match="no recordings; give those"):
         ac.next_experiments(diagnosis, [])
+
+
+def test_dwells_whose_range_changes_the_column_of_a_rival_add_no_negative_information():
+    # The loop of hysteresis is that of the whole range: about gravity the tone by itself has none.
+    stage = Stage(Trial("cubic", 5.0, same=False, number=0, seed=26101))
+    record = stage.run()
+    result = ac.next_experiments(ac.diagnose(ac.fit(record), record, extra=()), record, a_max=8.0)
+    assert "hysteresis" in {cause.effect for cause in result.causes}
+    assert any("dwells" in run.run for run in result.ranked)
+    before = np.diag([1.0, 2.0])
+    assert np.linalg.eigvalsh(added(np.diag([0.0, 5.0]), before)).tolist() == pytest.approx([0.0, 3.0])
 
 
 def test_the_command_prints_the_runs_then_the_cause_that_remains(tmp_path):

@@ -224,8 +224,8 @@ def next_experiments(
     for number, run in enumerate(tried):
         state = run.state()
         if not saturates(state, states[0]):
-            gram = beliefs.gram(state, model) - (beliefs.gram(states[0], model) if run.counted else 0.0)
-            ranked.append(beliefs.after(gram, run))
+            gram = beliefs.gram(state, model)
+            ranked.append(beliefs.after(added(gram, beliefs.gram(states[0], model)) if run.counted else gram, run))
         progress(0.2 + 0.8 * (number + 1) / len(tried))
     most = max(run.fall for run in ranked)
     weights = dict(zip(beliefs.names, beliefs.weights.tolist(), strict=True))
@@ -416,6 +416,12 @@ class Beliefs:
         gains = np.maximum(self.gains[k] + explained, 0.0) / self.inflation / INDEPENDENT_PIECES
         credited = np.log1p(gains) - math.log1p(self.gains[k] / self.inflation / INDEPENDENT_PIECES)
         return np.asarray(0.5 * (INDEPENDENT_PIECES * credited - np.linalg.slogdet(joint)[1]))
+
+
+def added(G: Array, before: Array) -> Array:
+    """Information that a part adds to a record, (m, m): none is negative, though a wider range may change a column."""
+    values, vectors = np.linalg.eigh(G - before)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
 
 def further(
