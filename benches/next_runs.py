@@ -28,7 +28,8 @@ import accelcal as ac
 from accelcal.demo import with_effect
 from accelcal.diagnosis.experiment.next_runs import Experiment, class_with_weights, likeliest
 from accelcal.diagnosis.policy import CLASS_WEIGHT
-from accelcal.effects import Effect, find
+from accelcal.diagnosis.search.beam import saturated
+from accelcal.effects import CATALOGUE, Effect, find
 from accelcal.signals.signals import Origins
 from accelcal.simulation import CXL02_RIG
 from accelcal.simulation.motion import Motion, Tones
@@ -90,6 +91,8 @@ class Stage:
 def copy_of(effect: Effect) -> Effect:
     """A user's effect with the values of one of the catalogue."""
     name = f"copy_of_{effect.name}"
+    if name in CATALOGUE:  # a trial before in this process
+        return find(name)
 
     @ac.effect(name, unit=effect.unit, owner=effect.owner, symbol="copy", scale=effect.prior.typical)
     def copy(s: Any) -> Any:
@@ -125,7 +128,7 @@ def followed(stage: Stage, records: list[ac.Recording], extra: tuple[Effect, ...
         best = next(run for run in result.ranked if able(run))
         records.append(stage.run(best))
         diagnosis = ac.diagnose(ac.fit(records[0]), records, extra=extra)
-        gains = {candidate.effect: candidate.gain for candidate in diagnosis.scan.candidates}
+        gains = {candidate.effect: saturated(candidate.gain) for candidate in diagnosis.scan.candidates}
         pair = sorted(best.pair, key=lambda name: name != stage.trial.hidden)
         apart = math.nan
         if pair[0] == stage.trial.hidden and set(pair) <= set(gains):
