@@ -336,8 +336,8 @@ def test_the_unit_test_sees_a_wrong_unit():
     assert powers("m⁻¹ s⁻²", 4.0, 1.0) == 0.25
 
 
-def test_the_whole_catalogue_with_all_trials_costs_no_more_than_two_arctangents_a_column():
-    # A quarter of a second on an idle machine; the pace of the machine is in both.
+def test_the_whole_catalogue_with_all_trials_costs_no_more_than_five_running_sums_a_column():
+    # A tenth of a second on an idle machine; the pace of the machine is in both.
     s = sines()
     assert len(s.t) == 25_000
     ratios = []
@@ -349,9 +349,9 @@ def test_the_whole_catalogue_with_all_trials_costs_no_more_than_two_arctangents_
                 count, columns = count + 1, columns + effect.width
         middle = time.process_time()
         for _ in range(columns):
-            np.arctan(s.a)
+            np.cumsum(s.a)  # serial on every processor, as an arctangent is not
         ratios.append((middle - begin) / (time.process_time() - middle))
     print(
-        f"{len(BUILT_IN)} effects, {count} trials, {columns} columns of {len(s.t)}: {min(ratios):.2f} arctangents each"
+        f"{len(BUILT_IN)} effects, {count} trials, {columns} columns of {len(s.t)}: {min(ratios):.2f} running sums each"
     )
-    assert min(ratios) < 2.0
+    assert min(ratios) < 5.0

@@ -17,7 +17,7 @@ def run_with(gains, step, kept):
     return SimpleNamespace(
         run=SimpleNamespace(t=3.0 + step * np.flatnonzero(kept), reading_step=step),
         counts=np.ones(int(kept.sum()), dtype=bool),
-        track=SimpleNamespace(series=lambda name: np.full(len(kept), gains[name])),
+        series=lambda name: np.full(len(kept), gains[name]),
     )
 
 
