@@ -176,7 +176,8 @@ class Finding:
     remark: str = ""
     """What the noise test says that found it."""
     wave: Mapping[str, float] = field(default_factory=dict)
-    """Its frequency or period, by name, in SI; empty where it is no wave."""
+    """Its frequency or period, or the shape of an effect whose coefficient physics gives, by name, in SI; empty for
+    others."""
 
     @property
     def effect(self) -> str:
@@ -224,7 +225,8 @@ def in_model(fit: Fit, group: Confounded, sizes: Mapping[str, Size]) -> Finding:
     owners = {term.name: term.effect.name for term in fit.model.terms}
     random = find(name).port == "process"
     coefficients = [] if random else [e for e in fit.free if owners.get(e.name) == name]
-    gain, dof = explained_gain(fit, name) if coefficients else (0.0, 0)
+    tested = coefficients and not find(name).prior.mean
+    gain, dof = explained_gain(fit, name) if tested else (0.0, 0)
     return Finding(
         group,
         tuple(e.value for e in coefficients),
@@ -286,10 +288,12 @@ def entry_sigmas(before: Fit, fit: Fit) -> dict[str, float]:
 
 
 def wave_of(model: Model, name: str) -> dict[str, float]:
-    """Frequency or period of a wave of a model, and the highest of its harmonics where it has some; empty where it is
-    no wave."""
+    """Frequency or period of a wave of a model, and the highest of its harmonics where it has some; the shape of an
+    effect whose coefficient physics gives; empty for others."""
     wave = {shape: model.shapes[name][shape] for shape, declared in find(name).shapes.items() if declared.width}
     several = bool(wave) and model.shapes[name][HARMONICS] > 1.0
+    if find(name).prior.mean:  # its coefficient is given by physics, and the shape is what the record says
+        return {shape: model.shapes[name][shape] for shape in find(name).shapes}
     return {**wave, HARMONICS: model.shapes[name][HARMONICS]} if several else wave
 
 

@@ -1100,12 +1100,19 @@ def of_sensor(term: Term, model: Model) -> bool:
     return term.name in model.priors and effect.owner == "sensor" and effect.port != "process" and not effect.prior.mean
 
 
+BY_DEFINITION = 0.05
+"""Relative standard deviation of a prior up to which its coefficient is a number by definition."""
+
+
 def mostly_prior(layout: Layout, covariance: Array, model: Model) -> list[Remark]:
-    """The remark on each coefficient that the prior determines more than the record."""
+    """The remark on each coefficient that the prior determines more than the record; not on one that is a number by
+    definition, such as the whole of a signal that a low-pass takes."""
     return [
         remark("mostly_prior", parameter=term.name, mean=belief.mean, std=belief.std)
         for k, (term, _) in enumerate(layout.slots)
-        if term.effect.prior.mean and (belief := model.priors.get(term.name)) and 2.0 * covariance[k, k] > belief.std**2
+        if (belief := model.priors.get(term.name))
+        and belief.std > BY_DEFINITION * abs(term.effect.prior.mean) > 0.0
+        and 2.0 * covariance[k, k] > belief.std**2
     ]
 
 

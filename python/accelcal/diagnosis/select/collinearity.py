@@ -223,14 +223,16 @@ def undetermined(name: str, solution: Solution) -> Remark | None:
     The remark; None where its size is told from zero, or it has none of its own.
     """
     slots = [i for i, (term, _) in enumerate(solution.layout.slots) if term.effect.name == name]
-    if not slots or find(name).port == "process" or find(name).prior.mean:
+    if not slots or find(name).port == "process":
         return None
-    information = np.diag(solution.layout.prior_information(solution.model))
+    prior = solution.layout.prior_information(solution.model)
+    information = np.diag(prior)
     for index, state in enumerate(solution.states):
         rows = solution.layout.rows(index)
         information[np.ix_(rows, rows)] += normal_equations(state, solution.model.free).gram
     x, covariance = solution.x[slots], inverse(information)[np.ix_(slots, slots)]
-    gain = float(x @ inverse(covariance) @ x)
+    by_record = inverse(covariance) - (np.diag(prior[slots]) if find(name).prior.mean else 0.0)
+    gain = float(x @ by_record @ x)
     if scipy.special.chdtrc(len(slots), gain) < DETERMINED_ALPHA:
         return None
     return remark("undetermined", effect=name, gain=gain, coefficients=len(slots))
