@@ -120,6 +120,12 @@ NEXT_STEPS = {
     "dwells": "measure the angles again, record the temperature, and declare angle_std if the table is no better",
 }
 """What to do about a residual that nothing explains, by the code of the remark that it rests on; of dwells `dwells`."""
+FILTER_KEYS = {
+    "sensor_lag": ("accel", "lowpass"),
+    "encoder_lag": ("position", "lowpass"),
+    "ac_coupling": ("accel", "highpass"),
+}
+"""Channel and key of the sidecar that declare the filter which an effect stands for."""
 LEAST_LOG_P = -650.0
 """Logarithm of the smallest probability that is given as standard deviations: 36 of them."""
 
@@ -349,6 +355,15 @@ def present(fit: Fit, alpha: float, sizes: Mapping[str, Size]) -> tuple[Finding,
         if confirmed:
             contributions.append(finding)
     return tuple(contributions)
+
+
+def declared_as(name: str, shape: Mapping[str, float]) -> str:
+    """What declares the filter that an effect stands for, to be appended to a sentence; empty for others."""
+    if name not in FILTER_KEYS:
+        return ""
+    channel, key = FILTER_KEYS[name]
+    entry = f'{key} = {{ kind = "RC", tau = "{in_usual_unit(shape["tau"], "s", 2)}" }}'
+    return f" {TO_GO_ON} if {channel} passes such a filter, declare it in the sidecar by its own value, as in {entry}."
 
 
 def with_next_step(text: str, codes: Sequence[str] = ()) -> str:

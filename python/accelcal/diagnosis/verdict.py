@@ -22,6 +22,7 @@ from accelcal.diagnosis.findings import (
     Finding,
     Importance,
     Size,
+    declared_as,
     in_model,
     present,
     split,
@@ -348,9 +349,11 @@ def found_by_search(case: Case) -> Judgement | None:
     sigmas = [f"{candidate.snr:.0f} sigma; " for candidate in case.scan.candidates if candidate.effect == name]
     evidence, effect = f"({''.join(sigmas[:1])}{case.examined})", find(name)
     if not effect.family:
-        return case.with_rivals(
-            name, f"{name} explains what the model lacks {evidence}.{random_variation(case.scan.found[0])}"
+        lead = case.scan.found[0]
+        verdict, text = case.with_rivals(
+            name, f"{name} explains what the model lacks {evidence}.{random_variation(lead)}"
         )
+        return verdict, text + declared_as(name, lead.shape)
     return (
         "shape",
         f"No named effect explains what the model lacks; a nonparametric curve does: {effect.summary} {evidence}.",
