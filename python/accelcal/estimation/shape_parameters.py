@@ -9,7 +9,7 @@ its uncertainty reaches the coefficients, and no other effect is credited for co
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +24,7 @@ from accelcal.estimation.rows import information, normal_equations
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.values import Values
 from accelcal.model import Estimate, Model, Term, terms_of
+from accelcal.signals.processing import derivative
 from accelcal.signals.signals import Signals
 
 STEPS = 4
@@ -104,9 +105,10 @@ def linearised_shape(
     below = max(given[shape] - share * (span[1] - span[0]), span[0])
     above = min(given[shape] + share * (span[1] - span[0]), span[1])
     coefficients = np.array([values.by_name.get(term.name, 0.0) for term in terms_of(effect, given)])
+    trial = beside_offset(effect, given, model)
 
     def difference(s: Signals) -> Array:
-        change = effect.column(s, **{**given, shape: above}) - effect.column(s, **{**given, shape: below})
+        change = trial.column(s, **{**given, shape: above}) - trial.column(s, **{**given, shape: below})
         return np.asarray(change.reshape(len(s.t), -1) @ coefficients / (above - below))
 
     tangent = replace(
@@ -119,6 +121,26 @@ def linearised_shape(
         traits=replace(effect.traits, positive=False, memory=True),
     )
     return LinearisedShape(effect.name, shape, declared.unit, given[shape], span, Term(tangent))
+
+
+def beside_offset(effect: Effect, given: Mapping[str, float], model: Model) -> Effect:
+    """The effect with a column that allows for the time offset, which gives way as much as its time constant grows.
+
+    The column of the offset is the jerk of the motion, not of what the low-pass makes of it. A low-pass and an offset
+    differ by terms of second order alone, and those that this leaves out make a step of the time constant, and its
+    uncertainty, half as large as they are. The column of a trial therefore is the output that it makes, moved back by
+    what the time constant grew, less what the column of the offset holds of that.
+    """
+    moves_together = effect.traits.delay_class and effect.port == "output" and "tau" in effect.shapes
+    if not moves_together or "time_offset" not in {term.name for term in model.free}:
+        return effect
+
+    def moved(s: Signals, **shape: float) -> Array:
+        e, back = effect.column(s, **shape), shape["tau"] - given["tau"]
+        slope = derivative(s.scale * s.a + e, s.step)
+        return np.asarray(e + back * (slope - s.scale * s.jerk) + 0.5 * back**2 * derivative(slope, s.step))
+
+    return replace(effect, function=moved)
 
 
 def refine_shapes(solution: Solution) -> Solution:
@@ -219,6 +241,7 @@ def profile(solution: Solution, shape: LinearisedShape, values: Array) -> Array:
     """Twice the log-likelihood gained with an effect at trial values of a shape parameter, up to a constant, (n,)."""
     layout, model = solution.layout, solution.model
     effect, given = find(shape.effect), model.shapes[shape.effect]
+    trial = beside_offset(effect, given, model)
     m = len(layout.slots)
     columns = [i for i, (term, _) in enumerate(layout.slots) if term.effect.name == shape.effect]
     rest = [i for i in range(m) if i not in columns]
@@ -230,7 +253,7 @@ def profile(solution: Solution, shape: LinearisedShape, values: Array) -> Array:
     shapes = [{**given, shape.shape: float(value)} for value in values]
     for index, state in enumerate(solution.states):
         trials = [
-            (m + number * len(columns) + k, Term(effect, layout.slots[i][0].part, tried))
+            (m + number * len(columns) + k, Term(trial, layout.slots[i][0].part, tried))
             for number, tried in enumerate(shapes)
             for k, i in enumerate(columns)
             if index in layout.slots[i][1]

@@ -91,14 +91,16 @@ def eight_tones(tau: float, delay: float) -> ac.Recording:
 
 def test_a_low_pass_of_the_output_that_nobody_declared_is_named_and_undone() -> None:
     recording = eight_tones(SLOW, 0.0)
+    """Chance fails it for one record in a thousand: 3.5 standard deviations, twice."""
     fit = ac.fit(recording)
     assert abs(fit["scale_factor"].value - SCALE) > 0.004  # what the low-pass takes looks like scale
     found = ac.diagnose(fit, recording)
     assert "sensor_lag" in found.effects
     assert re.search(r'lowpass = \{ kind = "RC", tau = "[12]\.\d ms" \}\.$', found.sentence)  # what to declare
     undone = ac.add(fit, recording, "sensor_lag")
-    assert abs(undone["scale_factor"].value - SCALE) < 3.0 * undone["scale_factor"].std + 0.001
-    assert abs(undone.shapes[0].value - SLOW) < 0.1 * SLOW
+    k, (tau,) = undone["scale_factor"], undone.shapes
+    assert abs(k.value - SCALE) < 3.5 * k.std < 0.001
+    assert abs(tau.value - SLOW) < 3.5 * tau.std < 0.1 * SLOW
 
 
 def test_a_delay_of_the_output_is_no_low_pass() -> None:
