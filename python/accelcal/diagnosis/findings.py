@@ -357,13 +357,16 @@ def present(fit: Fit, alpha: float, sizes: Mapping[str, Size]) -> tuple[Finding,
     return tuple(contributions)
 
 
-def declared_as(name: str, shape: Mapping[str, float]) -> str:
-    """What declares the filter that an effect stands for, to be appended to a sentence; empty for others."""
+def declared_as(name: str) -> str:
+    """How to declare the filter that an effect stands for, to be appended to a sentence; empty for others.
+
+    Without a number: a search tells a time constant from the time offset only roughly, a fit with both tells it.
+    """
     if name not in FILTER_KEYS:
         return ""
     channel, key = FILTER_KEYS[name]
-    entry = f'{key} = {{ kind = "RC", tau = "{in_usual_unit(shape["tau"], "s", 2)}" }}'
-    return f" {TO_GO_ON} if {channel} passes such a filter, declare it in the sidecar by its own value, as in {entry}."
+    entry = f'{key} = {{ kind = "RC", tau = ... }}'
+    return f" {TO_GO_ON} accelcal add {name} estimates its tau; if {channel} passes such a filter, declare it: {entry}."
 
 
 def with_next_step(text: str, codes: Sequence[str] = ()) -> str:

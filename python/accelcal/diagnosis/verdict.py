@@ -349,11 +349,9 @@ def found_by_search(case: Case) -> Judgement | None:
     sigmas = [f"{candidate.snr:.0f} sigma; " for candidate in case.scan.candidates if candidate.effect == name]
     evidence, effect = f"({''.join(sigmas[:1])}{case.examined})", find(name)
     if not effect.family:
-        lead = case.scan.found[0]
-        verdict, text = case.with_rivals(
-            name, f"{name} explains what the model lacks {evidence}.{random_variation(lead)}"
-        )
-        return verdict, text + declared_as(name, lead.shape)
+        text = f"{name} explains what the model lacks {evidence}.{random_variation(case.scan.found[0])}"
+        verdict, text = case.with_rivals(name, text)
+        return verdict, text + declared_as(name)
     return (
         "shape",
         f"No named effect explains what the model lacks; a nonparametric curve does: {effect.summary} {evidence}.",

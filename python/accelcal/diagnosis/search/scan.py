@@ -274,6 +274,8 @@ def relinearised(
         about = {name: (again.shape[name] / SHAPE_RATIO, again.shape[name] * SHAPE_RATIO) for name in free}
         ((item,),) = refine(runs, [[Hypothesis(effect, again.shape, brackets=about)]])
         evidence = CandidateScores(runs, [item])
+        if not evidence.gains(())[1][0]:  # about that fit it is not told from the base
+            return None
         again = detected_effect(evidence, BlockScatter(evidence, length), (0,), 0, rules)
         if again.unequal is None:
             return replace(again, weights=lead.weights)
