@@ -1,10 +1,10 @@
 """Tiers of the tests: what a case costs in processor seconds, by measurement, and which cases `make test` runs.
 
-`make test` runs what is neither `slow` (a case above half a second, or what takes its function there), nor `outside`, nor
-`statistics`. `make test-durations` runs every test with `ACCELCAL_DURATIONS` naming a folder, into which each worker
-writes a line per case: its time, and from Python 3.12 on the lines of the package that it reaches. `python -m
-tests.tiers FOLDER` makes `tests/durations.json` of them, with a guard for each slow test, and prints how many tests and
-lines `make test` reaches. A case that is not listed is fast.
+`make test` runs what is neither `slow` (a case above half a second, or what takes its function there), nor `outside`,
+nor `statistics`. `make test-durations` runs every test with `ACCELCAL_DURATIONS` naming a folder, into which each
+worker writes a line per case: its time, and from Python 3.12 on the lines of the package that it reaches. `python -m
+tests.tiers FOLDER` makes `tests/durations.json` of them, with a guard for each slow test, and prints how many tests
+and lines `make test` reaches. A case that is not listed is fast.
 """
 
 from __future__ import annotations

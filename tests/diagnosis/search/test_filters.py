@@ -92,8 +92,8 @@ def eight_tones(tau: float, delay: float) -> ac.Recording:
 
 
 def test_a_low_pass_of_the_output_that_nobody_declared_is_named_and_undone() -> None:
+    # Chance fails it for one record in a thousand: 3.5 standard deviations, twice.
     recording = eight_tones(SLOW, 0.0)
-    """Chance fails it for one record in a thousand: 3.5 standard deviations, twice."""
     fit = ac.fit(recording)
     assert abs(fit["scale_factor"].value - SCALE) > 0.0035  # what the low-pass takes looks like scale
     found = ac.diagnose(fit, recording)
