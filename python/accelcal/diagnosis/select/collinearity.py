@@ -231,8 +231,10 @@ def undetermined(name: str, solution: Solution) -> Remark | None:
         rows = solution.layout.rows(index)
         information[np.ix_(rows, rows)] += normal_equations(state, solution.model.free).gram
     x, covariance = solution.x[slots], inverse(information)[np.ix_(slots, slots)]
-    by_record = inverse(covariance) - (np.diag(prior[slots]) if find(name).prior.mean else 0.0)
-    gain = float(x @ by_record @ x)
+    given = prior[slots] if (mean := find(name).prior.mean) else np.zeros(len(slots))
+    joint = inverse(covariance)
+    by_record = joint @ x - given * mean  # information times size, without what the prior says of a size that has one
+    gain = float(by_record @ inverse(joint - np.diag(given)) @ by_record)
     if scipy.special.chdtrc(len(slots), gain) < DETERMINED_ALPHA:
         return None
     return remark("undetermined", effect=name, gain=gain, coefficients=len(slots))
