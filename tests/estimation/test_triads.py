@@ -20,7 +20,7 @@ import accelcal as ac
 from accelcal import io
 from accelcal.calibration.export import PARAMETERS, NotExportable, SensorMatrix, c_files, rust_module
 from accelcal.data import GRAVITY, GRAVITY_NOISE, Recording, RecordingError, orientation
-from accelcal.data.orientation import Strapdown, carried, smoothed_walk, turning
+from accelcal.data.orientation import Strapdown, carried, smoothed_random_process, turning
 from accelcal.diagnosis import clean_fit
 from accelcal.diagnosis.faults import examine
 from accelcal.diagnosis.verdict import AxesDiagnosis
@@ -273,7 +273,7 @@ def test_the_density_of_a_carried_attitude_is_that_of_its_errors(noise):
     assert np.max(0.5 * np.mean(power[f > 10.0], axis=1)) < np.median(body.noise)
 
 
-def test_a_smoothed_walk_is_that_of_the_recursions():
+def test_a_smoothed_process_is_that_of_the_recursions():
     # Rauch, Tung and Striebel, forwards and back, with a variance of a reading of 1 and a beginning that is not known.
     rng, ratio = np.random.default_rng(8), 0.7
     t = np.cumsum(rng.uniform(0.1, 2.0, 40))
@@ -286,7 +286,7 @@ def test_a_smoothed_walk_is_that_of_the_recursions():
     path = at[-1:]
     for x, P, step in zip(at[-2::-1], variance[-2::-1], np.diff(t)[::-1] / ratio, strict=True):
         path.append(x + P / (P + step) * (path[-1] - x))
-    assert smoothed_walk(t, y[:, None], ratio)[:, 0] == pytest.approx(path[::-1], abs=1e-12)
+    assert smoothed_random_process(t, y[:, None], ratio)[:, 0] == pytest.approx(path[::-1], abs=1e-12)
 
 
 MUTATED = {

@@ -92,7 +92,7 @@ def test_repeats_of_position_and_temperature_are_kept():
         assert len(channel) == len(y)
 
 
-def test_readings_on_a_grid_coarser_than_the_declared_resolution_are_said_and_the_grid_is_taken():
+def test_readings_on_a_grid_coarser_than_the_declared_resolution_are_said_and_the_grid_is_used():
     rig = Rig(resolution=1e-6)
     coarse, fine, few = noisy(500, 3.0), noisy(500, 1.0), np.repeat([0.0, 3.0, 9.0, 3.0], 100)
     for counts, expected in ((coarse, 3e-6), (fine, 1e-6), (few, 1e-6), (noisy(500), 1e-6)):

@@ -312,7 +312,7 @@ def carried(reference: tuple[Array, Rotation], gyroscope: tuple[Array, Array], n
     middle = drift[len(drift) // 2]
     away, white = (drift * middle.inv()).as_rotvec(), noise**2 * step
     walk += 1e-3 * white / SPAN**2
-    at_stamps, instants = smoothed_walk(stamps, away, noise**2 / walk if noise > 0.0 else 0.0), t - delay
+    at_stamps, instants = smoothed_random_process(stamps, away, noise**2 / walk if noise > 0.0 else 0.0), t - delay
     correction = np.column_stack([np.interp(instants, stamps, series) for series in at_stamps.T])
     covered = (stamps[0] <= instants) & (instants <= stamps[-1])
     between = np.diff(stamps)[np.clip(np.searchsorted(stamps, instants) - 1, 0, len(stamps) - 2)]
@@ -322,7 +322,7 @@ def carried(reference: tuple[Array, Rotation], gyroscope: tuple[Array, Array], n
     return Strapdown(instants[covered], attitude, bias, matrix, delay, density[covered], disagreement)
 
 
-def smoothed_walk(t: Array, y: Array, ratio: float) -> Array:
+def smoothed_random_process(t: Array, y: Array, ratio: float) -> Array:
     """Return the smoothed path of random walks whose readings are noisy: that of a Kalman smoother, (n, k).
 
     Parameters
