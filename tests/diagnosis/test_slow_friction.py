@@ -24,7 +24,7 @@ def slow_record(friction: float, seconds: float = 30.0) -> ac.Recording:
 
 
 def test_friction_on_a_slow_motion_is_named_and_is_no_tilt():
-    made = slow_record(0.03)
-    found = ac.diagnose(ac.fit(made), made)
-    assert found.effects == ("coulomb",)
-    assert "turning_sensor" not in {remark.code for remark in found.remarks}
+    record = slow_record(0.03)
+    diagnosis = ac.diagnose(ac.fit(record), record)
+    assert diagnosis.effects == ("coulomb",)
+    assert "turning_sensor" not in {remark.code for remark in diagnosis.remarks}

@@ -96,9 +96,11 @@ def test_a_low_pass_of_the_output_that_nobody_declared_is_named_and_undone() -> 
     recording = eight_tones(SLOW, 0.0)
     fit = ac.fit(recording)
     assert abs(fit["scale_factor"].value - SCALE) > 0.0035  # what the low-pass takes looks like scale
-    found = ac.diagnose(fit, recording)
-    assert "sensor_lag" in found.effects
-    assert found.sentence.endswith('if accel passes such a filter, declare it: lowpass = { kind = "RC", tau = ... }.')
+    diagnosis = ac.diagnose(fit, recording)
+    assert "sensor_lag" in diagnosis.effects
+    assert diagnosis.sentence.endswith(
+        'if accel passes such a filter, declare it: lowpass = { kind = "RC", tau = ... }.'
+    )
     undone = ac.add(fit, recording, "sensor_lag")
     k, (tau,) = undone["scale_factor"], undone.shapes
     assert abs(k.value - SCALE) < 3.5 * k.std < 0.001
@@ -117,6 +119,6 @@ def test_an_effect_that_a_fit_with_it_does_not_tell_from_the_base_stops_no_searc
 def test_a_delay_of_the_output_is_no_low_pass() -> None:
     """Over four seeds none was named; a false name comes with 1 % of records at most."""
     recording = eight_tones(0.0, SLOW)
-    found = ac.diagnose(ac.fit(recording), recording)
-    assert found.effects == ("time_offset",)
-    assert abs(found.fit["time_offset"].value - SLOW) < 1e-5
+    diagnosis = ac.diagnose(ac.fit(recording), recording)
+    assert diagnosis.effects == ("time_offset",)
+    assert abs(diagnosis.fit["time_offset"].value - SLOW) < 1e-5
