@@ -300,6 +300,8 @@ class Recording(Result):
                     f"{self.name or 'recording'}: {channel.name} is in {channel.unit}; expected {unit}, or a unit that "
                     f"converts to it. Recording.from_arrays{scaled} converts it"
                 )
+        if np.array_equal(self.accel.t, self.position.t):  # on one clock: one array for both
+            object.__setattr__(self.position, "t", self.accel.t)
 
     @classmethod
     def from_arrays(

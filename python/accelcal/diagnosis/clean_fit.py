@@ -29,8 +29,8 @@ from accelcal.effects import BUILT_IN
 from accelcal.estimation.bands import TRIALS, in_its_band
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.remarks import Remark, remark
-from accelcal.estimation.run import PreparedRun
-from accelcal.estimation.run_state import LONG, RunState
+from accelcal.estimation.run import LONG, PreparedRun
+from accelcal.estimation.run_state import RunState
 from accelcal.signals.processing import forget_plans
 
 
@@ -98,8 +98,7 @@ def run_outlier_tests(state: RunState) -> tuple[NoiseTest, ...]:
     -------
     accelerometer_outliers and encoder_outliers, equal to those among all.
     """
-    residuals = Residuals(state)
-    return accelerometer_outliers(residuals), encoder_outliers(residuals)
+    return accelerometer_outliers(Residuals(state)), encoder_outliers(Residuals(state))  # nothing serves both
 
 
 __all__ = ["NoiseTest", "run_noise_tests", "run_outlier_tests"]

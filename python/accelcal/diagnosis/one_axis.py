@@ -215,9 +215,9 @@ def coherence_by_band(recording: Recording, start: float | None = None, end: flo
     f: Array = np.asarray(np.fft.rfftfreq(pair.segment, pair.step))
     output_noise, motion_noise = pair.noise(f)
     pair = pair.aligned(output_noise, motion_noise)
-    output, motion = pair.spectra()
     edges = band_edges(f, TOP / pair.step)
-    power = power_below(pair.output, pair.step)
+    power = power_below(pair.output, pair.step)  # before the spectra, which are twice as long as both channels
+    output, motion = pair.spectra(edges[-1])
     bands: list[Band] = []
     for low, high in pairwise(edges):
         inside = slice(low, high)
@@ -289,7 +289,7 @@ class Pair:
         It is where the correlation of the whitened channels is largest, at frequencies at which both stand above their
         noise, (m,) densities.
         """
-        output, motion = self.spectra()
+        output, motion = self.spectra(len(output_noise))
         power = (np.mean(np.abs(output) ** 2, axis=0), np.mean(np.abs(motion) ** 2, axis=0))
         noises = zip((output_noise, motion_noise), power, strict=True)
         share = np.prod([np.maximum(0.0, 1.0 - noise / np.maximum(power, 1e-300)) for noise, power in noises], axis=0)
@@ -309,14 +309,15 @@ class Pair:
         first, second = (behind, before) if late > 0 else (before, behind)
         return replace(self, output=self.output[first], motion=self.motion[second])
 
-    def spectra(self) -> tuple[Spectra, Spectra]:
-        """Of segments that overlap by half behind a Hann window, (K, m) each; their squares are one-sided densities."""
+    def spectra(self, m: int) -> tuple[Spectra, Spectra]:
+        """Of segments that overlap by half behind a Hann window, at the first m frequencies, (K, m) each; their squares
+        are one-sided densities."""
         window = np.hanning(self.segment + 1)[:-1]
         scale = math.sqrt(2.0 * self.step / float(window @ window))
         blocks = []
         for y in (self.output, self.motion):
             views = np.lib.stride_tricks.sliding_window_view(y, self.segment)[:: self.segment // 2]
-            blocks.append(np.fft.rfft((views - views.mean(axis=1, keepdims=True)) * window, axis=1) * scale)
+            blocks.append(np.stack([np.fft.rfft((view - view.mean()) * window)[:m] * scale for view in views]))
         return blocks[0], blocks[1]
 
     def noise(self, f: Array) -> tuple[Array, Array]:
@@ -335,8 +336,11 @@ class Pair:
 
 def power_below(y: Array, step: float) -> Callable[[float], float]:
     """Share of the power of samples about their mean below a frequency, Hz."""
-    power = np.abs(np.fft.rfft((y - np.mean(y)) * np.hanning(len(y)))) ** 2
-    share, f = np.cumsum(power) / max(float(np.sum(power)), 1e-300), np.fft.rfftfreq(len(y), step)
+    windowed = np.hanning(len(y))
+    windowed *= y - np.mean(y)
+    n = fft.next_fast_len(len(y), real=True)
+    power = np.abs(fft.rfft(windowed, n)) ** 2
+    share, f = np.cumsum(power) / max(float(np.sum(power)), 1e-300), np.fft.rfftfreq(n, step)
     return lambda frequency: float(np.interp(frequency, f, share))
 
 

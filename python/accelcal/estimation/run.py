@@ -101,6 +101,9 @@ class AxisGravity:
 
 JUMP_WINDOW = 1.5
 """Samples to either side of a jump over which its error is spread."""
+LONG = 1_000_000
+"""Readings or samples from which on memory that is not used at the moment is given back and the filter runs part by
+part."""
 CURVATURE = 1.0 / 64.0
 """Error of a cubic over a hole, as a share of the third difference of samples a hole apart, which bounds it."""
 
@@ -128,7 +131,9 @@ def extra_density(t: Array, accel: Channel, step: float, jumps: Jumps, filled: F
         total = np.cumsum(variance)
         reached = np.column_stack([np.append(0.0, total[:-1]), total]).ravel()
         gained += np.diff(np.interp(t, edges, reached, left=0.0), prepend=0.0)
-    return np.asarray(np.where(h > 0.0, np.maximum(gained, 0.0) / np.where(h > 0.0, h, step), 0.0))
+    density, there = np.zeros(len(t)), np.flatnonzero((gained > 0.0) & (h > 0.0))
+    density[there] = gained[there] / h[there]  # pages of nothing but zeros take no memory
+    return density
 
 
 def jump_variances(jumps: Jumps, step: float) -> tuple[Array, Array, Array]:
@@ -280,7 +285,8 @@ class RunSamples:
 
         def find() -> Jumps:
             scores = prediction_scores(t, y)
-            self.answers["noise of a sample"] = scores[1]
+            if len(t) < LONG:
+                self.answers["noise of a sample"] = scores[1]
             return jumps(t, y, self.accel_step, self.declared_tau, scores)
 
         return self.once("jumps of the motion", find)
@@ -289,7 +295,8 @@ class RunSamples:
     def sample_noise(self) -> Array:
         """Noise of each sample of the output against its neighbours, (n,) m/s²."""
         t, y = self.accel.t, self.accel.y
-        return self.once("noise of a sample", lambda: prediction_scores(t, y)[1])
+        held = self.answers.get("noise of a sample")
+        return prediction_scores(t, y)[1] if held is None else held
 
     @property
     def declared_tau(self) -> float:

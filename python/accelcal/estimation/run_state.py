@@ -23,7 +23,7 @@ from accelcal.estimation.noise import (
     variance_functions,
     with_growth,
 )
-from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run import LONG, PreparedRun
 from accelcal.estimation.smoothing import smoothed_signals
 from accelcal.estimation.values import Noise, Values
 from accelcal.model import Model
@@ -119,9 +119,8 @@ OCTAVE_BELOW = 0.5
 """That power is taken from this share of the crossover on."""
 
 
-LONG, PART = 1_000_000, 1 << 18
-"""Readings or samples from which on memory that is not used at the moment is given back and the filter runs part by
-part, and readings of a part."""
+PART = 1 << 18
+"""Readings of a part, where the filter runs part by part."""
 FORGOTTEN = 16.0
 """Waits of a filter after which its start has left less than rounding does."""
 

@@ -405,7 +405,8 @@ def resampled_side(run: PreparedRun, t: Array) -> dict[str, Array]:
 
 
 def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, values: Values, cutoff: float) -> Signals:
-    """Motion of the stage as the sensor feels it, with side channels."""
+    """Motion of the stage as the sensor feels it, with side channels; acceleration and jerk of `motion` become those
+    of the signals."""
     polarity, side = run.rig.polarity, side_channels_at(run, t_grid)
     gravity: Array | float = run.rig.gravity
     change: Array | float = 0.0
@@ -413,12 +414,17 @@ def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, valu
         full = uniform_times(run)
         gravity = side[GRAVITY] = np.interp(t_grid, full, run.gravity.within(full, run.accel_step, cutoff))
         change = derivative(gravity, float(t_grid[1] - t_grid[0]))
+    a, jerk = motion.a, motion.jerk
+    a += gravity
+    a *= polarity
+    jerk += change
+    jerk *= polarity
     return Signals(
         t=t_grid - run.origins.t,
         p=motion.p - run.origins.p,
         v=motion.v,
-        a=polarity * (motion.a + gravity),
-        jerk=polarity * (motion.jerk + change),
+        a=a,
+        jerk=jerk,
         scale=values.scale,
         bias=values.bias,
         coefficients=values.by_name,

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from accelcal._support.values import amount_of
-from accelcal.data import Array, Flags, Places, Recording, in_usual_unit
+from accelcal.data import Array, Flags, Recording, in_usual_unit
 from accelcal.diagnosis.noise.growing import total_with_std
 from accelcal.diagnosis.noise.noise_test import OUTPUT_OUTLIERS, READING_OUTLIERS, NoiseTest
 from accelcal.diagnosis.noise.residuals import (
@@ -45,7 +45,7 @@ def motion_noise_level(residuals: Residuals, interpolation: InterpolationError) 
     spectra = residuals.spectra
     if len(spectra.power) < NOISE_TEST_LEAST_BLOCKS:
         return np.ones(residuals.n)
-    gain = interpolation.gain
+    gain, response = interpolation.gain, interpolation.response[: REACH + 1] ** 2
     f = np.linspace(0.0, 0.5 * residuals.rate, len(gain))
     power = spectra.power @ np.interp(spectra.f, f, gain**2) * (2.0 / len(spectra.window))
     c, _ = power_fit(power, np.column_stack([np.ones(len(power)), *residuals.motion_blocks(spectra)]))
@@ -58,19 +58,22 @@ def motion_noise_level(residuals: Residuals, interpolation: InterpolationError) 
     v2 *= c[3]
     behind += v2
     behind += c[0]
+    del v, v2, jerk
+    residuals.release()
     np.maximum(behind, 0.1 * float(np.median(power)) + 1e-300, out=behind)
-    response = interpolation.response[: REACH + 1] ** 2
     spread = np.concatenate([response[:0:-1], response])
     behind = np.pad(behind, len(spread) // 2, mode="symmetric")
     behind = np.convolve(behind, spread / spread.sum(), "valid")  # each error holds noise of its neighbours
     return np.asarray(np.sqrt(behind, out=behind))
 
 
-def motion_jumps(residuals: Residuals, sampled: Places, score: Array) -> Flags:
-    """Which of some uniform times lie at a jump of the motion, by the samples about each score that is large."""
+def motion_jumps(residuals: Residuals, sampled: Flags, y: Array, spread: Array) -> Flags:
+    """Which of the sampled uniform times lie at a jump of the motion, by the samples about each error `y` that is large
+    beside its spread."""
     scores, marked = np.zeros(residuals.n), np.zeros(residuals.n, dtype=np.bool_)
-    scores[sampled] = score
+    scores[sampled] = np.abs(y) / np.maximum(spread, 1e-300)
     peaks = local_maxima(scores, 2 * ISOLATED, EXAMINED_SIGMA)  # the filter rings about a wrong sample
+    del scores
     run, stamps = residuals.run, residuals.t_u[np.searchsorted(residuals.place, peaks)]
     places = np.unique(np.searchsorted(run.accel.t, stamps)[:, None] + BESIDE)
     if len(places) == 0:
@@ -98,9 +101,8 @@ class SampleErrors:
 def output_errors(residuals: Residuals) -> SampleErrors:
     """Interpolation errors of the samples of the output, m/s²; none about a jump of the motion."""
     y, interpolation = residuals.interpolation_errors
-    sampled = np.flatnonzero(residuals.sampled & np.isfinite(y))
+    sampled = residuals.sampled & np.isfinite(y)
     usual = motion_noise_level(residuals, interpolation)[sampled]
-    residuals.release()
     y = y[sampled]
     y /= usual
     spread, dof = spread_of(y)
@@ -108,8 +110,11 @@ def output_errors(residuals: Residuals) -> SampleErrors:
     y *= usual
     del usual
     np.hypot(spread, math.sqrt(residuals.white_floor * float(np.mean(interpolation.gain**2))), out=spread)
-    steady = ~motion_jumps(residuals, sampled, np.abs(y) / np.maximum(spread, 1e-300))
-    return SampleErrors(residuals.t[sampled[steady]], y[steady], spread[steady], dof)
+    steady = ~motion_jumps(residuals, sampled, y, spread)
+    if not steady.all():
+        y, spread = y[steady], spread[steady]
+        sampled[sampled] = steady
+    return SampleErrors(residuals.t[sampled], y, spread, dof)
 
 
 def accelerometer_outliers(residuals: Residuals) -> NoiseTest:

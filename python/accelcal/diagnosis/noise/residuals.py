@@ -22,6 +22,7 @@ from accelcal.diagnosis.policy import (
 )
 from accelcal.estimation.channel_filters import LEAST_GAIN
 from accelcal.estimation.engines import sums_of
+from accelcal.estimation.run import LONG
 from accelcal.estimation.run_state import RunState
 from accelcal.signals.processing import (
     LONG_TRANSFORM,
@@ -237,14 +238,14 @@ def spread_of(y: Array, step: float = 0.0) -> tuple[Array, float]:
     return np.sqrt(np.maximum(spread**2 - step**2 / 12.0, step**2 / 12.0)), dof
 
 
-def contamination_test(score: Array, dof: float) -> tuple[float, float]:
-    """Share of samples with a wider distribution than the rest, and the probability of such samples under the null.
+def contamination_test(size: Array, dof: float) -> tuple[float, float]:
+    """Share of samples with a wider distribution than the rest, and the probability of such samples under the null, by
+    their sizes (n,) in standard deviations.
 
     Likelihood ratio of (1 - share) t(dof) + share N(0, 1 + width²) to t(dof), averaged over a grid of shares and
     widths. Without outliers the expectation of that average is one, so it exceeds 1/p with a probability of at most p
     (Markov); nothing is taken from asymptotics, which rare outliers do not obey.
     """
-    size = np.abs(score)
     edges = np.linspace(0.0, BINNED, 301)
     count, _ = np.histogram(size, edges)
     tail = size[size > BINNED]
@@ -617,7 +618,7 @@ class Residuals:
 
     def release(self) -> None:
         """Free what is as long as the record once its spectra are computed; reading it computes it again."""
-        for name in ("background", "resolved_output", "motion"):
+        for name in ("background", "resolved_output", "motion", *("residual",) * (self.n > LONG)):
             vars(self).pop(name, None)
 
     def refilled(self, correction: Array, lost: Places, limit: float) -> tuple[Array, Places]:
@@ -735,12 +736,13 @@ class Residuals:
         """
         if self.state.noise.r < LEAST_CHECK * float(np.median(self.state.series("S"))):
             return Outliers(0.0, 0.0, np.empty(0, dtype=np.intp), 0.0, 1.0)
-        z = (self.state.drive.z - self.smooth_position)[self.state.counts]
-        certain = np.flatnonzero(~self.at_jumps)
-        z = z[certain] - np.median(z)
+        z = (self.state.drive.z - self.state.smoothed()[0])[self.state.counts]
+        middle, certain = np.median(z), ~self.at_jumps
+        z = z[certain]
+        z -= middle
         spread, dof = spread_of(z, self.run.least_step)
         flagged = outliers(z, spread, len(z), dof)
-        return replace(flagged, peaks=certain[flagged.peaks])
+        return replace(flagged, peaks=np.flatnonzero(certain)[flagged.peaks])
 
     @cached_property
     def readings(self) -> Array:
