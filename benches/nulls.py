@@ -2,21 +2,28 @@
 
 From the top of the repository: python -m benches.nulls [--worlds 112] [--seed 34001] [--out build/nulls.jsonl]
 One record of each regime of `tests/regimes` and records of `tests/worlds` beside them, all entered in the ledger
-(`benches.ledger`); an interrupted run continues where it stopped.
+(`benches.ledger`); an interrupted run continues where it stopped. With `--looks 12` worlds alone, each judged as it
+grows: after a twelfth of its length, two, ...; a name at any of these is false. No test promises a rate for that; it is
+counted, and at most 4 of 300 are allowed.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import tempfile
 from collections.abc import Sequence
+from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import numpy as np
 from scipy.stats import binom
 
+import accelcal as ac
 from benches.hidden import guarded
 from benches.outcomes import run_all
 from tests.hidden import trials as worlds
@@ -39,6 +46,24 @@ def run(trial: worlds.Trial | regimes.Trial) -> Outcome:
     return {**outcome, "false_names": names}
 
 
+def growing(looks: int, trial: worlds.Trial) -> Outcome:
+    """False names at each look at one record of a world that grows; a look at less than a fit needs has none."""
+    world = worlds.draw(trial)
+    outcome: Outcome = {"key": trial.key, **asdict(trial), "nuisances": asdict(world.nuisances), "looks": []}
+    with tempfile.TemporaryDirectory() as folder:
+        recording = ac.load(world.record().write(folder))
+    begin, length = float(recording.position.t[0]), float(np.ptp(recording.position.t))
+    for look in range(1, looks + 1):
+        record = recording.part(begin, begin + length * look / looks)
+        try:
+            outcome["effects"] = list(ac.diagnose(ac.fit(record), record).effects)
+        except ac.RecordingError as refused:
+            outcome |= {"effects": [], "refused": str(refused)}
+        outcome["looks"].append(falsely_named(outcome))
+    names = {name for found in outcome["looks"] for name in found}
+    return {**outcome, "false_names": sorted(names), "sentence": f"by look: {outcome['looks']}"}
+
+
 def null(outcome: Outcome) -> tuple[str, str, Sequence[str]] | None:
     """Bench, regime and false names for the ledger; None where a record ended in an error."""
     return ("nulls", outcome.get("regime", "worlds"), outcome["false_names"]) if "effects" in outcome else None
@@ -51,9 +76,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=34001)
     parser.add_argument("--out", type=Path, default=Path("build/nulls.jsonl"))
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--looks", type=int, default=0, help="at each record as it grows, in place of one at the whole")
     chosen = parser.parse_args(arguments)
-    trials = [*worlds.plan(1, chosen.worlds, chosen.seed), *regimes.plan(list(TABLE), 1, chosen.seed)]
-    outcomes = run_all(run, trials, chosen.out, chosen.workers, null)
+    honest = [*worlds.plan(1, chosen.worlds, chosen.seed)]
+    if chosen.looks:
+        outcomes = run_all(partial(growing, chosen.looks), honest, chosen.out, chosen.workers)
+    else:
+        trials = [*honest, *regimes.plan(list(TABLE), 1, chosen.seed)]
+        outcomes = run_all(run, trials, chosen.out, chosen.workers, null)
     ran = [outcome for outcome in outcomes if "effects" in outcome]
     named = [outcome for outcome in ran if outcome["false_names"]]
     for outcome in named:
