@@ -26,7 +26,9 @@ DRIVER = str(Path(__file__).with_name("interrupted.py"))
 SIGNALS = (signal.SIGKILL, signal.SIGINT, signal.SIGTERM)
 OLD = b"old\n"
 LIGHT = [name for name, writer in WRITERS.items() if not writer.heavy]
-HEAVY = [name for name, writer in WRITERS.items() if writer.heavy]
+OFTEN = "fit", "improve", "live", "fleet"
+EVERY = [name for k in range(200) for name in WRITERS if k < (200 if name in OFTEN else 40)]
+"""Commands of the long run in turn, so that a part of it holds all of them."""
 WRITING_OPTIONS = {"output", "c", "rust", "dcc", "plots", "figure", "store", "motion"}
 MOST_IMPORTS = 1400
 """Modules that are looked for during a fit, about."""
@@ -88,11 +90,10 @@ def test_every_command_that_writes_is_among_them() -> None:
     assert writing | {"init"} == set(WRITERS)
 
 
-@pytest.mark.parametrize("number", cases(9, 200))
+@pytest.mark.parametrize("number", cases(9, len(EVERY)))
 def test_a_kill_leaves_old_or_new_and_nothing_else(number, inputs, references, tmp_path):
     rng = case_rng("kills", number)
-    # In the long run every eighth case is a command that takes longer than some seconds.
-    name = HEAVY[number // 8 % len(HEAVY)] if LONG and number % 8 == 7 else LIGHT[number % len(LIGHT)]
+    name = EVERY[number] if LONG else LIGHT[number % len(LIGHT)]
     sent = SIGNALS[int(rng.integers(3))]
     moments, lasted, outputs = references(name)
     folder, temporary = tmp_path / "w", tmp_path / "temporary"
