@@ -1,6 +1,8 @@
 """A fleet of recordings of 60 s: time per recording over that of a single fit, memory, bytes on any number of workers.
 
 python -m benches.fleet --count 1000
+python -m benches.fleet --types 100 : instead, sensors fitted with the prior of a type; how many are told to be of
+another, of those that are of it and of those whose scale factor is `AWAY` deviations of estimate and type from it.
 """
 
 from __future__ import annotations
@@ -28,6 +30,9 @@ DIFFERENT = 20
 """Recordings that are simulated; the others are links to them under names of their own."""
 SENSORS = 50
 LIMIT = 1.2
+AWAY = 6.0
+TYPE = ac.Prior(0.012, 1e-4)
+"""Scale factor of a type."""
 
 
 def made(folder: Path, count: int) -> list[str]:
@@ -50,6 +55,29 @@ def made(folder: Path, count: int) -> list[str]:
     return files
 
 
+def of_another_type(k: float, seed: int) -> bool:
+    """Whether a sensor with this scale factor is told to be none of the type, after 12 s on a stage."""
+    truth = {"bias": 0.05, "scale_factor": k}
+    recording = ac.simulate(
+        "interleaved", seconds=12.0, rig=CXL02_RIG, parameters=truth, rng=np.random.default_rng(seed)
+    ).recording
+    fit = ac.fit(recording, ac.Model.linear().with_priors({"scale_factor": TYPE}))
+    return any(note.code == "not_of_type" for note in fit.remarks)
+
+
+def types(count: int) -> int:
+    """Sensors of the type and of none, `count` each; print how many are told to be of another."""
+    rng = np.random.default_rng(62)
+    plain = ac.simulate("interleaved", seconds=12.0, rig=CXL02_RIG, parameters={}, rng=rng).recording
+    alone = ac.fit(plain)["scale_factor"].std
+    spread = float(np.hypot(alone, TYPE.std))
+    of_it = sum(of_another_type(TYPE.mean + TYPE.std * rng.standard_normal(), n) for n in range(count))
+    others = [rng.choice((-AWAY, AWAY)) * spread for _ in range(count)]
+    told = sum(of_another_type(TYPE.mean + away, count + n) for n, away in enumerate(others))
+    print(f"of another type: {told} of {count} that are (95 %), {of_it} of {count} that are not (1 %)")
+    return 0 if told >= 0.95 * count and of_it <= max(3, 0.03 * count) else 1
+
+
 def peak() -> float:
     """Largest resident memory so far, MB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
@@ -59,7 +87,10 @@ def main() -> None:
     """Print figures beside their bars."""
     asked = argparse.ArgumentParser(description=__doc__)
     asked.add_argument("--count", type=int, default=1000)
+    asked.add_argument("--types", type=int, default=0, help="sensors of a type, and as many of none")
     given = asked.parse_args()
+    if given.types:
+        raise SystemExit(types(given.types))
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         files = made(folder, given.count)
