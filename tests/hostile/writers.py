@@ -88,8 +88,19 @@ WRITERS: Mapping[str, Writer] = {
     ),
     "demo": Writer(
         ("demo", "-o", "demo"),
-        tuple(f"demo/{name}" for name in ("run1.csv", "run1.toml", "run2.csv", "run2.toml", "m.json"))
-        + tuple(path.replace("plots/", "demo/") for path in PLOTS),
+        tuple(
+            f"demo/{name}"
+            for name in (
+                "run1.csv",
+                "run1.toml",
+                "run2.csv",
+                "run2.toml",
+                "m.json",
+                "best.json",
+                "answer.json",
+                "demo.png",
+            )
+        ),
         together=False,
         heavy=True,
     ),

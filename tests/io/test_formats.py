@@ -45,6 +45,62 @@ def test_npz_with_vectors_of_different_lengths(tmp_path):
     check(io.load(path))
 
 
+MATRIX = np.column_stack([T, ACCEL, np.where(np.arange(N) % 2, np.nan, POSITION)])
+RECORDS = np.rec.fromarrays(MATRIX.T, names="t_s,accel_g,position_mm")
+
+
+def _saved_mat(path, **content):
+    from scipy.io import savemat
+
+    savemat(path, content)
+
+
+def _saved_h5(path, **content):
+    with pytest.importorskip("h5py").File(path, "w") as file:
+        for name, values in content.items():
+            file[name] = values
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "column"),
+    [
+        ("run.npz", lambda path: np.savez(path, daq=MATRIX), "daq[{0}]"),
+        ("run.npz", lambda path: np.savez(path, daq=MATRIX.T[None]), "daq[{0}]"),
+        ("run.npy", lambda path: np.save(path, MATRIX), "column[{0}]"),
+        ("run.h5", lambda path: _saved_h5(path, daq=MATRIX), "daq[{0}]"),
+        ("run.mat", lambda path: _saved_mat(path, daq=MATRIX), "daq({1})"),
+        ("run.mat", lambda path: _saved_mat(path, run={"daq": MATRIX}), "run.daq({1})"),
+    ],
+)
+def test_columns_of_a_matrix_are_columns(tmp_path, name, write, column):
+    path = tmp_path / name
+    write(path)
+    keys = zip(("time", "accel", "position"), ("s", "g", "mm"), strict=True)
+    rows = [
+        f'{key} = {{ column = "{column.format(k, k + 1)}", unit = "{unit}" }}' for k, (key, unit) in enumerate(keys)
+    ]
+    path.with_suffix(".toml").write_text("\n".join(["[channels]", *rows]))
+    check(io.load(path))
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("run.npy", lambda path: np.save(path, RECORDS)),
+        ("run.h5", lambda path: _saved_h5(path, table=RECORDS)),
+        ("run.npz", lambda path: np.savez(path, table=RECORDS)),
+    ],
+)
+def test_fields_of_records_are_columns(tmp_path, name, write):
+    path = tmp_path / name
+    write(path)
+    if name == "run.npy":
+        check(io.load(path))
+    else:
+        with pytest.raises(RecordingError, match=r"columns are: table\.t_s, table\.accel_g, table\.position_mm"):
+            io.load(path)
+
+
 @pytest.mark.parametrize("version", ["4", "5"])
 def test_mat_vectors_are_found(tmp_path, version):
     from scipy.io import savemat

@@ -93,6 +93,8 @@ def take_apart(column: str) -> Named:
     Named(base='Position', suffix=None, brackets='µm')
     >>> take_apart("accel_m_s2[0]")
     Named(base='accel_0', suffix='m/s^2', brackets=None)
+    >>> take_apart("accel_mm/s^2")
+    Named(base='accel', suffix='mm/s^2', brackets=None)
     """
     if len(column) > MOST_NAME:
         return Named(column, None, None)
@@ -110,8 +112,8 @@ def take_apart(column: str) -> Named:
     parts = base.split("_")
     for k in range(1, len(parts)):  # the longest suffix first: m_per_s2 before s2
         suffix = "_".join(parts[k:])
-        if suffix in SUFFIXES:
-            return Named("_".join(parts[:k]) + index, SUFFIXES[suffix], brackets)
+        if suffix in SUFFIXES or ("/" in suffix and units.is_unit(suffix)):
+            return Named("_".join(parts[:k]) + index, SUFFIXES.get(suffix, suffix), brackets)
     return Named(base + index, None, brackets)
 
 

@@ -8,32 +8,37 @@ from typing import Any
 
 import h5py
 
-from accelcal.io.decoding.source import Entry, RefusedError, Source, is_vector, limited, numbers, require_no_objects
+from accelcal.io.decoding.source import Entry, Part, RefusedError, Source, limited, numbers, parts, require_no_objects
 from accelcal.io.table import MOST_DEPTH, MOST_NAME, Column
 
 
 def opened(path: str) -> Source:
-    """Open a file: each numeric data set that is a vector is a column, named by its path (``run/accel``)."""
+    """Open a file: each numeric vector is a column, named by its path (``run/accel``); see `parts` for other arrays."""
     file = h5py.File(Path(path).open("rb"), "r")  # noqa: SIM115  by this, and by no name, HDF5 reads: no other file opens
 
     here = (name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink))
     objects = [name for name in here if "MATLAB_object_decode" in file[name].attrs]
     require_no_objects([] if all(name.startswith("#") for name in objects) else objects)
 
+    found: dict[str, tuple[str, Part]] = {}
+
     def column(name: str) -> Column:
-        item = file[name]
+        place, part = found[name]
+        item = file[place]
         if item.external or item.is_virtual:
             raise RefusedError(
                 "keeps its numbers in another file, which is not opened; expected the numbers in this file; "
                 "copy the data set (h5repack, or h5py's file[name][()])"
             )
-        return numbers(item[()].ravel())
+        return numbers(part.pick(item[()]))
 
-    return Source(limited(_entries(file, "", 0, {_address(file)})), column)
+    return Source(limited(_entries(file, "", 0, {_address(file)}, found)), column)
 
 
-def _entries(group: Any, prefix: str, depth: int, addresses: set[int]) -> Iterator[Entry]:
-    """Vectors below a group, each object once; links that are soft or lead to another file are not followed."""
+def _entries(
+    group: Any, prefix: str, depth: int, addresses: set[int], found: dict[str, tuple[str, Part]]
+) -> Iterator[Entry]:
+    """Columns below a group, each object once; links that are soft or lead to another file are not followed."""
     if depth > MOST_DEPTH:
         raise RefusedError(f"groups lie more than {MOST_DEPTH} deep; expected data sets, one per channel")
     for name in group:
@@ -45,9 +50,11 @@ def _entries(group: Any, prefix: str, depth: int, addresses: set[int]) -> Iterat
             continue
         addresses.add(address)
         if isinstance(item, h5py.Group):
-            yield from _entries(item, f"{prefix}{name}/", depth + 1, addresses)
-        elif isinstance(item, h5py.Dataset) and item.shape is not None and is_vector(item.shape, item.dtype.kind):
-            yield Entry(f"{prefix}{name}", int(max(item.shape)), _unit(item))
+            yield from _entries(item, f"{prefix}{name}/", depth + 1, addresses, found)
+        elif isinstance(item, h5py.Dataset) and item.shape is not None:
+            for part in parts(f"{prefix}{name}", item.shape, item.dtype):
+                found[part.name] = (f"{prefix}{name}", part)
+                yield Entry(part.name, int(part.length), _unit(item))
 
 
 def _address(item: Any) -> int:

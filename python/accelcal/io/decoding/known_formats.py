@@ -47,6 +47,7 @@ FORMATS = (
         title="an Excel workbook",
     ),
     Format("npz", (".npz",), "npz", "numpy", rb"PK\x03\x04"),
+    Format("npy", (".npy",), "npz", "numpy", rb"\x93NUMPY"),
     Format(
         "HDF5",
         (".h5", ".hdf5", ".mat"),

@@ -2,55 +2,65 @@
 
 from __future__ import annotations
 
+import math
 import zipfile
 from collections.abc import Iterator
+from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
-from accelcal.io.decoding.source import Entry, RefusedError, Source, is_vector, limited, numbers
+from accelcal.io.decoding.source import Entry, Part, RefusedError, Source, limited, numbers, parts
 from accelcal.io.table import MOST_COLUMNS, Column
 
 _SUFFIX = ".npy"
+ALONE = "column"
+"""Name of an array in a file of its own, which has none."""
 _HEADERS: dict[tuple[int, int], Any] = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
 }
-"""Version 3 serves names of fields that are not Latin-1, and no vector has fields."""
+"""Version 3 serves names of fields that are not Latin-1, and is not read."""
 
 
 def opened(path: str) -> Source:
-    """Open an archive: each numeric vector is a column."""
-    archive = zipfile.ZipFile(path)
-    members = {info.filename.removesuffix(_SUFFIX): info for info in archive.infolist()}
-    if len(members) > MOST_COLUMNS:
-        raise RefusedError(f"it holds {len(members)} arrays, expected at most {MOST_COLUMNS}; save those of one run")
+    """Open an archive, or an array in a file of its own: a numeric vector is a column; see `parts` for other arrays."""
+    with Path(path).open("rb") as file:
+        archive = zipfile.ZipFile(path) if file.read(2) == b"PK" else None
+    files = [info.filename for info in archive.infolist()] if archive else [ALONE + _SUFFIX]
+    if len(files) > MOST_COLUMNS:
+        raise RefusedError(f"it holds {len(files)} arrays, expected at most {MOST_COLUMNS}; save those of one run")
+    columns: dict[str, tuple[str, Part]] = {}
+
+    def open_one(name: str) -> IO[bytes]:
+        return archive.open(name) if archive else Path(path).open("rb")
 
     def entries() -> Iterator[Entry]:
-        for name, info in members.items():
-            if info.filename.endswith(_SUFFIX):
-                with archive.open(info) as file:
-                    length = _length(file, info.file_size)
-                if length is not None:
-                    yield Entry(name, length)
+        for name in files:
+            if name.endswith(_SUFFIX):
+                size = archive.getinfo(name).file_size if archive else Path(path).stat().st_size
+                with open_one(name) as file:
+                    shape, dtype = _header(file, size)
+                for part in parts("" if dtype.names and not archive else name.removesuffix(_SUFFIX), shape, dtype):
+                    columns[part.name] = (name, part)
+                    yield Entry(part.name, part.length)
 
     def column(name: str) -> Column:
-        with archive.open(members[name]) as file:
-            return numbers(np.lib.format.read_array(file, allow_pickle=False))
+        member, part = columns[name]
+        with open_one(member) as file:
+            return numbers(part.pick(np.lib.format.read_array(file, allow_pickle=False)))
 
     return Source(limited(entries()), column)
 
 
-def _length(file: IO[bytes], size: int) -> int | None:
-    """Samples of the vector that a member of `size` bytes holds; None if it holds something else."""
+def _header(file: IO[bytes], size: int) -> tuple[tuple[int, ...], Any]:
+    """Shape and type of the array that a member of `size` bytes holds; those of no column if it holds objects."""
     read_header = _HEADERS.get(np.lib.format.read_magic(file))
     if read_header is None:
-        return None
+        return (), np.dtype(object)
     shape, _, dtype = read_header(file)
-    if not is_vector(shape, dtype.kind):
-        return None
-    length = max(shape, default=0)
-    if length < 0 or length * dtype.itemsize != size - file.tell():
-        raise AccelcalError(f"a header promises {length} numbers in {size} bytes")
-    return int(length)
+    count = math.prod(shape)
+    if not dtype.hasobject and (min(shape, default=0) < 0 or count * dtype.itemsize != size - file.tell()):
+        raise AccelcalError(f"a header promises {count} numbers in {size} bytes")
+    return shape, dtype

@@ -5,7 +5,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -13,6 +13,11 @@ import numpy as np
 from accelcal.io.table import MOST_COLUMNS, MOST_DEPTH, MOST_NAME, Column
 
 Listed = TypeVar("Listed")
+
+LEAST_LONGER = 4
+"""Samples for each channel from which on a matrix is channels beside each other."""
+IN_MATLAB = "({1})"
+"""Index of a column as MATLAB counts."""
 
 
 class RefusedError(Exception):
@@ -59,7 +64,7 @@ class Source:
 
 def limited(entries: Iterable[Listed]) -> tuple[Listed, ...]:
     """The columns of a file, unless there are too many of them; counted while they are made."""
-    listed = []
+    listed: list[Listed] = []
     for entry in entries:
         listed.append(entry)
         if len(listed) > MOST_COLUMNS:
@@ -78,8 +83,42 @@ def is_vector(shape: tuple[int, ...], kind: str) -> bool:
     return kind in "fiub" and size == max(shape, default=0)
 
 
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One column of an array."""
+
+    name: str
+    length: int
+    pick: Callable[[Any], Any]
+    """Takes it from the array."""
+
+
+def parts(name: str, shape: tuple[int, ...], dtype: Any, index: str = "[{0}]") -> Iterator[Part]:
+    """Columns of an array: a vector; those of a matrix, along its longer axis; numeric fields of records."""
+    sides = sorted(length for length in shape if length != 1)
+    length = max(shape, default=0)
+    if is_vector(shape, dtype.kind):
+        yield Part(name, length, np.ravel)
+    elif dtype.names and len(sides) <= 1:
+        for key in dtype.names:
+            if dtype[key].kind in "fiub" and not dtype[key].shape:
+                yield Part(f"{name}.{key}" if name else key, length, partial(_field, key))
+    elif dtype.kind in "fiub" and len(sides) == 2 and LEAST_LONGER * sides[0] <= sides[1]:
+        for k in range(sides[0]):
+            yield Part(name + index.format(k, k + 1), length, partial(_column, k))
+
+
+def _field(key: str, records: Any) -> Any:
+    return records[key].ravel()
+
+
+def _column(k: int, matrix: Any) -> Any:
+    squeezed = np.squeeze(matrix)
+    return squeezed[:, k] if squeezed.shape[0] > squeezed.shape[1] else squeezed[k]
+
+
 def vectors(content: Mapping[str, Any], prefix: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
-    """Yield (dotted name, vector) of each numeric vector inside nested mappings and lists."""
+    """Yield (dotted name, vector) of each numeric vector and column of a matrix inside nested mappings and lists."""
     if depth > MOST_DEPTH:
         raise RefusedError(f"structures lie more than {MOST_DEPTH} deep; expected vectors, one per channel")
     for name, value in content.items():
@@ -88,8 +127,8 @@ def vectors(content: Mapping[str, Any], prefix: str = "", depth: int = 0) -> Ite
             yield from vectors(value, f"{path}.", depth + 1)
         elif isinstance(value, list):
             yield from vectors({str(k): item for k, item in enumerate(value, start=1)}, f"{path}.", depth + 1)
-        elif isinstance(value, np.ndarray) and is_vector(value.shape, value.dtype.kind):
-            yield path, value.ravel()
+        elif isinstance(value, np.ndarray):
+            yield from ((part.name, part.pick(value)) for part in parts(path, value.shape, value.dtype, IN_MATLAB))
 
 
 def numbers(values: Any) -> Column:
