@@ -335,6 +335,46 @@ mod tests {
         }
     }
 
+    /// The linear system in one matrix exponential (Van Loan, IEEE Trans. Autom. Control 23(3), 1978).
+    #[test]
+    fn a_step_is_that_of_the_linear_system() {
+        let system = cwpa(Some(LowPass { tau: TAU, q: 1e-6 }));
+        let x = SVector::from([0.1, 0.2, 3.0, -1.0, 0.05, 0.3]);
+        let r = system.sensor.output(4, &x, x[ACCELERATION]).unwrap();
+        let (mut A, mut G) = (SMatrix::<f64, 6, 6>::zeros(), SMatrix::<f64, 6, 6>::zeros());
+        A[(POSITION, VELOCITY)] = 1.0;
+        A[(VELOCITY, ACCELERATION)] = 1.0;
+        A[(OUTPUT, ACCELERATION)] = r.gradient[0] / TAU;
+        A[(OUTPUT, OUTPUT)] = -1.0 / TAU;
+        G[(ACCELERATION, ACCELERATION)] = 7.0;
+        G[(OUTPUT, OUTPUT)] = 1e-6 / (TAU * TAU);
+        let mut constant = r.value - r.gradient[0] * x[ACCELERATION];
+        for (i, j, gauss_markov) in system.sensor.each::<6>(4) {
+            A[(OUTPUT, i)] = r.gradient[j] / TAU;
+            A[(i, i)] = -gauss_markov.rate;
+            G[(i, i)] = gauss_markov.q;
+            constant -= r.gradient[j] * x[i];
+        }
+        for T in [0.1 * TAU, 0.6 * TAU, 4.0 * TAU] {
+            let mut joint = SMatrix::<f64, 12, 12>::zeros();
+            joint.fixed_view_mut::<6, 6>(0, 0).copy_from(&(-A * T));
+            joint.fixed_view_mut::<6, 6>(0, 6).copy_from(&(G * T));
+            joint.fixed_view_mut::<6, 6>(6, 6).copy_from(&(A.transpose() * T));
+            let joint = joint.exp();
+            let Phi = joint.fixed_view::<6, 6>(6, 6).transpose();
+            let Q = Phi * joint.fixed_view::<6, 6>(0, 6);
+            let mut mean = Phi * x;
+            mean[OUTPUT] -= libm::expm1(-T / TAU) * constant;
+            let made = step(&system, &x, T);
+            assert!((made.x - mean).amax() < 1e-11);
+            assert!((made.Phi - Phi).amax() < 1e-11);
+            for (i, j) in (0..6).flat_map(|i| (0..6).map(move |j| (i, j))) {
+                let error = (made.Q - Q)[(i, j)].abs();
+                assert!(error <= 1e-9 * libm::sqrt(Q[(i, i)] * Q[(j, j)]), "{i} {j} {error}");
+            }
+        }
+    }
+
     #[test]
     fn settings_out_of_range_are_refused() {
         let size = System::<6>::check(&cwpa(None));
