@@ -13,7 +13,7 @@ import argparse
 import os
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -77,10 +77,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("build/nulls.jsonl"))
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--looks", type=int, default=0, help="at each record as it grows, in place of one at the whole")
+    parser.add_argument("--seconds", type=float, default=24.0, help="length of a record that grows")
     chosen = parser.parse_args(arguments)
     honest = [*worlds.plan(1, chosen.worlds, chosen.seed)]
     if chosen.looks:
-        outcomes = run_all(partial(growing, chosen.looks), honest, chosen.out, chosen.workers)
+        short = [replace(trial, length=chosen.seconds) for trial in honest]
+        outcomes = run_all(partial(growing, chosen.looks), short, chosen.out, chosen.workers)
     else:
         trials = [*honest, *regimes.plan(list(TABLE), 1, chosen.seed)]
         outcomes = run_all(run, trials, chosen.out, chosen.workers, null)
