@@ -24,6 +24,7 @@ import numpy as np
 from scipy.stats import binom
 
 import accelcal as ac
+from accelcal._support.errors import AccelcalError
 from benches.hidden import guarded
 from benches.outcomes import run_all
 from tests.hidden import trials as worlds
@@ -57,7 +58,7 @@ def growing(looks: int, trial: worlds.Trial) -> Outcome:
         record = recording.part(begin, begin + length * look / looks)
         try:
             outcome["effects"] = list(ac.diagnose(ac.fit(record), record).effects)
-        except ac.RecordingError as refused:
+        except AccelcalError as refused:
             outcome |= {"effects": [], "refused": str(refused)}
         outcome["looks"].append(falsely_named(outcome))
     names = {name for found in outcome["looks"] for name in found}
