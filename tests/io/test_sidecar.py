@@ -139,6 +139,10 @@ def test_position_with_its_own_clock(tmp_path):
         ),
         ('[channels]\na_y = { column = "a", lowpass = {} }', "channels.a_y.lowpass: unknown key"),
         (
+            '[channels]\naccel = { column = "a", unit = "V", scale = "1 V/g" }',
+            "channels.accel.scale: unknown key; it stands in [sensor]; known keys here: column, unit",
+        ),
+        (
             '[channels]\naccel = { column = "a", lowpass = { kind = "FIR" } }',
             "channels.accel.lowpass.kind: found 'FIR'",
         ),

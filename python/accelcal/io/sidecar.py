@@ -395,8 +395,10 @@ def _join(*parts: str) -> str:
 
 
 def _nearest(key: str, keys: Mapping[str, Any]) -> str:
-    close = difflib.get_close_matches(key, keys, n=1)
-    return f'did you mean "{close[0]}"?' if close else "known keys here: " + ", ".join(keys)
+    if close := difflib.get_close_matches(key, keys, n=1):
+        return f'did you mean "{close[0]}"?'
+    table = next((f"it stands in [{name}]; " for name, declared in KEYS.items() if key in declared), "")
+    return f"{table}known keys here: {', '.join(keys)}"
 
 
 def _pair(example: str, **keys: _Check) -> _Check:
