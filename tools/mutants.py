@@ -5,8 +5,8 @@ make mutants        # or: python tools/mutants.py --count 200 --seed 1 --out bui
 
 Each mutant changes one operator, comparison, condition or number in a line of `estimation` or `diagnosis` that a test
 runs, by a coverage file with a context for each test. It is run against 25 tests at most that reach the line, those of
-its folder first, in a copy of the tree. A line of the output is one mutant; an interrupted run goes on where it stopped. The exit
-code is 1 where fewer than 85 % are noticed.
+its folder first, in a copy of the tree. A line of the output is one mutant; an interrupted run goes on where it
+stopped. The exit code is 1 where fewer than 85 % are noticed.
 """
 
 from __future__ import annotations
