@@ -61,7 +61,7 @@ def growing(looks: int, trial: worlds.Trial) -> Outcome:
         except AccelcalError as refused:
             outcome |= {"effects": [], "refused": str(refused)}
         outcome["looks"].append(falsely_named(outcome))
-    names = {name for found in outcome["looks"] for name in found}
+    names = {name for look in outcome["looks"] for name in look}
     return {**outcome, "false_names": sorted(names), "sentence": f"by look: {outcome['looks']}"}
 
 

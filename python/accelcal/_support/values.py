@@ -100,7 +100,7 @@ def listing(module: Mapping[str, object]) -> Callable[[], list[str]]:
     return names
 
 
-def amount_of(number: int, one: str, several: str) -> str:
+def amount_of(number: int, singular: str, plural: str) -> str:
     """A number with its noun, and verb, in singular or plural.
 
     Examples
@@ -108,7 +108,7 @@ def amount_of(number: int, one: str, several: str) -> str:
     >>> amount_of(1, "sample was", "samples were"), amount_of(3, "gap", "gaps")
     ('1 sample was', '3 gaps')
     """
-    return f"{number} {one if number == 1 else several}"
+    return f"{number} {singular if number == 1 else plural}"
 
 
 def face(name: str) -> ModuleType:

@@ -225,11 +225,7 @@ class LiveModel:
         gate: float | None = None,
         watch: Sequence[str] = (),
     ) -> None:
-        for argument, value, kind in (("model", model, Model), ("rig", rig, Rig)):
-            if not isinstance(value, kind):
-                raise TypeError(f"LiveModel: {argument} is {found(value)}; {HOW_TO[kind.__name__]}")
-        if isinstance(watch, str):
-            raise TypeError(f"LiveModel: watch is {watch!r}; expected a list of names of effects, as [{watch!r}]")
+        _require_kinds(model, rig, watch)
         if not 0 < rate < math.inf:
             raise AccelcalError(f"LiveModel: rate = {rate:g} Hz; give the samples of the output per second.")
         _require_amounts(q=q, r_position=r_position, speed=speed, gate=math.inf if gate is None else gate)
@@ -689,6 +685,15 @@ def belief(model: Model, term: Term, processes: Mapping[str, GaussMarkov]) -> Pr
     if term.name in model.fixed:
         return Prior(model.fixed[term.name], 0.0)
     return model.priors.get(term.name, Prior(0.0, WIDE * term.effect.prior.typical))
+
+
+def _require_kinds(model: object, rig: object, watch: object) -> None:
+    """Refuse arguments of `LiveModel` of another kind, with how to make the right one."""
+    for argument, value, kind in (("model", model, Model), ("rig", rig, Rig)):
+        if not isinstance(value, kind):
+            raise TypeError(f"LiveModel: {argument} is {found(value)}; {HOW_TO[kind.__name__]}")
+    if isinstance(watch, str):
+        raise TypeError(f"LiveModel: watch is {watch!r}; expected a list of names of effects, as [{watch!r}]")
 
 
 def _require_amounts(*, gate: float, **amounts: float) -> None:

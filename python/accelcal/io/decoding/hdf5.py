@@ -20,10 +20,10 @@ def opened(path: str) -> Source:
     objects = [name for name in here if "MATLAB_object_decode" in file[name].attrs]
     require_no_objects([] if all(name.startswith("#") for name in objects) else objects)
 
-    found: dict[str, tuple[str, Part]] = {}
+    columns: dict[str, tuple[str, Part]] = {}
 
     def column(name: str) -> Column:
-        place, part = found[name]
+        place, part = columns[name]
         item = file[place]
         if item.external or item.is_virtual:
             raise RefusedError(
@@ -32,11 +32,11 @@ def opened(path: str) -> Source:
             )
         return numbers(part.pick(item[()]))
 
-    return Source(limited(_entries(file, "", 0, {_address(file)}, found)), column)
+    return Source(limited(_entries(file, "", 0, {_address(file)}, columns)), column)
 
 
 def _entries(
-    group: Any, prefix: str, depth: int, addresses: set[int], found: dict[str, tuple[str, Part]]
+    group: Any, prefix: str, depth: int, addresses: set[int], columns: dict[str, tuple[str, Part]]
 ) -> Iterator[Entry]:
     """Columns below a group, each object once; links that are soft or lead to another file are not followed."""
     if depth > MOST_DEPTH:
@@ -50,10 +50,10 @@ def _entries(
             continue
         addresses.add(address)
         if isinstance(item, h5py.Group):
-            yield from _entries(item, f"{prefix}{name}/", depth + 1, addresses, found)
+            yield from _entries(item, f"{prefix}{name}/", depth + 1, addresses, columns)
         elif isinstance(item, h5py.Dataset) and item.shape is not None:
             for part in parts(f"{prefix}{name}", item.shape, item.dtype):
-                found[part.name] = (f"{prefix}{name}", part)
+                columns[part.name] = (f"{prefix}{name}", part)
                 yield Entry(part.name, int(part.length), _unit(item))
 
 

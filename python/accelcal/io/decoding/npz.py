@@ -33,14 +33,14 @@ def opened(path: str) -> Source:
         raise RefusedError(f"it holds {len(files)} arrays, expected at most {MOST_COLUMNS}; save those of one run")
     columns: dict[str, tuple[str, Part]] = {}
 
-    def open_one(name: str) -> IO[bytes]:
+    def open_member(name: str) -> IO[bytes]:
         return archive.open(name) if archive else Path(path).open("rb")
 
     def entries() -> Iterator[Entry]:
         for name in files:
             if name.endswith(_SUFFIX):
                 size = archive.getinfo(name).file_size if archive else Path(path).stat().st_size
-                with open_one(name) as file:
+                with open_member(name) as file:
                     shape, dtype = _header(file, size)
                 for part in parts("" if dtype.names and not archive else name.removesuffix(_SUFFIX), shape, dtype):
                     columns[part.name] = (name, part)
@@ -48,7 +48,7 @@ def opened(path: str) -> Source:
 
     def column(name: str) -> Column:
         member, part = columns[name]
-        with open_one(member) as file:
+        with open_member(member) as file:
             return numbers(part.pick(np.lib.format.read_array(file, allow_pickle=False)))
 
     return Source(limited(entries()), column)
