@@ -49,10 +49,14 @@ def run(trial: worlds.Trial | regimes.Trial) -> Outcome:
 
 def growing(looks: int, trial: worlds.Trial) -> Outcome:
     """False names at each look at one record of a world that grows; a look at less than a fit needs has none."""
-    world = worlds.draw(trial)
-    outcome: Outcome = {"key": trial.key, **asdict(trial), "nuisances": asdict(world.nuisances), "looks": []}
+    outcome: Outcome = {"key": trial.key, **asdict(trial), "looks": []}
     with tempfile.TemporaryDirectory() as folder:
-        recording = ac.load(world.record().write(folder))
+        try:
+            world = worlds.draw(trial)
+            recording = ac.load(world.record().write(folder))
+        except ValueError as refused:  # a motion that is longer
+            return {**outcome, "skipped": str(refused)}
+    outcome["nuisances"] = asdict(world.nuisances)
     begin, length = float(recording.position.t[0]), float(np.ptp(recording.position.t))
     for look in range(1, looks + 1):
         record = recording.part(begin, begin + length * look / looks)
