@@ -40,9 +40,10 @@ VECTORS = {"time": T, "accel": ACCEL, "ptime": 1e3 * T[::2], "position": POSITIO
 
 def test_npz_with_vectors_of_different_lengths(tmp_path):
     path = tmp_path / "run.npz"
-    np.savez(path, **VECTORS, note="text is passed over", table=np.eye(3))
+    np.savez(path, **VECTORS, note="text is passed over", table=np.eye(3), spectrogram=np.ones((200, 1000)))
     sidecar(path)
     check(io.load(path))
+    assert "spectrogram" not in io.template(path)
 
 
 MATRIX = np.column_stack([T, ACCEL, np.where(np.arange(N) % 2, np.nan, POSITION)])

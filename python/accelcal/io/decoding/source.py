@@ -14,8 +14,9 @@ from accelcal.io.table import MOST_COLUMNS, MOST_DEPTH, MOST_NAME, Column
 
 Listed = TypeVar("Listed")
 
-LEAST_LONGER = 4
-"""Samples for each channel from which on a matrix is channels beside each other."""
+LEAST_LONGER, MOST_BESIDE = 4, 64
+"""A matrix is channels beside each other where it has so many samples for each at the least, and so many channels at the
+most: a picture or a spectrogram has more."""
 IN_MATLAB = "({1})"
 """Index of a column as MATLAB counts."""
 
@@ -103,7 +104,7 @@ def parts(name: str, shape: tuple[int, ...], dtype: Any, index: str = "[{0}]") -
         for key in dtype.names:
             if dtype[key].kind in "fiub" and not dtype[key].shape:
                 yield Part(f"{name}.{key}" if name else key, length, partial(_field, key))
-    elif dtype.kind in "fiub" and len(sides) == 2 and LEAST_LONGER * sides[0] <= sides[1]:
+    elif dtype.kind in "fiub" and len(sides) == 2 and LEAST_LONGER * sides[0] <= sides[1] and sides[0] <= MOST_BESIDE:
         for k in range(sides[0]):
             yield Part(name + index.format(k, k + 1), length, partial(_column, k))
 
