@@ -15,8 +15,8 @@ from accelcal.io.table import MOST_COLUMNS, MOST_DEPTH, MOST_NAME, Column
 Listed = TypeVar("Listed")
 
 LEAST_LONGER, MOST_BESIDE = 4, 64
-"""A matrix is channels beside each other where it has so many samples for each at the least, and so many channels at the
-most: a picture or a spectrogram has more."""
+"""A matrix is channels beside each other where it has so many samples for each at the least, and at most so many
+channels: a picture or a spectrogram has more."""
 IN_MATLAB = "({1})"
 """Index of a column as MATLAB counts."""
 
