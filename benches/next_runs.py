@@ -42,6 +42,8 @@ TONES = 2.0, 3.0, 5.0, 8.0
 SAME = CAUSES[:2] + CAUSES[4:]
 SECONDS, TOP, MOST, STRENGTH = 20.0, 2.0, 10, 3.0
 """Length of a run, s; acceleration of the tone, m/s²; runs at most; detection limits that are hidden, d = 20 or so."""
+LEAST = 1.0
+"""Distance that is compared: a smaller one is lost in that of the noise, which is 1."""
 STRONG, GENTLE = (0.1, 0.5, 8.0), (0.02, 0.15, 2.0)
 """Limits of the stage, m, m/s, m/s²."""
 LARGER, TURNED = re.compile(r"([\d.]+) times as large"), re.compile("reversed")
@@ -126,6 +128,11 @@ def decided(diagnosis: ac.Diagnosis) -> str:
     return name if weight >= CLASS_WEIGHT else ""
 
 
+def credited(diagnosis: ac.Diagnosis) -> dict[str, float]:
+    """What each cause explains, as the search counts it, twice the log-likelihood."""
+    return {candidate.effect: saturated(candidate.gain) for candidate in diagnosis.scan.candidates}
+
+
 def followed(stage: Stage, records: list[ac.Recording], extra: tuple[Effect, ...]) -> Iterator[dict[str, Any]]:
     """After each run that was proposed: which, the cause that remains, and the least distance beside that predicted."""
     diagnosis = ac.diagnose(ac.fit(records[0]), records, extra=extra)
@@ -135,13 +142,15 @@ def followed(stage: Stage, records: list[ac.Recording], extra: tuple[Effect, ...
             yield {"run": "", "cause": ""}
             return
         best = next(run for run in result.ranked if able(run))
+        before = credited(diagnosis)
         records.append(stage.run(best))
         diagnosis = ac.diagnose(ac.fit(records[0]), records, extra=extra)
-        gains = {candidate.effect: saturated(candidate.gain) for candidate in diagnosis.scan.candidates}
+        after = credited(diagnosis)
         true, rival = best.pair  # the distance is predicted for this one being the cause, not for the other
         apart = math.nan
-        if true == stage.trial.hidden and {true, rival} <= set(gains):
-            apart = math.copysign(math.sqrt(abs(gains[true] - gains[rival])), gains[true] - gains[rival])
+        if true == stage.trial.hidden and {true, rival} <= set(before) & set(after):
+            grown = after[true] - after[rival] - (before[true] - before[rival])  # by this run
+            apart = math.copysign(math.sqrt(abs(grown)), grown)
         cause = decided(diagnosis)
         yield {"run": best.run, "cause": cause, "predicted": best.separation, "reached": apart}
         if cause:
@@ -212,8 +221,8 @@ def judged(outcomes: list[dict[str, Any]]) -> None:
         runs, repeated = (np.median([o[key] for o in ended]) for key in ("runs", "repeated"))
         print(f"one cause remains in {len(ended)}: after {runs:g} runs in the median, by repeating {repeated:g}")
         print(f"a wrong one in {len(wrong)} (1 %): {', '.join(wrong)}")
-    first = [o["steps"][0] for o in asked]
-    steps = [s for s in first if s["run"] and math.isfinite(s["reached"]) and s["predicted"] > 3.0]
+    every = [s for o in asked for s in o["steps"]]
+    steps = [s for s in every if s["run"] and math.isfinite(s["reached"]) and s["predicted"] > LEAST]
     if steps:
         ratio = np.median([s["reached"] / s["predicted"] for s in steps])
         print(f"least distance of two causes over that predicted, {len(steps)}: {ratio:.2f} in the median (0.8 to 1.2)")
