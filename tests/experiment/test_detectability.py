@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,9 +14,15 @@ import accelcal as ac
 from accelcal.data.rig import Rig, Sensor
 from accelcal.diagnosis.experiment import power, power_of_motion, predicted_detection, through
 from accelcal.diagnosis.experiment.detectability import Power
-from accelcal.diagnosis.experiment.power_analysis import detectability_of, planned_noise, planned_state, with_drift
+from accelcal.diagnosis.experiment.power_analysis import (
+    detectability_of,
+    intensity,
+    planned_noise,
+    planned_state,
+    with_drift,
+)
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
-from accelcal.diagnosis.search.beam import least_distance
+from accelcal.diagnosis.search.beam import entry_gains, least_distance
 from accelcal.diagnosis.search.scan import scan
 from accelcal.effects import BUILT_IN
 from accelcal.model import Model
@@ -250,3 +257,30 @@ def test_two_parts_require_a_larger_distance_and_each_part_has_its_size():
     assert both[0] > least_distance(seen.examined, seen.blocks, FAMILYWISE_ALPHA)
     with pytest.raises(ValueError, match="2 parts"):
         seen.detection("encoder_nonlinearity", (1.0, 2.0, 3.0))
+
+
+def detected(A: np.ndarray, s: float, required: float) -> float:
+    """Share of paths of a random process of intensity s whose best likelihood ratio over intensities reaches a gain."""
+    rng = np.random.default_rng(77)
+    b = np.linalg.cholesky(A + s**2 * A @ A) @ rng.standard_normal((len(A), 1500))
+
+    def log_density(size: float) -> np.ndarray:
+        S = A + size**2 * A @ A
+        return -0.5 * (np.sum(b * np.linalg.solve(S, b), axis=0) + np.linalg.slogdet(S)[1])
+
+    grid = s * np.geomspace(0.02, 50.0, 80)
+    best = np.max([log_density(size) for size in grid], axis=0)
+    return float(np.mean(2.0 * (best - log_density(0.0)) >= required))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_random_process_of_the_intensity_at_the_limit_is_detected(seed):
+    """By densities of the scores in whole matrices. The limit is a quantile of 40 paths: 0.85 to 0.995 (99 %)."""
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((8, 8)) * np.geomspace(1.0, 0.1, 8)
+    A = A @ A.T + 1e-3 * np.eye(8)
+    rules = SimpleNamespace(examined=30, blocks=20, alpha=0.005)
+    limit = intensity(SimpleNamespace(G=A, columns=[slice(0, 8)]), 0, rules)
+    required = max(entry_gains(30, 20, 0.005))
+    assert 0.85 < detected(A, limit, required) < 0.995
+    assert detected(A, 0.4 * limit, required) < 0.8
