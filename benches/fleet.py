@@ -73,9 +73,9 @@ def types(count: int) -> int:
     spread = float(np.hypot(alone, TYPE.std))
     of_it = sum(of_another_type(TYPE.mean + TYPE.std * rng.standard_normal(), n) for n in range(count))
     others = [rng.choice((-AWAY, AWAY)) * spread for _ in range(count)]
-    told = sum(of_another_type(TYPE.mean + away, count + n) for n, away in enumerate(others))
-    print(f"of another type: {told} of {count} that are (95 %), {of_it} of {count} that are not (1 %)")
-    return 0 if told >= 0.95 * count and of_it <= max(3, 0.03 * count) else 1
+    noticed = sum(of_another_type(TYPE.mean + away, count + n) for n, away in enumerate(others))
+    print(f"of another type: {noticed} of {count} that are (95 %), {of_it} of {count} that are not (1 %)")
+    return 0 if noticed >= 0.95 * count and of_it <= max(3, 0.03 * count) else 1
 
 
 def peak() -> float:
