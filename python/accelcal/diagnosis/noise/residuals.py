@@ -736,7 +736,9 @@ class Residuals:
         """
         if self.state.noise.r < LEAST_CHECK * float(np.median(self.state.series("S"))):
             return Outliers(0.0, 0.0, np.empty(0, dtype=np.intp), 0.0, 1.0)
-        z = (self.state.drive.z - self.state.smoothed()[0])[self.state.counts]
+        z = (self.state.drive.z - self.smooth_position)[self.state.counts]
+        if self.n > LONG:
+            del self.smooth_position
         middle, certain = np.median(z), ~self.at_jumps
         z = z[certain]
         z -= middle
