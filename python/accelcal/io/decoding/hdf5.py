@@ -8,8 +8,8 @@ from typing import Any
 
 import h5py
 
-from accelcal.io.decoding.source import Entry, Part, RefusedError, Source, limited, numbers, parts, require_no_objects
-from accelcal.io.table import MOST_DEPTH, MOST_NAME, Column
+from accelcal.io.decoding.source import RefusedError, Source, Stored, opened_arrays, require_no_objects
+from accelcal.io.table import MOST_DEPTH, MOST_NAME
 
 
 def opened(path: str) -> Source:
@@ -20,25 +20,20 @@ def opened(path: str) -> Source:
     objects = [name for name in here if "MATLAB_object_decode" in file[name].attrs]
     require_no_objects([] if all(name.startswith("#") for name in objects) else objects)
 
-    columns: dict[str, tuple[str, Part]] = {}
-
-    def column(name: str) -> Column:
-        place, part = columns[name]
-        item = file[place]
+    def read(name: str) -> Any:
+        item = file[name]
         if item.external or item.is_virtual:
             raise RefusedError(
                 "keeps its numbers in another file, which is not opened; expected the numbers in this file; "
                 "copy the data set (h5repack, or h5py's file[name][()])"
             )
-        return numbers(part.pick(item[()]))
+        return item[()]
 
-    return Source(limited(_entries(file, "", 0, {_address(file)}, columns)), column)
+    return opened_arrays(_arrays(file, "", 0, {_address(file)}), read)
 
 
-def _entries(
-    group: Any, prefix: str, depth: int, addresses: set[int], columns: dict[str, tuple[str, Part]]
-) -> Iterator[Entry]:
-    """Columns below a group, each object once; links that are soft or lead to another file are not followed."""
+def _arrays(group: Any, prefix: str, depth: int, addresses: set[int]) -> Iterator[Stored]:
+    """Data sets below a group, each object once; links that are soft or lead to another file are not followed."""
     if depth > MOST_DEPTH:
         raise RefusedError(f"groups lie more than {MOST_DEPTH} deep; expected data sets, one per channel")
     for name in group:
@@ -50,11 +45,9 @@ def _entries(
             continue
         addresses.add(address)
         if isinstance(item, h5py.Group):
-            yield from _entries(item, f"{prefix}{name}/", depth + 1, addresses, columns)
+            yield from _arrays(item, f"{prefix}{name}/", depth + 1, addresses)
         elif isinstance(item, h5py.Dataset) and item.shape is not None:
-            for part in parts(f"{prefix}{name}", item.shape, item.dtype):
-                columns[part.name] = (f"{prefix}{name}", part)
-                yield Entry(part.name, int(part.length), _unit(item))
+            yield Stored(f"{prefix}{name}", item.shape, item.dtype, _unit(item))
 
 
 def _address(item: Any) -> int:

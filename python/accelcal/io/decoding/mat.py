@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-from itertools import starmap
 from typing import Any
 
 import numpy as np
 from scipy.io import matlab
 
-from accelcal.io.decoding.source import (
-    IN_MATLAB,
-    Entry,
-    Part,
-    Source,
-    limited,
-    numbers,
-    parts,
-    require_no_objects,
-    vectors,
-)
-from accelcal.io.table import Column
+from accelcal.io.decoding.source import Source, Stored, arrays_inside, opened_arrays, require_no_objects
 
+_INDEX = "({1})"
+"""Of a column, as MATLAB counts."""
 _NUMERIC = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
 
 
@@ -30,23 +20,20 @@ def opened(path: str) -> Source:
     declared = [(name, shape, kind) for name, shape, kind in matlab.whosmat(path) if not name.startswith("__")]
     inside = [name for name, _, kind in declared if kind in ("struct", "cell")]
     content = matlab.loadmat(path, variable_names=inside, simplify_cells=True) if inside else {}
-    nested: dict[str, Any] = dict(vectors({name: content[name] for name in inside if name in content}))
-    plain: dict[str, tuple[str, Part]] = {
-        part.name: (name, part)
+    nested = dict(arrays_inside({name: content[name] for name in inside if name in content}))
+    arrays = [
+        Stored(name, shape, np.dtype(np.float64))
         for name, shape, kind in declared
         if kind in _NUMERIC and min(shape, default=0) >= 0 and max(shape) != 1
-        for part in parts(name, shape, np.dtype(np.float64), IN_MATLAB)
-    }
-    lengths = {name: int(part.length) for name, (_, part) in plain.items()}
-    lengths |= {name: len(values) for name, values in nested.items()}
+    ]
+    arrays += [Stored(name, array.shape, array.dtype) for name, array in nested.items()]
 
-    def column(name: str) -> Column:
+    def read(name: str) -> Any:
         if name in nested:
-            return numbers(nested[name])
-        variable, part = plain[name]
-        return numbers(part.pick(matlab.loadmat(path, variable_names=[variable], simplify_cells=True)[variable]))
+            return nested[name]
+        return matlab.loadmat(path, variable_names=[name], simplify_cells=True)[name]
 
-    return Source(limited(starmap(Entry, lengths.items())), column)
+    return opened_arrays(arrays, read, _INDEX)
 
 
 def objects_in(path: str) -> list[str]:

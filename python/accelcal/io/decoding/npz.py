@@ -11,8 +11,8 @@ from typing import IO, Any
 import numpy as np
 
 from accelcal._support.errors import AccelcalError
-from accelcal.io.decoding.source import Entry, Part, RefusedError, Source, limited, numbers, parts
-from accelcal.io.table import MOST_COLUMNS, Column
+from accelcal.io.decoding.source import RefusedError, Source, Stored, opened_arrays
+from accelcal.io.table import MOST_COLUMNS
 
 _SUFFIX = ".npy"
 ALONE = "column"
@@ -31,27 +31,24 @@ def opened(path: str) -> Source:
     files = [info.filename for info in archive.infolist()] if archive else [ALONE + _SUFFIX]
     if len(files) > MOST_COLUMNS:
         raise RefusedError(f"it holds {len(files)} arrays, expected at most {MOST_COLUMNS}; save those of one run")
-    columns: dict[str, tuple[str, Part]] = {}
 
     def open_member(name: str) -> IO[bytes]:
-        return archive.open(name) if archive else Path(path).open("rb")
+        return archive.open(name + _SUFFIX) if archive else Path(path).open("rb")
 
-    def entries() -> Iterator[Entry]:
-        for name in files:
-            if name.endswith(_SUFFIX):
-                size = archive.getinfo(name).file_size if archive else Path(path).stat().st_size
+    def arrays() -> Iterator[Stored]:
+        for member in files:
+            if member.endswith(_SUFFIX):
+                name = member.removesuffix(_SUFFIX)
+                size = archive.getinfo(member).file_size if archive else Path(path).stat().st_size
                 with open_member(name) as file:
                     shape, dtype = _header(file, size)
-                for part in parts("" if dtype.names and not archive else name.removesuffix(_SUFFIX), shape, dtype):
-                    columns[part.name] = (name, part)
-                    yield Entry(part.name, part.length)
+                yield Stored("" if dtype.names and not archive else name, shape, dtype)
 
-    def column(name: str) -> Column:
-        member, part = columns[name]
-        with open_member(member) as file:
-            return numbers(part.pick(np.lib.format.read_array(file, allow_pickle=False)))
+    def read(name: str) -> Any:
+        with open_member(name) as file:
+            return np.lib.format.read_array(file, allow_pickle=False)
 
-    return Source(limited(entries()), column)
+    return opened_arrays(arrays(), read)
 
 
 def _header(file: IO[bytes], size: int) -> tuple[tuple[int, ...], Any]:

@@ -17,8 +17,6 @@ Listed = TypeVar("Listed")
 LEAST_LONGER, MOST_BESIDE = 4, 64
 """A matrix is channels beside each other where it has so many samples for each at the least, and at most so many
 channels: a picture or a spectrogram has more."""
-IN_MATLAB = "({1})"
-"""Index of a column as MATLAB counts."""
 
 
 class RefusedError(Exception):
@@ -94,7 +92,7 @@ class Part:
     """Takes it from the array."""
 
 
-def parts(name: str, shape: tuple[int, ...], dtype: Any, index: str = "[{0}]") -> Iterator[Part]:
+def parts(name: str, shape: tuple[int, ...], dtype: Any, index: str) -> Iterator[Part]:
     """Columns of an array: a vector; those of a matrix, along its longer axis; numeric fields of records."""
     sides = sorted(length for length in shape if length != 1)
     length = max(shape, default=0)
@@ -118,18 +116,47 @@ def _column(k: int, matrix: Any) -> Any:
     return squeezed[:, k] if squeezed.shape[0] > squeezed.shape[1] else squeezed[k]
 
 
-def vectors(content: Mapping[str, Any], prefix: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
-    """Yield (dotted name, vector) of each numeric vector and column of a matrix inside nested mappings and lists."""
+@dataclass(frozen=True, slots=True)
+class Stored:
+    """One array in a file, before its numbers are read."""
+
+    name: str
+    shape: tuple[int, ...]
+    dtype: Any
+    unit: str | None = None
+    """As the file declares it."""
+
+
+def opened_arrays(arrays: Iterable[Stored], read: Callable[[str], Any], index: str = "[{0}]") -> Source:
+    """The columns of some arrays; `read` gives the numbers of an array by its name."""
+    columns: dict[str, tuple[str, Part]] = {}
+
+    def entries() -> Iterator[Entry]:
+        for stored in arrays:
+            for part in parts(stored.name, stored.shape, stored.dtype, index):
+                if part.name not in columns:  # a ZIP may hold a name twice
+                    columns[part.name] = (stored.name, part)
+                    yield Entry(part.name, int(part.length), stored.unit)
+
+    def column(name: str) -> Column:
+        array_name, part = columns[name]
+        return numbers(part.pick(read(array_name)))
+
+    return Source(limited(entries()), column)
+
+
+def arrays_inside(content: Mapping[str, Any], prefix: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
+    """Yield (dotted name, array) of each array inside nested mappings and lists."""
     if depth > MOST_DEPTH:
         raise RefusedError(f"structures lie more than {MOST_DEPTH} deep; expected vectors, one per channel")
     for name, value in content.items():
         path = f"{prefix}{name}"
         if isinstance(value, Mapping):
-            yield from vectors(value, f"{path}.", depth + 1)
+            yield from arrays_inside(value, f"{path}.", depth + 1)
         elif isinstance(value, list):
-            yield from vectors({str(k): item for k, item in enumerate(value, start=1)}, f"{path}.", depth + 1)
+            yield from arrays_inside({str(k): item for k, item in enumerate(value, start=1)}, f"{path}.", depth + 1)
         elif isinstance(value, np.ndarray):
-            yield from ((part.name, part.pick(value)) for part in parts(path, value.shape, value.dtype, IN_MATLAB))
+            yield path, value
 
 
 def numbers(values: Any) -> Column:
