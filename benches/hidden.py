@@ -1,6 +1,6 @@
 """The acceptance table of hidden effects: the product on files that the independent worlds wrote.
 
-Run from the top of the repository: python -m benches.hidden [--group 2] [--records 60] [--seed 1] [--out build/hidden]
+Run from the top of the repository: python -m benches.hidden [--group 2] [--records 60] [--d 20] [--out build/hidden]
 Outcomes are kept line by line in OUT/barN.jsonl; an interrupted run goes on where it stopped.
 """
 
@@ -28,6 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--group", type=int, action="append", choices=(1, 2, 3, 4, 5, 6, 7, 8))
     parser.add_argument("--records", type=int, help="records of each group; by default as many as the group asks for")
+    parser.add_argument("--d", type=float, action="append", help="only effects of this size in standard deviations")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("build/hidden"))
     parser.add_argument("--effects", default="", help="only these, separated by commas")
@@ -39,6 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for group in chosen.group or (1, 2, 3, 4, 5, 6, 7, 8):
         if group != 7:
             trials = list(plan(group, chosen.records or RECORDS[group], chosen.seed, effects))
+            trials = [trial for trial in trials if not chosen.d or trial.d in chosen.d]
             outcomes = run_all(partial(counted, guarded), trials, chosen.out / f"group{group}.jsonl", 2, null)
             searched += outcomes if group != 8 else []  # which compares with the truth as well
         else:
