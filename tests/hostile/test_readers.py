@@ -297,6 +297,7 @@ def test_a_filter_of_many_taps_is_no_long_key(tmp_path: Path) -> None:
 # Text tables.
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("number", NUMBERS)
 def test_a_hostile_cell_is_refused_with_its_row(tmp_path: Path, number: str) -> None:
     path = tmp_path / "run.csv"

@@ -560,6 +560,7 @@ class Packets:
     """Of the clock, one more than its rate has steps."""
 
 
+@np.errstate(over="ignore")  # of cells that are no stamps, which are refused later with their row
 def packets(t: Array, readings: Sequence[Array] = ()) -> Packets | None:
     """The clock behind stamps (n,) of packets; None where the stamps are not those of packets.
 

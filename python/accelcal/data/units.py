@@ -584,7 +584,7 @@ def instant(t: float) -> str:
     ('1234.5', '1700000000.25', '0.0005')
     """
     places = 3 if abs(t) >= 1.0 else 6
-    return f"{round(t, places) + 0.0:.{places}f}".rstrip("0").rstrip(".")
+    return f"{round(float(t), places) + 0.0:.{places}f}".rstrip("0").rstrip(".")
 
 
 MICRO_G = 1e-6 * 9.80665
