@@ -1,5 +1,6 @@
 """Clocks of a user's own files: rates that differ, counters that wrap, restarts, packets, frames, losses."""
 
+import json
 import os
 import re
 import shlex
@@ -266,6 +267,23 @@ def test_one_of_two_loggers_that_restarts_is_cut_as_the_sentence_says(tmp_path, 
     assert command(*shlex.split(printed)).returncode == 0
     files[again] = Path(shlex.split(printed)[-1])
     within(accelcal.fit(io.load(files["output"], position=files["position"]), Model.linear().add("clock_skew")))
+
+
+def test_two_loggers_written_as_one_file_still_have_two_clocks(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    motion, rng = Motion.of_tones(np.random.default_rng(8), 0.4, 6.0, 12), np.random.default_rng(8)
+    ta, tp, skew = np.arange(0.0, 30.0, 0.01), np.arange(0.0, 29.0, 0.01), 400e-6
+    u = BIAS + (1.0 + K) * motion.acceleration(ta) + 5e-3 * rng.standard_normal(len(ta))
+    z = motion.position(tp) + 1e-5 * rng.standard_normal(len(tp))
+    output = table(Path("output.csv"), "time_s,accel_m/s^2", ta * (1.0 + skew), u)
+    position = table(Path("position.csv"), "time_s,position_m", tp, z)
+    assert command("cut", output, "--position", position, "-o", "joined.csv").returncode == 0
+    of_two = json.loads(command("fit", output, "--position", position, "--json").stdout)["estimates"]
+    joined = json.loads(command("fit", "joined.csv", "--json").stdout)["estimates"]
+    assert [row["name"] for row in joined] == ["bias", "scale_factor", "time_offset", "clock_skew"]
+    for row, same in zip(joined, of_two, strict=True):
+        assert abs(row["value"] - same["value"]) < 1e-3 * same["std"]
+        assert row["std"] == pytest.approx(same["std"], rel=1e-3)
 
 
 def test_a_part_without_output_and_position_is_refused(tmp_path):
