@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+import accelcal as ac
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel
+from accelcal.diagnosis.faults import examine
 from accelcal.estimation.readings import spikes
+from accelcal.simulation import ADXL105_RIG
 
 RATE = 50.0
 GROUND_NOISE = 1e-8
@@ -51,3 +56,20 @@ def test_a_glitch_is_found_in_motion(length: int, seed: int) -> None:
     z[at : at + length] += (15.0 + 10.0 * length) * usual  # far beyond the motion meanwhile
     found = spikes(t, z, output)
     assert list(np.flatnonzero(found)) == list(range(at, at + length))
+
+
+def test_a_glitch_is_said_with_its_readings_and_what_they_jump_by() -> None:
+    recording = ac.simulate(
+        "tones", seconds=8.0, rig=ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(3)
+    ).recording
+    z = recording.position.y.copy()
+    z[2000] -= 0.02
+    z[5000:5003] += 0.02, 0.03, 0.025
+    position = dataclasses.replace(recording.position, y=z)
+    said = {fault.time: fault for fault in examine(dataclasses.replace(recording, position=position)).faults}
+    single, group = (said[float(position.t[k])] for k in (2000, 5000))
+    assert single.sentence.startswith("position: 1 reading jumps by -20")
+    assert single.sentence.endswith("and returns")
+    assert group.sentence.startswith("position: 3 readings jump by 30")
+    assert group.sentence.endswith("and return")
+    assert (single.size, group.size) == pytest.approx((-0.02, 0.03), abs=1e-4)

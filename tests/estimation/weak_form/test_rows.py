@@ -5,6 +5,7 @@ from __future__ import annotations
 import weakref
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,9 +14,11 @@ import scipy
 import accelcal as ac
 from accelcal.data.rig import ChannelFilter
 from accelcal.effects.registry import find
+from accelcal.estimation import engines
 from accelcal.estimation.engines import ENGINES, sums_of, with_noise
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.gauss_newton import Solution
+from accelcal.estimation.values import Noise
 from accelcal.estimation.weak_form import rows as weak
 from accelcal.estimation.weak_form.covariance import NoWeakForm, factor, solved
 from accelcal.estimation.weak_form.rows import WeakRows, refined
@@ -197,3 +200,30 @@ def test_nothing_to_divide_never_reaches_lapack(monkeypatch: pytest.MonkeyPatch)
     assert solved(np.ones((10, 2)), np.empty((2, 0))).shape == (2, 0)
     with pytest.raises(ValueError, match="2 rows of a factor, 1 of what it divides"):
         solved(np.ones((10, 2)), np.ones((1, 3)))
+
+
+@pytest.mark.parametrize(
+    ("declared", "measured", "density"),
+    [
+        (2.0, None, 0.5 * (2.0 / 1.25) ** 2),  # one-sided, of the output; the noise is that of the acceleration
+        (40.0, None, 0.9 * 12.0),  # more than there is
+        (None, (50.0, 1e-3), 12.0 - 50.0 / 50.0),
+        (None, (5e3, 1e-3), 0.01 * 12.0),  # all of it in the readings
+        (None, (0.5, 1e3), 6.0),  # not known
+    ],
+)
+def test_noise_of_two_accelerations_adds_up_to_what_the_innovations_have(declared, measured, density, monkeypatch):
+    rate, both = 50.0, 12.0
+    rows = SimpleNamespace(
+        state=SimpleNamespace(
+            run=SimpleNamespace(rig=SimpleNamespace(sensor=SimpleNamespace(noise=declared))),
+            values=SimpleNamespace(scale=1.25),
+        ),
+        reading_step=1.0 / rate,
+        whitened=np.tile([2.0, -2.0], 100),
+        noise=Noise(q=1.0, r=2.0 * rate),
+    )
+    monkeypatch.setattr(engines, "common_variance", lambda rows: measured)
+    noise = engines.shared(rows)
+    assert noise.q == pytest.approx(density)
+    assert noise.q + noise.r / rate == pytest.approx(both)

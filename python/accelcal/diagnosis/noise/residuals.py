@@ -457,7 +457,13 @@ def filtered(y: Array, gain: Array) -> Array:
 
 
 def soft_high_pass(f: Array, edge: float) -> Array:
-    """Gain that rises from 0 at a frequency to 1 at 30 % more."""
+    """Gain that rises from 0 at a frequency to 1 at 30 % more.
+
+    Examples
+    --------
+    >>> soft_high_pass(np.array([0.0, 9.0, 11.5, 14.0]), 10.0)
+    array([0. , 0. , 0.5, 1. ])
+    """
     weight = np.clip((f - edge) / (0.3 * edge), 0.0, 1.0)
     return np.asarray(0.5 - 0.5 * np.cos(np.pi * weight))
 
