@@ -8,7 +8,7 @@ import pytest
 
 from accelcal.diagnosis.evidence import independent_tests, largest_first, own_tests
 from accelcal.diagnosis.findings import Confounded, in_noise
-from accelcal.diagnosis.noise.noise_test import NoiseTest
+from accelcal.diagnosis.noise.noise_test import WHITENESS, NoiseTest
 from accelcal.diagnosis.policy import OWN_WAVE_TURNS
 from accelcal.diagnosis.search.scan import Scan
 from accelcal.diagnosis.verdict import Case, judgement
@@ -92,6 +92,20 @@ def test_a_significant_test_whose_effect_is_not_named_forbids_that_nothing_is_mi
     verdict, sentence = judgement(Case(fit, scan, (), driven))
     assert verdict == "unexplained"
     assert sentence.startswith("A line, where the motion may make one")
+
+
+@pytest.mark.parametrize(
+    ("effects", "named"),
+    [(("timing_jitter", "tone"), "timing_jitter"), (("tone", "timing_jitter"), "tone"), ((WHITENESS, "tone"), "tone")],
+)
+def test_the_first_significant_test_with_a_cause_is_named(effects, named):
+    tests = [NoiseTest(effect, 1.0, 0.0, 1.0, "", 0.1, f"the cause is {effect}") for effect in effects]
+    groups = [Confounded(effect, (effect, f"rival of {effect}"), "") for effect in effects]
+    fit = SimpleNamespace(runs=(), seen_by_runs=(), spreads=(), remarks=())
+    verdict, sentence = judgement(Case(fit, Scan((), (), 100, 50), tests, groups=groups))
+    assert verdict == "tied"
+    assert sentence.startswith(f"The cause is {named} (100 candidates examined).")
+    assert f"confounded with rival of {named} " in sentence
 
 
 @pytest.mark.parametrize("parts", [{"within_motion": 1.0}, {"made_by_motion": 1.0}])
