@@ -895,8 +895,8 @@ def other_outputs(recording: Recording) -> Iterator[tuple[str, str, Channel]]:
                 if column in taken or role == "time"
                 else _samples(table, Plan({**beside, "accel": source}, plan.sidecar), declared.rig, None, [])
             )
-            for channel, samples in read:
-                if channel == "accel" and len(samples.t) > 1:
+            for sampled, samples in read:
+                if sampled == "accel" and len(samples.t) > 1:
                     yield column, stated or origin.columns["accel"][1], quality.clean(samples, declared.rig)[0]
 
 
