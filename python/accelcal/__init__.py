@@ -153,4 +153,4 @@ def _bind() -> None:
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted({*__all__, *PACKAGES})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal
@@ -184,7 +185,9 @@ class Model(Result):
             if name in self.effects and find(name).port == "noise":
                 raise AccelcalError(f"{name!r} acts on noise: it has no value to hold and no prior")
             if name not in names and not (name in curved and name in self.fixed):
-                raise AccelcalError(f"{name!r} is fixed or has a prior but is not in the model; add the effect first")
+                near = difflib.get_close_matches(name, names, n=1)
+                hint = f"did you mean {near[0]!r}?" if near else "add the effect first"
+                raise AccelcalError(f"{name!r} is fixed or has a prior but is not in the model; {hint}")
         for name in self.per_run:
             if name not in names:
                 raise AccelcalError(f"{name!r} cannot differ from run to run: it is no coefficient of the model")

@@ -208,8 +208,8 @@ def test_a_module_lists_its_public_names_alone(module: str) -> None:
 
 
 def test_the_package_lists_few_public_names_and_reaches_its_packages() -> None:
-    assert sorted(ac.__all__) == dir(ac)
-    assert len(dir(ac)) <= 38
+    assert len(ac.__all__) <= 38
+    assert dir(ac) == sorted({*ac.__all__, *ac.PACKAGES})  # what pages write as `ac.plots` is offered by completion
     for name in ac.PACKAGES:
         assert getattr(ac, name).__name__ == f"accelcal.{name}"
 

@@ -65,6 +65,7 @@ WRONG: dict[str, tuple[Any, str]] = {
         r'in SI units\..*units\.sensitivity\("0\.1 V/g"',
     ),
     "a word for a model": (lambda r, f: ac.Model("linear"), r"effects is the text"),
+    "a slip in a name": (lambda r, f: ac.Model.linear().freeze(biass=1.0), r"'biass' is fixed .*did you mean 'bias'\?"),
     "a filter of no name": (lambda r, f: ac.FilterChoice("ekf"), r"'aci' or 'cwpa'"),
     "one unit for all": (
         lambda r, f: ac.Recording.from_arrays(r.accel.t, r.accel.y, r.position.y, units="m"),

@@ -85,6 +85,86 @@ def test_dates_and_time_deltas_in_a_column_are_stamps_without_a_unit(zone: str |
         np.testing.assert_array_equal(dated.accel.t, run.accel.t)
 
 
+BEGAN = {"accel": np.datetime64("2026-11-03T23:59:58.004", "us"), "position": np.datetime64("2026-11-03T23:59:58.001")}
+"""When each of two clocks was first read."""
+
+
+def dated(holder: str, folder: Path) -> ac.Recording:
+    """Output and position, each with dates of its own, in a frame, in arrays or in a file."""
+    pandas = pytest.importorskip("pandas")
+    stamps = {name: begun + np.round(1e6 * T).astype("timedelta64[us]") for name, begun in BEGAN.items()}
+    if holder in ("arrays", "objects"):
+        t, position_t = (x.tolist() if holder == "objects" else x for x in (stamps["accel"], stamps["position"]))
+        return ac.Recording.from_arrays(t, output(), POSITION, position_t=position_t, units=UNITS)
+    columns = {"accel_t": stamps["accel"], "accel_m_per_s2": output()}
+    frame = pandas.DataFrame({**columns, "position_t": stamps["position"], "position_m": POSITION})
+    if holder == "frame":
+        return ac.Recording.from_dataframe(frame)
+    path = folder / f"run.{holder.partition(' ')[0]}"
+    if holder == "parquet":
+        frame.to_parquet(path)
+    elif holder == "tdms":
+        tdms = pytest.importorskip("nptdms")
+        with tdms.TdmsWriter(path) as writer:
+            writer.write_segment([tdms.ChannelObject("log", name, frame[name].to_numpy()) for name in frame])
+    else:
+        pattern = "%d.%m.%Y %H:%M:%S.%f" if "of the day" in holder else "%Y-%m-%dT%H:%M:%S.%f"
+        frame.to_csv(path, index=False, date_format=pattern)
+    return ac.load(path)
+
+
+@pytest.mark.parametrize("holder", ["arrays", "objects", "frame", "parquet", "csv", "csv of the day", "tdms"])
+def test_dates_of_two_clocks_count_from_the_same_instant(holder: str, tmp_path: Path) -> None:
+    run = dated(holder, tmp_path)
+    midnight = BEGAN["accel"].astype("datetime64[D]")
+    zero = 0.0 if "of the day" not in holder else (BEGAN["position"] - midnight) / np.timedelta64(1, "s")
+    np.testing.assert_allclose(run.position.t, T + zero, atol=1e-5)
+    np.testing.assert_allclose(run.accel.t, T + zero + 3e-3, atol=1e-5)
+
+
+@pytest.mark.parametrize("package", ["numpy", "pandas", "xarray", "time deltas"])
+def test_arrays_of_dates_are_stamps_as_they_are_in_a_frame(package: str) -> None:
+    pandas = pytest.importorskip("pandas")
+    elapsed = pandas.to_timedelta(T, unit="s")
+    zoned = pandas.Series(pandas.Timestamp("2026-03-29 01:59:55", tz="Europe/Berlin") + elapsed)  # summer time begins
+    stamps = zoned.to_numpy("datetime64[ns]")
+    arrays = {"numpy": stamps, "pandas": zoned, "time deltas": elapsed}
+    if package == "xarray":
+        arrays["xarray"] = pytest.importorskip("xarray").DataArray(stamps, dims="time")
+    np.testing.assert_allclose(recorded(arrays[package], output(), POSITION).accel.t, T, atol=2e-9)
+
+
+def test_a_list_with_none_was_not_sampled_there() -> None:
+    run = recorded(T.tolist(), [None, *output()[1:]], POSITION.tolist())
+    np.testing.assert_array_equal(run.accel.t, T[1:])
+
+
+def test_what_is_asked_for_is_not_left_out_without_a_word() -> None:
+    side = {"temperature": np.full(N, 21.0)}
+    with pytest.raises(RecordingError, match=r'temperature has no unit.*units=\{"temperature": "degC"\}'):
+        ac.Recording.from_arrays(T, output(), POSITION, units=UNITS, side=side)
+    with pytest.raises(RecordingError, match='side has "accel", which is given already'):
+        ac.Recording.from_arrays(T, output(), POSITION, units=UNITS, side={"accel": output()})
+    with pytest.raises(RecordingError, match='"acceleration"; expected "position" or "velocity"'):
+        ac.Recording.from_arrays(T, output(), POSITION, units=UNITS, reference="acceleration")  # type: ignore[arg-type]
+    speed = {"accel": "m/s^2", "velocity": "m/s"}
+    clock = {"reference": "velocity", "position_t": T[1:]}
+    run = ac.Recording.from_arrays(T, output(), POSITION[1:], units=speed, **clock)  # type: ignore[arg-type]
+    assert run.reference is not None
+    np.testing.assert_array_equal(run.reference.t, T[1:])
+
+
+def test_a_frame_of_several_levels_or_of_another_package_says_how_to_go_on() -> None:
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame({"accel_g": output(), "position_m": POSITION}, index=T)
+    with pytest.raises(RecordingError, match=r"2 levels of index, expected one\. .*frame\.xs"):
+        ac.Recording.from_dataframe(pandas.concat({"run1": frame}))
+    with pytest.raises(RecordingError, match=r"2 levels of columns, expected one\. .*frame\.droplevel"):
+        ac.Recording.from_dataframe(pandas.concat({"imu": frame}, axis="columns"))
+    with pytest.raises(TypeError, match=r"expected a pandas DataFrame\. Its to_pandas\(\) makes one"):
+        ac.Recording.from_dataframe(pytest.importorskip("pyarrow").table({"accel_g": output()}))
+
+
 def test_an_index_that_counts_rows_is_no_clock() -> None:
     pandas = pytest.importorskip("pandas")
     frame = pandas.DataFrame({"accel_m_per_s2": output(), "position_m": POSITION, "remark": "fine"})

@@ -24,6 +24,8 @@ G0 = 9.80665
         ("1 mm/s**2", "acceleration", 1e-3),
         ("3 m/s²", "acceleration", 3.0),
         ("3 m/s2", "acceleration", 3.0),
+        ("3 m s-2", "acceleration", 3.0),  # as xarray has it, by the CF conventions
+        ("3 mm s-1", "speed", 3e-3),
         ("3 m·s⁻²", "acceleration", 3.0),
         ("-0.5 m/s^2", "acceleration", -0.5),
         ("250 ug/sqrt(Hz)", "noise density", 250e-6 * G0),

@@ -461,6 +461,21 @@ def test_curves_differ_in_two_cues_and_stand_out_from_the_page(theme):
     assert contrast(theme.ink, theme.page) >= 7.0  # WCAG 1.4.6, text
 
 
+def test_a_figure_is_drawn_into_a_part_of_another(tmp_path):
+    from matplotlib.figure import Figure
+
+    page, seen = Figure(figsize=(12.0, 4.0), layout="constrained"), a_comparison()
+    left, right = page.subfigures(1, 2)
+    assert plots.coasting(seen, into=left) is page
+    plots.histogram(seen, into=right)
+    alone = plots.coasting(seen).axes[0]
+    assert [line.get_label() for line in left.axes[0].lines] == [line.get_label() for line in alone.lines]
+    assert len(page.axes) == len(left.axes) + len(right.axes)
+    page.savefig(tmp_path / "page.png")
+    with pytest.raises(TypeError, match="into is an Axes; expected a figure of matplotlib, or one of its subfigures"):
+        plots.coasting(seen, into=page.axes[0])
+
+
 def test_unknown_theme_is_named():
     with pytest.raises(ValueError, match="there is no theme 'sepia'; choose one of light, dark"):
         plots.coasting(a_comparison(), theme="sepia")

@@ -269,7 +269,8 @@ def _require_order(samples: Samples) -> None:
         more = f", and {count - 1} times more" if count > 1 else ""
         raise RecordingError(
             f"{samples.file}: time of {samples.name} runs backward at {samples.row(i)}: "
-            f"{t[i]:.9g} s after {t[i - 1]:.9g} s{more}; expected each stamp after the one before."
+            f"{t[i]:.9g} s after {t[i - 1]:.9g} s{more}; expected each stamp after the one before. "
+            "Sort the rows by time."
         )
 
 

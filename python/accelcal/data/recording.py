@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, date, datetime, timedelta
 from typing import TYPE_CHECKING, Final, Literal
@@ -145,7 +146,7 @@ IF_TEXT = '. pandas makes numbers of text: pandas.read_csv(..., decimal=","), pa
 
 
 def series(name: str, key: str, values: ArrayLike) -> Array:
-    """Real numbers in one dimension, copied; NaN = not sampled.
+    """Real numbers in one dimension, copied; NaN, or None in a list = not sampled.
 
     Raises
     ------
@@ -153,6 +154,9 @@ def series(name: str, key: str, values: ArrayLike) -> Array:
         If they are something else.
     """
     numbers = copied(values)
+    if numbers.dtype == object and not any(isinstance(x, str | bytes) for x in numbers.flat):
+        with suppress(TypeError, ValueError):
+            numbers = numbers.astype(np.float64)
     if numbers.ndim != 1 or numbers.dtype.kind not in "fiu":
         raise RecordingError(
             f"{name}: {key} is an array of {numbers.dtype} of shape {numbers.shape}; expected real numbers in one "
@@ -321,7 +325,7 @@ class Recording(Result):
 
         Parameters
         ----------
-        t : (n,) stamps, s, or in `units["t"]`.
+        t : (n,) stamps, s, or in `units["t"]`; dates, which count from the first of all, and time deltas need no unit.
         accel : (n,) output of the accelerometer; V or counts are converted by `rig.sensor.scale`. NaN = not sampled.
         position : (n,) position of the carriage, or what `reference` says; NaN = not sampled. (m,) with `position_t`.
         units : unit of "accel", of the reference by its name and of every side channel; units are never guessed.
@@ -368,8 +372,8 @@ class Recording(Result):
         Parameters
         ----------
         frame : columns t, accel, position (or accel_g, position_mm, ...) and side channels; without a column for time
-            its index is the time. Stamps are numbers, time deltas, or dates, which count from the first; the last two
-            need no unit. NaN = not sampled.
+            its index is the time. Stamps are numbers, time deltas, or dates, which count from the first of all; the
+            last two need no unit. A clock of one channel is called accel_t or position_t. NaN = not sampled.
         units : unit by column; by default those in `frame.attrs["units"]`, else those in the names of the columns.
         rig, name : as in `from_arrays`.
 

@@ -502,7 +502,7 @@ def normalise(unit: str) -> str:
     text = text.replace("_per_", "/").replace("**", "^")
     text = _IN_WORDS.get(text.lower().rstrip("."), text)
     text = re.sub(r"√\(?([A-Za-z]+)\)?|sqrt\(([^()]*)\)|\brt([A-Z][a-z]*)", _root, text)
-    return re.sub(r"(?<=[A-Za-z])([23])(?![\d.])", r"^\1", text)
+    return re.sub(r"(?<=[A-Za-z])([23]|-[123])(?![\d.])", r"^\1", text)
 
 
 _QUANTITY = re.compile(r"\s*(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<unit>.*?)\s*", re.DOTALL)

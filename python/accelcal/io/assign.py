@@ -379,13 +379,13 @@ def in_seconds(
     if len(wraps):
         values = column.values.copy()
         values[rows] = straight
-        column = Column(values, column.present)
+        column = replace(column, values=values)
     if clock.rate is not None:
         first = column.values[rows[0]] if len(rows) else 0.0
         stamps = Column((column.values - first) / clock.rate, column.present)
     else:
         unit = stated_unit(table, plan, "time", clock.column, clock.unit)
-        stamps = Column(_conversion(table, clock.column, unit, "time").apply(column.values), column.present)
+        stamps = replace(column, values=_conversion(table, clock.column, unit, "time").apply(column.values))
     findings = []
     if len(wraps):
         k = int(rows[wraps[0]])
@@ -412,7 +412,7 @@ def in_seconds(
         "and its instants are used; how late the earliest were is not known, and is part of time_offset"
     )
     common = 0.0 if {"accel", "position"} <= {*shared} else behind.scatter
-    return Column(values, stamps.present), [
+    return replace(stamps, values=values), [
         *findings,
         Finding("burst_stamps", "", len(rows), first, text, "warning", common=common),
     ]

@@ -120,8 +120,9 @@ class ReaderProcess:
         assert self._process.stdout is not None
         values = _filled(self._process.stdout, np.empty(length, dtype="<f8")).astype(np.float64, copy=False)
         if not answer["missing"]:
-            return Column(values)
-        return Column(values, _filled(self._process.stdout, np.empty(length, dtype=np.uint8)) != 0)
+            return Column(values, None, int(answer["origin"]))
+        present = _filled(self._process.stdout, np.empty(length, dtype=np.uint8)) != 0
+        return Column(values, present, int(answer["origin"]))
 
     @contextmanager
     def _ended_in_words(self) -> Iterator[None]:

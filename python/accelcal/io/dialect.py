@@ -458,17 +458,19 @@ def seconds(cells: Any, order: Order | None) -> Column:
     if np.any(hour > 24) or np.any(numbers("minute") > 59) or np.any(numbers("second") >= 61):
         raise pa.ArrowInvalid("a cell is no time of day")
     t = 3600.0 * hour + 60.0 * numbers("minute") + numbers("second")
+    origin = 0
     if dated:
         days = _days(numbers("a"), numbers("b"), numbers("c"), order or _order_of(given, parts, numbers))
+        origin = int(DAY * days[0]) * 10**9
         t = DAY * (days - days[0]) + t
     else:
         t = t + DAY * np.cumsum(np.diff(t, prepend=t[:1]) < -0.5 * DAY)
     if not texts.null_count:
-        return Column(t)
+        return Column(t, origin=origin)
     present: Flags = np.asarray(compute.is_valid(texts).to_numpy(zero_copy_only=False), dtype=np.bool_)
     values = np.full(len(present), np.nan)
     values[present] = t
-    return Column(values, present)
+    return Column(values, present, origin)
 
 
 def _order_of(given: Any, parts: Any, numbers: Any) -> Order:

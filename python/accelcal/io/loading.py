@@ -884,6 +884,8 @@ def other_outputs(recording: Recording) -> Iterator[tuple[str, str, Channel]]:
     table = open_table(Path(origin.file))
     declared = read_sidecar(Path(origin.sidecar), recording.axis) if origin.sidecar else Sidecar(rig=recording.rig)
     plan, taken = assign(table, declared, ())[0], {*declared.aside, *(column for column, _ in origin.columns.values())}
+    clock = plan.sources["accel"].time
+    beside = {name: s for name, s in plan.sources.items() if s.time != clock}  # dates count from the first of all
     for column in table.columns:
         stated, role = unit_of(table, column), naming.role(naming.take_apart(column).base)
         source = replace(plan.sources["accel"], column=column, unit=None if stated else origin.columns["accel"][1])
@@ -891,10 +893,10 @@ def other_outputs(recording: Recording) -> Iterator[tuple[str, str, Channel]]:
             read = (
                 ()
                 if column in taken or role == "time"
-                else _samples(table, Plan({"accel": source}, plan.sidecar), declared.rig, None, [])
+                else _samples(table, Plan({**beside, "accel": source}, plan.sidecar), declared.rig, None, [])
             )
-            for _, samples in read:
-                if len(samples.t) > 1:
+            for sampled, samples in read:
+                if sampled == "accel" and len(samples.t) > 1:
                     yield column, stated or origin.columns["accel"][1], quality.clean(samples, declared.rig)[0]
 
 
@@ -933,7 +935,7 @@ def _samples(
     What is noticed of the clocks is added to the findings.
     """
     wanted = [source.column for source in plan.sources.values()]
-    clocks = {source.time for source in plan.sources.values() if source.time is not None and source.time.column}
+    clocks = list(dict.fromkeys(s.time for s in plan.sources.values() if s.time is not None and s.time.column))
     for timing in clocks:
         wanted += columns_of(timing)
         table.orders.update({name: timing.order for name in (timing.column, timing.date) if name and timing.order})
@@ -942,6 +944,10 @@ def _samples(
         None if clocks or "accel" not in plan.sources else _once(table, [raw[name].values for name in wanted], findings)
     )
     instants: dict[Clock, Column] = {}
+    for timing in clocks:
+        instants[timing], noticed = _instants(table, plan, timing, raw)
+        findings += noticed
+    began = min((stamps.origin for stamps in instants.values() if stamps.origin), default=0)
     sampled: dict[str, Sampled] = {}
     for name, source in plan.sources.items():
         clock = source.time
@@ -955,10 +961,9 @@ def _samples(
             assert clock.rate is not None
             stamps = Column(np.arange(len(y.values)) / clock.rate)
         else:
-            if clock not in instants:
-                instants[clock], noticed = _instants(table, plan, clock, raw)
-                findings += noticed
             stamps = instants[clock]
+            if stamps.origin:  # dates of every clock count from the first of all
+                stamps = Column(stamps.values + 1e-9 * (stamps.origin - began), stamps.present)
             if chosen is not None and len(stamps.values) == len(chosen):
                 stamps = Column(stamps.values[chosen], None if stamps.present is None else stamps.present[chosen])
         if len(stamps.values) != len(y.values):
@@ -1150,11 +1155,11 @@ def _instants(table: Table, plan: Plan, clock: Clock, raw: Mapping[str, Column])
     stamps, noticed = in_seconds(table, plan, clock, raw[clock.column], readings)
     if clock.date is not None:
         day = raw[clock.date]
-        stamps = Column(stamps.values % DAY + day.values, _both(stamps.present, day.present))
+        stamps = Column(stamps.values % DAY + day.values, _both(stamps.present, day.present), day.origin)
     if clock.fraction is not None:
         rest = raw[clock.fraction.column]
         more, _ = in_seconds(table, plan, Clock(clock.fraction.column, clock.fraction.unit), rest)
-        stamps = Column(stamps.values + more.values, _both(stamps.present, rest.present))
+        stamps = Column(stamps.values + more.values, _both(stamps.present, rest.present), stamps.origin)
     return stamps, noticed
 
 

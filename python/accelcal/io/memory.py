@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from accelcal._support.arguments import HOW_TO, found
 from accelcal.data import UNITS, Array, Recording, RecordingError, Reference, Rig, reference_among
@@ -18,12 +19,14 @@ from accelcal.io import naming
 from accelcal.io.assign import IN_MEMORY, discover, unit_of
 from accelcal.io.loading import recording_of
 from accelcal.io.sidecar import Sidecar
-from accelcal.io.table import Column, Table
+from accelcal.io.table import Column, Table, from_dates
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 ESSENTIAL = ("time", "accel", "position")
+EXAMPLES = {**UNITS, "time": "s", "accel": "g", "position": "mm", "temperature": "degC"}
+"""Unit that a message proposes, by role."""
 
 
 def from_arrays(
@@ -40,21 +43,30 @@ def from_arrays(
 ) -> Recording:
     """See `accelcal.Recording.from_arrays`."""
     require_kinds("from_arrays", units, rig)
-    columns = {"t": t, "accel": accel, reference: position, **side}
+    if reference not in get_args(Reference):
+        names = " or ".join(f'"{name}"' for name in get_args(Reference))
+        raise RecordingError(f"from_arrays: reference is {found(reference)}; expected {names}")
+    columns, declared = {"t": t, "accel": accel, reference: position}, {"t": "s", **units}
     if position_t is not None:
-        columns["position_t"] = position_t
-    stamps = units.get("t", "s")
-    return from_columns(columns, {"position_t": stamps, **units, "t": stamps}, rig, name)
+        columns[f"{reference}_t"] = position_t
+        declared[f"{reference}_t"] = declared.pop("position_t", declared["t"])
+    if twice := [key for key in side if key in columns]:
+        raise RecordingError(f'{name or "recording"}: side has "{twice[0]}", which is given already; rename it')
+    return from_columns({**columns, **side}, declared, rig, name, tuple(side))
 
 
 def from_dataframe(frame: DataFrame, *, units: Mapping[str, str] | None, rig: Rig | None, name: str) -> Recording:
     """See `accelcal.Recording.from_dataframe`."""
     if not all(hasattr(frame, key) for key in ("columns", "index", "attrs")):
-        raise TypeError(
-            f"from_dataframe: frame is a {type(frame).__name__}; expected a pandas DataFrame. "
-            "Recording.from_arrays takes arrays"
-        )
+        how = "Its to_pandas() makes one" if hasattr(frame, "to_pandas") else "Recording.from_arrays takes arrays"
+        raise TypeError(f"from_dataframe: frame is {found(frame)}; expected a pandas DataFrame. {how}")
     require_kinds("from_dataframe", {} if units is None else units, rig)
+    for axis, labels in (("index", frame.index), ("columns", frame.columns)):
+        if labels.nlevels > 1:
+            raise RecordingError(
+                f"{name or 'frame'}: {labels.nlevels} levels of {axis}, expected one. Take what is under one label, "
+                f'as in frame.xs("run12", axis="{axis}"), or leave a level out as in frame.droplevel(0, axis="{axis}")'
+            )
     twice = [str(key) for key in frame.columns[frame.columns.duplicated()]]
     if twice:
         raise RecordingError(f'{name or "frame"}: two columns are called "{twice[0]}"; give each a name of its own')
@@ -64,16 +76,13 @@ def from_dataframe(frame: DataFrame, *, units: Mapping[str, str] | None, rig: Ri
         plain = naming.take_apart(key)
         if not (plain.suffix or plain.brackets or naming.role(plain.base) or key in declared):
             del columns[key]  # a remark, a label
-    dated = [key for key, column in columns.items() if getattr(column.dtype, "kind", "") in "mM"]
-    columns |= {key: index_in_seconds(frame.set_index(key).index) for key in dated}
-    declared |= dict.fromkeys(dated, "s")
-    if not any(naming.role(naming.take_apart(key).base) == "time" for key in columns):
+    if not has_clocks(columns):
         if type(frame.index).__name__ == "RangeIndex" and "t" not in declared and len(frame):
             raise RecordingError(
                 f"{name or 'frame'}: no column for time; the columns are {', '.join(columns)}, and the index counts "
                 'rows. Name one t, or say what the index is, as in units={"t": "s"}'
             )
-        columns = {"t": index_in_seconds(frame.index), **columns}
+        columns = {"t": frame.index, **columns}
         declared |= {} if frame.index.dtype.kind in "iuf" and "t" in declared else {"t": "s"}
     return from_columns(columns, declared, rig, name or str(frame.attrs.get("name", "")))
 
@@ -92,25 +101,40 @@ def require_kinds(caller: str, units: object, rig: object) -> None:
         raise TypeError(f"{caller}: rig is {found(rig)}; {HOW_TO['Rig']}; a sidecar belongs to accelcal.load")
 
 
-def index_in_seconds(index: Any) -> Any:
-    """The index of a frame as stamps: numbers as they are, time deltas and dates in s, dates from the first.
-
-    Dates with a time zone are instants, and go through UTC.
-    """
-    zoned = getattr(index, "tz", None) is not None and hasattr(index, "tz_convert")
-    stamps = (index.tz_convert(None) if zoned else index).to_numpy()
-    if stamps.dtype.kind == "M":
-        stamps = stamps - stamps[:1]
-    return stamps / np.timedelta64(1, "ns") * 1e-9 if stamps.dtype.kind == "m" else stamps
+def has_clocks(names: Iterable[str]) -> bool:
+    """Whether columns have stamps: all of them, or output and reference each its own."""
+    columns = discover(table_of(dict.fromkeys(names, Column(np.empty(0))), {}, ""))
+    own = {channel for channel, clock in columns.values() if clock}
+    return common_clock(columns) is not None or {"accel", reference_among(own) or "position"} <= own
 
 
-def from_columns(columns: Mapping[str, ArrayLike], units: Mapping[str, str], rig: Rig | None, name: str) -> Recording:
+def common_clock(names: Iterable[str]) -> str | None:
+    """The column of stamps of all columns that have none of their own; None where there is none."""
+    return next((name for name in names if naming.role(naming.take_apart(name).base) == "time"), None)
+
+
+def dates_of(values: ArrayLike) -> NDArray[Any] | None:
+    """Dates or time deltas of any package as those of NumPy, dates with a time zone in UTC; None = they are none."""
+    kind = getattr(getattr(values, "dtype", None), "kind", "")
+    stamps = np.asarray(values, dtype=f"{kind}8[ns]" if kind in ("m", "M") else None)
+    if stamps.dtype == object and stamps.ndim == 1:
+        plain = [x.astimezone(UTC).replace(tzinfo=None) if getattr(x, "tzinfo", None) else x for x in stamps]
+        kind = "M" if isinstance(plain[0], datetime) else "m"
+        alike = all(isinstance(x, datetime if kind == "M" else timedelta) for x in plain)
+        stamps = np.array(plain, dtype=f"{kind}8[us]") if alike else stamps
+    return stamps if stamps.dtype.kind in "mM" and stamps.ndim == 1 else None
+
+
+def from_columns(
+    columns: Mapping[str, ArrayLike], units: Mapping[str, str], rig: Rig | None, name: str, side: Sequence[str] = ()
+) -> Recording:
     """A recording of named columns.
 
     Parameters
     ----------
-    columns : (n,) by name; NaN, masked or NA = not sampled.
-    units : by name of the column.
+    columns : (n,) by name; NaN, NaT, masked or NA = not sampled. Dates count from the first of all.
+    units : by name of the column; dates and time deltas need none.
+    side : further channels that are asked for, and need a unit.
 
     Raises
     ------
@@ -118,25 +142,31 @@ def from_columns(columns: Mapping[str, ArrayLike], units: Mapping[str, str], rig
         If a column or a unit is missing, unknown or of the wrong dimension, or the samples cannot be used.
     """
     where = name or "recording"
-    numbers = {key: series(where, key, values) for key, values in columns.items()}
-    unknown = [key for key in units if key not in columns and key != "position_t"]
+    dates = {key: stamps for key, values in columns.items() if (stamps := dates_of(values)) is not None}
+    read = {
+        key: from_dates(dates[key]) if key in dates else with_holes(series(where, key, values))
+        for key, values in columns.items()
+    }
+    unknown = [key for key in units if key not in columns]
     if unknown:
         raise RecordingError(f'{where}: units names "{unknown[0]}", but the columns are {", ".join(columns)}')
 
-    given = {key: unit for key, unit in units.items() if key in columns}
-    table = Table(
-        Path(where),
-        tuple(numbers),
-        lambda names: {key: with_holes(numbers[key]) for key in names},
-        lambda i: f"row {i}",
-        given,
-        IN_MEMORY,
-    )
-    require_roles(table, where)
-    require_lengths(numbers, where)
+    given = {key: unit for key, unit in units.items() if key in columns} | dict.fromkeys(dates, "s")
+    table = table_of(read, given, where)
+    require_roles(table, where, side)
+    require_lengths(table, read, where)
     recording = recording_of(table, Sidecar(rig=Rig() if rig is None else rig), [])
     origin = replace(recording.origin, file="", given="")
-    return replace(recording, name=name, digest=digest_of(numbers, given), origin=origin)
+    return replace(recording, name=name, digest=digest_of(read, given), origin=origin)
+
+
+def table_of(columns: Mapping[str, Column], units: Mapping[str, str], where: str) -> Table:
+    """Columns in memory as the table that a file would be."""
+
+    def read(names: Sequence[str]) -> dict[str, Column]:
+        return {key: columns[key] for key in names}
+
+    return Table(Path(where), tuple(columns), read, lambda i: f"row {i}", units, IN_MEMORY)
 
 
 def with_holes(values: Array) -> Column:
@@ -145,8 +175,8 @@ def with_holes(values: Array) -> Column:
     return Column(values, None if present.all() else present)
 
 
-def require_roles(table: Table, where: str) -> None:
-    """Refuse columns among which time, output or position, or the unit of one of them, is missing.
+def require_roles(table: Table, where: str, side: Sequence[str]) -> None:
+    """Refuse columns among which time, output or position, or the unit of one of them or of `side`, is missing.
 
     Raises
     ------
@@ -154,6 +184,7 @@ def require_roles(table: Table, where: str) -> None:
         Saying how to name it, and how to give its unit.
     """
     by_role = {channel: column for column, (channel, _) in reversed(discover(table).items())}
+    needed = {}
     for role in ESSENTIAL:
         if role == "position" and role not in by_role:
             role = reference_among(by_role) or role
@@ -162,15 +193,16 @@ def require_roles(table: Table, where: str) -> None:
                 f"{where}: no column for {role}; the columns are {', '.join(table.columns)}. Name one "
                 f"{'t' if role == 'time' else role}, or map its name before"
             )
-        if by_role[role] not in table.units and not unit_of(table, by_role[role]):
-            example = {"time": "s", "accel": "g", "position": "mm"}.get(role) or UNITS[role]
+        needed[role] = by_role[role]
+    for role, column in {**needed, **dict(zip(side, side, strict=True))}.items():
+        if not unit_of(table, column):
             raise RecordingError(
-                f"{where}: {by_role[role]} has no unit; units are never guessed. Give it, as in "
-                f'units={{"{by_role[role]}": "{example}"}}'
+                f"{where}: {column} has no unit; units are never guessed. Give it, as in "
+                f'units={{"{column}": "{EXAMPLES.get(role, "V")}"}}'
             )
 
 
-def require_lengths(numbers: Mapping[str, Array], where: str) -> None:
+def require_lengths(table: Table, columns: Mapping[str, Column], where: str) -> None:
     """Refuse columns that do not pair with their stamps.
 
     Raises
@@ -178,20 +210,22 @@ def require_lengths(numbers: Mapping[str, Array], where: str) -> None:
     RecordingError
         Naming both lengths.
     """
-    common = next(key for key in numbers if naming.role(naming.take_apart(key).base) == "time")
-    for key, values in numbers.items():
-        clock = "position_t" if key in ("position", "position_t") and "position_t" in numbers else common
-        if len(values) != len(numbers[clock]):
+    common = common_clock(table.columns)
+    for key, (channel, clock) in discover(table).items():
+        stamps = clock.column if clock and clock.column else common
+        if channel == "time" or stamps is None:
+            continue
+        if len(columns[key].values) != len(columns[stamps].values):
             raise RecordingError(
-                f"{where}: {key} has {len(values)} values and {clock} has {len(numbers[clock])}; expected as many of "
-                "each. A position with a clock of its own comes with position_t"
+                f"{where}: {key} has {len(columns[key].values)} values and {stamps} has {len(columns[stamps].values)}; "
+                "expected as many of each. A position with a clock of its own comes with position_t"
             )
 
 
-def digest_of(numbers: Mapping[str, Array], units: Mapping[str, str]) -> str:
+def digest_of(columns: Mapping[str, Column], units: Mapping[str, str]) -> str:
     """SHA-256 of columns and units, hex."""
     digest = hashlib.sha256(repr(sorted(units.items())).encode())
-    for key, values in numbers.items():
-        digest.update(key.encode())
-        digest.update(np.ascontiguousarray(values).tobytes())
+    for key, column in columns.items():
+        digest.update(f"{key}{column.origin or ''}".encode())
+        digest.update(np.ascontiguousarray(column.values).tobytes())
     return digest.hexdigest()

@@ -29,6 +29,8 @@ class Column:
     """(n,) in the unit of the file; meaningless where a cell is empty."""
     present: NDArray[np.bool_] | None = None
     """(n,) False where a cell is empty; None = no cell is."""
+    origin: int = 0
+    """Where the values are dates: the instant from which they count, ns since 1970; 0 = they are none."""
 
 
 def _no_texts(column: str) -> NDArray[np.str_]:
@@ -102,18 +104,33 @@ def from_arrow(cells: Any) -> Column:
     """
     import pyarrow as pa
 
-    cells = _seconds(cells)
+    cells, origin = _seconds(cells)
     if cells.type != pa.float64():
         cells = cells.cast(pa.float64(), safe=False)
     n, begin = len(cells), cells.offset
     if n == 0:
-        return Column(np.zeros(0))
+        return Column(np.zeros(0), origin=origin)
     bits, content = cells.buffers()  # conversions of pyarrow itself import pandas where that is installed
     values = np.frombuffer(content, np.float64, n, 8 * begin)
     if not cells.null_count:
-        return Column(values)
+        return Column(values, origin=origin)
     valid = np.unpackbits(np.frombuffer(bits, np.uint8), bitorder="little")[begin : begin + n].astype(np.bool_)
-    return Column(np.where(valid, values, np.nan), valid)
+    return Column(np.where(valid, values, np.nan), valid, origin)
+
+
+def from_dates(stamps: NDArray[Any]) -> Column:
+    """Dates or time deltas of NumPy (n,) as seconds, dates from the first; NaT means an empty cell.
+
+    Examples
+    --------
+    >>> from_dates(np.array(["2026-05-12T14:03:27", "NaT", "2026-05-12T14:03:27.5"], dtype="datetime64[ms]")).values
+    array([0. , nan, 0.5])
+    """
+    missing = np.isnat(stamps)
+    count = stamps.astype(f"{stamps.dtype.kind}8[ns]").astype(np.int64)
+    origin = int(count[~missing][0]) if stamps.dtype.kind == "M" and not missing.all() else 0
+    values = np.where(missing, np.nan, (count - origin) * 1e-9)
+    return Column(values, ~missing if missing.any() else None, origin)
 
 
 def cells_of(values: Array, missing: Flags) -> Any:
@@ -124,19 +141,22 @@ def cells_of(values: Array, missing: Flags) -> Any:
     return pa.Array.from_buffers(pa.float64(), len(values), [bits, pa.py_buffer(np.ascontiguousarray(values))])
 
 
-def _seconds(cells: Any) -> Any:
+def _seconds(cells: Any) -> tuple[Any, int]:
+    """Numbers as they are, stamps in s; and the date from which they count, ns since 1970."""
     import pyarrow as pa
 
     if pa.types.is_integer(cells.type) or pa.types.is_floating(cells.type) or pa.types.is_decimal(cells.type):
-        return cells
+        return cells, 0
     from pyarrow import compute  # for stamps alone: it takes half as long to import as NumPy
 
+    origin = 0
     if pa.types.is_timestamp(cells.type):
         count = cells.cast(pa.timestamp("ns", cells.type.tz)).cast(pa.int64())
         given = count.drop_null()
-        count = compute.subtract(count, given[0] if len(given) else 0)
+        origin = given[0].as_py() if len(given) else 0
+        count = compute.subtract(count, origin)
     elif pa.types.is_duration(cells.type):
         count = cells.cast(pa.duration("ns")).cast(pa.int64())
     else:
         raise pa.ArrowNotImplementedError(f"no numbers: {cells.type}")
-    return compute.multiply(count.cast(pa.float64()), 1e-9)
+    return compute.multiply(count.cast(pa.float64()), 1e-9), origin

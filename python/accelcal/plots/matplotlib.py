@@ -9,11 +9,13 @@ import io as memory
 import math
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial, update_wrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from accelcal._support.arguments import found
 from accelcal._support.errors import optional
 from accelcal.io import atomic, together
 from accelcal.plots import figure as data
@@ -81,22 +83,30 @@ def new_figure(width: float, height: float, look: Theme) -> Figure:
     return canvas
 
 
-def draw(figure: data.Figure, theme: ThemeName = "light") -> Figure:
-    """Draw a figure.
+def draw(figure: data.Figure, theme: ThemeName = "light", into: Figure | SubFigure | None = None) -> Figure:
+    """Draw a figure, on a canvas of its own where it has no place in another.
 
     Parameters
     ----------
     figure : of any function of `accelcal.plots` that defines one.
     theme : "light" or "dark".
+    into : a figure of matplotlib or a part of it (`subfigures`), empty, with `layout="constrained"`.
 
     Raises
     ------
     MissingExtra
         If matplotlib is not installed.
+    TypeError
+        If `into` is no such part.
     ValueError
         If there is no such theme.
     """
     look = theme_of(theme)
+    if into is not None:
+        if not hasattr(into, "subfigures"):
+            raise TypeError(f"into is {found(into)}; expected a figure of matplotlib, or one of its subfigures(...)")
+        draw_into(into, figure, look, NORMAL)
+        return into.figure
     rows = figure.rows
     titled = 1 if figure.shared_x else len(rows)
     canvas = new_figure(WIDTH, ABOVE + TITLES * titled + sum(rows) / INTERACTIVE, look)
@@ -122,8 +132,15 @@ def page(
 
 
 def still(define: Callable[..., data.Figure]) -> Callable[..., Figure]:
-    """A function that defines a figure, now one that draws it."""
-    return data.drawing(define, draw)
+    """A function that defines a figure, now one that draws it, into `into` where that is given."""
+    alone = data.drawing(define, draw)
+
+    def drawn(*given: Any, into: Figure | SubFigure | None = None, **options: Any) -> Figure:
+        return data.drawing(define, partial(draw, into=into))(*given, **options)
+
+    update_wrapper(drawn, alone)
+    drawn.__doc__ = f"{alone.__doc__}    `into` is a figure of matplotlib, or one of its subfigures, to draw it into.\n"
+    return drawn
 
 
 def draw_into(part: Figure | SubFigure, figure: data.Figure, look: Theme, size: float = LARGE) -> None:

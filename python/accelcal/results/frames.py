@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from accelcal._support.arguments import found
 from accelcal._support.errors import MissingExtra
 from accelcal._support.result import Result
 from accelcal._support.values import listing
@@ -157,7 +158,7 @@ def dataset(result: object) -> Any:
     TypeError
         If it has no arrays.
     """
-    raise TypeError(f"a {type(result).__name__} has no arrays; to_dataframe() gives its numbers")
+    raise TypeError(f"{found(result)} has no arrays; to_dataframe() gives its numbers")
 
 
 @dataset.register

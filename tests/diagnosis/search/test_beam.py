@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.special import ndtr
 import accelcal as ac
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.search.beam import BlockScatter, SearchRules, size_given_choice
+from accelcal.diagnosis.search.confounding import confounding_class, likeliest
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
 from accelcal.diagnosis.search.refine import between_trials
 from accelcal.diagnosis.search.scan import scan
@@ -50,32 +52,61 @@ def test_the_scatter_of_a_few_blocks_is_shrunk_to_the_noise_of_the_model() -> No
     assert inflations[:, 1].mean() < 1.4
 
 
+class Table:
+    """Effects of one record by the directions of their columns; the gain is the square of what they explain."""
+
+    def __init__(self, names: Sequence[str], X: Sequence[Sequence[float]], y: Sequence[float]) -> None:
+        self.items = tuple(Hypothesis(find(name), {}) for name in names)
+        self.X, self.y = np.array(X), np.array(y)
+
+    def gains(self, given: tuple[int, ...] = ()) -> tuple[Array, Array]:
+        q, _ = np.linalg.qr(self.X[:, list(given)])
+        X, y = (v - q @ (q.T @ v) for v in (self.X, self.y))
+        power = np.sum(X**2, axis=0)
+        dofs = (power > 1e-9).astype(int)
+        return np.where(dofs, (y @ X) ** 2 / np.maximum(power, 1e-9), 0.0), dofs
+
+    def gain(self, i: int, given: tuple[int, ...] = ()) -> tuple[float, int, Array, Array]:
+        return float(self.gains(given)[0][i]), 1, np.ones(1), np.ones((1, 1))
+
+    def given(self, chosen: tuple[int, ...]) -> tuple[Array, Array]:
+        return np.eye(len(self.items)), self.y
+
+    def cost(self, i: int, given: tuple[int, ...]) -> float:
+        return 0.0
+
+
+RULES = SearchRules(examined=326, blocks=200, alpha=0.01, priors=None)
+
+
 @pytest.mark.parametrize("further", [False, True], ids=["alone", "beside another effect"])
 def test_a_strong_effect_does_not_lose_to_two_that_share_it(further: bool) -> None:
     """`velocity_squared` explains all, either of two others nearly all, both together as much."""
+    names = "vibration_rectification", "velocity_squared", "scale_asymmetry", "cubic"
+    X = [[0.917, 1.0, 0.955, 0.0], [0.399, 0.0, -0.295, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    table = Table(names, X, [32.0, 0.0, 12.0 if further else 0.0])
+    assert RULES.best_set(table) == ((1, 3) if further else (1,))
 
-    class Table:
-        """Effects of one record by the directions of their columns; the gain is the square of what they explain."""
 
-        items = tuple(
-            Hypothesis(find(name), {})
-            for name in ("vibration_rectification", "velocity_squared", "scale_asymmetry", "cubic")
-        )
-        X = np.array([[0.917, 1.0, 0.955, 0.0], [0.399, 0.0, -0.295, 0.0], [0.0, 0.0, 0.0, 1.0]])
-        y = np.array([32.0, 0.0, 12.0 if further else 0.0])
+def test_an_effect_gives_way_to_the_likelier_one_of_its_class() -> None:
+    """`cubic` leaves what waits for the next round; its rival and another one explain that, too, but less together."""
 
-        def gains(self, given: tuple[int, ...] = ()) -> tuple[Array, Array]:
-            q, _ = np.linalg.qr(self.X[:, list(given)])
-            X, y = (v - q @ (q.T @ v) for v in (self.X, self.y))
-            power = np.sum(X**2, axis=0)
-            dofs = (power > 1e-9).astype(int)
-            return np.where(dofs, (y @ X) ** 2 / np.maximum(power, 1e-9), 0.0), dofs
+    class Even:
+        """Scores that scatter as the model predicts."""
 
-        def cost(self, i: int, given: tuple[int, ...]) -> float:
-            return 0.0
+        def inflation(self, i: int, given: tuple[int, ...]) -> float:
+            return 1.0
 
-    best = SearchRules(examined=326, blocks=200, alpha=0.01).best_set(Table())
-    assert best == ((1, 3) if further else (1,))
+    names = "odd_quadratic", "cubic", "acceleration_velocity"
+    X = [[0.98, 1.0, 0.2], [0.21, 0.0, 0.1], [0.0, 0.0, -0.97]]
+    table = Table(names, X, [32.0, 0.0, 9.8])
+    assert RULES.best_set(table) == (0, 2)
+    weights = confounding_class(table, Even(), 0, (2,), RULES)
+    assert weights["odd_quadratic"].by_record < 0.001 < 0.999 < weights["cubic"].by_record
+    assert likeliest(table, Even(), (0, 2), RULES) == (1,)
+    strong = Table(names, X, [32.0, 0.0, 14.0])  # what is left is enough to enter beside it
+    assert likeliest(strong, Even(), (0, 2), RULES) == (1, 2)
+    assert likeliest(table, Even(), (1,), RULES) == (1,)
 
 
 def test_the_rivals_of_an_effect_of_little_evidence_have_more_weight(plain: Simulated) -> None:

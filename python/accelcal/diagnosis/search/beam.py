@@ -234,6 +234,13 @@ class SearchRules:
             members.remove(ordered[-1])
         return tuple(ordered)
 
+    def undeferred(self, evidence: CandidateScores, ordered: tuple[int, ...]) -> tuple[int, ...]:
+        """Members of a set without those that gain too little beside the first to enter with it."""
+        first = float(evidence.gains()[0][ordered[0]]) if ordered else 0.0
+        return tuple(
+            i for k, i in enumerate(ordered) if float(evidence.gains(ordered[:k])[0][i]) >= DEFERRED_GAIN_SHARE * first
+        )
+
     def net_gain_of_set(self, evidence: CandidateScores, ordered: Sequence[int]) -> float:
         """Joint gain of a set less the prices of its members.
 

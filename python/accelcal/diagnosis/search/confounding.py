@@ -183,6 +183,24 @@ def credible_set(log_evidence: Mapping[str, float]) -> dict[str, float]:
     return dict(zip(ranked[:count], weights, strict=False))
 
 
+def likeliest(
+    evidence: CandidateScores, scatter: BlockScatter, chosen: tuple[int, ...], rules: SearchRules
+) -> tuple[int, ...]:
+    """A set each of whose members is in its own confounding class: one that given the others is not gives way to the
+    likeliest, and what is then no longer significant, or deferred, leaves.
+
+    What fits best as a set may be a wrong effect and a random process that repairs it.
+    """
+    for position, i in enumerate(chosen):
+        others, name = chosen[:position] + chosen[position + 1 :], evidence.items[i].effect.name
+        weights = confounding_class(evidence, scatter, i, others, rules)
+        best = max(weights, key=lambda rival: weights[rival].by_record)
+        if 1.0 - weights[name].by_record > CLASS_WEIGHT and name != best:
+            j = next(j for j, item in enumerate(evidence.items) if item.effect.name == best)
+            return rules.undeferred(evidence, rules.significant_members(evidence, scatter, (*others, j)))
+    return chosen
+
+
 def plainest(
     evidence: CandidateScores, scatter: BlockScatter, chosen: tuple[int, ...], rules: SearchRules
 ) -> tuple[int, ...]:

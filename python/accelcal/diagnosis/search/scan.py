@@ -20,6 +20,7 @@ from accelcal.diagnosis.search.confounding import (
     confounding_class,
     detected_effect,
     largest,
+    likeliest,
     plainest,
 )
 from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for, mechanisms_for
@@ -340,7 +341,8 @@ class BestSet:
         against_slow = evidence.against_slow_noise()
         noises = tuple(run.slow_noise for run in against_slow.runs if run.slow_noise is not None)
         scatter = BlockScatter(against_slow, length)
-        chosen = plainest(against_slow, scatter, rules.best_set(against_slow, scatter), rules)
+        chosen = likeliest(against_slow, scatter, rules.best_set(against_slow, scatter), rules)
+        chosen = plainest(against_slow, scatter, chosen, rules)
         if against_slow is not evidence:
             random = [i for i, item in enumerate(evidence.items) if item.effect.port == "process"]
             gains, dofs = evidence.gains()

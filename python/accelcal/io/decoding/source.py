@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from accelcal.io.table import MOST_COLUMNS, MOST_DEPTH, MOST_NAME, Column
+from accelcal.io.table import MOST_COLUMNS, MOST_DEPTH, MOST_NAME, Column, from_dates
 
 Listed = TypeVar("Listed")
 
@@ -160,13 +160,15 @@ def arrays_inside(content: Mapping[str, Any], prefix: str = "", depth: int = 0) 
 
 
 def numbers(values: Any) -> Column:
-    """A vector as a column; NaN means not sampled.
+    """A vector as a column; NaN means not sampled, dates become seconds from the first.
 
     Raises
     ------
     RefusedError
         If it is no vector of real numbers.
     """
+    if isinstance(values, np.ndarray) and values.ndim == 1 and values.dtype.kind == "M":
+        return from_dates(values)
     if not isinstance(values, np.ndarray) or not is_vector(values.shape, values.dtype.kind):
         raise RefusedError("is no vector of real numbers; export it as one")
     vector = np.ascontiguousarray(values.ravel(), dtype=np.float64)

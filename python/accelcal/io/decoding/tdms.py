@@ -64,9 +64,10 @@ def _difference(later: tuple[int, int], earlier: tuple[int, int]) -> float:
 
 
 def _instants(stamps: Any) -> Any:
-    """Time stamps as seconds from the first."""
-    seconds = np.asarray(stamps["seconds"], dtype=np.int64)
-    return (seconds - seconds[:1]) + (np.asarray(stamps["second_fractions"], dtype=np.float64) * 2.0**-64)
+    """Time stamps, which count from 1904, as dates of NumPy."""
+    fractions = np.asarray(stamps["second_fractions"], dtype=np.float64) * (1e9 * 2.0**-64)
+    begun = np.asarray(stamps["seconds"], dtype=np.int64) * 10**9 + np.round(fractions).astype(np.int64)
+    return np.datetime64("1904-01-01", "ns") + begun.astype("timedelta64[ns]")
 
 
 def _unit(channel: Any) -> str | None:

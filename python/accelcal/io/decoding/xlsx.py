@@ -44,9 +44,11 @@ def _channels(prefix: str, rows: list[list[Any]]) -> Iterator[Sampled]:
 
 
 def _read(cells: tuple[Any, ...], begin: Any) -> Any:
-    """The numbers of a column, (n,), NaN where it is empty; a date in seconds from the one at which it begins."""
-    zero = _number(begin) if isinstance(begin, date) else 0.0
-    return np.array([_number(cell) - zero for cell in cells])
+    """The numbers of a column, (n,), NaN where it is empty, or its dates."""
+    numbers = np.array([_number(cell) for cell in cells])
+    if not isinstance(begin, date):
+        return numbers
+    return np.array([np.datetime64("NaT") if np.isnan(s) else round(1e6 * s) for s in numbers], dtype="datetime64[us]")
 
 
 def _number(cell: Any) -> float:
