@@ -56,7 +56,7 @@ pub trait Structured<const N: usize> {
     fn update(&self, block: &mut Self::Block, event: &Event) -> Result<Option<GatedReading>, StepError>;
 }
 
-/// The filter on its structured kernel.
+/// The filter on its structured kernel, if it has one: not with [`Carrier::Factored`], for which there is [`crate::OwnSensor`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InBlocks<S>(pub Filter<S>);
 
@@ -76,6 +76,9 @@ where
     fn initial(&self, prior: &Belief<N>) -> Result<Self::State, SetupError> {
         self.0.initial(prior)?;
         self.0.consider.refused()?;
+        if !self.0.has_kernel() {
+            return Err(SetupError::NoKernel);
+        }
         Ok(self.0.block(prior))
     }
 
