@@ -1285,7 +1285,8 @@ def rust_queries(text: Text) -> str:
     pub fn variance(&self, parameter: usize) -> {kind} {{
         let mut sum = 0.0;
         for (j, d) in self.D.iter().enumerate().skip(parameter) {{
-            let u = if j == parameter {{ 1.0 }} else {{ self.U[j * (j - 1) / 2 + parameter] }};
+            // `get`, so that the compiler sees that no index can panic
+            let u = if j == parameter {{ 1.0 }} else {{ self.U.get(j * (j - 1) / 2 + parameter).map_or(0.0, |u| *u) }};
             sum = sum + u * u * *d;
         }}
         sum
@@ -1358,6 +1359,14 @@ pub const PARAMETERS: usize = {m};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Refused;
 
+impl core::fmt::Display for Refused {{
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {{
+        f.write_str("an argument is not finite; nothing was changed")
+    }}
+}}
+
+impl core::error::Error for Refused {{}}
+
 {rust_state(text)}
 {chr(10).join(text.helpers)}
 {watching.rust_places(text) if text.plan.suspects else ""}
@@ -1376,6 +1385,9 @@ impl Filter {{
     }}
 
     /// One sample on.
+    ///
+    /// # Errors
+    /// [`Refused`].
     pub fn step(&mut self, {parameter_list(text)}) -> Result<(), Refused> {{
         if !({finite}) {{
             return Err(Refused);
