@@ -53,6 +53,20 @@ fn a_sample_that_is_no_number_is_seen_in_single_precision() {
     assert!(filter.checked().is_err());
 }
 
+/// Where every name of the crate is in scope, a filter's belief is still one thing.
+mod everything {
+    #[allow(clippy::wildcard_imports)] // as a user may
+    use ekf_core::*;
+
+    #[test]
+    fn no_two_traits_of_the_crate_share_a_method() {
+        let filter = Filter::new(Aci { sensor: Sensor::constant(Form::Forward), q: super::Q, tau: 0.0 }, super::R, 0.0);
+        let start = Belief::independent([0.0; 4], [1e-5, 3e-3, 1e-2, 0.1]);
+        let state = filter.initial(&start).unwrap();
+        assert_eq!(filter.belief(&state), start);
+    }
+}
+
 #[test]
 fn a_choice_that_the_kernel_lacks_is_refused() {
     let aci = Filter::new(Aci { sensor: Sensor::constant(Form::Forward), q: Q, tau: 0.0 }, R, 0.0);

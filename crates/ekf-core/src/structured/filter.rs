@@ -41,7 +41,7 @@ pub trait Structured<const N: usize> {
     fn block(&self, belief: &Belief<N>) -> Self::Block;
 
     /// The belief of the blocks.
-    fn belief(&self, block: &Self::Block) -> Belief<N>;
+    fn belief_of(&self, block: &Self::Block) -> Belief<N>;
 
     /// One step of the output, in place.
     ///
@@ -83,7 +83,7 @@ where
     }
 
     fn belief(&self, state: &Self::State) -> Belief<N> {
-        Structured::belief(&self.0, state)
+        self.0.belief_of(state)
     }
 
     fn event(outcome: &Self::Outcome) -> Event {
@@ -192,7 +192,7 @@ macro_rules! aci {
                 AciBlock::new(|i| belief.x[i], |i, j| belief.P[(i, j)])
             }
 
-            fn belief(&self, block: &Self::Block) -> Belief<$N> {
+            fn belief_of(&self, block: &Self::Block) -> Belief<$N> {
                 Belief {
                     x: nalgebra::SVector::from_fn(|i, _| block.x(i)),
                     P: nalgebra::SMatrix::from_fn(|i, j| block.P(i, j)),
@@ -226,7 +226,7 @@ macro_rules! cwpa {
                 CwpaBlock::new(|i| belief.x[i], |i, j| belief.P[(i, j)])
             }
 
-            fn belief(&self, block: &Self::Block) -> Belief<$N> {
+            fn belief_of(&self, block: &Self::Block) -> Belief<$N> {
                 Belief {
                     x: nalgebra::SVector::from_fn(|i, _| block.x(i)),
                     P: nalgebra::SMatrix::from_fn(|i, j| block.P(i, j)),
