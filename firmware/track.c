@@ -1,6 +1,6 @@
 /* A recording through a filter that `accelcal export --filter c -o tracker` wrote: on a computer, and on a board in QEMU
- * with board.c beside it. Standard input is a CSV with a header: time, output, position; either of the last two may be empty.
- * It prints the estimates after the last row, and a digest of their bits after every row. */
+ * with board.c beside it. Standard input is a CSV with a header: time, output, position; of the last two either may be
+ * empty. It prints the estimates after the last row, and a digest of their bits after every row. */
 #include <stdint.h>
 
 #include "tracker.h"
