@@ -1,6 +1,6 @@
 /* A recording through a filter that `accelcal export --filter c -o tracker` wrote: on a computer, and on a board in QEMU
- * with board.c beside it. Standard input is a CSV with a header: time, output, position, each of which may be empty.
- * It prints the estimates after the last row, and a digest of their bits after every row. */
+ * with board.c beside it. Standard input is a CSV with a header: time, output, position; of the last two either may be
+ * empty. It prints the estimates after the last row, and a digest of their bits after every row. */
 #include <stdint.h>
 
 #include "tracker.h"
@@ -82,21 +82,35 @@ static uint32_t digested(uint32_t digest, float estimate) {
     return digest;
 }
 
+/* Outputs in a row for which the one before them stands; behind more the motion begins anew, with both readings. */
+enum { HELD = 8 };
+
 int main(void) {
     tracker_filter filter;
-    uint32_t digest = 2166136261u;
+    uint32_t digest = 2166136261u, missed = 0;
+    float held = 0.0f;
     int rows = 0, refused = 0, end;
     while ((end = getchar()) != '\n' && end >= 0) {
     }
     while (end >= 0) {
         double t, output, position;
-        number(&t, &end);
+        const int row = number(&t, &end);
         const int given = end == ',' && number(&output, &end);
         const int read = end == ',' && number(&position, &end);
         while (end == ',') number(&t, &end); /* further columns */
-        if (!given) continue;
-        if (rows++ == 0) tracker_init(&filter, read ? (float)position : 0.0f);
-        refused += tracker_step(&filter, (float)output, read ? (float)position : __builtin_nanf(""));
+        if (!row) continue; /* an empty line */
+        if ((rows == 0 || missed >= HELD) && !(given && read)) {
+            missed += rows > 0;
+            continue;
+        }
+        if (rows++ == 0) {
+            tracker_init(&filter, (float)position);
+        } else if (missed >= HELD) {
+            tracker_resume(&filter, (float)position, missed - HELD);
+        }
+        missed = given ? 0 : missed + 1;
+        held = given ? (float)output : held;
+        refused += tracker_step(&filter, held, read ? (float)position : __builtin_nanf(""));
         for (unsigned i = 0; i < TRACKER_PARAMETERS; i++) digest = digested(digest, tracker_estimate(&filter, i));
     }
     if (rows == 0) return 1;

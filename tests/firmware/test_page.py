@@ -54,4 +54,11 @@ def test_the_ten_commands_end_with_the_same_bits_on_the_board(tmp_path: Path) ->
     printed = estimates(next(e.text for e in examples("embedded") if e.text.startswith("parameter")))
     assert np.all(np.abs(printed - found)[:, 0] < 0.01 * sigma)
     assert np.allclose(printed[:, 1], found[:, 1], rtol=1e-3, atol=0.0)
+    rows = (tmp_path / "today.csv").read_text().splitlines()
+    for at in (*range(20_000, 60_000, 1000), *range(70_000, 70_201)):  # forty outputs, and two hundred in a row
+        t, _, position = rows[at].split(",")
+        rows[at] = f"{t},,{position}"
+    (tmp_path / "holes.csv").write_text("\n".join(rows) + "\n")
+    over_holes = estimates(shell("./on-host < holes.csv").stdout)
+    assert np.all(np.abs(over_holes - found)[:, 0] < sigma)
     assert shell("./on-host < run.csv | cmp - board.txt").returncode == 1  # another recording has other bits

@@ -32,15 +32,17 @@ impl Tracker {
         Self { filter, before: output }
     }
 
-    /// One sample on: the mean of two outputs drives the step, a position corrects where there is one.
+    /// One sample on: the mean of two outputs drives the step, a position corrects where there is one. In the place of what
+    /// is no number the output before it is held, and nothing is read: it would stay in the estimate for ever.
     fn step(&mut self, output: f32, position: Option<f32>) -> Result<(), DomainError> {
+        let output = if output.is_finite() { output } else { self.before };
         let between = 0.5 * (self.before + output);
         self.before = output;
         let unused = [Plain([0.0; 2]); 2]; // the covariance of the parameters counts in second order only
         let table = ForwardLinear.table(&self.filter.theta, &unused, Order::First);
         let at = AccelerationModel::<_, 2>::at(&ForwardLinear, &table, between)?;
         self.filter.predict(DT as f32, &StepIntegrals::held(DT, DENSITY, &at));
-        if let Some(z) = position {
+        if let Some(z) = position.filter(|z| z.is_finite()) {
             let innovation = self.filter.innovate(z, VARIANCE);
             self.filter.correct(VARIANCE, &innovation);
         }
@@ -60,6 +62,9 @@ fn main() -> Result<(), DomainError> {
         tracker.step(output(i), position)?;
     }
     let Tracker { filter, .. } = tracker;
+    if let Err(error) = filter.checked() {
+        println!("begin anew: {error}"); // on a device once in a while
+    }
     let sigma = |i: usize| filter.P(i, i).sqrt();
     println!(
         "after 10 s: k = {:.5}({:.5}), K0 = {:.5}({:.5}) m/s²",

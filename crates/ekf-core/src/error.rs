@@ -161,6 +161,8 @@ pub enum SetupError {
         /// Index of the first such state.
         state: usize,
     },
+    /// The filter has a choice that its structured kernel lacks: the factored carrier, a low-pass in CWPA.
+    NoKernel,
     /// The initial covariance is not symmetric and non-negative definite.
     Prior {
         /// State at which the factorisation failed.
@@ -214,6 +216,7 @@ impl SetupError {
             Self::Size { .. } => "Size",
             Self::Setting { .. } => "Setting",
             Self::Consider { .. } => "Consider",
+            Self::NoKernel => "NoKernel",
             Self::Prior { .. } => "Prior",
             Self::Belief(_) => "Belief",
             Self::TooFew { .. } => "TooFew",
@@ -233,6 +236,7 @@ impl fmt::Display for SetupError {
                 f,
                 "state {state} is to be considered and not estimated, which only the dense filter in Joseph's form can do"
             ),
+            Self::NoKernel => f.write_str("no structured kernel has the factored carrier or a low-pass in CWPA"),
             Self::Prior { state, pivot } => {
                 write!(f, "the initial covariance is not positive definite: pivot {pivot} at state {state}")
             }

@@ -15,7 +15,10 @@ use ekf_core::structured::gauss_markov::GaussMarkovSet;
 use ekf_core::structured::number::Real;
 use ekf_core::structured::row::Plain;
 use ekf_core::structured::taps::Taps;
-use ekf_core::{Aci, Belief, Form, GaussMarkov, Integrator, Interpolation, Order, Segment, Sensor};
+use ekf_core::{
+    Aci, Belief, Carrier, Engine, Filter, Form, GaussMarkov, InBlocks, Integrator, Interpolation, Order, Segment,
+    Sensor, SetupError,
+};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
 
@@ -37,6 +40,40 @@ fn step<T: Real>(filter: &mut AciFactored<T, 6, 4>, integrator: Integrator, orde
     let input = |s: f64| from + slope * from.like(s);
     let push = StepIntegrals::over::<_, 4>(integrator, DT, from.like(Q), &InverseCubic, &table, input).unwrap();
     filter.predict(from.like(DT), &push);
+}
+
+#[test]
+fn a_sample_that_is_no_number_is_seen_in_single_precision() {
+    let start = Belief::independent([0.0; 6], [1e-5, 3e-3, 1e-2, 0.1, 1e-3, 1e-4]);
+    #[allow(clippy::cast_possible_truncation)] // single precision is intended
+    let mut filter = from_belief::<f32, 6, 4>(&start, |x| x as f32);
+    step(&mut filter, Integrator::Exact, Order::First, 1.0, 0.0);
+    assert_eq!(filter.checked(), Ok(()));
+    step(&mut filter, Integrator::Exact, Order::First, f32::NAN, 0.0);
+    assert!(filter.checked().is_err());
+}
+
+/// Where every name of the crate is in scope, a filter's belief is still one thing.
+mod everything {
+    #[allow(clippy::wildcard_imports)] // as a user may
+    use ekf_core::*;
+
+    #[test]
+    fn no_two_traits_of_the_crate_share_a_method() {
+        let filter = Filter::new(Aci { sensor: Sensor::constant(Form::Forward), q: super::Q, tau: 0.0 }, super::R, 0.0);
+        let start = Belief::independent([0.0; 4], [1e-5, 3e-3, 1e-2, 0.1]);
+        let state = filter.initial(&start).unwrap();
+        assert_eq!(filter.belief(&state), start);
+    }
+}
+
+#[test]
+fn a_choice_that_the_kernel_lacks_is_refused() {
+    let aci = Filter::new(Aci { sensor: Sensor::constant(Form::Forward), q: Q, tau: 0.0 }, R, 0.0);
+    let start = Belief::independent([0.0; 4], [1e-5, 3e-3, 1e-2, 0.1]);
+    assert!(InBlocks(aci).initial(&start).is_ok());
+    let factored = InBlocks(Filter { carrier: Carrier::Factored, ..aci });
+    assert_eq!(factored.initial(&start), Err(SetupError::NoKernel));
 }
 
 proptest! {

@@ -116,7 +116,7 @@ fn agrees<S: System<N>, const N: usize>(
     let track = InBlocks(*filter)
         .run(&prior, Samples { t: &times, y: &u }, Samples { t: &stamps, y: &readings }, |_, _| ())
         .unwrap();
-    let expected = Structured::belief(filter, &track.state);
+    let expected = filter.belief_of(&track.state);
 
     let (x, P) = (prior.x.as_slice(), prior.P.as_slice());
     let mut steps = make(Prior { states: N, x, P });

@@ -149,6 +149,7 @@ def test_the_top_of_a_file_states_signs_units_states_and_cost(language):
         "density of the output 1e-08 (m/s^2)^2/Hz, two-sided; variance of a reading 1e-12 m^2",
         "arithmetic operations a step",
         "bytes of state",
+        "Behind a gap of more than 8 samples call resume",
         "-ffp-contract=off",
         "As a static library",
     ):
@@ -383,3 +384,73 @@ def test_a_setting_that_a_device_has_not_is_refused(settings, said):
     given = {"rate": 100.0, "q": 1e-8, "r_position": 1e-12, "position": 0.0} | settings
     with pytest.raises(NotExportable, match=said):
         program(LiveModel(Model.linear(), LEVEL, **given), "f32")
+
+
+BEFORE, MISSED = 1000, 400
+GAPS = ("three effects", "low-pass", "corners, upright and reversed", "mechanism", "process", "time and position")
+
+
+@dataclasses.dataclass
+class Gap:
+    """A filter of a library, and a record in whose middle samples are missing."""
+
+    library: ctypes.CDLL
+    rows: np.ndarray
+    parameters: int
+
+    def device(self, missed: int = MISSED) -> np.ndarray:
+        """Estimates and variances at the end, (2, m), where the filter is told of that many missing samples."""
+        after, y = BEFORE + MISSED, np.zeros((2, self.parameters))
+        self.library.begin()
+        self.library.rows(self.rows.ctypes.data_as(ctypes.c_void_p), BEFORE)
+        self.library.resume(ctypes.c_double(self.rows[after, 1]), ctypes.c_uint32(missed))
+        self.library.rows(self.rows[after:].ctypes.data_as(ctypes.c_void_p), len(self.rows) - after)
+        self.library.estimates(y.ctypes.data_as(ctypes.c_void_p))
+        return y
+
+    def live(self, live: LiveModel) -> None:
+        """The same with the live filter of the model."""
+        after = BEFORE + MISSED
+        live.run(*self.rows[:BEFORE].T)
+        live.restart(self.rows[after, 1], 0.0, live.settings["dt"] * after)
+        live.run(*self.rows[after:].T)
+
+
+def gap_of(folder: Path, monkeypatch: pytest.MonkeyPatch, live: Callable[[], LiveModel]) -> Gap:
+    """Of a filter in double precision."""
+    monkeypatch.setattr(export, "RECORD", LONG)
+    monkeypatch.setattr(export, "CHECKS", (LONG,))
+    for file, text in filter_files(live(), "cal", "c", "f64").items():
+        (folder / file).write_text(text)
+    plan = program(live(), "f64")
+    rows = np.ascontiguousarray(replayed(plan).arguments)
+    library = compiled(folder, len(plan.free), rows.shape[1], "double", watch=bool(plan.suspects))
+    return Gap(library, rows, len(plan.free))
+
+
+@pytest.mark.outside
+@pytest.mark.parametrize("name", GAPS)
+def test_behind_a_gap_the_estimates_are_those_of_the_live_filter(tmp_path, monkeypatch, name):
+    gap, live = gap_of(tmp_path, monkeypatch, lambda: filter_of(*MODELS[name])), filter_of(*MODELS[name])
+    gap.live(live)
+    free = list(program(filter_of(*MODELS[name]), "f64").free)
+    values, variances = live.values[free], np.diag(live.covariance)[free]
+
+    def off(y: np.ndarray) -> float:
+        return float(np.max(np.abs(y[0] - values) / np.sqrt(variances) + np.abs(y[1] / variances - 1.0)))
+
+    assert off(gap.device()) <= 1e-8
+    if name in ("process", "time and position"):  # the twin that must fail: a gap that takes no time
+        assert off(gap.device(missed=0)) > 1e-3
+
+
+@pytest.mark.outside
+@pytest.mark.parametrize("name", ["linear", "low-pass", "process"])
+def test_behind_a_gap_the_watch_is_that_of_the_live_filter(tmp_path, monkeypatch, name):
+    gap, live = gap_of(tmp_path, monkeypatch, lambda: watched(name)), watched(name)
+    gap.device()
+    gap.live(live)
+    for j, suspicion in enumerate(live.watched):
+        y = np.zeros(4)
+        assert gap.library.watch(j, y.ctypes.data_as(ctypes.c_void_p)) == 0
+        assert y[:3] == pytest.approx([suspicion.log_e, suspicion.size, suspicion.std], rel=1e-6, abs=1e-6)

@@ -82,7 +82,7 @@ pub fn check_covariance(n: usize, P: impl Fn(usize, usize) -> f64) -> Result<(),
         for j in 0..i {
             let product = variance * P(j, j);
             let squared = P(i, j) * P(i, j);
-            if squared > product * (1.0 + SLACK) {
+            if !(squared <= product * (1.0 + SLACK)) {
                 return Err(StepError::Correlation { states: (j, i), squared: squared / product });
             }
         }
@@ -113,5 +113,6 @@ mod tests {
             belief(Matrix2::new(1.0, 2.0, 2.0, 1.0)).checked(),
             Err(StepError::Correlation { states: (0, 1), squared: 4.0 })
         );
+        assert!(belief(Matrix2::new(1.0, f64::NAN, f64::NAN, 1.0)).checked().is_err());
     }
 }

@@ -79,6 +79,9 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
     }
 
     /// State `i`.
+    ///
+    /// # Panics
+    /// If there is no state `i`.
     #[must_use]
     pub fn x(&self, i: usize) -> V::Number {
         match i {
@@ -89,6 +92,9 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
     }
 
     /// Covariance of states `i` and `j`.
+    ///
+    /// # Panics
+    /// If there is no state `i` or `j`.
     #[must_use]
     pub fn P(&self, i: usize, j: usize) -> V::Number {
         match (i.min(j), i.max(j)) {

@@ -69,6 +69,9 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
     }
 
     /// State `i`.
+    ///
+    /// # Panics
+    /// If there is no state `i`.
     #[must_use]
     pub fn x(&self, i: usize) -> T {
         match i {
@@ -79,6 +82,9 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
     }
 
     /// `P(i, j)`, multiplied out.
+    ///
+    /// # Panics
+    /// If there is no state `i` or `j`.
     #[must_use]
     pub fn P(&self, i: usize, j: usize) -> T {
         let entry = |i: usize, k: usize| match (i, k) {
@@ -427,17 +433,19 @@ impl<const N: usize, const M: usize> AciFactored<f64, N, M> {
         let (U, D) = factorise(&SMatrix::<f64, N, N>::from_fn(|i, j| P(i.max(j), i.min(j))))?;
         Ok(Self::new(x, |i, j| U[(i, j)], |i| D[i]))
     }
+}
 
+impl<T: Real + Into<f64>, const N: usize, const M: usize> AciFactored<T, N, M> {
     /// Whether the mean is finite and every pivot can be one.
     ///
     /// # Errors
     /// [`StepError::Mean`], [`StepError::Variance`].
     pub fn checked(&self) -> Result<(), StepError> {
-        check_mean(N, |i| self.x(i))?;
+        check_mean(N, |i| self.x(i).into())?;
         check_covariance(N, |i, j| match (i == j, i) {
             (false, _) => 0.0,
-            (true, 0 | 1) => self.d[i],
-            (true, _) => self.D.0[i - 2],
+            (true, 0 | 1) => self.d[i].into(),
+            (true, _) => self.D.0[i - 2].into(),
         })
     }
 }

@@ -81,6 +81,9 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
     }
 
     /// State `i`.
+    ///
+    /// # Panics
+    /// If there is no state `i`.
     #[must_use]
     pub fn x(&self, i: usize) -> V::Number {
         match i {
@@ -92,6 +95,9 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
     }
 
     /// Covariance of states `i` and `j`.
+    ///
+    /// # Panics
+    /// If there is no state `i` or `j`.
     #[must_use]
     pub fn P(&self, i: usize, j: usize) -> V::Number {
         match (i.min(j), i.max(j)) {

@@ -41,7 +41,7 @@ pub trait Structured<const N: usize> {
     fn block(&self, belief: &Belief<N>) -> Self::Block;
 
     /// The belief of the blocks.
-    fn belief(&self, block: &Self::Block) -> Belief<N>;
+    fn belief_of(&self, block: &Self::Block) -> Belief<N>;
 
     /// One step of the output, in place.
     ///
@@ -56,7 +56,7 @@ pub trait Structured<const N: usize> {
     fn update(&self, block: &mut Self::Block, event: &Event) -> Result<Option<GatedReading>, StepError>;
 }
 
-/// The filter on its structured kernel.
+/// The filter on its structured kernel, if it has one: not with [`Carrier::Factored`], for which there is [`crate::OwnSensor`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InBlocks<S>(pub Filter<S>);
 
@@ -76,11 +76,14 @@ where
     fn initial(&self, prior: &Belief<N>) -> Result<Self::State, SetupError> {
         self.0.initial(prior)?;
         self.0.consider.refused()?;
+        if !self.0.has_kernel() {
+            return Err(SetupError::NoKernel);
+        }
         Ok(self.0.block(prior))
     }
 
     fn belief(&self, state: &Self::State) -> Belief<N> {
-        Structured::belief(&self.0, state)
+        self.0.belief_of(state)
     }
 
     fn event(outcome: &Self::Outcome) -> Event {
@@ -189,7 +192,7 @@ macro_rules! aci {
                 AciBlock::new(|i| belief.x[i], |i, j| belief.P[(i, j)])
             }
 
-            fn belief(&self, block: &Self::Block) -> Belief<$N> {
+            fn belief_of(&self, block: &Self::Block) -> Belief<$N> {
                 Belief {
                     x: nalgebra::SVector::from_fn(|i, _| block.x(i)),
                     P: nalgebra::SMatrix::from_fn(|i, j| block.P(i, j)),
@@ -223,7 +226,7 @@ macro_rules! cwpa {
                 CwpaBlock::new(|i| belief.x[i], |i, j| belief.P[(i, j)])
             }
 
-            fn belief(&self, block: &Self::Block) -> Belief<$N> {
+            fn belief_of(&self, block: &Self::Block) -> Belief<$N> {
                 Belief {
                     x: nalgebra::SVector::from_fn(|i, _| block.x(i)),
                     P: nalgebra::SMatrix::from_fn(|i, j| block.P(i, j)),

@@ -336,10 +336,14 @@ class Program:
     free: tuple[int, ...]
     """Parameters in the order of the program, by their place among those of the live filter: processes first."""
     first: dict[str, Any] = field(default_factory=dict)
+    again: dict[str, Any] = field(default_factory=dict)
+    """For the first sample behind a gap, which effects with memory reach over."""
     next: dict[str, Any] = field(default_factory=dict)
     reading: dict[str, Any] = field(default_factory=dict)
     correction: dict[str, Any] = field(default_factory=dict)
     """For the noise of the output in the gradient, at every sixteenth reading."""
+    gap: dict[str, Any] = field(default_factory=dict)
+    """For a sample that is missing: how random processes go on."""
     side: tuple[str, ...] = ()
     """Side channels, arguments of a step."""
     held: dict[str, float] = field(default_factory=dict)
@@ -388,9 +392,11 @@ def program(live: LiveModel, precision: Precision) -> Program:
     numbers = {name: float(x) for name, x in plan.first.items() if not isinstance(x, Symbol)}
     held = {name: x for name, x in numbers.items() if not isinstance(y := plan.next.get(name), Symbol) and x == y}
     if held:
-        plan = replace(plan, first={}, next={}, held=held)
+        plan = replace(plan, first={}, again={}, next={}, held=held)
         trace(plan)
     read(plan)
+    plan.again |= {name: x for name, x in plan.first.items() if name not in plan.again}
+    plan.gap = waited(plan)
     return plan
 
 
@@ -412,13 +418,13 @@ def untraced(effect: Effect) -> str | None:
 
 
 def trace(plan: Program) -> None:
-    """Both kinds of step, before the reading."""
+    """Every kind of step, before the reading."""
     graph, free, settings = plan.graph, plan.free, plan.live.settings
-    for first in (True, False):
+    for target in (plan.first, plan.again, plan.next):
+        first = target is not plan.next
         belief = Belief.of(lambda name: graph.leaf(f"@{name}"), len(free))
         theta = full(plan, belief)
-        columns, position_columns, slopes, ports = effects_of(plan, belief, theta, first)
-        target = plan.first if first else plan.next
+        columns, position_columns, slopes, ports = effects_of(plan, belief, theta, first, target is plan.first)
         if not first:
             step = push(plan, belief, theta, columns)
             belief.spread(settings["dt"], settings["q"] / settings["dt"])
@@ -447,9 +453,17 @@ def full(plan: Program, belief: Belief) -> list[Any]:
     return theta
 
 
-def effects_of(plan: Program, belief: Belief, theta: list[Any], first: bool) -> tuple[Any, Any, Any, dict[str, Any]]:
+def effects_of(
+    plan: Program, belief: Belief, theta: list[Any], first: bool, fresh: bool
+) -> tuple[Any, Any, Any, dict[str, Any]]:
     """Columns of the effects over a step, (3, m) and (m,), their slopes by the output, (m,), and the fields that they
-    are evaluated from."""
+    are evaluated from.
+
+    Parameters
+    ----------
+    first : no output is before this one.
+    fresh : nothing is remembered.
+    """
     live, leaf = plan.live, plan.graph.leaf
     m = live._columns.shape[1]
     traced = object.__new__(LiveModel)
@@ -469,6 +483,7 @@ def effects_of(plan: Program, belief: Belief, theta: list[Any], first: bool) -> 
     traced._columns = symbols(x for row in rows for x in row).reshape(3, m)
     if not first:
         signals.outputs = (leaf("u2"), leaf("u1"), leaf("@u[0]"))  # type: ignore[assignment]
+    if not fresh:
         signals.reached = symbols([leaf("@reached[0]"), leaf("@reached[1]")]).reshape(2, 1)
         signals.way = symbols([leaf("@way[0]"), leaf("@way[1]")])
         count = iter(range(sum(plan.memories)))
@@ -544,6 +559,22 @@ def push(plan: Program, belief: Belief, theta: list[Any], columns: Any) -> Push:
     return step
 
 
+def waited(plan: Program) -> dict[str, Any]:
+    """Fields of the random processes over a sample that is missing, in which the motion is forgotten."""
+    moving, h = [rate_and_density_of(plan.live)[j] for j in plan.free], plan.live.settings["dt"]
+    if all(process == (0.0, 0.0) for process in moving):
+        return {}
+    m = len(moving)
+    belief = Belief.of(lambda name: plan.graph.leaf(f"@{name}"), m)
+    belief.upv, belief.up, belief.uv = 0.0, [0.0] * m, [0.0] * m
+    belief.decay([float(np.exp(-rate * h)) for rate, _ in moving])
+    for j, (rate, density) in enumerate(moving):
+        grown = density * (-math.expm1(-2.0 * rate * h) / (2.0 * rate) if rate > 0.0 else h)
+        if grown > 0.0:
+            belief.add_outer(grown, 0.0, 0.0, [0.0] * j + [1.0])
+    return {f"@{name}": x for name, x in belief.fields().items() if name.partition("[")[0] in ("theta", "U", "D")}
+
+
 def read(plan: Program) -> None:
     """Take in a reading."""
     belief = Belief.of(lambda name: plan.graph.leaf(f"@{name}#"), len(plan.free))
@@ -602,8 +633,8 @@ def reachable(values: Iterable[Any]) -> list[Symbol]:
 
 
 def pruned(plan: Program) -> list[dict[str, Any]]:
-    """The three stages without what nothing reads."""
-    stages = [plan.first, plan.next, plan.reading, plan.correction]
+    """All stages without what nothing reads."""
+    stages = [plan.first, plan.next, plan.reading, plan.correction, plan.again, plan.gap]
 
     def wanted(read: set[str]) -> list[dict[str, Any]]:
         return [
@@ -876,7 +907,7 @@ class Text:
     def bytes(self) -> int:
         """Of the filter's state."""
         size = 4 if self.plan.format is FORMATS["f32"] else 8
-        return 8 + 8 * bool(self.plan.suspects) + size * sum(max(1, count) for count in self.sizes.values())
+        return 16 + 8 * bool(self.plan.suspects) + size * sum(max(1, count) for count in self.sizes.values())
 
     @property
     def operations(self) -> tuple[int, int]:
@@ -909,12 +940,14 @@ class Text:
     def time(self) -> str:
         """Time from the model's origin, in double precision."""
         dt, origin = self.plan.live.settings["dt"], self.plan.live._signals.origins.t
-        count = "(double)f->n" if self.writer.language == "c" else "f64::from(self.n)"
-        return f"{dt!r} * {count} - {origin!r}"
+        count = "(double){}" if self.writer.language == "c" else "f64::from({})"
+        counts = (count.format(self.writer.place(f"@{name}")) for name in ("n", "earlier", "missing"))
+        return f"{dt!r} * ({' + '.join(counts)}) - {origin!r}"
 
     def uses(self, name: str) -> bool:
         """Whether a step uses a variable."""
-        return any(re.search(rf"\b{name}\b", line) for stage in self.stages[:2] for line in stage)
+        stages = [*self.stages[:2], self.stages[4]]
+        return any(re.search(rf"\b{name}\b", line) for stage in stages for line in stage)
 
 
 def comment(text: Text) -> list[str]:
@@ -939,8 +972,9 @@ def comment(text: Text) -> list[str]:
         f"A step takes the output (m/s^2{f', by the declared scale {raw}' * (sensor.scale is not None)}), the position "
         "(m; NaN or infinite where it was not read)"
         + "".join(f", {name} ({'degC' if name == 'temperature' else 'SI'})" for name in plan.side)
-        + ". Steps are one sample apart, without a gap. An argument that is not finite, but for the position, is "
-        "refused, and nothing is changed.",
+        + ". Steps are one sample apart. An argument that is not finite, but for the position, is refused, and nothing "
+        "is changed, not the time either: for a lost output pass the one before it. Behind a gap of more than 8 samples"
+        " call resume, which begins the motion anew and keeps the parameters.",
         "States: p, v (along the input axis), then parameters: "
         + "; ".join(
             f"{i} {name} ({ascii_unit(estimates[name].unit) or '1'}), prior {estimates[name].value:.6g} with standard "
@@ -962,22 +996,78 @@ def comment(text: Text) -> list[str]:
     return [line for part in paragraphs for line in ["", *textwrap.wrap(plain(part), WIDTH)]][1:]
 
 
-def assigned(text: Text) -> list[str]:
-    """Fields at the beginning, but for the position, as language-neutral assignments."""
-    writer, prior = text.writer, text.prior
+LASTING = ("theta", "U", "D", "memory", "reached", "way", "suspects", "sums", "lost")
+"""Fields that a gap leaves as they are, of suspects but for their part in the motion."""
+
+
+def assigned(text: Text, lasting: bool) -> list[str]:
+    """Fields of C at the beginning that a gap leaves as they are, or the others, but for the position."""
     rows = []
     for name, count in text.sizes.items():
-        values = prior.get(name, [0.0] * max(1, count))
-        for j, x in enumerate(values) if name != "p" else ():
-            rows.append(f"{writer.place(f'@{name}[{j}]' if count else f'@{name}')} = {writer.literal(x)};")
+        values = text.prior.get(name, [0.0] * max(1, count))
+        for j, x in enumerate(values) if name != "p" and (name in LASTING) == lasting else ():
+            rows.append(f"    f->{name}{f'[{j}]' if count else ''} = {text.writer.literal(x)};")
     return rows
+
+
+def c_resume(text: Text) -> str:
+    """Definition of what goes on behind a gap."""
+    name, gap = text.writer.name, [f"        {line}" for line in text.stages[5]]
+    wait = [
+        "    uint32_t left = missed;",
+        "    do { /* up to the sample behind the gap */",
+        *gap,
+        "    } while (left-- > 0u);",
+    ]
+    return f"""\
+void {name}_resume({name}_filter *f, {text.writer.type()} position, uint32_t missed)
+{{
+{chr(10).join(wait) if gap else ""}
+    f->earlier = f->earlier + f->n;
+    f->missing = f->missing + (f->earlier > 0u ? missed : 0u);
+{chr(10).join(watching.interrupted(text)) if text.plan.suspects else ""}
+    {name}_begin(f, position);
+}}
+"""
+
+
+def rust_resume(text: Text) -> str:
+    """Method that goes on behind a gap."""
+    gap = "\n".join(f"            {line}" for line in text.stages[5])
+    wait = (
+        f"        for _ in 0..=missed {{\n            // up to the sample behind the gap\n{gap}\n        }}\n"
+        if gap
+        else ""
+    )
+    kept = [name for name in text.sizes if name in LASTING]
+    kept += ["begun", "starts"] if text.plan.suspects else []
+    fields = "\n".join(f"            {name}: self.{name}," for name in kept)
+    interrupted = "\n".join(f"    {line}" for line in watching.interrupted(text)) if text.plan.suspects else ""
+    return f"""\
+    /// Behind a gap of so many missing samples: the motion begins anew at a position (m), the next reading will do.
+    pub fn resume(&mut self, position: {text.writer.type()}, missed: u32) {{
+{wait}        self.earlier = self.earlier.wrapping_add(self.n);
+        self.missing = self.missing.wrapping_add(if self.earlier > 0 {{ missed }} else {{ 0 }});
+{interrupted}
+        *self = Self {{
+            earlier: self.earlier,
+            missing: self.missing,
+{fields}
+            ..Self::new(position)
+        }};
+    }}
+"""
 
 
 def step(text: Text) -> list[str]:
     """Body of the step behind its checks."""
     c = text.writer.language == "c"
     kind, me, sign = text.writer.type(), "f->" if c else "self.", "" if text.plan.live.rig.polarity > 0 else "-"
-    first, following, reading, correction = ([f"        {line}" for line in stage] for stage in text.stages)
+    first, following, reading, correction, again, _ = ([f"        {line}" for line in stage] for stage in text.stages)
+    if again != first:
+        fresh = "(f->earlier == 0u)" if c else "self.earlier == 0"
+        first, again = (["    " + line for line in stage] for stage in (first, again))
+        first = [f"        if {fresh} {{", *first, "        } else {", *again, "        }"]
     before = [f"    const {kind} u = output;" if c else "    let u = output;"]
     if text.uses("t"):
         before.append(f"    const double t = {text.time};" if c else f"    let t = {text.time};")
@@ -1061,8 +1151,10 @@ enum {{
 }};
 
 typedef struct {{
-    uint32_t n; /* samples so far */
+    uint32_t n; /* samples since the beginning or the last gap */
     uint32_t readings; /* since the last correction */
+    uint32_t earlier; /* samples before the last gap */
+    uint32_t missing; /* in all gaps */
 {counters}{fields}
 }} {name}_filter;
 
@@ -1070,6 +1162,8 @@ typedef struct {{
 void {name}_init({name}_filter *f, {kind} position);
 /* One sample on; 0, or 1 where an argument is not finite and nothing was changed. */
 int {name}_step({name}_filter *f, {parameter_list(text)});
+/* Behind a gap of so many missing samples: the motion begins anew at a position (m), the next reading will do. */
+void {name}_resume({name}_filter *f, {kind} position, uint32_t missed);
 /* Position of the stage, m. */
 {kind} {name}_position(const {name}_filter *f);
 /* Its velocity, m/s. */
@@ -1091,7 +1185,6 @@ def c_source(text: Text) -> str:
     name, kind, m = text.writer.name, text.writer.type(), len(text.plan.free)
     tau, sign = text.plan.live.settings["tau"], "" if text.plan.live.rig.polarity > 0 else "-"
     lag = f" + {text.writer.literal(tau)} * f->v" if tau else ""
-    start = "\n".join(f"    {line}" for line in assigned(text))
     sides = [f"side_{identifier(x)}" for x in text.plan.side]
     counters = "    f->begun = 0u;\n    f->starts = 0u;\n" if text.plan.suspects else ""
     zero = text.writer.literal(0.0)
@@ -1109,12 +1202,21 @@ def c_source(text: Text) -> str:
 
 {chr(10).join(text.helpers)}
 {watching.c_functions(text) if text.plan.suspects else ""}
-void {name}_init({name}_filter *f, {kind} position)
+/* The motion, at rest at a position. */
+static void {name}_begin({name}_filter *f, {kind} position)
 {{
     f->n = 0u;
     f->readings = 0u;
-{counters}    f->p = {sign}position;
-{start}
+    f->p = {sign}position;
+{chr(10).join(assigned(text, lasting=False))}
+}}
+
+void {name}_init({name}_filter *f, {kind} position)
+{{
+    f->earlier = 0u;
+    f->missing = 0u;
+{counters}{chr(10).join(assigned(text, lasting=True))}
+    {name}_begin(f, position);
 }}
 
 int {name}_step({name}_filter *f, {parameter_list(text)})
@@ -1126,6 +1228,7 @@ int {name}_step({name}_filter *f, {parameter_list(text)})
     return 0;
 }}
 
+{c_resume(text)}
 {kind} {name}_position(const {name}_filter *f)
 {{
     return {f"-(f->p{lag})" if sign and lag else f"{sign}f->p{lag}"};
@@ -1182,11 +1285,43 @@ def rust_queries(text: Text) -> str:
     pub fn variance(&self, parameter: usize) -> {kind} {{
         let mut sum = 0.0;
         for (j, d) in self.D.iter().enumerate().skip(parameter) {{
-            let u = if j == parameter {{ 1.0 }} else {{ self.U[j * (j - 1) / 2 + parameter] }};
+            // `get`, so that the compiler sees that no index can panic
+            let u = if j == parameter {{ 1.0 }} else {{ self.U.get(j * (j - 1) / 2 + parameter).map_or(0.0, |u| *u) }};
             sum = sum + u * u * *d;
         }}
         sum
     }}
+"""
+
+
+def rust_state(text: Text) -> str:
+    """The type of a filter."""
+    kind = text.writer.type()
+    fields = "\n".join(
+        f"    /// {said[0].upper()}{said[1:]}.\n    pub {name}: {f'[{kind}; {count}]' if count else kind},"
+        for name, count in text.sizes.items()
+        for said in [FIELDS[name]]
+    )
+    counters = (
+        "    /// Samples before the newest start of the watch.\n    pub begun: u32,\n"
+        "    /// Which one that is.\n    pub starts: u32,\n"
+    )
+    counters = counters if text.plan.suspects else ""
+    return f"""\
+/// Mean and factors of the covariance, and what a step needs of earlier ones.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(C)]
+pub struct Filter {{
+    /// Samples since the beginning or the last gap.
+    pub n: u32,
+    /// Readings since the last correction.
+    pub readings: u32,
+    /// Samples before the last gap.
+    pub earlier: u32,
+    /// Samples missing in all gaps.
+    pub missing: u32,
+{counters}{fields}
+}}
 """
 
 
@@ -1195,17 +1330,7 @@ def rust_module(text: Text) -> str:
     kind, m = text.writer.type(), len(text.plan.free)
     sign = "" if text.plan.live.rig.polarity > 0 else "-"
     about = "\n".join(f"//! {line}".rstrip() for line in comment(text))
-    fields = "\n".join(
-        f"    /// {FIELDS[name].capitalize()}.\n    pub {name}: {f'[{kind}; {count}]' if count else kind},"
-        for name, count in text.sizes.items()
-    )
-    counters = ("", "")
-    if text.plan.suspects:
-        counters = (
-            "    /// Samples before the newest start of the watch.\n    pub begun: u32,\n"
-            "    /// Which one that is.\n    pub starts: u32,\n",
-            "            begun: 0,\n            starts: 0,\n",
-        )
+    counters = "            begun: 0,\n            starts: 0,\n" if text.plan.suspects else ""
     prior = text.prior
     start = "\n".join(
         f"            {name}: {rust_value(text, prior.get(name, [0.0] * max(1, count)), count)},"
@@ -1234,17 +1359,15 @@ pub const PARAMETERS: usize = {m};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Refused;
 
-/// Mean and factors of the covariance, and what a step needs of earlier ones.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[repr(C)]
-pub struct Filter {{
-    /// Samples so far.
-    pub n: u32,
-    /// Readings since the last correction.
-    pub readings: u32,
-{counters[0]}{fields}
+impl core::fmt::Display for Refused {{
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {{
+        f.write_str("an argument is not finite; nothing was changed")
+    }}
 }}
 
+impl core::error::Error for Refused {{}}
+
+{rust_state(text)}
 {chr(10).join(text.helpers)}
 {watching.rust_places(text) if text.plan.suspects else ""}
 impl Filter {{
@@ -1254,12 +1377,17 @@ impl Filter {{
         Self {{
             n: 0,
             readings: 0,
-{counters[1]}            p: {sign}position,
+            earlier: 0,
+            missing: 0,
+{counters}            p: {sign}position,
 {start}
         }}
     }}
 
     /// One sample on.
+    ///
+    /// # Errors
+    /// [`Refused`].
     pub fn step(&mut self, {parameter_list(text)}) -> Result<(), Refused> {{
         if !({finite}) {{
             return Err(Refused);
@@ -1268,6 +1396,7 @@ impl Filter {{
         Ok(())
     }}
 
+{rust_resume(text)}
 {rust_queries(text)}{watching.rust_methods(text) if text.plan.suspects else ""}}}
 """
 

@@ -245,7 +245,8 @@ enum {{
 }};
 
 /* What the innovations say for a suspect: natural logarithm of its e-value, coefficient and its standard deviation
- * (SI), and how long ago the likelier start is (s). Once in a while, not at each sample. 1 without such a suspect. */
+ * (SI), and how long ago the likelier start is (s, without gaps). Once in a while, not at each sample. 1 without such a
+ * suspect. */
 int {name}_watch(const {name}_filter *f, unsigned suspect, {kind} *log_e, {kind} *size, {kind} *std, {kind} *since);
 /* Place of the likeliest suspect where chance does not explain it, else -1. */
 int {name}_named(const {name}_filter *f);
@@ -287,7 +288,7 @@ static void {name}_restart({name}_filter *f)
 {f"            f->lost[i] = {zero};" if lost[0] else ""}
         }}
     }}
-    f->begun = f->n;
+    f->begun = f->earlier + f->n;
     f->starts = f->starts + 1u;
 }}
 
@@ -307,7 +308,7 @@ int {name}_watch(const {name}_filter *f, unsigned suspect, {kind} *log_e, {kind}
     *log_e = y[0];
     *size = y[1] * typical[suspect];
     *std = y[2] * typical[suspect];
-    *since = ({kind})(y[3] > {zero} ? f->n - f->begun : f->n) * {writer.literal(start["dt"])};
+    *since = ({kind})(f->earlier + f->n - (y[3] > {zero} ? f->begun : 0u)) * {writer.literal(start["dt"])};
     return 0;
 }}
 
@@ -333,13 +334,35 @@ def due(text: Text) -> list[str]:
     spacing = max(1, text.plan.live.settings["watch"][1])
     if text.writer.language == "c":
         return [
-            f"    if (f->n % {spacing}u == 0u && f->n - f->begun >= f->n / {EIGHTH}u && f->starts < {STARTS}u) {{",
-            f"        {text.writer.name}_restart(f);",
+            "    {",
+            "        const uint32_t age = f->earlier + f->n;",
+            f"        if (age % {spacing}u == 0u && age - f->begun >= age / {EIGHTH}u && f->starts < {STARTS}u) {{",
+            f"            {text.writer.name}_restart(f);",
+            "        }",
             "    }",
         ]
     return [
-        f"    if self.n % {spacing} == 0 && self.n - self.begun >= self.n / {EIGHTH} && self.starts < {STARTS} {{",
+        "    let age = self.earlier.wrapping_add(self.n);",
+        f"    if age % {spacing} == 0 && age.wrapping_sub(self.begun) >= age / {EIGHTH} && self.starts < {STARTS} {{",
         "        self.restart();",
+        "    }",
+    ]
+
+
+def interrupted(text: Text) -> list[str]:
+    """Statements behind a gap: the suspects have no part in a motion that begins anew."""
+    rows, width, zero = 2 * len(text.plan.suspects), 2 + len(text.plan.free) + STATES, text.writer.literal(0.0)
+    if text.writer.language == "rust":
+        return [
+            f"    for row in self.suspects.chunks_exact_mut({width}) {{",
+            "        row[..2].fill(0.0);",
+            f"        row[{width - STATES}..].fill(0.0);",
+            "    }",
+        ]
+    places = [*range(2), *range(width - STATES, width)]
+    return [
+        f"    for (unsigned i = 0u; i < {rows * width}u; i += {width}u) {{",
+        *(f"        f->suspects[i + {place}u] = {zero};" for place in places),
         "    }",
     ]
 
@@ -364,7 +387,7 @@ pub struct Evidence {{
     pub size: {kind},
     /// Its standard deviation, SI.
     pub std: {kind},
-    /// How long ago the likelier start is, s.
+    /// How long ago the likelier start is, s, without gaps.
     pub since: {kind},
 }}
 
@@ -404,7 +427,7 @@ def rust_methods(text: Text) -> str:
             self.suspects[{width} * j..{width} * (j + 1)].fill(0.0);
             self.sums[2 * j..2 * j + 2].fill(0.0);{cleared}
         }}
-        self.begun = self.n;
+        self.begun = self.earlier.wrapping_add(self.n);
         self.starts += 1;
     }}
 
@@ -418,7 +441,8 @@ def rust_methods(text: Text) -> str:
             lately[0] = {writer.literal(-1e30)};
         }}
         let [log_e, size, std, later] = evidence(self.posterior(2 * suspect), lately);
-        let steps = if later > 0.0 {{ self.n - self.begun }} else {{ self.n }};
+        let age = self.earlier.wrapping_add(self.n);
+        let steps = if later > 0.0 {{ age.wrapping_sub(self.begun) }} else {{ age }};
         let since = steps as {kind} * {writer.literal(text.plan.live.settings["dt"])};
         Some(Evidence {{ log_e, size: size * typical, std: std * typical, since }})
     }}
