@@ -245,3 +245,17 @@ def test_an_output_in_volts_is_read_by_the_scale_of_its_data_sheet(tmp_path: Pat
     ):
         with pytest.raises(RecordingError, match=said):
             ac.Recording.from_arrays(t, moved, moved, units={"accel": "m/s^2", "position": "m", name: "count"})
+
+
+@pytest.mark.parametrize(
+    ("accel", "advice"),
+    [
+        (np.ones((5, 1)), r"A column of it is \[:, 0\]"),
+        (map(float, range(5)), r"list\(...\) takes what a generator gives"),
+        (np.array(["0,1"] * 5), "pandas makes numbers of text"),
+    ],
+    ids=["column", "generator", "text"],
+)
+def test_an_array_of_another_shape_or_kind_is_told_what_makes_it_one(accel, advice):
+    with pytest.raises(RecordingError, match=advice):
+        ac.Recording.from_arrays(t=np.arange(5), accel=accel, position=np.arange(5), units={"accel": "g"})

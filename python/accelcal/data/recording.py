@@ -142,7 +142,12 @@ class Channel:
         return f"Channel({self.name}: {len(self)} samples{span}, {self.unit})"
 
 
-IF_TEXT = '. pandas makes numbers of text: pandas.read_csv(..., decimal=","), pandas.to_numeric, pandas.to_datetime'
+HINTS = {
+    0: ". list(...) takes what a generator gives",
+    1: '. pandas makes numbers of text: pandas.read_csv(..., decimal=","), pandas.to_numeric, pandas.to_datetime',
+    2: ". A column of it is [:, 0]",
+}
+"""What makes an array usable, by its dimensions."""
 
 
 def series(name: str, key: str, values: ArrayLike) -> Array:
@@ -158,9 +163,10 @@ def series(name: str, key: str, values: ArrayLike) -> Array:
         with suppress(TypeError, ValueError):
             numbers = numbers.astype(np.float64)
     if numbers.ndim != 1 or numbers.dtype.kind not in "fiu":
+        hint = HINTS.get(numbers.ndim, "") if numbers.ndim == 2 or numbers.dtype.kind in "OUST" else ""
         raise RecordingError(
             f"{name}: {key} is an array of {numbers.dtype} of shape {numbers.shape}; expected real numbers in one "
-            f"dimension{IF_TEXT * (numbers.dtype.kind in 'OUST')}"
+            f"dimension{hint}"
         )
     return numbers.astype(np.float64, copy=False)
 
