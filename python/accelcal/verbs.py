@@ -21,7 +21,7 @@ from accelcal.data import DERIVED, Dwells, Positions, Recording, RecordingError
 from accelcal.data.recording import with_dwells
 from accelcal.diagnosis.checks import disturbance, slow_residual, stretches_of
 from accelcal.diagnosis.clean_fit import CleanFit, RejectedReadings, clean_fit, run_outlier_tests
-from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
+from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells, entered
 from accelcal.diagnosis.evidence import Evidence, largest_wave
 from accelcal.diagnosis.faults import Examined, TimeSpan, examine
 from accelcal.diagnosis.findings import Confounded, chosen, entry_sigmas, in_model
@@ -88,7 +88,8 @@ def runs_of(recordings: Recording | Dwells | Sequence[Recording | Dwells | Posit
     several = with_dwells(recordings)
     if isinstance(several, Dwells):
         raise RecordingError(
-            f"{several.name or 'dwells'}: dwells alone show no motion; only fit and diagnose take them"
+            f"{several.name or 'dwells'}: dwells alone show no motion; only fit, diagnose, add, drop and freeze take "
+            "them"
         )
     return several
 
@@ -470,7 +471,10 @@ def add(
     >>> abs(better["cubic"].value - 1e-3) < 4 * better["cubic"].std
     True
     """
-    runs, broken = used_runs([examine(source) for source in runs_of(recordings)], fit)
+    if isinstance(at_rest := with_dwells(recordings), Dwells):
+        grown = estimate_dwells(entered(fit.model, names), at_rest, fit.origins)
+        return remembered(replace(grown, remarks=(*grown.remarks, *barely_shown(grown, names))), recordings)
+    runs, broken = used_runs([examine(source) for source in at_rest], fit)
     several = [run.recording for run in runs]
     for recording in several:  # their channels are effects by name
         side_channels([(name, channel.unit) for name, channel in recording.side.items() if name not in DERIVED])
@@ -659,7 +663,9 @@ def drop(
     >>> ac.drop(cubic, made.recording, "cubic").model.added
     ()
     """
-    runs, broken = used_runs([examine(recording) for recording in runs_of(recordings)], fit)
+    if isinstance(at_rest := with_dwells(recordings), Dwells):
+        return remembered(estimate_dwells(fit.model.drop(*names), at_rest, fit.origins), recordings)
+    runs, broken = used_runs([examine(recording) for recording in at_rest], fit)
     model = model_in_motion(fit).drop(*names)
     origins, engine = fit.origins, fit.engine
     left, _ = fitted(model, runs, within(progress, 0.0, 0.9), origins=origins, engine=engine)
