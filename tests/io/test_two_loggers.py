@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import accelcal
 from accelcal import io
+from accelcal.cli import app
 from accelcal.data.clocks import align
 from accelcal.data.recording import Channel, RecordingError
 from accelcal.model import Model
@@ -72,6 +74,27 @@ def test_the_fit_takes_the_rest(tmp_path):
     begin = recording.position.t[0]
     assert abs(shift - late.value - true_shift(begin)) < 4.0 * late.std
     assert abs(late.value) < recording.rig.offset_tolerance
+
+
+def test_what_the_sidecar_of_the_encoder_declares_reaches_the_budget(tmp_path):
+    accel, position = files(tmp_path, *Motion(3).channels())
+    accel.with_suffix(".toml").write_text(
+        '[sensor]\nmodel = "X"\n[rig]\nmount = "normal"\n[uncertainty]\nmisalignment = "0.1 deg"\n'
+    )
+    position.with_suffix(".toml").write_text(
+        '[sensor]\nserial = "7"\n[rig]\naxis = "up"\n[clock]\ntrusted = "position"\n'
+        '[uncertainty]\nlevel = "0.2 deg"\nmisalignment = "9 deg"\n'
+        '[channels]\nposition = { column = "position_um", unit = "um", u_scale = 1e-5 }\n'
+    )
+    recording = accelcal.load(accel, position=position)
+    done = CliRunner().invoke(app, ["cut", f"{accel}", "--position", f"{position}", "-o", f"{tmp_path / 'both.csv'}"])
+    assert done.exit_code == 0, done.output
+    for rig in (recording.rig, accelcal.load(tmp_path / "both.csv").rig):
+        assert (rig.sensor.model, rig.sensor.serial, rig.axis, rig.trusted_clock) == ("X", "7", "up", "position")
+        assert rig.uncertainty.encoder_scale == 1e-5
+        assert np.degrees([rig.uncertainty.level, rig.uncertainty.misalignment]) == pytest.approx([0.2, 0.1])
+        assert not any(text.startswith(("axis", "mount")) for text in rig.assumptions)
+        assert any(text.startswith("encoder resolution") for text in rig.assumptions)
 
 
 def test_a_motion_that_repeats_is_called_ambiguous():
