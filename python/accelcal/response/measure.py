@@ -11,7 +11,15 @@ import numpy as np
 
 from accelcal._support.result import Storable
 from accelcal._support.values import immutable
-from accelcal.data import POSITION_ORDER, ChannelFilter, Recording, RecordingError, require_reference, usual_step
+from accelcal.data import (
+    POSITION_ORDER,
+    ChannelFilter,
+    Recording,
+    RecordingError,
+    high_passes,
+    require_reference,
+    usual_step,
+)
 from accelcal.diagnosis.left_out import without_wrong_readings
 from accelcal.estimation.estimate import estimate
 from accelcal.estimation.gauss_newton import NotIdentifiable
@@ -179,7 +187,7 @@ def frequency_response(
             f"{recording.name}: output and reference have no frequency in common that stands out of their noise; "
             "check that both saw the same motion, or move more"
         )
-    return _concluded(recording, harmonics, points, check)
+    return _concluded(recording, used, harmonics, points, check)
 
 
 def stepped_response(recording: Recording, *, check: bool = True) -> FrequencyResponse | None:
@@ -195,19 +203,33 @@ def stepped_response(recording: Recording, *, check: bool = True) -> FrequencyRe
     harmonics = _sine(recording, used, "auto", None)
     if len(_distinct([h.point.frequency for h in harmonics])) < FREQUENCIES:
         return None
-    return _concluded(recording, harmonics, [], check)
+    return _concluded(recording, used, harmonics, [], check)
 
 
 def _concluded(
-    recording: Recording, harmonics: Sequence[Harmonics], broadband: Sequence[Point], check: bool
+    recording: Recording,
+    reference: Reference,
+    harmonics: Sequence[Harmonics],
+    broadband: Sequence[Point],
+    check: bool,
 ) -> FrequencyResponse:
     """Points by frequency with all that follows from them."""
-    points = sorted((*(h.point for h in harmonics), *broadband), key=lambda p: (p.frequency, p.start))
-    model = fit_response(points)
-    terms = linearity(harmonics, model.best.response) if model is not None and harmonics else ()
+    measured = sorted((*(h.point for h in harmonics), *broadband), key=lambda p: (p.frequency, p.start))
+    points = [replace(p, reference_std=declared_std(recording, reference)) for p in measured]
+    model = fit_response(points, recording.rig.output_filters, 1.0 / usual_step(recording.accel.t))
+    terms: tuple[Term, ...] = ()
+    if model is not None and harmonics:
+        gain, sized = model.best.response, float(model.best.theta[0])
+        terms = linearity(harmonics, gain, sized, coupled=not high_passes(recording.rig.output_filters))
     return FrequencyResponse(
         recording.name, tuple(points), model, terms, cross_check(recording, points) if check else None
     )
+
+
+def declared_std(recording: Recording, reference: Reference) -> float:
+    """Relative standard uncertainty of the reference's acceleration by its declared scale and clock; 0 without."""
+    uncertainty = recording.rig.uncertainty
+    return math.hypot(uncertainty.encoder_scale or 0.0, reference.order * (uncertainty.clock_rate or 0.0))
 
 
 def _distinct(frequencies: Sequence[float]) -> list[float]:
