@@ -111,6 +111,14 @@ def test_what_is_wrong_in_a_sidecar_is_reported(table, text, message):
         ac.load_dwells(table)
 
 
+def test_a_table_with_a_header_of_its_own_is_told_what_it_needs(table):
+    table.write_text(TABLE.replace("attitude_deg,mean", "Winkel,U"))
+    said = run("fit", table).stderr
+    assert said.count("attitude_deg,mean,std,duration_s") == 1
+    table.with_suffix(".toml").write_text("[channels]\naccel = { column = 'U', unit = 'm/s^2' }\n")
+    assert "attitude_deg" not in run("fit", table).stderr
+
+
 def test_groups_differ_in_every_digit(table):
     table.write_text(TABLE.replace("6000,2", "6000,20261104").replace("6000,1\n", "6000,20261103\n"))
     assert ac.load_dwells(table).group == ("20261103", "20261103", "20261104", "20261104")
