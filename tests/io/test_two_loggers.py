@@ -1,5 +1,7 @@
 """Two files of two loggers: aligned by the motion that both recorded, or refused; the rest is left to the fit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -77,7 +79,8 @@ def test_the_fit_takes_the_rest(tmp_path):
 
 
 def test_what_the_sidecar_of_the_encoder_declares_reaches_the_budget(tmp_path):
-    accel, position = files(tmp_path, *Motion(3).channels())
+    output, motion = Motion(3).channels()
+    accel, position = files(tmp_path, replace(output, y=output.y + 9.80665), motion)
     accel.with_suffix(".toml").write_text(
         '[sensor]\nmodel = "X"\n[rig]\nmount = "normal"\n[uncertainty]\nmisalignment = "0.1 deg"\n'
     )
@@ -87,6 +90,10 @@ def test_what_the_sidecar_of_the_encoder_declares_reaches_the_budget(tmp_path):
         '[channels]\nposition = { column = "position_um", unit = "um", u_scale = 1e-5 }\n'
     )
     recording = accelcal.load(accel, position=position)
+    checked = CliRunner().invoke(app, ["check", f"{accel}", "--position", f"{position}"])
+    assert checked.exit_code == 0, checked.output
+    assert "two clocks: the stamps of the output are shifted" in checked.stdout
+    assert f"next: accelcal fit {accel} --position {position} -o accel.json" in checked.stderr
     done = CliRunner().invoke(app, ["cut", f"{accel}", "--position", f"{position}", "-o", f"{tmp_path / 'both.csv'}"])
     assert done.exit_code == 0, done.output
     for rig in (recording.rig, accelcal.load(tmp_path / "both.csv").rig):

@@ -756,7 +756,7 @@ def summarise(recording: Recording) -> str:
 
 
 def rest(recording: Recording) -> list[tuple[float, float]]:
-    """Find the intervals at rest, judged by the encoder, and by the output: what shakes at a high frequency hardly moves.
+    """Find the intervals at rest, judged by the encoder, and by the output: what shakes fast hardly moves.
 
     Returns
     -------
