@@ -114,6 +114,20 @@ def test_a_longer_record_is_averaged_to_the_grid_of_the_slower():
     assert abs(found.shift - true_shift(found.middle)) < 4.0 * found.std
 
 
+def test_a_larger_move_the_other_way_is_no_other_sign():
+    rng, rate = np.random.default_rng(4), 1000.0
+    t = np.arange(0.0, 60.0, 1.0 / rate)
+    a = np.zeros(len(t))
+    for k, (size, length) in enumerate(zip([4, -12, 9, -7, 11, -5], [0.5, 0.45, 0.6, 0.4, 0.55, 0.7], strict=True)):
+        inside = (t >= 3.0 + 8.0 * k) & (t < 3.0 + 8.0 * k + length)
+        a += inside * size * np.sin(2.0 * np.pi * (t - 3.0 - 8.0 * k) / length)
+    x = np.cumsum(np.cumsum(a)) / rate**2
+    output = Channel("accel", t + 37.2, a + 0.01 * rng.standard_normal(len(t)), "m/s^2")
+    part = slice(2000, 5000)  # the encoder was stopped behind the first, smallest move
+    alignment = align(output, Channel("position", t[part], np.round(x[part] / 1e-7) * 1e-7, "m"))
+    assert alignment.is_ambiguous or abs(alignment.shift + 37.2) < 0.01
+
+
 def test_what_is_not_one_motion_is_refused(tmp_path):
     accel, position = Motion(6).channels()[0], Motion(7).channels()[1]
     with pytest.raises(RecordingError, match="at no shift of the clocks"):
