@@ -18,6 +18,7 @@ from accelcal.calibration.export import Laboratory
 from accelcal.data import ChannelFilter
 from accelcal.data.recording import Channel, Recording, RecordingError, integrated
 from accelcal.data.rig import Uncertainty
+from accelcal.plots.response import response_note
 from accelcal.response import Point, Reference, fit_response, frequency_response, stepped_response
 from accelcal.response.export import draft_response, lines
 from accelcal.response.sine import find_steps
@@ -167,7 +168,8 @@ def test_a_declared_high_pass_and_the_reference_are_in_the_answer():
         assert point.expanded == pytest.approx(2.0 * math.hypot(point.std, 2e-3 * point.magnitude), rel=0.05)
         assert point.expanded_phase < 1e-3
     assert "rectification" not in {term.source for term in answer.terms}
-    assert any("0.2 %" in line and "type B" in line for line in lines(answer))
+    for said in ("\n".join(lines(answer)), response_note(answer)):
+        assert "0.2 %, on magnitudes (type B)" in said
 
 
 @pytest.mark.parametrize("shape", [lambda u: 0.5 - 0.5 * np.cos(np.pi * u), lambda u: u], ids=["cosine", "line"])

@@ -22,9 +22,9 @@ from accelcal.plots.response import (
     FIT_HEAD,
     LINEARITY_HEAD,
     RESPONSE_HEAD,
-    RESPONSE_NOTE,
     fit_rows,
     linearity_rows,
+    response_note,
     response_rows,
     response_sentences,
 )
@@ -477,7 +477,7 @@ def response(content: Content) -> dict[str, Any] | None:
         "sentences": response_sentences(answer),
         "head": RESPONSE_HEAD,
         "rows": response_rows(answer),
-        "note": RESPONSE_NOTE,
+        "note": response_note(answer),
         "fits": {"head": FIT_HEAD, "rows": fit_rows(answer)},
         "linearity": {"head": LINEARITY_HEAD, "rows": linearity_rows(answer)},
     }

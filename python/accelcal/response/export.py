@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Sequence
 from typing import Any
 
 from accelcal.calibration.export.certificate import (
@@ -19,7 +18,7 @@ from accelcal.calibration.export.certificate import (
 )
 from accelcal.data import Sensor
 from accelcal.response.linearity import Term
-from accelcal.response.measure import FrequencyResponse
+from accelcal.response.measure import TYPE_A, FrequencyResponse
 from accelcal.response.parametric import Parameter
 from accelcal.response.sine import Point
 
@@ -27,21 +26,6 @@ METHOD = (
     "Output and reference are fitted by least squares to sines over the steady part of each step (sine "
     "approximation of ISO 16063-11 and -41), or compared segment by segment for other motions."
 )
-TYPE_A = (
-    "Expanded uncertainties are of type A, from the noise beside each line: no contribution of the calibration of the "
-    "reference is contained."
-)
-
-
-def stated(points: Sequence[Point]) -> str:
-    """What the expanded uncertainties of points and of a fit to them contain, for people."""
-    declared = max((p.reference_std for p in points), default=0.0)
-    if not declared:
-        return TYPE_A
-    return (
-        "Expanded uncertainties combine the noise beside each line (type A) with the declared relative standard "
-        f"uncertainty of the reference's acceleration, {100.0 * declared:.2g} %, on magnitudes (type B)."
-    )
 
 
 def draft_response(answer: FrequencyResponse, sensor: Sensor, laboratory: Laboratory) -> Draft:
@@ -53,7 +37,7 @@ def draft_response(answer: FrequencyResponse, sensor: Sensor, laboratory: Labora
     sensor : what was measured; with an electrical scale the table has the sensitivity in its unit, too.
     laboratory : administrative data; what is missing is marked and listed.
     """
-    points, model, basis = answer.points, answer.model, stated(answer.points)
+    points, model, basis = answer.points, answer.model, answer.basis
     sines = [abs(p.acceleration) for p in points if p.method == "sine"]
     conditions = [("frequency", (points[0].frequency, points[-1].frequency), "Hz")]
     conditions += [("amplitude of the acceleration", (min(sines), max(sines)), "m/s²")] if sines else []
@@ -168,7 +152,7 @@ def lines(answer: FrequencyResponse) -> list[str]:
             f"{p.frequency:10.5g} {p.magnitude:10.6f} {p.expanded:9.2g} {math.degrees(p.phase):11.4f} "
             f"{math.degrees(p.expanded_phase):9.2g}  {size}".rstrip()
         )
-    out += ["", stated(answer.points)]
+    out += ["", answer.basis]
     if answer.model is not None:
         out += answer.model.sentences
     out += [

@@ -106,6 +106,12 @@ CHANNELS = 16
 """Samples of each channel below which there is nothing to fit a sine to."""
 
 
+TYPE_A = (
+    "Expanded uncertainties are of type A, from the noise beside each line: no contribution of the calibration of the "
+    "reference is contained."
+)
+
+
 @immutable
 @dataclass(frozen=True, slots=True)
 class FrequencyResponse(Storable):
@@ -121,6 +127,17 @@ class FrequencyResponse(Storable):
     """Amplitude linearity, from sine steps."""
     check: CrossCheck | str | None
     """The time-domain fit, or why there is none; None where it was not asked for."""
+
+    @property
+    def basis(self) -> str:
+        """What the expanded uncertainties of points and parameters contain, for people."""
+        declared = max((p.reference_std for p in self.points), default=0.0)
+        if not declared:
+            return TYPE_A
+        return (
+            "Expanded uncertainties combine the noise beside each line (type A) with the declared relative standard "
+            f"uncertainty of the reference's acceleration, {100.0 * declared:.2g} %, on magnitudes (type B)."
+        )
 
     def __repr__(self) -> str:
         span = f", {self.points[0].frequency:.4g} to {self.points[-1].frequency:.4g} Hz" if self.points else ""
