@@ -111,7 +111,7 @@ def test_what_is_wrong_in_a_sidecar_is_reported(table, text, message):
         ac.load_dwells(table)
 
 
-def test_a_table_with_a_header_of_its_own_is_told_what_it_needs(table):
+def test_an_error_names_the_header_that_a_table_needs(table):
     table.write_text(TABLE.replace("attitude_deg,mean", "Winkel,U"))
     said = run("fit", table).stderr
     assert said.count("attitude_deg,mean,std,duration_s") == 1

@@ -654,7 +654,7 @@ STILL_SHARE = 1e-3
 """... or within this share of the whole travel."""
 
 
-QUIETEST, QUIET = 0.05, 3.0
+LEAST_SHARE, LEAST_FACTOR = 0.05, 3.0
 """Share of the spans that is taken to be quiet whatever it is, and how much more than there the output may scatter."""
 LEAST_SCATTER = 8
 """Samples of the output in a span below which its scatter tells nothing."""
@@ -774,14 +774,14 @@ def rest(recording: Recording) -> list[tuple[float, float]]:
     if recording.rig.arm is not None and LEVERS[0] in recording.side:
         turning = np.hypot(*(recording.side[name].y for name in LEVERS[:2]))
         small &= np.maximum.reduceat(turning, edges) <= STILL_SHARE * float(np.max(turning))
-    small &= _quiet(recording.accel, t[edges])
+    small &= _still_output(recording.accel, t[edges])
     still = np.concatenate(([False], small, [False]))
     starts, ends = np.flatnonzero(~still[:-1] & still[1:]), np.flatnonzero(still[:-1] & ~still[1:])
     last = np.append(edges[1:], len(t)) - 1
     return [(float(t[edges[a]]), float(t[last[b - 1]])) for a, b in zip(starts, ends, strict=True) if b - a >= 2]
 
 
-def _quiet(output: Channel, begins: Array) -> Flags:
+def _still_output(output: Channel, begins: Array) -> Flags:
     """Whether the output scatters in each span as in the quietest, or hardly at all; so where it was not sampled."""
     first = np.append(np.searchsorted(output.t, begins), len(output))
     counts, y = np.diff(first), output.y - float(np.mean(output.y))
@@ -791,7 +791,7 @@ def _quiet(output: Channel, begins: Array) -> Flags:
     judged = counts >= LEAST_SCATTER
     if not np.any(judged):
         return ~judged
-    floor = QUIET * float(np.quantile(spread[judged], QUIETEST))
+    floor = LEAST_FACTOR * float(np.quantile(spread[judged], LEAST_SHARE))
     quiet: Flags = ~judged | (spread <= max(floor, STILL_SHARE * float(np.ptp(output.y))))
     return quiet
 

@@ -243,11 +243,11 @@ def _fit(
     structure: Structure, points: Sequence[Point], behind: tuple[ChannelFilter, ...], rate: float
 ) -> Fitted | None:
     f = np.array([p.frequency for p in points])
-    known = gain_of(behind, rate)(f)
-    value = np.array([p.value for p in points]) / known
+    through = gain_of(behind, rate)(f)
+    value = np.array([p.value for p in points]) / through
     # the expectation of chi-square is that of known variances
     std = np.array([p.std * math.sqrt(p.degrees / max(p.degrees - 2.0, 1.0)) for p in points])
-    std = np.maximum(std / np.abs(known), 1e-12 * np.abs(value))
+    std = np.maximum(std / np.abs(through), 1e-12 * np.abs(value))
 
     def residual(theta: Array) -> Array:
         with np.errstate(all="ignore"):
