@@ -21,7 +21,7 @@ from accelcal.data import DERIVED, Dwells, Positions, Recording, RecordingError
 from accelcal.data.recording import with_dwells
 from accelcal.diagnosis.checks import disturbance, slow_residual, stretches_of
 from accelcal.diagnosis.clean_fit import CleanFit, RejectedReadings, clean_fit, run_outlier_tests
-from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells
+from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells, entered
 from accelcal.diagnosis.evidence import Evidence, largest_wave
 from accelcal.diagnosis.faults import Examined, TimeSpan, examine
 from accelcal.diagnosis.findings import Confounded, chosen, entry_sigmas, in_model
@@ -88,7 +88,8 @@ def runs_of(recordings: Recording | Dwells | Sequence[Recording | Dwells | Posit
     several = with_dwells(recordings)
     if isinstance(several, Dwells):
         raise RecordingError(
-            f"{several.name or 'dwells'}: dwells alone show no motion; only fit and diagnose take them"
+            f"{several.name or 'dwells'}: dwells alone show no motion; only fit, diagnose, add, drop and freeze take "
+            "them"
         )
     return several
 
@@ -470,10 +471,11 @@ def add(
     >>> abs(better["cubic"].value - 1e-3) < 4 * better["cubic"].std
     True
     """
-    runs, broken = used_runs([examine(source) for source in runs_of(recordings)], fit)
+    if isinstance(at_rest := with_dwells(recordings), Dwells):
+        return remembered(added_at_rest(fit, at_rest, names), recordings)
+    runs, broken = used_runs([examine(source) for source in at_rest], fit)
     several = [run.recording for run in runs]
-    for recording in several:  # their channels are effects by name
-        side_channels([(name, channel.unit) for name, channel in recording.side.items() if name not in DERIVED])
+    enter_channels(several)
     names = tuple(find(name).name for name in names)
     model, states, waves = model_in_motion(fit), restored_states(fit, runs), dict[str, float]()
     replaced, unseen = list[Remark](), tuple[str, ...]()
@@ -508,14 +510,25 @@ def add(
     require_noise_shown(grown, names)
     entry = dict[str, float]() if states is None else dict.fromkeys(names, entry_sigma(states, fit.model, extra))
     allowed = chosen(grown, entry | entry_sigmas(fit, grown))
-    unshown = [remark("beside_others", effect=name) for name in unseen]
-    shown = [*replaced, *barely_shown(grown, names), *allowed, *unshown]
+    shown = [*replaced, *barely_shown(grown, names), *allowed, *(remark("beside_others", effect=x) for x in unseen)]
     lost = [name for name in names if find(name).port == "noise" and not solution.converged]
     lost += [name for name, size in waves.items() if max(in_model(grown, Confounded(name, (name,), ""), {}).std) > size]
     if lost:
         why = "the fit does not determine its size" if solution.converged else "the fit with it does not settle"
         raise AccelcalError(f"{lost[0]!r} cannot be added: {why}; `accelcal power` says what the record can show")
     return remembered(replace(grown, remarks=(*broken, *grown.remarks, *shown)), recordings)
+
+
+def added_at_rest(fit: Fit, dwells: Dwells, names: Sequence[str]) -> Fit:
+    """A fit to dwells alone with further effects."""
+    grown = estimate_dwells(entered(fit.model, names), dwells, fit.origins)
+    return replace(grown, remarks=(*grown.remarks, *barely_shown(grown, names)))
+
+
+def enter_channels(recordings: Sequence[Recording]) -> None:
+    """Make effects of the side channels of recordings, by their names."""
+    for recording in recordings:
+        side_channels([(name, channel.unit) for name, channel in recording.side.items() if name not in DERIVED])
 
 
 def with_choice(fit: Fit, scan: Scan, alpha: float, chosen_by: Fit) -> Fit:
@@ -659,7 +672,9 @@ def drop(
     >>> ac.drop(cubic, made.recording, "cubic").model.added
     ()
     """
-    runs, broken = used_runs([examine(recording) for recording in runs_of(recordings)], fit)
+    if isinstance(at_rest := with_dwells(recordings), Dwells):
+        return remembered(estimate_dwells(fit.model.drop(*names), at_rest, fit.origins), recordings)
+    runs, broken = used_runs([examine(recording) for recording in at_rest], fit)
     model = model_in_motion(fit).drop(*names)
     origins, engine = fit.origins, fit.engine
     left, _ = fitted(model, runs, within(progress, 0.0, 0.9), origins=origins, engine=engine)

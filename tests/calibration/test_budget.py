@@ -97,6 +97,29 @@ def test_a_separated_tilt_needs_no_level(cubic):
     assert "level of the stage axis" not in [c.source for c in bias.components]
 
 
+def test_two_clocks_of_which_none_is_trusted_are_in_the_budget(cubic):
+    skewed = replace(cubic["cubic"], name="clock_skew", value=-3e-5, std=1e-7)
+    fit = replace(on(cubic), estimates=(*cubic.estimates, skewed))
+    rates = {}
+    for trusted, declared in ((None, None), ("position", None), ("accel", None), (None, 1e-6)):
+        rig = replace(fit.rig, trusted_clock=trusted, uncertainty=replace(DECLARED, clock_rate=declared))
+        line = next(x for x in budget(replace(fit, rig=rig)).lines if x.estimate.name == "scale_factor")
+        rates[trusted, declared] = {c.source: c.input_std for c in line.components}.get("rate of the clock", 0.0)
+    assert rates == {(None, None): 3e-5, ("position", None): 0.0, ("accel", None): 0.0, (None, 1e-6): 1e-6}
+
+
+def test_a_corrected_reading_has_the_uncertainty_of_the_rig(cubic):
+    alone, whole = apply(replace(cubic, rig=replace(cubic.rig, uncertainty=Uncertainty())), 2.0), apply(on(cubic), 2.0)
+    assert alone.combined == alone.std == whole.std
+    rng, fit, spread = np.random.default_rng(3), on(cubic), []
+    sizes = (DECLARED.level, DECLARED.misalignment, DECLARED.encoder_scale)
+    for level, off, e in rng.standard_normal((2000, 3)) * sizes:
+        bias = VALUES["bias"] + STANDARD_GRAVITY * (math.sin(level) + math.sin(off))
+        estimates = tuple(replace(item, value=bias) if item.name == "bias" else item for item in fit.estimates)
+        spread.append(apply(replace(fit, estimates=estimates), 2.0).acceleration * (1.0 - e))
+    assert whole.declared == pytest.approx(np.std(spread), rel=0.1)  # 2000 draws know it to 1.6 %
+
+
 @pytest.mark.parametrize("a", [-5.0, -0.3, 0.0, 2.0, 6.0])
 def test_applying_inverts_the_forward_model(cubic, a):
     output = 1.02 * a + 0.05 + 3e-4 * a**2 + 1e-3 * a**3

@@ -376,6 +376,16 @@ def test_the_shared_mistakes_are_named(name, file, said, tmp_path):
     assert said in suspicion(ac.load(path))
 
 
+@pytest.mark.parametrize(
+    ("factor", "said"), [(10.0, "10 times what it should be, as where a gain"), (8.0, "8 times"), (0.1, "0.1 times")]
+)
+def test_a_gain_of_ten_is_no_doubling(factor, said):
+    rng = np.random.default_rng(3)
+    made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters={}, rng=rng).recording
+    scaled = replace(made, accel=replace(made.accel, y=factor * made.accel.y))
+    assert said in suspicion(scaled).split(" is off")[0]
+
+
 def test_a_ratio_of_masses_is_accepted_by_one_line(tmp_path):
     """The encoder of the impactor reads its nose against its body: 1 + k is the ratio of two masses."""
     folder = Path(os.environ.get("ACCELCAL_REAL_DATA", "")) / "cyberdiver"

@@ -358,8 +358,8 @@ def test_a_key_row_states_the_rate_where_no_column_has_the_time(tmp_path, key, s
 # Text files of LabVIEW
 
 
-@pytest.mark.parametrize("with_time", [True, False])
-def test_text_of_labview_has_units_and_a_clock(tmp_path, with_time):
+@pytest.mark.parametrize(("with_time", "decimal"), [(True, "."), (False, "."), (True, ","), (False, ",")])
+def test_text_of_labview_has_units_and_a_clock(tmp_path, with_time, decimal):
     t, motion = stamps(100.0), Motion(9)
     y, p = motion.output(t), motion.position(t)
     head = ["LabVIEW Measurement", "Writer_Version\t2", "Separator\tTab", f"X_Columns\t{'One' if with_time else 'No'}"]
@@ -367,7 +367,7 @@ def test_text_of_labview_has_units_and_a_clock(tmp_path, with_time):
     head += ["Y_Unit_Label\tm/s^2\tmm", "X_Dimension\tTime\tTime", "X0\t0.0\t0.0", "Delta_X\t0.01\t0.01"]
     head += ["***End_of_Header***", "X_Value\tacc\tpos\tComment"]
     rows = [f"{f'{a:.6f}' if with_time else ''}\t{b:.8f}\t{1e3 * c:.6f}" for a, b, c in zip(t, y, p, strict=True)]
-    path = write(tmp_path / "run.lvm", [*head, *rows], end="\r\n")
+    path = write(tmp_path / "run.lvm", [line.replace(".", decimal) for line in [*head, *rows]], end="\r\n")
     recording = io.load(path)
     np.testing.assert_allclose(recording.accel.t, t, atol=1e-9)
     np.testing.assert_allclose(recording.accel.y, y, atol=1e-8)

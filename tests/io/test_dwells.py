@@ -111,6 +111,14 @@ def test_what_is_wrong_in_a_sidecar_is_reported(table, text, message):
         ac.load_dwells(table)
 
 
+def test_an_error_names_the_header_that_a_table_needs(table):
+    table.write_text(TABLE.replace("attitude_deg,mean", "Winkel,U"))
+    said = run("fit", table).stderr
+    assert said.count("attitude_deg,mean,std,duration_s") == 1
+    table.with_suffix(".toml").write_text("[channels]\naccel = { column = 'U', unit = 'm/s^2' }\n")
+    assert "attitude_deg" not in run("fit", table).stderr
+
+
 def test_groups_differ_in_every_digit(table):
     table.write_text(TABLE.replace("6000,2", "6000,20261104").replace("6000,1\n", "6000,20261103\n"))
     assert ac.load_dwells(table).group == ("20261103", "20261103", "20261104", "20261104")
@@ -233,3 +241,32 @@ def test_a_diagnosis_takes_dwells_alone_and_with_a_motion(table, tmp_path):
     assert run("fit", tmp_path / "run.csv", "-o", tmp_path / "r.json").exit_code == 0
     both = run("diagnose", tmp_path / "r.json", tmp_path / "run.csv", table)
     assert both.exit_code == 0, both.output
+
+
+def test_what_a_diagnosis_of_dwells_names_is_added_by_the_command_it_prints(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rng, header = np.random.default_rng(1), TABLE.splitlines()[0]
+    rows = [
+        f"{angle},{9.81 * np.sin(np.radians(angle)) + 1e-3 * t + 2e-5 * noise:.7f},2e-3,60,{t},6000,{t}"
+        for t in (20, 45)
+        for angle, noise in zip(range(0, 360, 30), rng.standard_normal(12), strict=True)
+    ]
+    (tmp_path / "tumble.csv").write_text("\n".join([header, *rows]) + "\n")
+    (tmp_path / "tumble.toml").write_text(SIDECAR.replace("0.1 deg", "0.0003 deg"))
+    assert run("fit", "tumble.csv", "-o", "m.json").exit_code == 0
+    judged = run("diagnose", "m.json", "tumble.csv")
+    command = judged.stderr.split("next: accelcal ")[1].split()
+    assert command[:5] == ["add", "m.json", "tumble.csv", "--effect", "temperature_bias"]
+    grown = run(*command)
+    assert grown.exit_code == 0, grown.output
+    assert grown.stderr.endswith(f"next: accelcal diagnose {command[-1]} tumble.csv\n")
+    fit = ac.load_model(tmp_path / command[-1])
+    assert abs(fit["temperature_bias"].value - 1e-3) < 4 * fit["temperature_bias"].std < 1e-5
+    twice = run("add", command[-1], "tumble.csv", "--effect", "temperature_bias")
+    assert twice.exit_code != 0
+    assert "enter a model once" in twice.stderr
+    left = run("drop", command[-1], "tumble.csv", "--effect", "temperature_bias", "-o", "left.json")
+    assert left.exit_code == 0, left.output
+    moving = run("add", "m.json", "tumble.csv", "--effect", "sensor_lag")
+    assert moving.exit_code in (3, 4)
+    assert "rest" in moving.stderr

@@ -31,6 +31,17 @@ def test_rest_is_found_where_the_stage_stands(resolution):
     np.testing.assert_allclose(found, [(0.0, 1.0), (2.5, 4.0)], atol=0.1)  # judged on spans of 0.1 s
 
 
+def test_a_shaker_at_a_high_frequency_is_not_at_rest():
+    t = np.arange(0.0, 4.0, 2e-4)
+    a = np.where(t < 2.0, np.sin(2.0 * np.pi * 5.0 * t), 10.0 * np.sin(2.0 * np.pi * 1000.0 * t)) * (t < 3.0)
+    y = a + 1e-3 * np.random.default_rng(1).standard_normal(len(t))
+    x = np.where(t < 2.0, -a / (2.0 * np.pi * 5.0) ** 2, -a / (2.0 * np.pi * 1000.0) ** 2)
+    shaken = Recording(Channel("accel", t, y, "m/s^2"), Channel("position", t, x, "m"), Rig())
+    ((start, end),) = rest(shaken)
+    assert 3.0 <= start < 3.2
+    assert end == pytest.approx(t[-1])
+
+
 def test_motion_without_pause_has_no_rest():
     t = np.arange(1000) / 1000
     moving = Channel("position", t, np.sin(30 * t), "m")

@@ -1,10 +1,14 @@
 """Two files of two loggers: aligned by the motion that both recorded, or refused; the rest is left to the fit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import accelcal
 from accelcal import io
+from accelcal.cli import app
 from accelcal.data.clocks import align
 from accelcal.data.recording import Channel, RecordingError
 from accelcal.model import Model
@@ -74,6 +78,32 @@ def test_the_fit_takes_the_rest(tmp_path):
     assert abs(late.value) < recording.rig.offset_tolerance
 
 
+def test_what_the_sidecar_of_the_encoder_declares_reaches_the_budget(tmp_path):
+    output, motion = Motion(3).channels()
+    accel, position = files(tmp_path, replace(output, y=output.y + 9.80665), motion)
+    accel.with_suffix(".toml").write_text(
+        '[sensor]\nmodel = "X"\n[rig]\nmount = "normal"\n[uncertainty]\nmisalignment = "0.1 deg"\n'
+    )
+    position.with_suffix(".toml").write_text(
+        '[sensor]\nserial = "7"\n[rig]\naxis = "up"\n[clock]\ntrusted = "position"\n'
+        '[uncertainty]\nlevel = "0.2 deg"\nmisalignment = "9 deg"\n'
+        '[channels]\nposition = { column = "position_um", unit = "um", u_scale = 1e-5 }\n'
+    )
+    recording = accelcal.load(accel, position=position)
+    checked = CliRunner().invoke(app, ["check", f"{accel}", "--position", f"{position}"])
+    assert checked.exit_code == 0, checked.output
+    assert "two clocks: the stamps of the output are shifted" in checked.stdout
+    assert f"next: accelcal fit {accel} --position {position} -o accel.json" in checked.stderr
+    done = CliRunner().invoke(app, ["cut", f"{accel}", "--position", f"{position}", "-o", f"{tmp_path / 'both.csv'}"])
+    assert done.exit_code == 0, done.output
+    for rig in (recording.rig, accelcal.load(tmp_path / "both.csv").rig):
+        assert (rig.sensor.model, rig.sensor.serial, rig.axis, rig.trusted_clock) == ("X", "7", "up", "position")
+        assert rig.uncertainty.encoder_scale == 1e-5
+        assert np.degrees([rig.uncertainty.level, rig.uncertainty.misalignment]) == pytest.approx([0.2, 0.1])
+        assert not any(text.startswith(("axis", "mount")) for text in rig.assumptions)
+        assert any(text.startswith("encoder resolution") for text in rig.assumptions)
+
+
 def test_a_motion_that_repeats_is_called_ambiguous():
     assert align(*Motion(1, tones=1).channels()).is_ambiguous
 
@@ -82,6 +112,20 @@ def test_a_longer_record_is_averaged_to_the_grid_of_the_slower():
     motion = Motion(5)
     found = align(*motion.channels(noise=0.2, rate=4000.0, position_rate=250.0))
     assert abs(found.shift - true_shift(found.middle)) < 4.0 * found.std
+
+
+def test_a_larger_move_the_other_way_is_no_other_sign():
+    rng, rate = np.random.default_rng(4), 1000.0
+    t = np.arange(0.0, 60.0, 1.0 / rate)
+    a = np.zeros(len(t))
+    for k, (size, length) in enumerate(zip([4, -12, 9, -7, 11, -5], [0.5, 0.45, 0.6, 0.4, 0.55, 0.7], strict=True)):
+        inside = (t >= 3.0 + 8.0 * k) & (t < 3.0 + 8.0 * k + length)
+        a += inside * size * np.sin(2.0 * np.pi * (t - 3.0 - 8.0 * k) / length)
+    x = np.cumsum(np.cumsum(a)) / rate**2
+    output = Channel("accel", t + 37.2, a + 0.01 * rng.standard_normal(len(t)), "m/s^2")
+    part = slice(2000, 5000)  # the encoder was stopped behind the first, smallest move
+    alignment = align(output, Channel("position", t[part], np.round(x[part] / 1e-7) * 1e-7, "m"))
+    assert alignment.is_ambiguous or abs(alignment.shift + 37.2) < 0.01
 
 
 def test_what_is_not_one_motion_is_refused(tmp_path):

@@ -163,6 +163,19 @@ def test_any_text_is_either_a_quantity_or_a_unit_error(text):
     assert not said or "expected" in said or "unknown unit" in said
 
 
+@pytest.mark.parametrize("unit", ["ms⁻²", "ms-2", "ms^-2", "m s^-2"])
+def test_acceleration_is_read_as_charts_of_vibration_sensors_print_it(unit):
+    assert units.sensitivity(f"10 mV/{unit}" if unit[1] == "s" else f"10 mV/({unit})", "acceleration")[0] == 0.01
+    assert units.conversion(unit).si == "m/s^2"
+    assert units.conversion("1/ms^2").si == "1/s^2"
+
+
+def test_angles_of_a_dividing_head_are_read():
+    for unit, degrees in (("arcsec", 1.0 / 3600.0), ("arcminutes", 1.0 / 60.0), ("degree", 1.0)):
+        assert units.conversion(unit).factor == pytest.approx(math.radians(degrees))
+    assert units.quantity("0.5 arcsec", "angle") == pytest.approx(math.radians(0.5 / 3600.0))
+
+
 def test_every_kind_reads_its_own_example():
     for name, kind in units.KINDS.items():
         assert math.isfinite(quantity(kind.example, name))

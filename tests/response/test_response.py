@@ -15,9 +15,13 @@ import pytest
 
 import accelcal as ac
 from accelcal.calibration.export import Laboratory
+from accelcal.data import ChannelFilter
 from accelcal.data.recording import Channel, Recording, RecordingError, integrated
+from accelcal.data.rig import Uncertainty
+from accelcal.plots.response import response_note
 from accelcal.response import Point, Reference, fit_response, frequency_response, stepped_response
-from accelcal.response.export import draft_response
+from accelcal.response.export import draft_response, lines
+from accelcal.response.sine import find_steps
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG
 from accelcal.simulation.motion import sine_steps
 from benches.response import broadband_runs, largest, mpu9250_runs, vibrometer_runs
@@ -135,6 +139,49 @@ def test_delay_and_low_pass_are_one_class_where_magnitude_does_not_tell_them_apa
     assert sharp.best.structure.name == "gain and delay"
     assert not sharp.rivals
     assert sharp.best["delay"].value == pytest.approx(1e-4, rel=1e-3)
+
+
+def test_a_declared_high_pass_and_the_reference_are_in_the_answer():
+    rng, rate, fc = np.random.default_rng(5), 2000.0, 0.4
+    t = np.arange(0.0, 16.0, 1.0 / rate)
+    output, displacement = 2e-3 * rng.standard_normal((2, len(t))) * [[1.0], [1e-6]]
+    for k, f in enumerate((5.0, 10.0, 40.0, 160.0)):
+        inside = (t > 4.0 * k + 0.3) & (t < 4.0 * k + 3.7)
+        gain = 1.01 * 1j * f / (1j * f + fc) * np.exp(-2j * math.pi * f * 50e-6)
+        wave = np.exp(2j * math.pi * f * t)
+        output += inside * np.real(5.0 * gain * wave)
+        displacement -= inside * np.real(5.0 / (2.0 * math.pi * f) ** 2 * wave)
+    rig = ac.Rig(
+        output_filters=(ChannelFilter("RC", "highpass", cutoff=fc),), uncertainty=Uncertainty(encoder_scale=2e-3)
+    )
+    units = {"t": "s", "accel": "m/s^2", "position": "m"}
+    shaker = Recording.from_arrays(t, output, displacement, position_t=t, units=units, rig=rig, name="shaker")
+    answer = frequency_response(shaker, check=False)
+    assert answer.model is not None
+    best = answer.model.best
+    assert best.structure.name == "gain and delay"
+    assert best.p_value > 1e-3  # of chi-square: one false alarm in 1000
+    assert "behind the declared RC high-pass at 0.4 Hz" in answer.model.sentences[0]
+    assert abs(best["delay"].value - 50e-6) < 4.0 * best["delay"].std < 1e-6
+    assert abs(best["k"].value - 1.01) < best["k"].expanded == pytest.approx(2.0 * 2e-3 * 1.01, rel=0.05)
+    for point in answer.points:
+        assert point.expanded == pytest.approx(2.0 * math.hypot(point.std, 2e-3 * point.magnitude), rel=0.05)
+        assert point.expanded_phase < 1e-3
+    assert "rectification" not in {term.source for term in answer.terms}
+    for said in ("\n".join(lines(answer)), response_note(answer)):
+        assert "0.2 %, on magnitudes (type B)" in said
+
+
+@pytest.mark.parametrize("shape", [lambda u: 0.5 - 0.5 * np.cos(np.pi * u), lambda u: u], ids=["cosine", "line"])
+def test_a_slow_fading_is_no_step(shape):
+    rng, rate, seconds, fade = np.random.default_rng(6), 5000.0, 3.0, 0.8
+    t = np.arange(0.0, seconds, 1.0 / rate)
+    envelope = shape(np.clip(np.minimum(t, seconds - t) / fade, 0.0, 1.0))
+    sines = ((80.0, 10.0), (160.0, 20.0), (500.0, 40.0), (1000.0, 50.0), (1000.0, 20.0), (1000.0, 10.0))
+    y = np.concatenate([envelope * a * np.sin(2.0 * np.pi * f * t) for f, a in sines])
+    output = Channel("accel", np.arange(len(y)) / rate, y + 2e-3 * rng.standard_normal(len(y)), "m/s^2")
+    steps = find_steps(output, 2000.0)
+    assert [s.frequencies for s in steps] == [pytest.approx((f,), rel=1e-4) for f, _ in sines]
 
 
 def test_a_frequency_that_no_structure_describes_is_named():

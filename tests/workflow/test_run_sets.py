@@ -69,7 +69,7 @@ def test_dwells_alone_are_diagnosed_and_have_no_motion_to_improve_on():
     each = (np.full(4, 1e-3), np.full(4, 60.0), np.full(4, 6000.0))
     angle = np.arange(4) * np.pi / 2.0
     dwells = Dwells(angle, 0.05 + 1.01 * G * np.sin(angle), *each, ("0",) * 4, CXL02_RIG, name="tumble.csv")
-    with pytest.raises(ac.RecordingError, match="dwells alone show no motion; only fit and diagnose"):
+    with pytest.raises(ac.RecordingError, match="dwells alone show no motion; only fit, diagnose, add"):
         ac.improve(dwells)
     assert ac.diagnose(ac.fit(dwells), dwells).seen.name == "tumble.csv"
     one = run(9)

@@ -266,8 +266,15 @@ class Application:
     """Newton's iterates of the acceleration, m/s²; the last is the result."""
     std: float
     """Standard uncertainty from the fit, m/s²."""
+    declared: float
+    """Standard uncertainty from the budget beside the fit, m/s²; 0 where there is no budget."""
     left_out: tuple[tuple[str, str], ...]
     """Effects of the model that a single reading cannot correct, each with its owner."""
+
+    @property
+    def combined(self) -> float:
+        """Combined standard uncertainty, m/s²."""
+        return math.hypot(self.std, self.declared)
 
     @property
     def acceleration(self) -> float:
@@ -314,7 +321,20 @@ def apply(fit: Fit, output: float) -> Application:
     std = sensor_curve.std(fit, rounds[-1])
     if not (math.isfinite(rounds[-1]) and math.isfinite(std)):
         raise OutsideRange(f"an output of {output:.6g} m/s² gives no finite acceleration with a finite uncertainty")
-    return Application(raw, unit, output, tuple(rounds), std, left_out)
+    declared = _declared_std(fit, sensor_curve, rounds[-1])
+    return Application(raw, unit, output, tuple(rounds), std, declared, left_out)
+
+
+def _declared_std(fit: Fit, sensor_curve: Characteristic, a: float) -> float:
+    """Standard uncertainty of an acceleration by all that a budget has beside the fit, m/s²: what one source does to
+    several parameters is added, sources are independent."""
+    by_source: dict[str, float] = {}
+    for line in budget(fit).lines:
+        name = line.estimate.name
+        weight = abs(STATIC[name].per_unit(a, 0.0)) if name in sensor_curve.coefficients else 0.0
+        for component in line.components[1:]:
+            by_source[component.source] = by_source.get(component.source, 0.0) + weight * component.contribution
+    return math.hypot(*by_source.values()) / abs(sensor_curve.slope(a))
 
 
 def example(fit: Fit) -> Application:
@@ -445,9 +465,18 @@ def _components(fit: Fit, e: Estimate) -> tuple[Component, ...]:
     if "encoder_scale" not in separated:
         components.append(Component("scale of the encoder", "B", ruler, "1", abs(n * size * ruler)))
     components.append(Component("misalignment of the input axis", "B", off, "rad", abs(n * size) * _second_order(off)))
-    if clock := declared.clock_rate:
+    if clock := _clock_rate(fit):
         components.append(Component("rate of the clock", "B", clock, "1", abs(2.0 * n * size * clock)))
     return tuple(components)
+
+
+def _clock_rate(fit: Fit) -> float:
+    """Relative standard uncertainty of the clock's rate: as declared, else by how much two clocks differ where nothing
+    says which of them is right."""
+    rig, skew = fit.rig, next((e.value for e in fit.estimates if e.name == "clock_skew"), 0.0)
+    if rig.uncertainty.clock_rate is not None:
+        return rig.uncertainty.clock_rate
+    return abs(skew) if rig.trusted_clock is None else 0.0
 
 
 def _of_next_run(spread: Spread, e: Estimate) -> float:

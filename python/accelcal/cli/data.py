@@ -88,14 +88,19 @@ def checked_recording(recording: data.Recording, *, json: bool) -> tuple[dict[st
 
 @app.command()
 @with_exit_codes
-def check(run: RunFile, rig: Rig = None, effects_file: EffectsFile = None, json: Json = False) -> None:
+def check(
+    run: RunFile, position: OfPosition = None, rig: Rig = None, effects_file: EffectsFile = None, json: Json = False
+) -> None:
     """Check a recording: rates, spans, gaps, ranges, warnings, what is left out, and where the relation breaks.
+
+    With --position, output and position are of two loggers, as for fit.
 
     Example: [bold]accelcal check run12.csv[/bold]
     """
     load_own_effects(effects_file)  # sizes of such may be declared
     with progress("check") as report:
-        recordings, contents = io.load_declared(run, rig), {}
+        both = None if position is None else io.load(run, rig, position=position)
+        recordings, contents = io.load_declared(run, rig) if both is None else [both], {}
         for number, recording in enumerate(recordings):
             if isinstance(recording, data.Dwells):
                 deliver(recording, printing.show, None, json)
@@ -115,10 +120,11 @@ def check(run: RunFile, rig: Rig = None, effects_file: EffectsFile = None, json:
     for _, lines, _ in contents.values():
         for text in lines:
             say_line(text)
+    other = () if position is None else ("--position", position)
     if any(wrong for *_, wrong in contents.values()):
-        suggest("check", run, before=f"correct that in {rig or io.sidecar_of(run)}, then: ")
+        suggest("check", run, *other, before=f"correct that in {rig or io.sidecar_of(run)}, then: ")
     else:
-        suggest("fit", run, "-o", f"{run.stem}.json")
+        suggest("fit", run, *other, "-o", f"{run.stem}.json")
 
 
 @app.command()

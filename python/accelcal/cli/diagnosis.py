@@ -90,7 +90,10 @@ def diagnose(
     if isinstance(recordings, data.Dwells):
         if holdout is not None or prior is not None:
             raise UsageError("--holdout and --prior need a recording of a motion; these are dwells alone")
-        deliver(diagnose_dwells(fitted, recordings), printing.show, output, json)
+        judged = diagnose_dwells(fitted, recordings)
+        deliver(judged, printing.show, output, json)
+        if judged.members and not json:
+            suggest("add", model, *runs, "--effect", judged.members[0], "-o", f"{model.stem}_{judged.members[0]}.json")
         return
     if comparison is not None:
         if isinstance(diagnosis, AxesDiagnosis):

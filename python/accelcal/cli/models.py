@@ -284,8 +284,8 @@ def refit(
         recordings = load_all(fitted, runs, rig)
         result = work(fitted, recordings, within(report, LOADED, 1.0))
     finish_fit(result, recordings, output, json)
-    if not json:
-        suggest(*then)
+    if not json:  # dwells alone show no motion to compare models on
+        suggest(*(then if result.runs else ("diagnose", output, *runs)))
 
 
 def finish_fit(

@@ -387,16 +387,19 @@ class _Peaks:
         size = 1 << (len(a) + len(b)).bit_length()
         product = np.fft.irfft(np.conj(np.fft.rfft(b, size)) * np.fft.rfft(a, size), size)
         self.lags = np.arange(-len(b) + 1, len(a))
-        heights = product[self.lags]
         common = np.minimum(len(b), len(a) - self.lags) - np.maximum(0, -self.lags)
         allowed = common >= max(FEWEST, LEAST_OVERLAP * min(len(a), len(b)))
-        heights = np.where(allowed, heights, 0.0)
+        inside = [_energies(y, np.maximum(0, side * self.lags), common) for y, side in ((a, 1), (b, -1))]
+        squares = [np.sum(y**2) + _TINY for y in (a, b)]
+        covered = np.maximum(inside[0] / squares[0], inside[1] / squares[1])  # of one of them; the other may be longer
+        alike = np.clip(product[self.lags] / np.sqrt(inside[0] * inside[1] + _TINY), -1.0, 1.0)
+        heights = np.where(allowed, covered * alike * np.abs(alike), 0.0)
         best = int(np.argmax(heights if about is None else -np.abs(self.lags - about)))
         self.lag, self.overlap = int(self.lags[best]), int(common[best])
         inner = slice(max(0, -self.lag), max(0, -self.lag) + self.overlap)
         outer = slice(max(0, self.lag), max(0, self.lag) + self.overlap)
         energy = float(np.sqrt(np.sum(b[inner] ** 2) * np.sum(a[outer] ** 2)))
-        self.correlation = float(heights[best] / energy) if energy > 0.0 else 0.0
+        self.correlation = float(product[self.lag] / energy) if energy > 0.0 else 0.0
         self.is_opposite = about is None and -float(heights.min()) > OPPOSITE * float(heights[best])
         begin, end = stretch_about(heights > 0.0, best)
         self.reach = max(2, min(best - begin, end - best))
@@ -427,6 +430,12 @@ class _Peaks:
                 f"{name}: the output is like the second derivative of the position with the other sign; declare in its "
                 'sidecar [rig] mount = "reversed" (or "normal"), or check the sense of the encoder'
             )
+
+
+def _energies(y: Array, begins: NDArray[np.intp], lengths: NDArray[np.intp]) -> Array:
+    """Sums of squares over stretches, none below what rounding leaves of the whole."""
+    total = np.concatenate([[0.0], np.cumsum(y**2)])
+    return np.asarray(np.maximum(total[begins + lengths] - total[begins], 1e-9 * total[-1]))
 
 
 class _Stretches:

@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 
 from accelcal._support.values import amount_of, listing
 from accelcal.data import units
-from accelcal.data.arrays import Array
+from accelcal.data.arrays import Array, Flags
 from accelcal.data.clocks import FEWEST_STAMPS, rounding_std, slewed, stamp_grid, steady_clock, uniform_clock
 from accelcal.data.orientation import (
     ACROSS,
@@ -655,6 +655,11 @@ STILL_SHARE = 1e-3
 """... or within this share of the whole travel."""
 
 
+LEAST_SHARE, LEAST_FACTOR = 0.05, 3.0
+"""Share of the spans that is taken to be quiet whatever it is, and how much more than there the output may scatter."""
+LEAST_SCATTER = 8
+"""Samples of the output in a span below which its scatter tells nothing."""
+
 OF_EXTREMES = (("saturated", "accel"), ("implausible_travel", "position"), ("implausible_speed", "position"))
 """Findings that a few readings make, and their channels."""
 
@@ -752,7 +757,7 @@ def summarise(recording: Recording) -> str:
 
 
 def rest(recording: Recording) -> list[tuple[float, float]]:
-    """Find the intervals at rest, judged by the encoder.
+    """Find the intervals at rest, judged by the encoder, and by the output: what shakes fast hardly moves.
 
     Returns
     -------
@@ -770,10 +775,26 @@ def rest(recording: Recording) -> list[tuple[float, float]]:
     if recording.rig.arm is not None and LEVERS[0] in recording.side:
         turning = np.hypot(*(recording.side[name].y for name in LEVERS[:2]))
         small &= np.maximum.reduceat(turning, edges) <= STILL_SHARE * float(np.max(turning))
+    small &= _still_output(recording.accel, t[edges])
     still = np.concatenate(([False], small, [False]))
     starts, ends = np.flatnonzero(~still[:-1] & still[1:]), np.flatnonzero(still[:-1] & ~still[1:])
     last = np.append(edges[1:], len(t)) - 1
     return [(float(t[edges[a]]), float(t[last[b - 1]])) for a, b in zip(starts, ends, strict=True) if b - a >= 2]
+
+
+def _still_output(output: Channel, begins: Array) -> Flags:
+    """Whether the output scatters in each span as in the quietest, or hardly at all; so where it was not sampled."""
+    first = np.append(np.searchsorted(output.t, begins), len(output))
+    counts, y = np.diff(first), output.y - float(np.mean(output.y))
+    sums, squares = (np.concatenate([[0.0], np.cumsum(power)]) for power in (y, y**2))
+    mean, square = (np.diff(total[first]) / np.maximum(counts, 1) for total in (sums, squares))
+    spread = np.sqrt(np.maximum(square - mean**2, 0.0))
+    judged = counts >= LEAST_SCATTER
+    if not np.any(judged):
+        return ~judged
+    floor = LEAST_FACTOR * float(np.quantile(spread[judged], LEAST_SHARE))
+    quiet: Flags = ~judged | (spread <= max(floor, STILL_SHARE * float(np.ptp(output.y))))
+    return quiet
 
 
 def _edges(t: Array) -> NDArray[np.intp]:

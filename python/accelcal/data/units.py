@@ -132,8 +132,11 @@ g = 9.80665 * m / s ** 2 = _ = g0 = gn
 Gal = 0.01 * m / s ** 2
 Hz = 1 / s
 deg = 0.017453292519943295 * rad
+arcmin = 0.0002908882086657216 * rad
+arcsec = 4.84813681109536e-06 * rad
 rev = 6.283185307179586 * rad = _ = turn
 dps = deg / s
+rpm = rev / min
 N = kg * m / s ** 2
 Pa = N / m ** 2
 bar = 100000 * Pa
@@ -200,7 +203,10 @@ USUAL = {
     },
     "voltage": {"uV": 1e-6, "mV": 1e-3},
     "count": {"counts": 1.0, "LSB": 1.0, "lsb": 1.0},
-    "angle": {"deg": 0.017453292519943295, "mrad": 1e-3, **dict.fromkeys(("rev", "turn"), 6.283185307179586)},
+    "angle": {
+        **{"deg": 0.017453292519943295, "arcmin": 0.0002908882086657216, "arcsec": 4.84813681109536e-06, "mrad": 1e-3},
+        **dict.fromkeys(("rev", "turn"), 6.283185307179586),
+    },
     "angular rate": {"deg/s": 0.017453292519943295, "dps": 0.017453292519943295},
     "frequency": {"kHz": 1e3},
     "pressure": {"hPa": 1e2, "kPa": 1e3, "bar": 1e5},
@@ -500,6 +506,7 @@ def normalise(unit: str) -> str:
         return unit  # which is no unit
     text = _SUPERSCRIPT.sub(lambda run: "^" + run[0].translate(_DIGITS), unit.strip().translate(_SYMBOLS))
     text = text.replace("_per_", "/").replace("**", "^")
+    text = _PER_SECOND_SQUARED.sub(lambda run: "m/s^2" if run[0] == text else "(m/s^2)", text)
     text = _IN_WORDS.get(text.lower().rstrip("."), text)
     text = re.sub(r"√\(?([A-Za-z]+)\)?|sqrt\(([^()]*)\)|\brt([A-Z][a-z]*)", _root, text)
     return re.sub(r"(?<=[A-Za-z])([23]|-[123])(?![\d.])", r"^\1", text)
@@ -513,12 +520,22 @@ _IN_WORDS = {
     for prefix, letter in (("", ""), ("milli", "m"), ("micro", "u"), ("nano", "n"), ("centi", "c"))
     for plural in ("", "s")
 } | {
-    **{"sec": "s", "msec": "ms", "usec": "us", "minutes": "min", "hours": "h", "inches": "inch", "degrees": "deg"},
+    **{"sec": "s", "msec": "ms", "usec": "us", "minutes": "min", "hours": "h", "inches": "inch"},
+    **{
+        "degree": "deg",
+        "degrees": "deg",
+        "micron": "um",
+        "microns": "um",
+        "arcseconds": "arcsec",
+        "arcminutes": "arcmin",
+    },
     **dict.fromkeys(("cts", "digits", "ticks", "pulses", "increments", "steps"), "count"),
     **dict.fromkeys(("ink", "inkr", "inkremente", "imp", "impulse", "schritte", "striche"), "count"),
 }
 """Units that exporters spell out or shorten, in lower case without a full stop; counts as loggers in English and in
 German call them."""
+_PER_SECOND_SQUARED = re.compile(r"(?<![A-Za-z])ms\^?-2(?!\d)")
+"""Acceleration as charts of vibration sensors print it, in mV/ms⁻²; nobody means milliseconds by it."""
 _SUPERSCRIPT = re.compile("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+")
 _DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _TEMPERATURES = {

@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
 from accelcal._support.arguments import checked
+from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Result
 from accelcal._support.values import immutable
 from accelcal.data import Dwells
 from accelcal.diagnosis.findings import with_next_step
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.diagnosis.search.confounding import credible_set
-from accelcal.effects import BUILT_IN, Effect, is_local, users_own
+from accelcal.effects import BUILT_IN, Effect, find, is_local, users_own
 from accelcal.estimation.dwell_fit import DwellFit, solve_dwells
 from accelcal.estimation.dwell_rows import acts_at_rest, dwell_rows, remainder, shown
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.remarks import Remark
 from accelcal.estimation.run_to_run import over_all
 from accelcal.estimation.triad import LEFT
-from accelcal.model import terms_of
+from accelcal.model import Model, terms_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +137,25 @@ def tests(effect: Effect) -> bool:
         and effect.width == 1
         and all(shape.usual is not None for shape in effect.shapes.values())
     )
+
+
+def entered(model: Model, names: Sequence[str]) -> Model:
+    """The model with further effects that dwells can show, their shapes the usual ones.
+
+    Raises
+    ------
+    AccelcalError
+        Naming the first that they cannot.
+    """
+    effects = [find(name) for name in names]
+    for effect in effects:
+        if not tests(effect):
+            raise AccelcalError(
+                f"{effect.name!r} cannot be added: dwells show what acts at rest, at once and with one size; fit "
+                "it to a recording of a motion, the dwells beside it"
+            )
+    usual = {e.name: {name: float(shape.usual or 0.0) for name, shape in e.shapes.items()} for e in effects if e.shapes}
+    return model.add(*(effect.name for effect in effects), shapes=usual)
 
 
 def judged(candidates: tuple[DwellCandidate, ...], result: DwellFit, dwells: Dwells, alpha: float) -> DwellDiagnosis:

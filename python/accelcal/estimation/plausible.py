@@ -27,6 +27,8 @@ GRAVITY_SHARE = 0.2
 """Distance of a constant from gravity, over gravity, within which it is gravity."""
 MOST_DOUBLINGS = 5
 """Doublings between the ranges of a sensor, at most: ±2 g to ±64 g."""
+MOST_TENS = 2
+"""Steps of ten of the gain of an amplifier, at most."""
 CLEARLY_BETTER = 0.1
 """Logarithm by which a mistake must fit better than the next for that one not to be listed."""
 EXACTLY = 0.05
@@ -203,12 +205,12 @@ def causes(recording: Recording, share: float) -> Iterator[tuple[float, float, s
                         ". "
                     )
                 yield unusual(recording, {name: factor}, order), abs(math.log(left)), text
-    n = round(math.log2(share)) if share > 0.0 else 0
-    if 0 < abs(n) <= MOST_DOUBLINGS and plausible(share / 2.0**n):
-        text = (
-            f"the range setting? The output is {2.0**n:g} times what it should be, as where a range register is off. "
-        )
-        yield 0.0, abs(math.log(share / 2.0**n)), f"{text}{sensitivity_line(recording.rig, 2.0**n)}".rstrip(". ")
+    for base, most, cause in ((2.0, MOST_DOUBLINGS, "a range register"), (10.0, MOST_TENS, "a gain of an amplifier")):
+        n = round(math.log(share, base)) if share > 0.0 else 0
+        if 0 < abs(n) <= most and plausible(share / base**n):
+            text = f"the range setting? The output is {base**n:g} times what it should be, as where {cause} is off. "
+            line = sensitivity_line(recording.rig, base**n)
+            yield 0.0, abs(math.log(share / base**n)), f"{text}{line}".rstrip(". ")
 
 
 def sensitivity_line(rig: Rig, factor: float) -> str:

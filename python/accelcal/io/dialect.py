@@ -6,7 +6,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import islice, pairwise
@@ -307,7 +307,7 @@ def _header(texts: list[str], content: list[int], delimiter: str, decimal: str, 
         _trimmed(cells_in(text.lstrip("#%/ "), delimiter)) for i, text in enumerate(texts[:-1]) if i not in content
     ]
     stated = _stated(plain)
-    rate = _rate(stated, plain if any("Frame" in row for row in plain) else [])
+    rate = _rate(stated, plain if any("Frame" in row for row in plain) else [], decimal)
     title = next((row[0] for row in plain if len(row) == 1 and not is_number(row[0], ".")), "")
     rows = (
         plain if plain and (len(plain[-1]) > 1 or width == 1) else [cells for cells in commented if len(cells) == width]
@@ -327,9 +327,9 @@ def _header(texts: list[str], content: list[int], delimiter: str, decimal: str, 
         named = named or [length if "position" in kind else "" for kind in kinds]
     labels = stated.get("y_unit_label")
     if labels is not None and not named:
-        named = ["s" if names[0] == "X_Value" else "", *labels]
-        if cells_in(texts[-1], delimiter)[0] == "":  # LabVIEW without a column of the time
-            names = ["", *names[1:]]
+        timed = names[0] == "X_Value" and cells_in(texts[-1], delimiter)[0] != ""  # LabVIEW may leave the time out
+        named = ["s" if timed else "", *labels]
+        names = names if timed else ["", *names[1:]]
     return _Header(names, named, rate, title)
 
 
@@ -338,13 +338,19 @@ def _stated(rows: list[list[str]]) -> dict[str, list[str]]:
     return {row[k].lower(): row[k + 1 :] for row in rows for k in range(0, len(row) - 1, 2) if row[k]}
 
 
-def _rate(stated: Mapping[str, list[str]], rows: list[list[str]]) -> float | None:
+def _rate(stated: Mapping[str, list[str]], rows: list[list[str]], decimal: str) -> float | None:
     """The rate in lines above a header, Hz: by its key, or by a number alone below the title of a motion capture."""
     named = [values[0] for key, values in stated.items() if _RATE.fullmatch(key)]
     alone = [below[0] for row, below in pairwise(rows) if len(row) == len(below) == 1]
-    steps = [f"{1.0 / float(step)!r}" for step in stated.get("delta_x", [])[:1] if is_number(step, ".") and float(step)]
-    rates = [float(text) for text in (*alone, *named, *steps) if is_number(text, ".") and text]
+    steps = stated.get("delta_x", [])[:1]
+    rates = [1.0 / step for step in _values(steps, decimal) if step]
+    rates = [*_values([*alone, *named], decimal), *rates]
     return next((rate for rate in reversed(rates) if 0.0 < rate < float("inf")), None)
+
+
+def _values(cells: Iterable[str], decimal: str) -> list[float]:
+    """The numbers among cells of a preamble, with a point or with the decimal mark of the rows below it."""
+    return [float(cell.replace(decimal, ".")) for cell in cells if is_number(cell, ".") or is_number(cell, decimal)]
 
 
 def _joined(rows: list[list[str]], decimal: str, width: int) -> tuple[list[str], list[set[str]]]:

@@ -119,7 +119,13 @@ def load_declared(
         return [*axes(table, rig)]
     if is_table(table) or (setup is not None and setup.angle is not None):
         return [dwells_of(table, declared, notes, rig or sidecar_of(path))]
-    return [loaded(table, declared, notes) if single is None else single(path)]
+    try:
+        return [loaded(table, declared, notes) if single is None else single(path)]
+    except RecordingError as error:
+        if setup is None or setup.table or not str(error).startswith(f"{path}: no column for"):
+            raise
+        needed = ",".join(COLUMNS)
+        raise RecordingError(f"{error}\nor, if it is a table of dwells, give it the header {needed}") from None
 
 
 @checked

@@ -50,7 +50,7 @@ SUFFIXES = {
         ("g", "mg", "ug", "Gal"),
         ("V", "mV", "uV", "count", "counts", "LSB"),
         ("degC", "degF", "K"),
-        ("rad", "deg", "dps"),
+        ("rad", "deg", "arcsec", "arcmin", "dps"),
         ("Hz", "kHz", "Pa", "hPa", "kPa", "bar", "psi", "A", "mA", "percent"),
     )
     for unit in family

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import fields, replace
 from shlex import quote
+from typing import Any, TypeVar
 
 import numpy as np
 
-from accelcal.data import Array, Finding, Recording, RecordingError
+from accelcal.data import Array, Finding, Recording, RecordingError, Rig, Sensor
 from accelcal.data.clocks import Alignment, align, restamped, spacing
 from accelcal.data.rates import Rate
-from accelcal.io.sidecar import ASSUMED_OFFSET_TOLERANCE
+from accelcal.data.rig import Uncertainty
+from accelcal.io.sidecar import ASSUMED_OFFSET_TOLERANCE, ASSUMED_TOLERANCE, ASSUMED_ZERO
 
 
 def joined(output: Recording, reference: Recording, rates: Rates = (None, None)) -> Recording:
@@ -21,7 +23,7 @@ def joined(output: Recording, reference: Recording, rates: Rates = (None, None))
     Parameters
     ----------
     output : recording whose position is not used.
-    reference : recording whose output is not used; filters and resolution of the position are those of its rig.
+    reference : recording whose output is not used; what the rig of `output` does not declare is taken from its rig.
     rates : that are declared in place of stamps.
 
     Raises
@@ -29,12 +31,9 @@ def joined(output: Recording, reference: Recording, rates: Rates = (None, None))
     RecordingError
         If they cannot be aligned.
     """
-    rig = replace(
-        output.rig,
-        position_filters=output.rig.position_filters or reference.rig.position_filters,
-        resolution=reference.rig.resolution if output.rig.resolution is None else output.rig.resolution,
-        reading_noise=output.rig.reading_noise or reference.rig.reading_noise,
-    )
+    assumed = {*reference.rig.assumptions, ASSUMED_TOLERANCE, ASSUMED_ZERO}  # these two are of the output alone
+    remaining = tuple(sentence for sentence in output.rig.assumptions if sentence in assumed)
+    rig = replace(completed(output.rig, reference.rig), assumptions=remaining)
     both = replace(
         output,
         origin=replace(
@@ -55,6 +54,21 @@ def joined(output: Recording, reference: Recording, rates: Rates = (None, None))
     alignment = alignment_of(both)
     digest = f"{output.digest} at {alignment.shift!r} on {reference.digest}"
     return aligned(replace(both, digest=hashlib.sha256(digest.encode()).hexdigest()), alignment, rates, output.side)
+
+
+Declared = TypeVar("Declared", Rig, Sensor, Uncertainty)
+
+
+def completed(declared: Declared, further: Declared) -> Declared:
+    """Declarations of one sidecar, what is missing taken from those of another."""
+    missing, values = type(declared)(), dict[str, Any]()
+    for name in (item.name for item in fields(declared)):
+        value, other = getattr(declared, name), getattr(further, name)
+        if isinstance(value, Sensor | Uncertainty):
+            values[name] = completed(value, other)
+        elif value == getattr(missing, name):
+            values[name] = other
+    return replace(declared, **values)
 
 
 Rates = tuple[float | None, float | None]

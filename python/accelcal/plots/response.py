@@ -12,16 +12,20 @@ from accelcal.response import FrequencyResponse, Point
 from accelcal.results.words import number, probability, typeset, with_unit
 
 RESPONSE_HEAD = ("f, Hz", "|H|", "U (k = 2)", "phase, °", "U (k = 2), °", "a, m/s²", "lack of fit, σ")
-RESPONSE_NOTE = (
-    "H is output over acceleration of the reference, a lag is negative, a the amplitude of a steady sine. U is of "
-    "type A: the calibration of the reference is not in it. Lack of fit: distance of H from the parametric fit in "
-    "standard uncertainties, sqrt(chi-square of two degrees of freedom)."
-)
 FIT_HEAD = ("structure", "parameters ± U (k = 2)", "chi-square", "degrees of freedom", "p", "class")
 MEASURED, FAILS = "measured, U (k = 2)", "measured, the fit fails"
 TALL, THIN = 180.0, 100.0
 """Heights of a panel and of a deviation, px."""
 LINEARITY_HEAD = ("term", "from", "value ± U (k = 2)", "steps")
+
+
+def response_note(answer: FrequencyResponse) -> str:
+    """What the columns under `RESPONSE_HEAD` are, and what is in U."""
+    return (
+        "H is output over acceleration of the reference, a lag is negative, a the amplitude of a steady sine. "
+        f"{answer.basis} Lack of fit: distance of H from the parametric fit in standard uncertainties, sqrt(chi-square "
+        "of two degrees of freedom)."
+    )
 
 
 def response_rows(answer: FrequencyResponse) -> list[tuple[str, ...]]:

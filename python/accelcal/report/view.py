@@ -22,9 +22,9 @@ from accelcal.plots.response import (
     FIT_HEAD,
     LINEARITY_HEAD,
     RESPONSE_HEAD,
-    RESPONSE_NOTE,
     fit_rows,
     linearity_rows,
+    response_note,
     response_rows,
     response_sentences,
 )
@@ -477,7 +477,7 @@ def response(content: Content) -> dict[str, Any] | None:
         "sentences": response_sentences(answer),
         "head": RESPONSE_HEAD,
         "rows": response_rows(answer),
-        "note": RESPONSE_NOTE,
+        "note": response_note(answer),
         "fits": {"head": FIT_HEAD, "rows": fit_rows(answer)},
         "linearity": {"head": LINEARITY_HEAD, "rows": linearity_rows(answer)},
     }
@@ -629,16 +629,18 @@ def example(content: Content) -> dict[str, Any] | None:
     )
     iterates = list(dict.fromkeys(number(a, 8) for a in applied.rounds))
     steps_ += [f"Newton step {i} on the nonlinear terms: {a} m/s²." for i, a in enumerate(iterates[1:], 1)]
+    u = applied.combined
+    basis = "with the declared contributions of the budget" if applied.declared else "from the fit alone"
     steps_.append(
         f"Specific force along the input axis: {number(applied.acceleration, 8)} m/s² = "
-        f"{number(applied.acceleration / STANDARD_GRAVITY, 7)} g, standard uncertainty from the fit "
-        f"{number(applied.std, 2)} m/s², expanded uncertainty {number(COVERAGE_FACTOR * applied.std, 2)} m/s², "
+        f"{number(applied.acceleration / STANDARD_GRAVITY, 7)} g, standard uncertainty {basis} "
+        f"{number(u, 2)} m/s², expanded uncertainty {number(COVERAGE_FACTOR * u, 2)} m/s², "
         "coverage factor 2; noise of this reading not included."
     )
     left = [f"{name} ({owner})" for name, owner in applied.left_out]
     if left:
         steps_.append(f"Not applied to a single reading: {', '.join(left)}.")
-    return {"steps": steps_, "output": applied.output, "acceleration": applied.acceleration, "std": applied.std}
+    return {"steps": steps_, "output": applied.output, "acceleration": applied.acceleration, "std": applied.combined}
 
 
 def provenance(content: Content) -> list[tuple[str, str]]:

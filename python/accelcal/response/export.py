@@ -18,17 +18,13 @@ from accelcal.calibration.export.certificate import (
 )
 from accelcal.data import Sensor
 from accelcal.response.linearity import Term
-from accelcal.response.measure import FrequencyResponse
+from accelcal.response.measure import TYPE_A, FrequencyResponse
 from accelcal.response.parametric import Parameter
 from accelcal.response.sine import Point
 
 METHOD = (
     "Output and reference are fitted by least squares to sines over the steady part of each step (sine "
     "approximation of ISO 16063-11 and -41), or compared segment by segment for other motions."
-)
-TYPE_A = (
-    "Expanded uncertainties are of type A, from the noise beside each line: no contribution of the calibration of the "
-    "reference is contained."
 )
 
 
@@ -41,19 +37,19 @@ def draft_response(answer: FrequencyResponse, sensor: Sensor, laboratory: Labora
     sensor : what was measured; with an electrical scale the table has the sensitivity in its unit, too.
     laboratory : administrative data; what is missing is marked and listed.
     """
-    points, model = answer.points, answer.model
+    points, model, basis = answer.points, answer.model, answer.basis
     sines = [abs(p.acceleration) for p in points if p.method == "sine"]
     conditions = [("frequency", (points[0].frequency, points[-1].frequency), "Hz")]
     conditions += [("amplitude of the acceleration", (min(sines), max(sines)), "m/s²")] if sines else []
     results = [
-        Result("Frequency response of the sensitivity", f"{TYPE_A} A lag is negative.", table=_table(answer, sensor))
+        Result("Frequency response of the sensitivity", f"{basis} A lag is negative.", table=_table(answer, sensor))
     ]
     if model is not None:
         quantities = tuple(_quantity(p.name, p) for p in model.best.parameters)
         results.append(
             Result(
                 "Parametric fit of the frequency response",
-                f"{TYPE_A} {'. '.join(text.rstrip('.') for text in model.sentences)}.",
+                f"{basis} {'. '.join(text.rstrip('.') for text in model.sentences)}.",
                 quantities,
             )
         )
@@ -78,7 +74,7 @@ def _table(answer: FrequencyResponse, sensor: Sensor) -> tuple[Column, ...]:
     columns = [
         Column("frequency", [p.frequency for p in points], "Hz"),
         Column("magnitude of output over acceleration", magnitude, "1", expanded, factors),
-        Column("phase of output over acceleration", phase, "°", spread, factors),
+        Column("phase of output over acceleration", phase, "°", spread, [p.phase_factor for p in points]),
     ]
     if sensor.scale is not None and sensor.scale_unit:
         size, unit = abs(sensor.scale), f"{sensor.scale_unit}/(m/s²)"
@@ -156,8 +152,9 @@ def lines(answer: FrequencyResponse) -> list[str]:
             f"{p.frequency:10.5g} {p.magnitude:10.6f} {p.expanded:9.2g} {math.degrees(p.phase):11.4f} "
             f"{math.degrees(p.expanded_phase):9.2g}  {size}".rstrip()
         )
+    out += ["", answer.basis]
     if answer.model is not None:
-        out += ["", *answer.model.sentences]
+        out += answer.model.sentences
     out += [
         f"{t.name} from {t.source}: {t.value:.4g} +- {t.expanded:.2g} {t.unit} ({t.count} steps)" for t in answer.terms
     ]

@@ -146,24 +146,27 @@ class Term:
     """Steps that it was taken from."""
 
 
-def linearity(steps: Sequence[Harmonics], gain: Callable[[Array], Spectrum]) -> tuple[Term, ...]:
+def linearity(
+    steps: Sequence[Harmonics], gain: Callable[[Array], Spectrum], sized: float, *, coupled: bool = True
+) -> tuple[Term, ...]:
     """Coefficients from steps of one sine each.
 
     Parameters
     ----------
     steps : with their harmonics.
     gain : sensitivity (n,) at frequencies (n,) Hz, from a fit to the fundamentals.
+    sized : its part that no frequency changes.
+    coupled : whether a mean reaches the output; behind a high-pass it tells nothing.
 
     Returns
     -------
     K2 and K3 from the harmonics; K2 from the mean and K3 from the fundamental where amplitudes differ at a frequency.
     """
-    sized = float(np.real(gain(np.array([1e-3]))[0]))
     remarks = [
         _of_harmonic(steps, gain, sized, 2, "K2", "(m/s²)⁻¹"),
         _of_harmonic(steps, gain, sized, 3, "K3", "(m/s²)⁻²"),
     ]
-    remarks += [_rectification(steps), _compression(steps, gain, sized)]
+    remarks += [_rectification(steps) if coupled else None, _compression(steps, gain, sized)]
     return tuple(term for term in remarks if term is not None)
 
 

@@ -11,7 +11,15 @@ import numpy as np
 
 from accelcal._support.result import Storable
 from accelcal._support.values import immutable
-from accelcal.data import POSITION_ORDER, ChannelFilter, Recording, RecordingError, require_reference, usual_step
+from accelcal.data import (
+    POSITION_ORDER,
+    ChannelFilter,
+    Recording,
+    RecordingError,
+    high_passes,
+    require_reference,
+    usual_step,
+)
 from accelcal.diagnosis.left_out import without_wrong_readings
 from accelcal.estimation.estimate import estimate
 from accelcal.estimation.gauss_newton import NotIdentifiable
@@ -98,6 +106,12 @@ CHANNELS = 16
 """Samples of each channel below which there is nothing to fit a sine to."""
 
 
+TYPE_A = (
+    "Expanded uncertainties are of type A, from the noise beside each line: no contribution of the calibration of the "
+    "reference is contained."
+)
+
+
 @immutable
 @dataclass(frozen=True, slots=True)
 class FrequencyResponse(Storable):
@@ -113,6 +127,17 @@ class FrequencyResponse(Storable):
     """Amplitude linearity, from sine steps."""
     check: CrossCheck | str | None
     """The time-domain fit, or why there is none; None where it was not asked for."""
+
+    @property
+    def basis(self) -> str:
+        """What the expanded uncertainties of points and parameters contain, for people."""
+        declared = max((p.reference_std for p in self.points), default=0.0)
+        if not declared:
+            return TYPE_A
+        return (
+            "Expanded uncertainties combine the noise beside each line (type A) with the declared relative standard "
+            f"uncertainty of the reference's acceleration, {100.0 * declared:.2g} %, on magnitudes (type B)."
+        )
 
     def __repr__(self) -> str:
         span = f", {self.points[0].frequency:.4g} to {self.points[-1].frequency:.4g} Hz" if self.points else ""
@@ -179,7 +204,7 @@ def frequency_response(
             f"{recording.name}: output and reference have no frequency in common that stands out of their noise; "
             "check that both saw the same motion, or move more"
         )
-    return _concluded(recording, harmonics, points, check)
+    return _concluded(recording, used, harmonics, points, check)
 
 
 def stepped_response(recording: Recording, *, check: bool = True) -> FrequencyResponse | None:
@@ -195,19 +220,33 @@ def stepped_response(recording: Recording, *, check: bool = True) -> FrequencyRe
     harmonics = _sine(recording, used, "auto", None)
     if len(_distinct([h.point.frequency for h in harmonics])) < FREQUENCIES:
         return None
-    return _concluded(recording, harmonics, [], check)
+    return _concluded(recording, used, harmonics, [], check)
 
 
 def _concluded(
-    recording: Recording, harmonics: Sequence[Harmonics], broadband: Sequence[Point], check: bool
+    recording: Recording,
+    reference: Reference,
+    harmonics: Sequence[Harmonics],
+    broadband: Sequence[Point],
+    check: bool,
 ) -> FrequencyResponse:
     """Points by frequency with all that follows from them."""
-    points = sorted((*(h.point for h in harmonics), *broadband), key=lambda p: (p.frequency, p.start))
-    model = fit_response(points)
-    terms = linearity(harmonics, model.best.response) if model is not None and harmonics else ()
+    measured = sorted((*(h.point for h in harmonics), *broadband), key=lambda p: (p.frequency, p.start))
+    points = [replace(p, reference_std=declared_std(recording, reference)) for p in measured]
+    model = fit_response(points, recording.rig.output_filters, 1.0 / usual_step(recording.accel.t))
+    terms: tuple[Term, ...] = ()
+    if model is not None and harmonics:
+        gain, sized = model.best.response, float(model.best.theta[0])
+        terms = linearity(harmonics, gain, sized, coupled=not high_passes(recording.rig.output_filters))
     return FrequencyResponse(
         recording.name, tuple(points), model, terms, cross_check(recording, points) if check else None
     )
+
+
+def declared_std(recording: Recording, reference: Reference) -> float:
+    """Relative standard uncertainty of the reference's acceleration by its declared scale and clock; 0 without."""
+    uncertainty = recording.rig.uncertainty
+    return math.hypot(uncertainty.encoder_scale or 0.0, reference.order * (uncertainty.clock_rate or 0.0))
 
 
 def _distinct(frequencies: Sequence[float]) -> list[float]:

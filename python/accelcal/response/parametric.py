@@ -15,9 +15,10 @@ import numpy as np
 import scipy
 
 from accelcal._support.result import Storable
-from accelcal.data import Array
+from accelcal.data import Array, ChannelFilter
 from accelcal.response.sine import COVERAGE, Point
 from accelcal.signals.processing import Spectrum
+from accelcal.signals.processing import response as gain_of
 
 SAME = 6.0
 """Difference of the information criterion below which two structures are not separated: odds of 20 to 1."""
@@ -75,10 +76,9 @@ class Structure:
                 at += 1
         return total
 
-    def starts(self, points: Sequence[Point]) -> list[Array]:
-        """First values to try: corners over the range and beyond it, with several sharpnesses."""
-        f = np.array([p.frequency for p in points])
-        value = np.array([p.value for p in points], dtype=np.complex128)
+    def starts(self, f: Array, value: Spectrum) -> list[Array]:
+        """First values to try for a sensitivity (n,) at frequencies (n,) Hz: corners over the range and beyond it, with
+        several sharpnesses."""
         low = float(np.real(value[np.argmin(f)]) or 1.0)
         gain = math.copysign(abs(value[np.argmin(f)]), low)
         lag = _delay(f, value * math.copysign(1.0, gain))
@@ -140,9 +140,14 @@ class Fitted:
     deviations: Array
     """(n,) |measured - fitted| in standard uncertainties of its two parts, sqrt(chi-square of two degrees)."""
 
+    behind: tuple[ChannelFilter, ...] = ()
+    """Declared filters that are in the sensitivity and in no structure: factors that are known."""
+    rate: float = 1.0
+    """Hz, at which such that are digital run."""
+
     def response(self, frequency: Array) -> Spectrum:
         """Fitted sensitivity (n,) at frequencies (n,) Hz."""
-        return self.structure.response(self.theta, frequency)
+        return self.structure.response(self.theta, frequency) * gain_of(self.behind, self.rate)(frequency)
 
     def __getitem__(self, name: str) -> Parameter:
         return next(p for p in self.parameters if p.name == name)
@@ -164,9 +169,10 @@ class ResponseModel(Storable):
     def sentences(self) -> tuple[str, ...]:
         """For people."""
         best = self.best
+        behind = f" behind the declared {', '.join(item.name for item in best.behind)}" if best.behind else ""
         sentences = [
-            f"{best.structure.name}: {_values(best)}; chi-square {best.chi_square:.4g} on {best.degrees} degrees of "
-            f"freedom (p = {best.p_value:.2g})"
+            f"{best.structure.name}{behind}: {_values(best)}; chi-square {best.chi_square:.4g} on {best.degrees} "
+            f"degrees of freedom (p = {best.p_value:.2g})"
         ]
         if self.rivals:
             others = "; ".join(f"{r.structure.name} ({_values(r)})" for r in self.rivals)
@@ -203,13 +209,21 @@ def _values(fitted: Fitted) -> str:
     )
 
 
-def fit_response(points: Sequence[Point]) -> ResponseModel | None:
-    """Fit every structure that has fewer parameters than the points have numbers; None with fewer than two points."""
+def fit_response(
+    points: Sequence[Point], behind: Sequence[ChannelFilter] = (), rate: float = 1.0
+) -> ResponseModel | None:
+    """Fit every structure that has fewer parameters than the points have numbers; None with fewer than two points.
+
+    Parameters
+    ----------
+    points : the sensitivity by frequency.
+    behind, rate : declared filters of the output that no structure has, and the rate of the output, Hz.
+    """
     if len(points) < 2:
         return None
-    fitted = [
-        candidate for s in STRUCTURES if s.size < 2 * len(points) - 1 and (candidate := _fit(s, points)) is not None
-    ]
+    able = [structure for structure in STRUCTURES if structure.size < 2 * len(points) - 1]
+    candidates = [_fit(structure, points, tuple(behind), rate) for structure in able]
+    fitted = [candidate for candidate in candidates if candidate is not None]
     if not fitted:
         return None
     best = min(fitted, key=lambda rival: rival.criterion)
@@ -225,12 +239,15 @@ def _own(rival: Fitted, best: Fitted, fitted: Sequence[Fitted]) -> bool:
     return not any(rival.structure.contains(s) for s in as_good)
 
 
-def _fit(structure: Structure, points: Sequence[Point]) -> Fitted | None:
+def _fit(
+    structure: Structure, points: Sequence[Point], behind: tuple[ChannelFilter, ...], rate: float
+) -> Fitted | None:
     f = np.array([p.frequency for p in points])
-    value = np.array([p.value for p in points])
+    through = gain_of(behind, rate)(f)
+    value = np.array([p.value for p in points]) / through
     # the expectation of chi-square is that of known variances
     std = np.array([p.std * math.sqrt(p.degrees / max(p.degrees - 2.0, 1.0)) for p in points])
-    std = np.maximum(std, 1e-12 * np.abs(value))
+    std = np.maximum(std / np.abs(through), 1e-12 * np.abs(value))
 
     def residual(theta: Array) -> Array:
         with np.errstate(all="ignore"):
@@ -238,7 +255,7 @@ def _fit(structure: Structure, points: Sequence[Point]) -> Fitted | None:
         both = np.concatenate([apart.real, apart.imag])
         return np.asarray(np.nan_to_num(both, nan=1e12, posinf=1e12, neginf=-1e12))
 
-    starts = sorted(structure.starts(points), key=lambda theta: float(np.sum(residual(theta) ** 2)))
+    starts = sorted(structure.starts(f, value), key=lambda theta: float(np.sum(residual(theta) ** 2)))
     low, high = _bounds(structure, f)
     trials = [
         scipy.optimize.least_squares(
@@ -252,6 +269,7 @@ def _fit(structure: Structure, points: Sequence[Point]) -> Fitted | None:
         return None
     widened = max(1.0, chi_square / degrees)
     covariance = np.linalg.inv(best.jac.T @ best.jac) * widened
+    covariance[0, 0] += (max(p.reference_std for p in points) * best.x[0]) ** 2  # an error that all points share
     factor = float(scipy.special.stdtrit(_degrees(points, degrees, widened), 0.5 + 0.5 * COVERAGE))
     half = len(points)
     return Fitted(
@@ -263,6 +281,8 @@ def _fit(structure: Structure, points: Sequence[Point]) -> Fitted | None:
         degrees,
         float(scipy.special.chdtrc(degrees, chi_square)),
         np.hypot(best.fun[:half], best.fun[half:]),
+        behind,
+        rate,
     )
 
 

@@ -150,11 +150,18 @@ class Point(Storable):
     """s, of the stretch that was used."""
     end: float
     """s"""
+    reference_std: float = 0.0
+    """Declared relative standard uncertainty of the reference's acceleration, which all points share."""
 
     @property
     def magnitude(self) -> float:
         """Magnitude of the sensitivity."""
         return abs(self.value)
+
+    @property
+    def combined(self) -> float:
+        """Combined standard uncertainty of the magnitude: of noise and of what is declared of the reference."""
+        return math.hypot(self.std, self.reference_std * self.magnitude)
 
     @property
     def phase(self) -> float:
@@ -163,18 +170,29 @@ class Point(Storable):
 
     @property
     def coverage_factor(self) -> float:
-        """Student's factor for `COVERAGE`; 2 where there are many degrees of freedom."""
-        return float(scipy.special.stdtrit(self.degrees, 0.5 + 0.5 * COVERAGE))
+        """Student's factor of the magnitude, by effective degrees of freedom (Welch and Satterthwaite)."""
+        noise = self.std / self.combined if self.combined > 0.0 else 1.0
+        return student(self.degrees / max(noise, 1e-6) ** 4)
+
+    @property
+    def phase_factor(self) -> float:
+        """Student's factor of the phase, to which noise alone contributes."""
+        return student(self.degrees)
 
     @property
     def expanded(self) -> float:
         """Expanded uncertainty of the magnitude (k = 2)."""
-        return self.coverage_factor * self.std
+        return self.coverage_factor * self.combined
 
     @property
     def expanded_phase(self) -> float:
         """Expanded uncertainty of the phase, rad (k = 2); at most pi."""
-        return min(self.expanded / self.magnitude, math.pi) if self.magnitude > 0.0 else math.pi
+        return min(self.phase_factor * self.std / self.magnitude, math.pi) if self.magnitude > 0.0 else math.pi
+
+
+def student(degrees: float) -> float:
+    """Student's factor for `COVERAGE`; 2 where there are many degrees of freedom."""
+    return float(scipy.special.stdtrit(degrees, 0.5 + 0.5 * COVERAGE))
 
 
 LEAST_CYCLES = 6.0
@@ -183,8 +201,10 @@ SMOOTHED_CYCLES = 4.0
 """Periods over which the envelope is averaged."""
 LEVEL = 0.8
 """Share of the envelope's top that belongs to a step: amplitudes that differ by a quarter are two steps."""
-FADED = 0.1
+FADED = 0.01
 """Share of a step's amplitude below which its fading no longer counts as part of it."""
+FALLING = 0.8
+"""Share of the envelope that is left one rise time further where it is still fading."""
 SIGNIFICANT = 60.0
 """Power of a line over the median of the spectrum; whether it is steady is decided on its envelope."""
 ALONE = 0.8
@@ -309,12 +329,20 @@ def _stretch(x: Array, step: float, frequency: float) -> tuple[int, int, int, in
     steady = np.flatnonzero(inner >= (1.0 - slack) * plateau)
     rise, fall = int(steady[0]), len(inner) - 1 - int(steady[-1])
     outer_first, outer_last = stretch_about(envelope >= FADED * plateau, peak)
-    begin = max(outer_first, first - 2 * (rise + window))
-    stop = min(outer_last, last + 2 * (fall + window)) + 1
+    begin = _faded(envelope, first, -(rise + window), outer_first)
+    stop = _faded(envelope, last, fall + window, outer_last) + 1
     begin += int(np.argmin(envelope[begin : first + 1]))  # where it rises again stands another step
     stop = last + int(np.argmin(envelope[last:stop])) + 1
     start, end = first + rise + window, last - fall - window
     return (start, end, begin, stop) if end > start else (first, first, begin, stop)
+
+
+def _faded(envelope: Array, edge: int, length: int, last: int) -> int:
+    """Where the fading of a step ends: at `last`, or where the envelope falls no more from one `length` to the next."""
+    at = edge + 2 * length
+    while (last - at) * length > 0 and envelope[min(max(at + length, 0), len(envelope) - 1)] < FALLING * envelope[at]:
+        at += length
+    return min(at, last) if length > 0 else max(at, last)
 
 
 def _joined(steps: list[SineStep]) -> list[SineStep]:

@@ -30,9 +30,9 @@ from accelcal.plots.response import (
     FIT_HEAD,
     LINEARITY_HEAD,
     RESPONSE_HEAD,
-    RESPONSE_NOTE,
     fit_rows,
     linearity_rows,
+    response_note,
     response_rows,
     response_sentences,
     sensitivity,
@@ -545,7 +545,7 @@ def response(page: Page) -> None:
             widgets.table(FIT_HEAD, fit_rows(result), "Parametric fit")
         with ui.expansion("Table by frequency", icon="table_rows").classes("full"):
             widgets.table(RESPONSE_HEAD, response_rows(result), "Frequency response")
-            ui.label(RESPONSE_NOTE).classes("note")
+            ui.label(response_note(result)).classes("note")
         if result.terms:
             with ui.expansion("Amplitude linearity", icon="show_chart").classes("full"):
                 widgets.table(LINEARITY_HEAD, linearity_rows(result), "Amplitude linearity")
