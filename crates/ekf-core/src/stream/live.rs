@@ -17,6 +17,32 @@ const REACH: usize = 4;
 ///
 /// Held output needs no future; a line needs the next sample, a cubic the one after it (and four in all). Events wait
 /// that long, so the belief lags by as many samples. A system that reads the output never waits.
+///
+/// Behind a gap that no interpolation bridges, or a stamp so far ahead that all that follow are
+/// [`StepError::TimeOrder`], begin anew with what is known of the parameters:
+///
+/// ```
+/// use ekf_core::{Aci, Belief, Channel, Engine, Event, Filter, Form, Live, Sensor};
+///
+/// let filter = Filter::new(Aci { sensor: Sensor::constant(Form::Forward), q: 1e-6, tau: 0.0 }, 1e-12, 0.0);
+/// let start = Belief::independent([0.0; 4], [1e-5, 1e-2, 0.1, 1.0]); // p, v, k, K0
+/// let mut live = Live::new(filter, &start)?;
+/// live.push(Event { t: 0.0, channel: Channel::Output, value: 0.1 }, |_| ())?;
+/// live.push(Event { t: 1e6, channel: Channel::Output, value: 0.1 }, |_| ())?; // a wrong stamp
+/// assert!(live.push(Event { t: 1e-3, channel: Channel::Output, value: 0.1 }, |_| ()).is_err());
+///
+/// let known = filter.belief(&live.track().state);
+/// let mut prior = start; // of the motion; parameters keep their mean and covariance
+/// for i in 2..4 {
+///     prior.x[i] = known.x[i];
+///     for j in 2..4 {
+///         prior.P[(i, j)] = known.P[(i, j)];
+///     }
+/// }
+/// live = Live::new(filter, &prior)?;
+/// live.push(Event { t: 1e-3, channel: Channel::Output, value: 0.1 }, |_| ())?;
+/// # Ok::<(), ekf_core::RunError>(())
+/// ```
 #[derive(Debug, Clone, Copy)]
 pub struct Live<E: Engine<N>, const N: usize> {
     filter: E,
