@@ -82,7 +82,7 @@ MOST_NOTES = 3
 PARAMETER_COLUMNS = (
     Column("parameter", "parameter", lambda r: f"{r['parameter']}{r.get('where', '')}"),
     Column("symbol", "symbol"),
-    Column("", "value", lambda r: r["worded"]),
+    Column("", "value ± u", lambda r: r["worded"]),
     Column("", "at full scale", lambda r: r["at_full_scale"]),
     Column("", "SI value (u)", lambda r: r["si"], exact=lambda r: r.get("value")),
     Column("", "95 % interval", lambda r: r["span"], detail=True),
