@@ -85,14 +85,16 @@ def test_dates_and_time_deltas_in_a_column_are_stamps_without_a_unit(zone: str |
         np.testing.assert_array_equal(dated.accel.t, run.accel.t)
 
 
-BEGAN = {"accel": np.datetime64("2026-11-03T23:59:58.004", "us"), "position": np.datetime64("2026-11-03T23:59:58.001")}
-"""When each of two clocks was first read."""
+BEGAN = np.datetime64("2026-11-03T23:59:58.001", "us")
+LATER = np.timedelta64(3, "ms")
+"""When the clock of the position was first read, and how much later that of the output."""
 
 
-def dated(holder: str, folder: Path) -> ac.Recording:
+def dated(holder: str, folder: Path, began: np.datetime64 = BEGAN) -> ac.Recording:
     """Output and position, each with dates of its own, in a frame, in arrays or in a file."""
     pandas = pytest.importorskip("pandas")
-    stamps = {name: begun + np.round(1e6 * T).astype("timedelta64[us]") for name, begun in BEGAN.items()}
+    elapsed = np.round(1e6 * T).astype("timedelta64[us]")
+    stamps = {"accel": began + LATER + elapsed, "position": began + elapsed}
     if holder in ("arrays", "objects"):
         t, position_t = (x.tolist() if holder == "objects" else x for x in (stamps["accel"], stamps["position"]))
         return ac.Recording.from_arrays(t, output(), POSITION, position_t=position_t, units=UNITS)
@@ -116,10 +118,33 @@ def dated(holder: str, folder: Path) -> ac.Recording:
 @pytest.mark.parametrize("holder", ["arrays", "objects", "frame", "parquet", "csv", "csv of the day", "tdms"])
 def test_dates_of_two_clocks_count_from_the_same_instant(holder: str, tmp_path: Path) -> None:
     run = dated(holder, tmp_path)
-    midnight = BEGAN["accel"].astype("datetime64[D]")
-    zero = 0.0 if "of the day" not in holder else (BEGAN["position"] - midnight) / np.timedelta64(1, "s")
+    midnight = BEGAN.astype("datetime64[D]")
+    zero = 0.0 if "of the day" not in holder else (BEGAN - midnight) / np.timedelta64(1, "s")
     np.testing.assert_allclose(run.position.t, T + zero, atol=1e-5)
     np.testing.assert_allclose(run.accel.t, T + zero + 3e-3, atol=1e-5)
+
+
+@pytest.mark.parametrize("holder", ["arrays", "objects", "parquet", "csv"])
+def test_a_clock_that_was_never_set_has_dates_as_well(holder: str, tmp_path: Path) -> None:
+    run = dated(holder, tmp_path, np.datetime64("1970-01-01T00:00:00", "us"))
+    np.testing.assert_allclose(run.accel.t - run.position.t, 3e-3, atol=1e-9)
+
+
+def test_dates_of_one_clock_and_seconds_of_another_are_not_paired() -> None:
+    stamps = BEGAN + np.round(1e6 * T).astype("timedelta64[us]")
+    with pytest.raises(RecordingError, match=r'stamps of "accel" are dates, those of "position" are not'):
+        ac.Recording.from_arrays(stamps, output(), POSITION, position_t=T, units=UNITS)
+
+
+def test_dates_may_be_missing_in_a_list() -> None:
+    stamps = [None if k == 3 else x for k, x in enumerate((BEGAN + np.round(1e6 * T).astype("m8[us]")).tolist())]
+    read = np.arange(N) != 3
+    run = ac.Recording.from_arrays(
+        stamps, np.where(read, output(), np.nan), np.where(read, POSITION, np.nan), units=UNITS
+    )
+    np.testing.assert_allclose(run.accel.t, T[read], atol=1e-6)
+    with pytest.raises(RecordingError):
+        ac.Recording.from_arrays(np.array([], dtype=object), [], [], units=UNITS)
 
 
 @pytest.mark.parametrize("package", ["numpy", "pandas", "xarray", "time deltas"])

@@ -166,6 +166,7 @@ def test_any_text_is_either_a_quantity_or_a_unit_error(text):
 @pytest.mark.parametrize("unit", ["ms⁻²", "ms-2", "ms^-2", "m s^-2"])
 def test_acceleration_is_read_as_charts_of_vibration_sensors_print_it(unit):
     assert units.sensitivity(f"10 mV/{unit}" if unit[1] == "s" else f"10 mV/({unit})", "acceleration")[0] == 0.01
+    assert units.sensitivity(f"10 mV/({unit})", "acceleration")[0] == 0.01
     assert units.conversion(unit).si == "m/s^2"
     assert units.conversion("1/ms^2").si == "1/s^2"
 

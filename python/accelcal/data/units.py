@@ -506,7 +506,7 @@ def normalise(unit: str) -> str:
         return unit  # which is no unit
     text = _SUPERSCRIPT.sub(lambda run: "^" + run[0].translate(_DIGITS), unit.strip().translate(_SYMBOLS))
     text = text.replace("_per_", "/").replace("**", "^")
-    text = _PER_SECOND_SQUARED.sub(lambda run: "m/s^2" if run[0] == text else "(m/s^2)", text)
+    text = _PER_SECOND_SQUARED.sub(lambda run: "m/s^2" if run[0] == text or "(" in text else "(m/s^2)", text)
     text = _IN_WORDS.get(text.lower().rstrip("."), text)
     text = re.sub(r"√\(?([A-Za-z]+)\)?|sqrt\(([^()]*)\)|\brt([A-Z][a-z]*)", _root, text)
     return re.sub(r"(?<=[A-Za-z])([23]|-[123])(?![\d.])", r"^\1", text)

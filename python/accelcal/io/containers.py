@@ -119,10 +119,11 @@ class ReaderProcess:
             raise RecordingError(f"{self.path}: {self._damage(lengths)}")
         assert self._process.stdout is not None
         values = _filled(self._process.stdout, np.empty(length, dtype="<f8")).astype(np.float64, copy=False)
+        origin = None if answer["origin"] is None else int(answer["origin"])
         if not answer["missing"]:
-            return Column(values, None, int(answer["origin"]))
+            return Column(values, None, origin)
         present = _filled(self._process.stdout, np.empty(length, dtype=np.uint8)) != 0
-        return Column(values, present, int(answer["origin"]))
+        return Column(values, present, origin)
 
     @contextmanager
     def _ended_in_words(self) -> Iterator[None]:

@@ -464,7 +464,7 @@ def seconds(cells: Any, order: Order | None) -> Column:
     if np.any(hour > 24) or np.any(numbers("minute") > 59) or np.any(numbers("second") >= 61):
         raise pa.ArrowInvalid("a cell is no time of day")
     t = 3600.0 * hour + 60.0 * numbers("minute") + numbers("second")
-    origin = 0
+    origin = None
     if dated:
         days = _days(numbers("a"), numbers("b"), numbers("c"), order or _order_of(given, parts, numbers))
         origin = int(DAY * days[0]) * 10**9

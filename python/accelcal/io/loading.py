@@ -947,7 +947,8 @@ def _samples(
     for timing in clocks:
         instants[timing], noticed = _instants(table, plan, timing, raw)
         findings += noticed
-    began = min((stamps.origin for stamps in instants.values() if stamps.origin), default=0)
+    _require_one_kind(table, plan, instants)
+    began = min((stamps.origin for stamps in instants.values() if stamps.origin is not None), default=0)
     sampled: dict[str, Sampled] = {}
     for name, source in plan.sources.items():
         clock = source.time
@@ -962,7 +963,7 @@ def _samples(
             stamps = Column(np.arange(len(y.values)) / clock.rate)
         else:
             stamps = instants[clock]
-            if stamps.origin:  # dates of every clock count from the first of all
+            if stamps.origin is not None:  # dates of every clock count from the first of all
                 stamps = Column(stamps.values + 1e-9 * (stamps.origin - began), stamps.present)
             if chosen is not None and len(stamps.values) == len(chosen):
                 stamps = Column(stamps.values[chosen], None if stamps.present is None else stamps.present[chosen])
@@ -1144,6 +1145,19 @@ def _rows_where(table: Table, source: Source, name: str) -> Flags | None:
 def _labels(table: Table, column: str) -> NDArray[Any]:
     """The cells of a column, numbers or texts, (n,)."""
     return table.text(column) if column in table.texts else table.read([column])[column].values
+
+
+def _require_one_kind(table: Table, plan: Plan, instants: Mapping[Clock, Column]) -> None:
+    """Refuse an output and a reference of which one has dates and the other has none: how they belong together is not
+    said."""
+    measured = [s for name, s in plan.sources.items() if name == "accel" or name in UNITS]
+    stamps = {s.column: instants[s.time] for s in measured if s.time and s.time in instants and s.time.rate is None}
+    dated, plain = ([c for c, t in stamps.items() if (t.origin is not None) == is_date] for is_date in (True, False))
+    if dated and plain:
+        raise RecordingError(
+            f'{table.path}: the stamps of "{dated[0]}" are dates, those of "{plain[0]}" are not, so nothing tells how '
+            "the two belong together; give both as dates, or both in seconds of one clock"
+        )
 
 
 def _instants(table: Table, plan: Plan, clock: Clock, raw: Mapping[str, Column]) -> tuple[Column, list[Finding]]:

@@ -119,9 +119,10 @@ def dates_of(values: ArrayLike) -> NDArray[Any] | None:
     stamps = np.asarray(values, dtype=f"{kind}8[ns]" if kind in ("m", "M") else None)
     if stamps.dtype == object and stamps.ndim == 1:
         plain = [x.astimezone(UTC).replace(tzinfo=None) if getattr(x, "tzinfo", None) else x for x in stamps]
-        kind = "M" if isinstance(plain[0], datetime) else "m"
-        alike = all(isinstance(x, datetime if kind == "M" else timedelta) for x in plain)
-        stamps = np.array(plain, dtype=f"{kind}8[us]") if alike else stamps
+        sampled = [x for x in plain if x is not None]
+        for kind, wanted in (("M", datetime), ("m", timedelta)):
+            if sampled and all(isinstance(x, wanted) for x in sampled):
+                stamps = np.array(plain, dtype=f"{kind}8[us]")
     return stamps if stamps.dtype.kind in "mM" and stamps.ndim == 1 else None
 
 
@@ -226,6 +227,6 @@ def digest_of(columns: Mapping[str, Column], units: Mapping[str, str]) -> str:
     """SHA-256 of columns and units, hex."""
     digest = hashlib.sha256(repr(sorted(units.items())).encode())
     for key, column in columns.items():
-        digest.update(f"{key}{column.origin or ''}".encode())
+        digest.update(f"{key}{'' if column.origin is None else column.origin}".encode())
         digest.update(np.ascontiguousarray(column.values).tobytes())
     return digest.hexdigest()

@@ -29,8 +29,8 @@ class Column:
     """(n,) in the unit of the file; meaningless where a cell is empty."""
     present: NDArray[np.bool_] | None = None
     """(n,) False where a cell is empty; None = no cell is."""
-    origin: int = 0
-    """Where the values are dates: the instant from which they count, ns since 1970; 0 = they are none."""
+    origin: int | None = None
+    """Where the values are dates: the instant from which they count, ns since 1970."""
 
 
 def _no_texts(column: str) -> NDArray[np.str_]:
@@ -128,8 +128,8 @@ def from_dates(stamps: NDArray[Any]) -> Column:
     """
     missing = np.isnat(stamps)
     count = stamps.astype(f"{stamps.dtype.kind}8[ns]").astype(np.int64)
-    origin = int(count[~missing][0]) if stamps.dtype.kind == "M" and not missing.all() else 0
-    values = np.where(missing, np.nan, (count - origin) * 1e-9)
+    origin = int(count[~missing][0]) if stamps.dtype.kind == "M" and not missing.all() else None
+    values = np.where(missing, np.nan, (count - (origin or 0)) * 1e-9)
     return Column(values, ~missing if missing.any() else None, origin)
 
 
@@ -141,20 +141,20 @@ def cells_of(values: Array, missing: Flags) -> Any:
     return pa.Array.from_buffers(pa.float64(), len(values), [bits, pa.py_buffer(np.ascontiguousarray(values))])
 
 
-def _seconds(cells: Any) -> tuple[Any, int]:
-    """Numbers as they are, stamps in s; and the date from which they count, ns since 1970."""
+def _seconds(cells: Any) -> tuple[Any, int | None]:
+    """Numbers as they are, stamps in s; and of dates the one from which they count, ns since 1970."""
     import pyarrow as pa
 
     if pa.types.is_integer(cells.type) or pa.types.is_floating(cells.type) or pa.types.is_decimal(cells.type):
-        return cells, 0
+        return cells, None
     from pyarrow import compute  # for stamps alone: it takes half as long to import as NumPy
 
-    origin = 0
+    origin = None
     if pa.types.is_timestamp(cells.type):
         count = cells.cast(pa.timestamp("ns", cells.type.tz)).cast(pa.int64())
         given = count.drop_null()
-        origin = given[0].as_py() if len(given) else 0
-        count = compute.subtract(count, origin)
+        origin = given[0].as_py() if len(given) else None
+        count = compute.subtract(count, origin or 0)
     elif pa.types.is_duration(cells.type):
         count = cells.cast(pa.duration("ns")).cast(pa.int64())
     else:

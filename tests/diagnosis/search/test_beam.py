@@ -108,6 +108,14 @@ def test_an_effect_gives_way_to_the_likelier_one_of_its_class() -> None:
     assert likeliest(strong, Even(), (0, 2), RULES) == (1, 2)
     assert likeliest(table, Even(), (1,), RULES) == (1,)
 
+    class Uneven(Even):
+        """Scores of the rival that come from one block."""
+
+        def inflation(self, i: int, given: tuple[int, ...]) -> float:
+            return 200.0 if i == 1 else 1.0
+
+    assert likeliest(table, Uneven(), (0, 2), RULES) == (0, 2)  # the rival is not significant
+
 
 def test_the_rivals_of_an_effect_of_little_evidence_have_more_weight(plain: Simulated) -> None:
     motion = plain.truth.motion

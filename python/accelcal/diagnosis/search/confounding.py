@@ -186,8 +186,8 @@ def credible_set(log_evidence: Mapping[str, float]) -> dict[str, float]:
 def likeliest(
     evidence: CandidateScores, scatter: BlockScatter, chosen: tuple[int, ...], rules: SearchRules
 ) -> tuple[int, ...]:
-    """A set each of whose members is in its own confounding class: one that given the others is not gives way to the
-    likeliest, and what is then no longer significant, or deferred, leaves.
+    """A set in which the first member that given the others is not in its own confounding class gives way to the
+    likeliest one that is significant in its place; what is then no longer significant, or deferred, leaves.
 
     What fits best as a set may be a wrong effect and a random process that repairs it.
     """
@@ -196,8 +196,10 @@ def likeliest(
         weights = confounding_class(evidence, scatter, i, others, rules)
         best = max(weights, key=lambda rival: weights[rival].by_record)
         if 1.0 - weights[name].by_record > CLASS_WEIGHT and name != best:
-            j = next(j for j, item in enumerate(evidence.items) if item.effect.name == best)
-            return rules.undeferred(evidence, rules.significant_members(evidence, scatter, (*others, j)))
+            trials = [j for j, item in enumerate(evidence.items) if item.effect.name == best and j not in others]
+            j = max(trials, key=lambda trial: rules.net_gain_given(evidence, None, trial, others))
+            if rules.net_gain_given(evidence, scatter, j, others) > -math.inf:
+                return rules.undeferred(evidence, rules.significant_members(evidence, scatter, (*others, j)))
     return chosen
 
 
