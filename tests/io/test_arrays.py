@@ -281,6 +281,6 @@ def test_an_output_in_volts_is_read_by_the_scale_of_its_data_sheet(tmp_path: Pat
     ],
     ids=["column", "generator", "text"],
 )
-def test_an_array_of_another_shape_or_kind_is_told_what_makes_it_one(accel, advice):
+def test_the_message_on_an_unusable_array_says_what_makes_numbers_of_it(accel, advice):
     with pytest.raises(RecordingError, match=advice):
         ac.Recording.from_arrays(t=np.arange(5), accel=accel, position=np.arange(5), units={"accel": "g"})

@@ -104,8 +104,8 @@ def require_kinds(caller: str, units: object, rig: object) -> None:
 def has_clocks(names: Iterable[str]) -> bool:
     """Whether columns have stamps: all of them, or output and reference each its own."""
     columns = discover(table_of(dict.fromkeys(names, Column(np.empty(0))), {}, ""))
-    own = {channel for channel, clock in columns.values() if clock}
-    return common_clock(columns) is not None or {"accel", reference_among(own) or "position"} <= own
+    clocked = {channel for channel, clock in columns.values() if clock}
+    return common_clock(columns) is not None or {"accel", reference_among(clocked) or "position"} <= clocked
 
 
 def common_clock(names: Iterable[str]) -> str | None:

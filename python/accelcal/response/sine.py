@@ -201,8 +201,8 @@ SMOOTHED_CYCLES = 4.0
 """Periods over which the envelope is averaged."""
 LEVEL = 0.8
 """Share of the envelope's top that belongs to a step: amplitudes that differ by a quarter are two steps."""
-FADED = 0.01
-"""Share of a step's amplitude below which its fading no longer counts as part of it."""
+FADED, VANISHED = 0.1, 0.01
+"""Share of a step's amplitude below which its fading no longer counts as part of it: a fast one, a slow one."""
 FALLING = 0.8
 """Share of the envelope that is left one rise time further where it is still fading."""
 SIGNIFICANT = 60.0
@@ -328,21 +328,25 @@ def _stretch(x: Array, step: float, frequency: float) -> tuple[int, int, int, in
     slack = max(0.01, 4.0 * float(np.std(middle)) / plateau if plateau > 0.0 else 0.0)
     steady = np.flatnonzero(inner >= (1.0 - slack) * plateau)
     rise, fall = int(steady[0]), len(inner) - 1 - int(steady[-1])
-    outer_first, outer_last = stretch_about(envelope >= FADED * plateau, peak)
-    begin = _faded(envelope, first, -(rise + window), outer_first)
-    stop = _faded(envelope, last, fall + window, outer_last) + 1
+    near, far = (stretch_about(envelope >= share * plateau, peak) for share in (FADED, VANISHED))
+    begin = _faded(envelope, first, -(rise + window), near[0], far[0])
+    stop = _faded(envelope, last, fall + window, near[1], far[1]) + 1
     begin += int(np.argmin(envelope[begin : first + 1]))  # where it rises again stands another step
     stop = last + int(np.argmin(envelope[last:stop])) + 1
     start, end = first + rise + window, last - fall - window
     return (start, end, begin, stop) if end > start else (first, first, begin, stop)
 
 
-def _faded(envelope: Array, edge: int, length: int, last: int) -> int:
-    """Where the fading of a step ends: at `last`, or where the envelope falls no more from one `length` to the next."""
+def _faded(envelope: Array, edge: int, length: int, near: int, far: int) -> int:
+    """Where the fading of a step ends: at `near` where that is soon, else where the envelope falls no more from one
+    `length` to the next, at `far` at most."""
+    toward = min if length > 0 else max
     at = edge + 2 * length
-    while (last - at) * length > 0 and envelope[min(max(at + length, 0), len(envelope) - 1)] < FALLING * envelope[at]:
+    if toward(at, near) == near:
+        return near
+    while (far - at) * length > 0 and envelope[min(max(at + length, 0), len(envelope) - 1)] < FALLING * envelope[at]:
         at += length
-    return min(at, last) if length > 0 else max(at, last)
+    return toward(at, far)
 
 
 def _joined(steps: list[SineStep]) -> list[SineStep]:

@@ -1039,9 +1039,9 @@ def rust_resume(text: Text) -> str:
         if gap
         else ""
     )
-    kept = [name for name in text.sizes if name in LASTING]
-    kept += ["begun", "starts"] if text.plan.suspects else []
-    fields = "\n".join(f"            {name}: self.{name}," for name in kept)
+    lasting = [name for name in text.sizes if name in LASTING]
+    lasting += ["begun", "starts"] if text.plan.suspects else []
+    fields = "\n".join(f"            {name}: self.{name}," for name in lasting)
     interrupted = "\n".join(f"    {line}" for line in watching.interrupted(text)) if text.plan.suspects else ""
     return f"""\
     /// Behind a gap of so many missing samples: the motion begins anew at a position (m), the next reading will do.
