@@ -105,8 +105,10 @@ int main(void) {
         }
         if (rows++ == 0) {
             tracker_init(&filter, (float)position);
-        } else if (missed >= HELD) {
-            tracker_resume(&filter, (float)position, missed - HELD);
+        } else if (missed >= HELD && tracker_resume(&filter, (float)position, missed - HELD) != 0) {
+            refused++; /* beyond the numbers of the filter: the gap goes on */
+            missed++;
+            continue;
         }
         missed = given ? 0 : missed + 1;
         held = given ? (float)output : held;

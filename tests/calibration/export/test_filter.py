@@ -294,6 +294,22 @@ def test_what_cannot_be_watched_is_refused_by_name():
             filter_of(with_effects("quadratic"), watch=(name,))
 
 
+REFUSED_IN_RUST = """
+mod cal;
+fn main() {
+    let mut filter = cal::Filter::new(0.0);
+    assert!(filter.step(0.1, 0.0).is_ok());
+    let before = filter;
+    for position in [KIND::NAN, KIND::INFINITY, KIND::NEG_INFINITY] {
+        assert_eq!(filter.resume(position, 10), Err(cal::Refused));
+        assert_eq!(filter, before);
+    }
+    assert_eq!(filter.resume(0.5, 10), Ok(()));
+    assert_eq!((filter.n, filter.earlier, filter.missing), (0, 1, 10));
+}
+"""
+
+
 @pytest.mark.outside
 @pytest.mark.parametrize("precision", ["f32", "f64"])
 def test_rust_builds_without_a_warning_and_replays(tmp_path, precision):
@@ -302,6 +318,9 @@ def test_rust_builds_without_a_warning_and_replays(tmp_path, precision):
         (tmp_path / file).write_text(text)
     run(["rustc", "--edition", "2021", "-D", "warnings", "-O", "cal_replay.rs", "-o", "replay"], tmp_path)
     assert run(["./replay"], tmp_path).startswith("0 of ")
+    (tmp_path / "gap.rs").write_text(REFUSED_IN_RUST.replace("KIND", precision))
+    run(["rustc", "--edition", "2021", "-D", "warnings", "gap.rs"], tmp_path)
+    run(["./gap"], tmp_path)
     (tmp_path / "lib.rs").write_text("#![no_std]\npub mod cal;\n")
     command = ["--edition", "2021", "--crate-type", "lib", "-D", "warnings", "--emit", "metadata", "lib.rs"]
     run(["rustc", *command], tmp_path)
@@ -331,6 +350,13 @@ def test_a_reading_or_an_output_that_is_none_changes_nothing(tmp_path):
         more = np.insert(rows, 20, [output, 0.0], axis=0)
         assert library.rows(more.ctypes.data_as(ctypes.c_void_p), 51) == 1
         y = np.zeros((2, 3))
+        library.estimates(y.ctypes.data_as(ctypes.c_void_p))
+        assert np.array_equal(y, plain[0])
+    for position in (np.nan, np.inf, -np.inf):  # behind a gap as well
+        library.begin()
+        library.rows(rows.ctypes.data_as(ctypes.c_void_p), 20)
+        assert library.resume(ctypes.c_double(position), ctypes.c_uint32(100)) == 1
+        library.rows(rows[20:].ctypes.data_as(ctypes.c_void_p), 30)
         library.estimates(y.ctypes.data_as(ctypes.c_void_p))
         assert np.array_equal(y, plain[0])
     gap = rows.copy()
@@ -403,7 +429,7 @@ class Gap:
         after, y = BEFORE + MISSED, np.zeros((2, self.parameters))
         self.library.begin()
         self.library.rows(self.rows.ctypes.data_as(ctypes.c_void_p), BEFORE)
-        self.library.resume(ctypes.c_double(self.rows[after, 1]), ctypes.c_uint32(missed))
+        assert self.library.resume(ctypes.c_double(self.rows[after, 1]), ctypes.c_uint32(missed)) == 0
         self.library.rows(self.rows[after:].ctypes.data_as(ctypes.c_void_p), len(self.rows) - after)
         self.library.estimates(y.ctypes.data_as(ctypes.c_void_p))
         return y

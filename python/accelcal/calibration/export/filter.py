@@ -974,7 +974,7 @@ def comment(text: Text) -> list[str]:
         + "".join(f", {name} ({'degC' if name == 'temperature' else 'SI'})" for name in plan.side)
         + ". Steps are one sample apart. An argument that is not finite, but for the position, is refused, and nothing "
         "is changed, not the time either: for a lost output pass the one before it. Behind a gap of more than 8 samples"
-        " call resume, which begins the motion anew and keeps the parameters.",
+        " call resume with a position that was read, which begins the motion anew and keeps the parameters.",
         "States: p, v (along the input axis), then parameters: "
         + "; ".join(
             f"{i} {name} ({ascii_unit(estimates[name].unit) or '1'}), prior {estimates[name].value:.6g} with standard "
@@ -1019,14 +1019,19 @@ def c_resume(text: Text) -> str:
         *gap,
         "    } while (left-- > 0u);",
     ]
+    zero = text.writer.literal(0.0)
     return f"""\
-void {name}_resume({name}_filter *f, {text.writer.type()} position, uint32_t missed)
+int {name}_resume({name}_filter *f, {text.writer.type()} position, uint32_t missed)
 {{
+    if (!(position * {zero} == {zero})) {{
+        return 1;
+    }}
 {chr(10).join(wait) if gap else ""}
     f->earlier = f->earlier + f->n;
     f->missing = f->missing + (f->earlier > 0u ? missed : 0u);
 {chr(10).join(watching.interrupted(text)) if text.plan.suspects else ""}
     {name}_begin(f, position);
+    return 0;
 }}
 """
 
@@ -1045,7 +1050,13 @@ def rust_resume(text: Text) -> str:
     interrupted = "\n".join(f"    {line}" for line in watching.interrupted(text)) if text.plan.suspects else ""
     return f"""\
     /// Behind a gap of so many missing samples: the motion begins anew at a position (m), the next reading will do.
-    pub fn resume(&mut self, position: {text.writer.type()}, missed: u32) {{
+    ///
+    /// # Errors
+    /// [`Refused`].
+    pub fn resume(&mut self, position: {text.writer.type()}, missed: u32) -> Result<(), Refused> {{
+        if !position.is_finite() {{
+            return Err(Refused);
+        }}
 {wait}        self.earlier = self.earlier.wrapping_add(self.n);
         self.missing = self.missing.wrapping_add(if self.earlier > 0 {{ missed }} else {{ 0 }});
 {interrupted}
@@ -1055,6 +1066,7 @@ def rust_resume(text: Text) -> str:
 {fields}
             ..Self::new(position)
         }};
+        Ok(())
     }}
 """
 
@@ -1162,8 +1174,9 @@ typedef struct {{
 void {name}_init({name}_filter *f, {kind} position);
 /* One sample on; 0, or 1 where an argument is not finite and nothing was changed. */
 int {name}_step({name}_filter *f, {parameter_list(text)});
-/* Behind a gap of so many missing samples: the motion begins anew at a position (m), the next reading will do. */
-void {name}_resume({name}_filter *f, {kind} position, uint32_t missed);
+/* Behind a gap of so many missing samples: the motion begins anew at a position (m), the next reading will do; 0, or 1
+ * where it is not finite and nothing was changed. */
+int {name}_resume({name}_filter *f, {kind} position, uint32_t missed);
 /* Position of the stage, m. */
 {kind} {name}_position(const {name}_filter *f);
 /* Its velocity, m/s. */
