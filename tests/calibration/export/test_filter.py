@@ -424,21 +424,22 @@ class Gap:
     rows: np.ndarray
     parameters: int
 
-    def device(self, missed: int = MISSED) -> np.ndarray:
-        """Estimates and variances at the end, (2, m), where the filter is told of that many missing samples."""
-        after, y = BEFORE + MISSED, np.zeros((2, self.parameters))
+    def device(self, missed: int = MISSED, last: int = LONG) -> np.ndarray:
+        """Estimates and variances after a last row, (2, m), where the filter is told of that many missing samples."""
+        after, rows, y = BEFORE + MISSED, self.rows, np.zeros((2, self.parameters), self.rows.dtype)
+        number = ctypes.c_float if rows.dtype == np.float32 else ctypes.c_double
         self.library.begin()
-        self.library.rows(self.rows.ctypes.data_as(ctypes.c_void_p), BEFORE)
-        assert self.library.resume(ctypes.c_double(self.rows[after, 1]), ctypes.c_uint32(missed)) == 0
-        self.library.rows(self.rows[after:].ctypes.data_as(ctypes.c_void_p), len(self.rows) - after)
+        self.library.rows(rows.ctypes.data_as(ctypes.c_void_p), BEFORE)
+        assert self.library.resume(number(rows[after, 1]), ctypes.c_uint32(missed)) == 0
+        self.library.rows(rows[after:].ctypes.data_as(ctypes.c_void_p), last - after)
         self.library.estimates(y.ctypes.data_as(ctypes.c_void_p))
-        return y
+        return y.astype(np.float64)
 
-    def live(self, live: LiveModel) -> None:
+    def live(self, live: LiveModel, missed: int = MISSED) -> None:
         """The same with the live filter of the model."""
         after = BEFORE + MISSED
         live.run(*self.rows[:BEFORE].T)
-        live.restart(self.rows[after, 1], 0.0, live.settings["dt"] * after)
+        live.restart(self.rows[after, 1], 0.0, live.settings["dt"] * (BEFORE + missed))
         live.run(*self.rows[after:].T)
 
 
@@ -468,6 +469,36 @@ def test_behind_a_gap_the_estimates_are_those_of_the_live_filter(tmp_path, monke
     assert off(gap.device()) <= 1e-8
     if name in ("process", "time and position"):  # the twin that must fail: a gap that takes no time
         assert off(gap.device(missed=0)) > 1e-3
+
+
+def with_two_processes() -> LiveModel:
+    """A bias that forgets within seconds and a scale factor that walks."""
+    shapes = {"bias_gauss_markov": PROCESS | {"tau": 3.0}, "scale_random_walk": PROCESS}
+    model = Model.linear().add(*shapes, shapes=shapes)
+    std = {"bias_gauss_markov": 1e-3, "scale_random_walk": 1e-6}
+    priors = {term.name: Prior(0.0, std[term.effect.name]) for term in model.terms if term.effect.name in std}
+    return filter_of(dataclasses.replace(model, priors=priors))
+
+
+@pytest.mark.outside
+def test_random_processes_go_on_over_a_gap_of_any_length(tmp_path, monkeypatch):
+    # In one step: at 1667 Hz, 2^32 rounds took minutes, and in f32 lost what the scale factor walks in each.
+    gap = gap_of(tmp_path, monkeypatch, with_two_processes)
+    for name, text in filter_files(with_two_processes(), "cal", "c", "f32").items():
+        (tmp_path / name).write_text(text)
+    single = Gap(compiled(tmp_path, gap.parameters, 2, "float"), gap.rows.astype(np.float32), gap.parameters)
+    free = list(program(with_two_processes(), "f64").free)
+    for missed in (0, 9, 36_000_000, 2**32 - 1):
+        live = with_two_processes()
+        gap.live(live, missed)
+        values, variances = live.values[free], np.diag(live.covariance)[free]
+        for device, most in ((gap, 1e-8), (single, 0.1)):
+            y = device.device(missed)
+            off = np.abs(y[0] - values) / np.sqrt(variances) + np.abs(y[1] / variances - 1.0)
+            assert np.max(off) <= most, (missed, off)
+    here = BEFORE + MISSED
+    grown = [device.device(36_000_000, here)[1] - device.device(0, here)[1] for device in (single, gap)]
+    assert grown[0] == pytest.approx(grown[1], rel=1e-3)
 
 
 @pytest.mark.outside

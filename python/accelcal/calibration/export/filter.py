@@ -38,8 +38,11 @@ from accelcal.calibration.export.symbols import (
     NotTraceable,
     Symbol,
     body,
+    exponential,
+    less,
     narrow,
     over,
+    select,
     symbols,
 )
 from accelcal.data import Array, Rig
@@ -237,6 +240,25 @@ class Belief:
             for i in range(j):
                 self.U[self.among(i, j)] = self.U[self.among(i, j)] * (left[i] / share)
 
+    def wait(self, left: Sequence[Any], grown: Sequence[Any]) -> None:
+        """Random processes over any time: what is left of each parameter, however little, and what its variance gains.
+
+        With y the column of U whose rows have decayed, D (y, share)(y, share)' + gain (0, 1)(0, 1)' has the pivot
+        D share^2 + gain and the column y D share / pivot, and leaves y y' D gain / pivot to those before.
+        """
+        for j, (share, gain) in enumerate(zip(left, grown, strict=True)):
+            y = [self.U[self.among(i, j)] * left[i] for i in range(j)]
+            D, self.theta[j] = self.D[j], self.theta[j] * share
+            self.D[j] = D * share * share + gain
+            if isinstance(gain, Symbol):
+                ratio = D * over(1.0, self.D[j])
+                column = [x * (ratio * share) for x in y]
+                self.add_outer(ratio * gain, 0.0, 0.0, list(y))
+            else:
+                column = [x * over(1.0, share) for x in y]
+            for i in range(j):
+                self.U[self.among(i, j)] = column[i]
+
     def columns(self, w: Sequence[Any]) -> tuple[Any, Any, list[Any]]:
         """P[:, theta] w: in the rows of p, of v and of the parameters."""
         m = len(w)
@@ -343,7 +365,7 @@ class Program:
     correction: dict[str, Any] = field(default_factory=dict)
     """For the noise of the output in the gradient, at every sixteenth reading."""
     gap: dict[str, Any] = field(default_factory=dict)
-    """For a sample that is missing: how random processes go on."""
+    """Behind samples that are missing: how random processes went on."""
     side: tuple[str, ...] = ()
     """Side channels, arguments of a step."""
     held: dict[str, float] = field(default_factory=dict)
@@ -560,19 +582,28 @@ def push(plan: Program, belief: Belief, theta: list[Any], columns: Any) -> Push:
 
 
 def waited(plan: Program) -> dict[str, Any]:
-    """Fields of the random processes over a sample that is missing, in which the motion is forgotten."""
-    moving, h = [rate_and_density_of(plan.live)[j] for j in plan.free], plan.live.settings["dt"]
+    """Fields of the random processes behind a gap, in which the motion is forgotten: all of it at once."""
+    moving = [rate_and_density_of(plan.live)[j] for j in plan.free]
     if all(process == (0.0, 0.0) for process in moving):
         return {}
-    m = len(moving)
+    m, gap = len(moving), plan.graph.leaf("gap")
     belief = Belief.of(lambda name: plan.graph.leaf(f"@{name}"), m)
     belief.upv, belief.up, belief.uv = 0.0, [0.0] * m, [0.0] * m
-    belief.decay([float(np.exp(-rate * h)) for rate, _ in moving])
-    for j, (rate, density) in enumerate(moving):
-        grown = density * (-math.expm1(-2.0 * rate * h) / (2.0 * rate) if rate > 0.0 else h)
-        if grown > 0.0:
-            belief.add_outer(grown, 0.0, 0.0, [0.0] * j + [1.0])
+    belief.wait(
+        [exponential(-rate * gap) if rate > 0.0 else 1.0 for rate, _ in moving],
+        [density * gap * lost_share(2.0 * rate * gap) if density > 0.0 else 0.0 for rate, density in moving],
+    )
     return {f"@{name}": x for name, x in belief.fields().items() if name.partition("[")[0] in ("theta", "U", "D")}
+
+
+def lost_share(x: Any) -> Any:
+    """(1 - exp(-x)) / x, by a series where the difference would lose digits."""
+    if not isinstance(x, Symbol):
+        return 1.0
+    series: Any = 0.0
+    for k in reversed(range(1, 12)):
+        series = (1.0 - x * series) * (1.0 / k)
+    return select(less(x, 0.25), series, over(1.0 - exponential(-x), x))
 
 
 def read(plan: Program) -> None:
@@ -1012,21 +1043,17 @@ def assigned(text: Text, lasting: bool) -> list[str]:
 
 def c_resume(text: Text) -> str:
     """Definition of what goes on behind a gap."""
-    name, gap = text.writer.name, [f"        {line}" for line in text.stages[5]]
-    wait = [
-        "    uint32_t left = missed;",
-        "    do { /* up to the sample behind the gap */",
-        *gap,
-        "    } while (left-- > 0u);",
-    ]
+    name, kind, after = text.writer.name, text.writer.type(), [f"    {line}" for line in text.stages[5]]
+    step, whole = map(text.writer.literal, (text.plan.live.settings["dt"], 1.0))
+    length = f"    const {kind} gap = {step} * (({kind})missed + {whole}); /* up to the sample behind it, s */"
     zero = text.writer.literal(0.0)
     return f"""\
-int {name}_resume({name}_filter *f, {text.writer.type()} position, uint32_t missed)
+int {name}_resume({name}_filter *f, {kind} position, uint32_t missed)
 {{
     if (!(position * {zero} == {zero})) {{
         return 1;
     }}
-{chr(10).join(wait) if gap else ""}
+{chr(10).join([length, *after]) if after else ""}
     f->earlier = f->earlier + f->n;
     f->missing = f->missing + (f->earlier > 0u ? missed : 0u);
 {chr(10).join(watching.interrupted(text)) if text.plan.suspects else ""}
@@ -1038,12 +1065,9 @@ int {name}_resume({name}_filter *f, {text.writer.type()} position, uint32_t miss
 
 def rust_resume(text: Text) -> str:
     """Method that goes on behind a gap."""
-    gap = "\n".join(f"            {line}" for line in text.stages[5])
-    wait = (
-        f"        for _ in 0..=missed {{\n            // up to the sample behind the gap\n{gap}\n        }}\n"
-        if gap
-        else ""
-    )
+    kind, step = text.writer.type(), text.writer.literal(text.plan.live.settings["dt"])
+    length = f"let gap = {step} * (missed as {kind} + 1.0); // up to the sample behind it, s"
+    wait = "".join(f"        {line}\n" for line in ([length, *text.stages[5]] if text.stages[5] else []))
     kept = [name for name in text.sizes if name in LASTING]
     kept += ["begun", "starts"] if text.plan.suspects else []
     fields = "\n".join(f"            {name}: self.{name}," for name in kept)
@@ -1053,7 +1077,7 @@ def rust_resume(text: Text) -> str:
     ///
     /// # Errors
     /// [`Refused`].
-    pub fn resume(&mut self, position: {text.writer.type()}, missed: u32) -> Result<(), Refused> {{
+    pub fn resume(&mut self, position: {kind}, missed: u32) -> Result<(), Refused> {{
         if !position.is_finite() {{
             return Err(Refused);
         }}
