@@ -294,7 +294,7 @@ def test_what_cannot_be_watched_is_refused_by_name():
             filter_of(with_effects("quadratic"), watch=(name,))
 
 
-REFUSED_IN_RUST = """
+GAP_IN_RUST = """
 mod cal;
 fn main() {
     let mut filter = cal::Filter::new(0.0);
@@ -306,6 +306,12 @@ fn main() {
     }
     assert_eq!(filter.resume(0.5, 10), Ok(()));
     assert_eq!((filter.n, filter.earlier, filter.missing), (0, 1, 10));
+    filter.n = u32::MAX;
+    assert_eq!(filter.resume(0.5, u32::MAX), Ok(()));
+    assert_eq!((filter.n, filter.earlier, filter.missing), (0, u32::MAX, u32::MAX));
+    let mut fresh = cal::Filter::new(0.5);
+    assert_eq!(fresh.resume(0.0, 10), Ok(()));
+    assert_eq!((fresh, fresh.missing), (cal::Filter::new(0.0), 0));
 }
 """
 
@@ -318,7 +324,7 @@ def test_rust_builds_without_a_warning_and_replays(tmp_path, precision):
         (tmp_path / file).write_text(text)
     run(["rustc", "--edition", "2021", "-D", "warnings", "-O", "cal_replay.rs", "-o", "replay"], tmp_path)
     assert run(["./replay"], tmp_path).startswith("0 of ")
-    (tmp_path / "gap.rs").write_text(REFUSED_IN_RUST.replace("KIND", precision))
+    (tmp_path / "gap.rs").write_text(GAP_IN_RUST.replace("KIND", precision))
     run(["rustc", "--edition", "2021", "-D", "warnings", "gap.rs"], tmp_path)
     run(["./gap"], tmp_path)
     (tmp_path / "lib.rs").write_text("#![no_std]\npub mod cal;\n")
@@ -364,6 +370,35 @@ def test_a_reading_or_an_output_that_is_none_changes_nothing(tmp_path):
     absent = rows.copy()
     absent[10, 1] = np.nan
     assert np.array_equal(estimates_after(library, gap, (50,), 3), estimates_after(library, absent, (50,), 3))
+
+
+@pytest.mark.outside
+@pytest.mark.parametrize("watch", [(), ("cubic",)], ids=["alone", "watch"])
+def test_counts_of_samples_end_at_the_largest_and_begin_with_the_first(tmp_path, watch):
+    # With counts that wrapped to zero, the sample behind the next gap would be taken for the first of all.
+    for file, text in filter_files(filter_of(Model.linear(), watch=watch), "cal", "c", "f64").items():
+        (tmp_path / file).write_text(text)
+    library, most = compiled(tmp_path, 3, 2, "double", watch=bool(watch)), 2**32 - 1
+    library.counts.restype = ctypes.POINTER(ctypes.c_uint32 * 4)
+    row, since, places = np.array([[0.1, 0.0]]), np.zeros(4), (0, 2, 3)
+
+    def counts() -> list[int]:
+        return [library.counts().contents[j] for j in places]
+
+    library.begin()
+    assert library.resume(ctypes.c_double(0.0), ctypes.c_uint32(100)) == 0
+    assert counts() == [0, 0, 0]
+    library.rows(row.ctypes.data_as(ctypes.c_void_p), 1)
+    assert library.resume(ctypes.c_double(0.0), ctypes.c_uint32(100)) == 0
+    assert counts() == [0, 1, 100]
+    library.counts().contents[0] = most
+    assert library.resume(ctypes.c_double(0.0), ctypes.c_uint32(most)) == 0
+    assert counts() == [0, most, most]
+    library.rows(row.ctypes.data_as(ctypes.c_void_p), 1)
+    assert counts() == [1, most, most]
+    if watch:
+        assert library.watch(0, since.ctypes.data_as(ctypes.c_void_p)) == 0
+        assert since[3] == pytest.approx(most / 1667.0)
 
 
 SHAPES = {"start": 0.0, "length": 30.0, "low": -0.1, "high": 0.1, "tau": 5.0, "instant": 0.1, "period": 0.02}

@@ -1054,8 +1054,8 @@ int {name}_resume({name}_filter *f, {kind} position, uint32_t missed)
         return 1;
     }}
 {chr(10).join([length, *after]) if after else ""}
-    f->earlier = f->earlier + f->n;
-    f->missing = f->missing + (f->earlier > 0u ? missed : 0u);
+    f->earlier = {name}_count(f->earlier, f->n);
+    f->missing = {name}_count(f->missing, f->earlier > 0u ? missed : 0u);
 {chr(10).join(watching.interrupted(text)) if text.plan.suspects else ""}
     {name}_begin(f, position);
     return 0;
@@ -1081,8 +1081,8 @@ def rust_resume(text: Text) -> str:
         if !position.is_finite() {{
             return Err(Refused);
         }}
-{wait}        self.earlier = self.earlier.wrapping_add(self.n);
-        self.missing = self.missing.wrapping_add(if self.earlier > 0 {{ missed }} else {{ 0 }});
+{wait}        self.earlier = self.earlier.saturating_add(self.n);
+        self.missing = self.missing.saturating_add(if self.earlier > 0 {{ missed }} else {{ 0 }});
 {interrupted}
         *self = Self {{
             earlier: self.earlier,
@@ -1125,9 +1125,7 @@ def step(text: Text) -> list[str]:
         *older,
         *following,
         "    }",
-        f"    {me}n = {me}n == {'UINT32_MAX' if c else 'u32::MAX'} ? {me}n : {me}n + 1u;"
-        if c
-        else "    self.n = self.n.saturating_add(1);",
+        f"    f->n = {text.writer.name}_count(f->n, 1u);" if c else "    self.n = self.n.saturating_add(1);",
         f"    if {f'({inside})' if c else inside} {{",
         f"        const {kind} z = {sign}position;" if c else f"        let z = {sign}position;",
         *reading,
@@ -1238,6 +1236,11 @@ def c_source(text: Text) -> str:
 #endif
 
 {chr(10).join(text.helpers)}
+/* A number of samples with more of them, 2^32 - 1 at most. */
+static uint32_t {name}_count(uint32_t samples, uint32_t more)
+{{
+    return more > UINT32_MAX - samples ? UINT32_MAX : samples + more;
+}}
 {watching.c_functions(text) if text.plan.suspects else ""}
 /* The motion, at rest at a position. */
 static void {name}_begin({name}_filter *f, {kind} position)
