@@ -1041,6 +1041,17 @@ def assigned(text: Text, lasting: bool) -> list[str]:
     return rows
 
 
+def c_count(text: Text) -> str:
+    """Definition of a sum of counts, which saturates as that of Rust does."""
+    return f"""\
+/* A number of samples with more of them, 2^32 - 1 at most. */
+static uint32_t {text.writer.name}_count(uint32_t samples, uint32_t more)
+{{
+    return more > UINT32_MAX - samples ? UINT32_MAX : samples + more;
+}}
+"""
+
+
 def c_resume(text: Text) -> str:
     """Definition of what goes on behind a gap."""
     name, kind, after = text.writer.name, text.writer.type(), [f"    {line}" for line in text.stages[5]]
@@ -1236,12 +1247,7 @@ def c_source(text: Text) -> str:
 #endif
 
 {chr(10).join(text.helpers)}
-/* A number of samples with more of them, 2^32 - 1 at most. */
-static uint32_t {name}_count(uint32_t samples, uint32_t more)
-{{
-    return more > UINT32_MAX - samples ? UINT32_MAX : samples + more;
-}}
-{watching.c_functions(text) if text.plan.suspects else ""}
+{c_count(text)}{watching.c_functions(text) if text.plan.suspects else ""}
 /* The motion, at rest at a position. */
 static void {name}_begin({name}_filter *f, {kind} position)
 {{
