@@ -99,16 +99,19 @@ int main(void) {
         const int read = end == ',' && number(&position, &end);
         while (end == ',') number(&t, &end); /* further columns */
         if (!row) continue; /* an empty line */
-        if ((rows == 0 || missed >= HELD) && !(given && read)) {
-            missed += rows > 0;
+        missed += !given;
+        if ((rows == 0 || missed > HELD) && !(given && read)) {
+            missed += given; /* an output in the gap */
             continue;
         }
         if (rows++ == 0) {
             tracker_init(&filter, (float)position);
-        } else if (missed >= HELD) {
-            tracker_resume(&filter, (float)position, missed - HELD);
+        } else if (missed > HELD && tracker_resume(&filter, (float)position, missed - HELD) != 0) {
+            refused++; /* beyond the numbers of the filter: the gap goes on */
+            missed++;
+            continue;
         }
-        missed = given ? 0 : missed + 1;
+        missed = given ? 0 : missed;
         held = given ? (float)output : held;
         refused += tracker_step(&filter, held, read ? (float)position : __builtin_nanf(""));
         for (unsigned i = 0; i < TRACKER_PARAMETERS; i++) digest = digested(digest, tracker_estimate(&filter, i));

@@ -62,3 +62,59 @@ def test_the_ten_commands_end_with_the_same_bits_on_the_board(tmp_path: Path) ->
     over_holes = estimates(shell("./on-host < holes.csv").stdout)
     assert np.all(np.abs(over_holes - found)[:, 0] < sigma)
     assert shell("./on-host < run.csv | cmp - board.txt").returncode == 1  # another recording has other bits
+
+
+CALLS = """\
+#ifndef CALLS
+#define CALLS
+#include <math.h>
+#include <stdio.h>
+#define TRACKER_PARAMETERS 1u
+typedef int tracker_filter;
+static void tracker_init(tracker_filter *f, float position) { *f = 0; printf("init %g\\n", (double)position); }
+static int tracker_step(tracker_filter *f, float output, float position)
+{
+    *f += 1;
+    printf("step %g %g\\n", (double)output, (double)position);
+    return 0;
+}
+static int tracker_resume(tracker_filter *f, float position, uint32_t missed)
+{
+    *f = 0;
+    printf("resume %g %u\\n", (double)position, missed);
+    return !isfinite(position);
+}
+static float tracker_estimate(const tracker_filter *f, unsigned i) { return (float)*f * (float)i; }
+static float tracker_variance(const tracker_filter *f, unsigned i) { return (float)*f * (float)i; }
+#endif
+"""
+"""A filter that says how it is called."""
+
+
+@pytest.mark.outside
+def test_eight_lost_outputs_are_held_and_the_ninth_begins_the_gap(tmp_path: Path) -> None:
+    (tmp_path / "tracker.h").write_text(CALLS)
+    build_it = ["cc", "-std=gnu99", "-Wall", "-Wextra", "-Werror", "-I.", str(FIRMWARE / "track.c"), "-o", "track"]
+    subprocess.run(build_it, cwd=tmp_path, check=True)
+
+    def calls(*rows: str, before: tuple[str, ...] = ()) -> list[str]:
+        """Calls for rows of output and position, behind the first that has both."""
+        text = "t,output,position\n" + "".join(f"0.1,{row}\n" for row in (*before, "1,2", *rows))
+        done = subprocess.run(["./track"], cwd=tmp_path, input=text, capture_output=True, text=True, check=False)
+        said = [line for line in done.stdout.splitlines() if line.split()[0] in ("init", "step", "resume")]
+        assert said[:2] == ["init 2", "step 1 2"]
+        assert done.returncode == any(line.startswith("resume inf") for line in said)
+        return said[2:]
+
+    for lost in (0, 1, 8):
+        assert calls(*[",3"] * lost, "4,5", "6,") == ["step 1 3"] * lost + ["step 4 5", "step 6 nan"]
+    for lost in (9, 10, 201):
+        gap = ["step 1 3"] * 8 + [f"resume 5 {lost - 8}", "step 4 5"]
+        assert calls(*[",3"] * lost, "4,5", ",6") == [*gap, "step 4 6"]
+    # A gap ends with both readings, and with none that the filter cannot hold.
+    held = ["step 1 3"] * 8
+    assert calls(*[",3"] * 9, "4,", ",5", "6,7") == [*held, "resume 7 3", "step 6 7"]
+    assert calls(*[",3"] * 9, "4,1e300", "6,7") == [*held, "resume inf 1", "resume 7 2", "step 6 7"]
+    # What is lost before the first row, or before an output that came, does not count.
+    assert calls(",3", before=(",3",) * 10) == ["step 1 3"]
+    assert calls(*[",3"] * 8, "1,5", *[",3"] * 8) == [*held, "step 1 5", *held]

@@ -73,7 +73,7 @@ static uint64_t digest_of(const cal_filter *f, uint64_t digest)
 #define BEGIN {{ 1.0f, 0.0f, 1.0f, 0.0f, 20.0f, 0x12345678u, 0u, 0.0f, 0.0f }}
 #define STEP cal_step(&f, r.u, r.z{side})
 #define STEPS {steps}
-#define GAP if (i == STEPS / 2) cal_resume(&f, 0.02f, 100u)
+#define GAP if (i == STEPS / 2) refused += cal_resume(&f, 0.02f, 100u)
 """
 HOST_MAIN = """
 #include <stdio.h>
@@ -185,7 +185,9 @@ pub extern "C" fn cal_step(f: &mut cal::Filter, output: f32, position: f32{param
 }}
 
 #[no_mangle]
-pub extern "C" fn cal_resume(f: &mut cal::Filter, position: f32, missed: u32) {{ f.resume(position, missed); }}
+pub extern "C" fn cal_resume(f: &mut cal::Filter, position: f32, missed: u32) -> i32 {{
+    i32::from(f.resume(position, missed).is_err())
+}}
 
 #[no_mangle]
 pub extern "C" fn cal_variance(f: &cal::Filter, parameter: u32) -> f32 {{ f.variance(parameter as usize) }}
@@ -283,7 +285,8 @@ def compiled(folder: Path, parameters: int, arguments: int, kind: str, *, watch:
 #include "cal.h"
 static cal_filter f;
 void begin(void) {{ cal_init(&f, 0); }}
-void resume({kind} position, uint32_t missed) {{ cal_resume(&f, position, missed); }}
+uint32_t *counts(void) {{ return &f.n; }} /* readings, earlier and missing are behind it */
+int resume({kind} position, uint32_t missed) {{ return cal_resume(&f, position, missed); }}
 int rows(const {kind} *x, int n)
 {{
     int refused = 0;

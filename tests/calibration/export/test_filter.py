@@ -294,6 +294,28 @@ def test_what_cannot_be_watched_is_refused_by_name():
             filter_of(with_effects("quadratic"), watch=(name,))
 
 
+GAP_IN_RUST = """
+mod cal;
+fn main() {
+    let mut filter = cal::Filter::new(0.0);
+    assert!(filter.step(0.1, 0.0).is_ok());
+    let before = filter;
+    for position in [KIND::NAN, KIND::INFINITY, KIND::NEG_INFINITY] {
+        assert_eq!(filter.resume(position, 10), Err(cal::Refused));
+        assert_eq!(filter, before);
+    }
+    assert_eq!(filter.resume(0.5, 10), Ok(()));
+    assert_eq!((filter.n, filter.earlier, filter.missing), (0, 1, 10));
+    filter.n = u32::MAX;
+    assert_eq!(filter.resume(0.5, u32::MAX), Ok(()));
+    assert_eq!((filter.n, filter.earlier, filter.missing), (0, u32::MAX, u32::MAX));
+    let mut fresh = cal::Filter::new(0.5);
+    assert_eq!(fresh.resume(0.0, 10), Ok(()));
+    assert_eq!((fresh, fresh.missing), (cal::Filter::new(0.0), 0));
+}
+"""
+
+
 @pytest.mark.outside
 @pytest.mark.parametrize("precision", ["f32", "f64"])
 def test_rust_builds_without_a_warning_and_replays(tmp_path, precision):
@@ -302,6 +324,9 @@ def test_rust_builds_without_a_warning_and_replays(tmp_path, precision):
         (tmp_path / file).write_text(text)
     run(["rustc", "--edition", "2021", "-D", "warnings", "-O", "cal_replay.rs", "-o", "replay"], tmp_path)
     assert run(["./replay"], tmp_path).startswith("0 of ")
+    (tmp_path / "gap.rs").write_text(GAP_IN_RUST.replace("KIND", precision))
+    run(["rustc", "--edition", "2021", "-D", "warnings", "gap.rs"], tmp_path)
+    run(["./gap"], tmp_path)
     (tmp_path / "lib.rs").write_text("#![no_std]\npub mod cal;\n")
     command = ["--edition", "2021", "--crate-type", "lib", "-D", "warnings", "--emit", "metadata", "lib.rs"]
     run(["rustc", *command], tmp_path)
@@ -333,11 +358,47 @@ def test_a_reading_or_an_output_that_is_none_changes_nothing(tmp_path):
         y = np.zeros((2, 3))
         library.estimates(y.ctypes.data_as(ctypes.c_void_p))
         assert np.array_equal(y, plain[0])
+    for position in (np.nan, np.inf, -np.inf):  # behind a gap as well
+        library.begin()
+        library.rows(rows.ctypes.data_as(ctypes.c_void_p), 20)
+        assert library.resume(ctypes.c_double(position), ctypes.c_uint32(100)) == 1
+        library.rows(rows[20:].ctypes.data_as(ctypes.c_void_p), 30)
+        library.estimates(y.ctypes.data_as(ctypes.c_void_p))
+        assert np.array_equal(y, plain[0])
     gap = rows.copy()
     gap[10, 1] = np.inf
     absent = rows.copy()
     absent[10, 1] = np.nan
     assert np.array_equal(estimates_after(library, gap, (50,), 3), estimates_after(library, absent, (50,), 3))
+
+
+@pytest.mark.outside
+@pytest.mark.parametrize("watch", [(), ("cubic",)], ids=["alone", "watch"])
+def test_counts_of_samples_end_at_the_largest_and_begin_with_the_first(tmp_path, watch):
+    # With counts that wrapped to zero, the sample behind the next gap would be taken for the first of all.
+    for file, text in filter_files(filter_of(Model.linear(), watch=watch), "cal", "c", "f64").items():
+        (tmp_path / file).write_text(text)
+    library, most = compiled(tmp_path, 3, 2, "double", watch=bool(watch)), 2**32 - 1
+    library.counts.restype = ctypes.POINTER(ctypes.c_uint32 * 4)
+    row, since, places = np.array([[0.1, 0.0]]), np.zeros(4), (0, 2, 3)
+
+    def counts() -> list[int]:
+        return [library.counts().contents[j] for j in places]
+
+    library.begin()
+    assert library.resume(ctypes.c_double(0.0), ctypes.c_uint32(100)) == 0
+    assert counts() == [0, 0, 0]
+    library.rows(row.ctypes.data_as(ctypes.c_void_p), 1)
+    assert library.resume(ctypes.c_double(0.0), ctypes.c_uint32(100)) == 0
+    assert counts() == [0, 1, 100]
+    library.counts().contents[0] = most
+    assert library.resume(ctypes.c_double(0.0), ctypes.c_uint32(most)) == 0
+    assert counts() == [0, most, most]
+    library.rows(row.ctypes.data_as(ctypes.c_void_p), 1)
+    assert counts() == [1, most, most]
+    if watch:
+        assert library.watch(0, since.ctypes.data_as(ctypes.c_void_p)) == 0
+        assert since[3] == pytest.approx(most / 1667.0)
 
 
 SHAPES = {"start": 0.0, "length": 30.0, "low": -0.1, "high": 0.1, "tau": 5.0, "instant": 0.1, "period": 0.02}
@@ -398,21 +459,22 @@ class Gap:
     rows: np.ndarray
     parameters: int
 
-    def device(self, missed: int = MISSED) -> np.ndarray:
-        """Estimates and variances at the end, (2, m), where the filter is told of that many missing samples."""
-        after, y = BEFORE + MISSED, np.zeros((2, self.parameters))
+    def device(self, missed: int = MISSED, last: int = LONG) -> np.ndarray:
+        """Estimates and variances after a last row, (2, m), where the filter is told of that many missing samples."""
+        after, rows, y = BEFORE + MISSED, self.rows, np.zeros((2, self.parameters), self.rows.dtype)
+        number = ctypes.c_float if rows.dtype == np.float32 else ctypes.c_double
         self.library.begin()
-        self.library.rows(self.rows.ctypes.data_as(ctypes.c_void_p), BEFORE)
-        self.library.resume(ctypes.c_double(self.rows[after, 1]), ctypes.c_uint32(missed))
-        self.library.rows(self.rows[after:].ctypes.data_as(ctypes.c_void_p), len(self.rows) - after)
+        self.library.rows(rows.ctypes.data_as(ctypes.c_void_p), BEFORE)
+        assert self.library.resume(number(rows[after, 1]), ctypes.c_uint32(missed)) == 0
+        self.library.rows(rows[after:].ctypes.data_as(ctypes.c_void_p), last - after)
         self.library.estimates(y.ctypes.data_as(ctypes.c_void_p))
-        return y
+        return y.astype(np.float64)
 
-    def live(self, live: LiveModel) -> None:
+    def live(self, live: LiveModel, missed: int = MISSED) -> None:
         """The same with the live filter of the model."""
         after = BEFORE + MISSED
         live.run(*self.rows[:BEFORE].T)
-        live.restart(self.rows[after, 1], 0.0, live.settings["dt"] * after)
+        live.restart(self.rows[after, 1], 0.0, live.settings["dt"] * (BEFORE + missed))
         live.run(*self.rows[after:].T)
 
 
@@ -442,6 +504,36 @@ def test_behind_a_gap_the_estimates_are_those_of_the_live_filter(tmp_path, monke
     assert off(gap.device()) <= 1e-8
     if name in ("process", "time and position"):  # the twin that must fail: a gap that takes no time
         assert off(gap.device(missed=0)) > 1e-3
+
+
+def with_two_processes() -> LiveModel:
+    """A bias that forgets within seconds and a scale factor that walks."""
+    shapes = {"bias_gauss_markov": PROCESS | {"tau": 3.0}, "scale_random_walk": PROCESS}
+    model = Model.linear().add(*shapes, shapes=shapes)
+    std = {"bias_gauss_markov": 1e-3, "scale_random_walk": 1e-6}
+    priors = {term.name: Prior(0.0, std[term.effect.name]) for term in model.terms if term.effect.name in std}
+    return filter_of(dataclasses.replace(model, priors=priors))
+
+
+@pytest.mark.outside
+def test_random_processes_go_on_over_a_gap_of_any_length(tmp_path, monkeypatch):
+    # In one step: at 1667 Hz, 2^32 rounds took minutes, and in f32 lost what the scale factor walks in each.
+    gap = gap_of(tmp_path, monkeypatch, with_two_processes)
+    for name, text in filter_files(with_two_processes(), "cal", "c", "f32").items():
+        (tmp_path / name).write_text(text)
+    single = Gap(compiled(tmp_path, gap.parameters, 2, "float"), gap.rows.astype(np.float32), gap.parameters)
+    free = list(program(with_two_processes(), "f64").free)
+    for missed in (0, 9, 36_000_000, 2**32 - 1):
+        live = with_two_processes()
+        gap.live(live, missed)
+        values, variances = live.values[free], np.diag(live.covariance)[free]
+        for device, most in ((gap, 1e-8), (single, 0.1)):
+            y = device.device(missed)
+            off = np.abs(y[0] - values) / np.sqrt(variances) + np.abs(y[1] / variances - 1.0)
+            assert np.max(off) <= most, (missed, off)
+    here = BEFORE + MISSED
+    grown = [device.device(36_000_000, here)[1] - device.device(0, here)[1] for device in (single, gap)]
+    assert grown[0] == pytest.approx(grown[1], rel=1e-3)
 
 
 @pytest.mark.outside

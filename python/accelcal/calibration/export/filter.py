@@ -38,8 +38,11 @@ from accelcal.calibration.export.symbols import (
     NotTraceable,
     Symbol,
     body,
+    exponential,
+    less,
     narrow,
     over,
+    select,
     symbols,
 )
 from accelcal.data import Array, Rig
@@ -237,6 +240,25 @@ class Belief:
             for i in range(j):
                 self.U[self.among(i, j)] = self.U[self.among(i, j)] * (left[i] / share)
 
+    def wait(self, left: Sequence[Any], grown: Sequence[Any]) -> None:
+        """Random processes over any time: what is left of each parameter, however little, and what its variance gains.
+
+        With y the column of U whose rows have decayed, D (y, share)(y, share)' + gain (0, 1)(0, 1)' has the pivot
+        D share^2 + gain and the column y D share / pivot, and leaves y y' D gain / pivot to those before.
+        """
+        for j, (share, gain) in enumerate(zip(left, grown, strict=True)):
+            y = [self.U[self.among(i, j)] * left[i] for i in range(j)]
+            D, self.theta[j] = self.D[j], self.theta[j] * share
+            self.D[j] = D * share * share + gain
+            if isinstance(gain, Symbol):
+                ratio = D * over(1.0, self.D[j])
+                column = [x * (ratio * share) for x in y]
+                self.add_outer(ratio * gain, 0.0, 0.0, list(y))
+            else:
+                column = [x * over(1.0, share) for x in y]
+            for i in range(j):
+                self.U[self.among(i, j)] = column[i]
+
     def columns(self, w: Sequence[Any]) -> tuple[Any, Any, list[Any]]:
         """P[:, theta] w: in the rows of p, of v and of the parameters."""
         m = len(w)
@@ -343,7 +365,7 @@ class Program:
     correction: dict[str, Any] = field(default_factory=dict)
     """For the noise of the output in the gradient, at every sixteenth reading."""
     gap: dict[str, Any] = field(default_factory=dict)
-    """For a sample that is missing: how random processes go on."""
+    """Behind samples that are missing: how random processes went on."""
     side: tuple[str, ...] = ()
     """Side channels, arguments of a step."""
     held: dict[str, float] = field(default_factory=dict)
@@ -560,19 +582,28 @@ def push(plan: Program, belief: Belief, theta: list[Any], columns: Any) -> Push:
 
 
 def waited(plan: Program) -> dict[str, Any]:
-    """Fields of the random processes over a sample that is missing, in which the motion is forgotten."""
-    moving, h = [rate_and_density_of(plan.live)[j] for j in plan.free], plan.live.settings["dt"]
+    """Fields of the random processes behind a gap, in which the motion is forgotten: all of it at once."""
+    moving = [rate_and_density_of(plan.live)[j] for j in plan.free]
     if all(process == (0.0, 0.0) for process in moving):
         return {}
-    m = len(moving)
+    m, gap = len(moving), plan.graph.leaf("gap")
     belief = Belief.of(lambda name: plan.graph.leaf(f"@{name}"), m)
     belief.upv, belief.up, belief.uv = 0.0, [0.0] * m, [0.0] * m
-    belief.decay([float(np.exp(-rate * h)) for rate, _ in moving])
-    for j, (rate, density) in enumerate(moving):
-        grown = density * (-math.expm1(-2.0 * rate * h) / (2.0 * rate) if rate > 0.0 else h)
-        if grown > 0.0:
-            belief.add_outer(grown, 0.0, 0.0, [0.0] * j + [1.0])
+    belief.wait(
+        [exponential(-rate * gap) if rate > 0.0 else 1.0 for rate, _ in moving],
+        [density * gap * lost_share(2.0 * rate * gap) if density > 0.0 else 0.0 for rate, density in moving],
+    )
     return {f"@{name}": x for name, x in belief.fields().items() if name.partition("[")[0] in ("theta", "U", "D")}
+
+
+def lost_share(x: Any) -> Any:
+    """(1 - exp(-x)) / x, by a series where the difference would lose digits."""
+    if not isinstance(x, Symbol):
+        return 1.0
+    series: Any = 0.0
+    for k in reversed(range(1, 12)):
+        series = (1.0 - x * series) * (1.0 / k)
+    return select(less(x, 0.25), series, over(1.0 - exponential(-x), x))
 
 
 def read(plan: Program) -> None:
@@ -974,7 +1005,7 @@ def comment(text: Text) -> list[str]:
         + "".join(f", {name} ({'degC' if name == 'temperature' else 'SI'})" for name in plan.side)
         + ". Steps are one sample apart. An argument that is not finite, but for the position, is refused, and nothing "
         "is changed, not the time either: for a lost output pass the one before it. Behind a gap of more than 8 samples"
-        " call resume, which begins the motion anew and keeps the parameters.",
+        " call resume with a position that was read, which begins the motion anew and keeps the parameters.",
         "States: p, v (along the input axis), then parameters: "
         + "; ".join(
             f"{i} {name} ({ascii_unit(estimates[name].unit) or '1'}), prior {estimates[name].value:.6g} with standard "
@@ -1010,44 +1041,59 @@ def assigned(text: Text, lasting: bool) -> list[str]:
     return rows
 
 
+def c_count(text: Text) -> str:
+    """Definition of a sum of counts, which saturates as that of Rust does."""
+    return f"""\
+/* A number of samples with more of them, 2^32 - 1 at most. */
+static uint32_t {text.writer.name}_count(uint32_t samples, uint32_t more)
+{{
+    return more > UINT32_MAX - samples ? UINT32_MAX : samples + more;
+}}
+"""
+
+
 def c_resume(text: Text) -> str:
     """Definition of what goes on behind a gap."""
-    name, gap = text.writer.name, [f"        {line}" for line in text.stages[5]]
-    wait = [
-        "    uint32_t left = missed;",
-        "    do { /* up to the sample behind the gap */",
-        *gap,
-        "    } while (left-- > 0u);",
-    ]
+    name, kind, after = text.writer.name, text.writer.type(), [f"    {line}" for line in text.stages[5]]
+    step, whole = map(text.writer.literal, (text.plan.live.settings["dt"], 1.0))
+    length = f"    const {kind} gap = {step} * (({kind})missed + {whole}); /* up to the sample behind it, s */"
+    zero = text.writer.literal(0.0)
     return f"""\
-void {name}_resume({name}_filter *f, {text.writer.type()} position, uint32_t missed)
+int {name}_resume({name}_filter *f, {kind} position, uint32_t missed)
 {{
-{chr(10).join(wait) if gap else ""}
-    f->earlier = f->earlier + f->n;
-    f->missing = f->missing + (f->earlier > 0u ? missed : 0u);
+    if (!(position * {zero} == {zero})) {{
+        return 1;
+    }}
+{chr(10).join([length, *after]) if after else ""}
+    f->earlier = {name}_count(f->earlier, f->n);
+    f->missing = {name}_count(f->missing, f->earlier > 0u ? missed : 0u);
 {chr(10).join(watching.interrupted(text)) if text.plan.suspects else ""}
     {name}_begin(f, position);
+    return 0;
 }}
 """
 
 
 def rust_resume(text: Text) -> str:
     """Method that goes on behind a gap."""
-    gap = "\n".join(f"            {line}" for line in text.stages[5])
-    wait = (
-        f"        for _ in 0..=missed {{\n            // up to the sample behind the gap\n{gap}\n        }}\n"
-        if gap
-        else ""
-    )
+    kind, step = text.writer.type(), text.writer.literal(text.plan.live.settings["dt"])
+    length = f"let gap = {step} * (missed as {kind} + 1.0); // up to the sample behind it, s"
+    wait = "".join(f"        {line}\n" for line in ([length, *text.stages[5]] if text.stages[5] else []))
     lasting = [name for name in text.sizes if name in LASTING]
     lasting += ["begun", "starts"] if text.plan.suspects else []
     fields = "\n".join(f"            {name}: self.{name}," for name in lasting)
     interrupted = "\n".join(f"    {line}" for line in watching.interrupted(text)) if text.plan.suspects else ""
     return f"""\
     /// Behind a gap of so many missing samples: the motion begins anew at a position (m), the next reading will do.
-    pub fn resume(&mut self, position: {text.writer.type()}, missed: u32) {{
-{wait}        self.earlier = self.earlier.wrapping_add(self.n);
-        self.missing = self.missing.wrapping_add(if self.earlier > 0 {{ missed }} else {{ 0 }});
+    ///
+    /// # Errors
+    /// [`Refused`].
+    pub fn resume(&mut self, position: {kind}, missed: u32) -> Result<(), Refused> {{
+        if !position.is_finite() {{
+            return Err(Refused);
+        }}
+{wait}        self.earlier = self.earlier.saturating_add(self.n);
+        self.missing = self.missing.saturating_add(if self.earlier > 0 {{ missed }} else {{ 0 }});
 {interrupted}
         *self = Self {{
             earlier: self.earlier,
@@ -1055,6 +1101,7 @@ def rust_resume(text: Text) -> str:
 {fields}
             ..Self::new(position)
         }};
+        Ok(())
     }}
 """
 
@@ -1089,9 +1136,7 @@ def step(text: Text) -> list[str]:
         *older,
         *following,
         "    }",
-        f"    {me}n = {me}n == {'UINT32_MAX' if c else 'u32::MAX'} ? {me}n : {me}n + 1u;"
-        if c
-        else "    self.n = self.n.saturating_add(1);",
+        f"    f->n = {text.writer.name}_count(f->n, 1u);" if c else "    self.n = self.n.saturating_add(1);",
         f"    if {f'({inside})' if c else inside} {{",
         f"        const {kind} z = {sign}position;" if c else f"        let z = {sign}position;",
         *reading,
@@ -1162,8 +1207,9 @@ typedef struct {{
 void {name}_init({name}_filter *f, {kind} position);
 /* One sample on; 0, or 1 where an argument is not finite and nothing was changed. */
 int {name}_step({name}_filter *f, {parameter_list(text)});
-/* Behind a gap of so many missing samples: the motion begins anew at a position (m), the next reading will do. */
-void {name}_resume({name}_filter *f, {kind} position, uint32_t missed);
+/* Behind a gap of so many missing samples: the motion begins anew at a position (m), the next reading will do; 0, or 1
+ * where it is not finite and nothing was changed. */
+int {name}_resume({name}_filter *f, {kind} position, uint32_t missed);
 /* Position of the stage, m. */
 {kind} {name}_position(const {name}_filter *f);
 /* Its velocity, m/s. */
@@ -1201,7 +1247,7 @@ def c_source(text: Text) -> str:
 #endif
 
 {chr(10).join(text.helpers)}
-{watching.c_functions(text) if text.plan.suspects else ""}
+{c_count(text)}{watching.c_functions(text) if text.plan.suspects else ""}
 /* The motion, at rest at a position. */
 static void {name}_begin({name}_filter *f, {kind} position)
 {{

@@ -288,7 +288,7 @@ static void {name}_restart({name}_filter *f)
 {f"            f->lost[i] = {zero};" if lost[0] else ""}
         }}
     }}
-    f->begun = f->earlier + f->n;
+    f->begun = {name}_count(f->earlier, f->n);
     f->starts = f->starts + 1u;
 }}
 
@@ -308,7 +308,7 @@ int {name}_watch(const {name}_filter *f, unsigned suspect, {kind} *log_e, {kind}
     *log_e = y[0];
     *size = y[1] * typical[suspect];
     *std = y[2] * typical[suspect];
-    *since = ({kind})(f->earlier + f->n - (y[3] > {zero} ? f->begun : 0u)) * {writer.literal(start["dt"])};
+    *since = ({kind})({name}_count(f->earlier, f->n) - (y[3] > {zero} ? f->begun : 0u)) * {writer.literal(start["dt"])};
     return 0;
 }}
 
@@ -335,14 +335,14 @@ def due(text: Text) -> list[str]:
     if text.writer.language == "c":
         return [
             "    {",
-            "        const uint32_t age = f->earlier + f->n;",
+            f"        const uint32_t age = {text.writer.name}_count(f->earlier, f->n);",
             f"        if (age % {spacing}u == 0u && age - f->begun >= age / {EIGHTH}u && f->starts < {STARTS}u) {{",
             f"            {text.writer.name}_restart(f);",
             "        }",
             "    }",
         ]
     return [
-        "    let age = self.earlier.wrapping_add(self.n);",
+        "    let age = self.earlier.saturating_add(self.n);",
         f"    if age % {spacing} == 0 && age.wrapping_sub(self.begun) >= age / {EIGHTH} && self.starts < {STARTS} {{",
         "        self.restart();",
         "    }",
@@ -427,7 +427,7 @@ def rust_methods(text: Text) -> str:
             self.suspects[{width} * j..{width} * (j + 1)].fill(0.0);
             self.sums[2 * j..2 * j + 2].fill(0.0);{cleared}
         }}
-        self.begun = self.earlier.wrapping_add(self.n);
+        self.begun = self.earlier.saturating_add(self.n);
         self.starts += 1;
     }}
 
@@ -441,7 +441,7 @@ def rust_methods(text: Text) -> str:
             lately[0] = {writer.literal(-1e30)};
         }}
         let [log_e, size, std, later] = evidence(self.posterior(2 * suspect), lately);
-        let age = self.earlier.wrapping_add(self.n);
+        let age = self.earlier.saturating_add(self.n);
         let steps = if later > 0.0 {{ age.wrapping_sub(self.begun) }} else {{ age }};
         let since = steps as {kind} * {writer.literal(text.plan.live.settings["dt"])};
         Some(Evidence {{ log_e, size: size * typical, std: std * typical, since }})
