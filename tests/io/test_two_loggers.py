@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 import accelcal
 from accelcal import io
 from accelcal.cli import app
-from accelcal.data import LowPass, Sensor
+from accelcal.data import LowPass, Sensor, clocks
 from accelcal.data.clocks import align
 from accelcal.data.recording import Channel, RecordingError
 from accelcal.io.sidecar import no_sidecar, read_sidecar
@@ -135,6 +135,17 @@ def test_what_the_sidecar_of_the_output_declares_holds_in_whole(tmp_path):
 
 def test_a_motion_that_repeats_is_called_ambiguous():
     assert align(*Motion(1, tones=1).channels()).is_ambiguous
+
+
+def test_a_peak_is_as_high_as_its_likeness():
+    part, *others = np.random.default_rng(1).standard_normal((3, 4000))
+
+    def peaks(*likes):
+        noise = zip(likes, others, strict=True)
+        return clocks._Peaks(np.concatenate([like * part + np.sqrt(1.0 - like**2) * y for like, y in noise]), part)
+
+    assert (peaks(0.9, 0.81).next_lag, peaks(0.9, 0.81).next_height) == (4000, pytest.approx(0.9, abs=0.03))
+    assert [peaks(0.8, -like).is_opposite for like in (0.86, 0.95)] == [False, True]  # by less than a tenth, by more
 
 
 def test_a_longer_record_is_averaged_to_the_grid_of_the_slower():
