@@ -326,14 +326,18 @@ def apply(fit: Fit, output: float) -> Application:
 
 
 def _declared_std(fit: Fit, sensor_curve: Characteristic, a: float) -> float:
-    """Standard uncertainty of an acceleration by all that a budget has beside the fit, m/s²: what one source does to
-    several parameters is added, sources are independent."""
-    by_source: dict[str, float] = {}
+    """Standard uncertainty of an acceleration by all that a budget has beside the fit, m/s².
+
+    What a declared source does to several parameters is added; sources, and the scatter of each parameter, are
+    independent.
+    """
+    by_source: dict[tuple[str, str], float] = {}
     for line in budget(fit).lines:
         name = line.estimate.name
         weight = abs(STATIC[name].per_unit(a, 0.0)) if name in sensor_curve.coefficients else 0.0
         for component in line.components[1:]:
-            by_source[component.source] = by_source.get(component.source, 0.0) + weight * component.contribution
+            source = component.source, name if component.kind == "A" else ""
+            by_source[source] = by_source.get(source, 0.0) + weight * component.contribution
     return math.hypot(*by_source.values()) / abs(sensor_curve.slope(a))
 
 
