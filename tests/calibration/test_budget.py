@@ -109,6 +109,16 @@ def test_two_clocks_of_which_none_is_trusted_are_in_the_budget(cubic):
     assert rates == {(None, None): 3e-5, ("position", None): 0.0, ("accel", None): 0.0, (None, 1e-6): 1e-6}
 
 
+@pytest.mark.parametrize(("reference", "order"), [("position", 2), ("velocity", 1), ("reference_acceleration", 0)])
+def test_the_clock_enters_as_often_as_the_reference_is_differentiated(cubic, reference, order):
+    (run,) = cubic.runs
+    rig = replace(cubic.rig, uncertainty=replace(DECLARED, clock_rate=1e-3))
+    fit = replace(cubic, rig=rig, runs=(replace(run, noise=replace(run.noise, reference=reference)),))
+    line = next(x for x in budget(fit).lines if x.estimate.name == "scale_factor")
+    clock = sum(c.contribution for c in line.components if c.source == "rate of the clock")
+    assert clock == pytest.approx(order * 1e-3 * fit.values().scale)
+
+
 def test_a_corrected_reading_has_the_uncertainty_of_the_rig(cubic):
     alone, whole = apply(replace(cubic, rig=replace(cubic.rig, uncertainty=Uncertainty())), 2.0), apply(on(cubic), 2.0)
     assert alone.combined == alone.std == whole.std

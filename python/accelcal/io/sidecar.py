@@ -914,7 +914,7 @@ KEYS: dict[str, dict[str, Key]] = {
             about=(
                 'a ratio, as in `"50 ppm"`',
                 "relative standard uncertainty of the rate of the clock that is trusted, or of both where none is: "
-                "twice goes into k",
+                "twice goes into k, once where the reference is a velocity",
                 "none; where two rates differ and `[clock] trusted` is not declared, their difference",
             ),
         ),
