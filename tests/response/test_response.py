@@ -296,6 +296,8 @@ def test_the_certificate_is_whole_and_states_the_table(recording):
         "Parametric fit of the frequency response",
         "Amplitude linearity",
     ]
+    said = [r.findtext(f"{DCC}description/{DCC}content") or "" for r in results]
+    assert ["The uncertainty of the reference is not contained" in text for text in said] == [False, False, True]
     columns = {
         q.findtext(f"{DCC}name/{DCC}content"): q.find(f"{SI}realListXMLList") for q in results[0].iter(f"{DCC}quantity")
     }
