@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal.calibration.characteristic import OutsideRange, apply, budget, example
+from accelcal.calibration.characteristic import OutsideRange, apply, budget, characteristic, example
 from accelcal.data.rig import STANDARD_GRAVITY, Sensor, Uncertainty
 from accelcal.estimation.estimate import estimate
+from accelcal.estimation.run_to_run import Spread
 from accelcal.simulation import CXL02_RIG
 
 DECLARED = Uncertainty(encoder_scale=2e-4, level=1e-3, misalignment=4e-3)
@@ -108,6 +109,16 @@ def test_two_clocks_of_which_none_is_trusted_are_in_the_budget(cubic):
     assert rates == {(None, None): 3e-5, ("position", None): 0.0, ("accel", None): 0.0, (None, 1e-6): 1e-6}
 
 
+@pytest.mark.parametrize(("reference", "order"), [("position", 2), ("velocity", 1), ("reference_acceleration", 0)])
+def test_the_clock_enters_as_often_as_the_reference_is_differentiated(cubic, reference, order):
+    (run,) = cubic.runs
+    rig = replace(cubic.rig, uncertainty=replace(DECLARED, clock_rate=1e-3))
+    fit = replace(cubic, rig=rig, runs=(replace(run, noise=replace(run.noise, reference=reference)),))
+    line = next(x for x in budget(fit).lines if x.estimate.name == "scale_factor")
+    clock = sum(c.contribution for c in line.components if c.source == "rate of the clock")
+    assert clock == pytest.approx(order * 1e-3 * fit.values().scale)
+
+
 def test_a_corrected_reading_has_the_uncertainty_of_the_rig(cubic):
     alone, whole = apply(replace(cubic, rig=replace(cubic.rig, uncertainty=Uncertainty())), 2.0), apply(on(cubic), 2.0)
     assert alone.combined == alone.std == whole.std
@@ -118,6 +129,19 @@ def test_a_corrected_reading_has_the_uncertainty_of_the_rig(cubic):
         estimates = tuple(replace(item, value=bias) if item.name == "bias" else item for item in fit.estimates)
         spread.append(apply(replace(fit, estimates=estimates), 2.0).acceleration * (1.0 - e))
     assert whole.declared == pytest.approx(np.std(spread), rel=0.1)  # 2000 draws know it to 1.6 %
+
+
+def test_scatter_from_run_to_run_is_independent_per_parameter(cubic):
+    spreads = tuple(
+        Spread(name, name, cubic[name].unit, 1e-2, 0.0, 1.0, 0.01, (), 0.0, 2e-2) for name in ("bias", "scale_factor")
+    )
+    exact = Uncertainty(encoder_scale=0.0, level=0.0, misalignment=0.0)
+    fit = replace(cubic, spreads=spreads, rig=replace(cubic.rig, uncertainty=exact))
+    parts = [line.components[1].contribution for line in budget(fit).lines if line.estimate.name != "time_offset"][:2]
+    reading = apply(fit, 2.0)
+    slope = characteristic(fit).slope(reading.acceleration)
+    expected = math.hypot(parts[0], parts[1] * reading.acceleration) / slope
+    assert reading.declared == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("a", [-5.0, -0.3, 0.0, 2.0, 6.0])

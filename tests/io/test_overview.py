@@ -42,6 +42,32 @@ def test_a_shaker_at_a_high_frequency_is_not_at_rest():
     assert end == pytest.approx(t[-1])
 
 
+def rested(rate, y):
+    """A stage that moves from 5 s to 10 s of 15 s, with an output that has something beside the motion."""
+    t = np.arange(0.0, 15.0, 1.0 / rate)
+    moving = (t > 5.0) & (t < 10.0)
+    x = np.where(moving, 0.03 * np.sin(2.0 * np.pi * 0.1 * (t - 5.0)) ** 3 * np.sin(2.0 * np.pi * (t - 5.0)), 0.0)
+    a = np.gradient(np.gradient(x, t), t)
+    return Recording(Channel("accel", t, y(t, a), "m/s^2"), Channel("position", t, x, "m"), Rig())
+
+
+def test_an_output_that_toggles_between_two_codes_is_at_rest():
+    noise = 2e-3 * np.random.default_rng(1).standard_normal(15_000)
+    coarse = rested(1000.0, lambda t, a: 0.05 * np.rint((a + noise + 0.08 * t / 15.0) / 0.05))
+    assert [(start < 0.1, end - start > 4.8) for start, end in rest(coarse)] == [(True, True), (False, True)]
+
+
+def test_few_samples_of_noise_are_at_rest():
+    # less than one record in a hundred is cut by chance
+    for seed in range(20):
+        noise = 0.05 * np.random.default_rng(seed).standard_normal(1200)
+        slow = rested(80.0, lambda t, a, noise=noise: a + noise)
+        fine = np.arange(0.0, 15.0, 1e-3)
+        position = Channel("position", fine, np.interp(fine, slow.position.t, slow.position.y), "m")
+        stretches = rest(Recording(slow.accel, position, Rig()))
+        assert [end - start > 4.8 for start, end in stretches] == [True, True]
+
+
 def test_motion_without_pause_has_no_rest():
     t = np.arange(1000) / 1000
     moving = Channel("position", t, np.sin(30 * t), "m")

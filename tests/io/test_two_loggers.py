@@ -9,8 +9,11 @@ from typer.testing import CliRunner
 import accelcal
 from accelcal import io
 from accelcal.cli import app
+from accelcal.data import LowPass, Sensor, clocks
 from accelcal.data.clocks import align
 from accelcal.data.recording import Channel, RecordingError
+from accelcal.io.sidecar import no_sidecar, read_sidecar
+from accelcal.io.two_clocks import completed
 from accelcal.model import Model
 
 OFFSET, SKEW = 37.2, 20e-6
@@ -104,8 +107,45 @@ def test_what_the_sidecar_of_the_encoder_declares_reaches_the_budget(tmp_path):
         assert any(text.startswith("encoder resolution") for text in rig.assumptions)
 
 
+def test_what_the_sidecar_of_the_output_declares_holds_in_whole(tmp_path):
+    accel, position = files(tmp_path, *Motion(3).channels())
+    accel.with_suffix(".toml").write_text(
+        '[sensor]\nmodel = "X"\n[rig]\nmount = "normal"\naxis = "level"\n[clock]\ntrusted = "position"\n'
+        '[channels]\naccel = { column = "accel_m_per_s2", unit = "m/s^2", lowpass = { kind = "RC", fc = "200 Hz" } }\n'
+    )
+    position.with_suffix(".toml").write_text(
+        '[sensor]\nmodel = "Y"\nserial = "7"\nnoise = "9 mg/sqrt(Hz)"\nscale = "0.1 V/g"\nzero = "2.5 V"\n'
+        '[rig]\nmount = "reversed"\naxis = "up"\n[uncertainty]\nclock_rate = "9 ppm"\nlevel = "0.2 deg"\n'
+        '[channels]\naccel = { column = "none", unit = "V", highpass = { kind = "RC", fc = "1 Hz" } }\n'
+        'position = { column = "position_um", unit = "um", resolution = "1 um" }\n'
+    )
+    declared, further = (read_sidecar(path.with_suffix(".toml")).rig for path in (accel, position))
+    rig = completed(declared, further)
+    assert (rig.mount, rig.axis, rig.gravity) == ("normal", "level", 0.0)
+    assert (rig.sensor, rig.lowpass, rig.output_filters) == (Sensor(model="X"), LowPass(200.0), ())
+    assert (rig.trusted_clock, rig.uncertainty.clock_rate) == ("position", None)
+    assert rig.resolution == pytest.approx(1e-6)
+    assert np.degrees(rig.uncertainty.level) == pytest.approx(0.2)
+    assert any(text.startswith("sensor noise") for text in rig.assumptions)
+    alone = completed(no_sidecar().rig, further)
+    assert (alone.mount, alone.gravity, alone.sensor.serial) == ("reversed", further.gravity, "7")
+    assert (alone.sensor.scale, alone.sensor.zero, alone.output_filters) == (None, None, ())
+    assert any(text.startswith("no low-pass") for text in alone.assumptions)
+
+
 def test_a_motion_that_repeats_is_called_ambiguous():
     assert align(*Motion(1, tones=1).channels()).is_ambiguous
+
+
+def test_a_peak_is_as_high_as_its_likeness():
+    part, *others = np.random.default_rng(1).standard_normal((3, 4000))
+
+    def peaks(*likes):
+        noise = zip(likes, others, strict=True)
+        return clocks._Peaks(np.concatenate([like * part + np.sqrt(1.0 - like**2) * y for like, y in noise]), part)
+
+    assert (peaks(0.9, 0.81).next_lag, peaks(0.9, 0.81).next_height) == (4000, pytest.approx(0.9, abs=0.03))
+    assert [peaks(0.8, -like).is_opposite for like in (0.86, 0.95)] == [False, True]  # by less than a tenth, by more
 
 
 def test_a_longer_record_is_averaged_to_the_grid_of_the_slower():

@@ -7,6 +7,7 @@ import json
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -295,6 +296,8 @@ def test_the_certificate_is_whole_and_states_the_table(recording):
         "Parametric fit of the frequency response",
         "Amplitude linearity",
     ]
+    said = [r.findtext(f"{DCC}description/{DCC}content") or "" for r in results]
+    assert ["The uncertainty of the reference is not contained" in text for text in said] == [False, False, True]
     columns = {
         q.findtext(f"{DCC}name/{DCC}content"): q.find(f"{SI}realListXMLList") for q in results[0].iter(f"{DCC}quantity")
     }
@@ -352,3 +355,18 @@ def test_a_recorded_velocity_is_the_reference():
     ):
         w = 2.0 * math.pi * one.frequency * step
         assert other.magnitude * math.sin(w) / w == pytest.approx(one.magnitude, rel=2e-3)
+
+
+def test_the_reference_widens_the_gain_by_its_own_degrees_of_freedom():
+    # few degrees of the noise say nothing of a declared uncertainty that exceeds it by far
+    points = [
+        Point(f, complex(1.02 + 1e-5 * (-1) ** i), 1e-5, 6.0, 10.0 + 0.0j, "sine", 0.0, 1.0, reference_std=2e-3)
+        for i, f in enumerate((10.0, 20.0))
+    ]
+    (model,) = [fit_response(points)]
+    assert model is not None
+    gain = model.best["k"]
+    assert gain.expanded == pytest.approx(2.0 * 2e-3 * 1.02, rel=1e-3)
+    exact = fit_response([replace(p, reference_std=0.0) for p in points])
+    assert exact is not None
+    assert exact.best["k"].expanded > 2.1 * exact.best["k"].std

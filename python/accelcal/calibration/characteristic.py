@@ -11,6 +11,7 @@ import numpy as np
 from accelcal._support.errors import AccelcalError
 from accelcal._support.values import listing
 from accelcal.data import STANDARD_GRAVITY, Array
+from accelcal.data.recording import ORDERS, POSITION_ORDER
 from accelcal.effects import BUILT_IN, Effect, find, static_terms
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.run_to_run import Spread
@@ -326,14 +327,18 @@ def apply(fit: Fit, output: float) -> Application:
 
 
 def _declared_std(fit: Fit, sensor_curve: Characteristic, a: float) -> float:
-    """Standard uncertainty of an acceleration by all that a budget has beside the fit, m/s²: what one source does to
-    several parameters is added, sources are independent."""
-    by_source: dict[str, float] = {}
+    """Standard uncertainty of an acceleration by all that a budget has beside the fit, m/s².
+
+    What a declared source does to several parameters is added; sources, and the scatter of each parameter, are
+    independent.
+    """
+    by_source: dict[tuple[str, str], float] = {}
     for line in budget(fit).lines:
         name = line.estimate.name
         weight = abs(STATIC[name].per_unit(a, 0.0)) if name in sensor_curve.coefficients else 0.0
         for component in line.components[1:]:
-            by_source[component.source] = by_source.get(component.source, 0.0) + weight * component.contribution
+            source = component.source, name if component.kind == "A" else ""
+            by_source[source] = by_source.get(source, 0.0) + weight * component.contribution
     return math.hypot(*by_source.values()) / abs(sensor_curve.slope(a))
 
 
@@ -411,9 +416,9 @@ def budget(fit: Fit) -> Budget:
     -----
     With G the gravity along the stage axis, a level error d changes it by sqrt(g0² - G²) d - G d²/2; an input axis that
     is off by d has that share too, and cos d of the motion. An encoder scale error e enters a coefficient of a^n as
-    n e, and one of the rate of the clock as 2 n e. What a joint fit has separated (tilt, misalignment, encoder_scale)
-    is in the estimates already. Differences between mountings and between days are in it as far as the fitted runs
-    differ. The thermometer is taken as exact.
+    n e, and one of the rate of the clock as 2 n e (of a velocity n e, of an acceleration not at all). What a joint fit
+    has separated (tilt, misalignment, encoder_scale) is in the estimates already. Differences between mountings and
+    between days are in it as far as the fitted runs differ. The thermometer is taken as exact.
     """
     declared, separated = fit.rig.uncertainty, _separated(fit)
     needed = {
@@ -465,8 +470,8 @@ def _components(fit: Fit, e: Estimate) -> tuple[Component, ...]:
     if "encoder_scale" not in separated:
         components.append(Component("scale of the encoder", "B", ruler, "1", abs(n * size * ruler)))
     components.append(Component("misalignment of the input axis", "B", off, "rad", abs(n * size) * _second_order(off)))
-    if clock := _clock_rate(fit):
-        components.append(Component("rate of the clock", "B", clock, "1", abs(2.0 * n * size * clock)))
+    if (clock := _clock_rate(fit)) and (order := _order(fit)):
+        components.append(Component("rate of the clock", "B", clock, "1", abs(order * n * size * clock)))
     return tuple(components)
 
 
@@ -477,6 +482,12 @@ def _clock_rate(fit: Fit) -> float:
     if rig.uncertainty.clock_rate is not None:
         return rig.uncertainty.clock_rate
     return abs(skew) if rig.trusted_clock is None else 0.0
+
+
+def _order(fit: Fit) -> int:
+    """How many derivatives make an acceleration of the reference, and so how often the clock's rate enters it."""
+    references = [run.noise.reference for run in fit.runs]
+    return max((ORDERS[name][0] if name in ORDERS else POSITION_ORDER for name in references), default=POSITION_ORDER)
 
 
 def _of_next_run(spread: Spread, e: Estimate) -> float:

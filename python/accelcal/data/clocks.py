@@ -393,21 +393,23 @@ class _Peaks:
         squares = [np.sum(y**2) + _TINY for y in (a, b)]
         covered = np.maximum(inside[0] / squares[0], inside[1] / squares[1])  # of one of them; the other may be longer
         alike = np.clip(product[self.lags] / np.sqrt(inside[0] * inside[1] + _TINY), -1.0, 1.0)
-        heights = np.where(allowed, covered * alike * np.abs(alike), 0.0)
+        heights = np.where(allowed, covered * alike * np.abs(alike), 0.0)  # squares
         best = int(np.argmax(heights if about is None else -np.abs(self.lags - about)))
         self.lag, self.overlap = int(self.lags[best]), int(common[best])
         inner = slice(max(0, -self.lag), max(0, -self.lag) + self.overlap)
         outer = slice(max(0, self.lag), max(0, self.lag) + self.overlap)
         energy = float(np.sqrt(np.sum(b[inner] ** 2) * np.sum(a[outer] ** 2)))
         self.correlation = float(product[self.lag] / energy) if energy > 0.0 else 0.0
-        self.is_opposite = about is None and -float(heights.min()) > OPPOSITE * float(heights[best])
+        self.is_opposite = about is None and -float(heights.min()) > OPPOSITE**2 * float(heights[best])
         begin, end = stretch_about(heights > 0.0, best)
         self.reach = max(2, min(best - begin, end - best))
         outside = heights.copy()
         outside[begin : end + 1] = 0.0
         second = int(np.argmax(outside))
         self.next_lag = int(self.lags[second])
-        self.next_height = float(outside[second] * common[best] / max(heights[best] * common[second], _TINY))
+        height = float(outside[second] / max(heights[best], _TINY))
+        # about a lag that the rate gave, how much is covered is no evidence
+        self.next_height = float(np.sqrt(height)) if about is None else height * float(common[best] / common[second])
 
     def require_alike(self, name: str, search: Search | None) -> None:
         """Refuse two channels that are not alike, or that are with the other sign; rates may have been searched.

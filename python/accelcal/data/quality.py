@@ -756,8 +756,13 @@ def summarise(recording: Recording) -> str:
     return "\n".join(lines + [f"  assumed: {sentence}" for sentence in summary["assumptions"]])
 
 
-def rest(recording: Recording) -> list[tuple[float, float]]:
+def rest(recording: Recording, *, by_output: bool = True) -> list[tuple[float, float]]:
     """Find the intervals at rest, judged by the encoder, and by the output: what shakes fast hardly moves.
+
+    Parameters
+    ----------
+    recording : with a position.
+    by_output : False where the noise of the output is the question, which a choice by it would answer.
 
     Returns
     -------
@@ -775,7 +780,8 @@ def rest(recording: Recording) -> list[tuple[float, float]]:
     if recording.rig.arm is not None and LEVERS[0] in recording.side:
         turning = np.hypot(*(recording.side[name].y for name in LEVERS[:2]))
         small &= np.maximum.reduceat(turning, edges) <= STILL_SHARE * float(np.max(turning))
-    small &= _still_output(recording.accel, t[edges])
+    if by_output:
+        small &= _still_output(recording.accel, t[edges])
     still = np.concatenate(([False], small, [False]))
     starts, ends = np.flatnonzero(~still[:-1] & still[1:]), np.flatnonzero(still[:-1] & ~still[1:])
     last = np.append(edges[1:], len(t)) - 1
@@ -793,7 +799,9 @@ def _still_output(output: Channel, begins: Array) -> Flags:
     if not np.any(judged):
         return ~judged
     floor = LEAST_FACTOR * float(np.quantile(spread[judged], LEAST_SHARE))
-    quiet: Flags = ~judged | (spread <= max(floor, STILL_SHARE * float(np.ptp(output.y))))
+    floor = max(floor, _quantum(np.abs(np.diff(output.y))), STILL_SHARE * float(np.ptp(output.y)))
+    few = 1.0 + np.sqrt(2.0 / np.maximum(counts, 1))  # of few samples the quietest is quiet by chance
+    quiet: Flags = ~judged | (spread <= few * floor)
     return quiet
 
 

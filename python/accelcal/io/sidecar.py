@@ -53,6 +53,8 @@ ASSUMED_TOLERANCE = (
     "tolerance of the low-pass is not declared: the fit takes its corner as exact; a delay counts as an effect only "
     "beyond 5 % of its time constant"
 )
+ASSUMED_LOWPASS = "no low-pass is declared for the accelerometer channel: none is assumed"
+ASSUMED_NOISE = "sensor noise density is not declared: there is nothing to compare the fitted noise with"
 ASSUMED_ZERO = "sensor zero is not declared: 0 is assumed, so the whole electrical offset counts as bias"
 ASSUMED_OFFSET_TOLERANCE = "offset_tolerance is not declared: the clocks are taken as meant to agree"
 
@@ -912,7 +914,7 @@ KEYS: dict[str, dict[str, Key]] = {
             about=(
                 'a ratio, as in `"50 ppm"`',
                 "relative standard uncertainty of the rate of the clock that is trusted, or of both where none is: "
-                "twice goes into k",
+                "twice goes into k, once where the reference is a velocity",
                 "none; where two rates differ and `[clock] trusted` is not declared, their difference",
             ),
         ),
@@ -1222,14 +1224,13 @@ def _rig(tables: Mapping[str, dict[str, Any]], arm_axis: tuple[float, ...] | Non
     assumptions = {
         KEYS["rig"]["axis"].assumed: "axis" in rig or GRAVITY in rig or GRAVITY in channels or turning,
         KEYS["rig"]["mount"].assumed: "mount" in rig or turning,
-        "no low-pass is declared for the accelerometer channel: none is assumed": bool(lowpass or output_filters),
+        ASSUMED_LOWPASS: bool(lowpass or output_filters),
         ASSUMED_TOLERANCE: lowpass is None or lowpass.tolerance is not None,
         "encoder resolution is not declared: position noise is estimated from the data alone": bool(resolution or noise)
         or reference != "position"
         or (arm_axis is not None and abs(arm_axis[1]) < UNIT_LENGTH),
         ASSUMED_ARM: arm_axis is None or "arm_std" in rig,
-        "sensor noise density is not declared: there is nothing to compare the fitted noise with": sensor.noise
-        is not None,
+        ASSUMED_NOISE: sensor.noise is not None,
         ASSUMED_ZERO: sensor.scale is None or sensor.zero is not None,
         ASSUMED_OFFSET_TOLERANCE: "offset_tolerance" in tables["clock"],
     }

@@ -6,15 +6,22 @@ import hashlib
 from collections.abc import Iterable
 from dataclasses import fields, replace
 from shlex import quote
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from accelcal.data import Array, Finding, Recording, RecordingError, Rig, Sensor
 from accelcal.data.clocks import Alignment, align, restamped, spacing
 from accelcal.data.rates import Rate
-from accelcal.data.rig import Uncertainty
-from accelcal.io.sidecar import ASSUMED_OFFSET_TOLERANCE, ASSUMED_TOLERANCE, ASSUMED_ZERO
+from accelcal.io.sidecar import (
+    ASSUMED_ARM,
+    ASSUMED_LOWPASS,
+    ASSUMED_NOISE,
+    ASSUMED_OFFSET_TOLERANCE,
+    ASSUMED_TOLERANCE,
+    ASSUMED_ZERO,
+    KEYS,
+)
 
 
 def joined(output: Recording, reference: Recording, rates: Rates = (None, None)) -> Recording:
@@ -23,7 +30,8 @@ def joined(output: Recording, reference: Recording, rates: Rates = (None, None))
     Parameters
     ----------
     output : recording whose position is not used.
-    reference : recording whose output is not used; what the rig of `output` does not declare is taken from its rig.
+    reference : recording whose output is not used; what the rig of `output` leaves open of stage and encoder
+        is taken from its rig.
     rates : that are declared in place of stamps.
 
     Raises
@@ -31,9 +39,6 @@ def joined(output: Recording, reference: Recording, rates: Rates = (None, None))
     RecordingError
         If they cannot be aligned.
     """
-    assumed = {*reference.rig.assumptions, ASSUMED_TOLERANCE, ASSUMED_ZERO}  # these two are of the output alone
-    remaining = tuple(sentence for sentence in output.rig.assumptions if sentence in assumed)
-    rig = replace(completed(output.rig, reference.rig), assumptions=remaining)
     both = replace(
         output,
         origin=replace(
@@ -44,7 +49,7 @@ def joined(output: Recording, reference: Recording, rates: Rates = (None, None))
             scales={**reference.origin.scales, **output.origin.scales},
         ),
         position=reference.position,
-        rig=rig,
+        rig=completed(output.rig, reference.rig),
         side={**{key: channel for key, channel in reference.side.items() if key not in output.side}, **output.side},
         name=f"{output.name} with {reference.name}",
         findings=(*output.findings, *reference.findings),
@@ -56,19 +61,53 @@ def joined(output: Recording, reference: Recording, rates: Rates = (None, None))
     return aligned(replace(both, digest=hashlib.sha256(digest.encode()).hexdigest()), alignment, rates, output.side)
 
 
-Declared = TypeVar("Declared", Rig, Sensor, Uncertainty)
+OF_STAGE: dict[tuple[str, ...], str] = {
+    ("axis", "gravity_along_axis"): KEYS["rig"]["axis"].assumed,
+    ("mount",): KEYS["rig"]["mount"].assumed,
+    ("offset_tolerance",): ASSUMED_OFFSET_TOLERANCE,
+    ("position_filters",): "",
+    ("resolution",): "",
+    ("reading_noise",): "",
+    ("ratio",): "",
+    ("arm", "arm_std", "axle"): "",
+    ("tolerance",): "",
+}
+"""What the sidecar of the encoder may declare, what belongs together in one, and the sentence that tells a value from a
+default that was only assumed."""
+OF_OUTPUT = {ASSUMED_ARM, ASSUMED_LOWPASS, ASSUMED_NOISE, ASSUMED_TOLERANCE, ASSUMED_ZERO}
+"""Assumptions that no declaration of stage and encoder ends."""
 
 
-def completed(declared: Declared, further: Declared) -> Declared:
-    """Declarations of one sidecar, what is missing taken from those of another."""
-    missing, values = type(declared)(), dict[str, Any]()
-    for name in (item.name for item in fields(declared)):
-        value, other = getattr(declared, name), getattr(further, name)
-        if isinstance(value, Sensor | Uncertainty):
-            values[name] = completed(value, other)
-        elif value == getattr(missing, name):
-            values[name] = other
-    return replace(declared, **values)
+def completed(declared: Rig, further: Rig) -> Rig:
+    """The rig of the output, with what it leaves open of stage and encoder as the rig of the encoder has it.
+
+    Filters and scale of the output are never taken, and its sensor only where none is declared.
+    """
+    values = dict[str, Any]()
+    for names, assumed in OF_STAGE.items():
+        if assumed in declared.assumptions if assumed else all(not getattr(declared, name) for name in names):
+            values |= {name: getattr(further, name) for name in names}
+    certain, other = declared.uncertainty, further.uncertainty
+    if declared.trusted_clock is None and certain.clock_rate is None:  # the rate is that of the clock that is trusted
+        values["trusted_clock"] = further.trusted_clock
+    else:
+        other = replace(other, clock_rate=None)
+    missing = [item.name for item in fields(certain) if getattr(certain, item.name) is None]
+    values["uncertainty"] = replace(certain, **{name: getattr(other, name) for name in missing})
+    values["sensor"] = sensor = _completed_sensor(declared.sensor, further.sensor)
+    ended = {*declared.assumptions} - {*further.assumptions} - OF_OUTPUT
+    ended |= {ASSUMED_NOISE} if sensor.noise is not None else set()
+    return replace(declared, assumptions=tuple(text for text in declared.assumptions if text not in ended), **values)
+
+
+def _completed_sensor(declared: Sensor, further: Sensor) -> Sensor:
+    """The sensor as its sidecar has it; model and serial number of the other where they do not contradict."""
+    if declared == Sensor():
+        return replace(further, scale=None, scale_unit="", zero=None)  # the output was read without them
+    model, serial = declared.model or further.model, declared.serial or further.serial
+    if (further.model or model, further.serial or serial) != (model, serial):
+        return declared
+    return replace(declared, model=model, serial=serial)
 
 
 Rates = tuple[float | None, float | None]

@@ -18,13 +18,18 @@ from accelcal.calibration.export.certificate import (
 )
 from accelcal.data import Sensor
 from accelcal.response.linearity import Term
-from accelcal.response.measure import TYPE_A, FrequencyResponse
+from accelcal.response.measure import FrequencyResponse
 from accelcal.response.parametric import Parameter
 from accelcal.response.sine import Point
 
 METHOD = (
     "Output and reference are fitted by least squares to sines over the steady part of each step (sine "
     "approximation of ISO 16063-11 and -41), or compared segment by segment for other motions."
+)
+OF_TERMS = (
+    "Expanded uncertainties are of type A, from the noise beside each line and the scatter between steps. The "
+    "uncertainty of the reference is not contained: a relative error e of its acceleration changes K2 by 2 e and K3 by "
+    "3 e of its value."
 )
 
 
@@ -55,7 +60,7 @@ def draft_response(answer: FrequencyResponse, sensor: Sensor, laboratory: Labora
         )
     if answer.terms:
         quantities = tuple(_quantity(f"{t.name} from {t.source}", t) for t in answer.terms)
-        results.append(Result("Amplitude linearity", TYPE_A, quantities))
+        results.append(Result("Amplitude linearity", OF_TERMS, quantities))
     measurement = Measurement(
         name="Sensitivity of an accelerometer by frequency",
         method="Sine approximation" if sines else "Spectral estimation",

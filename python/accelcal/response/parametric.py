@@ -94,10 +94,10 @@ class Structure:
                 tried = [[*t, d] for t in tried for d in (lag, 0.5 * lag, 0.0)]
         return [np.array(t) for t in tried]
 
-    def parameters(self, theta: Array, covariance: Array, factor: float) -> tuple[Parameter, ...]:
-        """Names, units and uncertainties; logarithms are undone."""
+    def parameters(self, theta: Array, covariance: Array, factors: Array) -> tuple[Parameter, ...]:
+        """Names, units and uncertainties, expanded by factors (m,); logarithms are undone."""
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        parameters = [Parameter("k", "1", float(theta[0]), float(std[0]), factor * float(std[0]))]
+        parameters = [Parameter("k", "1", float(theta[0]), float(std[0]), float(factors[0] * std[0]))]
         kinds: list[tuple[str, str, bool]] = []
         for term in self.terms:
             kinds += {
@@ -108,7 +108,7 @@ class Structure:
         for i, (name, unit, logarithm) in enumerate(kinds, start=1):
             value = math.exp(min(theta[i], 300.0)) if logarithm else float(theta[i])
             spread = float(std[i]) * (value if logarithm else 1.0)
-            parameters.append(Parameter(name, unit, value, spread, factor * spread))
+            parameters.append(Parameter(name, unit, value, spread, float(factors[i]) * spread))
         return tuple(parameters)
 
 
@@ -269,12 +269,15 @@ def _fit(
         return None
     widened = max(1.0, chi_square / degrees)
     covariance = np.linalg.inv(best.jac.T @ best.jac) * widened
+    of_noise = np.diag(covariance).copy()
     covariance[0, 0] += (max(p.reference_std for p in points) * best.x[0]) ** 2  # an error that all points share
-    factor = float(scipy.special.stdtrit(_degrees(points, degrees, widened), 0.5 + 0.5 * COVERAGE))
+    share = of_noise / np.maximum(np.diag(covariance), 1e-300)
+    effective = _degrees(points, degrees, widened) / np.maximum(share, 1e-12) ** 2  # Welch and Satterthwaite
+    factors = scipy.special.stdtrit(effective, 0.5 + 0.5 * COVERAGE)
     half = len(points)
     return Fitted(
         structure,
-        structure.parameters(best.x, covariance, factor),
+        structure.parameters(best.x, covariance, factors),
         best.x,
         chi_square + structure.size * math.log(2 * len(points)),
         chi_square,

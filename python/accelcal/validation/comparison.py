@@ -101,7 +101,7 @@ def density_at_rest(recording: Recording, until: float | None = None) -> tuple[f
     rate = 1.0 / float(np.median(np.diff(accel.t)))
     lowest, highest = _band(recording.rig, rate)
     frequencies, powers, rested = [], [], 0.0
-    for begin, end in quality.rest(recording):
+    for begin, end in quality.rest(recording, by_output=False):
         if until is not None and end > until:
             continue
         y = accel.y[slice(*np.searchsorted(accel.t, [begin + EDGE, end - EDGE]))]
