@@ -137,7 +137,7 @@ def test_a_motion_that_repeats_is_called_ambiguous():
     assert align(*Motion(1, tones=1).channels()).is_ambiguous
 
 
-def test_a_peak_is_as_high_as_its_likeness():
+def test_a_peak_is_as_high_as_its_correlation():
     part, *others = np.random.default_rng(1).standard_normal((3, 4000))
 
     def peaks(*likes):

@@ -215,7 +215,7 @@ def test_density_at_rest_is_that_of_the_sensor() -> None:
         assert std < 0.1 * density
 
 
-def test_density_at_rest_is_not_that_of_the_quietest_part() -> None:
+def test_density_at_rest_is_not_that_of_the_part_with_the_least_noise() -> None:
     made = recorded("rests", ADXL105_RIG, 5)
     t, rate = made.accel.t, 1.0 / float(np.median(np.diff(made.accel.t)))
     std = 0.1 * np.where(t % 1.0 < 0.3, 0.1, 1.0)  # of noise that comes and goes
