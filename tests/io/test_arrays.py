@@ -105,6 +105,8 @@ def dated(holder: str, folder: Path, began: np.datetime64 = BEGAN) -> ac.Recordi
     path = folder / f"run.{holder.partition(' ')[0]}"
     if holder == "parquet":
         frame.to_parquet(path)
+    elif holder == "npz":
+        np.savez(path, **{name: frame[name].to_numpy() for name in frame})
     elif holder == "tdms":
         tdms = pytest.importorskip("nptdms")
         with tdms.TdmsWriter(path) as writer:
@@ -115,7 +117,7 @@ def dated(holder: str, folder: Path, began: np.datetime64 = BEGAN) -> ac.Recordi
     return ac.load(path)
 
 
-@pytest.mark.parametrize("holder", ["arrays", "objects", "frame", "parquet", "csv", "csv of the day", "tdms"])
+@pytest.mark.parametrize("holder", ["arrays", "objects", "frame", "parquet", "csv", "csv of the day", "tdms", "npz"])
 def test_dates_of_two_clocks_count_from_the_same_instant(holder: str, tmp_path: Path) -> None:
     run = dated(holder, tmp_path)
     midnight = BEGAN.astype("datetime64[D]")

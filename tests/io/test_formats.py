@@ -172,14 +172,15 @@ def test_parquet_takes_units_from_column_metadata_and_null_as_not_sampled(tmp_pa
     check(io.load(path))
 
 
-def test_parquet_stamps_durations_and_integers_are_numbers(tmp_path):
+@pytest.mark.parametrize("kind", [pa.timestamp("us", tz="UTC"), pa.duration("us")], ids=str)
+def test_parquet_stamps_durations_and_integers_are_numbers(tmp_path, kind):
     path = tmp_path / "run.parquet"
-    micros = np.arange(N) * 10_000
+    stamps = pa.array(np.arange(N) * 10_000).cast(kind)
     columns = {
-        "time": pa.array(micros).cast(pa.timestamp("us", tz="UTC")),
+        "time": stamps,
         "accel_mg": pa.array(np.arange(N) ** 2 % 7, type=pa.int16()),
         "position_um": pa.array(np.arange(N), type=pa.int32()),
-        "position_t": pa.array(micros).cast(pa.duration("us")),
+        "position_t": stamps,
     }
     write_parquet(path, columns)
     recording = io.load(path)

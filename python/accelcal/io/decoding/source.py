@@ -75,11 +75,11 @@ def limited(entries: Iterable[Listed]) -> tuple[Listed, ...]:
 
 
 def is_vector(shape: tuple[int, ...], kind: str) -> bool:
-    """Whether an array is a vector of real numbers: of one axis at most longer than 1."""
+    """Whether an array is a vector of real numbers, dates or time deltas: of one axis at most longer than 1."""
     size = 1
     for length in shape:
         size *= length
-    return kind in "fiub" and size == max(shape, default=0)
+    return kind in "fiubmM" and size == max(shape, default=0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +136,8 @@ def opened_arrays(arrays: Iterable[Stored], read: Callable[[str], Any], index: s
             for part in parts(stored.name, stored.shape, stored.dtype, index):
                 if part.name not in columns:  # a ZIP may hold a name twice
                     columns[part.name] = (stored.name, part)
-                    yield Entry(part.name, int(part.length), stored.unit)
+                    seconds = "s" if stored.dtype.kind in "mM" else None
+                    yield Entry(part.name, int(part.length), stored.unit or seconds)
 
     def column(name: str) -> Column:
         array_name, part = columns[name]
@@ -167,10 +168,10 @@ def numbers(values: Any) -> Column:
     RefusedError
         If it is no vector of real numbers.
     """
-    if isinstance(values, np.ndarray) and values.ndim == 1 and values.dtype.kind == "M":
-        return from_dates(values)
     if not isinstance(values, np.ndarray) or not is_vector(values.shape, values.dtype.kind):
         raise RefusedError("is no vector of real numbers; export it as one")
+    if values.dtype.kind in "mM":
+        return from_dates(values.ravel())
     vector = np.ascontiguousarray(values.ravel(), dtype=np.float64)
     missing = np.isnan(vector)
     return Column(vector, ~missing if missing.any() else None)
