@@ -381,8 +381,8 @@ def test_the_shared_mistakes_are_named(name, file, said, tmp_path):
 )
 def test_a_gain_of_ten_is_no_doubling(factor, said):
     rng = np.random.default_rng(3)
-    made = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters={}, rng=rng).recording
-    scaled = replace(made, accel=replace(made.accel, y=factor * made.accel.y))
+    run = ac.simulate("interleaved", seconds=12.0, rig=ac.simulation.CXL02_RIG, parameters={}, rng=rng).recording
+    scaled = replace(run, accel=replace(run.accel, y=factor * run.accel.y))
     assert said in suspicion(scaled).split(" is off")[0]
 
 

@@ -216,15 +216,15 @@ def test_density_at_rest_is_that_of_the_sensor() -> None:
 
 
 def test_density_at_rest_is_not_that_of_the_part_with_the_least_noise() -> None:
-    made = recorded("rests", ADXL105_RIG, 5)
-    t, rate = made.accel.t, 1.0 / float(np.median(np.diff(made.accel.t)))
+    run = recorded("rests", ADXL105_RIG, 5)
+    t, rate = run.accel.t, 1.0 / float(np.median(np.diff(run.accel.t)))
     std = 0.1 * np.where(t % 1.0 < 0.3, 0.1, 1.0)  # of noise that comes and goes
-    y = made.accel.y + std * np.random.default_rng(5).standard_normal(len(t))
-    noisy = replace(made, accel=replace(made.accel, y=y))
+    y = run.accel.y + std * np.random.default_rng(5).standard_normal(len(t))
+    noisy = replace(run, accel=replace(run.accel, y=y))
     assert len(quality.rest(noisy)) > len(quality.rest(noisy, by_output=False))
-    found = density_at_rest(noisy)
-    assert found is not None
-    assert found[0] == pytest.approx(np.sqrt(2.0 * np.mean(std**2) / rate), rel=0.15)
+    density = density_at_rest(noisy)
+    assert density is not None
+    assert density[0] == pytest.approx(np.sqrt(2.0 * np.mean(std**2) / rate), rel=0.15)
 
 
 def test_a_declaration_that_differs_stands_beside_the_rest() -> None:

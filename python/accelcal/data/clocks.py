@@ -396,10 +396,7 @@ class _Peaks:
         heights = np.where(allowed, covered * alike * np.abs(alike), 0.0)  # squares
         best = int(np.argmax(heights if about is None else -np.abs(self.lags - about)))
         self.lag, self.overlap = int(self.lags[best]), int(common[best])
-        inner = slice(max(0, -self.lag), max(0, -self.lag) + self.overlap)
-        outer = slice(max(0, self.lag), max(0, self.lag) + self.overlap)
-        energy = float(np.sqrt(np.sum(b[inner] ** 2) * np.sum(a[outer] ** 2)))
-        self.correlation = float(product[self.lag] / energy) if energy > 0.0 else 0.0
+        self.correlation = float(alike[best])
         self.is_opposite = about is None and -float(heights.min()) > OPPOSITE**2 * float(heights[best])
         begin, end = stretch_about(heights > 0.0, best)
         self.reach = max(2, min(best - begin, end - best))

@@ -189,8 +189,8 @@ def _send(replies: IO[bytes], source: Source, name: str) -> None:
         column = source.column(name)
     except RefusedError as error:
         raise RefusedError(f'column "{name}" {error}') from None
-    told = {"length": len(column.values), "missing": column.present is not None, "origin": column.origin}
-    replies.write(json.dumps(told).encode() + b"\n")
+    heading = {"length": len(column.values), "missing": column.present is not None, "origin": column.origin}
+    replies.write(json.dumps(heading).encode() + b"\n")
     replies.write(column.values.astype("<f8", copy=False).data)
     if column.present is not None:
         replies.write(column.present.tobytes())
