@@ -20,6 +20,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
+    from accelcal import data, effects, filters, fleet, io, plots, report, response, simulation, verbs
     from accelcal._core import __version__
     from accelcal._support.errors import AccelcalError
     from accelcal.data import Channel, Dwells, LowPass, Recording, RecordingError, Rig, Sensor

@@ -21,6 +21,7 @@ from accelcal.app.session_file import Keeper, KeptSession
 from accelcal.app.workbench import Workbench
 from accelcal.app.workers import Compute, direct
 from accelcal.live.session import LiveEvent, LiveHistory
+from accelcal.results.table import capital
 
 MOST = 32
 """Workbenches at a time."""
@@ -244,7 +245,7 @@ class Follower:
         if newest is not None and newest.ended and not newest.ended.startswith("the source broke off"):
             return ""
         if newest is not None and newest.ended:
-            return f"{newest.ended.capitalize()}. The recording holds what came until then."
+            return f"{capital(newest.ended)}. The recording holds what came until then."
         text = "".join(line for line in self._said if not line.startswith("wrote ")).strip()
         text = text.removeprefix("accelcal: ").removeprefix("live: ")
         for option, word in (("--output", "recording"), ("--model", "a model"), ("--tcp", "address")):

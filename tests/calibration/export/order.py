@@ -18,19 +18,31 @@ ORDER = {
     "identification": ["issuer", "value", "name"],
     "contact": ["name", "location"],
     "customer": ["name", "location"],
-    "measurementResult": ["name", "usedMethods", "usedSoftware", "influenceConditions", "results"],
+    "measurementResult": [
+        "name",
+        "usedMethods",
+        "usedSoftware",
+        "measuringEquipments",
+        "influenceConditions",
+        "results",
+    ],
+    "measuringEquipment": ["name", "model", "identifications"],
     "influenceCondition": ["name", "data"],
     "result": ["name", "description", "data"],
     "software": ["name", "release"],
     "usedMethod": ["name", "description"],
 }
 """Children in the order in which DCC 3.2.1 asks for them."""
-OPTIONAL = {"item": ["model"]}
+OPTIONAL = {
+    "item": ["model"],
+    "measuringEquipment": ["model", "identifications"],
+    "measurementResult": ["measuringEquipments"],
+}
 """Children that may be missing."""
 
 
 def require_order(text):
-    """Every element has its children in this order, and every kind of element is there."""
+    """Every element has its children in this order, and every kind of element is there; equipment may be missing."""
     root = ET.fromstring(text)
     assert root.get("schemaVersion") == "3.2.1"
     seen = set()
@@ -41,4 +53,4 @@ def require_order(text):
             children = [str(child.tag).removeprefix(DCC) for child in node if isinstance(child.tag, str)]
             expected = [c for c in ORDER[name] if c in children or c not in OPTIONAL.get(name, ())]
             assert [c for c in children if c in ORDER[name]] == expected, name
-    assert seen == set(ORDER)
+    assert seen | {"measuringEquipment"} == set(ORDER)

@@ -25,6 +25,7 @@ country = "DE"
 begin = 2026-11-20
 end = 2026-11-21
 place = "laboratory"
+traceability = "Length by an interferometer that PTB calibrated"
 [laboratory]
 name = "Acceleration laboratory"
 city = "Braunschweig"
@@ -33,6 +34,13 @@ name = "A. Metrologist"
 [customer]
 name = "Customer Ltd"
 city = "Oslo"
+[[equipment]]
+name = "Linear encoder"
+model = "LIC 411"
+serial = "73"
+certificate = "PTB 5.12-4099"
+[[equipment]]
+name = "Air-bearing stage"
 """
 
 
@@ -103,7 +111,7 @@ def test_values_and_expanded_uncertainties_are_those_of_the_budget():
 
 def test_what_is_missing_is_listed_and_marked():
     _, found = certificate(uncertainty=Uncertainty(level=1e-3), sensor=Sensor(scale=-0.02, scale_unit="V"))
-    keys = [entry.key for entry in ENTRIES]
+    keys = [*(entry.key for entry in ENTRIES), "equipment.name"]
     lacking = ["sensor.model", "sensor.serial", "uncertainty.encoder_scale", "uncertainty.misalignment"]
     assert list(found.missing) == [*keys, *lacking]
     assert f"Missing: {', '.join(found.missing)}" in found.text
@@ -117,8 +125,17 @@ def test_a_declared_certificate_lacks_nothing(tmp_path):
     _, found = certificate(filled(tmp_path))
     assert found.missing == ()
     assert "MISSING" not in found.text
-    for text in ("2026-0042", "2026-11-20", "Braunschweig", "A. Metrologist", "Customer Ltd"):
+    for text in ("2026-0042", "2026-11-20", "Braunschweig", "A. Metrologist", "Customer Ltd", "that PTB calibrated"):
         assert text in found.text
+    require_order(found.text)
+    pieces = ET.fromstring(found.text).findall(f".//{DCC}measuringEquipment")
+    assert [piece.findtext(f"{DCC}name/{DCC}content") for piece in pieces] == ["Linear encoder", "Air-bearing stage"]
+    marks = pieces[0].findall(f".//{DCC}identification")
+    assert [[child.text for child in mark][:2] for mark in marks] == [
+        ["manufacturer", "73"],
+        ["other", "PTB 5.12-4099"],
+    ]
+    assert pieces[1].find(f"{DCC}identifications") is None
     assert "DRAFT: not signed, not accredited" in found.text
 
 
@@ -136,6 +153,8 @@ def test_a_declared_certificate_lacks_nothing(tmp_path):
         ('place = "laboratory"', 'place = "home"', "one of laboratory, customer"),
         ("[certificate]", "[certificate", "not valid TOML"),
         ("[certificate]", "name = 1\n[certificate]", "expected a table"),
+        ('name = "Linear encoder"\n', "", "equipment: found no name"),
+        ('serial = "73"', "serial = 73", "equipment.serial: found 73, expected a text"),
     ],
 )
 def test_a_mistake_in_the_laboratory_s_file_is_named(tmp_path, was, now, said):

@@ -63,13 +63,18 @@ ENTRIES = (
     Entry("certificate.begin", "a date without quotes, such as 2026-11-20", _date, NO_DATE),
     Entry("certificate.end", "a date without quotes, such as 2026-11-21", _date, NO_DATE),
     Entry("certificate.place", "one of " + ", ".join(PLACES), _code("|".join(PLACES)), "other"),
+    Entry("certificate.traceability", "a text, such as by which institute's standards", _text, "missing"),
     Entry("laboratory.name", "a text", _text, "missing"),
     Entry("laboratory.city", "a text", _text, "missing"),
     Entry("responsible.name", "a text", _text, "missing"),
     Entry("customer.name", "a text", _text, "missing"),
     Entry("customer.city", "a text", _text, "missing"),
 )
-"""Administrative data that a DCC requires and no recording has."""
+"""Administrative data that a DCC or ISO/IEC 17025 requires and no recording has."""
+EQUIPMENT = tuple(
+    Entry(f"equipment.{key}", "a text", _text, "missing") for key in ("name", "model", "serial", "certificate")
+)
+"""What is said of each piece of measuring equipment; its certificate by number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,11 +83,14 @@ class Laboratory:
 
     declared: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """Texts by key."""
+    equipment: tuple[Mapping[str, str], ...] = ()
+    """Texts by key, of each piece of measuring equipment."""
 
     @property
     def missing(self) -> tuple[str, ...]:
         """Keys that are not declared."""
-        return tuple(entry.key for entry in ENTRIES if entry.key not in self.declared)
+        lacking = tuple(entry.key for entry in ENTRIES if entry.key not in self.declared)
+        return lacking if self.equipment else (*lacking, "equipment.name")
 
     def text(self, key: str) -> str:
         """The declared value, or a placeholder."""
@@ -104,11 +112,15 @@ def read_laboratory(path: Path) -> Laboratory:
         raise LaboratoryError(f"{path}: {(error.strerror or 'cannot be read').lower()}; check the path") from None
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise LaboratoryError(f"{path}: not valid TOML ({error}); correct that line") from None
-    entries = {entry.key: entry for entry in ENTRIES}
+    entries = {entry.key: entry for entry in (*ENTRIES, *EQUIPMENT)}
     declared: dict[str, str] = {}
-    for table, keys in content.items():
+    equipment: list[dict[str, str]] = []
+    pieces = content.pop("equipment", [])
+    tables = [*content.items(), *(("equipment", piece) for piece in (pieces if isinstance(pieces, list) else [pieces]))]
+    for table, keys in tables:
         if not isinstance(keys, dict):
             raise LaboratoryError(f"{path}: {table}: found {keys!r}, expected a table; {_nearest(table, entries)}")
+        texts = {}
         for key, value in keys.items():
             name = f"{table}.{key}"
             if name not in entries:
@@ -116,8 +128,14 @@ def read_laboratory(path: Path) -> Laboratory:
             text = entries[name].check(value)
             if text is None:
                 raise LaboratoryError(f"{path}: {name}: found {value!r}, expected {entries[name].what}")
-            declared[name] = text
-    return Laboratory(declared)
+            texts[name] = text
+        if table != "equipment":
+            declared.update(texts)
+        elif "equipment.name" in texts:
+            equipment.append(texts)
+        else:
+            raise LaboratoryError(f"{path}: equipment: found no name, expected one in each [[equipment]]")
+    return Laboratory(declared, tuple(equipment))
 
 
 def _nearest(key: str, entries: Mapping[str, Entry]) -> str:
@@ -229,7 +247,7 @@ def certificate(
     root.append(_comment("DRAFT: not signed, not accredited. " + _missing(missing)))
     _administrative(ET.SubElement(root, f"{{{DCC}}}administrativeData"), sensor, laboratory)
     results = ET.SubElement(root, f"{{{DCC}}}measurementResults")
-    _measurement(ET.SubElement(results, f"{{{DCC}}}measurementResult"), measurement)
+    _measurement(ET.SubElement(results, f"{{{DCC}}}measurementResult"), measurement, laboratory)
     for prefix, space in (("dcc", DCC), ("si", SI), ("xsi", XSI)):
         ET.register_namespace(prefix, space)
     ET.indent(root)
@@ -285,12 +303,10 @@ def _administrative(parent: ET.Element, sensor: Sensor, laboratory: Laboratory) 
     _named(item, "name", "accelerometer")
     if sensor.model:
         _add(item, "model", " ".join(sensor.model.split()))
-    identification = _add(_add(item, "identifications"), "identification")
-    _add(identification, "issuer", "manufacturer")
+    identifications = _add(item, "identifications")
     if not sensor.serial:
-        identification.append(_comment("MISSING: sensor.serial"))
-    _add(identification, "value", " ".join(sensor.serial.split()) or "missing")
-    _named(identification, "name", "serial number")
+        identifications.append(_comment("MISSING: sensor.serial"))
+    _identified(identifications, "manufacturer", " ".join(sensor.serial.split()) or "missing", "serial number")
     contact = _add(_add(parent, "calibrationLaboratory"), "contact")
     _declared(contact, "name", laboratory, "laboratory.name", named=True)
     _declared(_add(contact, "location"), "city", laboratory, "laboratory.city")
@@ -299,11 +315,38 @@ def _administrative(parent: ET.Element, sensor: Sensor, laboratory: Laboratory) 
     customer = _add(parent, "customer")
     _declared(customer, "name", laboratory, "customer.name", named=True)
     _declared(_add(customer, "location"), "city", laboratory, "customer.city")
-    statement = _add(_add(parent, "statements"), "statement")
-    _named(statement, "declaration", "Draft: neither signed nor issued under an accreditation.")
+    statements = _add(parent, "statements")
+    text = "Draft: neither signed nor issued under an accreditation."
+    _named(_add(statements, "statement"), "declaration", text)
+    _declared(_add(statements, "statement"), "declaration", laboratory, "certificate.traceability", named=True)
 
 
-def _measurement(parent: ET.Element, measurement: Measurement) -> None:
+def _equipment(parent: ET.Element, laboratory: Laboratory) -> None:
+    if not laboratory.equipment:
+        parent.append(_comment("MISSING: equipment.name"))
+        return
+    pieces = _add(parent, "measuringEquipments")
+    for piece in laboratory.equipment:
+        item = _add(pieces, "measuringEquipment")
+        _named(item, "name", piece["equipment.name"])
+        if "equipment.model" in piece:
+            _add(item, "model", piece["equipment.model"])
+        kinds = (("serial", "manufacturer", "serial number"), ("certificate", "other", "calibration certificate"))
+        marks = [mark for mark in kinds if f"equipment.{mark[0]}" in piece]
+        listed = _add(item, "identifications") if marks else item
+        for key, issuer, name in marks:
+            _identified(listed, issuer, piece[f"equipment.{key}"], name)
+
+
+def _identified(parent: ET.Element, issuer: str, value: str, name: str) -> ET.Element:
+    identification = _add(parent, "identification")
+    _add(identification, "issuer", issuer)
+    _add(identification, "value", value)
+    _named(identification, "name", name)
+    return identification
+
+
+def _measurement(parent: ET.Element, measurement: Measurement, laboratory: Laboratory) -> None:
     _named(parent, "name", measurement.name)
     method = _add(_add(parent, "usedMethods"), "usedMethod")
     _named(method, "name", measurement.method)
@@ -311,6 +354,7 @@ def _measurement(parent: ET.Element, measurement: Measurement) -> None:
     software = _add(_add(parent, "usedSoftware"), "software")
     _named(software, "name", "accelcal")
     _add(software, "release", __version__)
+    _equipment(parent, laboratory)
     conditions = _add(parent, "influenceConditions")
     for name, (low, high), unit in measurement.conditions:
         condition = _add(conditions, "influenceCondition")
