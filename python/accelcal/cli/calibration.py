@@ -183,6 +183,12 @@ def export(
         str | None,
         typer.Option("--watch", help="Effects that --filter watches for, a comma between names.", show_default=False),
     ] = None,
+    gate: Annotated[
+        float | None,
+        typer.Option(
+            "--gate", help="Let --filter leave out readings whose innovation squared over its variance is above this."
+        ),
+    ] = None,
     output: Annotated[Path, typer.Option("-o", "--output", help="Beginning of the names of the files of --filter.")] = (
         Path("filter")
     ),
@@ -202,10 +208,15 @@ def export(
             raise UsageError("--filter c (or rust) and --rate 1667 go together, and with no other form of export")
         load_own_effects(effects_file)
         suspects = tuple(name.strip() for name in watch.split(",")) if watch is not None else ()
-        export_filter(model, suspects, live, rate, precision, output)
+        followed = exports.live_filter(of_one_output(model), rate, watch=suspects, gate=gate)
+        texts = exports.filter_files(followed, output.name, live, precision, model.name)
+        paths = {output.parent / name: text for name, text in texts.items()}
+        write_together(paths)
+        print_written(*paths)
         return
-    if watch is not None:
-        raise UsageError("--watch: goes with --filter c (or rust) and --rate 1667")
+    if watch is not None or gate is not None:
+        option = "--watch" if watch is not None else "--gate"
+        raise UsageError(f"{option}: goes with --filter c (or rust) and --rate 1667")
     if not (c or rust or dcc or json or parameters):
         raise UsageError(
             "nothing to write: give --c sensor.h, --rust sensor.rs, --dcc draft.xml, --filter, --json, or --parameters "
@@ -265,20 +276,20 @@ def write_together(files: Mapping[Path, str]) -> None:
             io.atomic_write(path, text)
 
 
-def export_filter(
-    model: Path, watch: Sequence[str], language: Language, rate: float, precision: Precision, output: Path
-) -> None:
-    """Write the live filter of a model beside the program that replays a record through it."""
+def of_one_output(model: Path) -> Fit:
+    """The fit of a model file from which a live filter can be made.
+
+    Raises
+    ------
+    UsageError
+        If it is of three outputs.
+    """
     fitted = model_file.load(model)
     if fitted.axes:
         raise UsageError(
             f"--filter: {model} is of {len(fitted.axes)} outputs; expected one. Fit one, or give --c or --rust"
         )
-    filter_of_model = exports.live_filter(fitted, rate, watch=watch)
-    files = exports.filter_files(filter_of_model, output.name, language, precision, model.name)
-    paths = {output.parent / name: text for name, text in files.items()}
-    write_together(paths)
-    print_written(*paths)
+    return fitted
 
 
 @app.command("app")

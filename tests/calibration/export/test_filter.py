@@ -7,9 +7,10 @@ import dataclasses
 import os
 import shutil
 import subprocess
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -71,9 +72,9 @@ MODELS: dict[str, tuple[Model, Rig]] = {
 }
 
 
-def filter_of(model: Model, rig: Rig = LEVEL, *, rate: float = 1667.0, watch: Sequence[str] = ()) -> LiveModel:
+def filter_of(model: Model, rig: Rig = LEVEL, *, rate: float = 1667.0, **others: Any) -> LiveModel:
     origins, covariance = Origins(t=0.1, temperature=20.0), np.array([[1e-4, 2e-4], [2e-4, 1e-2]])
-    given = {"rate": rate, "q": 1e-8, "r_position": 1e-12, "position": 0.0, "watch": watch}
+    given = {"rate": rate, "q": 1e-8, "r_position": 1e-12, "position": 0.0, **others}
     return LiveModel(with_held_as_states(model), rig, origins=origins, covariance=covariance, **given)
 
 
@@ -438,9 +439,7 @@ def test_what_cannot_be_traced_is_refused_by_name(monkeypatch):
             program(live, "f32")
 
 
-@pytest.mark.parametrize(
-    ("settings", "said"), [({"gate": 9.0}, "no gate"), ({"order": 2}, "first order"), ({"q": 0.0}, "noise of output")]
-)
+@pytest.mark.parametrize(("settings", "said"), [({"order": 2}, "first order"), ({"q": 0.0}, "noise of output")])
 def test_a_setting_that_a_device_has_not_is_refused(settings, said):
     given = {"rate": 100.0, "q": 1e-8, "r_position": 1e-12, "position": 0.0} | settings
     with pytest.raises(NotExportable, match=said):
@@ -488,6 +487,34 @@ def gap_of(folder: Path, monkeypatch: pytest.MonkeyPatch, live: Callable[[], Liv
     rows = np.ascontiguousarray(replayed(plan).arguments)
     library = compiled(folder, len(plan.free), rows.shape[1], "double", watch=bool(plan.suspects))
     return Gap(library, rows, len(plan.free))
+
+
+@pytest.mark.outside
+def test_the_gate_leaves_out_wild_readings_as_that_of_the_live_filter(tmp_path, monkeypatch):
+    gate, wild = 25.0, np.arange(400, LONG, 500)
+    estimates = []
+    for name, live in (
+        ("gated", lambda: filter_of(Model.linear(), gate=gate)),
+        ("open", lambda: filter_of(Model.linear())),
+    ):
+        (tmp_path / name).mkdir()
+        gap = gap_of(tmp_path / name, monkeypatch, live)
+        clean, read = gap.rows[:, 1].copy(), wild[np.isfinite(gap.rows[wild, 1])]
+        gap.rows[read, 1] += 1e-3
+        twin, without = live(), live()
+        twin.run(*gap.rows.T)
+        without.run(gap.rows[:, 0], np.where(np.isin(np.arange(LONG), read), np.nan, clean))
+        std = np.sqrt(np.diag(twin.covariance))
+        found = estimates_after(gap.library, gap.rows, (LONG,), gap.parameters)[0, 0]
+        assert len(read) > 2
+        assert np.max(np.abs(found - twin.values) / std) < 1e-9
+        estimates.append(float(np.max(np.abs(found - without.values) / std)))
+    assert estimates[0] < 1e-9  # as if they had not been read
+    assert estimates[1] > 5.0  # the twin that must fail: without a gate
+    for file, text in filter_files(filter_of(Model.linear(), gate=gate), "cal", "rust", "f64").items():
+        (tmp_path / file).write_text(text)
+    run(["rustc", "--edition", "2021", "-O", "cal_replay.rs", "-o", "replay"], tmp_path)
+    assert run(["./replay"], tmp_path).startswith("0 of ")
 
 
 @pytest.mark.outside

@@ -61,7 +61,9 @@ Language = Literal["c", "rust"]
 Precision = Literal["f32", "f64"]
 
 
-def live_filter(fit: Fit, rate: float, *, position: float = 0.0, watch: Sequence[str] = ()) -> LiveModel:
+def live_filter(
+    fit: Fit, rate: float, *, position: float = 0.0, watch: Sequence[str] = (), gate: float | None = None
+) -> LiveModel:
     """The live filter that starts from what a fit knows.
 
     Parameters
@@ -71,6 +73,7 @@ def live_filter(fit: Fit, rate: float, *, position: float = 0.0, watch: Sequence
     rate : samples of the output per second, Hz.
     position : position of the stage at the first sample, m.
     watch : effects that the model lacks, for each of which the filter says how much speaks for it.
+    gate : leave out readings whose squared innovation over its variance is above this; None for no gate.
 
     Raises
     ------
@@ -92,6 +95,7 @@ def live_filter(fit: Fit, rate: float, *, position: float = 0.0, watch: Sequence
         origins=replace(fit.origins, t=0.0),
         covariance=start.spread(fit, model),
         watch=watch,
+        gate=gate,
     )
 
 
@@ -362,6 +366,8 @@ class Program:
     """For the first sample behind a gap, which effects with memory reach over."""
     next: dict[str, Any] = field(default_factory=dict)
     reading: dict[str, Any] = field(default_factory=dict)
+    distance: dict[str, Any] = field(default_factory=dict)
+    """Squared innovation of a reading and the most that the gate lets through; empty without a gate."""
     correction: dict[str, Any] = field(default_factory=dict)
     """For the noise of the output in the gradient, at every sixteenth reading."""
     gap: dict[str, Any] = field(default_factory=dict)
@@ -395,9 +401,9 @@ def program(live: LiveModel, precision: Precision) -> Program:
     """
     settings = live.settings
     moving = rate_and_density_of(live)
-    if settings["gate"] is not None or settings["choice"].order != 1 or moving[0] != (0.0, 0.0):
+    if settings["choice"].order != 1 or moving[0] != (0.0, 0.0):
         raise NotExportable(
-            "an exported filter has no gate, is of first order, and its scale_factor is constant; "
+            "an exported filter is of first order, and its scale_factor is constant; "
             "leave these settings of LiveModel as they are"
         )
     if not settings["q"] > 0.0 or not settings["r_position"] > 0.0:
@@ -622,6 +628,8 @@ def read(plan: Program) -> None:
     noise = pp + tau * (2.0 * pv + tau * vv)
     b = [b[j] for j in plan.free]
     update, settled = belief.correct(tau, b, e, settings["r_position"])
+    if settings["gate"] is not None:
+        plan.distance = {"distance": e * e, "most": settings["gate"] * update.s}
     belief.read_noise(tau, settled.gains)
     share, leaf = noise * settled.inverse, plan.graph.leaf
     plan.reading = {f"@{name}": x for name, x in belief.fields().items()} | {"@e": e, "@s": update.s}
@@ -915,12 +923,15 @@ class Text:
     sizes: dict[str, int] = field(init=False)
     """Of each field: 0 for a number, else the length of the array."""
     locals: list[str] = field(init=False)
+    judged: list[str] = field(init=False)
+    """Statements that work out how far off a reading is; none without a gate."""
     evidence: list[list[str]] = field(init=False)
     """Statements of a watch: from sums, and over both starts."""
 
     def __post_init__(self) -> None:
         stages = pruned(self.plan)
         self.stages = [self.writer.statements(stage) for stage in stages]
+        self.judged = self.writer.statements(self.plan.distance)
         graph = self.plan.graph
         asked = (watching.posterior(graph), watching.evidence(graph)) if self.plan.suspects else ()
         self.evidence = [self.writer.statements(targets) for targets in asked]
@@ -938,7 +949,15 @@ class Text:
     def bytes(self) -> int:
         """Of the filter's state."""
         size = 4 if self.plan.format is FORMATS["f32"] else 8
-        return 16 + 8 * bool(self.plan.suspects) + size * sum(max(1, count) for count in self.sizes.values())
+        return 16 + 4 * len(self.counters) + size * sum(max(1, count) for count in self.sizes.values())
+
+    @property
+    def counters(self) -> dict[str, str]:
+        """Numbers that the filter keeps beside those that every one has, with what they count; a gap leaves them."""
+        watched = {"begun": "samples before the newest start of the watch", "starts": "which one that is"}
+        return (watched if self.plan.suspects else {}) | (
+            {"rejected": "readings beyond the gate"} if self.plan.distance else {}
+        )
 
     @property
     def operations(self) -> tuple[int, int]:
@@ -1016,6 +1035,14 @@ def comment(text: Text) -> list[str]:
         *([f"Held, not estimated: {', '.join(held)}."] if held else []),
         *(watching.described(text) if plan.suspects else []),
         *([f"Of one record, estimated anew on the device: {', '.join(anew)}."] if anew else []),
+        *(
+            [
+                "A reading is left out, and counted, where the square of its innovation is above "
+                f"{settings['gate']:.6g} times its variance."
+            ]
+            if plan.distance
+            else []
+        ),
         f"Noise: density of the output {settings['q']:.6g} (m/s^2)^2/Hz, two-sided; variance of a reading "
         f"{settings['r_position']:.6g} m^2."
         + (f" The low-pass, {settings['tau']:.6g} s, is part of the model." if settings["tau"] else ""),
@@ -1080,7 +1107,7 @@ def rust_resume(text: Text) -> str:
     length = f"let gap = {step} * (missed as {kind} + 1.0); // up to the sample behind it, s"
     wait = "".join(f"        {line}\n" for line in ([length, *text.stages[5]] if text.stages[5] else []))
     lasting = [name for name in text.sizes if name in LASTING]
-    lasting += ["begun", "starts"] if text.plan.suspects else []
+    lasting += text.counters
     fields = "\n".join(f"            {name}: self.{name}," for name in lasting)
     interrupted = "\n".join(f"    {line}" for line in watching.interrupted(text)) if text.plan.suspects else ""
     return f"""\
@@ -1139,14 +1166,40 @@ def step(text: Text) -> list[str]:
         f"    f->n = {text.writer.name}_count(f->n, 1u);" if c else "    self.n = self.n.saturating_add(1);",
         f"    if {f'({inside})' if c else inside} {{",
         f"        const {kind} z = {sign}position;" if c else f"        let z = {sign}position;",
-        *reading,
-        f"        {me}readings = {me}readings + 1{'u' if c else ''};",
-        f"        if {'(' if c else ''}{me}readings == {EVERY}{'u' if c else ''}{')' if c else ''} {{",
-        *("    " + line for line in correction),
-        f"            {me}readings = 0{'u' if c else ''};",
-        "        }",
+        *gated(
+            text,
+            [
+                *reading,
+                f"        {me}readings = {me}readings + 1{'u' if c else ''};",
+                f"        if {'(' if c else ''}{me}readings == {EVERY}{'u' if c else ''}{')' if c else ''} {{",
+                *("    " + line for line in correction),
+                f"            {me}readings = 0{'u' if c else ''};",
+                "        }",
+            ],
+        ),
         "    }",
         *(watching.due(text) if text.plan.suspects else []),
+    ]
+
+
+def gated(text: Text, reading: list[str]) -> list[str]:
+    """Statements that take in a reading, within the gate where there is one."""
+    if not text.judged:
+        return reading
+    c, kind = text.writer.language == "c", text.writer.type()
+    names = ("distance", "most")
+    return [
+        *(f"        {kind} {name};" if c else f"        let {name}: {kind};" for name in names),
+        "        {",
+        *(f"            {line}" for line in text.judged),
+        "        }",
+        f"        if {'(distance <= most)' if c else 'distance <= most'} {{",
+        *(f"    {line}" for line in reading),
+        "        } else {",
+        f"            f->rejected = {text.writer.name}_count(f->rejected, 1u);"
+        if c
+        else "            self.rejected = self.rejected.saturating_add(1);",
+        "        }",
     ]
 
 
@@ -1166,8 +1219,7 @@ def c_header(text: Text) -> str:
         f"    {kind} {field}{f'[{count}]' if count else ''}; /* {FIELDS[field]} */"
         for field, count in text.sizes.items()
     )
-    counters = "    uint32_t begun, starts; /* samples before the newest start of the watch; which one */\n"
-    counters = counters if text.plan.suspects else ""
+    counters = "".join(f"    uint32_t {field}; /* {what} */\n" for field, what in text.counters.items())
     places = ",\n".join(f"    {big}_{identifier(plain(x)).upper()} = {i}" for i, x in enumerate(text.plan.names))
     return f"""\
 /*
@@ -1232,7 +1284,7 @@ def c_source(text: Text) -> str:
     tau, sign = text.plan.live.settings["tau"], "" if text.plan.live.rig.polarity > 0 else "-"
     lag = f" + {text.writer.literal(tau)} * f->v" if tau else ""
     sides = [f"side_{identifier(x)}" for x in text.plan.side]
-    counters = "    f->begun = 0u;\n    f->starts = 0u;\n" if text.plan.suspects else ""
+    counters = "".join(f"    f->{field} = 0u;\n" for field in text.counters)
     zero = text.writer.literal(0.0)
     finite = " && ".join(f"{x} * {zero} == {zero}" for x in ["output", *sides])
     return f"""\
@@ -1348,11 +1400,9 @@ def rust_state(text: Text) -> str:
         for name, count in text.sizes.items()
         for said in [FIELDS[name]]
     )
-    counters = (
-        "    /// Samples before the newest start of the watch.\n    pub begun: u32,\n"
-        "    /// Which one that is.\n    pub starts: u32,\n"
+    counters = "".join(
+        f"    /// {what[0].upper()}{what[1:]}.\n    pub {field}: u32,\n" for field, what in text.counters.items()
     )
-    counters = counters if text.plan.suspects else ""
     return f"""\
 /// Mean and factors of the covariance, and what a step needs of earlier ones.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -1376,7 +1426,7 @@ def rust_module(text: Text) -> str:
     kind, m = text.writer.type(), len(text.plan.free)
     sign = "" if text.plan.live.rig.polarity > 0 else "-"
     about = "\n".join(f"//! {line}".rstrip() for line in comment(text))
-    counters = "            begun: 0,\n            starts: 0,\n" if text.plan.suspects else ""
+    counters = "".join(f"            {field}: 0,\n" for field in text.counters)
     prior = text.prior
     start = "\n".join(
         f"            {name}: {rust_value(text, prior.get(name, [0.0] * max(1, count)), count)},"
