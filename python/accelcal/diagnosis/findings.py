@@ -229,10 +229,9 @@ def in_model(fit: Fit, group: Confounded, sizes: Mapping[str, Size]) -> Finding:
     """An effect of a fitted model, or the time offset of the base, as a finding."""
     name = group.effect
     owners = {term.name: term.effect.name for term in fit.model.terms}
-    random = find(name).port == "process"
-    coefficients = [] if random else [e for e in fit.free if owners.get(e.name) == name]
-    tested = coefficients and not find(name).prior.mean
-    gain, dof = explained_gain(fit, name) if tested else (0.0, 0)
+    moved = [e for e in fit.free if owners.get(e.name) == name]
+    coefficients = [] if find(name).port == "process" else moved
+    gain, dof = explained_gain(fit, name) if moved and not find(name).prior.mean else (0.0, 0)
     return Finding(
         group,
         tuple(e.value for e in coefficients),
@@ -327,32 +326,31 @@ def equivalent_sigma(log_p: float) -> float:
 def explained_gain(fit: Fit, name: str) -> tuple[float, int]:
     """Twice the log-likelihood that an effect of a fitted model explains given all others, and its degrees of freedom.
 
-    The prior information on a coefficient explains nothing and is subtracted.
+    The prior information on a coefficient explains nothing and is subtracted. Of a random process it is the likelihood
+    ratio of its intensity: the coefficients are integrated out, x' P^-1 x - ln det(K P^-1) with their prior K.
     """
     owners = {term.name: term.effect.name for term in fit.model.terms}
     coefficients = [k for k, e in enumerate(fit.free) if owners.get(e.name) == name]
     x = np.array([fit.free[k].value for k in coefficients])
     information = np.linalg.inv(fit.covariance[np.ix_(coefficients, coefficients)])
+    if find(name).port == "process":
+        variance = [fit.model.priors[fit.free[k].name].std ** 2 for k in coefficients]
+        return max(0.0, float(x @ information @ x - np.linalg.slogdet(np.diag(variance) @ information)[1])), 1
     if find(name).prior.mean:
         information -= np.diag([fit.model.priors[name].std ** -2 if name in fit.model.priors else 0.0])
     return max(0.0, float(x @ information @ x)), len(coefficients)
 
 
 def present(fit: Fit, alpha: float, sizes: Mapping[str, Size]) -> tuple[Finding, ...]:
-    """Effects beyond the base that a fitted model contains and the record confirms.
-
-    A random process has no coefficient to test: it counts where the model gives it a contribution.
-    """
+    """Effects beyond the base that a fitted model contains and the record confirms."""
     contributions = []
     for name in fit.model.added:
         effect = find(name)
         finding = in_model(fit, Confounded(name, (name,), effect.experiment.rstrip(".")), sizes)
         shown = effect.traits.visible or effect.seen_by_sets
-        if not shown or effect.prior.mean or name in fit.model.priors or not finding.estimate:
-            confirmed = effect.port == "process" and finding.largest is not None and finding.largest.value > 0.0
-        else:
-            confirmed = log_survival(*explained_gain(fit, name)) < math.log(alpha)
-        if confirmed:
+        if not shown or effect.prior.mean or name in fit.model.priors or finding.sigma is None:
+            continue
+        if log_survival(*explained_gain(fit, name)) < math.log(alpha):
             contributions.append(finding)
     return tuple(contributions)
 

@@ -30,14 +30,18 @@ def test_it_is_named_and_the_scale_factor_has_the_error_that_it_states(tmp_path,
     if entering.effect == "scale_gauss_markov":  # the mean of a random walk is that of the record, and no less certain
         assert fit["scale_factor"].std > 2.0 * linear["scale_factor"].std
         assert entering.prior_std == pytest.approx(size, rel=0.5)
+    assert [finding.effect for finding in ac.diagnose(fit, run).present] == [entering.effect]
 
 
 def test_a_constant_scale_factor_is_no_process(tmp_path):
     for seed in range(3):
         run = recorded(tmp_path, World("tones", "ADXL105", (), seed=900 + seed))
-        found = ac.diagnose(ac.fit(run), run)
+        fit = ac.fit(run)
+        found = ac.diagnose(fit, run)
         assert not any(SCALE & set(group.members) for group in found.classes)
         assert np.isfinite(found.scan.detection_limits["scale_drift"])
+    with_process = ac.add(fit, run, "scale_random_walk")
+    assert not ac.diagnose(with_process, run).present
 
 
 @pytest.mark.parametrize(

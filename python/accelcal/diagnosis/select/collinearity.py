@@ -246,7 +246,7 @@ def unconfirmed(name: str, fit: Fit, examined: int, alpha: float) -> Remark | No
     The search judges by rows that are linear at the model without the effect, the fit by its own uncertainty, with that
     of the shape parameters and with the scatter of the residual.
     """
-    if find(name).port == "process" or find(name).prior.mean:
+    if find(name).prior.mean:
         return None
     gain, coefficients = explained_gain(fit, name)
     if coefficients == 0 or log_survival(gain, coefficients) < math.log(alpha / max(1, examined)):

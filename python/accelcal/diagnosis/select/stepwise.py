@@ -473,9 +473,8 @@ class StepwiseSelection:
     def may_be_redundant(self, name: str) -> bool:
         """Whether later effects may explain what an effect did: any curve may be, a named effect if it is no longer
         significant."""
-        effect = find(name)
-        if effect.family or effect.port == "process":
-            return effect.family is not None
+        if find(name).family is not None:
+            return True
         verdict = self.current.verdict
         return log_significance(verdict.fit, name) > math.log(self.alpha / verdict.scan.examined)
 
