@@ -497,6 +497,17 @@ def waited(
     return stays * values, np.outer(stays, stays) * covariance + np.diag(grown)
 
 
+MOST_SHARE = 0.15
+"""Power of the noise over that of the motion up to which the scale factor is within its uncertainty
+(docs/measured.md)."""
+
+
+def noise_in_band(q: float, r_position: float, step: float, apart: float) -> float:
+    """Power of the output's noise in the band in which a filter believes the output, (m/s²)²."""
+    crossover = math.sqrt(math.sqrt(q / (r_position * apart))) / (2.0 * math.pi)
+    return 2.0 * q * min(crossover, 0.5 / step)
+
+
 def before_sample(s: Signals, early: float) -> tuple[Signals, float]:
     """Signals whose last values are those `early` (s) before the last time, and the way from there, m."""
     t, p, v = s.t.copy(), s.p.copy(), s.v.copy()

@@ -21,9 +21,11 @@ from accelcal.estimation.estimate import Fit
 from accelcal.filters.choice import PARAMETERS, FilterChoice, GaussMarkov, spread_start, to_stage
 from accelcal.filters.live_model import (
     FALSE_NAMES,
+    MOST_SHARE,
     LiveModel,
     Suspicion,
     live_terms,
+    noise_in_band,
     refusal,
     state_names,
     suspects_of,
@@ -661,8 +663,6 @@ def normal_bound(alpha: float) -> float:
 
 MOST_SAID = 1e3
 """Largest noise over motion that is said: beyond, the stage is at rest."""
-MOST_SHARE = 0.15
-"""Noise over motion, `NoiseShare.value`, up to which the scale factor is within its uncertainty (docs/measured.md)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -747,8 +747,7 @@ class OutputMoments:
         if n < 3 or self.readings.samples < 3:
             return None
         motion = self._product / (n - 1) - (self._sum / n) ** 2
-        crossover = (settings.q / (settings.r_position * self.readings.step)) ** 0.25 / (2.0 * math.pi)
-        noise = 2.0 * settings.q * min(crossover, 0.5 / self.outputs.step)
+        noise = noise_in_band(settings.q, settings.r_position, self.outputs.step, self.readings.step)
         return NoiseShare(float(noise / max(motion, noise / MOST_SAID)))
 
 

@@ -147,6 +147,7 @@ def test_the_top_of_a_file_states_signs_units_states_and_cost(language):
         "temperature (degC; parameters refer to 20)",
         "3 temperature_bias (m/s^2/K), prior 0 with standard deviation",
         "density of the output 1e-08 (m/s^2)^2/Hz, two-sided; variance of a reading 1e-12 m^2",
+        "less than 0.0012 m/s^2 rms of acceleration",  # root of 2e-8 x 10.2 Hz / 0.15
         "arithmetic operations a step",
         "with every 16th",
         "bytes of state",

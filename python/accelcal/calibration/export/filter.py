@@ -53,7 +53,7 @@ from accelcal.effects.registry import Effect
 from accelcal.estimation.engines import live_start
 from accelcal.estimation.estimate import Fit
 from accelcal.filters.choice import rate_and_density
-from accelcal.filters.live_model import MOTION, LiveModel, newton
+from accelcal.filters.live_model import MOST_SHARE, MOTION, LiveModel, newton, noise_in_band
 from accelcal.model import Model, Prior, evaluate
 from accelcal.signals.signals import Signals
 
@@ -991,6 +991,8 @@ def comment(text: Text) -> list[str]:
     of_record = {t.name for t in plan.live.model.terms if t.effect.port != "process" and of_one_record(t.effect)}
     anew = [name for name in plan.names if name in of_record and estimates[name].value == 0.0]
     without, with_reading, most = text.operations
+    noise = noise_in_band(settings["q"], settings["r_position"], settings["dt"], settings["dt"])
+    least = math.sqrt(noise / MOST_SHARE)
     kind, sensor = plan.format.rust, rig.sensor
     raw = f"({sensor.scale_unit or 'V'} - {sensor.zero or 0.0:.10g}) / {sensor.scale or 1.0:.10g}"
     paragraphs = [
@@ -1022,7 +1024,9 @@ def comment(text: Text) -> list[str]:
         *([f"Of one record, estimated anew on the device: {', '.join(anew)}."] if anew else []),
         f"Noise: density of the output {settings['q']:.6g} (m/s^2)^2/Hz, two-sided; variance of a reading "
         f"{settings['r_position']:.6g} m^2."
-        + (f" The low-pass, {settings['tau']:.6g} s, is part of the model." if settings["tau"] else ""),
+        + (f" The low-pass, {settings['tau']:.6g} s, is part of the model." if settings["tau"] else "")
+        + f" On a stage with less than {least:.2g} m/s^2 rms of acceleration the noise of the output moves "
+        "scale_factor by more than its standard deviation says.",
         f"Cost: {without} arithmetic operations a step, {with_reading} with a reading, {most} with every {EVERY}th, "
         "on a Cortex-M4F about one and a half instructions each (emulated, not measured); "
         f"{text.bytes} bytes of state; no allocation, no library.",
