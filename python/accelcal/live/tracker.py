@@ -701,6 +701,12 @@ class Spacing:
     def add(self, t: Array) -> list[float]:
         """Take stamps (n,) in, s; those behind a hole."""
         behind = list[float]()
+        if self.samples > 1 and len(t):  # all at once where there is no hole
+            steps = np.diff(t, prepend=self._last)
+            time = self._time + np.cumsum(steps)
+            if np.all(steps * (self.samples - 1 + np.arange(len(t))) <= HOLE * (time - steps)):
+                self.samples, self._last, self._time = self.samples + len(t), float(t[-1]), float(time[-1])
+                return behind
         for stamp in t.tolist():
             longest = HOLE * self.step if self.samples > 1 else math.inf
             if stamp - self._last > longest:
