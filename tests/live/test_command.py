@@ -148,6 +148,7 @@ def test_a_step_of_the_bias_raises_an_alarm_soon(folder: Path) -> None:
             plain = done(folder, "--file", "lines.txt")
             assert plain.stderr.count("alarm: t = ") >= 1
             assert "blocks of innovations raised an alarm" in plain.stdout
+            assert "; ± are 2 sigma; " in plain.stdout
 
 
 def test_a_server_is_followed_to_its_end(folder: Path) -> None:

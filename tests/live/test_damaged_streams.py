@@ -7,11 +7,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from accelcal.io import stream
+from accelcal.io import read_sidecar, stream
+from accelcal.io.stream import ByteSource
+from accelcal.live import LiveSession, settings_of
 
 from .damage import LONGEST_LOSS, Outcome, followed
+from .streams import BIAS, RIG, SCALE, Stream
+from .streams import stream as stream_of
 
 
 def outcomes(seeds: range, folder: Path) -> list[Outcome]:
@@ -39,3 +44,20 @@ def test_rows_that_need_no_agreement_lose_the_stream(tmp_path: Path, monkeypatch
     monkeypatch.setattr(stream, "SHORT", 0.0)
     monkeypatch.setattr(stream, "BEHIND", float("inf"))
     assert sum(outcome.lost > LONGEST_LOSS for outcome in outcomes(range(20), tmp_path)) >= 5
+
+
+def test_a_device_that_was_away_and_begins_its_clock_anew_leaves_the_parameters(tmp_path: Path) -> None:
+    """Meanwhile the stage has moved; false-alarm rate 6e-5 for each of two parameters."""
+    (tmp_path / "rig.toml").write_text(RIG)
+    declared, sent = read_sidecar(tmp_path / "rig.toml"), stream_of(12.0, seed=8)
+    later = sent.t > 6.0
+    lines = Stream(np.where(later, sent.t - 6.0, sent.t), sent.u, sent.z).lines().splitlines(keepends=True)
+    there = np.flatnonzero((sent.t < 4.7) | later)
+    chunks = iter([b"".join(lines[i] for i in part) for part in np.array_split(there, 100)])
+    source = ByteSource("made", lambda: next(chunks, b""), lambda: None, True, True, ends_lines=True)
+    with LiveSession(source, declared, settings_of(declared.rig)) as view:
+        view.run(ends=lambda: False, on_alarm=lambda alarm: None, show=lambda: None)
+        state = view.state
+    assert (state.restarts, state.alarms, state.missing) == (1, 0, 0)
+    for estimate, truth in zip(sorted(state.estimates, key=lambda e: e.name), (BIAS, SCALE), strict=True):
+        assert abs(estimate.value - truth) < 4.0 * estimate.std, (estimate, truth)

@@ -349,13 +349,7 @@ class LiveModel:
         velocity (m/s), `t` (s) after the first one."""
         gap = self._signals.restart(t)
         self._holes.append((self._steps, gap))
-        moving = np.array([rate_and_density(moves) for moves in self.settings["parameters"]])
-        rates, q = moving.T
-        stays = np.exp(-rates * gap)
-        # The integral of q exp(-2 rate s) over the hole; of a walk q gap.
-        grown = q * np.where(rates > 0.0, -np.expm1(-2.0 * rates * gap) / np.where(rates > 0.0, 2.0 * rates, 1.0), gap)
-        covariance = np.outer(stays, stays) * self.covariance + np.diag(grown)
-        self._prior_at(position, stays * self.values, covariance, velocity)
+        self._prior_at(position, *waited(self.settings["parameters"], gap, self.values, self.covariance), velocity)
         self._filter.begin(self.settings["x0"], self.settings["P0"])
         self._columns, self._constant = np.zeros_like(self._columns), np.zeros_like(self._constant)
 
@@ -490,6 +484,28 @@ class LiveModel:
                 middle = decay * begun[2] + old * behind[0] + new * behind[1]
                 behind[:] = np.stack([begun[2], middle, decay * middle + old * behind[1] + new * behind[2]])
         return Step(columns, position_columns, slopes, constant, reading, memories)
+
+
+def waited(
+    parameters: Sequence[GaussMarkov | None], gap: float, values: Array, covariance: Array
+) -> tuple[Array, Array]:
+    """Values (m,) and covariance (m, m) of parameters after a time without readings, s."""
+    rates, q = np.array([rate_and_density(moves) for moves in parameters]).T
+    stays = np.exp(-rates * gap)
+    # The integral of q exp(-2 rate s) over the gap; of a walk q gap.
+    grown = q * np.where(rates > 0.0, -np.expm1(-2.0 * rates * gap) / np.where(rates > 0.0, 2.0 * rates, 1.0), gap)
+    return stays * values, np.outer(stays, stays) * covariance + np.diag(grown)
+
+
+MOST_SHARE = 0.15
+"""Power of the noise over that of the motion up to which the scale factor is within its uncertainty
+(docs/measured.md)."""
+
+
+def noise_in_band(q: float, r_position: float, step: float, apart: float) -> float:
+    """Power of the output's noise in the band in which a filter believes the output, (m/s²)²."""
+    crossover = math.sqrt(math.sqrt(q / (r_position * apart))) / (2.0 * math.pi)
+    return 2.0 * q * min(crossover, 0.5 / step)
 
 
 def before_sample(s: Signals, early: float) -> tuple[Signals, float]:

@@ -303,7 +303,7 @@ class LineCounts:
     missing: int = 0
     """Rows that gaps in evenly spaced stamps leave out."""
     restarts: int = 0
-    """Times that the clock began anew, or went on behind where it had been; the stamps then go on from the last."""
+    """Times that the clock began anew, or went on behind where it had been; the stamps then go on behind a hole."""
 
 
 @dataclass
@@ -574,7 +574,8 @@ class _Order:
         else:
             believed = len(chain) >= SEVERAL and lasts >= BEHIND
             if believed:
-                self._shift += self._step - jump
+                self._last += far  # what came between is unknown, as in a hole
+                self._shift = self._last + self._step - t[chain[0]]
                 self.restarts += 1
         if believed:
             self._take(rows, follows, chain)

@@ -13,12 +13,24 @@ import numpy as np
 from accelcal._support.errors import AccelcalError
 from accelcal._support.result import Storable
 from accelcal.data import DERIVED, Array, Flags, RecordingError, Rig, unsupported
+from accelcal.data.orientation import HOLE
 from accelcal.data.units import concise
 from accelcal.effects import BUILT_IN, Effect, find, of_one_record
 from accelcal.estimation.engines import PARAMETER_OF, PRIOR_STD, LiveStart, as_fit, live_start
 from accelcal.estimation.estimate import Fit
 from accelcal.filters.choice import PARAMETERS, FilterChoice, GaussMarkov, spread_start, to_stage
-from accelcal.filters.live_model import FALSE_NAMES, LiveModel, Suspicion, live_terms, refusal, state_names, suspects_of
+from accelcal.filters.live_model import (
+    FALSE_NAMES,
+    MOST_SHARE,
+    LiveModel,
+    Suspicion,
+    live_terms,
+    noise_in_band,
+    refusal,
+    state_names,
+    suspects_of,
+    waited,
+)
 from accelcal.filters.record import ForwardParameters
 from accelcal.filters.stream import MOST_EFFECTS, LiveFilter, Readings
 from accelcal.io.stream import Rows
@@ -651,8 +663,6 @@ def normal_bound(alpha: float) -> float:
 
 MOST_SAID = 1e3
 """Largest noise over motion that is said: beyond, the stage is at rest."""
-MOST_SHARE = 0.15
-"""Noise over motion, `NoiseShare.value`, up to which the scale factor is within its uncertainty (docs/measured.md)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -676,6 +686,37 @@ class NoiseShare(Storable):
         )
 
 
+class Spacing:
+    """Samples of a channel and their mean step, in which a hole counts as `HOLE` of the steps before it."""
+
+    def __init__(self) -> None:
+        self.samples = 0
+        self._last = self._time = 0.0
+
+    @property
+    def step(self) -> float:
+        """s, of two samples at least."""
+        return self._time / (self.samples - 1)
+
+    def add(self, t: Array) -> list[float]:
+        """Take stamps (n,) in, s; those behind a hole."""
+        behind = list[float]()
+        if self.samples > 1 and len(t):  # all at once where there is no hole
+            steps = np.diff(t, prepend=self._last)
+            time = self._time + np.cumsum(steps)
+            if np.all(steps * (self.samples - 1 + np.arange(len(t))) <= HOLE * (time - steps)):
+                self.samples, self._last, self._time = self.samples + len(t), float(t[-1]), float(time[-1])
+                return behind
+        for stamp in t.tolist():
+            longest = HOLE * self.step if self.samples > 1 else math.inf
+            if stamp - self._last > longest:
+                behind.append(stamp)
+            if self.samples:
+                self._time += min(stamp - self._last, longest)
+            self.samples, self._last = self.samples + 1, stamp
+        return behind
+
+
 class OutputMoments:
     """Running moments of output and readings: a few numbers, however long it runs.
 
@@ -683,46 +724,36 @@ class OutputMoments:
     """
 
     def __init__(self) -> None:
-        self.outputs, self.readings = 0, 0
-        self._from: Array = np.zeros(2)
-        self._to: Array = np.zeros(2)
-        """First and last stamp of outputs and of readings, s."""
+        self.outputs, self.readings = Spacing(), Spacing()
         self._zero = 0.0
         self._last: Array = np.empty(0)
         """The last sample less the first of all, m/s²."""
         self._sum = 0.0
         self._product = 0.0
 
-    def add(self, rows: Rows) -> None:
-        """Take rows in."""
+    def add(self, rows: Rows) -> list[float]:
+        """Take rows in; the stamps of outputs behind a hole, s."""
         finite = np.isfinite(rows.accel)
-        self.outputs = self._counted(0, self.outputs, rows.t[finite])
-        self.readings = self._counted(1, self.readings, rows.t[np.isfinite(rows.position)])
+        behind = self.outputs.add(rows.t[finite])
+        self.readings.add(rows.t[np.isfinite(rows.position)])
         u = rows.accel[finite]
         if not len(u):
-            return
-        if self.outputs == len(u):
+            return behind
+        if self.outputs.samples == len(u):
             self._zero = float(u[0])
         y = np.concatenate([self._last, u - self._zero])
         self._sum += float(np.sum(y[len(self._last) :]))
         self._product += float(y[1:] @ y[:-1])
         self._last = y[-1:]
-
-    def _counted(self, channel: int, count: int, t: Array) -> int:
-        """Number of samples of a channel so far, with those at `t` (s)."""
-        if len(t):
-            self._from[channel] = self._from[channel] if count else t[0]
-            self._to[channel] = t[-1]
-        return count + len(t)
+        return behind
 
     def noise_share(self, settings: LiveSettings) -> NoiseShare | None:
         """Noise over motion, at most `MOST_SAID`; None before there are three samples of either."""
-        if self.outputs < 3 or self.readings < 3:
+        n = self.outputs.samples
+        if n < 3 or self.readings.samples < 3:
             return None
-        step, apart = (self._to - self._from) / (np.array([self.outputs, self.readings]) - 1)
-        motion = self._product / (self.outputs - 1) - (self._sum / self.outputs) ** 2
-        crossover = (settings.q / (settings.r_position * apart)) ** 0.25 / (2.0 * math.pi)
-        noise = 2.0 * settings.q * min(crossover, 0.5 / step)
+        motion = self._product / (n - 1) - (self._sum / n) ** 2
+        noise = noise_in_band(settings.q, settings.r_position, self.outputs.step, self.readings.step)
         return NoiseShare(float(noise / max(motion, noise / MOST_SAID)))
 
 
@@ -743,6 +774,7 @@ class Tracker:
 
     It starts at the last output before the first reading. What comes out equals `filters.run` on the same rows with the
     same settings, bit for bit: stamps of the output minus `settings.offset`, `settings.stage_output` of its values.
+    Behind a hole of the output another one starts, with the parameters of the one before.
 
     Parameters
     ----------
@@ -752,7 +784,7 @@ class Tracker:
     def __init__(self, settings: LiveSettings) -> None:
         self.settings = settings
         self.filter: LiveFilter | None = None
-        """None before the first reading."""
+        """None before the first reading, and the first behind a hole."""
         self.outputs, self.readings = 0, 0
         self.refused = 0
         """Events that the filter refused; its state is as it was before them."""
@@ -761,11 +793,14 @@ class Tracker:
         self.moments = OutputMoments()
         self._waiting: tuple[Array, Flags, Array] = (np.empty(0), np.empty(0, dtype=bool), np.empty(0))
         """Events that one before them may still join: stamps, which are outputs, values."""
+        self._behind = list[float]()
+        """Stamps behind holes to come, s."""
+        self._scale_begun = self._scale_variance(settings.covariance)
 
     def feed(self, rows: Rows) -> Readings:
         """Take rows in; the readings that the filter processed then, which lag by two outputs."""
-        self.moments.add(rows)
         offset = self.settings.offset
+        self._behind += [t - offset for t in self.moments.add(rows)]
         outputs, readings = np.isfinite(rows.accel), np.isfinite(rows.position)
         stage = self.settings.stage_output(rows.accel[outputs])
         self._waiting = in_order(
@@ -774,11 +809,11 @@ class Tracker:
             np.concatenate([self._waiting[2], stage, rows.position[readings]]),
         )
         newest = float(rows.t[-1]) if len(rows) else -math.inf
-        return self._take(newest - max(0.0, offset))
+        return self._taken(newest - max(0.0, offset))
 
     def finish(self) -> Readings:
         """Take in what still waits, as at the end of a record."""
-        last = self._take(math.inf)
+        last = self._taken(math.inf)
         if self.filter is None:
             self.outputs += len(self._waiting[0])
             return last
@@ -793,9 +828,13 @@ class Tracker:
     @property
     def estimates(self) -> tuple[Estimate, ...]:
         """Parameters of the sensor with standard deviations; before the first reading those of the start."""
+        return self._held_to(self.settings.estimates(*self._state()))
+
+    def _state(self) -> tuple[Array, Array]:
+        """Mean (N,) and covariance (N, N) of all states; those of a start while there is no filter."""
         if self.filter is None:
-            return self.settings.estimates(*self.settings.start(0.0, 0.0))
-        return self._held_to(self.settings.estimates(self.filter.estimate, self.filter.covariance))
+            return self.settings.start(0.0, 0.0)
+        return self.filter.estimate, self.filter.covariance
 
     def _held_to(self, estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
         """Those of the estimates that hold: beyond what the correction can, none whose gradient is the noisy output."""
@@ -818,10 +857,10 @@ class Tracker:
 
     def fitted(self, fit: Fit) -> Fit:
         """The fit with the parameters as the filter holds them now."""
-        if self.filter is None:
+        if not self.readings:
             return fit
-        settings, m = self.settings, len(self.settings.names)
-        values = ForwardParameters(settings.names, self.filter.estimate[-m:], self.filter.covariance[-m:, -m:])
+        settings, (x, P) = self.settings, self._state()
+        values = ForwardParameters(settings.names, x[2:], P[2:, 2:])
         return replace(as_fit(replace(fit, rig=settings.rig), values, settings.choice), rig=fit.rig)
 
     @property
@@ -833,16 +872,40 @@ class Tracker:
         worst = (1.0 - now / begun) * share.value / (1.0 + share.value)  # what readings without a correction would give
         return share if share.value <= MOST_SHARE or worst > 0.5 * math.sqrt(now) else None
 
+    def _scale_variance(self, covariance: Array) -> float:
+        """That of the scale factor, in the covariance of the parameters."""
+        row = self.settings.names.index("k")
+        return float(covariance[row, row])
+
     def _scale_variances(self) -> tuple[float, float]:
         """Variance of the scale factor at the start, and now."""
-        row = self.settings.names.index("k")
-        begun = float(self.settings.covariance[row, row])
-        return begun, begun if self.filter is None else float(self.filter.covariance[2 + row, 2 + row])
+        now = self.settings.covariance if self.filter is None else self.filter.covariance[2:, 2:]
+        return self._scale_begun, self._scale_variance(now)
 
-    def _take(self, until: float) -> Readings:
+    def _taken(self, until: float) -> Readings:
+        """Readings that the events up to an instant (s) lead to, in the filter and in those that follow holes."""
+        parts = list[Readings]()
+        while self._behind and self._behind[0] <= until:
+            behind = self._behind.pop(0)
+            parts.append(self._take(behind, "left"))
+            self._end(behind)
+        parts.append(self._take(until, "right"))
+        return Readings(np.concatenate([part.table for part in parts]))
+
+    def _end(self, behind: float) -> None:
+        """Begin anew at an output behind a hole, s: the motion unknown, the parameters as they are now."""
+        if self.filter is None:
+            return
+        moving = [self.settings.parameters.get(name) for name in self.settings.names]
+        gap = behind - (behind if self.filter.time is None else self.filter.time)
+        theta, covariance = waited(moving, gap, self.filter.estimate[2:], self.filter.covariance[2:, 2:])
+        self.settings = replace(self.settings, theta=theta, covariance=covariance)
+        self.filter = None
+
+    def _take(self, until: float, side: Literal["left", "right"]) -> Readings:
         """Hand the events up to an instant (s) to the filter, which starts at the first reading among them."""
         t, output, value = self._waiting
-        ready = int(np.searchsorted(t, until, side="right"))
+        ready = int(np.searchsorted(t, until, side=side))
         begin = 0
         if self.filter is None:
             first = np.flatnonzero(~output[:ready])
@@ -892,9 +955,6 @@ RATE_OUTPUTS = 50
 """Outputs from which the rate of a stream is taken."""
 MOST_WAITING = 252
 """Readings that wait for the next output; of more the newest."""
-HOLE = 8.0
-"""Usual steps of the output beyond which what the stage did between two outputs is unknown."""
-
 
 Row = tuple[float, ...]
 """Of a reading, as in `Readings`."""

@@ -145,10 +145,12 @@ def test_the_top_of_a_file_states_signs_units_states_and_cost(language):
         "= -(acceleration of the stage + 9.80665 m/s^2)",
         "has k, K2 and K3 of the other sign to first order; this filter is not of that form",
         "the output (m/s^2, by the declared scale (V - 2.5) / 0.04)",
-        "temperature (degC)",
+        "temperature (degC; parameters refer to 20)",
         "3 temperature_bias (m/s^2/K), prior 0 with standard deviation",
         "density of the output 1e-08 (m/s^2)^2/Hz, two-sided; variance of a reading 1e-12 m^2",
+        "less than 0.0012 m/s^2 rms of acceleration",  # root of 2e-8 x 10.2 Hz / 0.15
         "arithmetic operations a step",
+        "with every 16th",
         "bytes of state",
         "Behind a gap of more than 8 samples call resume",
         "-ffp-contract=off",

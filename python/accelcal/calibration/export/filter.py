@@ -53,7 +53,7 @@ from accelcal.effects.registry import Effect
 from accelcal.estimation.engines import live_start
 from accelcal.estimation.estimate import Fit
 from accelcal.filters.choice import rate_and_density
-from accelcal.filters.live_model import MOTION, LiveModel, newton
+from accelcal.filters.live_model import MOST_SHARE, MOTION, LiveModel, newton, noise_in_band
 from accelcal.model import Model, Prior, evaluate
 from accelcal.signals.signals import Signals
 
@@ -960,13 +960,13 @@ class Text:
         )
 
     @property
-    def operations(self) -> tuple[int, int]:
-        """Arithmetic operations of a step without and with a reading."""
+    def operations(self) -> tuple[int, int, int]:
+        """Arithmetic operations of a step without and with a reading, and of one with the correction."""
         counts = [
             sum(line.count(sign) for line in stage for sign in (" + ", " - ", " * ", " / ", " < "))
             for stage in self.stages
         ]
-        return counts[1], counts[1] + counts[2]  # and at every sixteenth reading the correction
+        return counts[1], counts[1] + counts[2], counts[1] + counts[2] + counts[3]
 
     @property
     def prior(self) -> dict[str, list[float]]:
@@ -1003,13 +1003,15 @@ class Text:
 def comment(text: Text) -> list[str]:
     """What the files say at their top, as lines without comment marks."""
     plan, settings = text.plan, text.plan.live.settings
-    rig = plan.live.rig
+    rig, origins = plan.live.rig, plan.live._signals.origins
     sign = "" if rig.polarity > 0 else "-"
     estimates = {t.name: t for t in plan.live.estimates}
     held = [name for j, name in enumerate(plan.live.names) if j not in plan.free]
     of_record = {t.name for t in plan.live.model.terms if t.effect.port != "process" and of_one_record(t.effect)}
     anew = [name for name in plan.names if name in of_record and estimates[name].value == 0.0]
-    least, most = text.operations
+    without, with_reading, most = text.operations
+    noise = noise_in_band(settings["q"], settings["r_position"], settings["dt"], settings["dt"])
+    least = math.sqrt(noise / MOST_SHARE)
     kind, sensor = plan.format.rust, rig.sensor
     raw = f"({sensor.scale_unit or 'V'} - {sensor.zero or 0.0:.10g}) / {sensor.scale or 1.0:.10g}"
     paragraphs = [
@@ -1021,7 +1023,10 @@ def comment(text: Text) -> list[str]:
         "output - K0, has k, K2 and K3 of the other sign to first order; this filter is not of that form.",
         f"A step takes the output (m/s^2{f', by the declared scale {raw}' * (sensor.scale is not None)}), the position "
         "(m; NaN or infinite where it was not read)"
-        + "".join(f", {name} ({'degC' if name == 'temperature' else 'SI'})" for name in plan.side)
+        + "".join(
+            f", {name} ({'degC' if name == 'temperature' else 'SI'}; parameters refer to {origins.of(name):.6g})"
+            for name in plan.side
+        )
         + ". Steps are one sample apart. An argument that is not finite, but for the position, is refused, and nothing "
         "is changed, not the time either: for a lost output pass the one before it. Behind a gap of more than 8 samples"
         " call resume with a position that was read, which begins the motion anew and keeps the parameters.",
@@ -1032,6 +1037,7 @@ def comment(text: Text) -> list[str]:
             for i, name in enumerate(plan.names)
         )
         + ". Covariance as factors U D U'.",
+        *([f"Effects of position count from {origins.p:.6g} m on."] if origins.p else []),
         *([f"Held, not estimated: {', '.join(held)}."] if held else []),
         *(watching.described(text) if plan.suspects else []),
         *([f"Of one record, estimated anew on the device: {', '.join(anew)}."] if anew else []),
@@ -1045,9 +1051,12 @@ def comment(text: Text) -> list[str]:
         ),
         f"Noise: density of the output {settings['q']:.6g} (m/s^2)^2/Hz, two-sided; variance of a reading "
         f"{settings['r_position']:.6g} m^2."
-        + (f" The low-pass, {settings['tau']:.6g} s, is part of the model." if settings["tau"] else ""),
-        f"Cost: {least} arithmetic operations a step, {most} with a reading, on a Cortex-M4F about one and a half "
-        f"instructions each (emulated, not measured); {text.bytes} bytes of state; no allocation, no library.",
+        + (f" The low-pass, {settings['tau']:.6g} s, is part of the model." if settings["tau"] else "")
+        + f" On a stage with less than {least:.2g} m/s^2 rms of acceleration the noise of the output moves "
+        "scale_factor by more than its standard deviation says.",
+        f"Cost: {without} arithmetic operations a step, {with_reading} with a reading, {most} with every {EVERY}th, "
+        "on a Cortex-M4F about one and a half instructions each (emulated, not measured); "
+        f"{text.bytes} bytes of state; no allocation, no library.",
         "Bits are equal on every IEEE 754 machine as long as no multiplication is fused with an addition: in C compile "
         "with -ffp-contract=off and without -ffast-math; Rust never fuses.",
     ]
