@@ -353,6 +353,8 @@ def test_every_face_tells_the_coefficient_at_rest_and_at_the_mean(tmp_path, sag)
     for model in (warm, fit.model.add("temperature_bias")):
         assert f"bias, at {degrees} " in str(ac.fit(run, model))
     assert "°C" not in str(ac.fit(run, fit.model.add("temperature_scale"))).partition("scale_factor")[0]
+    drag = {"velocity_follows_abs_v": {"tau": 1.0, "start": 0.0}}  # a carrier that the model lacks
+    assert "velocity, at the mean of this run" in str(ac.fit(run, fit.model.add(*drag, shapes=drag)))
 
 
 @pytest.mark.parametrize(
