@@ -14,6 +14,7 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 import accelcal as ac
+from accelcal.diagnosis.findings import Confounded, in_model
 from accelcal.effects import BUILT_IN, CATALOGUE, find, from_expression, side_channel, side_channels, spelled
 from accelcal.effects.mechanisms import AMPLITUDES, CARRIERS, DRIVERS, channel_of, mechanisms_of, memory
 from accelcal.filters.live_model import LiveModel
@@ -192,10 +193,13 @@ def wandering(folder):
 
 def test_the_band_of_a_path_holds_what_is_faster_than_the_cosines(tmp_path):
     run, truth = wandering(tmp_path)
-    (path,) = ac.add(ac.fit(run), run, "scale_gauss_markov").paths(run)
+    grown = ac.add(ac.fit(run), run, "scale_gauss_markov")
+    (path,) = grown.paths(run)
     away = path.value - np.interp(path.t, truth["t"], truth["value"])
     # some 40 correlation times: a share of 0.95 has a standard deviation of 0.035, false alarm below 1 in 300
     assert np.mean(np.abs(away) < 1.96 * path.std) > 0.85
+    told = in_model(grown, Confounded("scale_gauss_markov", ("scale_gauss_markov",), ""), {})
+    assert "no cause: scale_factor varies by 0.00" in told.particulars  # in a model it is none either
 
 
 def test_the_path_of_a_process_ranks_what_it_follows(sag):
