@@ -170,14 +170,14 @@ def test_a_supply_that_sags_is_a_mechanism_and_not_a_process(sag):
 def test_a_process_is_no_cause_and_nothing_on_an_honest_record(tmp_path):
     honest = recorded(tmp_path, lambda s: 0.0 * s.a, 5)
     assert [name for name in ac.diagnose(ac.fit(honest), honest).effects if "follows" in name] == []
-    run, _ = wandering(tmp_path)
+    run, _ = with_process(tmp_path)
     diagnosis = ac.diagnose(ac.fit(run), run)
     assert find(diagnosis.effects[-1]).traits.changes == "scale_factor"
     assert "That is no cause: scale_factor varies by" in diagnosis.sentence
     assert "no recorded quantity explains it" in diagnosis.sentence
 
 
-def wandering(folder):
+def with_process(folder):
     """A record whose scale factor is a Gauss-Markov process of 1.5 s, and that scale factor over t."""
     paths = {}
 
@@ -192,7 +192,7 @@ def wandering(folder):
 
 
 def test_the_band_of_a_path_holds_what_is_faster_than_the_cosines(tmp_path):
-    run, truth = wandering(tmp_path)
+    run, truth = with_process(tmp_path)
     grown = ac.add(ac.fit(run), run, "scale_gauss_markov")
     (path,) = grown.paths(run)
     away = path.value - np.interp(path.t, truth["t"], truth["value"])

@@ -49,7 +49,7 @@ def beyond_cosines(length: float, tau: float = math.inf) -> float:
     Examples
     --------
     >>> round(beyond_cosines(60.0, 3.0), 3), round(beyond_cosines(60.0), 3)
-    (0.121, 0.187)
+    (0.123, 0.187)
     """
     w = np.pi * (len(BIAS_COSINES) + 0.5) / length
     return float(1.0 - 2.0 / np.pi * np.arctan(w * tau) if tau < math.inf else 1.0 / (w * np.pi))
