@@ -136,7 +136,7 @@ def test_place_and_attitude_give_the_scale_factor_and_the_one_axis_does_not(tmp_
     assert blind["scale_factor"].std > 100.0 * found["scale_factor"].std
     assert blind.tilt > 1.0
     assert blind.remarks[0].code == "slow_residual"
-    assert "gravity along a turning axis" in tied_sum(blind, "scale_factor")
+    assert "gravity along a turning axis" in tied_sum(blind, blind["scale_factor"])
 
 
 def test_a_known_orientation_needs_no_remark_and_predicts_unseen_motion(tmp_path: Path) -> None:

@@ -145,8 +145,6 @@ def _left_out(effect: Effect) -> LeftOut:
         return LeftOut(effect.name, effect.owner, "is a random process with mean zero", False)
     equation = effect.line("Equation").split(". ")[0].rstrip(".")
     stated = f" ({equation})" if equation else ""
-    if effect not in BUILT_IN:
-        return LeftOut(effect.name, effect.owner, "is an effect of your own, whose inverse is not known", True)
     if effect.traits.memory:
         return LeftOut(effect.name, effect.owner, f"depends on earlier readings{stated}", True)
     if effect.traits.no_inverse:
@@ -154,6 +152,8 @@ def _left_out(effect: Effect) -> LeftOut:
     foreign = [name for name in effect.needs if name != "temperature"]
     if foreign:
         return LeftOut(effect.name, effect.owner, f"depends on the channel {' and '.join(foreign)}{stated}", True)
+    if effect not in BUILT_IN:
+        return LeftOut(effect.name, effect.owner, "is an effect of your own, whose inverse is not known", True)
     return LeftOut(
         effect.name,
         effect.owner,

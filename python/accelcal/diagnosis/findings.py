@@ -180,7 +180,7 @@ class Finding:
     largest: Size | None
     """Largest contribution over the used range."""
     remark: str = ""
-    """What the noise test says that found it."""
+    """What the noise test says that found it; that a random process is no cause, and how it varies."""
     wave: Mapping[str, float] = field(default_factory=dict)
     """Its frequency or period, or the shape of an effect whose coefficient physics gives, by name, in SI; empty for
     others."""
@@ -206,6 +206,7 @@ class Finding:
         units = {name: shape.unit for name, shape in find(self.effect).shapes.items()}
         waves = [f"{name} {in_usual_unit(value, units[name], 4)}" for name, value in self.wave.items()]
         parts = [", ".join([*([self.size] if self.size else []), *waves, *evidence])]
+        parts += [self.remark] if find(self.effect).port == "process" else []
         parts += [self.group.parts.text] if self.group.parts.text else []
         parts += [f"confounded with {', '.join(self.rivals)}"] if self.rivals else []
         text = "; ".join(filter(None, parts))
@@ -229,9 +230,11 @@ def in_model(fit: Fit, group: Confounded, sizes: Mapping[str, Size]) -> Finding:
     """An effect of a fitted model, or the time offset of the base, as a finding."""
     name = group.effect
     owners = {term.name: term.effect.name for term in fit.model.terms}
+    random = find(name).port == "process"
     moved = [e for e in fit.free if owners.get(e.name) == name]
-    coefficients = [] if find(name).port == "process" else moved
+    coefficients = [] if random else moved
     gain, dof = explained_gain(fit, name) if moved and not find(name).prior.mean else (0.0, 0)
+    prior = next((p.std for term, p in fit.model.priors.items() if owners.get(term) == name), math.nan)
     return Finding(
         group,
         tuple(e.value for e in coefficients),
@@ -239,8 +242,14 @@ def in_model(fit: Fit, group: Confounded, sizes: Mapping[str, Size]) -> Finding:
         find(name).unit,
         math.sqrt(gain) if dof == 1 else equivalent_sigma(log_survival(gain, dof)) if dof else None,
         sizes.get(name),
+        remark=f"no cause: {varies(find(name).traits.changes, prior, fit.model.shapes[name])}" if random else "",
         wave=wave_of(fit.model, name),
     )
+
+
+def varies(coefficient: str, std: float, shape: Mapping[str, float]) -> str:
+    """The words on how a random process moves a coefficient: within its time constant, or a random walk within 1 s."""
+    return f"{coefficient} varies by {in_usual_unit(std, find(coefficient).unit)} over {shape.get('tau', 1.0):.2g} s"
 
 
 def chosen(fit: Fit, thresholds: Mapping[str, float], chosen_by: Fit | None = None) -> list[Remark]:

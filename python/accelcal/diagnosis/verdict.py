@@ -12,7 +12,7 @@ from accelcal._support.errors import AccelcalError
 from accelcal._support.process import within
 from accelcal._support.result import Result
 from accelcal._support.values import face, immutable
-from accelcal.data import Recording, in_usual_unit
+from accelcal.data import Recording
 from accelcal.diagnosis.checks import CHECKS, FOLLOW_TIME, beside_tilt
 from accelcal.diagnosis.clean_fit import RejectedReadings
 from accelcal.diagnosis.evidence import DELAY_CLASS, DELAY_EXPERIMENT, Evidence, noise_ratio
@@ -26,6 +26,7 @@ from accelcal.diagnosis.findings import (
     in_model,
     present,
     split,
+    varies,
     with_findings,
     with_next_step,
 )
@@ -366,9 +367,7 @@ def random_variation(process: DetectedEffect) -> str:
     followed = [name for name in process.members if find(name).mechanism or find(name).needs]
     asked = "; no recorded quantity explains it" if effect.traits.changes in CARRIERS else ""
     why = f"; {' or '.join(followed)} may be why" if followed else asked
-    size = in_usual_unit(process.prior_std, find(effect.traits.changes).unit)
-    varies = f"{effect.traits.changes} varies by {size} over {process.shape.get('tau', 1.0):.2g} s"
-    return f" That is no cause: {varies}{why}."
+    return f" That is no cause: {varies(effect.traits.changes, process.prior_std, process.shape)}{why}."
 
 
 def found_by_tests(case: Case) -> Judgement | None:

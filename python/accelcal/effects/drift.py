@@ -43,6 +43,18 @@ def in_time(t: Array, start: float, length: float, tau: float = math.inf) -> Arr
     return cosines(t, start, length, np.sqrt(2.0 * length) / (np.pi * j))
 
 
+def beyond_cosines(length: float, tau: float = math.inf) -> float:
+    """Variance of a process of unit size that its columns lack, since it moves faster than their last cosine.
+
+    Examples
+    --------
+    >>> round(beyond_cosines(60.0, 3.0), 3), round(beyond_cosines(60.0), 3)
+    (0.123, 0.187)
+    """
+    w = np.pi * (len(BIAS_COSINES) + 0.5) / length
+    return float(1.0 - 2.0 / np.pi * np.arctan(w * tau) if tau < math.inf else 1.0 / (w * np.pi))
+
+
 CORRELATION = Shape("s", slow(0.02, 0.5), trials=3, spacing="log")
 """Correlation time of a Gauss-Markov process."""
 MADE = "a tenth of {}"

@@ -255,7 +255,7 @@ class Fit(Result):
     @property
     def stands_for(self) -> Mapping[str, str]:
         """Sum that each parameter equals on this rig, by name."""
-        return {e.name: tied_sum(self, e.name) for e in self.estimates}
+        return {e.name: tied_sum(self, e) for e in self.estimates}
 
     @property
     def free(self) -> tuple[Estimate, ...]:
@@ -1134,14 +1134,14 @@ def validity(states: Sequence[RunState]) -> dict[str, tuple[float, float]]:
     return {key: (low, high) for key, (low, high) in ranges.items()}
 
 
-def tied_sum(fit: Fit, name: str) -> str:
+def tied_sum(fit: Fit, e: Estimate) -> str:
     """The sum that a parameter equals on this rig, as long as no joint fit has separated it."""
-    base = CATALOGUE.get(name)
+    name, base = e.name, CATALOGUE.get(e.name)
     if fit.method == DWELLS_ALONE:  # they show the sensor and no rig
-        return fit[name].symbol
+        return e.symbol
     turning = ("gravity along a turning axis",) if fit.tilt > 0.0 and name in ("bias", "scale_factor") else ()
     if base is None or base.traits.lumped is None:
-        return fit[name].symbol
+        return e.symbol
     members = [find(member) for member in base.traits.lumped.members]
     inside = [m for m in members if not (m.traits.separated_by and m.name in fit.model.effects)]
     at_mean = [

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,14 +11,16 @@ import numpy as np
 from accelcal._support.result import Result
 from accelcal._support.values import immutable, listing
 from accelcal.data import DERIVED, Array, Recording
-from accelcal.effects import Effect, Variable, find
+from accelcal.effects import Effect, Variable, find, has_time_constant
 from accelcal.effects.building_blocks import since_reversal
 from accelcal.effects.curves import AGES
+from accelcal.effects.drift import beyond_cosines
 from accelcal.effects.mechanisms import driver_of, mechanisms_of, memories, memory
 from accelcal.estimation.estimate import Fit, require_channels, solve_runs
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.rows import rows_of_run
 from accelcal.estimation.shape_parameters import MovedCoefficient, moves
+from accelcal.model import Model, Term
 from accelcal.signals.signals import TINY, Signals
 
 SINGULAR = 1e-10
@@ -151,7 +155,7 @@ class Path(Result):
     value: Array
     """(n,) in `unit`"""
     std: Array
-    """(n,) in `unit`"""
+    """(n,) in `unit`; with what a process does faster than its cosines tell."""
     followers: tuple[Follower, ...] = ()
     """Drivers of what is random of it, by the share that each explains; empty where nothing is."""
 
@@ -208,9 +212,19 @@ def _path(solution: Solution, coefficient: str) -> Path:
         float(moved.std[-1]),
         moved.t + state.run.origins.t,
         columns @ size,
-        std,
+        np.sqrt(std**2 + _beyond_cosines(solution.model, [moved.terms[k] for k in random])),
         tuple(sorted(followers, key=lambda follower: follower.share, reverse=True)),
     )
+
+
+def _beyond_cosines(model: Model, random: Sequence[Term]) -> float:
+    """Variance of the processes of a coefficient that their cosines lack, each of the size in its prior."""
+    variance = 0.0
+    for term in {term.effect.name: term for term in random}.values():
+        tau = term.shape["tau"] if has_time_constant(term.effect) else math.inf
+        size = model.priors[term.name].std if term.name in model.priors else 0.0
+        variance += size**2 * beyond_cosines(term.shape["length"], tau)
+    return variance
 
 
 def _follower(effect: Effect, path: Array, weight: Array, s: Signals, t: Array) -> Follower:

@@ -224,7 +224,7 @@ def unknown(content: Content) -> Iterator[str]:
     for group in d.classes:
         if len(group.members) > 1:
             yield f"Confounded on this record: {', '.join(map(spelled, group.members))}."
-    sums = dict.fromkeys(tied_sum(content.fit, e.name) for e in content.fit.estimates)
+    sums = dict.fromkeys(tied_sum(content.fit, e) for e in content.fit.estimates)
     inseparable = [text for text in sums if " + " in text]
     if inseparable:
         yield f"Inseparable in this set-up, determined as a sum: {'; '.join(inseparable)}."

@@ -172,7 +172,7 @@ def estimate_row(fit: Fit, e: Estimate, kind: str = "coefficient") -> Row:
         "at_full_scale": at_full_scale(e.name, e.unit, e.value, e.std, fit.rig.sensor.range, used_acceleration(fit)),
         "si": amount(e.value, e.std, e.unit),
         "span": interval(e.value, e.std, half / e.std) if determined else "",
-        "includes": tied_sum(fit, e.name),
+        "includes": tied_sum(fit, e),
         "estimate": e,
     }
 

@@ -7,7 +7,7 @@ import pytest
 
 from accelcal.calibration.export import NotExportable, calibrate, header, module
 from accelcal.calibration.export.approximate import READING_OUTSIDE, evaluate
-from accelcal.effects import BUILT_IN, from_expression
+from accelcal.effects import BUILT_IN, find, from_expression, side_channel
 from accelcal.effects.registry import CATALOGUE
 
 from .models import SHAPES, THERMAL, fit_of
@@ -64,6 +64,13 @@ def test_an_effect_of_the_user_s_own_is_refused_by_name():
     finally:
         CATALOGUE.clear()
         CATALOGUE.update(before)
+
+
+def test_an_effect_that_its_name_made_is_not_the_user_s_own():
+    with pytest.raises(NotExportable, match="scale_factor_follows_abs_a depends on earlier readings"):
+        calibrate(named(find("scale_factor_follows_abs_a")))
+    with pytest.raises(NotExportable, match="supply_scale depends on the channel supply"):
+        calibrate(named(side_channel("supply", "V", "scale_factor")))
 
 
 def test_only_what_cannot_be_exported_can_be_left_out():

@@ -241,7 +241,7 @@ class Calibration(Storable):
         notes = [
             f"{name} is {lumped}: one mount and one encoder show only this sum"
             for name in ("bias", "scale_factor")
-            if " + " in (lumped := tied_sum(self.fit, name))
+            if " + " in (lumped := tied_sum(self.fit, self.fit[name]))
         ]
         lowpass = self.fit.rig.lowpass
         if lowpass is not None:
