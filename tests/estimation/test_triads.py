@@ -26,6 +26,7 @@ from accelcal.diagnosis.faults import examine
 from accelcal.diagnosis.verdict import AxesDiagnosis
 from accelcal.estimation import estimate, noise
 from accelcal.estimation.gauss_newton import Layout, Output, initial_states, iterate, outputs_of, solve
+from accelcal.estimation.remarks import remark
 from accelcal.estimation.rows import normal_equations
 from accelcal.estimation.run import prepare
 from accelcal.io import loading
@@ -83,6 +84,16 @@ def test_a_cubic_on_y_is_named_on_y_and_its_size_is_right(curved):
     assert nees(better, triad.known() | {("cubic_on_y", ""): CUBIC}) < scipy.stats.chi2.ppf(0.999, 25)
     assert better.runs[1].noise.all.density < 0.8 * fit.runs[1].noise.all.density
     assert [row["axis"] for row in judged.table().rows] == ["x", "y", "z"]
+
+
+def test_what_is_no_sensor_is_said_before_the_numbers(curved):
+    """Three axes have a note on their noise each, behind which it was among the further ones."""
+    _, _, fit = curved
+    notes = [remark("measured_spectrum", recording=name) for name in "xyz"]
+    wrong = remark("implausible_scale", scale=0.44, cause="the orientation?")
+    shown = replace(fit, remarks=(*notes, wrong)).table()
+    assert [text for text in shown.alarms if text.startswith("1 + k = 0.44 is implausible")]
+    assert not [text for text in (*shown.notes, *shown.detail) if "implausible" in text]
 
 
 def test_the_fit_of_one_axis_is_the_same_numbers(curved):
