@@ -427,3 +427,39 @@ def test_an_arm_that_is_cut_keeps_its_priors(tmp_path: Path) -> None:
     assert (again.rig.arm, again.rig.arm_std, again.rig.axle) == (0.2, 1e-3, recording.rig.axle)
     first, second = ac.fit(recording), ac.fit(again)
     assert second["scale_factor"].std == pytest.approx(first["scale_factor"].std, rel=1e-3)
+
+
+@pytest.mark.parametrize("axle", ["horizontal", "vertical"])
+def test_a_centrifuge_of_two_loggers_is_aligned(tmp_path: Path, axle: str) -> None:
+    """What the axis reads is gravity and omega² r there, hardly the path: without it nothing was alike, or was late."""
+    rig = Rigged(motion="steps", axle=axle, seconds=60.0, rate=100.0, every=1)
+    table, lines = columns(rig), sidecar(rig).splitlines()
+    for name, column, shift in (("acc", "acc", 0.0), ("enc", "angle", 5.3)):
+        text = "\n".join(f"{t:.6f},{y:.9g}" for t, y in zip(table["t"] + shift, table[column], strict=True))
+        (tmp_path / f"{name}.csv").write_text(f"t,{column}\n{text}\n")
+    output, stage = ("density", "arm", "axle", "input", "angle"), ("accel",)
+    for name, gone in (("acc", output), ("enc", stage)):
+        kept = [line for line in lines if not line.startswith(gone)]
+        (tmp_path / f"{name}.toml").write_text("\n".join(kept))
+    recording = ac.load(tmp_path / "acc.csv", position=tmp_path / "enc.csv")
+    (note,) = [finding for finding in recording.findings if finding.kind == "alignment"]
+    assert note.severity == "note"
+    fit = ac.fit(recording)
+    assert abs(fit["bias"].value - rig.bias) < 4.0 * fit["bias"].std
+    delay = fit["time_offset"]
+    assert abs(recording.accel.t[0] - 5.3 - delay.value + rig.delay) < 4.0 * delay.std
+
+
+def test_a_quadratic_of_a_centrifuge_is_no_missed_count(tmp_path: Path) -> None:
+    """The path of a radial axis is an integral: nothing in it can jump, whatever the model leaves."""
+    t, speeds = np.arange(0.0, 60.0, 1 / 400), [1, 2, 3, 4, 5, 6, 7, 8, 7, 5, 3, 0.5]
+    noise = np.random.default_rng(9).standard_normal((2, len(t)))
+    rises = [((t - 5.0 * n - 1.0) / 0.3, 0.5 * size) for n, size in enumerate(np.diff(speeds, prepend=0.0))]
+    a = -0.2 * sum(size * (1.0 + np.tanh(x - 0.002 / 0.3)) for x, size in rises) ** 2
+    angle = sum(size * (t + 0.3 * np.log(np.cosh(x))) for x, size in rises) + 1e-5 * noise[1]
+    y = 0.05 + 1.01 * a + 1e-3 * a**2 + 0.01 * noise[0]
+    np.savez(tmp_path / "arm.npz", t=t, acc=y, t_angle=t[::2], angle=angle[::2])
+    text = sidecar(Rigged(axle="vertical", density=7e-4, unit="rad"))
+    text = text.replace('unit = "rad"', 'unit = "rad", time = { column = "t_angle", unit = "s" }')
+    (tmp_path / "arm.toml").write_text(text)
+    assert not [note for note in ac.fit(io.load(tmp_path / "arm.npz")).remarks if note.code == "position_step"]

@@ -227,6 +227,7 @@ def test_matplotlib_draws_every_figure(defined):
         drawing = matplotlib.draw(figure)
         drawing.draw_without_rendering()
         assert len(drawing.axes) >= len(figure.panels), name
+        assert all(box.get_window_extent().width <= drawing.bbox.width for box in drawing.legends), name
 
 
 def test_text_of_a_file_is_no_markup_in_plotly(defined):

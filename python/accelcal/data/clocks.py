@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from accelcal.data import units
 from accelcal.data.arrays import Array, stretch_about
-from accelcal.data.rates import OPPOSITE, Rate, Search, search_rates
+from accelcal.data.rates import MOST_SKEW, OPPOSITE, Rate, Search, search_rates
 from accelcal.data.recording import Channel, RecordingError
 
 FEWEST_STAMPS = 100
@@ -254,6 +254,7 @@ def align(
     polarity: float = 1.0,
     delay: float = 0.0,
     name: str = "",
+    gravity: Channel | None = None,
     search: Search | None = None,
 ) -> Alignment:
     """Find the shift of the stamps of `accel` that lays it upon `position`, and their rate where no shift does.
@@ -263,6 +264,7 @@ def align(
     polarity : -1 where the sensor is reversed on its stage.
     delay : of the declared filter of the output, s.
     name : for messages.
+    gravity : what an axis that turns reads beside the acceleration of the position, by the clock of the position.
     search : over the rates of the two, where it was made before.
 
     Raises
@@ -280,6 +282,9 @@ def align(
     x = _on_grid(position, step)
     second = np.zeros(len(x))
     second[1:-1] = (x[2:] - 2.0 * x[1:-1] + x[:-2]) / step**2
+    if gravity is not None:
+        pull = np.interp(position.t[0] + step * np.arange(len(x)), gravity.t, gravity.y)
+        second += pull - np.mean(pull)
     if search is not None and search.rate is not None and search.slips:
         accel = replace(accel, t=accel.t[0] + (accel.t - accel.t[0]) / (1.0 + search.rate.skew))
     a = polarity * _on_grid(accel, step)
@@ -293,7 +298,7 @@ def align(
         search = search_rates(a, second, step)
         least = peaks.correlation + BETTER * (1.0 - peaks.correlation)
         if search.rate is not None and abs(search.rate.correlation) > least:
-            return align(accel, position, polarity=polarity, delay=delay, name=name, search=search)
+            return align(accel, position, polarity=polarity, delay=delay, name=name, gravity=gravity, search=search)
         search = replace(search, rate=None)
     if about is None or about.correlation < 0.0:
         peaks.require_alike(name, search)
@@ -452,14 +457,17 @@ class _Stretches:
         if len(places_lags) < 4:
             return
         place, lag, weight = np.array(places_lags).T
-        self.middle = float(np.average(place, weights=weight))
-        away = place - self.middle
+        middle = float(np.average(place, weights=weight))
+        away = place - middle
         moment = float(np.sum(weight * away**2))
         mean = float(np.average(lag, weights=weight))
-        self.slope = float(np.sum(weight * away * lag) / moment)
+        slope = float(np.sum(weight * away * lag) / moment)
+        if abs(slope) > MOST_SKEW:  # no pair of clocks: stretches of constant speed have no peak of their own
+            return
+        self.slope = slope
         left = lag - mean - self.slope * away
         variance = float(np.sum(weight * left**2) / (len(lag) - 2))
-        self.lag = mean
+        self.middle, self.lag = middle, mean
         self.lag_std = float(np.hypot(np.sqrt(variance / np.sum(weight)), _FINEST))
         self.slope_std = float(np.hypot(np.sqrt(variance / moment), _FINEST / np.sqrt(np.mean(away**2))))
 

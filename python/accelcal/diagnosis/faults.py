@@ -458,6 +458,8 @@ def position_steps(columns: RelationColumns) -> list[PositionStep]:
     chance = dict(zip(high, 2.0 * len(score) * scipy.special.stdtr(0.7 * LOCAL, -score[high]), strict=True))
     noise = float(np.median(np.abs(residual))) / 0.6745
     behind_gap = np.diff(t, prepend=t[0]) > HOLE * run.reading_step
+    read, reach = run.recording.position, PULSE * run.reading_step
+    bent = np.abs(np.diff(read.y, 3))  # at a jump 1.5 times its size at least
     jumps: list[PositionStep] = []
     last = -PULSE
     for k in (int(k) for k in high if chance[k] < FAULT_ALPHA and not behind_gap[k]):
@@ -471,6 +473,9 @@ def position_steps(columns: RelationColumns) -> list[PositionStep]:
             continue
         size = float(matched[k] / np.linalg.norm(step))
         if abs(size) < STEP_LEAST_COUNTS * run.least_step:
+            continue
+        begin, end = np.searchsorted(read.t, (t[k] - reach, t[k] + reach))
+        if abs(size) > np.max(bent[begin:end], initial=0.0):
             continue
         last = k
         jumps.append(PositionStep(float(t[k]), size, float(chance[k])))

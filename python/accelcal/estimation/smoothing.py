@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from accelcal.data import DERIVED, GRAVITY, Array, Flags
+from accelcal.data import DERIVED, GRAVITY, LEVERS, Array, Flags
 from accelcal.data.orientation import HOLE
 from accelcal.estimation.drive import DriveIntegrals
 from accelcal.estimation.run import PreparedRun
@@ -412,7 +412,11 @@ def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, valu
     change: Array | float = 0.0
     if GRAVITY in side:
         full = uniform_times(run)
-        gravity = side[GRAVITY] = np.interp(t_grid, full, run.gravity.within(full, run.accel_step, cutoff))
+        gravity = np.interp(t_grid, full, run.gravity.within(full, run.accel_step, cutoff))
+        for name, part in zip(LEVERS, "xyz", strict=True):  # the sensor feels its own place, not the tracked one
+            if distance := values.by_name.get(f"lever_arm.{part}", 0.0):
+                gravity += polarity * distance * side[name]
+        side[GRAVITY] = gravity
         change = derivative(gravity, float(t_grid[1] - t_grid[0]))
     a, jerk = motion.a, motion.jerk
     a += gravity

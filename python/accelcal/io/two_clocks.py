@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from accelcal.data import Array, Finding, Recording, RecordingError, Rig, Sensor
+from accelcal.data import GRAVITY, Array, Finding, Recording, RecordingError, Rig, Sensor
 from accelcal.data.clocks import Alignment, align, restamped, spacing
 from accelcal.data.rates import Rate
 from accelcal.io.sidecar import (
@@ -56,7 +56,7 @@ def joined(output: Recording, reference: Recording, rates: Rates = (None, None))
         position_steps=reference.position_steps,
         reference=reference.reference,
     )
-    alignment = alignment_of(both)
+    alignment = alignment_of(both, output.side)
     digest = f"{output.digest} at {alignment.shift!r} on {reference.digest}"
     return aligned(replace(both, digest=hashlib.sha256(digest.encode()).hexdigest()), alignment, rates, output.side)
 
@@ -114,8 +114,12 @@ Rates = tuple[float | None, float | None]
 """Rates that are declared for output and position in place of stamps, Hz."""
 
 
-def alignment_of(recording: Recording, sign: float = 1.0) -> Alignment:
+def alignment_of(recording: Recording, beside: Iterable[str], sign: float = 1.0) -> Alignment:
     """How the clock of the output lies upon that of the position; with `sign` -1 as if it were mounted otherwise.
+
+    Parameters
+    ----------
+    beside : side channels that are on the clock of the output.
 
     Raises
     ------
@@ -124,7 +128,11 @@ def alignment_of(recording: Recording, sign: float = 1.0) -> Alignment:
     """
     rig = recording.rig
     delay = 0.0 if rig.lowpass is None else rig.lowpass.tau
-    return align(recording.accel, recording.position, polarity=sign * rig.polarity, delay=delay, name=recording.name)
+    gravity = None if GRAVITY in beside else recording.side.get(GRAVITY)
+    polarity = sign * rig.polarity
+    return align(
+        recording.accel, recording.position, polarity=polarity, delay=delay, name=recording.name, gravity=gravity
+    )
 
 
 def aligned(recording: Recording, alignment: Alignment, rates: Rates, beside: Iterable[str]) -> Recording:
@@ -206,7 +214,7 @@ def of_two_clocks(recording: Recording, rates: Rates, beside: Iterable[str]) -> 
     refusals = []
     for sign in (1.0, -1.0):
         try:
-            alignment = alignment_of(recording, sign)
+            alignment = alignment_of(recording, beside, sign)
         except RecordingError as error:
             refusals.append(Finding("rates_searched", "accel", 1, 0.0, str(error)))
             continue

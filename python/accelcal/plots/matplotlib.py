@@ -168,7 +168,7 @@ def draw_into(part: Figure | SubFigure, figure: data.Figure, look: Theme, size: 
             legend(axes, *_entries([axes]), look, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)
     if columns > 1 and figure.legend:
         handles, labels = _entries(list(grid))
-        legend(part, handles, labels, look, loc="outside lower left", ncols=len(labels), title=figure.small_print)
+        legend(part, handles, labels, look, loc="outside lower left", title=figure.small_print)
     elif figure.small_print:
         part.supxlabel(figure.small_print, x=0.99, ha="right", fontsize=SMALL - 1.0, color=look.ink, alpha=0.8)
     part.align_ylabels()
@@ -340,12 +340,17 @@ def _entries(several: Sequence[Axes]) -> tuple[list[Any], list[str]]:
 
 
 def legend(owner: Axes | Figure | SubFigure, handles: list[Any], labels: list[str], look: Theme, **place: Any) -> None:
-    """The legend outside of the axes, where it covers no data."""
+    """The legend outside of the axes, where it covers no data: in one row, or in two where the owner is narrower."""
     if labels:
+        place = {"ncols": len(labels)} | place
         box = owner.legend(
             handles, labels, frameon=False, fontsize=SMALL, labelcolor=look.ink, borderpad=0.2, borderaxespad=0.2,
             handlelength=2.6, columnspacing=1.4, title_fontsize=SMALL - 1.0, alignment="left", **place,
         )  # fmt: skip
+        if place["ncols"] == len(labels) > 1 and box.get_window_extent().width > owner.bbox.width:
+            box.remove()
+            legend(owner, handles, labels, look, **place | {"ncols": -(-len(labels) // 2)})
+            return
         box.get_title().set_color(look.ink)
         for text in box.get_texts():
             text.set_parse_math(False)

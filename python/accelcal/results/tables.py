@@ -45,11 +45,14 @@ def _(fit: Fit, which: str = "") -> Table:
         f", normalised innovation squared {run.nis:.3f} (1 when consistent)" for run in fit.runs if run.nis is not None
     )
     names = ", ".join(name for name, _ in fit.sources)
+    loud = [
+        note for note in fit.remarks if note.place != "data" and (note.code == "slow_residual" or note.forbids_names)
+    ]
     statements = (
         *(f"{effect.name}: {effect.sentence}." for effect in fit.noise_effects),
         *(f"{spread.name} by run: {by_run(fit, spread.runs)}." for spread in fit.spreads),
         *(as_sentence(text) for run in fit.runs for text in rest_notes(run.noise)),
-        *(as_sentence(note.sentence) for note in fit.remarks if note.place != "data" and note.code != "slow_residual"),
+        *(as_sentence(note.sentence) for note in fit.remarks if note.place != "data" and note not in loud),
     )
     return Table(
         title=f"Fit of {names}, {METHODS.get(fit.method, fit.method)}",
@@ -58,7 +61,7 @@ def _(fit: Fit, which: str = "") -> Table:
         rows=parameter_rows(fit, in_full=which == "coefficients"),
         alarms=(
             *(f"Suspect data: {note.sentence}." for note in fit.remarks if note.place == "data"),
-            *(f"{note.sentence}." for note in fit.remarks if note.code == "slow_residual"),
+            *(as_sentence(note.sentence) for note in loud),
         ),
         notes=(
             *(noise_note(run.noise, run.name if len(fit.runs) > 1 else "") for run in fit.runs),
