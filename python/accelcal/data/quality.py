@@ -513,8 +513,14 @@ def _travel(t: Array, y: Array) -> list[Finding]:
     return findings
 
 
+LEAST_WAY = 1e-6
+"""Share of the stroke below which what an output could have moved is nothing."""
+
+
 def require_varying(recording: Recording) -> None:
     """Refuse a recording whose output never changes while its position does: its accelerometer was not read.
+
+    An output within a spread A over a time T stands for a way of A T²/2 at most, beside a constant one.
 
     Raises
     ------
@@ -522,11 +528,17 @@ def require_varying(recording: Recording) -> None:
         With the reading and what to check.
     """
     accel, position = recording.accel, recording.position
-    if len(accel) and np.ptp(accel.y) == 0.0 and not (len(position) and np.ptp(position.y) == 0.0):
+    stroke = float(np.ptp(position.y)) if len(position) else None
+    if not len(accel) or stroke == 0.0:
+        return
+    spread = float(np.ptp(accel.y))
+    way = 0.5 * spread * float(accel.t[-1] - accel.t[0]) ** 2
+    if spread == 0.0 or (stroke is not None and way < LEAST_WAY * stroke):
+        within = f" within {spread:.2g} m/s²" if spread else ""
         raise RecordingError(
             f"{recording.name or 'recording'}: all {len(accel)} samples of {accel.name} read {accel.y[0] + 0.0:.6g} "
-            "m/s²; expected an output that varies with the motion. Check the sensor's supply and wiring, and which "
-            "column is accel"
+            f"m/s²{within}; expected an output that varies with the motion. Check the sensor's supply and wiring, and "
+            "which column is accel"
         )
 
 
