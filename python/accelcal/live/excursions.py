@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Literal
 
@@ -81,6 +82,8 @@ class _Channel:
         """The newest that are not zero."""
         self._taken = 0
         """How many there were, those that were dropped included."""
+        self._usual = 0, math.inf
+        """The usual bend, and how many there were before it."""
 
     def without(self, rows: Rows) -> Rows:
         """Rows up to the newest sample that enough others follow, without excursions."""
@@ -90,7 +93,7 @@ class _Channel:
         self._t = np.concatenate([self._t[:before], rows.t[at]])
         self._y = np.concatenate([self._y[:before], y[at]])
         decided = max(0, len(at) - AROUND)
-        lost = at[:decided][self._judged(before, before + decided)]
+        lost = at[:decided][self._judged(before, before + decided)] if decided else at[:0]
         while decided < len(at) and self._alone(before + decided, float(rows.t[-1])):
             decided += 1
         until = int(at[decided]) if decided < len(at) else len(rows)
@@ -112,8 +115,9 @@ class _Channel:
 
     def _alone(self, i: int, now: float) -> bool:
         """Whether those behind a sample are so late that it will not be judged."""
-        steps = np.diff(self._t[max(0, i - AROUND) : i + 1])
-        return len(steps) > 0 and now - float(self._t[i]) > 2.0 * LONGEST * 2 * AROUND * float(np.median(steps))
+        first = max(0, i - AROUND)
+        before = float(self._t[i] - self._t[first])
+        return i > first and (now - float(self._t[i])) * (i - first) > 2.0 * LONGEST * 2 * AROUND * before
 
     def _judged(self, begin: int, end: int) -> Flags:
         """Which of the samples from `begin` to `end` are excursions; their bends join those before."""
@@ -131,13 +135,20 @@ class _Channel:
         number = self._taken + np.cumsum(bend > 0.0) - (bend > 0.0)
         self._taken += int(np.sum(bend > 0.0))
         ends = np.arange(number[0] // STRIDE, number[-1] // STRIDE + 1) * STRIDE
-        usual = np.array([_median(bends[max(0, stop - MEMORY - dropped) : max(0, stop - dropped)]) for stop in ends])
+        usual = np.array([self._median(int(stop), bends, dropped) for stop in ends])
         self._bends = bends[-(MEMORY + STRIDE) :]
         near = np.flatnonzero(bend > 0.5 * USUAL * usual[number // STRIDE - ends[0] // STRIDE])
         if len(near):
             least = USUAL * usual[number[near] // STRIDE - ends[0] // STRIDE]
             lost[first - begin + near] = self._lonely(first + near, least)
         return lost
+
+    def _median(self, stop: int, bends: Array, dropped: int) -> float:
+        """The usual bend of those before number `stop`; no bend is unusual while few are known."""
+        if stop != self._usual[0]:
+            newest = bends[max(0, stop - MEMORY - dropped) : stop - dropped]
+            self._usual = stop, float(np.median(newest))
+        return self._usual[1]
 
     def _lonely(self, at: NDArray[np.intp], least: Array) -> Flags:
         """Which of some samples are off the curve through those around them, by `least` and as no other is."""
@@ -162,11 +173,6 @@ def _off(y: Array, degree: int) -> Array:
         y = y - 0.5 * np.median(np.diff(y, n=2, axis=1), axis=1, keepdims=True) * x**2
     y = y - np.median(np.diff(y, axis=1), axis=1, keepdims=True) * x
     return np.asarray(y - np.median(y, axis=1, keepdims=True))
-
-
-def _median(bends: Array) -> float:
-    """The usual bend; no bend is unusual while few are known."""
-    return float(np.median(bends)) if len(bends) >= STRIDE else np.inf
 
 
 def _cut(rows: Rows, begin: int, end: int) -> Rows:
