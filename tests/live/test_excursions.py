@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from accelcal.io import read_sidecar
-from accelcal.io.stream import ByteSource, Rows
-from accelcal.live import LiveSession, excursions, settings_of
-from accelcal.live.excursions import Excursions
+from accelcal.io import stream as lines_of
+from accelcal.io.stream import ByteSource, Excursions, Rows
+from accelcal.live import LiveSession, settings_of
 from accelcal.live.session import LiveState
 
 from .streams import BIAS, RIG, SCALE, Stream, stream
@@ -127,7 +127,7 @@ def test_honest_samples_are_kept() -> None:
 
 def test_honest_samples_are_not_kept_where_the_samples_around_do_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
     """The twin: an excursion is what bends more than usual."""
-    monkeypatch.setattr(excursions, "RATIO", 0.5)
+    monkeypatch.setattr(lines_of, "RATIO", 0.5)
     lost = [kind for kind, y in honest(20_000, np.random.default_rng(1)) if left_out(y)]
     assert len(lost) >= 3, lost
 

@@ -33,8 +33,7 @@ from accelcal.filters.live_model import (
 )
 from accelcal.filters.record import ForwardParameters
 from accelcal.filters.stream import MOST_EFFECTS, LiveFilter, Readings
-from accelcal.io.stream import Rows
-from accelcal.live.excursions import Excursions
+from accelcal.io.stream import Excursions, Rows
 from accelcal.model import BASE, NOMINAL, Estimate, Model
 from accelcal.signals.signals import Origins
 
