@@ -247,7 +247,11 @@ class Intake:
                 if self._chunks[-1] is not None:
                     self._chunks.append(None)
                 return
-            self._chunks.append(chunk)
+            last = self._chunks[-1] if self._chunks else None
+            if last is not None and len(last) + len(chunk) <= CHUNK:  # a block of rows costs more than its rows
+                self._chunks[-1] = last + chunk
+            else:
+                self._chunks.append(chunk)
             self._waiting += len(chunk)
             self._changed.notify_all()
 
