@@ -125,7 +125,7 @@ def test_what_waits_where_the_end_fails_is_counted_as_refused(rig: Rig) -> None:
     made, tracker = stream(1.0), Tracker(settings_of(rig))
     tracker.feed(Rows(made.t, made.u, made.z))
     tracker.filter = Failing(tracker)  # type: ignore[assignment]
-    assert len(tracker.finish().t) == 0
+    assert tracker.finish().t[0] > made.t[-1] - 16e-3  # of readings that waited before the filter
     assert (tracker.refused, tracker.refusal) == (5, "the innovation variance is NaN")
 
 
@@ -202,7 +202,7 @@ def test_an_absurd_value_does_not_end_it(rig: Rig) -> None:
     made = stream(1.0)
     for value in (1e300, 1e154, -1e100):
         u = made.u.copy()
-        u[500] = value
+        u[500:503] = value  # alone it would be left out
         with np.errstate(all="ignore"):
             tracker, found = tracked(settings_of(rig), Stream(made.t, u, made.z), seed=1)
         print(f"output {value:g}: {len(found[0])} innovations, {tracker.refused} events refused: {tracker.refusal}")

@@ -15,6 +15,7 @@ from typing import Literal, Self
 import numpy as np
 
 from accelcal._support.result import Storable
+from accelcal._support.values import amount_of
 from accelcal.data import Array
 from accelcal.estimation.triad import absent_faces
 from accelcal.filters.live_model import Suspicion
@@ -79,14 +80,23 @@ class LiveState:
     dropped_bytes: int = 0
     refused: int = 0
     refusal: str = ""
+    outputs_left_out: int = 0
+    """Those that jump and return."""
+    readings_left_out: int = 0
     recorded: int = 0
 
     @property
     def sentences(self) -> list[str]:
-        """What the declared noise of output and readings leads to, and what a watch has named."""
+        """What the declared noise of output and readings leads to, what is left out, and what a watch has named."""
         share = "" if self.noise_share is None else self.noise_share.sentence
         named = "" if self.naming is None else f"watch: {self.naming.sentence}"
-        return [sentence for sentence in (share, self.remark, named) if sentence]
+        counts = (("output", self.outputs_left_out), ("position reading", self.readings_left_out))
+        left_out = [
+            f"{amount_of(n, f'{name} that jumps and returns is', f'{name}s that jump and return are')} left out"
+            for name, n in counts
+            if n
+        ]
+        return [sentence for sentence in (share, self.remark, *left_out, named) if sentence]
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,6 +235,8 @@ class LiveSession:
             dropped_bytes=0 if self._intake is None else self._intake.dropped,
             refused=tracker.refused,
             refusal=tracker.refusal,
+            outputs_left_out=tracker.excursions.outputs,
+            readings_left_out=tracker.excursions.readings,
             recorded=0 if self._recorder is None else self._recorder.file.rows,
         )
 

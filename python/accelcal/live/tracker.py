@@ -33,7 +33,7 @@ from accelcal.filters.live_model import (
 )
 from accelcal.filters.record import ForwardParameters
 from accelcal.filters.stream import MOST_EFFECTS, LiveFilter, Readings
-from accelcal.io.stream import Rows
+from accelcal.io.stream import Excursions, Rows
 from accelcal.model import BASE, NOMINAL, Estimate, Model
 from accelcal.signals.signals import Origins
 
@@ -790,6 +790,7 @@ class Tracker:
         """Events that the filter refused; its state is as it was before them."""
         self.refusal = ""
         """What it said of the last of them."""
+        self.excursions = Excursions()
         self.moments = OutputMoments()
         self._waiting: tuple[Array, Flags, Array] = (np.empty(0), np.empty(0, dtype=bool), np.empty(0))
         """Events that one before them may still join: stamps, which are outputs, values."""
@@ -798,7 +799,17 @@ class Tracker:
         self._scale_begun = self._scale_variance(settings.covariance)
 
     def feed(self, rows: Rows) -> Readings:
-        """Take rows in; the readings that the filter processed then, which lag by two outputs."""
+        """Take rows in; the readings that the filter processed then, which lag by two outputs, and by those that wait
+        in `excursions`."""
+        return self._fed(self.excursions.without(rows))
+
+    def finish(self) -> Readings:
+        """Take in what still waits, as at the end of a record."""
+        rest = self.excursions.rest()
+        waiting = self._fed(rest) if len(rest) else Readings.of(())
+        return Readings(np.concatenate([waiting.table, self._finished().table]))
+
+    def _fed(self, rows: Rows) -> Readings:
         offset = self.settings.offset
         self._behind += [t - offset for t in self.moments.add(rows)]
         outputs, readings = np.isfinite(rows.accel), np.isfinite(rows.position)
@@ -811,8 +822,7 @@ class Tracker:
         newest = float(rows.t[-1]) if len(rows) else -math.inf
         return self._taken(newest - max(0.0, offset))
 
-    def finish(self) -> Readings:
-        """Take in what still waits, as at the end of a record."""
+    def _finished(self) -> Readings:
         last = self._taken(math.inf)
         if self.filter is None:
             self.outputs += len(self._waiting[0])
@@ -966,7 +976,7 @@ class ModelTracker(Tracker):
     It runs at the rate of the first outputs. The output at its instants is on the straight line between the two outputs
     around each; a reading is carried by at most half a step to the nearest instant along the motion. Behind a hole of
     the output, and behind a step that was refused, the motion begins anew, and the coefficients stay. Innovations lag
-    by one or two outputs.
+    by one or two outputs more than what waits in `excursions`.
 
     Parameters
     ----------
@@ -995,8 +1005,7 @@ class ModelTracker(Tracker):
         self._before: tuple[float, float] | None = None
         """The reading before the one with which the filter begins."""
 
-    def feed(self, rows: Rows) -> Readings:
-        """Take rows in; the readings that they led to."""
+    def _fed(self, rows: Rows) -> Readings:
         self.moments.add(rows)
         values = (rows.accel, rows.position, *(rows.side[name] for name in self._channels))
         for kind, y in enumerate(values):
@@ -1011,8 +1020,7 @@ class ModelTracker(Tracker):
         events, self._held_back = self._held_back[:ready], self._held_back[ready:]
         return Readings.of(self._processed(events))
 
-    def finish(self) -> Readings:
-        """Take in what still waits, as at the end of a record."""
+    def _finished(self) -> Readings:
         events, self._held_back = self._held_back, []
         innovations = self._processed(events, ended=True)
         return Readings.of(innovations + self._stepped(math.inf))
