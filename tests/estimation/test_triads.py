@@ -31,6 +31,8 @@ from accelcal.estimation.rows import normal_equations
 from accelcal.estimation.run import prepare
 from accelcal.io import loading
 from accelcal.results.json import from_json
+from accelcal.validation.evaluation import accel_residual
+from accelcal.validation.prediction import Prediction
 from accelcal.verbs import require_relation
 from tests.estimation.triads import G, Triad
 
@@ -90,9 +92,13 @@ def test_a_cubic_is_that_of_the_force_at_the_sensor_and_not_at_the_tracked_point
     """The estimate was off by 4 %, 6.6 standard deviations. False alarm: 1e-5."""
     triad = Triad(72, seconds=40.0, law=lambda t, f, warm: 3e-4 * f**3, hidden=1)
     triad.truth["lever"][1] = 0.03, -0.05, 0.04
-    fit = ac.fit(ac.load(triad.write(tmp_path), axis="y"), model=ac.Model.linear().add("cubic"))
-    print(fit["cubic"].value, fit["cubic"].std)
+    y = ac.load(triad.write(tmp_path), axis="y")
+    fit = ac.fit(y, model=ac.Model.linear().add("cubic"))
     assert abs(fit["cubic"].value - 3e-4) < 4.5 * fit["cubic"].std
+    ahead = Prediction.of(fit, y)  # a comparison shows its residual over the same force
+    t, _, motion = accel_residual(ahead, 4.0)
+    force = triad.force(t, triad.truth["lever"][1])[:, 1]
+    assert np.std(motion.a - force) < 0.3 * np.std(triad.force(t, np.zeros(3))[:, 1] - force)
 
 
 def test_what_is_no_sensor_is_said_before_the_numbers(curved):

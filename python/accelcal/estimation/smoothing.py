@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -404,6 +405,15 @@ def resampled_side(run: PreparedRun, t: Array) -> dict[str, Array]:
     return {name: values[name] for name in side}
 
 
+def of_lever(side: Mapping[str, Array], values: Values) -> Array | float:
+    """Acceleration along the input axis of the sensor against the tracked point of a turning body, m/s².
+
+    Effects of the sensor are of the force at its own place.
+    """
+    distances = ((values.by_name.get(f"lever_arm.{part}", 0.0), name) for name, part in zip(LEVERS, "xyz", strict=True))
+    return sum((r * side[name] for r, name in distances if r), start=0.0)
+
+
 def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, values: Values, cutoff: float) -> Signals:
     """Motion of the stage as the sensor feels it, with side channels; acceleration and jerk of `motion` become those
     of the signals."""
@@ -413,10 +423,7 @@ def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, valu
     if GRAVITY in side:
         full = uniform_times(run)
         gravity = np.interp(t_grid, full, run.gravity.within(full, run.accel_step, cutoff))
-        for name, part in zip(LEVERS, "xyz", strict=True):  # the sensor feels its own place, not the tracked one
-            if distance := values.by_name.get(f"lever_arm.{part}", 0.0):
-                gravity += polarity * distance * side[name]
-        side[GRAVITY] = gravity
+        side[GRAVITY] = gravity = gravity + polarity * of_lever(side, values)
         change = derivative(gravity, float(t_grid[1] - t_grid[0]))
     a, jerk = motion.a, motion.jerk
     a += gravity
