@@ -243,8 +243,9 @@ def moving(t: Array, place: Array, attitude: tuple[Array, Array], sense: Sense) 
 
 
 TURNED_BEYOND_NOISE = 100.0
-"""Power of a lever over what noise of the attitude makes of it, below which it shows nothing of the lever arm. Gravity has
-the same noise: that would pass for a lever arm of g over the square of its angular frequency, decimetres, over this."""
+"""Power of a lever over what noise of the attitude makes of it, below which it shows nothing of the lever arm. Gravity
+has the same noise: that would pass for a lever arm of g over the square of its angular frequency, decimetres, over
+this."""
 
 
 def curvature_noise(spline: scipy.interpolate.BSpline, t: Array, axes: Array) -> Array:
