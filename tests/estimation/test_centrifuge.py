@@ -90,3 +90,13 @@ def test_twelve_speeds_give_the_quadratic_of_generalised_least_squares(
     np.testing.assert_allclose(covariance, solution.covariance, rtol=1e-5)
     assert abs(dense(solution, 2.0)[0][k2] / solution.x[k2] - 1.0) > 1e-8  # the twin: twice the noise
     assert abs(solution.x[k2] - CENTRIFUGE.quadratic) < 4.0 * std[k2]
+
+
+@pytest.mark.parametrize("error", [0.0, 0.002])
+def test_the_quadratic_is_as_uncertain_as_the_length_of_the_arm(tmp_path: Path, error: float) -> None:
+    """Where no gravity turns the force is as wrong as the length, K2 twice that: it was 18 standard deviations off."""
+    recording = record(replace(CENTRIFUGE, axle="vertical", arm_error=error), tmp_path)
+    fit = ac.fit(recording, model=MODEL)
+    assert abs(fit["quadratic"].value - CENTRIFUGE.quadratic) < 4.5 * fit["quadratic"].std  # false alarm: 1e-5
+    of_arm = 2.0 * fit["lever_arm.x"].std / CENTRIFUGE.arm
+    assert fit["quadratic"].std / fit["quadratic"].value == pytest.approx(of_arm, rel=0.05)
