@@ -100,3 +100,14 @@ def test_the_quadratic_is_as_uncertain_as_the_length_of_the_arm(tmp_path: Path, 
     assert abs(fit["quadratic"].value - CENTRIFUGE.quadratic) < 4.5 * fit["quadratic"].std  # false alarm: 1e-5
     of_arm = 2.0 * fit["lever_arm.x"].std / CENTRIFUGE.arm
     assert fit["quadratic"].std / fit["quadratic"].value == pytest.approx(of_arm, rel=0.05)
+
+
+def test_what_an_arm_does_not_separate_is_told_of_an_arm(tmp_path: Path) -> None:
+    """It was told of a level stage: bias with tilt, scale factor with the scale of the encoder."""
+    told = {}
+    for axle in ("vertical", "horizontal"):
+        recording = record(Rigged(motion="turns", axle=axle, seed=3, seconds=15.0), tmp_path)
+        fit = ac.fit(recording)
+        told[axle] = [tie.members for tie in ac.diagnose(fit, recording).inseparable]
+        assert "readings of angle" in fit.table().sentence
+    assert told == {"vertical": [("scale_factor", "lever_arm.x")], "horizontal": []}
