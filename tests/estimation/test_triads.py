@@ -31,6 +31,8 @@ from accelcal.estimation.rows import normal_equations
 from accelcal.estimation.run import prepare
 from accelcal.io import loading
 from accelcal.results.json import from_json
+from accelcal.validation.evaluation import accel_residual
+from accelcal.validation.prediction import Prediction
 from accelcal.verbs import require_relation
 from tests.estimation.triads import G, Triad
 
@@ -90,9 +92,45 @@ def test_a_cubic_is_that_of_the_force_at_the_sensor_and_not_at_the_tracked_point
     """The estimate was off by 4 %, 6.6 standard deviations. False alarm: 1e-5."""
     triad = Triad(72, seconds=40.0, law=lambda t, f, warm: 3e-4 * f**3, hidden=1)
     triad.truth["lever"][1] = 0.03, -0.05, 0.04
-    fit = ac.fit(ac.load(triad.write(tmp_path), axis="y"), model=ac.Model.linear().add("cubic"))
-    print(fit["cubic"].value, fit["cubic"].std)
+    y = ac.load(triad.write(tmp_path), axis="y")
+    fit = ac.fit(y, model=ac.Model.linear().add("cubic"))
     assert abs(fit["cubic"].value - 3e-4) < 4.5 * fit["cubic"].std
+    ahead = Prediction.of(fit, y)  # a comparison shows its residual over the same force
+    t, _, motion = accel_residual(ahead, 4.0)
+    force = triad.force(t, triad.truth["lever"][1])[:, 1]
+    assert np.std(motion.a - force) < 0.3 * np.std(triad.force(t, np.zeros(3))[:, 1] - force)
+
+
+@pytest.mark.parametrize("noise", [1e-3, 2e-4])
+@pytest.mark.parametrize("about", [(0.0, 0.0, 1.0), (0.0, 0.6, 0.8)])
+def test_noise_of_the_attitude_is_no_turning_that_shows_a_lever_arm(tmp_path, noise, about):
+    """The lever arm along the only axis of turning was wrong by up to 9 standard deviations. False alarm: 1e-5 each."""
+    for seed in (81, 82):
+        triad = Triad(seed, seconds=20.0, noise=1e-3, attitude_noise=noise)
+        frequencies, sizes, phases = triad.waves[5]
+        triad.waves[3:] = [(frequencies, 3.0 * part * sizes, phases) for part in about]
+        x = ac.load(triad.write(tmp_path), axis="x")
+        fit, known = ac.fit(x), triad.truth["lever"][0]
+        rows = [[e.name for e in fit.free].index(f"lever_arm.{part}") for part in "xyz"]
+        error = np.array([fit.free[k].value for k in rows]) - known
+        for v in (about, (1.0, 0.0, 0.0), np.cross(about, (1.0, 0.0, 0.0))):
+            std = float(np.sqrt(v @ fit.covariance[np.ix_(rows, rows)] @ v))
+            assert abs(error @ v) < 4.5 * std
+            assert (std > 0.1) == (v is about)
+        assert [f for f in x.findings if f.channel == "lever_arm.z" and "turn faster, about an axis across" in f.text]
+
+
+def test_a_body_that_turns_about_all_axes_keeps_its_levers():
+    triad, rng = Triad(81, turning=0.3), np.random.default_rng(81)
+    t = np.arange(0.0, 30.0, 0.01)
+    place, attitude = triad.series(t)
+    noisy = attitude * Rotation.from_rotvec(1e-3 * rng.standard_normal(place.shape))
+    axis = np.array([0.0, 0.0, 1.0])
+    levers, exact = (
+        np.array([c.y for c in turning(t, place, (t, q.as_quat(scalar_first=True)), axis, "sensor to ENU").levers])
+        for q in (noisy, attitude)
+    )
+    assert np.all(np.std(levers - exact, axis=1) < 0.1 * np.std(exact, axis=1))
 
 
 def test_what_is_no_sensor_is_said_before_the_numbers(curved):

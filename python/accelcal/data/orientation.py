@@ -171,12 +171,15 @@ def turning(
         spline = smooth_spline(t[rows], between, KNOT_READINGS)
         path[rows] = turned_path + spline(t[rows])
         apart.append(spline(grid[inside], 2))
-    directions = [body.axes @ np.kron(v, np.eye(3)).T for v in (axis, *perpendicular(axis))]
+    within_body = (axis, *perpendicular(axis))
+    directions = [body.axes @ np.kron(v, np.eye(3)).T for v in within_body]
     gravity, second = g * directions[0][:, 2] - np.concatenate(apart), body.second.copy()
     second[:, 0, 2] += g
     columns = []
-    for direction in directions:
-        columns += [*np.einsum("nk,njk->jn", direction, second), *(g * direction[:, :2].T)]
+    for v, direction in zip(within_body, directions, strict=True):
+        force, *levers = np.einsum("nk,njk->jn", direction, second)
+        shown = out_of_noise(np.array(levers), np.einsum("iajb,a,b->ij", body.noise, v, v))
+        columns += [force, *shown, *(g * direction[:, :2].T)]
     names = (*OF_DIRECTION, *ACROSS)
     units = ("m/s^2", *("rad/s^2" for _ in LEVERS), *("m/s^2" for _ in LEVELS))
     _, x, y, z, *further = (
@@ -200,6 +203,8 @@ class Moving:
     """Axes of the sensor in ENU, (k, 9): x, y, z."""
     second: Array
     """Specific force and second derivatives of x, y and z, in ENU, (k, 4, 3)."""
+    noise: Array
+    """Mean `curvature_noise`, (3, 3, 3, 3) s⁻⁴."""
     mean: Array
     """Mean of the axes over all attitudes, (3, 3)."""
     stretches: list[tuple[slice, Array, slice]]
@@ -213,6 +218,7 @@ def moving(t: Array, place: Array, attitude: tuple[Array, Array], sense: Sense) 
     grid = grid if len(grid) > len(t) else t
     axes = np.column_stack([rotated(q, v, sense) for v in np.eye(3)])
     stretches, body, places, curvatures, count = [], [], [], [], 0
+    of_noise = np.zeros((3, 3, 3, 3))
     for rows in unbroken(t):
         first, last = t[rows][[0, -1]]
         near = slice(max(0, int(np.searchsorted(stamps, first, "right")) - 1), int(np.searchsorted(stamps, last)) + 1)
@@ -224,6 +230,7 @@ def moving(t: Array, place: Array, attitude: tuple[Array, Array], sense: Sense) 
             axes[near] if np.array_equal(stamps[near], instants) else of_body(instants)
             for instants in (grid[inside], t[rows])
         )
+        of_noise += (inside.stop - inside.start) * curvature_noise(of_body, stamps[near], axes[near])
         of_place = resolving_spline(t[rows], place[rows])[0]
         places.append(grid[inside])
         body.append(at_grid)
@@ -232,9 +239,62 @@ def moving(t: Array, place: Array, attitude: tuple[Array, Array], sense: Sense) 
         count += len(at_grid)
     second = np.concatenate(curvatures).reshape(-1, 4, 3)
     mean = np.mean(axes, axis=0).reshape(3, 3)
-    return Moving(np.concatenate(places), np.concatenate(body), second, mean, stretches)
+    return Moving(np.concatenate(places), np.concatenate(body), second, of_noise / max(1, count), mean, stretches)
 
 
+TURNED_BEYOND_NOISE = 100.0
+"""Power of a lever over what noise of the attitude makes of it, below which it shows nothing of the lever arm. Gravity
+has the same noise: that would pass for a lever arm of g over the square of its angular frequency, decimetres, over
+this."""
+
+
+def curvature_noise(spline: scipy.interpolate.BSpline, t: Array, axes: Array) -> Array:
+    """Products of what noise of the attitude makes of the second derivatives of x, y and z by a spline, each along x,
+    y and z, (3, 3, 3, 3) s⁻⁴.
+
+    Parameters
+    ----------
+    spline : through the axes.
+    t : (n,) s.
+    axes : (n, 9), x, y and z in ENU; what the spline leaves of them is white noise.
+    """
+    rest, along = (axes - spline(t)).reshape(-1, 3, 3), axes.reshape(-1, 3, 3)
+    rest = np.einsum("nik,nak->nia", rest, along)
+    white = np.random.default_rng(0).standard_normal(len(t))
+    of_white = scipy.interpolate.make_lsq_spline(t, white, spline.t, k=spline.k, method="norm-eq")(t, 2)
+    free = max(1, len(t) - len(spline.c))
+    return np.asarray(np.einsum("nia,njb->iajb", rest, rest, optimize=True) / free * float(np.mean(of_white**2)))
+
+
+def out_of_noise(levers: Array, noise: Array) -> Array:
+    """Levers of a direction, (3, k), without those along which noise of the attitude feigns the turning.
+
+    Parameters
+    ----------
+    levers : (3, k) s⁻².
+    noise : mean products of what noise makes of them, (3, 3) s⁻⁴.
+    """
+    power = levers @ levers.T / max(1, levers.shape[1])
+    noise = noise + ROUNDING * max(float(np.trace(power)), 1.0) * np.eye(3)
+
+    def hidden(v: Array) -> NDArray[np.bool_]:
+        return np.asarray(np.sum(v * (power @ v), axis=0) < TURNED_BEYOND_NOISE * np.sum(v * (noise @ v), axis=0))
+
+    still = scipy.linalg.eigh(power, noise)[1]
+    still = still[:, hidden(still)]
+    if still.shape[1] == 0:
+        return levers
+    # Noise also leans the direction: through a lever arm that is open a small part of it would widen the others.
+    parts = np.abs(still) * np.sqrt(np.diag(noise))[:, None]
+    upright = np.where(parts < LEANS * np.max(parts, axis=0), 0.0, still)
+    still = np.where(hidden(upright), upright, still)
+    return levers - noise @ still @ np.linalg.solve(still.T @ noise @ still, still.T @ levers)
+
+
+LEANS = 0.1
+"""Part of the noise along a direction below which a component of it is left out, where noise hides the rest as well."""
+ROUNDING = 1e-15
+"""Share of the power of levers that is taken for rounding."""
 SPAN = 1.0
 """Time over which the turning of a gyroscope is compared with that of a reference, s."""
 SOLUTIONS = 5

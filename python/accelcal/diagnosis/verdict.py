@@ -7,12 +7,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
+import numpy as np
+
 from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
 from accelcal._support.process import within
 from accelcal._support.result import Result
 from accelcal._support.values import face, immutable
-from accelcal.data import Recording
+from accelcal.data import LEVERS, Recording
+from accelcal.data.orientation import MOTIONS_THAT_TELL, TURNS_THAT_TELL
 from accelcal.diagnosis.checks import CHECKS, FOLLOW_TIME, beside_tilt
 from accelcal.diagnosis.clean_fit import RejectedReadings
 from accelcal.diagnosis.evidence import DELAY_CLASS, DELAY_EXPERIMENT, Evidence, noise_ratio
@@ -255,7 +258,10 @@ def with_further(experiment: str, members: Sequence[str], further: Sequence[Furt
 
 
 def inseparable_groups(e: Evidence) -> tuple[Confounded, ...]:
-    """Effects that no motion of this rig separates, as long as the model holds one of each group."""
+    """Effects that no motion of this rig separates, as long as the model holds one of each group; on a body that turns,
+    what this turning does not separate."""
+    if LEVERS[0] in e.recording.side:
+        return inseparable_by_turning(e.fit, e.recording)
     groups = [(base.name, base.traits.lumped) for base in BUILT_IN if base.traits.lumped]
     return tuple(
         Confounded(name, members, with_further(group.experiment, members, e.further))
@@ -265,6 +271,21 @@ def inseparable_groups(e: Evidence) -> tuple[Confounded, ...]:
     )
 
 
+def inseparable_by_turning(fit: Fit, recording: Recording) -> tuple[Confounded, ...]:
+    """Coefficients of a turning body that the fit has as a sum alone, and the turning that separates them."""
+    remedies = {name: remedy for name, (*_, remedy) in MOTIONS_THAT_TELL.items()}
+    remedies = TURNS_THAT_TELL if recording.rig.arm is not None else remedies
+    names, std = [e.name for e in fit.free], np.sqrt(np.diag(fit.covariance))
+    tied = np.abs(fit.covariance) > AS_A_SUM * np.outer(std, std)
+    return tuple(
+        Confounded(name, (name, *(names[j] for j in np.flatnonzero(tied[i]) if j != i)), remedies[name])
+        for i, name in enumerate(names)
+        if name in remedies and np.count_nonzero(tied[i]) > 1
+    )
+
+
+AS_A_SUM = 0.99
+"""Correlation of two estimates of a turning body from which they are told as a sum."""
 Judgement = tuple[Verdict, str]
 """A verdict, and the sentence on what the model lacks."""
 

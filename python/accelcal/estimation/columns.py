@@ -10,7 +10,7 @@ from itertools import groupby, pairwise
 import numpy as np
 
 from accelcal import _core
-from accelcal.data import Array, Places
+from accelcal.data import LEVERS, Array, Places
 from accelcal.effects import Effect, is_local
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
@@ -116,7 +116,7 @@ def evaluated(state: RunState, terms: Sequence[Term]) -> list[Array]:
     filters = run.filters
     columns = {
         k: filters.behind(column, signals.step)
-        for k, column in zip(inputs, evaluate([terms[k] for k in inputs], signals), strict=True)
+        for k, column in zip(inputs, responses([terms[k] for k in inputs], signals), strict=True)
     }
     at_readings = signals.resampled(run.t - run.origins.t) if direct else signals
     columns |= {
@@ -124,6 +124,15 @@ def evaluated(state: RunState, terms: Sequence[Term]) -> list[Array]:
         for k, column in zip(direct, evaluate([terms[k] for k in direct], at_readings), strict=True)
     }
     return [columns[k] for k in range(len(terms))]
+
+
+def responses(terms: Sequence[Term], s: Signals) -> Iterator[Array]:
+    """Derivatives of the output, or of the reading, by the coefficients of terms in turn, (n,) each.
+
+    A lever arm changes the force at the sensor, and so what the effects of that force are.
+    """
+    for term, column in zip(terms, evaluate(terms, s), strict=True):
+        yield column * (1.0 + s.slope / s.scale) if term.effect.needs == LEVERS else column
 
 
 def chunks(state: RunState) -> Iterator[slice]:
@@ -312,7 +321,7 @@ def column_parts(
         if local:
             s, rows = s.part(rows), slice(None)
         waiting: list[Array] = []
-        for column in evaluate(alike, s):
+        for column in responses(alike, s):
             if filters.acts:
                 output = port == "output"
                 at = s.t + run.origins.t

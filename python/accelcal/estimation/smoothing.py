@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -11,9 +12,11 @@ import scipy
 
 from accelcal.data import DERIVED, GRAVITY, LEVERS, Array, Flags
 from accelcal.data.orientation import HOLE
+from accelcal.effects import is_local
 from accelcal.estimation.drive import DriveIntegrals
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise, Values
+from accelcal.model import evaluate
 from accelcal.signals.processing import (
     GRID_PER_CUTOFF,
     cosine_window,
@@ -404,6 +407,35 @@ def resampled_side(run: PreparedRun, t: Array) -> dict[str, Array]:
     return {name: values[name] for name in side}
 
 
+def of_lever(side: Mapping[str, Array], values: Values) -> Array | float:
+    """Acceleration along the input axis of the sensor against the tracked point of a turning body, m/s².
+
+    Effects of the sensor are of the force at its own place.
+    """
+    distances = ((values.by_name.get(f"lever_arm.{part}", 0.0), name) for name, part in zip(LEVERS, "xyz", strict=True))
+    return sum((r * side[name] for r, name in distances if r), start=0.0)
+
+
+SLOPE_STEP = 0.05
+"""Half the difference of two forces over which a slope is taken, of the standard deviation of the force."""
+TINY_STEP = 1e-6
+"""Least such half, m/s²."""
+
+
+def slope_of(values: Values, s: Signals) -> Array | float:
+    """Derivative of the effects of the output by the force at a sensor with a lever arm, (n,); 0 without one."""
+    curved = [(t, c) for t, c in values.additive("output") if is_local(t.effect) and not t.effect.needs]
+    if not curved or not any(term.effect.needs == LEVERS for term in values.terms):
+        return 0.0
+    terms, step = [term for term, _ in curved], max(SLOPE_STEP * float(np.std(s.a)), TINY_STEP)
+    slope = np.zeros(len(s.t))
+    for sign in (1.0, -1.0):
+        columns = evaluate(terms, replace(s, a=s.a + sign * step))
+        for (_, c), column in zip(curved, columns, strict=True):
+            slope += sign * c / (2.0 * step) * column
+    return slope
+
+
 def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, values: Values, cutoff: float) -> Signals:
     """Motion of the stage as the sensor feels it, with side channels; acceleration and jerk of `motion` become those
     of the signals."""
@@ -413,17 +445,14 @@ def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, valu
     if GRAVITY in side:
         full = uniform_times(run)
         gravity = np.interp(t_grid, full, run.gravity.within(full, run.accel_step, cutoff))
-        for name, part in zip(LEVERS, "xyz", strict=True):  # the sensor feels its own place, not the tracked one
-            if distance := values.by_name.get(f"lever_arm.{part}", 0.0):
-                gravity += polarity * distance * side[name]
-        side[GRAVITY] = gravity
+        side[GRAVITY] = gravity = gravity + polarity * of_lever(side, values)
         change = derivative(gravity, float(t_grid[1] - t_grid[0]))
     a, jerk = motion.a, motion.jerk
     a += gravity
     a *= polarity
     jerk += change
     jerk *= polarity
-    return Signals(
+    signals = Signals(
         t=t_grid - run.origins.t,
         p=motion.p - run.origins.p,
         v=motion.v,
@@ -438,3 +467,4 @@ def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, valu
         side=side,
         side_origins=run.origins.side,
     )
+    return replace(signals, slope=slope_of(values, signals))

@@ -16,7 +16,7 @@ from accelcal.effects import CATALOGUE, Effect, find, spelled
 from accelcal.effects.mechanisms import driver_of
 from accelcal.effects.registry import CARD
 from accelcal.estimation.allan import DETERMINED, USUAL, NoiseTerm, OutputNoise, RestNoise, Trend, WarmUp
-from accelcal.estimation.estimate import Fit, tied_sum
+from accelcal.estimation.estimate import WITH_ANGLE, Fit, tied_sum
 from accelcal.estimation.noise import Level, NoiseEffect, NoiseReport
 from accelcal.estimation.tracks import Path, Track
 from accelcal.filters.choice import STATE_UNITS
@@ -38,7 +38,9 @@ def _(fit: Fit, which: str = "") -> Table:
     if which == "axes":
         return axes_table(fit)
     readings = grouped(sum(run.readings for run in fit.runs))
-    references = ", ".join(dict.fromkeys(run.noise.reference.replace("_", " ") for run in fit.runs))
+    turned = any(name in fit.model.effects for name in WITH_ANGLE)  # the position of an arm is a path from its angle
+    named = ("angle" if turned else run.noise.reference.replace("_", " ") for run in fit.runs)
+    references = ", ".join(dict.fromkeys(named))
     made_from = [f"{readings} readings of {references}"] * bool(fit.runs)
     made_from += [f"{len(fit.dwells.residual)} {'dwells' if fit.dwells.angle else 'positions'}"] if fit.dwells else []
     agreement = "".join(

@@ -68,6 +68,8 @@ class Signals:
     """K0 of the model at hand, m/s²."""
     coefficients: Mapping[str, float] = field(default_factory=dict)
     """Those of the model at hand, for effects that multiply each other."""
+    slope: Array | float = 0.0
+    """Derivative of the effects of the model at hand by the force at a sensor with a lever arm; 0 without one."""
     axis: str = ""
     """Which output of a sensor with several it is; empty where it has one."""
     whole: Signals | None = None
@@ -90,6 +92,7 @@ class Signals:
             v=self.v[rows],
             a=self.a[rows],
             jerk=self.jerk[rows],
+            slope=self.slope if isinstance(self.slope, float) else self.slope[rows],
             side={name: y[rows] for name, y in self.side.items()},
         )
 
@@ -105,7 +108,7 @@ class Signals:
         """
         side = {name: np.empty_like(t) for name in self.side}
         p, v, a, jerk = (np.empty_like(t) for _ in range(4))
-        copy = replace(self, t=t, p=p, v=v, a=a, jerk=jerk, side=side)
+        copy = replace(self, t=t, p=p, v=v, a=a, jerk=jerk, side=side, slope=0.0)
         for begin in range(0, len(t), RESAMPLED):
             self._write(copy.at(slice(begin, begin + RESAMPLED)))
         return copy

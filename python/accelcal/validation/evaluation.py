@@ -19,7 +19,7 @@ from accelcal.estimation.rows import inverse, normal_equations
 from accelcal.estimation.run import PreparedRun, Source, recording_of
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.shape_parameters import linearised
-from accelcal.estimation.smoothing import output_at, side_channels_at
+from accelcal.estimation.smoothing import of_lever, output_at, side_channels_at
 from accelcal.estimation.values import Noise
 from accelcal.signals.processing import ORDER, derivative, low_pass, spectral_density, spline
 from accelcal.signals.series import runs_of_true
@@ -371,10 +371,10 @@ def motion_at(ahead: DrivenRun, t: Array, band: float) -> Signals:
     run, values, step, rig = ahead.run, ahead.values, ahead.run.reading_step, ahead.run.rig
     p = low_pass(spline(run.t, without_steps(run.z, run), t), 1.0 / step, band)
     a = second_derivative(p, step)
-    sensed = rig.polarity * (a + run.gravity.within(t, step, band))
-    side = side_channels_at(run, t)
+    side, pull = side_channels_at(run, t), run.gravity.within(t, step, band)
     if GRAVITY in side:
-        side[GRAVITY] = np.asarray(run.gravity.within(t, step, band))
+        side[GRAVITY] = pull = np.asarray(pull + rig.polarity * of_lever(side, values))
+    sensed = rig.polarity * (a + pull)
     return Signals(
         t=t - run.origins.t,
         p=p - run.origins.p + np.interp(t, run.t, run.z - without_steps(run.z, run)),
