@@ -49,6 +49,10 @@ Dcc = Annotated[
 ]
 Lab = Annotated[Path | None, typer.Option("--lab", help="TOML with the administrative data of --dcc.")]
 Schema = Annotated[Path | None, typer.Option("--schema", help="Validate --dcc against this dcc.xsd.")]
+Gate = Annotated[
+    float | None,
+    typer.Option("--gate", help="Squared innovation over its variance beyond which --filter omits a reading."),
+]
 
 
 def require_usable(dcc: Path | None, lab: Path | None, schema: Path | None) -> None:
@@ -183,12 +187,7 @@ def export(
         str | None,
         typer.Option("--watch", help="Effects that --filter watches for, a comma between names.", show_default=False),
     ] = None,
-    gate: Annotated[
-        float | None,
-        typer.Option(
-            "--gate", help="Let --filter leave out readings whose innovation squared over its variance is above this."
-        ),
-    ] = None,
+    gate: Gate = None,
     output: Annotated[Path, typer.Option("-o", "--output", help="Beginning of the names of the files of --filter.")] = (
         Path("filter")
     ),
@@ -209,14 +208,10 @@ def export(
         load_own_effects(effects_file)
         suspects = tuple(name.strip() for name in watch.split(",")) if watch is not None else ()
         followed = exports.live_filter(of_one_output(model), rate, watch=suspects, gate=gate)
-        texts = exports.filter_files(followed, output.name, live, precision, model.name)
-        paths = {output.parent / name: text for name, text in texts.items()}
-        write_together(paths)
-        print_written(*paths)
+        export_filter(exports.filter_files(followed, output.name, live, precision, model.name), output.parent)
         return
     if watch is not None or gate is not None:
-        option = "--watch" if watch is not None else "--gate"
-        raise UsageError(f"{option}: goes with --filter c (or rust) and --rate 1667")
+        raise UsageError("--watch and --gate: go with --filter c (or rust) and --rate 1667")
     if not (c or rust or dcc or json or parameters):
         raise UsageError(
             "nothing to write: give --c sensor.h, --rust sensor.rs, --dcc draft.xml, --filter, --json, or --parameters "
@@ -274,6 +269,13 @@ def write_together(files: Mapping[Path, str]) -> None:
     with io.together():
         for path, text in files.items():
             io.atomic_write(path, text)
+
+
+def export_filter(texts: Mapping[str, str], folder: Path) -> None:
+    """Write the files of a live filter, all or none."""
+    paths = {folder / name: text for name, text in texts.items()}
+    write_together(paths)
+    print_written(*paths)
 
 
 def of_one_output(model: Path) -> Fit:
