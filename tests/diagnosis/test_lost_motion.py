@@ -5,6 +5,7 @@ Motions are sines, and moves from point to point with rests between them, as a t
 
 from __future__ import annotations
 
+import sys
 import warnings
 
 import numpy as np
@@ -129,6 +130,19 @@ def test_a_missed_count_is_a_fault_where_the_stage_never_turns() -> None:
         warnings.simplefilter("error")  # nothing is averaged over no reversal
         (jump,) = Examined(recording).source.recording.position_steps
     assert jump.time == pytest.approx(9.3, abs=2e-3)
+
+
+@pytest.mark.slow
+def test_play_far_above_the_noise_is_found_with_its_width(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fit without it takes it for noise of the position, below which no width is sought. False alarm 6e-5 a size."""
+    play = 1e-5
+    monkeypatch.setattr(sys.modules[__name__], "NOISE", 2e-4)
+    recording = recorded(5, play, seconds=12.0)
+    fit = ac.add(ac.fit(recording), recording, "encoder_backlash")
+    size, width = fit["encoder_backlash"], fit["encoder_backlash.width"]
+    print(size, width)
+    assert abs(size.value + play) < 4.0 * size.std < 0.1 * play
+    assert abs(width.value - play) < 4.0 * width.std < play
 
 
 def test_lost_motion_is_found_on_moves_with_rests(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -231,6 +231,12 @@ def test_more_processes_than_there_is_room_for_are_refused(cubic: Fit, monkeypat
         settings_of(cubic.rig, with_effects(cubic, replace(model, priors={**model.priors, **priors})))
 
 
+def test_a_memory_is_said_to_begin_as_after_a_long_rest(cubic: Fit) -> None:
+    model = cubic.model.add("creep", shapes={"creep": {"tau": 2.0, "start": 1.0}})
+    settings = settings_of(cubic.rig, with_effects(cubic, model))
+    assert settings.remarks[-1] == "creep: begins on this recording as after a long rest"
+
+
 def test_what_belongs_to_the_fitted_record_is_estimated_anew(cubic: Fit) -> None:
     model = cubic.model.add("bias_step", shapes={"bias_step": {"instant": 4.0}})
     fitted = with_effects(cubic, model)

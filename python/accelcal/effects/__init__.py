@@ -1,6 +1,8 @@
 """The catalogue of effects: each is one function that holds its card and computes its column."""
 
-from accelcal._support.values import listing  # noqa: I001  (the next import enters effects, in its own order)
+from collections.abc import Sequence  # noqa: I001  (effects are entered in their own order)
+
+from accelcal._support.values import listing
 from accelcal.effects import (  # noqa: F401  (importing a file enters its effects, in this order)
     base,
     disturbances,
@@ -67,6 +69,12 @@ def of_one_record(effect: Effect) -> bool:
     return of_time or "instant" in effect.shapes or ("start" in effect.shapes and not effect.shapes["start"].refined)
 
 
+def begins_rested(of_model: Sequence[str]) -> str:
+    """The sentence on effects with a memory, in a model that is carried to another recording; empty without any."""
+    anew = [effect.name for effect in map(find, of_model) if not of_one_record(effect) and effect.rested({})]
+    return f"{' and '.join(anew)}: begins on this recording as after a long rest" if anew else ""
+
+
 def users_own() -> tuple[Effect, ...]:
     """Registered effects of the user's own (file, expression or decorator), in the order of entry.
 
@@ -117,6 +125,7 @@ __all__ = [
     "Static",
     "Traits",
     "Variable",
+    "begins_rested",
     "card",
     "cards",
     "effect",

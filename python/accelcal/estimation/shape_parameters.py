@@ -101,10 +101,12 @@ def linearised_shape(
     if declared.width:
         reach = min(declared.width(signals, given[shape]), 0.5 * given[shape])
         low, high = given[shape] - reach, given[shape] + reach
+    coefficients = np.array([values.by_name.get(term.name, 0.0) for term in terms_of(effect, given)])
+    if declared.beyond_size:  # a fit that has it too large takes what that leaves for noise, and with it its bound up
+        low = min(low, float(np.max(np.abs(coefficients))))
     span = (min(low, given[shape]), max(high, given[shape]))
     below = max(given[shape] - share * (span[1] - span[0]), span[0])
     above = min(given[shape] + share * (span[1] - span[0]), span[1])
-    coefficients = np.array([values.by_name.get(term.name, 0.0) for term in terms_of(effect, given)])
     trial = beside_offset(effect, given, model)
 
     def difference(s: Signals) -> Array:

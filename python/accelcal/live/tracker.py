@@ -15,7 +15,7 @@ from accelcal._support.result import Storable
 from accelcal.data import DERIVED, Array, Flags, RecordingError, Rig, unsupported
 from accelcal.data.orientation import HOLE
 from accelcal.data.units import concise
-from accelcal.effects import BUILT_IN, Effect, find, of_one_record
+from accelcal.effects import BUILT_IN, Effect, begins_rested, find, of_one_record
 from accelcal.estimation.engines import PARAMETER_OF, PRIOR_STD, LiveStart, as_fit, live_start
 from accelcal.estimation.estimate import Fit
 from accelcal.filters.choice import PARAMETERS, FilterChoice, GaussMarkov, spread_start, to_stage
@@ -204,6 +204,8 @@ def _with_model(settings: LiveSettings, fit: Fit, start: LiveStart) -> LiveSetti
     for name in held:
         how = AT_ZERO if name in of_record else SUBTRACTED
         remarks.append(f"{name}: {how}, since a live filter has room for {MOST_EFFECTS} coefficients")
+    if rested := begins_rested(model.added):
+        remarks.append(rested)
     return replace(
         settings,
         rig=start.rig,

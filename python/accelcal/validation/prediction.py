@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data import Array, Flags, Recording
-from accelcal.effects import find, of_one_record
+from accelcal.effects import begins_rested, find, of_one_record
 from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
 from accelcal.estimation.estimate import Fit, require_channels
 from accelcal.estimation.noise import variance_functions, with_growth
@@ -47,12 +47,11 @@ def left_out(fit: Fit, recording: Recording) -> tuple[str, ...]:
     if is_fitted(fit, recording):
         return ()
     names = [name for name in fit.model.added if of_one_record(find(name))]
-    anew = [name for name in fit.model.added if name not in names and find(name).rested({})]
     sentences = []
     if names:
         sentences.append(f"{' and '.join(names)}: follows the clock of the fitted recording; left out on this one")
-    if anew:
-        sentences.append(f"{' and '.join(anew)}: begins on this recording as after a long rest")
+    if rested := begins_rested(fit.model.added):
+        sentences.append(rested)
     if offset_is_its_own(fit, recording):
         tolerance = 1e3 * recording.rig.offset_tolerance
         sentences.append(f"time_offset: estimated on this one, whose clocks agree within {tolerance:.3g} ms only")
