@@ -102,7 +102,7 @@ def test_the_quadratic_is_as_uncertain_as_the_length_of_the_arm(tmp_path: Path, 
     assert fit["quadratic"].std / fit["quadratic"].value == pytest.approx(of_arm, rel=0.05)
 
 
-def test_what_an_arm_does_not_separate_is_told_of_an_arm(tmp_path: Path) -> None:
+def test_what_an_arm_does_not_separate_is_said_of_an_arm(tmp_path: Path) -> None:
     """It was told of a level stage: bias with tilt, scale factor with the scale of the encoder."""
     told = {}
     for axle in ("vertical", "horizontal"):

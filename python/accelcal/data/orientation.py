@@ -286,12 +286,12 @@ def out_of_noise(levers: Array, noise: Array) -> Array:
         return levers
     # Noise also leans the direction: through a lever arm that is open a small part of it would widen the others.
     parts = np.abs(still) * np.sqrt(np.diag(noise))[:, None]
-    upright = np.where(parts < LEANS * np.max(parts, axis=0), 0.0, still)
+    upright = np.where(parts < LEAST_COMPONENT * np.max(parts, axis=0), 0.0, still)
     still = np.where(hidden(upright), upright, still)
     return levers - noise @ still @ np.linalg.solve(still.T @ noise @ still, still.T @ levers)
 
 
-LEANS = 0.1
+LEAST_COMPONENT = 0.1
 """Part of the noise along a direction below which a component of it is left out, where noise hides the rest as well."""
 ROUNDING = 1e-15
 """Share of the power of levers that is taken for rounding."""

@@ -739,7 +739,7 @@ AROUND = 4
 at every second sample, has three peaks among them."""
 RATIO = 8.0
 """An excursion is this many times as high as the second largest of the samples around it."""
-BENT = 12.0
+USUAL_BENDS = 12.0
 """The same over the usual bend; white noise has less than eight."""
 MEMORY, STRIDE = 64, 16
 """Bends whose median is the usual one, and from how many to how many it is taken anew."""
@@ -802,7 +802,7 @@ class _Channel:
         """How many of them come before."""
         self._bends = np.empty(0)
         """The newest that are not zero."""
-        self._taken = 0
+        self._number = 0
         """How many there were, those that were dropped included."""
         self._usual = 0, math.inf
         """The usual bend, and how many there were before it."""
@@ -821,8 +821,8 @@ class _Channel:
         until = int(at[decided]) if decided < len(at) else len(rows)
         ready, self._rows = _cut(rows, 0, until), _cut(rows, until, len(rows))
         self._before = min(AROUND, before + decided)
-        kept = before + decided - self._before
-        self._t, self._y = self._t[kept:], self._y[kept:]
+        past = before + decided - self._before
+        self._t, self._y = self._t[past:], self._y[past:]
         self.count += len(lost)
         if not len(lost):
             return ready
@@ -853,15 +853,15 @@ class _Channel:
         bend[bend < ROUNDING * (np.abs(y[first - 2 : end - 2]) + np.abs(y[first + 2 : end + 2]))] = 0.0
         # A bend of zero says nothing: a coarse channel repeats itself, and a jump by one count is not an excursion.
         bends = np.concatenate([self._bends, bend[bend > 0.0]])
-        dropped = self._taken - len(self._bends)
-        number = self._taken + np.cumsum(bend > 0.0) - (bend > 0.0)
-        self._taken += int(np.sum(bend > 0.0))
+        dropped = self._number - len(self._bends)
+        number = self._number + np.cumsum(bend > 0.0) - (bend > 0.0)
+        self._number += int(np.sum(bend > 0.0))
         ends = np.arange(number[0] // STRIDE, number[-1] // STRIDE + 1) * STRIDE
         usual = np.array([self._median(int(stop), bends, dropped) for stop in ends])
         self._bends = bends[-(MEMORY + STRIDE) :]
-        near = np.flatnonzero(bend > 0.5 * BENT * usual[number // STRIDE - ends[0] // STRIDE])
+        near = np.flatnonzero(bend > 0.5 * USUAL_BENDS * usual[number // STRIDE - ends[0] // STRIDE])
         if len(near):
-            least = BENT * usual[number[near] // STRIDE - ends[0] // STRIDE]
+            least = USUAL_BENDS * usual[number[near] // STRIDE - ends[0] // STRIDE]
             lost[first - begin + near] = self._lonely(first + near, least)
         return lost
 

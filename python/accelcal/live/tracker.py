@@ -822,10 +822,10 @@ class Tracker:
             np.concatenate([self._waiting[2], stage, rows.position[readings]]),
         )
         newest = float(rows.t[-1]) if len(rows) else -math.inf
-        return self._taken(newest - max(0.0, offset))
+        return self._accepted(newest - max(0.0, offset))
 
     def _finished(self) -> Readings:
-        last = self._taken(math.inf)
+        last = self._accepted(math.inf)
         if self.filter is None:
             self.outputs += len(self._waiting[0])
             return last
@@ -894,7 +894,7 @@ class Tracker:
         now = self.settings.covariance if self.filter is None else self.filter.covariance[2:, 2:]
         return self._scale_begun, self._scale_variance(now)
 
-    def _taken(self, until: float) -> Readings:
+    def _accepted(self, until: float) -> Readings:
         """Readings that the events up to an instant (s) lead to, in the filter and in those that follow holes."""
         parts = list[Readings]()
         while self._behind and self._behind[0] <= until:

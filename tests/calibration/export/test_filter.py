@@ -492,8 +492,8 @@ def gap_of(folder: Path, monkeypatch: pytest.MonkeyPatch, live: Callable[[], Liv
 
 
 @pytest.mark.outside
-def test_the_gate_leaves_out_wild_readings_as_that_of_the_live_filter(tmp_path, monkeypatch):
-    gate, wild = 25.0, np.arange(400, LONG, 500)
+def test_the_gate_leaves_outliers_out_as_that_of_the_live_filter(tmp_path, monkeypatch):
+    gate, places = 25.0, np.arange(400, LONG, 500)
     estimates = []
     for name, live in (
         ("gated", lambda: filter_of(Model.linear(), gate=gate)),
@@ -501,7 +501,7 @@ def test_the_gate_leaves_out_wild_readings_as_that_of_the_live_filter(tmp_path, 
     ):
         (tmp_path / name).mkdir()
         gap = gap_of(tmp_path / name, monkeypatch, live)
-        clean, read = gap.rows[:, 1].copy(), wild[np.isfinite(gap.rows[wild, 1])]
+        clean, read = gap.rows[:, 1].copy(), places[np.isfinite(gap.rows[places, 1])]
         gap.rows[read, 1] += 1e-3
         twin, without = live(), live()
         twin.run(*gap.rows.T)
