@@ -256,14 +256,16 @@ def curvature_noise(spline: scipy.interpolate.BSpline, t: Array, axes: Array) ->
     ----------
     spline : through the axes.
     t : (n,) s.
-    axes : (n, 9), x, y and z in ENU; what the spline leaves of them is white noise.
+    axes : (n, 9), x, y and z in ENU; their eighth differences are those of white noise.
     """
-    rest, along = (axes - spline(t)).reshape(-1, 3, 3), axes.reshape(-1, 3, 3)
+    if len(t) <= 8:
+        return np.zeros((3, 3, 3, 3))
+    rest, along = np.diff(axes, n=8, axis=0).reshape(-1, 3, 3), axes[4:-4].reshape(-1, 3, 3)
     rest = np.einsum("nik,nak->nia", rest, along)
     white = np.random.default_rng(0).standard_normal(len(t))
     of_white = scipy.interpolate.make_lsq_spline(t, white, spline.t, k=spline.k, method="norm-eq")(t, 2)
-    free = max(1, len(t) - len(spline.c))
-    return np.asarray(np.einsum("nia,njb->iajb", rest, rest, optimize=True) / free * float(np.mean(of_white**2)))
+    of_one = float(np.mean(of_white**2)) / (math.comb(16, 8) * len(rest))
+    return np.asarray(np.einsum("nia,njb->iajb", rest, rest, optimize=True) * of_one)
 
 
 def out_of_noise(levers: Array, noise: Array) -> Array:

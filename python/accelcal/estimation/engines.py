@@ -160,7 +160,7 @@ class Replay(Engine):
     def settle(self, state: RunState, model: Model, values: Values | None = None, *, search: bool = True) -> None:
         if values is not None:
             state.refresh(values, search_noise=search)
-        measure_noise(state, model)
+        measure_noise(state, model, search=search)
 
 
 class WeakForm(Engine):
@@ -200,7 +200,7 @@ class WeakForm(Engine):
             state.weak = weak = with_noise(weak_form(state))
             state.noise = weak.of_positions
             state.search = NoiseSearch(state.noise)
-        measure_noise(state, model)
+        measure_noise(state, model, search=search)
 
 
 class Suited(Replay):
@@ -437,10 +437,14 @@ def rows_of_dwells(state: RunState, terms: Sequence[Term]) -> DwellRows | None:
     return dwell_rows(dwells, terms, state.values, state.run.origins, state.of_dwells)
 
 
-def measure_noise(state: RunState, model: Model) -> None:
+def measure_noise(state: RunState, model: Model, *, search: bool = True) -> None:
     """Measure what is no white noise in what a model leaves of a run: the spectrum of its innovations, and the angle
-    zeros of its dwells, a step on, with the scatter between them."""
-    state.spectrum = spectrum_of(state, model.free)
+    zeros of its dwells, a step on, with the scatter between them.
+
+    Without `search` a run that has a spectrum keeps one: at the limit of what is white the estimates would go to and
+    fro between those with a spectrum and those without.
+    """
+    state.spectrum = spectrum_of(state, model.free, keep=not search and state.spectrum is not None)
     settle_dwells(state, model)
 
 
@@ -460,11 +464,12 @@ def settle_dwells(state: RunState, model: Model, steps: int = 1) -> None:
     state.of_dwells = with_scatter(dwells, model, *at, replace(of_dwells or Nuisances(), apart=model.per_run))
 
 
-def spectrum_of(state: RunState, terms: Sequence[Term]) -> MeasuredSpectrum | None:
-    """Spectrum of what the terms leave of a run's innovations; None where it is white."""
+def spectrum_of(state: RunState, terms: Sequence[Term], *, keep: bool = False) -> MeasuredSpectrum | None:
+    """Spectrum of what the terms leave of a run's innovations; None where it is white, unless one is to be kept."""
     crossover, sums = state.run.crossover(state.noise), sums_of(state)
+    coloured = state.band is not None or keep
     y = sums.whitened
-    if state.band is None and white(measured_spectrum(y, sums.rate, crossover)):
+    if not coloured and white(measured_spectrum(y, sums.rate, crossover)):
         return None
     X = sums.whole(terms)
     vars(sums)[COLUMNS] = tuple(terms), X
@@ -474,7 +479,7 @@ def spectrum_of(state: RunState, terms: Sequence[Term]) -> MeasuredSpectrum | No
     basis = scipy.linalg.orth((X / size[:, None]).T)
     explained = np.minimum(np.sum(scipy.fft.dct(basis, norm="ortho", axis=0) ** 2, axis=1), 1.0)
     measured = measured_spectrum(y - basis @ (basis.T @ y), sums.rate, crossover, explained)
-    return None if state.band is None and white(measured) else measured
+    return None if not coloured and white(measured) else measured
 
 
 def white(spectrum: MeasuredSpectrum | None) -> bool:
