@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -94,6 +95,17 @@ def test_a_white_run_has_no_measured_spectrum() -> None:
     assert spectrum_of(state, Model.linear().free) is None
 
 
+def test_a_run_at_the_limit_of_white_noise_settles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What counts as white at every other look goes to and fro where the spectrum that was measured is not kept."""
+    looks = itertools.count()
+    monkeypatch.setattr(engines, "white", lambda spectrum: next(looks) // 2 % 2 == 0)
+    record = humming(3)
+    assert solve_runs(Model.linear(), [record]).converged
+    measured = engines.measure_noise
+    monkeypatch.setattr(engines, "measure_noise", lambda state, model, *, search=True: measured(state, model))
+    assert not solve_runs(Model.linear(), [record]).converged
+
+
 def humming(seed: int) -> ac.Recording:
     """A record whose output hums between 2 and 5 Hz, where it moves too, far above its own noise."""
     rng = np.random.default_rng([8, seed])
@@ -114,7 +126,7 @@ def deviations(records: list[ac.Recording]) -> tuple[float, float]:
 def test_a_hum_costs_less_and_its_uncertainty_is_true(monkeypatch: pytest.MonkeyPatch) -> None:
     records = [humming(seed) for seed in range(RECORDS)]
     error, z = deviations(records)
-    monkeypatch.setattr(engines, "spectrum_of", lambda state, terms: None)
+    monkeypatch.setattr(engines, "spectrum_of", lambda state, terms, **_: None)
     blind_error, blind_z = deviations(records)
     print(
         f"{RECORDS} records with a hum: scale wrong by {error:.2e}, z-rms {z:.2f}; "
