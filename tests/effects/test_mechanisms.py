@@ -198,8 +198,8 @@ def test_the_band_of_a_path_holds_what_is_faster_than_the_cosines(tmp_path):
     away = path.value - np.interp(path.t, truth["t"], truth["value"])
     # some 40 correlation times: a share of 0.95 has a standard deviation of 0.035, false alarm below 1 in 300
     assert np.mean(np.abs(away) < 1.96 * path.std) > 0.85
-    told = in_model(grown, Confounded("scale_gauss_markov", ("scale_gauss_markov",), ""), {})
-    assert "no cause: scale_factor varies by 0.00" in told.particulars  # in a model it is none either
+    finding = in_model(grown, Confounded("scale_gauss_markov", ("scale_gauss_markov",), ""), {})
+    assert "no cause: scale_factor varies by 0.00" in finding.particulars  # in a model it is none either
 
 
 def test_the_path_of_a_process_ranks_what_it_follows(sag):

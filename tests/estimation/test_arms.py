@@ -439,8 +439,8 @@ def test_a_centrifuge_of_two_loggers_is_aligned(tmp_path: Path, axle: str) -> No
         (tmp_path / f"{name}.csv").write_text(f"t,{column}\n{text}\n")
     output, stage = ("density", "arm", "axle", "input", "angle"), ("accel",)
     for name, gone in (("acc", output), ("enc", stage)):
-        kept = [line for line in lines if not line.startswith(gone)]
-        (tmp_path / f"{name}.toml").write_text("\n".join(kept))
+        rest = [line for line in lines if not line.startswith(gone)]
+        (tmp_path / f"{name}.toml").write_text("\n".join(rest))
     recording = ac.load(tmp_path / "acc.csv", position=tmp_path / "enc.csv")
     (note,) = [finding for finding in recording.findings if finding.kind == "alignment"]
     assert note.severity == "note"

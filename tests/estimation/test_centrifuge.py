@@ -103,11 +103,11 @@ def test_the_quadratic_is_as_uncertain_as_the_length_of_the_arm(tmp_path: Path, 
 
 
 def test_what_an_arm_does_not_separate_is_said_of_an_arm(tmp_path: Path) -> None:
-    """It was told of a level stage: bias with tilt, scale factor with the scale of the encoder."""
-    told = {}
+    """It was that of a level stage: bias with tilt, scale factor with the scale of the encoder."""
+    sentences = {}
     for axle in ("vertical", "horizontal"):
         recording = record(Rigged(motion="turns", axle=axle, seed=3, seconds=15.0), tmp_path)
         fit = ac.fit(recording)
-        told[axle] = [tie.members for tie in ac.diagnose(fit, recording).inseparable]
+        sentences[axle] = [tie.members for tie in ac.diagnose(fit, recording).inseparable]
         assert "readings of angle" in fit.table().sentence
-    assert told == {"vertical": [("scale_factor", "lever_arm.x")], "horizontal": []}
+    assert sentences == {"vertical": [("scale_factor", "lever_arm.x")], "horizontal": []}

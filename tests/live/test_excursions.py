@@ -18,17 +18,17 @@ from accelcal.live.session import LiveState
 from .streams import BIAS, RIG, SCALE, Stream, stream
 
 
-def followed(made: Stream, folder: Path, damaged: float = 0.0) -> LiveState:
+def followed(simulated: Stream, folder: Path, damaged: float = 0.0) -> LiveState:
     """What a live view knows at the end of lines, some of which have one other character."""
     (folder / "rig.toml").write_text(RIG)
     declared, rng = read_sidecar(folder / "rig.toml"), np.random.default_rng(3)
-    lines = made.lines().splitlines(keepends=True)
+    lines = simulated.lines().splitlines(keepends=True)
     for i in np.flatnonzero(rng.random(len(lines)) < damaged):
         line = bytearray(lines[i])
         line[rng.integers(len(line) - 1)] = rng.choice(list(b"0123456789.-,"))
         lines[i] = bytes(line)
     chunks = iter([b"".join(lines[i : i + 400]) for i in range(0, len(lines), 400)])
-    source = ByteSource("made", lambda: next(chunks, b""), lambda: None, True, True, ends_lines=True)
+    source = ByteSource("simulated", lambda: next(chunks, b""), lambda: None, True, True, ends_lines=True)
     with LiveSession(source, declared, settings_of(declared.rig)) as view:
         view.run(ends=lambda: False, on_alarm=lambda alarm: None, show=lambda: None)
         return view.state
@@ -45,10 +45,10 @@ def distances(state: LiveState) -> list[float]:
 
 def with_false_samples() -> Stream:
     """Of outputs alone, in a row and with a good one between; of readings that the stage cannot have."""
-    made = stream(20.0)
-    made.u[[9001, 15001, 20001, 20002, 25001, 25003]] += [90.0, -5.0, 90.0, -40.0, 60.0, 90.0]
-    made.z[[12000, 30000]] += [1.0, -0.01]
-    return made
+    simulated = stream(20.0)
+    simulated.u[[9001, 15001, 20001, 20002, 25001, 25003]] += [90.0, -5.0, 90.0, -40.0, 60.0, 90.0]
+    simulated.z[[12000, 30000]] += [1.0, -0.01]
+    return simulated
 
 
 def as_they_come(self: Excursions, rows: Rows) -> Rows:
@@ -133,11 +133,11 @@ def test_honest_samples_are_not_kept_where_the_samples_around_do_not_count(monke
 
 
 def test_blocks_and_the_end_make_no_difference() -> None:
-    rng, made = np.random.default_rng(2), with_false_samples()
+    rng, simulated = np.random.default_rng(2), with_false_samples()
     whole, parts = Excursions(), Excursions()
-    together = Rows.joined([whole.without(Rows(made.t, made.u, made.z)), whole.rest()])
-    cuts = [0, *np.sort(rng.integers(0, len(made.t), 1000)).tolist(), len(made.t)]
-    pieces = [parts.without(Rows(made.t[a:b], made.u[a:b], made.z[a:b])) for a, b in pairwise(cuts)]
+    together = Rows.joined([whole.without(Rows(simulated.t, simulated.u, simulated.z)), whole.rest()])
+    cuts = [0, *np.sort(rng.integers(0, len(simulated.t), 1000)).tolist(), len(simulated.t)]
+    pieces = [parts.without(Rows(simulated.t[a:b], simulated.u[a:b], simulated.z[a:b])) for a, b in pairwise(cuts)]
     apart = Rows.joined([*pieces, parts.rest()])
     for name in ("t", "accel", "position"):
         np.testing.assert_array_equal(getattr(together, name), getattr(apart, name))

@@ -507,10 +507,10 @@ def test_the_gate_leaves_outliers_out_as_that_of_the_live_filter(tmp_path, monke
         twin.run(*gap.rows.T)
         without.run(gap.rows[:, 0], np.where(np.isin(np.arange(LONG), read), np.nan, clean))
         std = np.sqrt(np.diag(twin.covariance))
-        found = estimates_after(gap.library, gap.rows, (LONG,), gap.parameters)[0, 0]
+        values = estimates_after(gap.library, gap.rows, (LONG,), gap.parameters)[0, 0]
         assert len(read) > 2
-        assert np.max(np.abs(found - twin.values) / std) < 1e-9
-        estimates.append(float(np.max(np.abs(found - without.values) / std)))
+        assert np.max(np.abs(values - twin.values) / std) < 1e-9
+        estimates.append(float(np.max(np.abs(values - without.values) / std)))
     assert estimates[0] < 1e-9  # as if they had not been read
     assert estimates[1] > 5.0  # the twin that must fail: without a gate
     for file, text in filter_files(filter_of(Model.linear(), gate=gate), "cal", "rust", "f64").items():

@@ -37,9 +37,9 @@ def test_a_constant_scale_factor_is_no_process(tmp_path):
     for seed in range(3):
         run = recorded(tmp_path, World("tones", "ADXL105", (), seed=900 + seed))
         fit = ac.fit(run)
-        found = ac.diagnose(fit, run)
-        assert not any(SCALE & set(group.members) for group in found.classes)
-        assert np.isfinite(found.scan.detection_limits["scale_drift"])
+        diagnosis = ac.diagnose(fit, run)
+        assert not any(SCALE & set(group.members) for group in diagnosis.classes)
+        assert np.isfinite(diagnosis.scan.detection_limits["scale_drift"])
     with_process = ac.add(fit, run, "scale_random_walk")
     assert not ac.diagnose(with_process, run).present
 
