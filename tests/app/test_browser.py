@@ -15,7 +15,7 @@ from tests.commands import accelcal
 
 from .conftest import with_delay
 from .test_server import HOST, server  # noqa: F401  (the fixture that runs the workbench)
-from .user import require_screen, require_stillness
+from .user import area_for_files, require_screen, require_stillness
 
 LONG = 300_000
 """ms; a loaded machine takes its time."""
@@ -44,7 +44,7 @@ def opened(context, port):
 
 
 def drop(page, *paths):
-    page.locator("input[type=file]").first.set_input_files([str(p) for p in paths])
+    area_for_files(page).set_input_files([str(p) for p in paths])
 
 
 def load(page, files, name):
@@ -206,6 +206,22 @@ def test_bad_files_get_the_sentence_of_the_command_line(tab, files):
         done = accelcal("check", name, cwd=files)
         drop(tab, files / name)
         tab.get_by_text(done.stderr.strip().removeprefix("accelcal: ")).first.wait_for(timeout=LONG)
+
+
+def test_a_screen_that_is_rebuilt_before_the_browser_sends_loses_no_upload(tab, files):
+    """The server hears of a new screen first, and of the file that was dropped on the old one a moment later."""
+    text = (files / "cubic.csv").read_text()
+    tab.evaluate(
+        """text => {
+            const files = new DataTransfer();
+            files.items.add(new File([text], "cubic.csv"));
+            const input = document.querySelector("input[type=file]");
+            [...document.querySelectorAll("[role=tab]")].find(tab => tab.innerText.includes("Model")).click();
+            setTimeout(() => { input.files = files.files; input.dispatchEvent(new Event("change")); }, 5);
+        }""",
+        text,
+    )
+    tab.locator(".file", has_text="cubic.csv").wait_for(timeout=LONG)
 
 
 def test_a_click_on_a_tab_loses_no_upload(tab, files):

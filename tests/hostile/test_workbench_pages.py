@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from tests.app.user import area_for_files
+
 from .case import LONG as EVERYTHING
 from .workbench import LONG, Served, has_ended, is_emptied, served, serving, write  # noqa: F401  (served: a fixture)
 from .workbench_soak import opened, soak
@@ -54,7 +56,7 @@ def page(browser: Any, served: Served) -> Iterator[Any]:  # noqa: F811
 
 
 def load(page: Any, path: Path) -> None:
-    page.locator("input[type=file]").first.set_input_files([str(path), str(path.with_suffix(".toml"))])
+    area_for_files(page).set_input_files([str(path), str(path.with_suffix(".toml"))])
     page.get_by_role("button", name="Fit the linear model").wait_for(timeout=LONG)
 
 
@@ -78,9 +80,7 @@ def test_sessions_at_work_leave_an_idle_page_alone(served: Served, browser: Any,
 @pytest.mark.parametrize("name", NAMES if EVERYTHING else NAMES[:5], ids=lambda name: repr(name[:20]))
 def test_a_hostile_name_ends_in_a_sentence(page: Any, served: Served, name: str) -> None:  # noqa: F811
     before = set(served.temporary.glob("*"))
-    page.locator("input[type=file]").first.set_input_files(
-        [{"name": name, "mimeType": "text/csv", "buffer": b"x" * 99}]
-    )
+    area_for_files(page).set_input_files([{"name": name, "mimeType": "text/csv", "buffer": b"x" * 99}])
     page.locator(".sentence, .problem").first.wait_for(timeout=LONG)
     text = page.locator(".sentence:visible, .problem").first.inner_text()
     assert len(text) > 20
@@ -93,7 +93,7 @@ def test_a_hostile_name_ends_in_a_sentence(page: Any, served: Served, name: str)
 @pytest.mark.parametrize("status", [413, 503, 507] if EVERYTHING else [413])
 def test_an_upload_that_the_server_refuses_is_said_on_the_page(page: Any, status: int, tmp_path: Path) -> None:
     page.route("**/upload/**", lambda route: route.fulfill(status=status, body="no"))
-    page.locator("input[type=file]").first.set_input_files([str(write(tmp_path / "run.csv", 1))])
+    area_for_files(page).set_input_files([str(write(tmp_path / "run.csv", 1))])
     page.get_by_text("the upload has failed: the server did not take it").wait_for(timeout=LONG)
 
 
@@ -105,7 +105,7 @@ def test_names_in_a_file_run_nothing_on_any_screen_or_in_the_report(page: Any, t
     path.write_text("\n".join([f"{header},{quoted}", *(f"{row},{i % 7}" for i, row in enumerate(rows))]) + "\n")
     sidecar = path.with_suffix(".toml")
     sidecar.write_text(f"# {attack}\n{sidecar.read_text()}\n[run]\noperator = '''{attack}'''\n")
-    page.locator("input[type=file]").first.set_input_files([str(path), str(sidecar)])
+    area_for_files(page).set_input_files([str(path), str(sidecar)])
     page.locator(".problem, [aria-label='Fit the linear model']").first.wait_for(timeout=LONG)
     if page.locator("[aria-label='Fit the linear model']").count():
         fit(page)
@@ -182,7 +182,7 @@ def test_a_killed_server_brings_the_work_back(browser: Any, tmp_path: Path) -> N
         fresh = opened(context, server)
         fresh.get_by_role("button", name="Open run.csv, 1 model").click(timeout=LONG)
         fresh.get_by_text("This session was made with run.csv").wait_for(timeout=LONG)
-        fresh.locator("input[type=file]").first.set_input_files([str(run)])
+        area_for_files(fresh).set_input_files([str(run)])
         fresh.get_by_text("This session was made with run.csv").wait_for(state="detached", timeout=LONG)
         fresh.get_by_role("tab", name="Improve").click()
         fresh.locator("[data-number=error]").wait_for(timeout=LONG)
@@ -193,7 +193,7 @@ def test_a_killed_server_brings_the_work_back(browser: Any, tmp_path: Path) -> N
             fresh.get_by_role("button", name="Save session (.accelcal)").click()
         saved.value.save_as(tmp_path / "saved.accelcal")
         last = opened(context, server)
-        last.locator("input[type=file]").first.set_input_files([str(tmp_path / "saved.accelcal")])
+        area_for_files(last).set_input_files([str(tmp_path / "saved.accelcal")])
         last.locator("[data-number=error]").wait_for(timeout=LONG)
         context.close()
         workers = server.workers()

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from accelcal.app.server import HOST
+from tests.app.user import area_for_files
 
 from .workbench import LONG, Served, write
 
@@ -76,7 +77,7 @@ def soak(server: Served, browser: Any, place: Path, sessions: int, seconds: floa
     pages = []
     for i in range(sessions):
         page, run = opened(context, server), write(place / f"run{i:02d}.csv", i)
-        page.locator("input[type=file]").first.set_input_files([str(run), str(run.with_suffix(".toml"))])
+        area_for_files(page).set_input_files([str(run), str(run.with_suffix(".toml"))])
         pages.append((page, run.name))
     for page, _ in pages:
         page.get_by_role("button", name="Fit the linear model").wait_for(timeout=LONG)

@@ -8,6 +8,7 @@ import itertools
 import math
 import re
 import textwrap
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -302,22 +303,31 @@ def _wrapped(text: str, letters: int) -> str:
 class Uploader(ui.upload):
     """An area for files that knows whether some are on their way; its removal would lose them."""
 
+    SLOWEST = 10.0
+    """Time in which the browser has said that it sends what was dropped, s."""
     is_sending = False
+    _left_at = math.inf
 
     def sends(self, under_way: bool) -> None:
         """Note that files begin to be sent, or that all are here."""
         self.is_sending = under_way
 
+    @property
+    def may_send(self) -> bool:
+        """Whether files are on their way from it, or may be of which the browser has not said so yet."""
+        self._left_at = min(self._left_at, time.monotonic())
+        return self.is_sending or time.monotonic() - self._left_at < self.SLOWEST
+
 
 def clear(place: ui.element) -> None:
-    """Remove what stands in a place; what files are sent from is hidden until they have come."""
+    """Remove what stands in a place; areas that files may be on their way from are hidden until these have come."""
     for child in list(place):
-        if any(
-            isinstance(element, Uploader) and element.is_sending for element in child.descendants(include_self=True)
-        ):
-            child.set_visibility(False)
-        else:
+        areas = [x for x in child.descendants(include_self=True) if isinstance(x, Uploader)]
+        if not any([area.may_send for area in areas]):
             child.delete()
+        elif child not in areas:  # one that is hidden itself takes no files
+            child.set_visibility(False)
+            clear(child)
 
 
 def attribute(text: str) -> str:
