@@ -24,7 +24,7 @@ from accelcal.diagnosis.clean_fit import CleanFit, RejectedReadings, clean_fit, 
 from accelcal.diagnosis.dwells import DwellDiagnosis, diagnose_dwells, entered
 from accelcal.diagnosis.evidence import Evidence, largest_wave
 from accelcal.diagnosis.faults import Examined, TimeSpan, examine
-from accelcal.diagnosis.findings import Confounded, chosen, entry_sigmas, in_model
+from accelcal.diagnosis.findings import NAMED_SURELY, Confounded, chosen, entry_sigmas, in_model
 from accelcal.diagnosis.noise.fitted import noise_scores, require_noise_shown, with_noise_effects
 from accelcal.diagnosis.noise.noise_test import POSITION_JUMPS
 from accelcal.diagnosis.one_axis import require_motion_above_noise, require_one_axis
@@ -627,8 +627,9 @@ def explained_by(effect: Effect, model: Model, names: Sequence[str], solve: Call
 
 
 def barely_shown(fit: Fit, names: Sequence[str]) -> list[Remark]:
-    """Remarks on effects of a fit that the record hardly tells from zero."""
-    sigmas = {name: in_model(fit, Confounded(name, (name,), ""), {}).sigma for name in names}
+    """Remarks on effects of a fit that the record hardly tells from zero, whatever their shapes."""
+    surely = {e.name for e in fit.free if abs(e.value) > NAMED_SURELY * fit.at_shapes.get(e.name, e.std)}
+    sigmas = {name: in_model(fit, Confounded(name, (name,), ""), {}).sigma for name in names if name not in surely}
     return [
         remark("barely_shown", effect=name, sigma=sigma, expected=SHOWN_SIGMA, experiment=separating(find(name)))
         for name, sigma in sigmas.items()

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 import accelcal as ac
-from accelcal.diagnosis.findings import Confounded, in_model
+from accelcal.diagnosis.findings import Confounded, chosen, in_model
 from accelcal.effects import BUILT_IN, CATALOGUE, find, from_expression, side_channel, side_channels, spelled
 from accelcal.effects.mechanisms import AMPLITUDES, CARRIERS, DRIVERS, channel_of, mechanisms_of, memory
 from accelcal.filters.live_model import LiveModel
@@ -329,6 +329,24 @@ def test_the_mean_of_the_run_is_that_of_the_path_and_of_straight_algebra(sag):
     assert (path.itself, path.itself_std) == pytest.approx(
         (with_mechanism["scale_factor"].value, with_mechanism["scale_factor"].std)
     )
+
+
+def test_a_mechanism_is_named_by_what_is_sure_at_its_memory_though_its_size_goes_with_the_memory(tmp_path):
+    """One tone of one amplitude: the ripple of the memory is seen plainly, how long the memory is hardly."""
+    rng = np.random.default_rng(84)
+    s = scene(rng)
+    p = 6e-3 * np.sin(2.0 * np.pi * 3.0 * s.t)
+    v = np.gradient(p, s.step)
+    s = replace(s, p=p, v=v, a=np.gradient(v, s.step))
+    run = ac.load(write(s, 0.5 * sagging(s), rng, tmp_path / "tone.csv"))
+    grown = ac.add(ac.fit(run), run, NAME)
+    e, known = grown[NAME], grown.at_shapes[NAME]
+    assert abs(e.value) / e.std < 2.0 < 6.0 < abs(e.value) / known
+    shapes = {shape.name: shape.value for shape in grown.shapes}
+    held = ac.fit(run, grown.model.freeze(**shapes))
+    assert held[NAME].std == pytest.approx(known, rel=0.02)
+    assert not {"chosen", "barely_shown"} & {note.code for note in grown.remarks}
+    assert [note.code for note in chosen(replace(grown, at_shapes={}), {NAME: 0.5})] == ["chosen"]
 
 
 def test_every_face_tells_the_coefficient_at_rest_and_at_the_mean(tmp_path, sag):

@@ -263,18 +263,22 @@ def chosen(fit: Fit, thresholds: Mapping[str, float], chosen_by: Fit | None = No
     chosen_by : the fit to the part that named them; by default to all.
     """
     owners = {term.name: term.effect for term in fit.model.terms}
-    stds = {e.name: e.std for e in (chosen_by or fit).free}
+    of_part = chosen_by or fit
+    stds = {e.name: of_part.at_shapes.get(e.name, e.std) for e in of_part.free}
     notes = []
     for e in fit.free:
         effect = owners.get(e.name)
         if effect is None or e.name not in thresholds or effect.port in ("noise", "process") or effect.prior.mean:
             continue
-        share = min(1.0, (e.std / stds.get(e.name, e.std)) ** 2)
-        sigma, threshold = abs(e.value) / e.std, thresholds[e.name]
+        at_shapes = fit.at_shapes.get(e.name, e.std)
+        share = min(1.0, (at_shapes / stds.get(e.name, at_shapes)) ** 2)
+        sigma, threshold = abs(e.value) / at_shapes, thresholds[e.name]
         if sigma >= NAMED_SURELY or sigma * math.sqrt(share) < threshold:
             continue
-        size, low, high = (math.copysign(e.std, e.value) * x for x in size_given_choice(sigma, threshold, share))
-        low, high = sorted((low, high))
+        sizes = (math.copysign(at_shapes, e.value) * x for x in size_given_choice(sigma, threshold, share))
+        low, size, high = sorted(sizes)
+        of_shapes = NORMAL_95 * math.sqrt(max(0.0, e.std**2 - at_shapes**2))
+        low, high = size - math.hypot(size - low, of_shapes), size + math.hypot(high - size, of_shapes)
         std = (high - low) / (2.0 * NORMAL_95)
         notes.append(
             remark(

@@ -177,6 +177,9 @@ class Fit(Result):
     at_mean: tuple[Estimate, ...] = ()
     """Coefficients that mechanisms of the model move, at the mean of each run; in `estimates` they stand where their
     drivers are at zero."""
+    at_shapes: Mapping[str, float] = field(default_factory=dict)
+    """Standard deviations of the free estimates, were the shape parameters known exactly; empty where none was
+    estimated. By these an effect is named: it may be sure where its size depends on a time constant."""
 
     def __repr__(self) -> str:
         parts_text = [
@@ -639,7 +642,7 @@ def result(solution: Solution) -> Fit:
     model, layout, states = solution.model, solution.layout, solution.states
     x, covariance = solution.x, solution.covariance
     runs = [state.run for state in states]
-    estimates, covariance_of_means, spreads = over_runs(solution)
+    estimates, covariance_of_means, spreads, at_shapes = over_runs(solution)
     called = [name_of(run) for run in runs]
     remarks = [
         remark("imposed_band", recording=name, band=b)
@@ -704,6 +707,7 @@ def result(solution: Solution) -> Fit:
         goes_with=covariates,
         dwells=still[0] if still else None,
         at_mean=at_means(solution),
+        at_shapes=at_shapes,
     )
     return solution.engine.result(fit, states[0])
 
@@ -745,9 +749,9 @@ def far_zeros(estimates: Sequence[Estimate], runs: Sequence[PreparedRun]) -> Ite
                 yield remark("angle_zero", recording=name_of(run), degrees=math.degrees(z), counts=counts)
 
 
-def over_runs(solution: Solution) -> tuple[tuple[Estimate, ...], Array, tuple[Spread, ...]]:
-    """Estimates, in which the mean over runs stands for a coefficient that differs between them, their covariance, and
-    how much each differs."""
+def over_runs(solution: Solution) -> tuple[tuple[Estimate, ...], Array, tuple[Spread, ...], Mapping[str, float]]:
+    """Estimates, in which the mean over runs stands for a coefficient that differs between them, their covariance, how
+    much each differs, and their standard deviations at the shapes that were estimated, if any were."""
     layout, model, x = solution.layout, solution.model, solution.x
     listed, spreads = layout.estimates(x, solution.covariance, model), []
     free = [i for term in model.terms for i in layout.rows_of(term.name)]  # in the order of the estimates
@@ -790,7 +794,11 @@ def over_runs(solution: Solution) -> tuple[tuple[Estimate, ...], Array, tuple[Sp
         elif e.run == 0:
             estimates.append(replace(e, value=float(value[number]), std=float(std[number]), run=None))
             number += 1
-    return tuple(estimates), covariance, tuple(spreads)
+    if solution.joint is None:
+        return tuple(estimates), covariance, tuple(spreads), {}
+    known = np.sqrt(np.diag(T @ solution.at_shapes @ T.T) + between[free_rows])
+    named = [e.name for e in estimates if e.name not in model.fixed]
+    return tuple(estimates), covariance, tuple(spreads), dict(zip(named, known.tolist(), strict=True))
 
 
 def run_to_run(

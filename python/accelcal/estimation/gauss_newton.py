@@ -161,6 +161,14 @@ class Solution:
     """Of the static positions of the fit with its motion; None where it has none."""
 
     @property
+    def at_shapes(self) -> Array:
+        """Covariance of the coefficients, were the shapes known exactly, (m, m)."""
+        if self.joint is None:
+            return self.covariance
+        across, among = np.split(self.joint[:, len(self.x) :], [len(self.x)])
+        return np.asarray(self.covariance - across @ np.linalg.solve(among, across.T))
+
+    @property
     def log_likelihood(self) -> float:
         """Innovation log-likelihood of all runs."""
         return sum(state.log_likelihood for state in self.states)

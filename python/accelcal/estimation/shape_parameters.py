@@ -276,7 +276,8 @@ def inverse(information: Array) -> Array:
     """Inverse of a symmetric matrix whose rows have units of their own; empty or collinear rows add nothing."""
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     scale = np.outer(size, size)
-    return np.asarray(np.linalg.pinv(information / scale, rcond=1e-10, hermitian=True) / scale)
+    rcond = 1e-10 / max(len(size), 1)  # of the largest: what the iteration takes for determined stays
+    return np.asarray(np.linalg.pinv(information / scale, rcond=rcond, hermitian=True) / scale)
 
 
 def on_bounds(solution: Solution) -> list[str]:

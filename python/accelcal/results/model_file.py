@@ -63,7 +63,7 @@ def migrated(content: Any) -> dict[str, Any]:
         content = STEPS[step](content)
     if isinstance(rig := content.get("rig"), dict):  # schema 5 began without an arm, axes, and without what follows
         content = {**content, "rig": {"arm": None, "arm_std": None, "axle": None, **rig}}
-    filled: dict[str, Any] = {"at_mean": [], **_without("version", _without("schema", content))}
+    filled: dict[str, Any] = {"at_mean": [], "at_shapes": {}, **_without("version", _without("schema", content))}
     parts = {name: filled.get(name) for name in ("estimates", "shapes", "at_mean", "runs")}
     return filled | {
         name: [{"axis": "", **part} if isinstance(part, dict) else part for part in several]
@@ -233,6 +233,7 @@ _NOT_NEGATIVE = (
     *(f"rig.uncertainty.{key}" for key in ("clock_rate", "encoder_scale", "reference_zero", "level", "misalignment")),
     "rig.offset_tolerance",
     "rig.arm",
+    "at_shapes",
     *("noise_effects.std", "dwells.ratio", "dwells.scatter"),
 )
 RANGES: Mapping[str, tuple[float, float]] = {
