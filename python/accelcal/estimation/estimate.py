@@ -526,6 +526,10 @@ def _solved(
         solution = iterated(known())
         _, by_runs = differing(solution)  # one value for runs that differ distorts all that is told beside it
     if band is None:
+        if model.shapes and any(map(needs_band, solution.states)):
+            refined = refine_shapes(solution)  # what a shape far off leaves is not white either
+            if not any(map(needs_band, refined.states)):
+                return replace(refined, seen_by_runs=by_runs)
         trials = tuple(
             state.run.once(question(model, state.run), partial(trial_bands, model, state))
             if not of_run and needs_band(state)
