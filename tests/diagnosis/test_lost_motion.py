@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from accelcal.effects.building_blocks import play as play_of
 from accelcal.estimation.estimate import state_at
 from accelcal.estimation.run import prepare
 from accelcal.signals.signals import Signals
+from benches.mechanisms import play, scene, write
 
 RATE = 2000.0
 NOISE = 9.8e-4
@@ -143,6 +145,18 @@ def test_play_far_above_the_noise_is_found_with_its_width(monkeypatch: pytest.Mo
     print(size, width)
     assert abs(size.value + play) < 4.0 * size.std < 0.1 * play
     assert abs(width.value - play) < 4.0 * width.std < play
+
+
+@pytest.mark.slow
+def test_play_is_found_with_its_width_behind_a_low_pass_and_coarse_counts(tmp_path: Path) -> None:
+    """A width far off leaves noise that is not white; in the band that such noise asks for, no width can be told."""
+    rng, width = np.random.default_rng(7004), 1e-5
+    s = scene(rng)
+    recording = ac.load(write(s, np.zeros_like(s.t), rng, tmp_path / "play.csv", play(s.p, width)))
+    fit = ac.add(ac.fit(recording), recording, "encoder_backlash")
+    assert "imposed_band" not in {note.code for note in fit.remarks}
+    assert fit["encoder_backlash"].value == pytest.approx(-width, abs=4.0 * fit["encoder_backlash"].std)
+    assert fit["encoder_backlash.width"].value == pytest.approx(width, rel=0.03)
 
 
 def test_lost_motion_is_found_on_moves_with_rests(monkeypatch: pytest.MonkeyPatch) -> None:
