@@ -1,8 +1,11 @@
 """A first sidecar asks for nothing that the file says, and what it asks for is refused until it is given."""
 
+import re
+
 import pytest
 
 from accelcal import io
+from accelcal.data import PLACE
 from accelcal.data.recording import RecordingError
 
 SCALE_LINE = 'scale = "?"                     # FILL IN, like "0.25 V/g" or "1024 count/g"'
@@ -158,3 +161,24 @@ def test_an_angle_beside_a_length_is_none_of_an_arm(tmp_path):
     assert '# angle = { column = "angle_deg", unit = "deg" }' in text
     assert "encoder_count" in io.template(write(tmp_path, "t_s,accel_g,encoder_count,state"))
     assert "\narm" not in text
+
+
+@pytest.mark.parametrize("units", [("", ""), ("_m_per_s2", "_m")])
+def test_a_body_that_is_tracked_asks_for_the_sense_of_its_attitude(tmp_path, units):
+    header = ["t_s", *(f"accel_{x}{units[0]}" for x in "xyz"), *(f"{x}{units[1]}" for x in ("east", "north", "up"))]
+    quaternion = [f"q_{x}" for x in "wxyz"]
+    rows = (f"{0.1 * k:.1f},0.1,0.2,9.8,{k % 3},{k % 4},{k % 5},1,0,0,0\n" for k in range(12))
+    path = write(tmp_path, ",".join([*header, *quaternion]), "".join(rows))
+    with pytest.raises(RecordingError, match="of three outputs map accel_x, accel_y, accel_z, place and attitude"):
+        io.load(path)
+    text = io.init(path)
+    for name, column in zip(("accel_x", "accel_y", "accel_z", *PLACE), header[1:], strict=True):
+        assert f'\n{name} = {{ column = "{column}"' in text
+    for key, unit in (("accel", "m/s^2"), ("position", "m")):
+        text = re.sub(rf'^({key}_.*) unit = "\?" }}.*$', rf'\1 unit = "{unit}" }}', text, flags=re.MULTILINE)
+    io.sidecar_of(path).write_text(text)
+    with pytest.raises(RecordingError, match=r'channels.attitude.maps: still to be filled in; .* "sensor to ENU" or'):
+        io.load(path)
+    io.sidecar_of(path).write_text(text.replace('\nmaps = "?"', '\nmaps = "sensor to ENU"'))
+    axes = io.load_axes(path)
+    assert [axis.accel.y[0] for axis in axes] == [0.1, 0.2, 9.8]

@@ -25,7 +25,8 @@ _ORIENTATION = (
     (re.compile(r"(?:gyr|gyro|gyroscope|omega|angular_velocity|angular_rate)_?(?P<axis>[xyz])"), "gyr_{axis}"),
     (re.compile(r"(?:q|quat|quaternion)_?(?P<axis>[wxyz])"), "q_{axis}"),
     (re.compile(r"pos(?:ition)?_?(?P<axis>[enu])"), "position_{axis}"),
-    (re.compile(r"pos(?:ition)?_(?P<axis>east|north|up)"), "position_{axis}"),
+    (re.compile(r"(?:pos(?:ition)?_)?(?P<axis>east|north|up)"), "position_{axis}"),
+    (re.compile(r"acc(?:el|eleration|elerometer)?_?(?P<axis>[xyz])"), "accel_{axis}"),
 )
 """Names by which columns of an orientation are recognised, and what a sidecar calls them."""
 
@@ -123,7 +124,7 @@ def role(base: str) -> str | None:
 
 
 def orientation_role(base: str) -> str | None:
-    """Return what a sidecar calls a quantity of an orientation: gyr_x, q_w, position_e, ...; None if it is none.
+    """Return what a sidecar calls a quantity of a body that turns: gyr_x, q_w, position_e, accel_x; None if it is none.
 
     Examples
     --------

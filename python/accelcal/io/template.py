@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from accelcal.data import ANGLE, QUATERNION, RecordingError, units
+from accelcal.data import ANGLE, OUTPUTS, PLACE, QUATERNION, RecordingError, units
 from accelcal.io import naming
 from accelcal.io.assign import (
     candidates,
@@ -61,14 +61,15 @@ def template(path: str | Path) -> str:
     alone = {column: channel for column, channel in by_name.items() if column not in {*clocks.values()}}
     copies = _copies(table)
     columns: dict[str, str | None] = {}
-    for name in ("time", "accel", "position"):
+    roles = {naming.orientation_role(naming.take_apart(column).base): column for column in table.columns}
+    tracked = {*QUATERNION, *OUTPUTS.values()} <= {*roles} and "accel" not in by_name.values()
+    for name in ("time", *OUTPUTS.values(), *PLACE) if tracked else ("time", "accel", "position"):
         called = next((column for column, channel in alone.items() if channel == name), None)
         turned = next(filter(partial(_is_angle, table), alone), None)
         if name == "position" and turned and not called and not candidates(table, name):
             columns[ANGLE] = turned
             continue
-        columns[name] = called or _only(table, name, {*columns.values(), *clocks.values(), *copies})
-    roles = {naming.orientation_role(naming.take_apart(column).base): column for column in table.columns}
+        columns[name] = roles.get(name) or called or _only(table, name, {*columns.values(), *clocks.values(), *copies})
     turning = {column: role for role, column in roles.items() if role and column not in columns.values()}
     if (parts := parts_of_instant(table, columns["time"])) is not None:
         columns["time"] = parts.column
@@ -76,13 +77,14 @@ def template(path: str | Path) -> str:
     others = [column for column in dict.fromkeys(table.columns) if column not in taken and column not in copies]
     others = [column for column in others if turning.get(column) not in QUATERNION]
     channels = [
-        _required(table, name, column, clocks, called=name in (ANGLE, by_name.get(column or "")))
+        _required(table, name, column, clocks, called=name in (ANGLE, by_name.get(column or "")) or name in roles)
         for name, column in columns.items()
     ]
     if parts is not None:
         channels[0] = f"time = {clock_text(parts)}"
     quaternion = ", ".join(toml_text(roles.get(name, name)) for name in QUATERNION)
-    attitude = f'[channels.attitude]\n# columns = [{quaternion}]\n# maps = "sensor to ENU"      # or "ENU to sensor"'
+    maps = '"?"                      # FILL IN "sensor to ENU" or' if tracked else '"sensor to ENU"      # or'
+    attitude = f'[channels.attitude]\ncolumns = [{quaternion}]\nmaps = {maps} "ENU to sensor"'
     missing = [name for name, column in columns.items() if column is None]
     likely = {column for name in missing for column, _ in candidates(table, name)}
     warm = None if "temperature" in by_name.values() else _only(table, "temperature", {*columns.values(), *copies})
@@ -94,9 +96,11 @@ def template(path: str | Path) -> str:
         lines.append(_optional(table, column, key, clocks, column in likely or key == ANGLE))
     text = _TEXT.replace("[rig]\n", f"[rig]\n{_ON_ARM}") if ANGLE in columns else _TEXT
     text = re.sub("^KEYS (.*)$", _examples, text, flags=re.MULTILINE)
-    if _dimension(table, columns["accel"]) in ("V", "count"):
+    if _dimension(table, columns.get("accel", columns.get("accel_x"))) in ("V", "count"):
         text = re.sub("^# scale .*$", _SCALE_NEEDED, text, flags=re.MULTILINE)
-    text = text.replace("NAME", path.name).replace("ATTITUDE", attitude)
+    text = text.replace("NAME", path.name).replace(
+        "ATTITUDE", attitude if tracked else re.sub("^", "# ", attitude, flags=re.MULTILINE)
+    )
     return text.replace("CHANNELS", "\n".join(channels + lines))
 
 
@@ -133,7 +137,7 @@ CHANNELS
 # a gyroscope, in [channels], right-handed, in the axes that [rig] input_axis means:
 #   gyr_x = { column = "...", unit = "rad/s" }, and gyr_y and gyr_z
 # a reference that tracks place and attitude: position_e, position_n and position_u in [channels], no position, and
-#ATTITUDE
+ATTITUDE
 
 [uncertainty]                   # standard uncertainties, for the budget
 KEYS uncertainty
@@ -217,7 +221,7 @@ def _required(table: Table, name: str, column: str | None, clocks: Mapping[str, 
     volts = name in _SCALES and _dimension(table, column) in units.ELECTRICAL
     scale = f', scale = "{UNKNOWN}"' if volts else ""
     line = f"{name} = {_source(table, column, unit, clocks, scale)}"
-    notes = [] if unit else [f"FILL IN the unit: {_UNITS[name]}"]
+    notes = [] if unit else [f"FILL IN the unit: {_UNITS[name.partition('_')[0]]}"]
     notes += [f"FILL IN the scale, like {_SCALES[name]}"] if volts else []
     if not called:
         notes.append("by its unit alone: check that it is this one")
