@@ -302,7 +302,7 @@ def _absent(table: Table, channel: str, sidecar: Path, declared: Iterable[str]) 
         hint = " (of three outputs declare [channels.attitude] and the place, too, or use accelcal dwells at rest)"
     likely, file, elsewhere = candidates(table, channel), table.path, ""
     roles = {naming.orientation_role(naming.take_apart(column).base) for column in table.columns}
-    if channel == "accel" and {*OUTPUTS.values()} <= roles:
+    if channel == "accel" and {*OUTPUTS.values(), *QUATERNION} <= roles:
         hint = (
             hint or " (of three outputs map accel_x, accel_y, accel_z, place and attitude, as accelcal init has them)"
         )
