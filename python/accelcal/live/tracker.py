@@ -340,6 +340,8 @@ WHITENESS_TOLERANCE = 0.02
 """Correlation of neighbours that counts as white: of noise that is declared `TOLERANCE` off."""
 LEAST_SCORES = 50
 """Of a block, below which neither their noise nor their whiteness is judged."""
+POOLED = 4
+"""Blocks that are judged together, too, by scale factor and bias: a change stays, and tells as much in each of them."""
 CALM = 64
 """Readings before a jump whose noise must be the declared one."""
 
@@ -477,6 +479,8 @@ class InnovationMonitor:
         """Readings of the block that has begun, and whether each has left the last count."""
         self._before = np.empty(0)
         """The last scores of the block before."""
+        self._sums = deque[Array](maxlen=POOLED)
+        """Of the last blocks since an alarm."""
         self._since: float | None = None
 
     def add(self, readings: Readings) -> list[Alarm]:
@@ -530,7 +534,9 @@ class InnovationMonitor:
         tests = BlockTests(block, moved, self.resolution)
         n, self.p = tests.n, tests.p
         low, high = tests.noise_bounds(alpha)
-        farthest = math.sqrt(off) * tests.distance_bound(alpha) + self.tolerance * tests.noise_distance
+        self._sums.append(tests.sums)
+        means = [(mean, mean.bound(alpha / 2.0, off)) for mean in (tests.mean, MeanTest(np.sum(self._sums, axis=0)))]
+        mean, farthest = max(means, key=lambda pair: pair[0].distance / pair[1])
         correlated = normal_bound(alpha) / math.sqrt(max(n, 1)) + WHITENESS_TOLERANCE
         largest = math.sqrt(off) * tests.largest_bound(alpha)
         before = np.concatenate([self._before, tests.scores])[: len(self._before) + tests.first_beyond(largest)]
@@ -538,7 +544,7 @@ class InnovationMonitor:
         self.remark = ""
         values = {
             "jump": (tests.largest, -largest, largest),
-            "mean": (tests.distance, 0.0, farthest),
+            "mean": (mean.distance, 0.0, farthest),
             "noise": (tests.power, low / off, high * off),
             "whiteness": (tests.correlation, -correlated, correlated),
         }
@@ -552,15 +558,36 @@ class InnovationMonitor:
             outside = [kind for kind in outside if kind == "jump"]  # the others rest on the noise that is declared
         calm = before[-CALM:]
         abrupt = float(calm @ calm) <= len(calm) * off * chi_square_bounds(max(len(calm), 1), 1e-3)[1]
-        explained = n * (tests.power - 1.0) <= 1.25 * tests.distance**2 + 3.0 * math.sqrt(2.0 * n)
+        explained = n * (tests.power - 1.0) <= 1.25 * tests.mean.distance**2 + 3.0 * math.sqrt(2.0 * n)
         order: tuple[tuple[Cause, bool], ...] = (
             ("jump", abrupt), ("mean", explained), ("noise", True), ("jump", True), ("mean", True), ("whiteness", True),
         )  # fmt: skip
         kind = next((kind for kind, likely in order if likely and kind in outside), None)
         if kind is None:
             return None
+        self._sums.clear()  # what is not explained is said once
         value, lowest, highest = values[kind]
-        return Alarm(float(block.t[-1]), kind, value, lowest, highest, len(block.t), since)
+        readings = mean.readings if kind == "mean" else len(block.t)
+        return Alarm(float(block.t[-1]), kind, value, lowest, highest, readings, since)
+
+
+class MeanTest:
+    """The slopes of the log-likelihood by scale factor and bias over some readings, from their sums."""
+
+    def __init__(self, sums: Array) -> None:
+        self.distance, self.freedom, spread = _distance(sums[:2], sums[2:5])
+        """From scale factor and bias as they are, in standard deviations; how many of them are told, 0 to 2."""
+        self.noise_distance = spread * float(sums[5])
+        """What the noise of the output in the slope by the scale factor would be away, were it not taken out."""
+        self.readings = int(sums[6])
+
+    def bound(self, alpha: float, off: float) -> float:
+        """What the distance exceeds with probability `alpha` where the variance is `off` times the expected one."""
+        from scipy.special import chdtri
+
+        if self.freedom == 0:
+            return math.inf
+        return math.sqrt(off * float(chdtri(self.freedom, alpha))) + (off - 1.0) * self.noise_distance
 
 
 class BlockTests:
@@ -581,11 +608,10 @@ class BlockTests:
         self.correlation = float(self.scores[1:] @ self.scores[:-1]) / squares if squares > 0.0 else 0.0
         """Of neighbours, 1."""
         self.largest = float(self.scores[np.argmax(np.abs(self.scores))]) if self.n else 0.0
-        informations = np.sum(block.informations, axis=0)
-        self.distance, self.freedom, spread = _distance(np.sum(block.slopes, axis=0), informations)
-        """From scale factor and bias as they are, in standard deviations; how many of them the block tells, 0 to 2."""
-        self.noise_distance = spread * float(np.sum(1.0 - block.reading_share))
-        """What the noise of the output in the slope by the scale factor would be away, were it not taken out."""
+        columns = (block.slopes, block.informations, 1.0 - block.reading_share[:, None], np.ones((len(white), 1)))
+        self.sums: Array = np.sum(np.hstack(columns), axis=0)
+        """Of slopes (2,), their variances and covariance (3,), shares of the output's noise, and readings."""
+        self.mean = MeanTest(self.sums)
 
     @property
     def p(self) -> float:
@@ -594,10 +620,10 @@ class BlockTests:
         from scipy.special import chdtrc, erfc, gammainc, gammaincc
 
         if self.n == 0:
-            return float(chdtrc(self.freedom, self.distance**2)) if self.freedom else 1.0
+            return float(chdtrc(self.mean.freedom, self.mean.distance**2)) if self.mean.freedom else 1.0
         noise = 2.0 * min(float(gammainc(*self._gamma)), float(gammaincc(*self._gamma)))
         white = float(erfc(abs(self.correlation) * math.sqrt(self.n / 2.0)))
-        mean = [float(chdtrc(self.freedom, self.distance**2))] if self.freedom else []
+        mean = [float(chdtrc(self.mean.freedom, self.mean.distance**2))] if self.mean.freedom else []
         single = float(erfc(abs(self.largest) / math.sqrt(2.0)))
         largest = [] if self.rounding > 0.0 else [-math.expm1(self.n * math.log1p(-single)) if single < 1.0 else 1.0]
         every = np.minimum([noise, white, *mean, *largest], 1.0)
@@ -617,12 +643,6 @@ class BlockTests:
         if self.n == 0:
             return 0.0, math.inf
         return float(gammaincinv(shape, alpha / 2.0)) / shape, float(gammainccinv(shape, alpha / 2.0)) / shape
-
-    def distance_bound(self, alpha: float) -> float:
-        """What the distance from scale factor and bias exceeds with a probability of `alpha`."""
-        from scipy.special import chdtri
-
-        return math.sqrt(float(chdtri(self.freedom, alpha))) if self.freedom else math.inf
 
     def first_beyond(self, bound: float) -> int:
         """Readings before the first that is as large."""
