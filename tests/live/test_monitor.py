@@ -108,6 +108,21 @@ def test_a_model_that_does_not_hold_raises_an_alarm(shift: float, factor: float,
     assert {alarm.kind for alarm in alarms} == {kind}
 
 
+def test_a_change_that_a_block_hardly_shows_is_shown_by_four(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four standard deviations of what a block tells; in the twin blocks alone are judged."""
+    scores = np.random.default_rng(31).standard_normal(READINGS * 32) + 4.0 / math.sqrt(READINGS)
+
+    def alarms() -> list[Alarm]:
+        return [alarm for alarm in monitor().add(readings(scores)) if alarm.kind == "mean"]
+
+    together = alarms()
+    assert len(together) >= 8
+    assert together[0].t < 4 * READINGS
+    assert {alarm.readings for alarm in together} <= {k * READINGS for k in (1, 2, 3, 4)}
+    monkeypatch.setattr("accelcal.live.tracker.POOLED", 1)
+    assert len(alarms()) < 4
+
+
 def test_less_noise_than_declared_is_a_remark() -> None:
     rng = np.random.default_rng(4)
     tested = monitor()

@@ -15,6 +15,7 @@ from accelcal.io import read_sidecar
 from accelcal.io.stream import Rows
 from accelcal.live.tracker import LiveSettings, Tracker, settings_of
 from accelcal.simulation import ADXL105_RIG
+from benches import monitoring
 from tests.live.streams import BIAS, RIG, SCALE, Stream, stream
 
 
@@ -117,7 +118,9 @@ def test_what_waits_where_the_end_fails_is_counted_as_refused(rig: Rig) -> None:
         waiting = 5
 
         def __init__(self, tracker: Tracker) -> None:
-            self.feed = tracker.filter.feed  # type: ignore[union-attr]
+            filter = tracker.filter
+            assert filter is not None
+            self.feed, self.names, self.estimate = filter.feed, filter.names, filter.estimate
 
         def finish(self) -> None:
             raise ValueError("the innovation variance is NaN")
@@ -127,6 +130,29 @@ def test_what_waits_where_the_end_fails_is_counted_as_refused(rig: Rig) -> None:
     tracker.filter = Failing(tracker)  # type: ignore[assignment]
     assert tracker.finish().t[0] > made.t[-1] - 16e-3  # of readings that waited before the filter
     assert (tracker.refused, tracker.refusal) == (5, "the innovation variance is NaN")
+
+
+@pytest.mark.parametrize(("setting", "run"), [(5, 33), (7, 115), (8, 87)])
+def test_a_start_that_noise_leads_astray_is_begun_anew(setting: int, run: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a noisy sensor at a high rate, from nothing; in the twin the first start stays. Chunks make no difference."""
+
+    def error(chunk: int) -> float:
+        rng, rig = np.random.default_rng((77, setting, run)), monitoring.SETTINGS[setting]
+        chosen = monitoring.settings(rig, rng)
+        record, tracker = monitoring.Record(rig, rng), Tracker(chosen)
+        rows = [record.take(int(rig.rate) // 20) for _ in range(400)]
+        for first in range(0, len(rows), chunk):
+            parts = rows[first : first + chunk]
+            tracker.feed(
+                Rows(*(np.concatenate([getattr(part, x) for part in parts]) for x in ("t", "accel", "position")))
+            )
+        k = next(e for e in tracker.estimates if e.name == "scale_factor")
+        return (k.value - monitoring.SCALE) / k.std
+
+    assert abs(error(1)) < 4.5
+    assert error(1) == error(40)
+    monkeypatch.setattr("accelcal.live.tracker.MOST_TRIES", 0)
+    assert abs(error(40)) > 6.0
 
 
 def split(made: Stream) -> Stream:

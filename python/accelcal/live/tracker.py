@@ -426,9 +426,10 @@ class InnovationMonitor:
 
     What the innovations before do not predict is white and normal, with a known variance (derivations 6.18): its mean
     square is chi-square, neighbours do not correlate, and its largest is that of as many normal numbers. The slopes of
-    the log-likelihood by scale factor and bias are normal. Each test has a quarter of `false_alarm`, and lets the true
-    variance be off by `tolerance`; less noise than declared is a remark. The error of a rounding encoder repeats itself
-    at rest: readings within a count of the last are judged by those slopes alone.
+    the log-likelihood by scale factor and bias are normal, over a block and over `POOLED` of them. Each test has a
+    quarter of `false_alarm`, and lets the true variance be off by `tolerance`; less noise than declared is a remark.
+    The error of a rounding encoder repeats itself at rest: readings within a count of the last are judged by those
+    slopes alone.
 
     Parameters
     ----------
@@ -791,12 +792,21 @@ class Innovation:
     """That the model expects, m²."""
 
 
+MOST_TRIES, SURE_SCALE, LEAST_GAIN = 3, 0.1, 0.3
+"""Starts that may fail, where the standard deviation of the scale factor is larger at first, and 1 + k that is failure:
+below what `judge` calls plausible, and less than half of it."""
+OF_START, MOST_OF_START = 100, 10_000
+"""Events after which a start is judged, again and again, and with which it ends."""
+
+
 class Tracker:
     """A `LiveFilter` on rows of a stream.
 
     It starts at the last output before the first reading. What comes out equals `filters.run` on the same rows with the
     same settings, bit for bit: stamps of the output minus `settings.offset`, `settings.stage_output` of its values.
-    Behind a hole of the output another one starts, with the parameters of the one before.
+    Behind a hole of the output another one starts, with the parameters of the one before, and behind a start that has
+    failed, which noise brings about once in a hundred times: a gain near zero is a pole of the filter, that does not
+    leave it.
 
     Parameters
     ----------
@@ -804,7 +814,7 @@ class Tracker:
     """
 
     def __init__(self, settings: LiveSettings) -> None:
-        self.settings = settings
+        self.settings = self._first = settings
         self.filter: LiveFilter | None = None
         """None before the first reading, and the first behind a hole."""
         self.outputs, self.readings = 0, 0
@@ -819,6 +829,10 @@ class Tracker:
         self._behind = list[float]()
         """Stamps behind holes to come, s."""
         self._scale_begun = self._scale_variance(settings.covariance)
+        self._tries = MOST_TRIES if self._scale_begun > SURE_SCALE**2 else 0
+        """Starts that may fail yet."""
+        self._since_start = 0
+        """Events."""
 
     def feed(self, rows: Rows) -> Readings:
         """Take rows in; the readings that the filter processed then, which lag by two outputs, and by those that wait
@@ -935,29 +949,52 @@ class Tracker:
         self.filter = None
 
     def _take(self, until: float, side: Literal["left", "right"]) -> Readings:
-        """Hand the events up to an instant (s) to the filter, which starts at the first reading among them."""
+        """Hand the events up to an instant (s) to the filter."""
+        parts = list[Array]()
+        while len(self._waiting[0]) and (part := self._some(until, side)) is not None:
+            parts.append(part.table)
+        return Readings(np.concatenate(parts)) if parts else Readings.of(())
+
+    def _some(self, until: float, side: Literal["left", "right"]) -> Readings | None:
+        """Hand events up to an instant (s), a few of a start, to the filter, which starts at the first reading among
+        them; None where there are none."""
         t, output, value = self._waiting
-        ready = int(np.searchsorted(t, until, side=side))
-        begin = 0
+        begin, ready = 0, int(np.searchsorted(t, until, side=side))
+        if ready == 0:
+            return None
         if self.filter is None:
             first = np.flatnonzero(~output[:ready])
             if not len(first):  # of outputs that no reading has followed yet, the last will do
                 dropped = max(0, ready - 1)
                 self.outputs += dropped
                 self._waiting = t[dropped:], output[dropped:], value[dropped:]
-                return Readings.of(())
+                return None
             # At the last output before the first reading, or at the reading where there is none.
             begin = max(0, int(first[0]) - 1)
             self.outputs += begin
             self._start(float(value[first[0]]), float(t[first[0]] - t[begin]))
         assert self.filter is not None
-        self._waiting = t[ready:], output[ready:], value[ready:]
-        readings = self.filter.feed(t[begin:ready], output[begin:ready], value[begin:ready])
-        self.outputs += int(output[begin:ready].sum())
-        self.readings += int((~output[begin:ready]).sum())
+        end = min(ready, begin + OF_START - self._since_start % OF_START) if self._tries else ready
+        readings = self.filter.feed(t[begin:end], output[begin:end], value[begin:end])
+        self._waiting = t[end:], output[end:], value[end:]
+        self.outputs += int(output[begin:end].sum())
+        self.readings += int((~output[begin:end]).sum())
         self.refused += readings.refused
         self.refusal = readings.refusal or self.refusal
+        self._since_start += end - begin
+        self._judge_start()
         return readings
+
+    def _judge_start(self) -> None:
+        """Begin anew where the scale factor has left what a sensor can have; no more once the filter has begun."""
+        if not self._tries or self._since_start % OF_START:
+            return
+        assert self.filter is not None
+        if 1.0 + self.filter.estimate[self.filter.names.index("k")] < LEAST_GAIN:
+            self._tries, self._since_start = self._tries - 1, 0
+            self.settings, self.filter = self._first, None
+        elif self._since_start >= MOST_OF_START:
+            self._tries = 0
 
     def _start(self, z: float, ahead: float) -> None:
         settings = self.settings
