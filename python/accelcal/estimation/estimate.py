@@ -800,9 +800,9 @@ def over_runs(solution: Solution) -> tuple[tuple[Estimate, ...], Array, tuple[Sp
             number += 1
     if solution.joint is None:
         return tuple(estimates), covariance, tuple(spreads), {}
-    known = np.sqrt(np.diag(T @ solution.at_shapes @ T.T) + between[free_rows])
+    stds = np.sqrt(np.diag(T @ solution.at_shapes @ T.T) + between[free_rows])
     named = [e.name for e in estimates if e.name not in model.fixed]
-    return tuple(estimates), covariance, tuple(spreads), dict(zip(named, known.tolist(), strict=True))
+    return tuple(estimates), covariance, tuple(spreads), dict(zip(named, stds.tolist(), strict=True))
 
 
 def run_to_run(
