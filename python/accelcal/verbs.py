@@ -628,7 +628,8 @@ def explained_by(effect: Effect, model: Model, names: Sequence[str], solve: Call
 
 def barely_shown(fit: Fit, names: Sequence[str]) -> list[Remark]:
     """Remarks on effects of a fit that the record hardly tells from zero, whatever their shapes."""
-    surely = {e.name for e in fit.free if abs(e.value) > NAMED_SURELY * fit.at_shapes.get(e.name, e.std)}
+    free = zip(fit.free, fit.naming_stds, strict=True)
+    surely = {e.name for e, std in free if abs(e.value) > NAMED_SURELY * std}
     sigmas = {name: in_model(fit, Confounded(name, (name,), ""), {}).sigma for name in names if name not in surely}
     return [
         remark("barely_shown", effect=name, sigma=sigma, expected=SHOWN_SIGMA, experiment=separating(find(name)))

@@ -340,13 +340,14 @@ def test_a_mechanism_is_named_by_what_is_sure_at_its_memory_though_its_size_goes
     s = replace(s, p=p, v=v, a=np.gradient(v, s.step))
     run = ac.load(write(s, 0.5 * sagging(s), rng, tmp_path / "tone.csv"))
     grown = ac.add(ac.fit(run), run, NAME)
-    e, known = grown[NAME], grown.at_shapes[NAME]
+    e = grown[NAME]
+    known = grown.at_shapes[grown.free.index(e)]
     assert abs(e.value) / e.std < 2.0 < 6.0 < abs(e.value) / known
     shapes = {shape.name: shape.value for shape in grown.shapes}
     held = ac.fit(run, grown.model.freeze(**shapes))
     assert held[NAME].std == pytest.approx(known, rel=0.02)
     assert not {"chosen", "barely_shown"} & {note.code for note in grown.remarks}
-    assert [note.code for note in chosen(replace(grown, at_shapes={}), {NAME: 0.5})] == ["chosen"]
+    assert [note.code for note in chosen(replace(grown, at_shapes=()), {NAME: 0.5})] == ["chosen"]
 
 
 def test_every_face_tells_the_coefficient_at_rest_and_at_the_mean(tmp_path, sag):
@@ -365,7 +366,9 @@ def test_every_face_tells_the_coefficient_at_rest_and_at_the_mean(tmp_path, sag)
         damaged = {**content, "at_mean": [{**content["at_mean"][0], key: wrong}]}
         with pytest.raises(model_file.ModelFileError, match=r"at_mean\[0\]"):
             model_file.from_dict(damaged)
-    del content["at_mean"]  # as files of schema 5 began
+    with pytest.raises(model_file.ModelFileError, match="at_shapes: found 2 numbers, expected one for each of bias"):
+        model_file.from_dict({**content, "at_shapes": [1.0, 2.0]})
+    del content["at_mean"], content["at_shapes"]  # as files of schema 5 began
     assert model_file.from_dict(content).at_mean == ()
     assert "at rest" not in str(fit)
     upright = replace(with_mechanism, rig=replace(with_mechanism.rig, axis="up"))

@@ -323,7 +323,7 @@ def clear(place: ui.element) -> None:
     """Remove what stands in a place; areas that files may be on their way from are hidden until these have come."""
     for child in list(place):
         areas = [x for x in child.descendants(include_self=True) if isinstance(x, Uploader)]
-        if not any([area.may_send for area in areas]):
+        if not any([area.may_send for area in areas]):  # a list: each of them notes when it was left
             child.delete()
         elif child not in areas:  # one that is hidden itself takes no files
             child.set_visibility(False)

@@ -55,7 +55,7 @@ def with_detected_effects(solution: Solution, profiled: Fit, scan: Scan) -> Fit:
         refined = estimated(model, states, least=ROUNDS_OF_GROWN)
         judge(refined.layout, refined.x, refined.covariance, states)
         estimates = refined.layout.estimates(refined.x, refined.covariance, model)
-        return replace(profiled, model=model, estimates=estimates, covariance=refined.covariance)
+        return replace(profiled, model=model, estimates=estimates, covariance=refined.covariance, at_shapes=())
     except ValueError:
         return profiled
 

@@ -264,13 +264,12 @@ def chosen(fit: Fit, thresholds: Mapping[str, float], chosen_by: Fit | None = No
     """
     owners = {term.name: term.effect for term in fit.model.terms}
     of_part = chosen_by or fit
-    stds = {e.name: of_part.at_shapes.get(e.name, e.std) for e in of_part.free}
+    stds = {e.name: std for e, std in zip(of_part.free, of_part.naming_stds, strict=True)}
     notes = []
-    for e in fit.free:
+    for e, at_shapes in zip(fit.free, fit.naming_stds, strict=True):
         effect = owners.get(e.name)
         if effect is None or e.name not in thresholds or effect.port in ("noise", "process") or effect.prior.mean:
             continue
-        at_shapes = fit.at_shapes.get(e.name, e.std)
         share = min(1.0, (at_shapes / stds.get(e.name, at_shapes)) ** 2)
         sigma, threshold = abs(e.value) / at_shapes, thresholds[e.name]
         if sigma >= NAMED_SURELY or sigma * math.sqrt(share) < threshold:

@@ -515,6 +515,7 @@ def as_fit(replayed: AnyFit, forward: ForwardParameters, choice: FilterChoice) -
         model=frozen,
         estimates=estimates,
         covariance=covariance[np.ix_(rows, rows)],
+        at_shapes=(),
         method=ForwardFilter(choice).name,
         remarks=(remark("live_filter", text=text), *replayed.remarks),
     )

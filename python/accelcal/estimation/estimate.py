@@ -177,9 +177,9 @@ class Fit(Result):
     at_mean: tuple[Estimate, ...] = ()
     """Coefficients that mechanisms of the model move, at the mean of each run; in `estimates` they stand where their
     drivers are at zero."""
-    at_shapes: Mapping[str, float] = field(default_factory=dict)
-    """Standard deviations of the free estimates, were the shape parameters known exactly; empty where none was
-    estimated. By these an effect is named: it may be sure where its size depends on a time constant."""
+    at_shapes: tuple[float, ...] = ()
+    """Standard deviations of the free estimates, were the shape parameters known exactly, in the order of the
+    covariance; empty where no shape was estimated."""
 
     def __repr__(self) -> str:
         parts_text = [
@@ -264,6 +264,12 @@ class Fit(Result):
     def free(self) -> tuple[Estimate, ...]:
         """Estimates in the order of the covariance."""
         return tuple(e for e in self.estimates if e.name not in self.model.fixed)
+
+    @property
+    def naming_stds(self) -> tuple[float, ...]:
+        """Standard deviations of the free estimates by which their effects are named, in the order of the covariance:
+        that there is an effect may be sure where its size depends on a time constant that is not."""
+        return self.at_shapes or tuple(e.std for e in self.free)
 
     def expanded(self, e: Estimate, factor: float) -> float:
         """Expanded uncertainty of one of its estimates: `factor` standard deviations, or half the 95 % interval of a
@@ -385,6 +391,7 @@ def of_output(fit: Fit, axis: str) -> Fit:
         runs=tuple(replace(fit.runs[k], axis="") for k in of_axis),
         remarks=tuple(note for note in fit.remarks if note.values.get("recording") in (None, *names)),
         shapes=tuple(alone(e) for e in fit.shapes if find(e.name.rpartition(".")[0]).axis in ("", axis)),
+        at_shapes=tuple(fit.at_shapes[k] for k in rows) if fit.at_shapes else (),
     )
 
 
@@ -753,7 +760,7 @@ def far_zeros(estimates: Sequence[Estimate], runs: Sequence[PreparedRun]) -> Ite
                 yield remark("angle_zero", recording=name_of(run), degrees=math.degrees(z), counts=counts)
 
 
-def over_runs(solution: Solution) -> tuple[tuple[Estimate, ...], Array, tuple[Spread, ...], Mapping[str, float]]:
+def over_runs(solution: Solution) -> tuple[tuple[Estimate, ...], Array, tuple[Spread, ...], tuple[float, ...]]:
     """Estimates, in which the mean over runs stands for a coefficient that differs between them, their covariance, how
     much each differs, and their standard deviations at the shapes that were estimated, if any were."""
     layout, model, x = solution.layout, solution.model, solution.x
@@ -799,10 +806,9 @@ def over_runs(solution: Solution) -> tuple[tuple[Estimate, ...], Array, tuple[Sp
             estimates.append(replace(e, value=float(value[number]), std=float(std[number]), run=None))
             number += 1
     if solution.joint is None:
-        return tuple(estimates), covariance, tuple(spreads), {}
-    stds = np.sqrt(np.diag(T @ solution.at_shapes @ T.T) + between[free_rows])
-    named = [e.name for e in estimates if e.name not in model.fixed]
-    return tuple(estimates), covariance, tuple(spreads), dict(zip(named, stds.tolist(), strict=True))
+        return tuple(estimates), covariance, tuple(spreads), ()
+    at_shapes = np.sqrt(np.diag(T @ solution.at_shapes @ T.T) + between[free_rows])
+    return tuple(estimates), covariance, tuple(spreads), tuple(at_shapes.tolist())
 
 
 def run_to_run(

@@ -300,12 +300,13 @@ def _absent(table: Table, channel: str, sidecar: Path, declared: Iterable[str]) 
     hint = f' (the sidecar has "{close[0]}"; did you mean "{channel}"?)' if close else ""
     if channel == "accel" and {*OUTPUTS.values()} <= {*names}:
         hint = " (of three outputs declare [channels.attitude] and the place, too, or use accelcal dwells at rest)"
+    elif (
+        not hint
+        and channel == "accel"
+        and {*OUTPUTS.values(), *QUATERNION} <= {*naming.orientation_roles(table.columns)}
+    ):
+        hint = " (of three outputs map accel_x, accel_y, accel_z, place and attitude, as accelcal init has them)"
     likely, file, elsewhere = candidates(table, channel), table.path, ""
-    roles = {naming.orientation_role(naming.take_apart(column).base) for column in table.columns}
-    if channel == "accel" and {*OUTPUTS.values(), *QUATERNION} <= roles:
-        hint = (
-            hint or " (of three outputs map accel_x, accel_y, accel_z, place and attitude, as accelcal init has them)"
-        )
     if not (hint or likely) and channel in ("accel", "position"):
         files = f"{file} --position READINGS" if channel == "position" else f"OUTPUT --position {file}"
         elsewhere = f"If a second logger has it: accelcal fit {files}. "

@@ -149,7 +149,7 @@ def with_orientation(
 def asked(table: Table, declared: Sidecar) -> list[Finding]:
     """A note on columns that look like an orientation, where none is declared."""
     declared_axis = declared.attitude is not None or declared.input_axis is not None or GRAVITY in declared.channels
-    roles = {naming.orientation_role(naming.take_apart(column).base): column for column in table.columns}
+    roles = naming.orientation_roles(table.columns)
     lines = []
     if not declared_axis and set(GYROSCOPE) <= set(roles):
         columns = ", ".join(roles[name] for name in GYROSCOPE)

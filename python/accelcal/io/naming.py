@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from accelcal.data import units
@@ -138,6 +139,11 @@ def orientation_role(base: str) -> str | None:
         if match:
             return name.format(axis=match["axis"][0])
     return None
+
+
+def orientation_roles(columns: Iterable[str]) -> dict[str | None, str]:
+    """Columns by what a sidecar calls their quantity of a body that turns; under None one that is no such quantity."""
+    return {orientation_role(take_apart(column).base): column for column in columns}
 
 
 def column_name(channel: str, unit: str) -> str:

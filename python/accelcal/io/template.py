@@ -61,7 +61,7 @@ def template(path: str | Path) -> str:
     alone = {column: channel for column, channel in by_name.items() if column not in {*clocks.values()}}
     copies = _copies(table)
     columns: dict[str, str | None] = {}
-    roles = {naming.orientation_role(naming.take_apart(column).base): column for column in table.columns}
+    roles = naming.orientation_roles(table.columns)
     tracked = {*QUATERNION, *OUTPUTS.values()} <= {*roles} and "accel" not in by_name.values()
     for name in ("time", *OUTPUTS.values(), *PLACE) if tracked else ("time", "accel", "position"):
         called = next((column for column, channel in alone.items() if channel == name), None)

@@ -951,7 +951,7 @@ class Tracker:
     def _take(self, until: float, side: Literal["left", "right"]) -> Readings:
         """Hand the events up to an instant (s) to the filter."""
         parts = list[Array]()
-        while len(self._waiting[0]) and (part := self._some(until, side)) is not None:
+        while (part := self._some(until, side)) is not None:
             parts.append(part.table)
         return Readings(np.concatenate(parts)) if parts else Readings.of(())
 
@@ -1233,4 +1233,4 @@ class ModelTracker(Tracker):
         estimates = tuple(
             replace(e, value=now[e.name].value, std=now[e.name].std) if e.name in now else e for e in fit.estimates
         )
-        return replace(fit, estimates=estimates, covariance=covariance)
+        return replace(fit, estimates=estimates, covariance=covariance, at_shapes=())

@@ -63,7 +63,7 @@ def migrated(content: Any) -> dict[str, Any]:
         content = STEPS[step](content)
     if isinstance(rig := content.get("rig"), dict):  # schema 5 began without an arm, axes, and without what follows
         content = {**content, "rig": {"arm": None, "arm_std": None, "axle": None, **rig}}
-    filled: dict[str, Any] = {"at_mean": [], "at_shapes": {}, **_without("version", _without("schema", content))}
+    filled: dict[str, Any] = {"at_mean": [], "at_shapes": [], **_without("version", _without("schema", content))}
     parts = {name: filled.get(name) for name in ("estimates", "shapes", "at_mean", "runs")}
     return filled | {
         name: [{"axis": "", **part} if isinstance(part, dict) else part for part in several]
@@ -474,6 +474,10 @@ def _require_covariance(fit: Fit) -> None:
     if P.shape != (len(names),) * 2:
         raise ModelFileError(
             f"covariance: it has the shape {P.shape}, expected a row and a column for each of {', '.join(names)}"
+        )
+    if len(fit.at_shapes) not in (0, len(names)):
+        raise ModelFileError(
+            f"at_shapes: found {len(fit.at_shapes)} numbers, expected one for each of {', '.join(names)}"
         )
     variance = np.diag(P)
     for i, e in enumerate(fit.free):
