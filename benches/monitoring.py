@@ -1,11 +1,12 @@
 """Alarms of a live view: how often a block is as far from an honest model as stated, what is said of dishonest ones.
 
-From the top of the repository: python -m benches.monitoring [null|causes|simulate] [--hours 20] [--seed 1] [--out FILE]
+From the top of the repository: python -m benches.monitoring PART [--hours 20] [--seed 1] [--out FILE]
 null: ten rigs that are declared right, an hour a line; blocks whose p is below 1e-2, 1e-3, 1e-4 within the exact 99 %
 interval over all, at most 2 alarms in 200 h.
 causes: noise of the sensor that doubles, a scale factor that steps by five standard deviations of what a block tells
 of it, lost counts: an alarm of the right cause within 30 s in at least 57 of 60.
 simulate: the rows of `accelcal simulate` under the sidecar that it writes: no alarm in 1000 blocks.
+starts: rigs that begin with nothing, one record of 40 s each an hour: none is more than six deviations off at its end.
 A later call goes on behind the file. Exit code 1 where a bar is missed.
 """
 
@@ -243,6 +244,28 @@ def block_deviation(rig: Setting, chosen: LiveSettings, rng: np.random.Generator
     return float((np.sum(readings.informations[late, 0]) / 40.0 * seconds) ** -0.5)
 
 
+def start(task: tuple[int, int, int]) -> dict[str, Any]:
+    """A rig that begins with nothing: how far its scale factor is off after 40 s, in standard deviations."""
+    at, run, seed = task
+    rng = np.random.default_rng((seed, at, run))
+    rig = SETTINGS[at]
+    record, tracker = Record(rig, rng), Tracker(settings(rig, rng))
+    while record.rows < 40 * rig.rate:
+        tracker.feed(record.take(int(rig.rate)))
+    assert tracker.filter is not None
+    k = tracker.filter.names.index("k")
+    z = (tracker.filter.estimate[k] - SCALE) / math.sqrt(tracker.filter.covariance[k, k])
+    return {"setting": at, "run": run, "seed": seed, "z": float(z)}
+
+
+WORK = {
+    "null": (null, range(len(SETTINGS))),
+    "causes": (cause, range(len(CAUSES))),
+    "starts": (start, [at for at, rig in enumerate(SETTINGS) if not rig.model]),
+}
+"""Of each part what is done, and with which settings."""
+
+
 def simulated(seeds: range) -> tuple[int, int]:
     """Blocks and alarms of `accelcal simulate` followed by `accelcal live`."""
     from typer.testing import CliRunner
@@ -291,6 +314,10 @@ def judged(part: str, lines: list[dict]) -> bool:
             holds &= bool(low <= total <= high)
         print(f"alarms: {alarms} in {len(lines)} h (at most 2 in 200)")
         holds &= alarms <= 2
+    elif part == "starts":
+        astray = [line for line in lines if abs(line["z"]) > 6.0]
+        print(f"{len(astray)} of {len(lines)} starts more than six deviations off after 40 s (none)")
+        holds = not astray
     else:
         right = 0
         for at, (kind, wanted) in enumerate(CAUSES.items()):
@@ -307,8 +334,8 @@ def judged(part: str, lines: list[dict]) -> bool:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Follow the records that are not in the file yet, and judge all of them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("part", choices=("null", "causes", "simulate"))
-    parser.add_argument("--hours", type=int, default=20, help="of each rig; of causes, records of each")
+    parser.add_argument("part", choices=("null", "causes", "simulate", "starts"))
+    parser.add_argument("--hours", type=int, default=20, help="of each rig; of causes and starts, records of each")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--settings", type=int, nargs="*")
     parser.add_argument("--workers", type=int, default=2)
@@ -323,11 +350,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     lines = [json.loads(line) for line in out.read_text().splitlines()] if out.exists() else []
     lines = [line for line in lines if line["seed"] == chosen.seed]
     there = {(line["setting"], line["run"]) for line in lines}
-    work, count = (null, len(SETTINGS)) if chosen.part == "null" else (cause, len(CAUSES))
+    work, usual = WORK[chosen.part]
     tasks = [
         (at, run, chosen.seed)
         for run in range(chosen.hours)
-        for at in (chosen.settings or range(count))
+        for at in (chosen.settings or usual)
         if (at, run) not in there
     ]
     with multiprocessing.Pool(chosen.workers) as pool, out.open("a") as file:
