@@ -182,3 +182,15 @@ def test_a_body_that_is_tracked_asks_for_the_sense_of_its_attitude(tmp_path, uni
     io.sidecar_of(path).write_text(text.replace('\nmaps = "?"', '\nmaps = "sensor to ENU"'))
     axes = io.load_axes(path)
     assert [axis.accel.y[0] for axis in axes] == [0.1, 0.2, 9.8]
+
+
+def test_place_and_attitude_alone_are_proposed_for_the_outputs_of_another_file(tmp_path):
+    rows = "".join(f"{k / 100},0.1,0.2,{k / 1000},1,0,0,0\n" for k in range(40))
+    path = write(tmp_path, "t_s,east_m,north_m,up_m,q_w,q_x,q_y,q_z", rows)
+    text = io.init(path)
+    assert "\naccel" not in text
+    for name, column in zip(PLACE, ("east_m", "north_m", "up_m"), strict=True):
+        assert f'\n{name} = {{ column = "{column}"' in text
+    io.sidecar_of(path).write_text(text.replace('\nmaps = "?"', '\nmaps = "sensor to ENU"'))
+    with pytest.raises(RecordingError, match="give this file as --position beside that of the three outputs"):
+        io.load(path)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import accelcal
@@ -189,3 +190,97 @@ def test_what_is_not_one_motion_is_refused(tmp_path):
         io.load(both, position=encoder)
     with pytest.raises(RecordingError, match=r"both\.csv: this file has an output of its own"):
         io.load(output, position=both)
+
+
+BODY = "t,e_m,n_m,u_m,q_w,q_x,q_y,q_z"
+OUTPUTS = "".join(f'accel_{axis} = {{ column = "a{axis}", unit = "m/s^2" }}\n' for axis in "xyz")
+RATES = "".join(f'gyr_{axis} = {{ column = "g{axis}", unit = "deg/s" }}\n' for axis in "xyz")
+PLACES = "".join(f'position_{axis} = {{ column = "{axis}_m" }}\n' for axis in "enu")
+ATTITUDE = '[channels.attitude]\ncolumns = ["q_w", "q_x", "q_y", "q_z"]\nmaps = "sensor to ENU"\n'
+BIAS, SPIN = np.array([0.05, -0.03, 0.08]), np.array([0.5, -0.2, 0.1])
+AHEAD, LATE = 812.3, 0.003
+"""Clock of the sensor ahead of that of the cameras, and delay of its output, s."""
+
+
+def swing(t, frequencies, size, phase):
+    return sum(size / f * np.sin(2 * np.pi * f * t[:, None] + phase + [f, 2 * f + 1, 3 * f + 2]) for f in frequencies)
+
+
+def body_files(folder, fast=0.0, phase=0.0, seconds=20.0):
+    """Cameras and a sensor, gyroscope included, that ride on one body; the sensor's clock runs by `fast` too fast."""
+    rng = np.random.default_rng(1)
+
+    def motion(t):
+        turns = Rotation.from_rotvec(swing(t, (0.11, 0.37, 0.9), 0.08, phase))
+        return swing(t, (0.23, 0.61, 1.3), 0.05, phase), turns
+
+    t, h = np.arange(0.0, seconds, 1 / 200), 1e-4
+    place, turns = motion(t)
+    table = np.c_[t, place + 1e-4 * rng.standard_normal(place.shape), turns.as_quat(scalar_first=True)]
+    np.savetxt(folder / "cameras.csv", table, "%.7f", ",", header=BODY, comments="")
+    own = np.arange(1.0, seconds - 1.0, 1 / 250)
+    (before, from_), (at, now), (after, to) = (motion(own - LATE + step) for step in (-h, 0.0, h))
+    force = now.inv().apply((after - 2.0 * at + before) / h**2 + [0.0, 0.0, 9.80665]) + BIAS
+    rate = np.degrees((from_.inv() * to).as_rotvec() / (2.0 * h)) + SPIN
+    noisy = np.c_[force + 0.01 * rng.standard_normal(force.shape), rate + 0.1 * rng.standard_normal(rate.shape)]
+    table = np.c_[1e3 * ((1.0 + fast) * own + AHEAD), noisy]
+    np.savetxt(folder / "imu.csv", table, "%.6f", ",", header="t_ms,ax,ay,az,gx,gy,gz", comments="")
+    (folder / "imu.toml").write_text('[channels]\ntime = { column = "t_ms", unit = "ms" }\n' + OUTPUTS + RATES)
+    (folder / "cameras.toml").write_text('[channels]\ntime = { column = "t", unit = "s" }\n' + PLACES + ATTITUDE)
+    return folder / "imu.csv", folder / "cameras.csv"
+
+
+def test_three_outputs_are_laid_upon_place_and_attitude_of_another_file(tmp_path):
+    imu, cameras = body_files(tmp_path)
+    outputs = accelcal.load_axes(imu, position=cameras)
+    assert [recording.name for recording in outputs] == [f"imu.csv with cameras.csv {axis}" for axis in "xyz"]
+    noted = [finding for finding in outputs[0].findings if finding.kind == "alignment"]
+    assert len(noted) == 1
+    shift = outputs[0].accel.t[0] - (1.0 + AHEAD)
+    assert f"shifted by {shift:+.6f} s" in noted[0].text
+    assert any(finding.kind == "carried" for finding in outputs[0].findings)  # its gyroscope is on the clock, too
+    fit = accelcal.fit(outputs)
+    assert abs(shift + AHEAD - (fit["time_offset"].value - LATE)) < 5.0 * fit["time_offset"].std + 1e-5
+    for estimate, truth in zip((e for e in fit.estimates if e.name == "bias"), (0.05, -0.03, 0.08), strict=True):
+        assert abs(estimate.value - truth) < 5.0 * estimate.std
+
+
+def test_a_body_of_two_loggers_is_cut_into_one_file(tmp_path):
+    imu, cameras = body_files(tmp_path, fast=0.015)
+    runner, target = CliRunner(), tmp_path / "joined.csv"
+    done = runner.invoke(app, ["cut", str(imu), "--position", str(cameras), "-o", str(target)])
+    assert done.exit_code == 0, done.output
+    assert "runs by 1.49" in done.output or "runs by 1.50" in done.output  # its clock, 1.5 % fast
+    apart, joined = accelcal.load_axes(imu, position=cameras), accelcal.load_axes(target)
+    for one_file, two_files in zip(joined, apart, strict=True):
+        for name in ("accel", "position"):
+            mine, other = getattr(one_file, name), getattr(two_files, name)
+            assert np.allclose(mine.t, other.t, rtol=0.0, atol=1e-9)
+            assert np.allclose(mine.y, other.y, rtol=1e-12, atol=1e-12)
+        assert one_file.rig.uncertainty.clock_rate == pytest.approx(0.015, rel=0.01)
+        assert one_file.rig.offset_tolerance > 0.0
+        assert any(finding.kind == "alignment" for finding in one_file.findings)
+    refused = runner.invoke(
+        app, ["cut", str(imu), "--position", str(cameras), "-o", str(tmp_path / "p.csv"), "--only", "1:2"]
+    )
+    assert refused.exit_code == 2
+    assert not (tmp_path / "p.csv").exists()
+
+
+def test_outputs_that_are_not_of_the_body_are_refused(tmp_path):
+    imu, cameras = body_files(tmp_path)
+    declared = cameras.with_suffix(".toml")
+    declared.write_text(declared.read_text().replace("sensor to ENU", "ENU to sensor"))
+    with pytest.raises(RecordingError, match=r'they are with maps = "sensor to ENU": write that in'):
+        accelcal.load_axes(imu, position=cameras)
+    (tmp_path / "other").mkdir()
+    _, elsewhere = body_files(tmp_path / "other", phase=1.0)
+    with pytest.raises(RecordingError, match="check that both files are of one run"):
+        accelcal.load_axes(imu, position=elsewhere)
+    with pytest.raises(RecordingError, match=r"expected accel_x, accel_y, accel_z in the first alone"):
+        accelcal.load_axes(imu, position=imu)
+    with pytest.raises(RecordingError, match=r"nothere\.toml: there is no such sidecar"):
+        accelcal.load_axes(imu, position=tmp_path / "nothere.csv")
+    declared.write_text("channels = 3\n")
+    with pytest.raises(RecordingError, match=r"cameras\.toml: channels"):
+        accelcal.load_axes(imu, position=cameras)

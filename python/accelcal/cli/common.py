@@ -291,14 +291,13 @@ def print_written(*paths: Path | None) -> None:
 
 def print_alignment(*recordings: Any) -> bool:
     """Print how two clocks were aligned, where they were; whether any were."""
-    texts = [
-        f"{recording.name}: {finding.text}"
-        for recording in recordings
-        for finding in getattr(recording, "findings", ())
-        if finding.kind == "alignment"
-    ]
-    for text in texts:
-        print_status(text)
+    texts: dict[str, str] = {}
+    for recording in recordings:
+        for finding in getattr(recording, "findings", ()):
+            if finding.kind == "alignment":  # once for all outputs of a sensor
+                texts.setdefault(finding.text, recording.name)
+    for text, name in texts.items():
+        print_status(f"{name}: {text}")
     return bool(texts)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -99,8 +99,7 @@ def check(
     """
     load_own_effects(effects_file)  # sizes of such may be declared
     with progress("check") as report:
-        both = None if position is None else io.load(run, rig, position=position)
-        recordings, contents = io.load_declared(run, rig) if both is None else [both], {}
+        recordings, contents = io.load_declared(run, rig, position=position), {}
         for number, recording in enumerate(recordings):
             if isinstance(recording, data.Dwells):
                 deliver(recording, printing.show, None, json)
@@ -144,6 +143,8 @@ def cut(
 
     Example: [bold]accelcal cut run12.csv --without 42:60 -o train.csv[/bold]
     """
+    if position is not None and io.has_three_outputs(run, rig):
+        return join_body(run, position, rig, output, part, refused=[*(only or ()), *(without or ())])
     with progress("cut") as report:
         whole = part is None  # a part may be that of one of two loggers
         at_rest = whole and position is None and resting.is_at_rest(run, rig)
@@ -164,6 +165,21 @@ def cut(
     print_status(f"wrote {output} and {sidecar}")
     if at_rest or (by_position and len(recording.accel)):
         suggest("rest" if at_rest else "check", output)
+
+
+def join_body(
+    run: Path, position: Path, rig: Path | None, output: Path, part: int | None, refused: Sequence[str]
+) -> None:
+    """Write three outputs of one logger, and place and attitude of another, as one recording."""
+    if refused:
+        raise UsageError(f"{refused[0]!r}: three outputs are joined whole; give --from and --to to fit instead")
+    with progress("cut"), io.together():
+        body = io.body_of_two(run, position, rig, part)
+        require_recording(output).parent.mkdir(parents=True, exist_ok=True)
+        io.write_body(body, output, mark_of(output))
+    print_status(f"{run.name}: {body.alignment.text}")
+    print_status(f"wrote {output} and {io.sidecar_of(output)}")
+    suggest("check", output)
 
 
 def handed_on(recording: data.Recording) -> tuple[data.Finding, ...]:
@@ -253,11 +269,16 @@ def truth_text(truth: Mapping[str, float]) -> str:
     return ", ".join(values) or "a perfect sensor"
 
 
+def require_recording(path: Path) -> Path:
+    """Refuse an output that no recording is written as."""
+    if path.suffix not in (".csv", ".parquet"):
+        raise UsageError(f"--output {path}: expected a name that ends in .csv or .parquet")
+    return path
+
+
 def write_recording(recording: data.Recording, path: Path) -> Path:
     """Write a recording and the sidecar beside it; return the sidecar's path."""
-    write = {".csv": io.write_csv, ".parquet": io.write_parquet}.get(path.suffix)
-    if write is None:
-        raise UsageError(f"--output {path}: expected a name that ends in .csv or .parquet")
+    write = {".csv": io.write_csv, ".parquet": io.write_parquet}[require_recording(path).suffix]
     path.parent.mkdir(parents=True, exist_ok=True)
     sidecar = io.sidecar_of(path)
     with io.together():

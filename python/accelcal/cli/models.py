@@ -110,7 +110,7 @@ def fit(
     begin, stop = parse_quantity(start, "time", "--from"), parse_quantity(end, "time", "--to")
     width, engine = parse_quantity(band, "frequency", "--band"), method_of(context)
     with progress("fit") as report:
-        recordings = load_runs(runs, rig) if position is None else [of_two(runs, position, rig)]
+        recordings = load_runs(runs, rig) if position is None else of_two(runs, position, rig)
         if isinstance(engine, str):
             base = chosen().add("clock_skew") if print_alignment(*recordings) else chosen()
             base = base if prior is None else base.with_priors(priors_of(prior))
@@ -296,11 +296,13 @@ def finish_fit(
     deliver(result, lambda fit: printing.show_fit(fit, *read), output, json, result)
 
 
-def of_two(runs: Sequence[Path], position: Path, rig: Path | None) -> data.Recording:
-    """Read the output of one file and the position of another, aligned."""
+def of_two(
+    runs: Sequence[Path], position: Path, rig: Path | None
+) -> list[data.Recording | data.Dwells | data.Positions]:
+    """Read the output of one file, or three, and the position of another, aligned."""
     if len(runs) != 1:
         raise UsageError(f"--position {position}: expected one file with the output, found {len(runs)}; give one")
-    return io.load(runs[0], rig, position=position)
+    return io.load_declared(runs[0], rig, position=position)
 
 
 def load_runs(

@@ -299,7 +299,10 @@ def _absent(table: Table, channel: str, sidecar: Path, declared: Iterable[str]) 
     close = difflib.get_close_matches(channel, names, n=1)
     hint = f' (the sidecar has "{close[0]}"; did you mean "{channel}"?)' if close else ""
     if channel == "accel" and {*OUTPUTS.values()} <= {*names}:
-        hint = " (of three outputs declare [channels.attitude] and the place, too, or use accelcal dwells at rest)"
+        hint = (
+            " (of three outputs declare [channels.attitude] and the place, too, give the file of another logger that "
+            "has them as --position, or use accelcal dwells at rest)"
+        )
     elif (
         not hint
         and channel == "accel"

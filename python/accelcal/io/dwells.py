@@ -40,6 +40,7 @@ from accelcal.io.loading import (
     from_table,
     is_table,
     load,
+    load_axes,
     loaded,
     local_gravity,
     require_between,
@@ -95,7 +96,10 @@ def moving_std(y: Array, width: int) -> Array:
 
 
 def load_declared(
-    path: Path, rig: Path | None = None, single: Callable[[Path], Recording] | None = None
+    path: Path,
+    rig: Path | None = None,
+    single: Callable[[Path], Recording] | None = None,
+    position: Path | None = None,
 ) -> list[Recording | Dwells | Positions]:
     """Read a file as it and its sidecar say: the three outputs of a tracked body, dwells, positions of three outputs at
     rest, or else one recording.
@@ -104,12 +108,16 @@ def load_declared(
     ----------
     path, rig : as of `load`.
     single : reads a recording of one output in place of `load`.
+    position : file of another logger with the position, or with place and attitude where there are three outputs.
 
     Raises
     ------
     RecordingError
         As `load`, `load_axes`, `load_dwells` or `load_positions`.
     """
+    if position is not None:
+        three = has_three_outputs(path, rig)
+        return [*load_axes(path, rig, position=position)] if three else [load(path, rig, position=position)]
     table, (declared, notes) = open_table(path), declaration(path, rig)
     setup = declared.dwell
     held = setup is not None and setup.unknown and TRIAD[0] in declared.channels
@@ -126,6 +134,11 @@ def load_declared(
             raise
         needed = ",".join(COLUMNS)
         raise RecordingError(f"{error}\nor, if it is a table of dwells, give it the header {needed}") from None
+
+
+def has_three_outputs(path: Path, rig: Path | None = None) -> bool:
+    """Whether the sidecar of a file maps three outputs."""
+    return {*OUTPUTS.values()} <= {*declaration(path, rig)[0].channels}
 
 
 @checked

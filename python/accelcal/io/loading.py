@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from shlex import quote
@@ -45,10 +46,11 @@ from accelcal.data import (
     units,
 )
 from accelcal.data.arrays import Unchanged
-from accelcal.data.clocks import THE_OUTPUT, lost_rows, relation
+from accelcal.data.clocks import NEAR, THE_OUTPUT, Alignment, lost_rows, relation, restamped
 from accelcal.data.orientation import (
     FASTEST_TURN,
     QUATERNION_TOLERANCE,
+    Sense,
     attitude_scatter,
     carried,
     holes,
@@ -79,18 +81,21 @@ from accelcal.io.assign import (
 from accelcal.io.dialect import DAY
 from accelcal.io.files import A_RECORDING, in_words, is_there, open_regular, open_table
 from accelcal.io.sidecar import (
+    AXES,
     Clock,
     Sidecar,
     Source,
     declared_rate,
+    declared_tables,
     has_sidecar,
     no_sidecar,
     read_sidecar,
+    sidecar_from,
     sidecar_of,
     toml_text,
 )
 from accelcal.io.table import Column, Table
-from accelcal.io.two_clocks import joined, of_two_clocks
+from accelcal.io.two_clocks import alignment_of, declared_of_two, joined, of_two_clocks, rate_sentence, table_of
 
 MOST_GRAVITY = 1.5 * STANDARD_GRAVITY
 """Largest gravity along an axis that is one, m/s²: the acceleration of a turning axis may be part of it."""
@@ -659,12 +664,20 @@ def load(
 
 
 @checked
-def load_axes(path: str | Path, rig: str | Path | None = None, *, part: int | None = None) -> tuple[Recording, ...]:
+def load_axes(
+    path: str | Path,
+    rig: str | Path | None = None,
+    *,
+    position: str | Path | None = None,
+    part: int | None = None,
+) -> tuple[Recording, ...]:
     """Read the three outputs of one sensor on a body whose place and attitude are recorded.
 
     Parameters
     ----------
     path, rig, part : as of `load`; the sidecar maps accel_x, accel_y and accel_z beside [channels.attitude].
+    position : file of another logger with the place and the attitude, with a sidecar of its own; the outputs, and a
+        gyroscope beside them, are shifted onto its clock.
 
     Returns
     -------
@@ -689,22 +702,46 @@ def load_axes(path: str | Path, rig: str | Path | None = None, *, part: int | No
     >>> [axis.name for axis in load_axes(run)]
     ['board.csv x', 'board.csv y', 'board.csv z']
     """
-    return axes(open_table(Path(path)), rig, part)
+    if position is None:
+        return axes(open_table(Path(path)), rig, part)
+    both = body_of_two(Path(path), Path(position), rig, part)
+    outputs = axes(both.table, both.declared, whole=both.digest)
+    return tuple(
+        replace(
+            recording,
+            name=f"{Path(path).name} with {Path(position).name} {recording.axis}",
+            origin=replace(recording.origin, file="", given=both.given),
+            findings=(both.alignment, *recording.findings),
+        )
+        for recording in outputs
+    )
 
 
-def axes(table: Table, rig: str | Path | Rig | None, part: int | None = None) -> tuple[Recording, ...]:
-    """The recordings of the three outputs that a table holds; parameters and errors are those of `load_axes`."""
+def axes(
+    table: Table, rig: str | Path | dict[str, Any] | None, part: int | None = None, whole: str = ""
+) -> tuple[Recording, ...]:
+    """The recordings of the three outputs that a table holds; parameters and errors are those of `load_axes`.
+
+    Parameters
+    ----------
+    rig : as of `load_axes`, or the tables of a sidecar.
+    whole : digest of the table, where it is no file.
+    """
     columns: dict[str, Column] = {}
 
     def once(names: Sequence[str]) -> Mapping[str, Column]:
         columns.update(table.read([name for name in names if name not in columns]))
         return {name: columns[name] for name in names}
 
-    shared, digest = replace(table, read=once), digest_of(table.path)
+    shared, digest = replace(table, read=once), whole or digest_of(table.path)
     unchanged = Unchanged()
-    return tuple(
-        loaded(shared, *declaration(table.path, rig, axis), part, digest, unchanged=unchanged) for axis in OUTPUTS
+    declared = (
+        (sidecar_from(rig, sidecar_of(table.path), axis), list[Finding]())
+        if isinstance(rig, dict)
+        else declaration(table.path, rig, axis)
+        for axis in OUTPUTS
     )
+    return tuple(loaded(shared, *what, part, digest, unchanged=unchanged) for what in declared)
 
 
 def loaded(
@@ -782,6 +819,139 @@ def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None, 
     return joined(first, other, (declared_rate(declared, "accel"), declared_rate(of_position, "position")))
 
 
+@dataclass(frozen=True, slots=True)
+class Body:
+    """What two loggers recorded of one body, its outputs and its place and attitude, on the clock of the second."""
+
+    table: Table
+    """In SI, on all instants at which anything was read."""
+    declared: dict[str, Any]
+    """Tables of a sidecar of it."""
+    alignment: Finding
+    digest: str
+    given: str
+    """What a command is given for it."""
+
+
+def body_of_two(output: Path, position: Path, rig: str | Path | None = None, part: int | None = None) -> Body:
+    """Three outputs of one file laid upon the place and attitude of another by the axis that shows it most clearly.
+
+    Parameters
+    ----------
+    output, position, rig, part : as of `load_axes`.
+
+    Raises
+    ------
+    RecordingError
+        As `load_axes`, and if the outputs and the attitude are not one in each file, or no axis can be aligned.
+    """
+    beside, other = sidecar_of(output) if rig is None else Path(rig), sidecar_of(position)
+    of_output, of_body = declared_tables(beside), declared_tables(other)
+    for path, content in ((beside, of_output), (other, of_body)):
+        if not all(isinstance(table, dict) for table in content.values()):
+            sidecar_from(content, path)  # says which is none
+    channels = of_output.get("channels", {})
+    if {*OUTPUTS.values()} - {*channels} or "attitude" in channels or "attitude" not in of_body.get("channels", {}):
+        raise RecordingError(
+            f"{beside} and {other}: expected {', '.join(OUTPUTS.values())} in the first alone and {', '.join(PLACE)} "
+            "with [channels.attitude] in the second alone; map them so, with the time of each"
+        )
+    of_place = sidecar_from({**of_body, "rig": {**of_body.get("rig", {}), "input_axis": "x"}}, other)
+    body, findings, _ = channels_of(open_table(position), of_place, ())
+    table, accels, beside_them = open_table(output), dict[str, Channel](), dict[str, Channel]()
+    for name in OUTPUTS.values():
+        others = {key: value for key, value in channels.items() if key not in OUTPUTS.values()}
+        sidecar = sidecar_from({**of_output, "channels": {**others, "accel": channels[name]}}, beside)
+        beside_them, noticed, _ = channels_of(table, sidecar, ("accel",), part)
+        accels[name] = replace(beside_them.pop("accel"), name=name)
+        findings += [found for found in noticed if found not in findings and found.kind not in OF_ONE_FILE]
+    what = f"{output.name} with {position.name}"
+    assert of_place.attitude is not None
+    along = partial(of_axis, position, body, of_place)
+    best = clocks_of_body(accels, along, of_place.attitude.maps, sidecar, what)
+    first = accels["accel_x"].t[0]
+    together = [restamped(y, partial(best.instants, first=first)) for y in (*accels.values(), *beside_them.values())]
+    together += [channel for name, channel in body.items() if name not in beside_them]
+    rates = declared_rate(sidecar, "accel"), declared_rate(of_place, PLACE[0])
+    shown = rate_sentence(best.rate, "position", rates, sidecar.rig.uncertainty.clock_rate is not None)
+    severity: Literal["note", "warning"] = "warning" if best.is_ambiguous else "note"
+    digest = f"{digest_of(output)} at {best.shift!r} on {digest_of(position)}"
+    return Body(
+        replace(table_of(output, together), notes=findings),
+        declared_of_two(of_output, of_body, best, together),
+        Finding("alignment", "accel", 1, best.middle, f"{shown}{best.sentence}", severity),
+        hashlib.sha256(digest.encode()).hexdigest(),
+        f"{given(output, sidecar.path)} --position {quote(position.name)}",
+    )
+
+
+OF_ONE_FILE = "unused_columns", "orientation"
+"""Notes on what a file lacks that another has."""
+
+
+def of_axis(
+    file: Path, body: Mapping[str, Channel], declared: Sidecar, axis: str, sense: Sense
+) -> tuple[Channel, Channel]:
+    """Path and gravity along an axis of a body, as `with_orientation` has them, where its attitude has a sense."""
+    assert declared.attitude is not None
+    turned = replace(declared, input_axis=AXES[axis], attitude=replace(declared.attitude, maps=sense))
+    channels, *_ = with_orientation(str(file), body, turned)
+    return channels["position"], channels[GRAVITY]
+
+
+def clocks_of_body(
+    accels: Mapping[str, Channel],
+    along: Callable[[str, Sense], tuple[Channel, Channel]],
+    sense: Sense,
+    declared: Sidecar,
+    what: str,
+) -> Alignment:
+    """How the clock of three outputs lies upon that of place and attitude: by the output that tells it best.
+
+    Parameters
+    ----------
+    accels : outputs by the name of their channel.
+    along : path and gravity along an axis, with a sense of the attitude.
+    sense : the declared one.
+    declared : sidecar of the outputs.
+    what : names of the files, for messages.
+
+    Raises
+    ------
+    RecordingError
+        If the outputs fit at no shift together.
+    """
+
+    def best(sense: Sense) -> Alignment | None:
+        """The shift that an output tells best and at which the others are like what is made of the body, too."""
+        pairs = []
+        for axis, name in OUTPUTS.items():
+            position, gravity = along(axis, sense)
+            accel = replace(accels[name], name="accel")
+            pairs.append(Recording(accel, position, declared.rig, side={GRAVITY: gravity}, name=f"{what} {axis}"))
+        alone = list[Alignment]()
+        for pair in pairs:
+            with suppress(RecordingError):
+                alone.append(alignment_of(pair, ()))
+        for fit in sorted(alone, key=lambda fit: (fit.is_ambiguous, fit.std)):
+            if all(alignment_of(pair, (), near=fit).correlation > NEAR for pair in pairs):
+                return fit
+        return None
+
+    if (fit := best(sense)) is not None:
+        return fit
+    other: Sense = "ENU to sensor" if sense == "sensor to ENU" else "sensor to ENU"
+    raise RecordingError(
+        f"{what}: at no shift of the clocks are the three outputs like what place and attitude make of them; "
+        + (
+            "check that both files are of one run, the order of the columns of the attitude, and the signs of the "
+            "outputs, or record a longer motion that does not repeat"
+            if best(other) is None
+            else f'they are with maps = "{other}": write that in [channels.attitude]'
+        )
+    )
+
+
 def recording_of(
     table: Table,
     declared: Sidecar,
@@ -795,28 +965,10 @@ def recording_of(
     """The recording that a table holds, without its digest; parameters and errors are those of `load`."""
     path = table.path
     needs = {"accel": need_accel, "position": need_position and not declared.turns}
-    required = tuple(name for name, needed in needs.items() if needed)
-    plan, unused = assign(table, declared, required)
-    findings, parts = notes + unused + asked(table, declared), parts_of_orientation(declared)
-    channels = {}
-    for name, samples in _samples(table, plan, declared.rig, part, findings):
-        column = plan.sources[name].column
-        if not len(samples.t) and name == "accel" and len(table.read([column])[column].values):
-            text = "give another column" if need_accel else "a planned motion has columns for time and position alone"
-            raise RecordingError(
-                f'{path}: column "{column}": every cell is empty, expected the output of the accelerometer; {text}'
-            )
-        if not len(samples.t) and name not in required:
-            findings.append(Finding("empty", name, 0, 0.0, f"{name}: every cell is empty; the channel is left out"))
-            continue
-        try:
-            channels[name], noticed = quality.clean(samples, declared.rig)
-        except RecordingError:
-            if in_turn := _in_turn(table, plan, name):
-                raise RecordingError(in_turn) from None
-            raise
-        findings += [] if name in parts else noticed
-    findings += table.notes
+    channels, noticed, plan = channels_of(
+        table, declared, tuple(name for name, needed in needs.items() if needed), part
+    )
+    findings = notes + noticed
     channels, rig, noticed = with_orientation(str(path), channels, declared, unchanged)
     findings += noticed
     accel = channels.pop("accel", Channel("accel", np.empty(0), np.empty(0), "m/s^2"))
@@ -850,6 +1002,41 @@ def recording_of(
     if len(accel) and len(position):
         quality.require_overlap(str(path), recording.accel, recording.position)
     return recording
+
+
+def channels_of(
+    table: Table, declared: Sidecar, required: tuple[str, ...], part: int | None = None
+) -> tuple[dict[str, Channel], list[Finding], Plan]:
+    """The channels of a table, cleaned, by name, what was noticed of them, and where they come from.
+
+    Parameters
+    ----------
+    declared, part : as of `loaded`.
+    required : those without which the table is of no use.
+    """
+    path = table.path
+    plan, unused = assign(table, declared, required)
+    findings, parts = unused + asked(table, declared), parts_of_orientation(declared)
+    channels: dict[str, Channel] = {}
+    for name, samples in _samples(table, plan, declared.rig, part, findings):
+        column = plan.sources[name].column
+        if not len(samples.t) and name == "accel" and len(table.read([column])[column].values):
+            planned = "a planned motion has columns for time and position alone"
+            text = "give another column" if name in required else planned
+            raise RecordingError(
+                f'{path}: column "{column}": every cell is empty, expected the output of the accelerometer; {text}'
+            )
+        if not len(samples.t) and name not in required:
+            findings.append(Finding("empty", name, 0, 0.0, f"{name}: every cell is empty; the channel is left out"))
+            continue
+        try:
+            channels[name], noticed = quality.clean(samples, declared.rig)
+        except RecordingError:
+            if in_turn := _in_turn(table, plan, name):
+                raise RecordingError(in_turn) from None
+            raise
+        findings += [] if name in parts else noticed
+    return channels, findings + table.notes, plan
 
 
 def origin_of(table: Table, plan: Plan, declared: Sidecar) -> Origin:

@@ -156,13 +156,14 @@ def read_sidecar(path: Path, axis: str = "") -> Sidecar:
     RecordingError
         Naming file, key, what was found, what was expected and, for an unknown key, the nearest known one.
     """
+    return sidecar_from(declared_tables(path), path, axis)
+
+
+def declared_tables(path: Path) -> dict[str, Any]:
+    """The tables of a sidecar as they are written; errors are those of `read_sidecar`."""
     text = sidecar_text(path)
     try:
-        content = _parsed(text)
-        of_all = content.get("channels") if axis else None
-        others = [(of_all or {}).get(name) for output, name in OUTPUTS.items() if output != axis]
-        aside = tuple(str(other.get("column")) for other in others if isinstance(other, dict))
-        return replace(_sidecar(_of_axis(content, path, axis), path), axis=axis, aside=aside if axis else ())
+        return _parsed(text)
     except RecursionError:
         raise RecordingError(
             f"{path}: brackets lie too deep inside one another; expected tables as in the template, accelcal init"
@@ -230,6 +231,15 @@ def toml_text(value: str | float) -> str:
     return json.dumps(value, ensure_ascii=False, default=int).replace("\x7f", "\\u007f")
 
 
+def toml_of(value: object) -> str:
+    """Return a value of a sidecar as TOML has it, tables in one line."""
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{toml_key(key)} = {toml_of(item)}' for key, item in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(toml_of, value))}]"
+    return toml_text(value) if isinstance(value, str | int | float) else str(value)  # a date
+
+
 def has_sidecar(path: Path) -> bool:
     """Whether there is a sidecar beside a recording file."""
     return is_there(sidecar_of(path))
@@ -242,7 +252,7 @@ def sidecar_of(path: Path) -> Path:
 
 def no_sidecar() -> Sidecar:
     """Return what holds when nothing is declared: the defaults, each with the sentence that states it."""
-    return replace(_sidecar({}, Path()), path=None)
+    return replace(sidecar_from({}, Path()), path=None)
 
 
 # Checks of single values: each returns the value in SI, or raises a ValueError that says what was expected.
@@ -1042,6 +1052,14 @@ def _of_axis(content: dict[str, Any], path: Path, axis: str) -> dict[str, Any]:
     return {**content, "channels": {**others, "accel": channels[OUTPUTS[axis]]}, "rig": {**rig, "input_axis": axis}}
 
 
+def sidecar_from(content: dict[str, Any], path: Path, axis: str = "") -> Sidecar:
+    """What the tables of a sidecar declare; axis and errors are those of `read_sidecar`."""
+    of_all = content.get("channels") if axis else None
+    others = [(of_all or {}).get(name) for output, name in OUTPUTS.items() if output != axis]
+    aside = tuple(str(other.get("column")) for other in others if isinstance(other, dict))
+    return replace(_sidecar(_of_axis(content, path, axis), path), axis=axis, aside=aside if axis else ())
+
+
 def _sidecar(content: Mapping[str, Any], path: Path) -> Sidecar:
     try:
         for name in content:
@@ -1146,7 +1164,9 @@ def _require_one_orientation(tables: Mapping[str, dict[str, Any]]) -> None:
         (
             attitude and not axis and not outputs,
             "rig.input_axis",
-            f"is missing beside [channels.attitude]; write input_axis = {_LETTERS}",
+            f"is missing beside [channels.attitude]; write input_axis = {_LETTERS}"
+            + ", or leave it out and give this file as --position beside that of the three outputs"
+            * ("accel" not in channels),
         ),
         (
             attitude and place,

@@ -62,8 +62,10 @@ def template(path: str | Path) -> str:
     copies = _copies(table)
     columns: dict[str, str | None] = {}
     roles = naming.orientation_roles(table.columns)
-    tracked = {*QUATERNION, *OUTPUTS.values()} <= {*roles} and "accel" not in by_name.values()
-    for name in ("time", *OUTPUTS.values(), *PLACE) if tracked else ("time", "accel", "position"):
+    outputs = OUTPUTS.values() if {*OUTPUTS.values()} <= {*roles} else ()
+    tracked = {*QUATERNION} <= {*roles} and "accel" not in by_name.values()
+    tracked = tracked and bool(outputs or not candidates(table, "accel"))  # the outputs may be of another logger
+    for name in ("time", *outputs, *PLACE) if tracked else ("time", "accel", "position"):
         called = next((column for column, channel in alone.items() if channel == name), None)
         turned = next(filter(partial(_is_angle, table), alone), None)
         if name == "position" and turned and not called and not candidates(table, name):

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
+from pathlib import Path
 from shlex import quote
 from typing import Any
 
 import numpy as np
 
-from accelcal.data import GRAVITY, Array, Finding, Recording, RecordingError, Rig, Sensor
+from accelcal.data import GRAVITY, QUATERNION, Array, Channel, Finding, Recording, RecordingError, Rig, Sensor
 from accelcal.data.clocks import Alignment, align, restamped, spacing
-from accelcal.data.rates import Rate
+from accelcal.data.rates import Rate, Search
+from accelcal.io import naming
 from accelcal.io.sidecar import (
     ASSUMED_ARM,
     ASSUMED_LOWPASS,
@@ -22,6 +24,7 @@ from accelcal.io.sidecar import (
     ASSUMED_ZERO,
     KEYS,
 )
+from accelcal.io.table import Column, Table
 
 
 def joined(output: Recording, reference: Recording, rates: Rates = (None, None)) -> Recording:
@@ -110,28 +113,91 @@ def _completed_sensor(declared: Sensor, further: Sensor) -> Sensor:
     return replace(declared, model=model, serial=serial)
 
 
+def declared_of_two(
+    output: Mapping[str, Any], body: Mapping[str, Any], alignment: Alignment, channels: Sequence[Channel]
+) -> dict[str, Any]:
+    """Tables of one sidecar of two: those of the output, and of its body what they leave open.
+
+    Parameters
+    ----------
+    output, body : tables of the sidecars.
+    alignment : of the two clocks; what it leaves uncertain is declared.
+    channels : what was read, in SI, on one clock.
+    """
+    tables = {name: {**body.get(name, {}), **output.get(name, {})} for name in {**output, **body}}
+    declared = tables["channels"]
+    tables["channels"] = {"time": {"column": STAMPS, "unit": "s"}}
+    for channel in channels:
+        if not channel.name.startswith("attitude."):
+            further = {k: v for k, v in declared.get(channel.name, {}).items() if k in _FILTER_KEYS}
+            column = naming.column_name(channel.name, channel.unit)
+            tables["channels"][channel.name] = {"column": column, "unit": channel.unit, **further}
+    columns = [naming.column_name(f"attitude.{name}", "1") for name in QUATERNION]
+    senses = {name: value for name, value in declared["attitude"].items() if name not in ("columns", "time")}
+    tables["channels"]["attitude"] = {"columns": columns, **senses}
+    tables.get("rig", {}).pop("input_axis", None)
+    drifted = 4.0 * alignment.std + abs(alignment.skew) * alignment.overlap
+    free = max(drifted, *(spacing(channel) for channel in channels))
+    tables["clock"] = {"offset_tolerance": f"{free!r} s", **tables.get("clock", {})}
+    if alignment.rate is not None:
+        tables["uncertainty"] = {"clock_rate": abs(float(alignment.rate.skew)), **tables.get("uncertainty", {})}
+    return tables
+
+
+STAMPS = "t_s"
+"""Column of the stamps of what was joined."""
+_FILTER_KEYS = "lowpass", "highpass", "noise", "resolution", "u_scale"
+"""Keys of a channel that hold of its values in SI, on whatever clock."""
+
+
+def table_of(path: Path, channels: Sequence[Channel]) -> Table:
+    """A table of channels, in SI, on all instants at which one was sampled; `path` stands in messages."""
+    t = np.unique(np.concatenate([channel.t for channel in channels]))
+    columns = {STAMPS: Column(t)}
+    for channel in channels:
+        values, present = np.zeros(len(t)), np.zeros(len(t), dtype=bool)
+        at = np.searchsorted(t, channel.t)
+        values[at], present[at] = channel.y, True
+        columns[naming.column_name(channel.name, channel.unit)] = Column(values, present)
+    return Table(
+        path, tuple(columns), lambda names: {name: columns[name] for name in names}, lambda i: f"instant {t[i]:.6g} s"
+    )
+
+
 Rates = tuple[float | None, float | None]
 """Rates that are declared for output and position in place of stamps, Hz."""
 
 
-def alignment_of(recording: Recording, beside: Iterable[str], sign: float = 1.0) -> Alignment:
+def alignment_of(
+    recording: Recording, beside: Iterable[str], sign: float = 1.0, near: Alignment | None = None
+) -> Alignment:
     """How the clock of the output lies upon that of the position; with `sign` -1 as if it were mounted otherwise.
 
     Parameters
     ----------
     beside : side channels that are on the clock of the output.
+    near : of another output, at whose shift and rate this one is compared.
 
     Raises
     ------
     RecordingError
         If they cannot be aligned.
     """
-    rig = recording.rig
+    rig, search = recording.rig, None
     delay = 0.0 if rig.lowpass is None else rig.lowpass.tau
     gravity = None if GRAVITY in beside else recording.side.get(GRAVITY)
-    polarity = sign * rig.polarity
+    if near is not None:
+        lag = float(recording.position.t[0] - recording.accel.t[0]) + delay - near.shift
+        rate = Rate(0.0, 0.0, 0.0, 0.0) if near.rate is None else near.rate
+        search = Search(replace(rate, correlation=0.0, lag=lag), "", slips=near.rate is not None)
     return align(
-        recording.accel, recording.position, polarity=polarity, delay=delay, name=recording.name, gravity=gravity
+        recording.accel,
+        recording.position,
+        polarity=sign * rig.polarity,
+        delay=delay,
+        name=recording.name,
+        gravity=gravity,
+        search=search,
     )
 
 

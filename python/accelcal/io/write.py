@@ -40,8 +40,8 @@ from accelcal.data import (
 from accelcal.io import naming
 from accelcal.io.atomic import Part, atomic, atomic_write, named
 from accelcal.io.files import content_of
-from accelcal.io.loading import digest_of
-from accelcal.io.sidecar import KEYS, Clock, Key, Source, sidecar_of, toml_key, toml_text
+from accelcal.io.loading import Body, digest_of
+from accelcal.io.sidecar import KEYS, Clock, Key, Source, sidecar_of, toml_key, toml_of, toml_text
 from accelcal.io.table import SIDECAR_BYTES, cells_of
 
 if TYPE_CHECKING:
@@ -92,6 +92,36 @@ def write_parquet(recording: Recording, path: str | Path) -> dict[str, Clock | S
     with atomic(path) as part:
         parquet.write_table(table, part, compression="zstd", write_page_checksum=True)
     return _sources(recording, "t", columns)
+
+
+def write_body(body: Body, path: str | Path, mark: Callable[[str], str] = str) -> None:
+    """Write what two loggers recorded of one body as one file, CSV or Parquet by its name, and the sidecar beside it.
+
+    Parameters
+    ----------
+    path, mark : as of `write_csv` and `write_sidecar`.
+    """
+    import pyarrow as pa
+    from pyarrow import csv, parquet
+
+    columns = body.table.read(body.table.columns)
+    cells = {
+        name: cells_of(y.values, np.zeros(len(y.values), bool) if y.present is None else ~y.present)
+        for name, y in columns.items()
+    }
+    noticed = [asdict(finding) for finding in (body.alignment, *body.table.notes)]
+    tables = {**body.declared, "run": {**body.declared.get("run", {}), "noticed": noticed}}
+    text = "\n".join(
+        f"[{name}]\n" + "".join(f"{toml_key(key)} = {toml_of(value)}\n" for key, value in entries.items())
+        for name, entries in tables.items()
+        if entries
+    )
+    with atomic(path) as part:
+        if Path(path).suffix == ".csv":
+            csv.write_csv(pa.table(cells), part, csv.WriteOptions(quoting_style="needed"))
+        else:
+            parquet.write_table(pa.table(cells), part, compression="zstd", write_page_checksum=True)
+    atomic_write(sidecar_of(Path(path)), mark(text))
 
 
 def write_sidecar(
