@@ -1,6 +1,7 @@
 /* A recording through a filter that `accelcal export --filter c -o tracker` wrote: on a computer, and on a board in QEMU
  * with board.c beside it. Standard input is a CSV with a header: time, output, position; of the last two either may be
- * empty. It prints the estimates after the last row, and a digest of their bits after every row. */
+ * empty. It prints the estimates after the last row, and a digest of their bits after every row, and ends with 1 where
+ * there was no row, an argument was refused, or the filter is lost to numbers that no sensor gives. */
 #include <stdint.h>
 
 #include "tracker.h"
@@ -130,5 +131,5 @@ int main(void) {
     text("bits after every row: ");
     for (int shift = 28; shift >= 0; shift -= 4) putchar("0123456789abcdef"[digest >> shift & 15u]);
     putchar('\n');
-    return refused != 0;
+    return refused != 0 || !tracker_finite(&filter);
 }

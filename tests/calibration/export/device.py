@@ -286,6 +286,7 @@ def compiled(folder: Path, parameters: int, arguments: int, kind: str, *, watch:
 static cal_filter f;
 void begin(void) {{ cal_init(&f, 0); }}
 uint32_t *counts(void) {{ return &f.n; }} /* readings, earlier and missing are behind it */
+int finite(void) {{ return cal_finite(&f); }}
 int resume({kind} position, uint32_t missed) {{ return cal_resume(&f, position, missed); }}
 int rows(const {kind} *x, int n)
 {{

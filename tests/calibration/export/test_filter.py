@@ -315,6 +315,9 @@ fn main() {
     let mut fresh = cal::Filter::new(0.5);
     assert_eq!(fresh.resume(0.0, 10), Ok(()));
     assert_eq!((fresh, fresh.missing), (cal::Filter::new(0.0), 0));
+    assert!(fresh.is_finite());
+    fresh.D[1] = KIND::NAN;
+    assert!(!fresh.is_finite());
 }
 """
 
@@ -373,6 +376,22 @@ def test_a_reading_or_an_output_that_is_none_changes_nothing(tmp_path):
     absent = rows.copy()
     absent[10, 1] = np.nan
     assert np.array_equal(estimates_after(library, gap, (50,), 3), estimates_after(library, absent, (50,), 3))
+
+
+@pytest.mark.outside
+@pytest.mark.parametrize("column", [0, 1], ids=["output", "position"])
+def test_a_filter_that_an_absurd_number_has_broken_says_so(tmp_path, column):
+    for file, text in filter_files(filter_of(with_effects("cubic")), "cal", "c", "f32").items():
+        (tmp_path / file).write_text(text)
+    library = compiled(tmp_path, 3, 2, "float")
+    rows = np.zeros((50, 2), np.float32)
+    for value, finite in ((1e-6, 1), (1e20, 0)):
+        rows[20, column] = value
+        library.begin()
+        assert library.rows(rows.ctypes.data_as(ctypes.c_void_p), 50) == 0  # no argument was refused
+        assert library.finite() == finite
+    library.begin()
+    assert library.finite() == 1
 
 
 @pytest.mark.outside

@@ -1029,7 +1029,9 @@ def comment(text: Text) -> list[str]:
         )
         + ". Steps are one sample apart. An argument that is not finite, but for the position, is refused, and nothing "
         "is changed, not the time either: for a lost output pass the one before it. Behind a gap of more than 8 samples"
-        " call resume with a position that was read, which begins the motion anew and keeps the parameters.",
+        " call resume with a position that was read, which begins the motion anew and keeps the parameters. What is "
+        "finite counts, however far off: refuse what the sensors cannot have read, and ask once in a while whether all "
+        "numbers of the filter are finite; one that is not stays, and the filter has to begin anew with its prior.",
         "States: p, v (along the input axis), then parameters: "
         + "; ".join(
             f"{i} {name} ({ascii_unit(estimates[name].unit) or '1'}), prior {estimates[name].value:.6g} with standard "
@@ -1106,6 +1108,30 @@ int {name}_resume({name}_filter *f, {kind} position, uint32_t missed)
 {chr(10).join(watching.interrupted(text)) if text.plan.suspects else ""}
     {name}_begin(f, position);
     return 0;
+}}
+"""
+
+
+def c_finite(text: Text) -> str:
+    """Definition of whether the filter can go on."""
+    name, kind, zero = text.writer.name, text.writer.type(), text.writer.literal(0.0)
+    rows = [
+        f"{name}_are_finite({f'f->{field}' if n else f'&f->{field}'}, {n or 1}u)" for field, n in text.sizes.items()
+    ]
+    return f"""\
+/* Whether so many numbers are. */
+static int {name}_are_finite(const {kind} *x, unsigned count)
+{{
+    unsigned i = 0u;
+    while (i < count && x[i] * {zero} == {zero}) {{
+        ++i;
+    }}
+    return i == count;
+}}
+
+int {name}_finite(const {name}_filter *f)
+{{
+    return {f"{chr(10)}        && ".join(rows)};
 }}
 """
 
@@ -1271,6 +1297,8 @@ int {name}_step({name}_filter *f, {parameter_list(text)});
 /* Behind a gap of so many missing samples: the motion begins anew at a position (m), the next reading will do; 0, or 1
  * where it is not finite and nothing was changed. */
 int {name}_resume({name}_filter *f, {kind} position, uint32_t missed);
+/* 1 while all numbers of the filter are finite; 0 when one is lost, for ever: only {name}_init helps. */
+int {name}_finite(const {name}_filter *f);
 /* Position of the stage, m. */
 {kind} {name}_position(const {name}_filter *f);
 /* Its velocity, m/s. */
@@ -1336,6 +1364,7 @@ int {name}_step({name}_filter *f, {parameter_list(text)})
 }}
 
 {c_resume(text)}
+{c_finite(text)}
 {kind} {name}_position(const {name}_filter *f)
 {{
     return {f"-(f->p{lag})" if sign and lag else f"{sign}f->p{lag}"};
@@ -1374,7 +1403,14 @@ def rust_queries(text: Text) -> str:
     tau, sign = text.plan.live.settings["tau"], "" if text.plan.live.rig.polarity > 0 else "-"
     lag = f" + {text.writer.literal(tau)} * self.v" if tau else ""
     stage = f"self.p{lag}"
+    rows = [f"self.{x}.{'iter().all(|x| x.is_finite())' if n else 'is_finite()'}" for x, n in text.sizes.items()]
     return f"""\
+    /// Whether all numbers of the filter are finite. One that is lost stays so: only [`Filter::new`] helps.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {{
+        {f"{chr(10)}            && ".join(rows)}
+    }}
+
     /// Position of the stage, m.
     #[must_use]
     pub fn position(&self) -> {kind} {{
@@ -1601,7 +1637,7 @@ fn main() {{
     let mut filter = {name}::Filter::new({start});
     let mut failed = 0;
     for (i, row) in RECORD.iter().enumerate() {{
-        failed += i32::from(filter.step({arguments}).is_err());
+        failed += i32::from(filter.step({arguments}).is_err() || !filter.is_finite());
         for (k, after) in AFTER.iter().enumerate() {{
             for j in 0..{name}::PARAMETERS {{
                 let far = !((filter.theta[j] - EXPECTED[k][j]).abs() <= TOLERANCE[k][j]);
@@ -1631,7 +1667,7 @@ int main(void)
     unsigned i, j, k, failed = 0u;
     {name}_init(&filter, {start});
     for (i = 0u; i < {RECORD}u; ++i) {{
-        if ({name}_step(&filter, {arguments}) != 0) {{
+        if ({name}_step(&filter, {arguments}) != 0 || !{name}_finite(&filter)) {{
             ++failed;
         }}
         for (k = 0u; k < {len(CHECKS)}u; ++k) {{
