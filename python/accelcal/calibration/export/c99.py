@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 from accelcal.calibration.export.approximate import READING_OUTSIDE, SINGLE, TEMPERATURE_OUTSIDE, Warmth
-from accelcal.calibration.export.calibration import Calibration, Code, comment, identifier, unit
+from accelcal.calibration.export.calibration import Calibration, Code, comment, identifier, strict, unit
 
 
 def header(c: Calibration, file: str) -> str:
@@ -32,9 +32,7 @@ def header(c: Calibration, file: str) -> str:
 #ifndef {big}_H
 #define {big}_H
 
-#ifdef __FAST_MATH__
-#error "compile without -ffast-math, or neither bounds nor flags hold"
-#endif
+{strict("bounds and flags")}
 
 #define {big}_READING_OUTSIDE {READING_OUTSIDE}u
 #define {big}_TEMPERATURE_OUTSIDE {TEMPERATURE_OUTSIDE}u

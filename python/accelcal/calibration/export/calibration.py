@@ -375,6 +375,16 @@ def identifier(text: str) -> str:
     return name if re.match("[a-z]", name) else f"sensor_{name}".rstrip("_")
 
 
+def strict(lost: str) -> str:
+    """Guard of C against -ffast-math and the parts of it, with which NaN is taken for a number or sums change."""
+    parts = "defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__)"
+    return f"""\
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__) \\
+    || {parts}
+#error "compile without -ffast-math and its parts, or {lost} do not hold"
+#endif"""
+
+
 def upwards(value: float, digits: int = 2) -> str:
     """A bound in few digits, never smaller than it is.
 

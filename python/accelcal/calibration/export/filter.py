@@ -29,6 +29,7 @@ from accelcal.calibration.export.calibration import (
     plain,
     require_covariance,
     require_finite,
+    strict,
 )
 from accelcal.calibration.export.calibration import unit as ascii_unit
 from accelcal.calibration.export.symbols import (
@@ -1328,9 +1329,7 @@ def c_source(text: Text) -> str:
 /* Live filter; {name}.h says what it does. */
 #include "{name}.h"
 
-#ifdef __FAST_MATH__
-#error "compile without -ffast-math, or bits and covariance do not hold"
-#endif
+{strict("bits and covariance")}
 #if defined(__clang__) || !defined(__GNUC__)
 #pragma STDC FP_CONTRACT OFF
 #endif
