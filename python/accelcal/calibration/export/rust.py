@@ -24,6 +24,7 @@ def module(c: Calibration) -> str:
 #![cfg_attr(rustfmt, rustfmt_skip)]
 #![allow(dead_code)] // both number formats are here; a program may want one
 #![allow(clippy::neg_cmp_op_on_partial_ord)] // a reading that is not a number is outside too
+#![allow(clippy::pedantic)] // written by a program
 
 /// The reading lies beyond the range; acceleration is extrapolated in a straight line.
 pub const READING_OUTSIDE: u8 = {READING_OUTSIDE};
@@ -97,6 +98,7 @@ def _function(c: Calibration, code: Code) -> str:
         f"pub const BOUND{_suffix(code).upper()}: {kind} = {number(code.bound)};",
         "",
         f"/// Takes a reading ({unit(c.unit)}){' and a temperature (degC)' if w else ''} to acceleration.",
+        "#[must_use]",
         f"pub const fn acceleration{_suffix(code)}(reading: {kind}{f', temperature: {kind}' if w else ''}) "
         f"-> Corrected<{kind}> {{",
         f"    const COEFFICIENT: [[[{kind}; {columns}]; {rows}]; {len(segments)}] = [\n{segment_rows}    ];",
@@ -181,6 +183,7 @@ def _self_test(code: Code) -> str:
     ]
     return f"""\
 /// Lines of the test vector that fail: the numbers of the model file, up to rounding.
+#[must_use]
 pub const fn self_test{_suffix(code)}() -> usize {{
     const VECTOR: [({kind}, {kind}, {kind}, u8); {len(lines)}] = [
 {"".join(lines)}    ];
