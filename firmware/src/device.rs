@@ -102,7 +102,8 @@ fn elapsed(f: impl FnOnce()) -> u32 {
 #[inline(always)]
 fn stack_paint() -> *mut u32 {
     let top: *mut u32;
-    // SAFETY: below the stack pointer nothing is alive, and no interrupt is on.
+    // SAFETY: below the stack pointer nothing is alive, no interrupt is on, the memory reaches further down than `WATCHED`,
+    // and in an optimised image, the only one that is run, the loop calls nothing.
     unsafe {
         asm!("mov {}, sp", out(reg) top, options(nomem, nostack));
         for word in 1..=WATCHED {
@@ -134,6 +135,6 @@ fn report(name: &core::ffi::CStr, mut value: u64) {
 
 /// Asks the debugger, here QEMU: 3 writes a letter, 4 a string, 0x18 ends.
 fn semihost(operation: u32, argument: usize) {
-    // SAFETY: the operations above only read what they are given.
+    // SAFETY: the operations above only read; every caller here gives the address of a letter or of a string with its end.
     unsafe { asm!("bkpt 0xAB", inout("r0") operation => _, in("r1") argument, options(nostack)) }
 }
