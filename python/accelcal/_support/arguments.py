@@ -40,11 +40,18 @@ HOW_TO_CONVERT = (
     'accelcal.data.units.quantity("0.5 mg", "acceleration") reads a text, '
     'accelcal.data.units.sensitivity("0.1 V/g", "acceleration") an electrical scale factor and what it counts in'
 )
+RANGES: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
+    **dict.fromkeys(("start", "end"), ("a time", lambda time: not isinstance(time, float) or time == time)),
+    "alpha": ("a number between 0 and 1", lambda rate: 0.0 < rate < 1.0),
+    "most": ("a whole number that is not negative", lambda count: count is None or count >= 0),
+    "horizons": ("positive numbers", lambda times: all(time > 0.0 for time in times)),
+}
+"""What a number must be wherever an argument has the name; each of them refuses NaN."""
 NAMES_OF_EFFECTS = "enter a function with @accelcal.effect(...), then give the name of the effect as text"
 
 
 def checked(function: Callable[P, T]) -> Callable[P, T]:
-    """Let a function refuse arguments of the wrong type.
+    """Let a function refuse arguments of the wrong type, and numbers out of their range.
 
     Raises
     ------
@@ -63,6 +70,9 @@ def checked(function: Callable[P, T]) -> Callable[P, T]:
             for label, item in labelled(name, value, signature.parameters[name].kind):
                 if name not in ("self", "cls") and not accepts(hint, item):
                     raise error_of(hint, item)(refusal(function.__qualname__, order(signature), label, hint, item))
+            if name in RANGES and not RANGES[name][1](value):
+                owner = f"{function.__qualname__}({order(signature)})"
+                raise AccelcalError(f"{owner}: {name} is {found(value)}; expected {RANGES[name][0]}")
         return function(*args, **kwargs)
 
     return call

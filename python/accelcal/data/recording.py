@@ -583,9 +583,11 @@ def with_dwells(
     Raises
     ------
     RecordingError
-        If dwells of one output stand beside three, or positions of three beside one or alone.
+        If there is none, dwells of one output stand beside three, or positions of three beside one or alone.
     """
     given = [several] if isinstance(several, Recording | Dwells | Positions) else list(several)
+    if not given:
+        raise RecordingError("the list of recordings is empty; expected at least one")
     recordings = [item for item in given if isinstance(item, Recording)]
     dwells = [item for item in given if isinstance(item, Dwells)]
     positions = [item for item in given if isinstance(item, Positions)]
