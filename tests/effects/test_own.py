@@ -160,3 +160,24 @@ def test_find_offers_the_nearest_names():
 def test_a_name_can_be_used_once():
     with pytest.raises(ValueError, match="already in the catalogue"):
         effect("cubic", unit="1", symbol="c", scale=1.0)(lambda s: s.a)
+
+
+def test_a_function_that_is_defined_anew_takes_the_place_of_its_older_self():
+    def enter(factor, name="pull"):
+        @effect(name, unit="s⁻²", symbol="c", scale=1.0)
+        def pull(s):
+            return factor * s.p if factor else None
+
+    s = sines(n=50)
+    enter(1.0)
+    enter(2.0)
+    np.testing.assert_array_equal(find("pull").column(s), 2.0 * s.p)
+    with pytest.raises(EffectsFileError, match="None"):
+        enter(0.0)
+    np.testing.assert_array_equal(find("pull").column(s), 2.0 * s.p)  # a wrong one leaves what was there
+
+    with pytest.raises(ValueError, match="'pull' is already in the catalogue"):
+
+        @effect("pull", unit="s⁻²", symbol="c", scale=1.0)
+        def another(s):
+            return s.p

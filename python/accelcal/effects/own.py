@@ -49,11 +49,11 @@ def _looked_at(declare: Callable[_P, _Enter]) -> Callable[_P, _Enter]:
         enter = declare(*args, **declared)
 
         def tried(function: Callable[..., Array]) -> Callable[..., Array]:
-            names = set(CATALOGUE)
+            before = dict(CATALOGUE)
             enter(function)
             if not _loading.get():
-                (name,) = set(CATALOGUE) - names
-                _accept(name)
+                (name,) = (name for name, entered in CATALOGUE.items() if entered is not before.get(name))
+                _accept(name, before.get(name))
             return function
 
         return tried
@@ -64,9 +64,11 @@ def _looked_at(declare: Callable[_P, _Enter]) -> Callable[_P, _Enter]:
 effect = _looked_at(registry.effect)
 
 
-def _accept(name: str) -> None:
-    """Try an effect that a script or a notebook has entered, or remove it."""
+def _accept(name: str, before: Effect | None) -> None:
+    """Try an effect that a script or a notebook has entered, or leave what was there."""
     entered = CATALOGUE.pop(name)
+    if before is not None:
+        CATALOGUE[name] = before
     _try(place_of(entered.function)[0] or name, entered)
     CATALOGUE[name] = entered
 

@@ -531,8 +531,12 @@ def effect(
     Raises
     ------
     ValueError
-        If the name is taken, or port, owner or a shape's keyword does not exist; if a mean is declared of what is not
-        one constant coefficient, or a standard deviation that is not positive.
+        If another function has taken the name, or port, owner or a shape's keyword does not exist; if a mean is
+        declared of what is not one constant coefficient, or a standard deviation that is not positive.
+
+    Notes
+    -----
+    A function that is defined anew, as by a cell of a notebook that runs again, takes the place of its older self.
 
     Examples
     --------
@@ -556,7 +560,7 @@ def effect(
     declared = MappingProxyType(dict(shapes or {}))
 
     def enter(function: Callable[..., Array]) -> Callable[..., Array]:
-        if name in CATALOGUE:
+        if name in CATALOGUE and not is_redefined(CATALOGUE[name], function):
             raise AccelcalError(f"effect {name!r} is already in the catalogue; choose another name")
         taken = inspect.signature(function).parameters
         for keyword in declared:
@@ -570,6 +574,12 @@ def effect(
         return function
 
     return enter
+
+
+def is_redefined(entered: Effect, function: Callable[..., Array]) -> bool:
+    """Whether a function is that of an effect, defined anew in its module; files of effects are loaded again whole."""
+    before = inspect.unwrap(entered.function)
+    return not entered.text and (before.__module__, before.__qualname__) == (function.__module__, function.__qualname__)
 
 
 def family(
