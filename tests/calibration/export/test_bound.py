@@ -19,6 +19,7 @@ from accelcal.calibration.export.approximate import (
     chebyshev_rows,
     evaluate,
 )
+from accelcal.data.rig import Sensor
 
 from .models import REFERENCE, VOLTS, exact, fit_of, fits
 
@@ -178,3 +179,16 @@ def test_a_model_that_is_not_monotone_is_refused_with_the_place(values, where):
     with pytest.raises(NotExportable, match="not safely monotone") as caught:
         calibrate(fit_of({"bias": 0.05, **values}))
     assert where in str(caught.value)
+
+
+def test_a_calibration_is_applied_to_arrays_as_the_code_does_it():
+    cold = calibrate(fit_of({"bias": 0.2, "cubic": 1e-4}, sensor=Sensor()))
+    a = np.linspace(-12.0, 12.0, 7)
+    force, outside = cold.acceleration([*(a + 0.2 + 1e-4 * a**3), 40.0])
+    np.testing.assert_allclose(force[:-1], a, rtol=0.0, atol=cold.double.bound + 1e-12)
+    assert outside.tolist() == [0] * 7 + [1]
+
+    warm = calibrate(fit_of({"temperature_bias": 0.01}, sensor=Sensor(), temperature=(10.0, 40.0)))
+    np.testing.assert_allclose(warm.acceleration([1.0], 33.0)[0], 0.9, atol=1e-9)  # 10 K above the reference
+    with pytest.raises(ValueError, match="depends on temperature; give it"):
+        warm.acceleration([1.0])

@@ -14,6 +14,7 @@ from typing import ClassVar
 from urllib.parse import urlsplit
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from accelcal._core import __version__
 from accelcal._support.errors import AccelcalError, optional
@@ -217,6 +218,38 @@ class Calibration(Storable):
         """What the reading is counted in."""
         sensor = self.fit.rig.sensor
         return "m/s²" if sensor.scale is None else sensor.scale_unit or "V"
+
+    def acceleration(self, reading: ArrayLike, temperature: ArrayLike | None = None) -> tuple[Array, Array]:
+        """Specific force of readings as the exported code gives it in double, and what lies outside its range.
+
+        Parameters
+        ----------
+        reading : (n,) in `unit`: V, counts or m/s².
+        temperature : (n,) or one for all, degC; needed where a coefficient of the model depends on it.
+
+        Returns
+        -------
+        Acceleration (n,), m/s², and flags (n,): 0 inside, else the sum of `READING_OUTSIDE` and `TEMPERATURE_OUTSIDE`.
+
+        Raises
+        ------
+        AccelcalError
+            If the temperature is missing.
+
+        Examples
+        --------
+        >>> import accelcal as ac
+        >>> import numpy as np
+        >>> rng = np.random.default_rng(1)
+        >>> rig = ac.Rig(sensor=ac.Sensor(noise=0.002))
+        >>> run = ac.simulate("tones", seconds=12.0, rig=rig, parameters={"bias": 0.05}, rng=rng).recording
+        >>> force, outside = calibrate(ac.fit(run)).acceleration(run.accel.y[:3])
+        >>> np.round(run.accel.y[:3] - force, 2), outside.any()
+        (array([0.05, 0.05, 0.05]), np.False_)
+        """
+        if self.double.inverse.warmth is not None and temperature is None:
+            raise AccelcalError("the model depends on temperature; give it beside the readings, in degC")
+        return evaluate(self.double.inverse, reading, 0.0 if temperature is None else temperature)
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
