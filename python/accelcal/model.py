@@ -387,6 +387,12 @@ class Estimate(Result):
     Estimate(bias 0.05 ± 0.0001 m/s²)
     """
 
+    counterparts: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("stderr", "bse", "error", "std_dev", "uncertainty"), "estimate.std"),
+        **dict.fromkeys(("nominal_value", "estimate", "mean"), "estimate.value"),
+        **dict.fromkeys(("low", "high", "min", "max"), 'fit.to_dataframe()[["low", "high"]]'),
+    }
+
     name: str
     symbol: str
     unit: str

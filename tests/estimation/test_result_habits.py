@@ -42,7 +42,13 @@ def test_prediction_and_residual_add_up_to_the_output(fitted: tuple[ac.Fit, ac.F
 
 
 @pytest.mark.parametrize(
-    ("name", "instead"), [("params", "fit.estimates"), ("covar", "fit.covariance"), ("score", "fit_percent")]
+    ("name", "instead"),
+    [
+        ("params", "fit.estimates"),
+        ("covar", "fit.covariance"),
+        ("score", "fit_percent"),
+        ("apply", "calibrate"),
+    ],
 )
 def test_a_name_of_another_package_names_its_counterpart(
     fitted: tuple[ac.Fit, ac.Fit, ac.Recording], name: str, instead: str
@@ -51,3 +57,24 @@ def test_a_name_of_another_package_names_its_counterpart(
         getattr(fitted[0], name)
     with pytest.raises(AttributeError, match="has no attribute 'nonsense'"):
         fitted[0].nonsense  # noqa: B018
+
+
+def test_estimates_and_recordings_name_counterparts_too(fitted: tuple[ac.Fit, ac.Fit, ac.Recording]) -> None:
+    with pytest.raises(AttributeError, match=r"Estimate has no 'stderr'; its counterpart is estimate\.std"):
+        fitted[0]["bias"].stderr  # type: ignore[attr-defined]  # noqa: B018
+    with pytest.raises(AttributeError, match=r"Recording has no 'plot'; its counterpart is recording\.to_dataframe"):
+        fitted[2].plot  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_names_of_parameters_are_those_of_a_mapping(fitted: tuple[ac.Fit, ac.Fit, ac.Recording]) -> None:
+    base, cubic, _ = fitted
+    assert list(cubic) == ["bias", "scale_factor", "time_offset", "cubic"]
+    assert "cubic" in cubic
+    assert "cubic" not in base
+    assert {name: cubic[name].value for name in cubic}["cubic"] == cubic["cubic"].value
+
+
+def test_an_effect_of_several_coefficients_names_them(fitted: tuple[ac.Fit, ac.Fit, ac.Recording]) -> None:
+    waved = ac.add(fitted[1], fitted[2], "tone")
+    with pytest.raises(KeyError, match=r"'tone' has several coefficients: tone\.sin, tone\.cos"):
+        waved["tone"]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, date, datetime, timedelta
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
 import numpy as np
 import scipy
@@ -266,6 +266,11 @@ class Recording(Result):
     >>> run.position.unit, len(run.part(0.2, 0.4).accel)
     ('m', 201)
     """
+
+    counterparts: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("plot", "columns", "head", "describe"), "recording.to_dataframe(), in SI units"),
+        **dict.fromkeys(("t", "time", "index"), "recording.accel.t and recording.position.t, s"),
+    }
 
     accel: Channel
     """Accelerometer output, m/s² (converted from V or counts through the declared scale)."""

@@ -141,6 +141,10 @@ class Fit(Result):
         **dict.fromkeys(("chisqr", "redchi"), "accelcal.compare(fit, recording)[0].nis, 1 when noise and model agree"),
         **dict.fromkeys(("score", "rsquared", "r2"), "accelcal.compare(fit, recording)[0].fit_percent"),
         **dict.fromkeys(("ci_report", "conf_interval", "conf_int"), "fit.table(), whose rows hold 95 % intervals"),
+        **dict.fromkeys(
+            ("apply", "correct", "transform", "inverse_transform"),
+            "accelcal.calibration.export.calibrate(fit).acceleration(readings)",
+        ),
         "eval_uncertainty": "accelcal.report, which draws the uncertainty of every curve",
         "summary": "fit.fit_report()",
         "llf": "fit.log_likelihood",
@@ -193,17 +197,21 @@ class Fit(Result):
         for estimate in (*self.estimates, *self.shapes):
             if estimate.name == name:
                 return estimate
+        if parts := list(dict.fromkeys(e.name for e in self.estimates if e.name.startswith(f"{name}."))):
+            raise KeyError(f"{name!r} has several coefficients: {', '.join(parts)}")
         if name in self.model.effects:
             raise KeyError(f"{name!r} acts on noise and has no coefficient of the mean; see noise_effects of the fit")
-        near = difflib.get_close_matches(str(name), self._ipython_key_completions_(), n=1)
+        near = difflib.get_close_matches(str(name), self, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise KeyError(
-            f"{name!r} is not a parameter of this fit; it has {', '.join(self._ipython_key_completions_())}{hint}"
-        )
+        raise KeyError(f"{name!r} is not a parameter of this fit; it has {', '.join(self)}{hint}")
+
+    def __iter__(self) -> Iterator[str]:
+        """Names of parameters, as of a mapping: `"cubic" in fit`."""
+        return iter(dict.fromkeys(e.name for e in (*self.estimates, *self.shapes)))
 
     def _ipython_key_completions_(self) -> list[str]:
         """Names that a notebook offers behind fit[."""
-        return list(dict.fromkeys(e.name for e in (*self.estimates, *self.shapes)))
+        return list(self)
 
     def plot(self, *, theme: Literal["light", "dark"] = "light") -> Figure:
         """Draw the parameters with their uncertainties, see `accelcal.plots.parameters`.
