@@ -118,7 +118,8 @@ def left_out_remarks(
 
 
 def cut_without(recording: Recording, stretches: Sequence[tuple[float, float]]) -> str:
-    """The clause with the command that writes a file without these stretches, s; empty where they are too many."""
+    """The clause with the command that writes a file without these stretches, s, or with the call where the channels
+    were arrays; empty where they are too many."""
     spans = list[tuple[float, float]]()
     for a, b in sorted((a - MILLISECOND, b + MILLISECOND) for a, b in stretches):
         if spans and a <= spans[-1][1]:
@@ -127,10 +128,11 @@ def cut_without(recording: Recording, stretches: Sequence[tuple[float, float]]) 
             spans.append((a, b))
     if len(spans) > MOST_CUT:
         return ""
-    name = recording.name or "FILE"
+    if not recording.origin.given:
+        return f"; without that: recording.without({', '.join(f'({instant(a)}, {instant(b)})' for a, b in spans)})"
     parts = " ".join(f"--without {instant(a)}:{instant(b)}" for a, b in spans)
-    given = recording.origin.given or quote(name)
-    return f"; a file without that: accelcal cut {given} {parts} -o {quote(f'{Path(name).stem}_cut.csv')}"
+    name = quote(f"{Path(recording.name).stem}_cut.csv")
+    return f"; a file without that: accelcal cut {recording.origin.given} {parts} -o {name}"
 
 
 def _cleaned(source: Source) -> Recording | None:
