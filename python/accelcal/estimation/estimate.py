@@ -108,6 +108,23 @@ SCALE_STD_LIMIT = 0.5
 """A scale factor less certain than this was not excited at all."""
 
 
+COUNTERPARTS: Mapping[str, str] = {
+    **dict.fromkeys(("params", "coef_", "best_values", "x"), "fit.estimates, or fit[name].value and .std"),
+    **dict.fromkeys(("covar", "cov_params", "pcov"), "fit.covariance"),
+    **dict.fromkeys(("chisqr", "redchi"), "accelcal.compare(fit, recording)[0].nis, 1 when noise and model agree"),
+    **dict.fromkeys(("score", "rsquared", "r2"), "accelcal.compare(fit, recording)[0].fit_percent"),
+    **dict.fromkeys(("ci_report", "conf_interval", "conf_int"), "fit.table(), whose rows hold 95 % intervals"),
+    **dict.fromkeys(
+        ("apply", "correct", "transform", "inverse_transform"),
+        "accelcal.calibration.export.calibrate(fit).acceleration(readings)",
+    ),
+    "eval_uncertainty": "accelcal.report, which draws the uncertainty of every curve",
+    "summary": "fit.fit_report()",
+    "llf": "fit.log_likelihood",
+}
+"""What stands for names that fits of other packages have, as code."""
+
+
 @dataclass(frozen=True, slots=True)
 class Quantity:
     """A value with its standard uncertainty and unit."""
@@ -135,20 +152,7 @@ class Fit(Result):
     """
 
     derived: ClassVar[tuple[str, ...]] = ("electrical", "stands_for")
-    counterparts: ClassVar[Mapping[str, str]] = {
-        **dict.fromkeys(("params", "coef_", "best_values", "x"), "fit.estimates, or fit[name].value and .std"),
-        **dict.fromkeys(("covar", "cov_params", "pcov"), "fit.covariance"),
-        **dict.fromkeys(("chisqr", "redchi"), "accelcal.compare(fit, recording)[0].nis, 1 when noise and model agree"),
-        **dict.fromkeys(("score", "rsquared", "r2"), "accelcal.compare(fit, recording)[0].fit_percent"),
-        **dict.fromkeys(("ci_report", "conf_interval", "conf_int"), "fit.table(), whose rows hold 95 % intervals"),
-        **dict.fromkeys(
-            ("apply", "correct", "transform", "inverse_transform"),
-            "accelcal.calibration.export.calibrate(fit).acceleration(readings)",
-        ),
-        "eval_uncertainty": "accelcal.report, which draws the uncertainty of every curve",
-        "summary": "fit.fit_report()",
-        "llf": "fit.log_likelihood",
-    }
+    counterparts: ClassVar[Mapping[str, str]] = COUNTERPARTS
 
     model: Model
     estimates: tuple[Estimate, ...]
