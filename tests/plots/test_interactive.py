@@ -391,6 +391,12 @@ def test_ranking_draws_every_candidate_and_brackets_ties(example, defined):
     assert len(marks(defined["ranking"], Line)) == several
 
 
+def test_a_ranking_without_ties_leaves_no_room_for_brackets(example):
+    alone = tuple(replace(c, weights={}) for c in example.diagnosis.scan.candidates)
+    figure = findings.ranking(replace(example.diagnosis, scan=replace(example.diagnosis.scan, candidates=alone)))
+    assert figure.panels[0].x.range[1] < 1.5 * max(c.snr for c in alone)
+
+
 def test_a_tie_is_bracketed(example):
     first, second, *rest = example.diagnosis.scan.candidates
     tied = (

@@ -105,7 +105,7 @@ def ranking(diagnosis: Diagnosis, most: int = CANDIDATES) -> Figure:
         hover=[f"{c.snr:.1f} σ, family-wise p {c.p_value:.2g}: {_amount(c)}" for c in flat],
     )
     names = Axis(range=(len(flat) - 0.4, -0.6), ticks=(range(len(flat)), on_rows(c.effect for c in flat)), grid=False)
-    significance = Axis("significance", "σ", range=(0.0, 2.6 * top))
+    significance = Axis("significance", "σ", range=(0.0, (2.6 if brackets else 1.25) * top))
     panel = Panel((bars, *brackets), significance, names, height=20.0 + 30.0 * len(flat))
     return Figure((panel,), headline, f"family-wise false-alarm rate {diagnosis.alpha:g}")
 
