@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -39,6 +40,17 @@ def test_prediction_and_residual_add_up_to_the_output(fitted: tuple[ac.Fit, ac.F
     np.testing.assert_allclose(predicted + left, evaluation.measured, rtol=0.0, atol=1e-12)
     assert np.std(left) < np.std(base.residual(run)[1])
     assert "cubic" in cubic.fit_report()
+    with pytest.raises(TypeError, match=r"predict\(recording\): recording is an array"):
+        cubic.predict(run.accel.y)  # type: ignore[arg-type]
+
+
+def test_the_report_of_several_runs_gives_the_range_of_their_agreement(
+    fitted: tuple[ac.Fit, ac.Fit, ac.Recording],
+) -> None:
+    (run,) = fitted[1].runs
+    several = replace(fitted[1], runs=tuple(replace(run, nis=nis) for nis in (1.002, 0.97, 1.1)))
+    assert several.fit_report().count("normalised innovation squared") == 1
+    assert "normalised innovation squared 0.970 to 1.100 (1 when consistent)" in several.fit_report()
 
 
 @pytest.mark.parametrize(

@@ -385,7 +385,8 @@ class Recording(Result):
         frame : columns t, accel, position (or accel_g, position_mm, ...) and side channels; without a column for time
             its index is the time. Stamps are numbers, time deltas, or dates, which count from the first of all; the
             last two need no unit. A clock of one channel is called accel_t or position_t. NaN = not sampled.
-        units : unit by column; by default those in `frame.attrs["units"]`, else those in the names of the columns.
+        units : unit by column, of a time in numbers as well ("s"); by default those in `frame.attrs["units"]`, else
+            those in the names of the columns.
         rig, name : as in `from_arrays`.
 
         Raises

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 import scipy
 
+from accelcal._support.arguments import checked
 from accelcal._support.errors import AccelcalError
 from accelcal._support.process import one_thread
 from accelcal._support.result import Result
@@ -311,15 +312,18 @@ class Fit(Result):
         readings = sum(run.readings for run in self.runs)
         return math.log(readings) * (len(self.covariance) + 2 * len(self.runs)) - 2.0 * self.log_likelihood
 
+    @checked
     def predict(self, recording: Recording) -> tuple[Array, Array]:
         """Output that the model gives for the motion that the reference tells: times (n,) s, output (n,) m/s².
 
-        Below the band in which the reference is better than the sensor.
+        It is low-passed to the band in which the reference is better than the sensor; the ends of the recording, which
+        the low-pass does not reach, are left out.
         """
         evaluation = face("verbs").compare(self, recording)[0]
         t, residual = evaluation.accel_residual
         return t, evaluation.measured - residual
 
+    @checked
     def residual(self, recording: Recording) -> tuple[Array, Array]:
         """Measured output less what the model gives, in the same band: times (n,) s, residual (n,) m/s²."""
         t, residual = face("verbs").compare(self, recording)[0].accel_residual

@@ -43,9 +43,9 @@ def _(fit: Fit, which: str = "") -> Table:
     references = ", ".join(dict.fromkeys(named))
     made_from = [f"{readings} readings of {references}"] * bool(fit.runs)
     made_from += [f"{len(fit.dwells.residual)} {'dwells' if fit.dwells.angle else 'positions'}"] if fit.dwells else []
-    agreement = "".join(
-        f", normalised innovation squared {run.nis:.3f} (1 when consistent)" for run in fit.runs if run.nis is not None
-    )
+    nis = [f"{squared:.3f}" for run in fit.runs if (squared := run.nis) is not None]
+    span = " to ".join(dict.fromkeys((min(nis, key=float), max(nis, key=float)))) if nis else ""
+    agreement = f", normalised innovation squared {span} (1 when consistent)" if nis else ""
     names = ", ".join(name for name, _ in fit.sources)
     loud = [
         note for note in fit.remarks if note.place != "data" and (note.code == "slow_residual" or note.forbids_names)
