@@ -163,6 +163,9 @@ def test_a_comparison_of_models_is_a_dataset_with_axes(fit: ac.Fit) -> None:
         mine = data["simulated"].isel(recording=0).sel(model=name).dropna("t")
         np.testing.assert_array_equal(mine.values, several.seen[0][number].simulated[2])
         np.testing.assert_array_equal(mine["t"].values, several.seen[0][number].simulated[0])
+    errors = several.to_dataframe().query("model != 'noise alone'")  # zero is a bound, which its interval says
+    assert (errors["systematic_low"] <= errors["systematic"]).all()
+    assert (errors["systematic"] < errors["systematic_high"]).all()
 
 
 def test_a_diagnosis_as_a_frame(fit: ac.Fit, run: ac.Recording) -> None:

@@ -383,6 +383,7 @@ def error_reduction(
             Column("model", "model"),
             *([Column("recording", "recording", lambda r: r["recording"] or "all")] if len(parts) > 1 else []),
             *([Column("systematic", "systematic error", systematic_text, "m/s²")] if ranked else []),
+            *([Column(f"systematic_{end}", unit="m/s²") for end in ("low", "high")] if ranked else []),
             *(length_column(f"drift_{k:g}s", f"drift, {k:g} s", detail=ranked and k > horizons[0]) for k in horizons),
             length_column("simulation", "simulation", detail=ranked),
             Column("one_step", "one step", lambda r: length_text(r, "one_step") if "one_step" in r else "", "m"),
