@@ -44,6 +44,10 @@ WRONG: dict[str, tuple[Any, str]] = {
     ),
     "add a function": (lambda r, f: ac.Model.linear().add(lambda s: s.p), r"a function.*@accelcal\.effect"),
     "add an effect": (lambda r, f: ac.Model.linear().add(ac.effects.find("cubic")), r'Give its name, "cubic"'),
+    "add a formula": (
+        lambda r, f: ac.add(f, r, from_expression("air_drag", "v*abs(v)")),
+        r'names is an Own; expected text\. Give its name, "air_drag"',
+    ),
     "hold at text": (lambda r, f: ac.Model.linear().freeze(bias="0"), r"bias is .*expected a number"),
     "grow without a run": (lambda r, f: ac.add(f, "cubic"), r"add\(fit, recordings, \*names\): recordings is the text"),
     "diagnose turned round": (lambda r, f: ac.diagnose(r, f), r"fit is a Recording"),
@@ -61,6 +65,7 @@ WRONG: dict[str, tuple[Any, str]] = {
     "fewer effects than none": (lambda r, f: ac.improve(r, most=-1), r"most is -1; expected .*not negative"),
     "a horizon behind": (lambda r, f: ac.compare(f, r, horizons=[-1.0]), r"horizons is .*expected positive numbers"),
     "a start that is none": (lambda r, f: ac.fit(r, start=float("nan")), r"start is nan; expected a time"),
+    "fit behind the end": (lambda r, f: ac.fit(r, start=99.0), r"0 encoder readings between .* widen start and end"),
     "improve a model": (lambda r, f: ac.improve(ac.Model.linear()), r"recordings is a Model"),
     "power turned round": (lambda r, f: ac.power(r, f), r"model is a Recording; expected a Model or a Fit"),
     "save nowhere": (lambda r, f: f.save(3), r"path is 3; expected text or a Path"),

@@ -169,8 +169,9 @@ def refusal(owner: str, names: str, name: str, hint: Any, value: object) -> str:
     text = f"{owner}({names}): {name} is {found(value)}; expected {expected(hint)}"
     if callable(value) and "str" in classes(hint):
         return f"{text}. To use a function, {NAMES_OF_EFFECTS}"
-    if type(value).__name__ == "Effect" and "str" in classes(hint):
-        return f'{text}. Give its name, "{getattr(value, "name", "")}"'
+    effect = getattr(value, "effect", value)  # of a formula
+    if type(effect).__name__ == "Effect" and "str" in classes(hint):
+        return f'{text}. Give its name, "{getattr(effect, "name", "")}"'
     if isinstance(value, str) and "float" in classes(hint):
         return f"{text}, in SI units. {HOW_TO_CONVERT}"
     return ". ".join([text, *[HOW_TO[kind] for kind in classes(hint) if kind in HOW_TO][:1]])

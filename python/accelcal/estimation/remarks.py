@@ -267,7 +267,8 @@ KINDS: dict[str, Kind] = {
     ),
     "not_settled": Kind(
         "beside",
-        "the iteration had not settled after {rounds} rounds: the model does not describe this record",
+        "the iteration had not settled after {rounds} rounds: the model does not describe this record, or holds an "
+        "effect as large as the output itself",
     ),
     "noise_beyond_declared": Kind("beside", "{recording}: {text}"),
     "barely_shown": Kind(

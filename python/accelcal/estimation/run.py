@@ -575,7 +575,8 @@ def prepare(
     if len(t) < MIN_READINGS:
         raise RecordingError(
             f"{recording.name or 'recording'}: {len(t)} encoder readings between {instant(first)} s and "
-            f"{instant(last)} s, at least {MIN_READINGS} are needed; record longer or widen --from/--to"
+            f"{instant(last)} s, at least {MIN_READINGS} are needed; record longer or widen start and end (--from, "
+            "--to)"
         )
     for name, stamps in (("accel", accel.t[:4096]), ("position", t)):
         require_pace(recording.name or "recording", name, stamps)
