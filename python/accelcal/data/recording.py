@@ -130,8 +130,7 @@ class Channel:
             rule = units.conversion(self.unit)
         except units.UnitError as error:
             raise RecordingError(f"{self.name}: {error}") from None
-        unit = self.unit if rule.factor == 1.0 and rule.offset == 0.0 else rule.si
-        for key, value in (("t", t), ("y", rule.apply(y)), ("unit", unit)):
+        for key, value in (("t", t), ("y", rule.apply(y)), ("unit", rule.si)):
             object.__setattr__(self, key, value)
 
     def __len__(self) -> int:
