@@ -91,6 +91,9 @@ class Result(Storable):
         """
         return face(self.tables_in).table(self, which)
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.table().title})"
+
     def __str__(self) -> str:
         return str(face("results.table").as_text(self.table()))
 

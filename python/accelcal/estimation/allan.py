@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from accelcal._support.arguments import checked
 from accelcal._support.result import Result, Storable
+from accelcal._support.values import immutable
 from accelcal.data import MICRO_G, Array, Channel, Flags, Recording, RecordingError, instant
 from accelcal.io.dwells import TRIAD
 
@@ -170,7 +171,8 @@ class OutputNoise(Storable):
         return tau, float(np.linalg.norm(self.allan(np.array([tau]))))
 
 
-@dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
+@immutable
+@dataclass(frozen=True, slots=True, weakref_slot=True, eq=False, repr=False)
 class RestNoise(Result):
     """What a record at rest says of each of its outputs."""
 

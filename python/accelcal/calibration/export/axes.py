@@ -29,7 +29,7 @@ ACROSS = {"x": "yz", "y": "zx", "z": "xy"}
 """Axes that the two directions across an axis are."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SensorMatrix(Result):
     """Matrix, offsets and lever arms of a sensor with three outputs, in the axes of the attitude of its body."""
 

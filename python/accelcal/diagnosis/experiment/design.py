@@ -213,7 +213,7 @@ LEAST_LIMIT = 1e-6
 """Least limit of a stage, and reciprocal of the largest one, SI."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Plan(Result):
     """A motion that separates named effects, and its detection limits."""
 
