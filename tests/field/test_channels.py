@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import bilinear, lfilter
+from scipy.special import erf
 from typer.testing import CliRunner
 
 import accelcal as ac
@@ -291,6 +292,20 @@ def test_the_motion_is_in_another_column(sign, declared, tmp_path):
         assert 'mount = "reversed"' in said
         written(written(path, line), 'mount = "reversed"')
     assert off(ac.fit(ac.load(path)), "scale_factor", record.k) < 3.0
+
+
+def test_an_impact_beyond_the_range_makes_no_scale_factor():
+    """Readings that the range has cut off are left out; no line through their gap is taken for the output."""
+    t, width, w = np.arange(0.0, 4.0, 5e-4), 5e-3, 2.0 * np.pi * np.array([3.0, 7.0, 17.0])
+    x, tones = (t - 2.0) / width, np.sin(np.outer(t, w))
+    impact = 400.0 * np.exp(-(x**2) / 2.0)
+    once = np.sqrt(np.pi / 2.0) * x * (1.0 + erf(x / np.sqrt(2.0))) + np.exp(-(x**2) / 2.0)
+    position = tones @ (0.5 / w**2) + 400.0 * width**2 * once
+    output = impact - tones @ np.full(3, 0.5) + 0.01 * np.random.default_rng(5).standard_normal(len(t))
+    inside = output < 100.0
+    units = {"accel": "m/s^2", "position": "m"}
+    recording = ac.Recording.from_arrays(t[inside], output[inside], position, position_t=t, units=units)
+    assert suspicion(recording) == ""
 
 
 def test_side_channels_of_arrays_are_tried_as_well():

@@ -778,9 +778,20 @@ THE_OUTPUT = 0.9
 """Correlation with the second derivative of a position from which a column is the output."""
 
 
+GAP = 8.0
+"""Interval between samples, over the usual one of the slower channel, from which on nothing is interpolated in it."""
+
+
+def between_samples(t: Array, at: Array, longest: float) -> NDArray[np.bool_]:
+    """Whether each instant, (n,) s, lies between two samples that are no farther apart than the longest interval, s."""
+    after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
+    return t[after] - t[after - 1] <= longest
+
+
 def relation(output: Channel, position: Channel) -> tuple[float, float]:
     """Slope and correlation of an output, (n,), and the second derivative of a position, (m,) m, in the band in which
-    they are most alike; 0 and 0 where they are too short to tell.
+    they are most alike; 0 and 0 where they are too short to tell. What lies in a gap of either is left out of both: a
+    line through what a range has cut off is no output.
 
     Examples
     --------
@@ -800,7 +811,11 @@ def relation(output: Channel, position: Channel) -> tuple[float, float]:
     for begin in range(0, count - 1 - segment, segment // 2):
         at = first + step * np.arange(begin, begin + segment + 2)
         y, z = (np.interp(at, channel.t, channel.y) for channel in (output, position))
-        u, a = (np.fft.rfft((x - x.mean()) * window) for x in (y[1:-1], np.diff(z, 2) / step**2))
+        inside = between_samples(output.t, at, GAP * step) & between_samples(position.t, at, GAP * step)
+        inside = inside[:-2] & inside[1:-1] & inside[2:]
+        if not inside.any():
+            continue
+        u, a = (np.fft.rfft((x - x[inside].mean()) * inside * window) for x in (y[1:-1], np.diff(z, 2) / step**2))
         powers += (u * a.conj()).real, np.abs(u) ** 2, np.abs(a) ** 2
     tried = [(0.0, 0.0)]
     for low, high in combinations(np.unique(np.geomspace(2, segment // 4, EDGES).astype(int)).tolist(), 2):
