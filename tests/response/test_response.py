@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -18,7 +19,7 @@ import accelcal as ac
 from accelcal.calibration.export import Laboratory
 from accelcal.data import ChannelFilter
 from accelcal.data.recording import Channel, Recording, RecordingError, integrated
-from accelcal.data.rig import Uncertainty
+from accelcal.data.rig import Sensor, Uncertainty
 from accelcal.plots.response import response_note
 from accelcal.response import Point, Reference, fit_response, frequency_response, stepped_response
 from accelcal.response.export import draft_response, lines
@@ -169,6 +170,10 @@ def test_a_declared_high_pass_and_the_reference_are_in_the_answer():
         assert point.expanded == pytest.approx(2.0 * math.hypot(point.std, 2e-3 * point.magnitude), rel=0.05)
         assert point.expanded_phase < 1e-3
     assert "rectification" not in {term.source for term in answer.terms}
+    table = lines(answer, Sensor(scale=0.1, scale_unit="V"))
+    assert table[0].endswith("S, mV/(m/s²)")
+    assert re.search(r"  10[0-2]\.\d* ± 0\.4\d$", table[1])  # 100 mV/(m/s²) times 1.01, with 0.4 % of it
+    assert re.search(r"1 \+ k = 1\.01\d* ± 0\.00\d+, delay = \d+\.\d+ ± 0\.\d+ µs \(± U, k = 2\)", "\n".join(table))
     for said in ("\n".join(lines(answer)), response_note(answer)):
         assert "0.2 %, on magnitudes (type B)" in said
 

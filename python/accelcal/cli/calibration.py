@@ -362,7 +362,7 @@ def response(
             io.atomic_write(dcc, certificate.text)
         if figure is not None:
             drawing.save(plots.sensitivity(result), figure)
-    deliver(result, lambda response: print("\n".join(response_files.lines(response))), None, json)
+    deliver(result, lambda response: print("\n".join(response_files.lines(response, recording.rig.sensor))), None, json)
     print_written(csv, dcc, figure)
     if dcc is not None:
         tell(dcc, certificate, schema)

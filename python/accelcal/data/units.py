@@ -652,6 +652,37 @@ def in_usual_unit(value: float, unit: str, digits: int = 3, sign: str = "") -> s
     return f"{text} {name}".removesuffix(" 1").rstrip()
 
 
+MOST_PLACES = 12
+"""Decimals of a plain number."""
+
+
+def decimal(value: float, std: float) -> str:
+    """A value with its uncertainty to two digits of that, without powers of ten as far as twelve decimals go.
+
+    Examples
+    --------
+    >>> decimal(9.99e-4, 2.0e-5), decimal(95640.0, 280.0), decimal(0.05, 0.0)
+    ('0.000999 ± 0.000020', '95640 ± 280', '0.05')
+    """
+    if not (math.isfinite(std) and std > 0.0):
+        return np.format_float_positional(float(f"{value:.4g}"), trim="-").replace("-", "−")
+    last = 1 - math.floor(math.log10(std))
+    places = min(MOST_PLACES, max(0, last))
+    return f"{round(value, last) + 0.0:.{places}f} ± {round(std, last):.{places}f}".replace("-", "−")
+
+
+def in_usual_size(value: float, uncertainty: float, unit: str) -> str:
+    """A time or a length with its uncertainty and a prefix; everything else in its own unit.
+
+    Examples
+    --------
+    >>> in_usual_size(1.48167e-5, 8.1e-7, "s"), in_usual_size(24.8609, 19.0, "1"), in_usual_size(5995.95, 11.0, "Hz")
+    ('14.82 ± 0.81 µs', '25 ± 19', '5996 ± 11 Hz')
+    """
+    name, size = usual_unit(unit, value, uncertainty) if unit in ("s", "m") else (unit, 1.0)
+    return f"{decimal(value / size, uncertainty / size)} {name}".removesuffix(" 1")
+
+
 def concise(value: float, std: float) -> str:
     """A value with the standard uncertainty of its last two digits in parentheses.
 

@@ -16,7 +16,7 @@ from accelcal.calibration.export.certificate import (
     Result,
     certificate,
 )
-from accelcal.data import Sensor
+from accelcal.data import Sensor, units
 from accelcal.response.linearity import Term
 from accelcal.response.measure import FrequencyResponse
 from accelcal.response.parametric import Parameter
@@ -148,20 +148,34 @@ def to_csv(answer: FrequencyResponse) -> str:
     return text.getvalue()
 
 
-def lines(answer: FrequencyResponse) -> list[str]:
-    """The table, then what was concluded from it, for a terminal."""
-    out = [f"{'f, Hz':>10} {'|H|':>10} {'U (k=2)':>9} {'phase, deg':>11} {'U (k=2)':>9}  {'a, m/s²':>9}"]
+def lines(answer: FrequencyResponse, sensor: Sensor | None = None) -> list[str]:
+    """The table, then what was concluded from it, for a terminal.
+
+    Parameters
+    ----------
+    answer : from `accelcal.response.frequency_response`.
+    sensor : what was measured; with an electrical scale the table has the sensitivity in its unit, too.
+    """
+    scale, unit = (sensor.scale, sensor.scale_unit) if sensor is not None else (None, None)
+    size, unit = (1e3, "mV") if unit == "V" else (1.0, unit)
+    sensitivity = f"S, {unit}/(m/s²)" if scale is not None else ""
+    head = f"{'f, Hz':>10} {'|H|':>10} {'U (k=2)':>9} {'phase, deg':>11} {'U (k=2)':>9}  {'a, m/s²':>9}  {sensitivity}"
+    out = [head.rstrip()]
     for p in answer.points:
-        size = f"{abs(p.acceleration):9.4g}" if p.method == "sine" else " " * 9
+        amplitude = f"{abs(p.acceleration):9.4g}" if p.method == "sine" else " " * 9
+        times = size * abs(scale or 0.0)
+        shown = units.decimal(times * p.magnitude, times * p.expanded) if sensitivity else ""
         out.append(
             f"{p.frequency:10.5g} {p.magnitude:10.6f} {p.expanded:9.2g} {math.degrees(p.phase):11.4f} "
-            f"{math.degrees(p.expanded_phase):9.2g}  {size}".rstrip()
+            f"{math.degrees(p.expanded_phase):9.2g}  {amplitude}  {shown}".rstrip()
         )
-    out += ["", answer.basis]
+    said = "|H| is output over acceleration, both in m/s²; U is expanded, k = 2; a lag is negative."
+    out += ["", f"{said}{' S is |H| times the declared scale, ± U.' * bool(sensitivity)}", answer.basis]
     if answer.model is not None:
         out += answer.model.sentences
     out += [
-        f"{t.name} from {t.source}: {t.value:.4g} +- {t.expanded:.2g} {t.unit} ({t.count} steps)" for t in answer.terms
+        f"{t.name} from {t.source}: {t.value:.4g} ± {t.expanded:.2g} {t.unit} (U, k = 2; {t.count} steps)"
+        for t in answer.terms
     ]
     if answer.check is not None:
         out.append(answer.check if isinstance(answer.check, str) else answer.check.sentence)

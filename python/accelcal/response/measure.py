@@ -18,6 +18,7 @@ from accelcal.data import (
     RecordingError,
     high_passes,
     require_reference,
+    units,
     usual_step,
 )
 from accelcal.diagnosis.left_out import without_wrong_readings
@@ -58,8 +59,9 @@ class CrossCheck(Storable):
     def sentence(self) -> str:
         """For people."""
         return (
-            f"time-domain fit: gain {self.gain:.6g} +- {2 * self.gain_std:.2g}, delay {self.delay * 1e6:.6g} +- "
-            f"{2e6 * self.delay_std:.2g} us for all frequencies; the table differs from it by at most "
+            f"time-domain fit: 1 + k = {units.decimal(self.gain, 2.0 * self.gain_std)}, delay "
+            f"{units.in_usual_size(self.delay, 2.0 * self.delay_std, 's')} (± U, k = 2) for all frequencies; the table "
+            "differs from it by at most "
             f"{100 * self.magnitude:.3g} % in magnitude (at {self.magnitude_at:.4g} Hz) and "
             f"{math.degrees(self.phase):.3g} deg in phase (at {self.phase_at:.4g} Hz)"
         )

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from accelcal._support.result import Storable
-from accelcal.data import Array, ChannelFilter
+from accelcal.data import Array, ChannelFilter, units
 from accelcal.response.sine import COVERAGE, Point
 from accelcal.signals.processing import Spectrum
 from accelcal.signals.processing import response as gain_of
@@ -171,8 +171,8 @@ class ResponseModel(Storable):
         best = self.best
         behind = f" behind the declared {', '.join(item.name for item in best.behind)}" if best.behind else ""
         sentences = [
-            f"{best.structure.name}{behind}: {_values(best)}; chi-square {best.chi_square:.4g} on {best.degrees} "
-            f"degrees of freedom (p = {best.p_value:.2g})"
+            f"{best.structure.name}{behind}: {_values(best)} (± U, k = 2); chi-square {best.chi_square:.4g} on "
+            f"{best.degrees} degrees of freedom (p = {best.p_value:.2g})"
         ]
         if self.rivals:
             others = "; ".join(f"{r.structure.name} ({_values(r)})" for r in self.rivals)
@@ -204,8 +204,10 @@ class ResponseModel(Storable):
 
 
 def _values(fitted: Fitted) -> str:
+    """Parameters with their expanded uncertainties."""
     return ", ".join(
-        f"{p.name} = {p.value:.6g} +- {p.expanded:.2g} {p.unit}".removesuffix(" 1") for p in fitted.parameters
+        f"{'1 + ' * (p.name == 'k')}{p.name} = {units.in_usual_size(p.value, p.expanded, p.unit)}"
+        for p in fitted.parameters
     )
 
 

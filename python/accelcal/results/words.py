@@ -10,6 +10,7 @@ import numpy as np
 from accelcal._support.values import listing
 from accelcal.data import MICRO_G, NORMAL_95, Array, usual_unit
 from accelcal.data import concise as concise
+from accelcal.data.units import decimal as decimal
 from accelcal.effects import CATALOGUE, spelled, static_terms
 from accelcal.effects.mechanisms import PATTERN
 
@@ -97,21 +98,6 @@ def about(unit: str, value: float) -> str:
     return with_unit(decimal(float(f"{float(size):.2g}"), 0.0), name)
 
 
-def decimal(value: float, std: float) -> str:
-    """A value with its uncertainty to two digits of that, without powers of ten as far as twelve decimals go.
-
-    Examples
-    --------
-    >>> decimal(9.99e-4, 2.0e-5), decimal(95640.0, 280.0), decimal(0.05, 0.0)
-    ('0.000999 ± 0.000020', '95640 ± 280', '0.05')
-    """
-    if not (math.isfinite(std) and std > 0.0):
-        return np.format_float_positional(float(f"{value:.4g}"), trim="-").replace("-", "−")
-    last = 1 - math.floor(math.log10(std))
-    places = min(MOST_PLACES, max(0, last))
-    return f"{round(value, last) + 0.0:.{places}f} ± {round(std, last):.{places}f}".replace("-", "−")
-
-
 def with_plain(value: float, std: float, unit: str) -> str:
     """A value as people say it, then with the standard uncertainty of its last digits in SI; a pure number once.
 
@@ -158,10 +144,6 @@ def at_full_scale(
 
 EXTRAPOLATED = 0.5
 """Share of the full scale below which a nonlinearity at full scale is extrapolated."""
-
-
-MOST_PLACES = 12
-"""Decimals of a plain number."""
 
 
 def readable(text: str) -> str:
