@@ -211,6 +211,14 @@ def test_scatter_beyond_what_is_declared_is_reported_and_widens():
     assert verdicts == ["adequate", "unexplained"]
 
 
+def test_noise_within_dwells_that_is_too_large_is_said():
+    """Where std was written in mV and read in V, every effect hides in it; a false alarm is one tumble in 10 000."""
+    dwells = tumble(np.random.default_rng(7), instability=0.0)
+    for factor, said in ((1.0, 0), (1000.0, 1)):
+        fit = ac.fit(dataclasses.replace(dwells, std=factor * dwells.std), ac.Model.linear().add("quadratic", "cubic"))
+        assert sum("is std that of the samples" in note.sentence for note in fit.remarks) == said
+
+
 @drawn(30)
 def test_a_null_tumble_lacks_nothing_and_a_cubic_one_does(draws):
     """At a stated rate of 0.5 %; the twin has K3 at about ten standard deviations."""

@@ -64,6 +64,25 @@ def test_a_mean_in_volts_goes_through_the_scale(table):
     assert len(dwells.assumptions) == 2  # gravity, angle
 
 
+def test_a_header_may_say_other_units(table):
+    lines = TABLE.splitlines()
+    rows = [[float(cell) for cell in line.split(",")] for line in lines[1:]]
+    head = "Attitude [rad];mean [mg];std [mm/s^2];Duration [min];temperature [K];samples;group"
+    cells = [
+        f"{np.radians(a):.15g};{m / 9.80665e-3:.15g};{1e3 * s};{d / 60.0};{warm + 273.15:.15g};{n};{group}"
+        for a, m, s, d, warm, n, group in rows
+    ]
+    plain = ac.load_dwells(table)
+    table.write_text("\n".join([head, *cells]))
+    table.with_suffix(".toml").write_text(SIDECAR.replace('"mean", unit = "m/s^2"', '"mean [mg]", unit = "mg"'))
+    dwells = ac.load_dwells(table)
+    for name in ("angle", "mean", "std", "duration", "temperature", "samples"):
+        assert getattr(dwells, name) == pytest.approx(getattr(plain, name), rel=1e-12), name
+    table.write_text("\n".join([head.replace("[min]", "[mm]"), *cells]))
+    with pytest.raises(ac.RecordingError, match=r'column "Duration \[mm\]" is in "mm"; expected s as in "duration_s"'):
+        ac.load_dwells(table)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -173,6 +173,10 @@ MISTAKEN = (
 """What may be wrong where dwells show a scale factor that no sensor has."""
 
 
+LEAST_SCATTER_ALPHA = 1e-4
+"""Probability of as little scatter between dwells below which a noise within them that is too large is said."""
+
+
 def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, nuisances: Nuisances) -> DwellFit:
     """What a model at some values leaves of dwells."""
     alone = replace(
@@ -196,7 +200,7 @@ def left_of(dwells: Dwells | Positions, rows: DwellRows, declared: DwellRows, wh
     remarks = []
     if ratio > REMARKED_BEYOND:
         left = f"{math.sqrt(float(rows.left @ rows.left) / max(freedom, 1)):.2g} m/s²"
-        causes = "instability of the bias, angles, or temperature"
+        causes = "instability of the bias, angles, temperature, or a term that the model lacks"
         causes = causes if isinstance(dwells, Dwells) else "instability of the bias, temperature, or a hand that shakes"
         said = (
             "what is declared of the bias and the angles explains it"
@@ -204,6 +208,12 @@ def left_of(dwells: Dwells | Positions, rows: DwellRows, declared: DwellRows, wh
             else f"{math.sqrt(rows.scatter):.2g} m/s² more than is declared, taken into the uncertainty: {causes}"
         )
         text = f"the dwells scatter by {left}, {ratio:.2g} times what noise within them explains; {said}"
+        remarks.append(remark("dwells_scatter", text=f"{dwells.name or 'dwells'}: {text}", ratio=ratio, p=p_value))
+    elif freedom > 0 and scipy.special.chdtr(freedom, freedom * ratio**2) < LEAST_SCATTER_ALPHA:
+        text = (
+            f"the dwells scatter {ratio:.2g} times as much as noise within them explains: is std that of the samples, "
+            "in the unit of the mean or its own, as in std_mV? Effects are judged against it"
+        )
         remarks.append(remark("dwells_scatter", text=f"{dwells.name or 'dwells'}: {text}", ratio=ratio, p=p_value))
     return DwellFit(
         name=dwells.name,

@@ -132,8 +132,10 @@ def load_declared(
     except RecordingError as error:
         if setup is None or setup.table or not str(error).startswith(f"{path}: no column for"):
             raise
-        needed = ",".join(COLUMNS)
-        raise RecordingError(f"{error}\nor, if it is a table of dwells, give it the header {needed}") from None
+        raise RecordingError(
+            f"{path}: no table of dwells, which has the header {','.join(COLUMNS)}, with other units as in std_mV; if "
+            f"it is one, name its columns so. If it is a recording: {str(error).removeprefix(f'{path}: ')}"
+        ) from None
 
 
 def has_three_outputs(path: Path, rig: Path | None = None) -> bool:

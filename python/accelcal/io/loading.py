@@ -466,23 +466,33 @@ def load_dwell_table(path: Path) -> Dwells:
     return from_table(open_table(path), read_sidecar(beside) if has_sidecar(path) else no_sidecar(), beside)
 
 
+def dwell_columns(table: Table) -> dict[str, str]:
+    """Columns of a table of dwells by the names of `COLUMNS`, whatever letter case and unit its header gives them."""
+    bases = {naming.take_apart(column).base.lower(): column for column in reversed(table.columns)}
+    named = {name: name if name in table.columns else bases.get(naming.take_apart(name).base) for name in COLUMNS}
+    return {name: column for name, column in named.items() if column is not None}
+
+
 def is_table(table: Table) -> bool:
     """Whether a file has the header of a table of dwells."""
-    return {"attitude_deg", "mean"} <= set(table.columns)
+    return {"attitude_deg", "mean"} <= {*dwell_columns(table)}
 
 
 def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
     """Dwells of a table that is open."""
-    missing = [name for name in COLUMNS if name not in table.columns and name not in OPTIONAL]
+    named = dwell_columns(table)
+    missing = [name for name in COLUMNS if name not in named and name not in OPTIONAL]
     if missing:
         positions = OUTPUTS["x"] in table.columns
         raise RecordingError(
             f'{table.path}: no column "{missing[0]}"; a table of dwells has the header {",".join(COLUMNS)}: add it'
             + (". Positions of three outputs are a file of their own beside the motion: give both to fit" * positions)
         )
-    read = table.read([name for name in COLUMNS if name in table.columns])
+    read = table.read(list(named.values()))
     columns = {
-        name: complete(table, name, column) for name, column in read.items() if not (name in OPTIONAL and empty(column))
+        name: in_header_unit(table, name, column, complete(table, column, read[column]))
+        for name, column in named.items()
+        if not (name in OPTIONAL and empty(read[column]))
     }
     limits = (
         ("attitude_deg", -MOST_DEGREES, MOST_DEGREES, "an angle of at most 360 degrees"),
@@ -495,16 +505,17 @@ def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
     unit = declared.channels["accel"].unit if "accel" in declared.channels else None
     plan = Plan({}, sidecar)
 
-    def si(y: Array) -> Array:
-        return in_si(table, plan, "accel", Source("mean", unit), declared.rig, y)[0]
+    def si(name: str, y: Array) -> Array:
+        stated = unit if name == "mean" else unit_of(table, named[name]) or unit or unit_of(table, named["mean"])
+        return in_si(table, plan, "accel", Source(named[name], stated or None), declared.rig, y)[0]
 
-    mean = si(columns["mean"])
+    mean = si("mean", columns["mean"])
     group = columns.get("group", np.zeros(len(mean)))
     setup = declared.dwell or DwellSetup()
     return Dwells(
         angle=np.radians(columns["attitude_deg"]),
         mean=mean,
-        std=np.abs(si(columns["mean"] + columns["std"]) - mean),
+        std=np.abs(si("std", columns["std"]) - si("std", np.zeros(len(mean)))),
         duration=columns["duration_s"],
         samples=columns["samples"],
         group=tuple(f"{g:.17g}" for g in group),
@@ -516,6 +527,24 @@ def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
         digest=digest_of(table.path),
         assumptions=assumed(setup) + repeated(table, columns) + in_kelvin(columns.get("temperature_degC")),
     )
+
+
+def in_header_unit(table: Table, name: str, column: str, values: Array) -> Array:
+    """Values of a column of a table of dwells in the unit of its name in `COLUMNS`, from the one that its header says.
+
+    Raises
+    ------
+    RecordingError
+        If that is a unit of another quantity.
+    """
+    usual = naming.take_apart(name).suffix
+    unit = unit_of(table, column)
+    if usual is None or not unit or units.same_unit(unit, usual):
+        return values
+    to = units.conversion(usual)
+    if not units.is_unit(unit) or (rule := units.conversion(unit)).si != to.si:
+        raise RecordingError(f'{table.path}: column "{column}" is in "{unit}"; expected {usual} as in "{name}"')
+    return np.asarray((rule.apply(values) - to.offset) / to.factor)
 
 
 def require_between(
