@@ -13,6 +13,7 @@ from accelcal.cli import app
 from accelcal.data import LowPass, Sensor, clocks
 from accelcal.data.clocks import align
 from accelcal.data.recording import Channel, RecordingError
+from accelcal.estimation.plausible import suspicion
 from accelcal.io.sidecar import no_sidecar, read_sidecar
 from accelcal.io.two_clocks import completed
 from accelcal.model import Model
@@ -284,3 +285,11 @@ def test_outputs_that_are_not_of_the_body_are_refused(tmp_path):
     declared.write_text("channels = 3\n")
     with pytest.raises(RecordingError, match=r"cameras\.toml: channels"):
         accelcal.load_axes(imu, position=cameras)
+
+
+def test_a_wrong_unit_in_two_files_is_cured_by_a_line_of_a_sidecar(tmp_path):
+    accel, position = files(tmp_path, *Motion(3).channels())
+    position.write_text(position.read_text().replace("position_um", "position_mm"))
+    said = suspicion(accelcal.load(accel, position=position))
+    assert 'Write [channels] position = { column = "position_mm", unit = "um" }' in said
+    assert "write [rig] ratio = " in said

@@ -5,6 +5,7 @@ import itertools
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from accelcal.estimation.estimate import estimate
 from accelcal.model import Model
 from accelcal.plots import figure as style
 from accelcal.plots.comparison import summary_sentence
-from accelcal.plots.figure import Band, Line, Points, thin
+from accelcal.plots.figure import Band, Line, Points, share_text, thin
 from accelcal.plots.matplotlib import save
 from accelcal.plots.residuals import autocorrelation, histogram, normal_quantiles, regions
 from accelcal.results import words as formatting
@@ -600,3 +601,9 @@ def test_pyplot_is_never_imported():
         "sys.exit('matplotlib.pyplot' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize(("share", "text"), [(-1e-6, "no change"), (-0.2, "error rises"), (0.4, "40 % of its power")])
+def test_what_no_number_of_a_table_shows_is_no_rise(share, text):
+    compared = SimpleNamespace(shares=(None, share), at_floor=(False, False))
+    assert share_text(compared, 1).startswith(text)

@@ -196,7 +196,7 @@ def show_dwells(result: Fit) -> None:
     if of.freedom > 0:
         say_line(
             f"scatter between dwells over noise within them: {of.ratio:.3g}; "
-            f"p = {of.p_value:.2g} under all that is declared"
+            f"p {words.probability(of.p_value)} under all that is declared"
         )
 
 

@@ -468,6 +468,10 @@ def ruled(comparison: Comparison) -> tuple[float, str]:
     return formatting.prefixed("m", np.array(comparison.errors), comparison.floor.value)
 
 
+SMALLEST_SHARE = 0.005
+"""Share of the error's power below which a table that shows per cent says that nothing has changed."""
+
+
 def share_text(comparison: Comparison, number: int) -> str:
     """What a step did to the error: the part of the excess over noise that it removes, and whether that is all."""
     share = comparison.shares[number]
@@ -476,7 +480,7 @@ def share_text(comparison: Comparison, number: int) -> str:
     if share is None:
         return "not detectable" if comparison.at_floor[number] else ""
     if share < 0.0:
-        return "error rises"
+        return "error rises" if share < -SMALLEST_SHARE else "no change"
     if comparison.at_floor[number]:
         return f"{round(100.0 * min(share, 1.0))} % of its power explained, down to the noise"
     return f"{'more than 99.9' if share > 0.999 else f'{100.0 * share:.3g}'} % of its power explained"

@@ -248,8 +248,8 @@ def remaining(result: Diagnosis | Improvement, names: tuple[str, ...], then: Map
     """
     if not then:
         raise AccelcalError(
-            f"nothing to separate: {names[0] or 'the recording'} leaves no class of causes with weights; "
-            f"the verdict is {result.verdict}. Run accelcal diagnose for what it says"
+            f"nothing to separate: {names[0] or 'the recording'} leaves no confounded causes to choose "
+            f"between; the verdict is {result.verdict}. Run accelcal diagnose for what it says"
         )
     left = next((name for _, name in map(likeliest, result.classes) if name in then), None)
     return NextExperiments(names, causes_of({name: float(name == left) for name in then}, then), 0.0)
