@@ -160,6 +160,14 @@ def test_readings_at_the_declared_range_are_clipped():
     assert not check(clock(len(y)), y, name="a_y", rig=rig)[1]
 
 
+def test_an_output_that_is_beyond_the_range_throughout_lacks_its_zero():
+    y, rig = noisy() + 122.6, Rig(sensor=Sensor(range=49.03))
+    _, (finding,) = check(clock(len(y)), y, rig=rig)
+    assert f"{len(y)} of {len(y)} samples" in finding.text
+    assert "declare the zero" in finding.text
+    assert "saturated" not in finding.text
+
+
 @pytest.mark.parametrize("quantum", [0.0, 0.02])
 @pytest.mark.parametrize("sign", [1, -1])
 def test_readings_piled_up_at_the_extreme_are_clipped(quantum, sign):

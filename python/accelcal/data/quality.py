@@ -475,6 +475,8 @@ def _clipping(name: str, t: Array, y: Array, full_scale: float | None) -> list[F
 
 
 _FEWEST_PILED = 5
+_MOST_CLIPPED = 0.5
+"""Share of the samples beyond which not the motion but a declaration puts them at the limit."""
 _PILED = 5  # a sine has at most 2.4 times as many readings at its extreme code as at the next
 _FEWEST_CODES = 16  # a record at rest has only a few codes, and its extreme one may well be the commonest
 
@@ -485,10 +487,13 @@ def _codes_between(y: Array) -> float:
 
 def _clipped(name: str, t: Array, clipped: NDArray[np.bool_], reason: str) -> Finding:
     count, first = int(np.count_nonzero(clipped)), float(t[np.argmax(clipped)])
-    text = (
-        f"{name}: {count} samples are {reason} (first at t = {instant(first)} s): the sensor was probably saturated. "
-        "Every fit, diagnosis and comparison leaves out those at the declared range; without one, all are kept"
+    end = (
+        "the sensor was probably saturated. Every fit, diagnosis and comparison leaves out those at the declared "
+        "range; without one, all are kept"
     )
+    if count > _MOST_CLIPPED * len(t):
+        end = "no sensor works there: correct the declared range, scale or zero, or declare the zero"
+    text = f"{name}: {count} of {len(t)} samples are {reason} (first at t = {instant(first)} s): {end}"
     return Finding("saturated", name, count, first, text, "warning")
 
 
