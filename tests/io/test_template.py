@@ -7,6 +7,7 @@ import pytest
 from accelcal import io
 from accelcal.data import PLACE
 from accelcal.data.recording import RecordingError
+from accelcal.io.dwells import load_declared
 
 SCALE_LINE = 'scale = "?"                     # FILL IN, like "0.25 V/g" or "1024 count/g"'
 ROWS = "0.0,1,0,20\n0.1,2,1,21\n0.2,1,3,21\n"
@@ -194,3 +195,33 @@ def test_place_and_attitude_alone_are_proposed_for_the_outputs_of_another_file(t
     io.sidecar_of(path).write_text(text.replace('\nmaps = "?"', '\nmaps = "sensor to ENU"'))
     with pytest.raises(RecordingError, match="give this file as --position beside that of the three outputs"):
         io.load(path)
+
+
+def test_a_velocity_that_is_alone_stands_in_for_a_position(tmp_path):
+    path = write(tmp_path, "Time [s];Speed [mm/s];Out [g]".replace(";", ","), "0.0,1,0\n0.1,2,1\n0.2,1,3\n")
+    text = io.init(path)
+    assert 'velocity = { column = "Speed [mm/s]", unit = "mm/s" }  # by its unit alone' in text
+    assert "position = {" not in text.split("CHANNELS")[0].split("[channels]")[1]
+    assert io.load(path).reference is not None
+
+
+def test_the_file_of_one_of_two_loggers_asks_for_nothing_of_the_other(tmp_path):
+    path = write(tmp_path, "t_s,Displacement [mm]", "0.0,1\n0.1,2\n0.2,1\n")
+    text = io.init(path)
+    assert "FILL IN: one of" not in text
+    assert (
+        "# accel: no column measures it; where a file of another logger does: accelcal check OUTPUT --position" in text
+    )
+
+
+@pytest.mark.parametrize(("mean", "scale"), [("mean [m/s^2]", False), ("Mean [V]", True)])
+def test_a_table_of_dwells_gets_a_sidecar_of_dwells(tmp_path, mean, scale):
+    rows = "0,0.05,1e-3,60,600\n90,9.85,1e-3,60,600\n180,0.05,1e-3,60,600\n270,-9.75,1e-3,60,600\n"
+    path = write(tmp_path, f"attitude_deg,{mean},std,duration_s,samples", rows)
+    text = io.init(path)
+    assert "[dwell]" in text
+    assert "position" not in text
+    assert (SCALE_LINE in text) == scale
+    io.sidecar_of(path).write_text(text.replace(SCALE_LINE, 'scale = "0.1 V/(m/s^2)"'))
+    (dwells,) = load_declared(path)
+    assert len(dwells) == 4

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from accelcal.data import ANGLE, OUTPUTS, PLACE, QUATERNION, RecordingError, units
+from accelcal.data import ANGLE, OUTPUTS, PLACE, QUATERNION, VELOCITY, RecordingError, units
 from accelcal.io import naming
 from accelcal.io.assign import (
     candidates,
@@ -23,6 +23,7 @@ from accelcal.io.assign import (
 )
 from accelcal.io.atomic import atomic_write
 from accelcal.io.files import open_table
+from accelcal.io.loading import dwell_columns, is_table
 from accelcal.io.sidecar import KEYS, UNKNOWN, sidecar_of, toml_key, toml_text
 from accelcal.io.table import Table
 
@@ -55,6 +56,8 @@ def template(path: str | Path) -> str:
     """
     path = Path(path)
     table = open_table(path)
+    if is_table(table):
+        return _of_dwells(table)
     assigned = discover(table)
     by_name = {column: channel for column, (channel, _) in assigned.items()}
     clocks = {column: clock.column for column, (_, clock) in assigned.items() if clock is not None and clock.column}
@@ -72,6 +75,10 @@ def template(path: str | Path) -> str:
             columns[ANGLE] = turned
             continue
         columns[name] = roles.get(name) or called or _only(table, name, {*columns.values(), *clocks.values(), *copies})
+        speeds = [column for column in alone if name == "position" and _dimension(table, column) == "m/s"]
+        if columns[name] is None and len(speeds) == 1:
+            del columns[name]
+            columns[VELOCITY] = speeds[0]
     turning = {column: role for role, column in roles.items() if role and column not in columns.values()}
     if (parts := parts_of_instant(table, columns["time"])) is not None:
         columns["time"] = parts.column
@@ -79,7 +86,8 @@ def template(path: str | Path) -> str:
     others = [column for column in dict.fromkeys(table.columns) if column not in taken and column not in copies]
     others = [column for column in others if turning.get(column) not in QUATERNION]
     channels = [
-        _required(table, name, column, clocks, called=name in (ANGLE, by_name.get(column or "")) or name in roles)
+        (column is None and _elsewhere(table, name, others))
+        or _required(table, name, column, clocks, called=name in (ANGLE, by_name.get(column or "")) or name in roles)
         for name, column in columns.items()
     ]
     if parts is not None:
@@ -104,6 +112,16 @@ def template(path: str | Path) -> str:
         "ATTITUDE", attitude if tracked else re.sub("^", "# ", attitude, flags=re.MULTILINE)
     )
     return text.replace("CHANNELS", "\n".join(channels + lines))
+
+
+def _of_dwells(table: Table) -> str:
+    """The text of the sidecar of a table of dwells."""
+    mean = dwell_columns(table)["mean"]
+    text = re.sub("^KEYS (.*)$", _examples, _DWELLS, flags=re.MULTILINE)
+    if _dimension(table, mean) in ("V", "count"):
+        text = re.sub("^# scale .*$", _SCALE_NEEDED, text, flags=re.MULTILINE)
+    line = _required(table, "accel", mean, {}, called=True)
+    return text.replace("NAME", table.path.name).replace("CHANNELS", line)
 
 
 def _examples(asked: re.Match[str]) -> str:
@@ -146,6 +164,22 @@ KEYS uncertainty
 
 [judge]
 KEYS judge
+"""
+_DWELLS = """\
+# Declarations for NAME, a table of dwells. Lines marked FILL IN need you;
+# lines that begin with # are examples of what else can be declared.
+[sensor]
+KEYS sensor
+
+[channels]
+CHANNELS
+
+[dwell]
+# angle_std = "2 arcsec"        # standard uncertainty of each angle; without it the angles are exact
+# gravity = "9.80665 m/s^2"     # local gravity, to which the scale factor is relative
+
+[uncertainty]                   # standard uncertainties
+# level = "0.001 deg"           # of the zero of the dividing head
 """
 _ON_ARM = """\
 arm = "?"                       # FILL IN the distance from the axle to the sensor, like "200 mm"
@@ -231,6 +265,14 @@ def _required(table: Table, name: str, column: str | None, clocks: Mapping[str, 
         with np.errstate(all="ignore"):  # stamps that are not finite are shown as they are
             notes.append(_clock_note(table, column, unit))
     return f"{line}  # {'; '.join(notes)}" if notes else line
+
+
+def _elsewhere(table: Table, name: str, others: Collection[str]) -> str:
+    """A comment on an output or a position that no column measures; empty where one may, or for another channel."""
+    lacking = {"accel": f"accelcal check OUTPUT --position {table.path.name}", "position": "--position READINGS"}
+    if name not in lacking or candidates(table, name) or any(_unit(table, c) is None for c in others):
+        return ""
+    return f"# {name}: no column measures it; where a file of another logger does: {lacking[name]}"
 
 
 def _optional(table: Table, column: str, channel: str, clocks: Mapping[str, str], likely: bool) -> str:
