@@ -18,7 +18,7 @@ from accelcal.estimation.remarks import Remark
 from accelcal.estimation.tracks import Path as PathOverRun
 from accelcal.report.content import entries
 from accelcal.report.page import script_json
-from accelcal.report.view import METHOD, view, volts
+from accelcal.report.view import METHOD, found, view, volts
 from accelcal.results.words import readable
 from accelcal.simulation import ADXL105_RIG
 from tests.report.conftest import FILE, HOSTILE
@@ -85,6 +85,12 @@ def test_the_verdict_comes_first(pages, lacking):
     assert text.index(readable(lacking.diagnosis.sentence)) < text.index("Findings")
     assert lacking.diagnosis.verdict in ("named", "tied")
     assert "cubic" in lacking.diagnosis.effects
+
+
+def test_an_effect_of_the_model_has_its_significance(complete):
+    (row,) = [row for row in found(complete) if row["effect"] == "cubic"]
+    estimate = complete.fit["cubic"]
+    assert (row["state"], row["snr"]) == ("in the model", pytest.approx(abs(estimate.value) / estimate.std))
 
 
 def test_suspect_data_are_said_before_the_verdict(lacking):

@@ -217,7 +217,7 @@ def show_fleet(result: summary.Fleet) -> None:
         for name, of_sensors in result.populations.items()
     ]
     if rows:
-        head = ("parameter", "mean", "SI mean (u)", "SI unit", "between sensors", "run to run", "next run +-")
+        head = ("parameter", "mean", "SI mean (u)", "SI unit", "between sensors", "run to run", "next run ±")
         show_table(head, rows)
     show_table(("sensor", "runs", *result.populations), [result.cells(i) for i in range(len(result.sensors))])
     for text in result.sentences:

@@ -226,15 +226,15 @@ def spelled(name: str) -> str:
 
     Examples
     --------
-    >>> spelled("odd_quadratic"), spelled("scale_factor_follows_abs_a.tau")
-    ('odd quadratic', 'scale factor follows |a|.tau')
+    >>> spelled("odd_quadratic"), spelled("scale_factor_follows_abs_a.tau"), spelled("zero_g_output")
+    ('odd quadratic', 'scale factor follows |a|.tau', 'zero-g output')
     """
     stem, point, parameter = name.partition(".")
     of = PATTERN.fullmatch(stem)
     if of is not None:  # of any recorded channel, whether it is in the catalogue or not
         driver = DRIVERS.get(of["driver"])
         name = f"{of['carrier']} follows {of['driver'] if driver is None else driver.text}{point}{parameter}"
-    return name.replace("_", " ")
+    return name.replace("zero_g_", "zero-g ").replace("_", " ")
 
 
 def _cell(text: str) -> str:

@@ -211,7 +211,7 @@ def aligned(recording: Recording, alignment: Alignment, rates: Rates, beside: It
     accel, position, rig, first = recording.accel, recording.position, recording.rig, recording.accel.t[0]
     assumptions = tuple(assumption for assumption in rig.assumptions if assumption != ASSUMED_OFFSET_TOLERANCE)
     drifted = 4.0 * alignment.std + abs(alignment.skew) * alignment.overlap
-    free = max(rig.offset_tolerance, drifted, spacing(accel), spacing(position))
+    free = float(f"{max(rig.offset_tolerance, drifted, spacing(accel), spacing(position)):.6g}")
     uncertainty, skew = rig.uncertainty, 0.0 if alignment.rate is None else float(alignment.rate.skew)
     trusted = rig.trusted_clock or ("accel" if rates[1] and not rates[0] else "position")
     if skew and not rig.trusted_clock and uncertainty.clock_rate is None:

@@ -113,7 +113,7 @@ def response_sentences(answer: FrequencyResponse) -> list[str]:
     if model is not None and not model.failure:
         texts[0] = f"{model.best.structure.name} fails at none of the {len(answer.points)} points"
     texts.append("" if check is None else check if isinstance(check, str) else check.sentence)
-    return [f"{text[:1].upper()}{text[1:]}.".replace("+-", "±").replace(" us", " µs") for text in texts if text]
+    return [f"{text[:1].upper()}{text[1:]}." for text in texts if text]
 
 
 def sensitivity(answer: FrequencyResponse) -> Figure:

@@ -367,6 +367,7 @@ def found(content: Content) -> list[dict[str, Any]]:
                 "state": "in the model",
                 "estimate": several(noise[:1] or mine),
                 "contribution": contributed(content, name),
+                **({"snr": abs(mine[0].value) / mine[0].std} if len(mine) == 1 and mine[0].std > 0.0 else {}),
             }
         )
     scanned = {c.effect: c for c in reversed(d.scan.candidates)}
