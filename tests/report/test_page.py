@@ -93,6 +93,13 @@ def test_an_effect_of_the_model_has_its_significance(complete):
     assert (row["state"], row["snr"]) == ("in the model", pytest.approx(abs(estimate.value) / estimate.std))
 
 
+def test_the_method_is_the_one_of_the_fit(lacking):
+    assert view(lacking)["method"] == list(METHOD)
+    weak = view(replace(lacking, fit=replace(lacking.fit, method="weak")))["method"]
+    assert not any("Kalman" in sentence for sentence in weak)
+    assert weak[2:] == list(METHOD[2:])
+
+
 def test_suspect_data_are_said_before_the_verdict(lacking):
     hit = Remark("rail_hit", "output: 3 samples hit the rail", {})
     diagnosis = replace(lacking.diagnosis, remarks=(hit,))

@@ -13,7 +13,7 @@ from accelcal._support.values import listing
 from accelcal.data import STANDARD_GRAVITY, Array
 from accelcal.data.recording import ORDERS, POSITION_ORDER
 from accelcal.effects import BUILT_IN, Effect, find, static_terms
-from accelcal.estimation.estimate import Fit
+from accelcal.estimation.estimate import DWELLS_ALONE, Fit
 from accelcal.estimation.run_to_run import Spread
 from accelcal.estimation.tracks import POINTS
 from accelcal.model import Estimate
@@ -417,13 +417,14 @@ def budget(fit: Fit) -> Budget:
     With G the gravity along the stage axis, a level error d changes it by sqrt(g0² - G²) d - G d²/2; an input axis that
     is off by d has that share too, and cos d of the motion. An encoder scale error e enters a coefficient of a^n as
     n e, and one of the rate of the clock as 2 n e (of a velocity n e, of an acceleration not at all). What a joint fit
-    has separated (tilt, misalignment, encoder_scale) is in the estimates already. Differences between mountings and
+    has separated (tilt, misalignment, encoder_scale) is in the estimates already. Dwells alone have no encoder and no
+    stage: angles and their zero are in the fit, gravity is taken as declared. Differences between mountings and
     between days are in it as far as the fitted runs differ. The thermometer is taken as exact.
     """
-    declared, separated = fit.rig.uncertainty, _separated(fit)
+    declared, separated, moved = fit.rig.uncertainty, _separated(fit), fit.method != DWELLS_ALONE
     needed = {
-        "encoder_scale": "encoder_scale" not in separated,
-        "level": "level" not in separated,
+        "encoder_scale": moved and "encoder_scale" not in separated,
+        "level": moved and "level" not in separated,
         "misalignment": True,
     }
     missing = tuple(
@@ -448,13 +449,17 @@ def expanded_uncertainty(fit: Fit, uncertainty: Budget, e: Estimate) -> float:
 def _components(fit: Fit, e: Estimate) -> tuple[Component, ...]:
     declared, separated = fit.rig.uncertainty, _separated(fit)
     level, off, ruler = declared.level or 0.0, declared.misalignment or 0.0, declared.encoder_scale or 0.0
-    components = [Component("fit: noise of output and encoder", "A", e.std, e.unit, e.std)]
+    moved = fit.method != DWELLS_ALONE
+    source = "noise of output and encoder" if moved else "noise within dwells, their scatter and angles"
+    components = [Component(f"fit: {source}", "A", e.std, e.unit, e.std)]
     components += [
         Component("difference from run to run", "A", spread.value, e.unit, _of_next_run(spread, e))
         for spread in fit.spreads
         if spread.name == e.name and math.isfinite(spread.next_half)
     ]
     if e.name == "bias":
+        if not moved:
+            return tuple(components)
         if "level" not in separated:
             components.append(Component("level of the stage axis", "B", level, "rad", _gravity_share(fit, level)))
         if "misalignment" not in separated:
@@ -467,10 +472,10 @@ def _components(fit: Fit, e: Estimate) -> tuple[Component, ...]:
     n = POWERS[e.name]
     if n == 0:
         return tuple(components)
-    if "encoder_scale" not in separated:
+    if moved and "encoder_scale" not in separated:
         components.append(Component("scale of the encoder", "B", ruler, "1", abs(n * size * ruler)))
     components.append(Component("misalignment of the input axis", "B", off, "rad", abs(n * size) * _second_order(off)))
-    if (clock := _clock_rate(fit)) and (order := _order(fit)):
+    if moved and (clock := _clock_rate(fit)) and (order := _order(fit)):
         components.append(Component("rate of the clock", "B", clock, "1", abs(order * n * size * clock)))
     return tuple(components)
 

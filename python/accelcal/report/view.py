@@ -280,6 +280,15 @@ METHOD = (
 )
 
 
+OF_INTEGRALS = (
+    "Output and reference are integrated against smooth functions of short duration, on which all derivatives fall, so "
+    "that no measured signal is differentiated; the declared low-pass is undone.",
+    "Every parameter, and every candidate effect, is a column of such integrals, so that estimates, covariance and "
+    "ranking follow from one linear problem, weighted by the noise of both channels.",
+)
+"""What a fit by the weak form has in place of the first two sentences of `METHOD`."""
+
+
 def view(content: Content | AxesContent) -> dict[str, Any]:
     """Everything that is printed, by section; every number is one of `content`."""
     if isinstance(content, AxesContent):
@@ -313,7 +322,7 @@ def view(content: Content | AxesContent) -> dict[str, Any]:
         "electrical": volts(content),
         "budget": budget(content),
         "data": data(content),
-        "method": list(METHOD),
+        "method": [*(OF_INTEGRALS if content.fit.method == "weak" else METHOD[:2]), *METHOD[2:]],
         "example": example(content),
         "provenance": provenance(content),
         "remarks": [*(note for note in fitted if note not in shown.notes), *content.remarks],

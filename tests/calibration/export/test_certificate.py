@@ -4,8 +4,10 @@ import os
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+import numpy as np
 import pytest
 
+import accelcal as ac
 from accelcal.calibration.characteristic import budget
 from accelcal.calibration.export import LaboratoryError, SchemaError, calibrate, draft, read_laboratory, require_valid
 from accelcal.calibration.export.certificate import ENTRIES, UNITS, Laboratory, quantities
@@ -232,3 +234,29 @@ def test_a_schema_is_read_from_its_folder_alone(tmp_path):
     path.write_text(TINY.format(most=1))
     with pytest.raises(SchemaError, match=r"does not follow .*dcc\.xsd"):
         require_valid(text, path)
+
+
+def test_a_tumble_is_certified_as_one():
+    """Its reference is gravity: no encoder is in the method, and none has to be declared."""
+    rng, angle = np.random.default_rng(3), np.radians(np.arange(0.0, 360.0, 15.0))
+    a = 9.81 * np.sin(angle)
+    mean = 0.05 + 1.002 * a + 1e-4 * a**2 + 2e-5 * rng.standard_normal(len(angle))
+    count = np.ones(len(angle))
+    dwells = ac.Dwells(
+        angle=angle,
+        mean=mean,
+        std=2e-3 * count,
+        duration=60.0 * count,
+        samples=6000.0 * count,
+        group=("1",) * len(angle),
+        rig=ac.Rig(uncertainty=Uncertainty(misalignment=1e-4)),
+        gravity=9.81,
+    )
+    fit = ac.fit(dwells, ac.Model.linear().add("quadratic"))
+    lines = budget(fit).lines
+    assert [line.estimate.name for line in lines] == ["bias", "scale_factor", "quadratic"]
+    for line in lines:
+        assert line.combined == pytest.approx(line.estimate.std, rel=1e-3)
+    text = draft(calibrate(fit), Laboratory()).text
+    assert "Tumble test" in text
+    assert "encoder" not in text

@@ -21,6 +21,7 @@ from accelcal._support.errors import AccelcalError
 from accelcal.calibration.characteristic import COVERAGE_FACTOR, budget
 from accelcal.calibration.export.calibration import Calibration, equation, left_out, plain, reading
 from accelcal.data import Sensor
+from accelcal.estimation.estimate import DWELLS_ALONE
 
 PLACES = ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")
 """Where a calibration may take place, in the words of the DCC."""
@@ -413,11 +414,21 @@ def _column(parent: ET.Element, column: Column) -> None:
         )
 
 
-METHOD = (
-    "The accelerometer moves along one axis with an encoder. Output and position are compared through a filter for "
-    "position and velocity; parameters are estimated by weighted least squares on its innovations, with the noise of "
-    "both channels found by likelihood."
+MOVED = (
+    "Calibration of an accelerometer against a recorded motion",
+    "Least squares on output and motion",
+    "The accelerometer moves along one axis with a reference that records position, velocity or acceleration. Output "
+    "and reference are compared through a filter for position and velocity, or in integrals against smooth functions "
+    "of time; parameters are estimated by weighted least squares, with the noise of both channels found by likelihood.",
 )
+AT_REST = (
+    "Calibration of an accelerometer by gravity at rest",
+    "Tumble test: least squares on static dwells",
+    "The accelerometer rests at known angles to gravity. Means of the output are fitted by generalised least squares, "
+    "with the zero of the angles, their declared uncertainty, and the noise within dwells. Coefficients are relative to "
+    "the declared local gravity, whose uncertainty is not contained.",
+)
+"""Name, method and description of what is certified."""
 
 
 def draft(c: Calibration, laboratory: Laboratory) -> Draft:
@@ -444,10 +455,11 @@ def draft(c: Calibration, laboratory: Laboratory) -> Draft:
     notes.append(f"Not certified: {'; '.join(left_out(c))}.")
     if undeclared:
         notes.append(f"Uncertainties are withheld until these are declared: {', '.join(undeclared)}.")
+    name, method, description = AT_REST if c.fit.method == DWELLS_ALONE else MOVED
     measurement = Measurement(
-        name="Calibration of an accelerometer against position",
-        method="Replay of output and position",
-        description=METHOD,
+        name=name,
+        method=method,
+        description=description,
         conditions=tuple(ranges),
         results=(Result("Parameters of the sensor", " ".join(notes), tuple(quantities(c))),),
     )
