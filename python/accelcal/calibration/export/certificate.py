@@ -425,8 +425,8 @@ AT_REST = (
     "Calibration of an accelerometer by gravity at rest",
     "Tumble test: least squares on static dwells",
     "The accelerometer rests at known angles to gravity. Means of the output are fitted by generalised least squares, "
-    "with the zero of the angles, their declared uncertainty, and the noise within dwells. Coefficients are relative to "
-    "the declared local gravity, whose uncertainty is not contained.",
+    "with the zero of the angles, their declared uncertainty, and the noise within dwells. Coefficients are relative "
+    "to the declared local gravity, whose uncertainty is not contained.",
 )
 """Name, method and description of what is certified."""
 
