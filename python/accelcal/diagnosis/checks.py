@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 import scipy
 
-from accelcal.data import ACCELERATION, DERIVED, STANDARD_GRAVITY, Array, Recording, Rig, instant, usual_step
+from accelcal.data import ACCELERATION, DERIVED, STANDARD_GRAVITY, Array, LowPass, Recording, Rig, instant, usual_step
 from accelcal.diagnosis.evidence import Evidence, noise_ratio
 from accelcal.diagnosis.left_out import cut_without
 from accelcal.diagnosis.noise.noise_test import LINE
@@ -471,6 +472,31 @@ def scale_factor(e: Evidence) -> Iterator[Remark]:
         yield from implausible_scale(e.runs[0], scale)
 
 
+def undeclared_lowpass(e: Evidence) -> Iterator[Remark]:
+    """First-order low-pass in front of the output that is not declared and is so slow that no effect stands for it.
+
+    The search evaluates effects at the motion that the output shows, which behind such a filter is another motion: what
+    is left follows it, and has many names. With the filter in the model of the output the residual must be white. No
+    null: a residual that is white, or that no low-pass makes so, gives none
+    (tests/diagnosis/test_undeclared_lowpass.py).
+    """
+    rig, delay = e.recording.rig, e.fit.values().time_offset
+    imposed = any(run.noise.band is not None for run in e.fit.runs)
+    if not imposed or rig.output_filters or rig.lowpass is not None or not delay > 0.0:
+        return
+    begin, end = float(e.runs[0].t[0]), float(e.runs[0].t[-1])
+    for tau in (delay, 0.5 * delay):  # all of the delay, or half of it beside another
+        behind = replace(rig, lowpass=LowPass(1.0 / (2.0 * math.pi * tau), 0.5))
+        recordings = [replace(run.recording, rig=behind) for run in e.sources]
+        with suppress(ValueError):
+            fit = result(solve_runs(e.model, recordings, start=begin, end=end, others_whole=True))
+            error = fit["lowpass_error"]
+            if all(run.noise.band is None for run in fit.runs) and abs(error.value) < 0.5 * tau:
+                corner = 1.0 / (2.0 * math.pi * (tau + error.value))
+                yield remark("undeclared_lowpass", tau=1e3 * (tau + error.value), std=1e3 * error.std, corner=corner)
+                return
+
+
 def engines(e: Evidence) -> Iterator[Remark]:
     """Replay and weak form that disagree: normal differences of two estimates, beyond `ENGINES_APART` standard
     deviations (tests/diagnosis/test_independent_estimate.py)."""
@@ -539,6 +565,7 @@ def slow_noise(e: Evidence) -> Iterator[Remark]:
 
 CHECKS: tuple[Callable[[Evidence], Iterable[Remark]], ...] = (
     scale_factor,
+    undeclared_lowpass,
     engines,
     turning_sensor,
     coloured_position,

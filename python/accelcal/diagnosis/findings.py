@@ -108,6 +108,7 @@ RESPONSE_STEP = (
 )
 NEXT_STEPS = {
     "implausible_scale": "correct that and diagnose again",
+    "undeclared_lowpass": "declare it, fit again, and see what is left",
     "motion_beyond_sampling": "record the same motion again that way",
     "turning_sensor": "record the orientation, or mount the sensor so that it cannot turn, and repeat the run",
     "engines_disagree": "check the stamps and the reference where the residual is largest in the report, or repeat the "

@@ -39,6 +39,14 @@ KINDS: dict[str, Kind] = {
         "instants; sample faster, or smooth the set-points",
         forbids_names=True,
     ),
+    "undeclared_lowpass": Kind(
+        "verdict",
+        "The output lags and falls short as behind a first-order low-pass with tau = {tau:.4g} ± {std:.2g} ms, corner "
+        "{corner:.3g} Hz, which is not declared; with it the residual is white. If the output passes such a filter, "
+        'declare it in [channels]: accel = {{ ..., lowpass = {{ kind = "RC", tau = "{tau:.4g} ms", tolerance = 0.1 }} '
+        "}}",
+        forbids_names=True,
+    ),
     "turning_sensor": Kind(
         "verdict",
         "A tilt of {tilt_deg:.2g} degrees rms or a slow drift of either channel would explain all of it; orientation "
