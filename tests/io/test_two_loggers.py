@@ -287,6 +287,83 @@ def test_outputs_that_are_not_of_the_body_are_refused(tmp_path):
         accelcal.load_axes(imu, position=cameras)
 
 
+def test_the_clock_that_a_body_is_laid_upon_is_the_trusted_one(tmp_path):
+    """As with one output: else k is off by twice the difference of the rates, 3 %, and no declaration cures that."""
+    imu, cameras = body_files(tmp_path, fast=0.015)
+    declared = cameras.with_suffix(".toml")
+    declared.write_text('[clock]\ntrusted = "accel"\noffset_tolerance = "30 ms"\n' + declared.read_text())
+    apart = accelcal.load_axes(imu, position=cameras)[0]
+    assert apart.accel.t[0] == pytest.approx(1.015 + AHEAD, abs=1e-6)  # as it is in the file
+    assert np.diff(apart.position.t) == pytest.approx(1.015 / 200, rel=1e-3)
+    assert "the clock of accel is trusted; two clocks" in apart.findings[0].text
+    assert apart.rig.uncertainty.clock_rate is None
+    assert apart.rig.offset_tolerance >= 0.03
+    target = tmp_path / "joined.parquet"
+    done = CliRunner().invoke(app, ["cut", str(imu), "--position", str(cameras), "-o", str(target)])
+    assert done.exit_code == 0, done.output
+    assert accelcal.load_axes(target)[0].rig == apart.rig
+
+
+def test_outputs_that_begin_apart_are_laid_upon_a_body_alike(tmp_path):
+    imu, cameras = body_files(tmp_path, fast=0.015)
+    whole = accelcal.load_axes(imu, position=cameras)
+    lines = imu.read_text().splitlines()
+    cells = [line.split(",") for line in lines[1:751]]
+    # The output that tells the shift best is lost for 3 s, in which the clocks drift apart by 45 ms.
+    lines[1:751] = [",".join([stamp, x, y, "", *rest]) for stamp, x, y, _, *rest in cells]
+    imu.write_text("\n".join(lines) + "\n")
+    for some, all_of_it in zip(accelcal.load_axes(imu, position=cameras), whole, strict=True):
+        assert some.accel.t[-1] == pytest.approx(all_of_it.accel.t[-1], abs=5e-3)
+
+
+def test_what_sidecars_of_a_body_declare_is_in_the_joined_one(tmp_path):
+    imu, cameras = body_files(tmp_path)
+    noticed = 'noticed = [{ kind = "gap", channel = "accel", count = 1, first = 0.0, text = "TEXT" }]\n'
+    for file, text in ((imu, "of an earlier cut"), (cameras, "of the cameras")):
+        declared = file.with_suffix(".toml")
+        declared.write_text(f"[run]\n{noticed.replace('TEXT', text)}\n{declared.read_text()}")
+    declared = imu.with_suffix(".toml")
+    filtered = OUTPUTS.replace('" }', '", lowpass = { fc = "60 Hz" } }')
+    declared.write_text('[prior]\ncubic = "1e-4 s^4/m^2"\n\n' + declared.read_text().replace(OUTPUTS, filtered))
+    of_cameras = cameras.with_suffix(".toml")
+    of_cameras.write_text('[sensor]\nscale = "3 V/g"\n\n' + of_cameras.read_text())
+    target = tmp_path / "joined.csv"
+    done = CliRunner().invoke(app, ["cut", str(imu), "--position", str(cameras), "-o", str(target)])
+    assert done.exit_code == 0, done.output
+    for recording in (accelcal.load_axes(imu, position=cameras)[2], accelcal.load_axes(target)[2]):
+        said = {finding.text for finding in recording.findings}
+        assert {"of an earlier cut", "of the cameras"} <= said
+        assert recording.rig.lowpass.cutoff == pytest.approx(60.0)
+        assert recording.rig.sensor.scale is None  # a scale is of an output
+        assert recording.prior_sizes == {"cubic": "1e-4 s^4/m^2"}
+    assert CliRunner().invoke(app, ["check", str(target)]).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("file", "line", "said"),
+    [
+        (
+            "cameras",
+            'accel_x = { column = "e_m", unit = "m/s^2" }\n',
+            r"expected accel_x, accel_y, accel_z in the first",
+        ),
+        ("imu", 'accel = { column = "ax", unit = "m/s^2" }\n', r"expected accel_x, accel_y, accel_z in the first"),
+        ("imu", 'position = { column = "gx", unit = "m" }\n', r"imu\.toml: channels\.position: beside"),
+        ("imu", '[rig]\ninput_axis = "x"\n', r"imu\.toml: rig\.input_axis beside accel_x, .* is one too many"),
+    ],
+)
+def test_a_channel_of_a_body_that_stands_in_the_wrong_file_is_refused(tmp_path, file, line, said):
+    imu, cameras = body_files(tmp_path)
+    declared = tmp_path / f"{file}.toml"
+    text = declared.read_text().replace(ATTITUDE, line + ATTITUDE) if file == "cameras" else declared.read_text() + line
+    declared.write_text(text)
+    with pytest.raises(RecordingError, match=said):
+        accelcal.load_axes(imu, position=cameras)
+    target = tmp_path / "joined.csv"
+    assert CliRunner().invoke(app, ["cut", str(imu), "--position", str(cameras), "-o", str(target)]).exit_code == 3
+    assert not target.exists()
+
+
 def test_a_wrong_unit_in_two_files_is_cured_by_a_line_of_a_sidecar(tmp_path):
     accel, position = files(tmp_path, *Motion(3).channels())
     position.write_text(position.read_text().replace("position_um", "position_mm"))

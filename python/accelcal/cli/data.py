@@ -186,11 +186,7 @@ def handed_on(recording: data.Recording) -> tuple[data.Finding, ...]:
     """What a part of a recording should know of it: warnings, what is uncertain of its clocks, and what was noticed."""
     from accelcal.diagnosis.faults import Examined
 
-    listed = [
-        finding
-        for finding in recording.findings
-        if finding.severity == "warning" or finding.common or finding.kind == "alignment"
-    ]
+    listed = [finding for finding in recording.findings if finding.lasts]
     with suppress(data.RecordingError):
         for note in Examined(recording).remarks():
             values: dict[str, Any] = {"channel": "", "count": 1, **note.values}

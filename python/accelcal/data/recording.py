@@ -190,6 +190,11 @@ class Finding:
     jitter: float = 0.0
     """Standard deviation of the error that each stamp is left with, s; 0 where the instants of a clock are used."""
 
+    @property
+    def lasts(self) -> bool:
+        """Whether a file that is made of the recording has to say so: warnings, and what is uncertain of its clocks."""
+        return self.severity == "warning" or self.common > 0.0 or self.kind == "alignment"
+
 
 @dataclass(frozen=True, slots=True)
 class PositionStep:

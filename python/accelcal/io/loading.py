@@ -95,7 +95,7 @@ from accelcal.io.sidecar import (
     toml_text,
 )
 from accelcal.io.table import Column, Table
-from accelcal.io.two_clocks import alignment_of, declared_of_two, joined, of_two_clocks, rate_sentence, table_of
+from accelcal.io.two_clocks import alignment_of, completed, declared_of_two, joined, of_two_clocks, on_trusted, table_of
 
 MOST_GRAVITY = 1.5 * STANDARD_GRAVITY
 """Largest gravity along an axis that is one, m/s²: the acceleration of a turning axis may be part of it."""
@@ -850,7 +850,7 @@ def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None, 
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """What two loggers recorded of one body, its outputs and its place and attitude, on the clock of the second."""
+    """What two loggers recorded of one body, its outputs and its place and attitude, on the clock that is trusted."""
 
     table: Table
     """In SI, on all instants at which anything was read."""
@@ -879,14 +879,16 @@ def body_of_two(output: Path, position: Path, rig: str | Path | None = None, par
     for path, content in ((beside, of_output), (other, of_body)):
         if not all(isinstance(table, dict) for table in content.values()):
             sidecar_from(content, path)  # says which is none
-    channels = of_output.get("channels", {})
-    if {*OUTPUTS.values()} - {*channels} or "attitude" in channels or "attitude" not in of_body.get("channels", {}):
+    channels, of_place = of_output.get("channels", {}), of_body.get("channels", {})
+    outputs = {*OUTPUTS.values()}
+    lacking = outputs - {*channels} or {"attitude"} - {*of_place}
+    if lacking or {"accel", "attitude"} & {*channels} or {"accel", *outputs} & {*of_place}:
         raise RecordingError(
             f"{beside} and {other}: expected {', '.join(OUTPUTS.values())} in the first alone and {', '.join(PLACE)} "
             "with [channels.attitude] in the second alone; map them so, with the time of each"
         )
-    of_place = sidecar_from({**of_body, "rig": {**of_body.get("rig", {}), "input_axis": "x"}}, other)
-    body, findings, _ = channels_of(open_table(position), of_place, ())
+    declared = sidecar_from({**of_body, "rig": {**of_body.get("rig", {}), "input_axis": "x"}}, other)
+    body, findings, _ = channels_of(open_table(position), declared, ())
     table, accels, beside_them = open_table(output), dict[str, Channel](), dict[str, Channel]()
     for name in OUTPUTS.values():
         others = {key: value for key, value in channels.items() if key not in OUTPUTS.values()}
@@ -895,20 +897,22 @@ def body_of_two(output: Path, position: Path, rig: str | Path | None = None, par
         accels[name] = replace(beside_them.pop("accel"), name=name)
         findings += [found for found in noticed if found not in findings and found.kind not in OF_ONE_FILE]
     what = f"{output.name} with {position.name}"
-    assert of_place.attitude is not None
-    along = partial(of_axis, position, body, of_place)
-    best = clocks_of_body(accels, along, of_place.attitude.maps, sidecar, what)
-    first = accels["accel_x"].t[0]
-    together = [restamped(y, partial(best.instants, first=first)) for y in (*accels.values(), *beside_them.values())]
-    together += [channel for name, channel in body.items() if name not in beside_them]
-    rates = declared_rate(sidecar, "accel"), declared_rate(of_place, PLACE[0])
-    shown = rate_sentence(best.rate, "position", rates, sidecar.rig.uncertainty.clock_rate is not None)
-    severity: Literal["note", "warning"] = "warning" if best.is_ambiguous else "note"
+    assert declared.attitude is not None
+    along = partial(of_axis, position, body, declared)
+    best = clocks_of_body(accels, along, declared.attitude.maps, sidecar, what)
+    rig_of_both = completed(sidecar.rig, declared.rig)
+    rates = declared_rate(sidecar, "accel"), declared_rate(declared, PLACE[0])
+    of_outputs, of_places, note = on_trusted(rig_of_both, best, rates, accels["accel_x"].t[0])
+    together = [restamped(y, of_outputs) for y in (*accels.values(), *beside_them.values())]
+    together += [restamped(channel, of_places) for name, channel in body.items() if name not in beside_them]
+    tables = declared_of_two(of_output, of_body, rig_of_both, best, together)
+    for axis in OUTPUTS:
+        sidecar_from(tables, beside, axis)  # says what none may declare
     digest = f"{digest_of(output)} at {best.shift!r} on {digest_of(position)}"
     return Body(
         replace(table_of(output, together), notes=findings),
-        declared_of_two(of_output, of_body, best, together),
-        Finding("alignment", "accel", 1, best.middle, f"{shown}{best.sentence}", severity),
+        tables,
+        note,
         hashlib.sha256(digest.encode()).hexdigest(),
         f"{given(output, sidecar.path)} --position {quote(position.name)}",
     )
@@ -926,6 +930,11 @@ def of_axis(
     turned = replace(declared, input_axis=AXES[axis], attitude=replace(declared.attitude, maps=sense))
     channels, *_ = with_orientation(str(file), body, turned)
     return channels["position"], channels[GRAVITY]
+
+
+def since(alignment: Alignment, first: float, other: float) -> Alignment:
+    """An alignment whose shift is that of another first sample, s, where the rates of the clocks differ."""
+    return replace(alignment, shift=float(alignment.instants(np.array([other]), first)[0] - other))
 
 
 def clocks_of_body(
@@ -958,12 +967,13 @@ def clocks_of_body(
             position, gravity = along(axis, sense)
             accel = replace(accels[name], name="accel")
             pairs.append(Recording(accel, position, declared.rig, side={GRAVITY: gravity}, name=f"{what} {axis}"))
-        alone = list[Alignment]()
+        alone, first = list[Alignment](), pairs[0].accel.t[0]
         for pair in pairs:
             with suppress(RecordingError):
-                alone.append(alignment_of(pair, ()))
+                alone.append(since(alignment_of(pair, ()), pair.accel.t[0], first))
         for fit in sorted(alone, key=lambda fit: (fit.is_ambiguous, fit.std)):
-            if all(alignment_of(pair, (), near=fit).correlation > NEAR for pair in pairs):
+            near = (alignment_of(pair, (), near=since(fit, first, pair.accel.t[0])) for pair in pairs)
+            if all(alignment.correlation > NEAR for alignment in near):
                 return fit
         return None
 

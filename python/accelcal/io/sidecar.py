@@ -869,6 +869,7 @@ KEYS: dict[str, dict[str, Key]] = {
         "time": Key(_clock),
         "rate": Key(_amount("frequency", "positive")),
         "accel": Key(_source(**_FILTERED)),
+        **{name: Key(_scaled_source(None, **_FILTERED)) for name in OUTPUTS.values()},
         "position": Key(_reference("length", resolution=_amount("length", "positive"))),
         VELOCITY: Key(_reference("speed")),
         ACCELERATION: Key(_reference("acceleration", u_zero=_amount("acceleration", "not negative"))),

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from shlex import quote
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from accelcal.data import GRAVITY, QUATERNION, Array, Channel, Finding, Recording, RecordingError, Rig, Sensor
 from accelcal.data.clocks import Alignment, align, restamped, spacing
 from accelcal.data.rates import Rate, Search
+from accelcal.data.rig import Uncertainty
 from accelcal.io import naming
 from accelcal.io.sidecar import (
     ASSUMED_ARM,
@@ -114,17 +115,20 @@ def _completed_sensor(declared: Sensor, further: Sensor) -> Sensor:
 
 
 def declared_of_two(
-    output: Mapping[str, Any], body: Mapping[str, Any], alignment: Alignment, channels: Sequence[Channel]
+    output: Mapping[str, Any], body: Mapping[str, Any], rig: Rig, alignment: Alignment, channels: Sequence[Channel]
 ) -> dict[str, Any]:
     """Tables of one sidecar of two: those of the output, and of its body what they leave open.
 
     Parameters
     ----------
     output, body : tables of the sidecars.
+    rig : that of both, as `completed` has it.
     alignment : of the two clocks; what it leaves uncertain is declared.
     channels : what was read, in SI, on one clock.
     """
-    tables = {name: {**body.get(name, {}), **output.get(name, {})} for name in {**output, **body}}
+    further = {name: {k: v for k, v in table.items() if (name, k) not in _OF_OUTPUT} for name, table in body.items()}
+    tables = {name: {**further.get(name, {}), **output.get(name, {})} for name in {**output, **body}}
+    tables["sensor"] = output.get("sensor") or further.get("sensor", {})
     declared = tables["channels"]
     tables["channels"] = {"time": {"column": STAMPS, "unit": "s"}}
     for channel in channels:
@@ -135,15 +139,18 @@ def declared_of_two(
     columns = [naming.column_name(f"attitude.{name}", "1") for name in QUATERNION]
     senses = {name: value for name, value in declared["attitude"].items() if name not in ("columns", "time")}
     tables["channels"]["attitude"] = {"columns": columns, **senses}
-    tables.get("rig", {}).pop("input_axis", None)
-    drifted = 4.0 * alignment.std + abs(alignment.skew) * alignment.overlap
-    free = max(drifted, *(spacing(channel) for channel in channels))
-    tables["clock"] = {"offset_tolerance": f"{free!r} s", **tables.get("clock", {})}
-    if alignment.rate is not None:
-        tables["uncertainty"] = {"clock_rate": abs(float(alignment.rate.skew)), **tables.get("uncertainty", {})}
+    tables["clock"] = {"offset_tolerance": f"{_offset_left(rig, alignment, channels)!r} s"}
+    tables["clock"] |= {"trusted": rig.trusted_clock} if rig.trusted_clock else {}
+    rate = _uncertainty_of(rig, alignment).clock_rate
+    tables["uncertainty"] = {k: v for k, v in tables.get("uncertainty", {}).items() if k != "clock_rate"}
+    tables["uncertainty"] |= {"clock_rate": rate} if rate is not None else {}
+    before = [finding for content in (output, body) for finding in content.get("run", {}).get("noticed", ())]
+    tables["run"] = {**tables.get("run", {}), **({"noticed": before} if before else {})}
     return tables
 
 
+_OF_OUTPUT = {("sensor", "scale"), ("sensor", "zero"), ("rig", "input_axis")}
+"""Tables and keys that hold of an output alone."""
 STAMPS = "t_s"
 """Column of the stamps of what was joined."""
 _FILTER_KEYS = "lowpass", "highpass", "noise", "resolution", "u_scale"
@@ -164,6 +171,7 @@ def table_of(path: Path, channels: Sequence[Channel]) -> Table:
     )
 
 
+Restamp = Callable[[Array], Array]
 Rates = tuple[float | None, float | None]
 """Rates that are declared for output and position in place of stamps, Hz."""
 
@@ -210,29 +218,8 @@ def aligned(recording: Recording, alignment: Alignment, rates: Rates, beside: It
     """
     accel, position, rig, first = recording.accel, recording.position, recording.rig, recording.accel.t[0]
     assumptions = tuple(assumption for assumption in rig.assumptions if assumption != ASSUMED_OFFSET_TOLERANCE)
-    drifted = 4.0 * alignment.std + abs(alignment.skew) * alignment.overlap
-    free = float(f"{max(rig.offset_tolerance, drifted, spacing(accel), spacing(position)):.6g}")
-    uncertainty, skew = rig.uncertainty, 0.0 if alignment.rate is None else float(alignment.rate.skew)
-    trusted = rig.trusted_clock or ("accel" if rates[1] and not rates[0] else "position")
-    if skew and not rig.trusted_clock and uncertainty.clock_rate is None:
-        uncertainty = replace(uncertainty, clock_rate=abs(skew))
-    begin, later = alignment.instants(np.array([first, first + 1.0]), first)
-
-    def of_output(t: Array) -> Array:
-        return t if trusted == "accel" else alignment.instants(t, first)
-
-    def of_position(t: Array) -> Array:
-        return first + (t - begin) / (later - begin) if trusted == "accel" else t
-
-    settled = bool(rig.trusted_clock or rig.uncertainty.clock_rate)
-    note = Finding(
-        "alignment",
-        "accel",
-        1,
-        alignment.middle,
-        f"{rate_sentence(alignment.rate, trusted, rates, settled)}{alignment.sentence}",
-        "warning" if alignment.is_ambiguous else "note",
-    )
+    free, uncertainty = _offset_left(rig, alignment, (accel, position)), _uncertainty_of(rig, alignment)
+    of_output, of_position, note = on_trusted(rig, alignment, rates, first)
     return replace(
         recording,
         accel=restamped(accel, of_output),
@@ -250,7 +237,44 @@ def aligned(recording: Recording, alignment: Alignment, rates: Rates, beside: It
     )
 
 
-def rate_sentence(rate: Rate | None, trusted: str, rates: Rates, declared: bool) -> str:
+def _offset_left(rig: Rig, alignment: Alignment, channels: Iterable[Channel]) -> float:
+    """Largest offset that an alignment leaves, s, at least what is declared."""
+    drifted = 4.0 * alignment.std + abs(alignment.skew) * alignment.overlap
+    return float(f"{max(rig.offset_tolerance, drifted, *map(spacing, channels)):.6g}")
+
+
+def _uncertainty_of(rig: Rig, alignment: Alignment) -> Uncertainty:
+    """What is uncertain of a rig, with the difference of two rates where nothing says which of them is right."""
+    skew = 0.0 if alignment.rate is None else abs(float(alignment.rate.skew))
+    if not skew or rig.trusted_clock or rig.uncertainty.clock_rate is not None:
+        return rig.uncertainty
+    return replace(rig.uncertainty, clock_rate=skew)
+
+
+def on_trusted(rig: Rig, alignment: Alignment, rates: Rates, first: float) -> tuple[Restamp, Restamp, Finding]:
+    """How stamps of output and position come onto the clock that is trusted, and the sentence that says so.
+
+    Parameters
+    ----------
+    rates : that are declared in place of stamps.
+    first : stamp of the first sample of the output, s.
+    """
+    trusted = rig.trusted_clock or ("accel" if rates[1] and not rates[0] else "position")
+    begin, later = alignment.instants(np.array([first, first + 1.0]), first)
+
+    def of_output(t: Array) -> Array:
+        return t if trusted == "accel" else alignment.instants(t, first)
+
+    def of_position(t: Array) -> Array:
+        return first + (t - begin) / (later - begin) if trusted == "accel" else t
+
+    settled = bool(rig.trusted_clock or rig.uncertainty.clock_rate)
+    text = f"{_rate_sentence(alignment.rate, trusted, rates, settled)}{alignment.sentence}"
+    severity: Literal["note", "warning"] = "warning" if alignment.is_ambiguous else "note"
+    return of_output, of_position, Finding("alignment", "accel", 1, alignment.middle, text, severity)
+
+
+def _rate_sentence(rate: Rate | None, trusted: str, rates: Rates, declared: bool) -> str:
     """Which rate is not as declared, whose clock is trusted, and what k would be with the other; empty where both are
     alike."""
     if rate is None:

@@ -109,8 +109,9 @@ def write_body(body: Body, path: str | Path, mark: Callable[[str], str] = str) -
         name: cells_of(y.values, np.zeros(len(y.values), bool) if y.present is None else ~y.present)
         for name, y in columns.items()
     }
-    noticed = [asdict(finding) for finding in (body.alignment, *body.table.notes)]
-    tables = {**body.declared, "run": {**body.declared.get("run", {}), "noticed": noticed}}
+    run = body.declared["run"]
+    noticed = [asdict(finding) for finding in (body.alignment, *body.table.notes) if finding.lasts]
+    tables = {**body.declared, "run": {**run, "noticed": [*noticed, *run.get("noticed", ())]}}
     text = "\n".join(
         f"[{name}]\n" + "".join(f"{toml_key(key)} = {toml_of(value)}\n" for key, value in entries.items())
         for name, entries in tables.items()
