@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 import accelcal
 from accelcal import io
+from accelcal._support.errors import visible
 from accelcal.cli import app
 from accelcal.data import LowPass, Sensor, clocks
 from accelcal.data.clocks import align
@@ -232,9 +233,12 @@ def body_files(folder, fast=0.0, phase=0.0, seconds=20.0):
 
 
 def test_three_outputs_are_laid_upon_place_and_attitude_of_another_file(tmp_path):
-    imu, cameras = body_files(tmp_path)
+    imu, cameras = (path.rename(path.with_suffix(".\x1b.csv")) for path in body_files(tmp_path))
+    for path in (imu, cameras):
+        path.with_suffix("").with_suffix(".toml").rename(path.with_suffix(".toml"))
     outputs = accelcal.load_axes(imu, position=cameras)
-    assert [recording.name for recording in outputs] == [f"imu.csv with cameras.csv {axis}" for axis in "xyz"]
+    shown = visible(f"{imu.name} with {cameras.name}")
+    assert [recording.name for recording in outputs] == [f"{shown} {axis}" for axis in "xyz"]
     noted = [finding for finding in outputs[0].findings if finding.kind == "alignment"]
     assert len(noted) == 1
     shift = outputs[0].accel.t[0] - (1.0 + AHEAD)
@@ -351,6 +355,7 @@ def test_what_sidecars_of_a_body_declare_is_in_the_joined_one(tmp_path):
         ("imu", 'position = { column = "gx", unit = "m" }\n', r"imu\.toml: channels\.position: beside"),
         ("imu", '[rig]\ninput_axis = "x"\n', r"imu\.toml: rig\.input_axis beside accel_x, .* is one too many"),
     ],
+    ids=["output of the cameras", "further output", "further position", "input axis"],
 )
 def test_a_channel_of_a_body_that_stands_in_the_wrong_file_is_refused(tmp_path, file, line, said):
     imu, cameras = body_files(tmp_path)

@@ -173,9 +173,10 @@ def join_body(
     """Write three outputs of one logger, and place and attitude of another, as one recording."""
     if refused:
         raise UsageError(f"{refused[0]!r}: three outputs are joined whole; give --from and --to to fit instead")
+    require_recording(output)
     with progress("cut"), io.together():
         body = io.body_of_two(run, position, rig, part)
-        require_recording(output).parent.mkdir(parents=True, exist_ok=True)
+        output.parent.mkdir(parents=True, exist_ok=True)
         io.write_body(body, output, mark_of(output))
     print_status(f"{run.name}: {body.alignment.text}")
     print_status(f"wrote {output} and {io.sidecar_of(output)}")

@@ -738,7 +738,7 @@ def load_axes(
     return tuple(
         replace(
             recording,
-            name=f"{Path(path).name} with {Path(position).name} {recording.axis}",
+            name=f"{both.name} {recording.axis}",
             origin=replace(recording.origin, file="", given=both.given),
             findings=(both.alignment, *recording.findings),
         )
@@ -858,6 +858,7 @@ class Body:
     """Tables of a sidecar of it."""
     alignment: Finding
     digest: str
+    name: str
     given: str
     """What a command is given for it."""
 
@@ -896,7 +897,7 @@ def body_of_two(output: Path, position: Path, rig: str | Path | None = None, par
         beside_them, noticed, _ = channels_of(table, sidecar, ("accel",), part)
         accels[name] = replace(beside_them.pop("accel"), name=name)
         findings += [found for found in noticed if found not in findings and found.kind not in OF_ONE_FILE]
-    what = f"{output.name} with {position.name}"
+    what = visible(f"{output.name} with {position.name}", one_line=True)
     assert declared.attitude is not None
     along = partial(of_axis, position, body, declared)
     best = clocks_of_body(accels, along, declared.attitude.maps, sidecar, what)
@@ -914,6 +915,7 @@ def body_of_two(output: Path, position: Path, rig: str | Path | None = None, par
         tables,
         note,
         hashlib.sha256(digest.encode()).hexdigest(),
+        what,
         f"{given(output, sidecar.path)} --position {quote(position.name)}",
     )
 
