@@ -177,7 +177,11 @@ def writable_folder(option: typer.CallbackParam, path: Path | None) -> Path | No
 
 
 OfPosition = Annotated[
-    Path | None, typer.Option("--position", help="File of another logger with the position; the two are aligned.")
+    Path | None,
+    typer.Option(
+        "--position",
+        help="File of another logger with the position, or with place and attitude beside three outputs; aligned.",
+    ),
 ]
 Output = Annotated[Path | None, typer.Option("-o", "--output", help="File to write.", callback=writable_file)]
 Holdout = Annotated[Path | None, typer.Option("--holdout", help="Held-out recording.")]

@@ -224,7 +224,7 @@ class Calibration(Storable):
 
         Parameters
         ----------
-        reading : (n,) in `unit`: V, counts or m/s².
+        reading : (n,) in `unit`: V, counts or m/s². Those of a recording are in m/s², whatever the unit here.
         temperature : (n,) or one for all, degC; needed where a coefficient of the model depends on it.
 
         Returns
@@ -410,7 +410,7 @@ def identifier(text: str) -> str:
 
 def strict(lost: str) -> str:
     """Guard of C against -ffast-math and the parts of it, with which NaN is taken for a number or sums change."""
-    parts = "defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__)"
+    parts = "defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(_M_FP_FAST)"
     return f"""\
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__) \\
     || {parts}
