@@ -65,6 +65,7 @@ WRONG: dict[str, tuple[Any, str]] = {
     "fewer effects than none": (lambda r, f: ac.improve(r, most=-1), r"most is -1; expected .*not negative"),
     "a horizon behind": (lambda r, f: ac.compare(f, r, horizons=[-1.0]), r"horizons is .*expected positive numbers"),
     "a start that is none": (lambda r, f: ac.fit(r, start=float("nan")), r"start is nan; expected a time"),
+    "an end that is none": (lambda r, f: ac.fit(r, end=np.float32("nan")), r"end is .*nan.*; expected a time"),
     "fit behind the end": (lambda r, f: ac.fit(r, start=99.0), r"0 encoder readings between .* widen start and end"),
     "improve a model": (lambda r, f: ac.improve(ac.Model.linear()), r"recordings is a Model"),
     "power turned round": (lambda r, f: ac.power(r, f), r"model is a Recording; expected a Model or a Fit"),

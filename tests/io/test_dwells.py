@@ -78,6 +78,9 @@ def test_a_header_may_say_other_units(table):
     dwells = ac.load_dwells(table)
     for name in ("angle", "mean", "std", "duration", "temperature", "samples"):
         assert getattr(dwells, name) == pytest.approx(getattr(plain, name), rel=1e-12), name
+    table.write_text("\n".join([head.replace("group", "mean [V]"), *cells]))
+    with pytest.raises(ac.RecordingError, match=r'columns "mean \[mg\]", "mean \[V\]" may each be "mean"'):
+        ac.load_dwells(table)
     table.write_text("\n".join([head.replace("[min]", "[mm]"), *cells]))
     with pytest.raises(ac.RecordingError, match=r'column "Duration \[mm\]" is in "mm"; expected s as in "duration_s"'):
         ac.load_dwells(table)

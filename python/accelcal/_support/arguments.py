@@ -41,7 +41,7 @@ HOW_TO_CONVERT = (
     'accelcal.data.units.sensitivity("0.1 V/g", "acceleration") an electrical scale factor and what it counts in'
 )
 RANGES: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
-    **dict.fromkeys(("start", "end"), ("a time", lambda time: not isinstance(time, float) or time == time)),
+    **dict.fromkeys(("start", "end"), ("a time", lambda time: time is None or time == time)),
     "alpha": ("a number between 0 and 1", lambda rate: 0.0 < rate < 1.0),
     "most": ("a whole number that is not negative", lambda count: count is None or count >= 0),
     "horizons": ("positive numbers", lambda times: all(time > 0.0 for time in times)),

@@ -468,9 +468,17 @@ def load_dwell_table(path: Path) -> Dwells:
 
 def dwell_columns(table: Table) -> dict[str, str]:
     """Columns of a table of dwells by the names of `COLUMNS`, whatever letter case and unit its header gives them."""
-    bases = {naming.take_apart(column).base.lower(): column for column in reversed(table.columns)}
+    bases = {base: columns[0] for base, columns in _by_base(table).items()}
     named = {name: name if name in table.columns else bases.get(naming.take_apart(name).base) for name in COLUMNS}
     return {name: column for name, column in named.items() if column is not None}
+
+
+def _by_base(table: Table) -> dict[str, list[str]]:
+    """Columns of a table by their names without unit, in small letters."""
+    columns = dict[str, list[str]]()
+    for column in table.columns:
+        columns.setdefault(naming.take_apart(column).base.lower(), []).append(column)
+    return columns
 
 
 def is_table(table: Table) -> bool:
@@ -488,6 +496,11 @@ def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
             f'{table.path}: no column "{missing[0]}"; a table of dwells has the header {",".join(COLUMNS)}: add it'
             + (". Positions of three outputs are a file of their own beside the motion: give both to fit" * positions)
         )
+    alike = _by_base(table)
+    for name, column in named.items():
+        if column != name and len(several := alike[naming.take_apart(name).base]) > 1:
+            shown = ", ".join(f'"{other}"' for other in several)
+            raise RecordingError(f'{table.path}: columns {shown} may each be "{name}"; call the one to use "{name}"')
     read = table.read(list(named.values()))
     columns = {
         name: in_header_unit(table, name, column, complete(table, column, read[column]))
