@@ -192,3 +192,5 @@ def test_a_calibration_is_applied_to_arrays_as_the_code_does_it():
     np.testing.assert_allclose(warm.acceleration([1.0], 33.0)[0], 0.9, atol=1e-9)  # 10 K above the reference
     with pytest.raises(ValueError, match="depends on temperature; give it"):
         warm.acceleration([1.0])
+    with pytest.raises(ValueError, match=r"temperatures of shape \(2,\); expected one temperature for all"):
+        warm.acceleration([1.0, 1.0, 1.0], [20.0, 21.0])

@@ -234,7 +234,7 @@ class Calibration(Storable):
         Raises
         ------
         AccelcalError
-            If the temperature is missing.
+            If the temperature is missing, or neither one nor as many as the readings.
 
         Examples
         --------
@@ -249,6 +249,9 @@ class Calibration(Storable):
         """
         if self.double.inverse.warmth is not None and temperature is None:
             raise AccelcalError("the model depends on temperature; give it beside the readings, in degC")
+        if temperature is not None and np.shape(temperature) not in ((), np.shape(reading)):
+            shapes = f"readings of shape {np.shape(reading)}, temperatures of shape {np.shape(temperature)}"
+            raise AccelcalError(f"{shapes}; expected one temperature for all, or one for each reading")
         return evaluate(self.double.inverse, reading, 0.0 if temperature is None else temperature)
 
     @property
