@@ -284,6 +284,10 @@ def test_outputs_that_are_not_of_the_body_are_refused(tmp_path):
         accelcal.load_axes(imu, position=elsewhere)
     with pytest.raises(RecordingError, match=r"expected accel_x, accel_y, accel_z in the first alone"):
         accelcal.load_axes(imu, position=imu)
+    short = tmp_path / "short.csv"
+    short.write_text("".join(imu.read_text().splitlines(keepends=True)[:50]))
+    with pytest.raises(RecordingError, match=r"accel has 49 samples, expected at least 64 to align"):
+        accelcal.load_axes(short, imu.with_suffix(".toml"), position=cameras)
     with pytest.raises(RecordingError, match=r"nothere\.toml: there is no such sidecar"):
         accelcal.load_axes(imu, position=tmp_path / "nothere.csv")
     declared.write_text("channels = 3\n")

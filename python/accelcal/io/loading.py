@@ -6,7 +6,7 @@ import hashlib
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -46,7 +46,7 @@ from accelcal.data import (
     units,
 )
 from accelcal.data.arrays import Unchanged
-from accelcal.data.clocks import NEAR, THE_OUTPUT, Alignment, lost_rows, relation, restamped
+from accelcal.data.clocks import FEWEST, NEAR, THE_OUTPUT, Alignment, lost_rows, relation, restamped
 from accelcal.data.orientation import (
     FASTEST_TURN,
     QUATERNION_TOLERANCE,
@@ -984,7 +984,8 @@ def clocks_of_body(
             pairs.append(Recording(accel, position, declared.rig, side={GRAVITY: gravity}, name=f"{what} {axis}"))
         alone, first = list[Alignment](), pairs[0].accel.t[0]
         for pair in pairs:
-            with suppress(RecordingError):
+            short = min(len(pair.accel), len(pair.position)) < FEWEST
+            with nullcontext() if short else suppress(RecordingError):  # which no sense of the attitude mends
                 alone.append(since(alignment_of(pair, ()), pair.accel.t[0], first))
         for fit in sorted(alone, key=lambda fit: (fit.is_ambiguous, fit.std)):
             near = (alignment_of(pair, (), near=since(fit, first, pair.accel.t[0])) for pair in pairs)
