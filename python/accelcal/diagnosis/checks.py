@@ -27,6 +27,7 @@ from accelcal.diagnosis.policy import (
     DRIFT_BAND,
     ENGINES_APART,
     FAMILYWISE_ALPHA,
+    FILTER_LEAVES,
     TRANSVERSE_ALPHA,
     TURNING_BAND,
     TURNING_LEAST_PERIODS,
@@ -53,6 +54,7 @@ PROCESSES = frozenset(effect.name for effect in BUILT_IN if effect.port == "proc
 FOLLOW_TIME = PROCESSES | {LINE, *(name for name in OF_TIME if find(name).family)}
 """Effects that follow any function of time, the turning of a sensor and a touched cable among them."""
 TILT = find("tilt").name
+LAG = find("sensor_lag").name
 DRIFTS = OF_TIME | {name for name in PROCESSES if find(name).traits.changes == "bias"}
 """Drifts of the bias: what a slow tilt looks like, and does."""
 
@@ -476,25 +478,38 @@ def undeclared_lowpass(e: Evidence) -> Iterator[Remark]:
     """First-order low-pass in front of the output that is not declared and is so slow that no effect stands for it.
 
     The search evaluates effects at the motion that the output shows, which behind such a filter is another motion: what
-    is left follows it, and has many names. With the filter in the model of the output the residual must be white. No
-    null: a residual that is white, or that no low-pass makes so, gives none
-    (tests/diagnosis/test_undeclared_lowpass.py).
+    is left follows it, and has many names. With the filter in the model of the output, little of it may be left. No
+    null: what a filter does not explain to `FILTER_LEAVES` gives none (tests/diagnosis/test_undeclared_lowpass.py).
     """
     rig, delay = e.recording.rig, e.fit.values().time_offset
-    imposed = any(run.noise.band is not None for run in e.fit.runs)
-    if not imposed or rig.output_filters or rig.lowpass is not None or not delay > 0.0:
+    coloured = any(run.noise.band is not None for run in e.fit.runs) or any(
+        note.code == "measured_spectrum" for note in e.fit.remarks
+    )
+    slowest = find(LAG).shapes["tau"].span(e.signals)[1]
+    named = delay <= slowest and any(LAG in finding.members for finding in e.scan.found)
+    if not coloured or named or rig.output_filters or rig.lowpass is not None or not delay > 0.0:
         return
     begin, end = float(e.runs[0].t[0]), float(e.runs[0].t[-1])
     for tau in (delay, 0.5 * delay):  # all of the delay, or half of it beside another
         behind = replace(rig, lowpass=LowPass(1.0 / (2.0 * math.pi * tau), 0.5))
-        recordings = [replace(run.recording, rig=behind) for run in e.sources]
         with suppress(ValueError):
+            recordings = [replace(run.recording, rig=behind) for run in e.sources]
             fit = result(solve_runs(e.model, recordings, start=begin, end=end, others_whole=True))
             error = fit["lowpass_error"]
-            if all(run.noise.band is None for run in fit.runs) and abs(error.value) < 0.5 * tau:
-                corner = 1.0 / (2.0 * math.pi * (tau + error.value))
-                yield remark("undeclared_lowpass", tau=1e3 * (tau + error.value), std=1e3 * error.std, corner=corner)
+            after = DrivenRun.on(fit, prepared(recordings[0]))
+            band = min(after.crossover, 0.2 / e.runs[0].reading_step)
+            left, before = (in_band(run, band) for run in (after, DrivenRun.on(e.fit, e.runs[0])))
+            if left < FILTER_LEAVES * before and abs(error.value) < 0.5 * tau and tau + error.value > 5.0 * error.std:
+                tau += error.value
+                values = {"tau": 1e3 * tau, "std": 1e3 * error.std, "corner": 1.0 / (2.0 * math.pi * tau)}
+                yield remark("undeclared_lowpass", **values, band=band, before=before, left=left)
                 return
+
+
+def in_band(run: DrivenRun, band: float) -> float:
+    """Rms of the residual of a run up to a frequency, Hz."""
+    _, residual, inside = residual_of(run, band)
+    return float(np.std(residual[inside]))
 
 
 def engines(e: Evidence) -> Iterator[Remark]:
