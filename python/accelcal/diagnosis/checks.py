@@ -478,7 +478,7 @@ def undeclared_lowpass(e: Evidence) -> Iterator[Remark]:
     """First-order low-pass in front of the output that is not declared and is so slow that no effect stands for it.
 
     The search evaluates effects at the motion that the output shows, which behind such a filter is another motion: what
-    is left follows it, and has many names. With the filter in the model of the output, little of it may be left. No
+    is left follows it, and has many names. With the filter in the model of the output the noise must be far less. No
     null: what a filter does not explain to `FILTER_LEAVES` gives none (tests/diagnosis/test_undeclared_lowpass.py).
     """
     rig, delay = e.recording.rig, e.fit.values().time_offset
@@ -496,20 +496,12 @@ def undeclared_lowpass(e: Evidence) -> Iterator[Remark]:
             recordings = [replace(run.recording, rig=behind) for run in e.sources]
             fit = result(solve_runs(e.model, recordings, start=begin, end=end, others_whole=True))
             error = fit["lowpass_error"]
-            after = DrivenRun.on(fit, prepared(recordings[0]))
-            band = min(after.crossover, 0.2 / e.runs[0].reading_step)
-            left, before = (in_band(run, band) for run in (after, DrivenRun.on(e.fit, e.runs[0])))
+            before, left = (max(run.noise.all.density for run in other.runs) for other in (e.fit, fit))
             if left < FILTER_LEAVES * before and abs(error.value) < 0.5 * tau and tau + error.value > 5.0 * error.std:
                 tau += error.value
                 values = {"tau": 1e3 * tau, "std": 1e3 * error.std, "corner": 1.0 / (2.0 * math.pi * tau)}
-                yield remark("undeclared_lowpass", **values, band=band, before=before, left=left)
+                yield remark("undeclared_lowpass", **values, before=before, left=left)
                 return
-
-
-def in_band(run: DrivenRun, band: float) -> float:
-    """Rms of the residual of a run up to a frequency, Hz."""
-    _, residual, inside = residual_of(run, band)
-    return float(np.std(residual[inside]))
 
 
 def engines(e: Evidence) -> Iterator[Remark]:

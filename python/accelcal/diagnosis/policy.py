@@ -325,8 +325,8 @@ DRIFT_BAND = 0.1
 """Frequency up to which a residual may be a bias that wanders. A bias drifts with temperature and age, more slowly than
 bodies and structures turn. [Hz; tests/diagnosis/test_turning.py]"""
 FILTER_LEAVES = 1.0 / 3.0
-"""Share of a residual below which a low-pass that is not declared explains it. One that does leaves noise; pure delays,
-resonances and effects leave nearly all. [share; tests/diagnosis/test_undeclared_lowpass.py]"""
+"""Share of the noise density below which a low-pass that is not declared explains it. One that does leaves the noise of
+the sensor; pure delays, resonances and effects leave nearly all. [share; tests/diagnosis/test_undeclared_lowpass.py]"""
 DISTURBED_SHARE = 0.05
 """Share of a record up to which the stretches count as disturbed that hold all of a slow residual. What lasts longer
 is the sensor's, or a tilt. [share; tests/diagnosis/test_turning.py]"""

@@ -42,8 +42,8 @@ KINDS: dict[str, Kind] = {
     "undeclared_lowpass": Kind(
         "verdict",
         "The output lags and falls short as behind a first-order low-pass with tau = {tau:.4g} ± {std:.2g} ms, corner "
-        "{corner:.3g} Hz, which is not declared: with it, {left:.2g} of {before:.2g} m/s² rms below {band:.2g} Hz are "
-        "left. If the output passes such a filter, declare it in [channels]: accel = {{ ..., lowpass = "
+        "{corner:.3g} Hz, which is not declared: with it, {left:.2g} of {before:.2g} (m/s²)/√Hz of noise are left. If "
+        "the output passes such a filter, declare it in [channels]: accel = {{ ..., lowpass = "
         '{{ kind = "RC", tau = "{tau:.4g} ms", tolerance = 0.1 }} }}',
         forbids_names=True,
     ),
