@@ -272,6 +272,23 @@ def test_a_body_of_two_loggers_is_cut_into_one_file(tmp_path):
     assert not (tmp_path / "p.csv").exists()
 
 
+def test_an_output_with_a_scale_of_its_own_is_read_by_it(tmp_path):
+    rows = [f"{0.01 * k:.2f},{1.65 + 0.02 * (k % 3)},0.2,9.8,0,0,{1e-4 * k * k:.4f},1,0,0,0" for k in range(100)]
+    path = tmp_path / "board.csv"
+    path.write_text("\n".join(["t,ax,ay,az,e_m,n_m,u_m,q_w,q_x,q_y,q_z", *rows]))
+    own = OUTPUTS.replace('"ax", unit = "m/s^2"', '"ax", unit = "V", scale = "20 mV/(m/s^2)", zero = "1.65 V"')
+    path.with_suffix(".toml").write_text('[channels]\ntime = { column = "t", unit = "s" }\n' + own + PLACES + ATTITUDE)
+    x, y, _ = accelcal.load_axes(path)
+    assert np.allclose(x.accel.y[:3], [0.0, 1.0, 2.0])
+    assert np.allclose(y.accel.y, 0.2)
+    imu, cameras = body_files(tmp_path)
+    whole = accelcal.load_axes(imu, position=cameras)
+    declared = imu.with_suffix(".toml")
+    in_volts = declared.read_text().replace('"ax", unit = "m/s^2"', '"ax", unit = "V", scale = "0.5 V/(m/s^2)"')
+    declared.write_text(in_volts)
+    assert np.allclose(accelcal.load_axes(imu, position=cameras)[0].accel.y, 2.0 * whole[0].accel.y)
+
+
 def test_outputs_that_are_not_of_the_body_are_refused(tmp_path):
     imu, cameras = body_files(tmp_path)
     declared = cameras.with_suffix(".toml")

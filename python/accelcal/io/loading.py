@@ -93,6 +93,7 @@ from accelcal.io.sidecar import (
     sidecar_from,
     sidecar_of,
     toml_text,
+    with_one_output,
 )
 from accelcal.io.table import Column, Table
 from accelcal.io.two_clocks import alignment_of, completed, declared_of_two, joined, of_two_clocks, on_trusted, table_of
@@ -905,8 +906,7 @@ def body_of_two(output: Path, position: Path, rig: str | Path | None = None, par
     body, findings, _ = channels_of(open_table(position), declared, ())
     table, accels, beside_them = open_table(output), dict[str, Channel](), dict[str, Channel]()
     for name in OUTPUTS.values():
-        others = {key: value for key, value in channels.items() if key not in OUTPUTS.values()}
-        sidecar = sidecar_from({**of_output, "channels": {**others, "accel": channels[name]}}, beside)
+        sidecar = sidecar_from(with_one_output(of_output, name), beside)
         beside_them, noticed, _ = channels_of(table, sidecar, ("accel",), part)
         accels[name] = replace(beside_them.pop("accel"), name=name)
         findings += [found for found in noticed if found not in findings and found.kind not in OF_ONE_FILE]

@@ -1049,8 +1049,17 @@ def _of_axis(content: dict[str, Any], path: Path, axis: str) -> dict[str, Any]:
     for key, given in (("channels.accel", channels), ("rig.input_axis", rig)):
         if key.partition(".")[2] in given:
             raise RecordingError(f"{path}: {key} beside {', '.join(OUTPUTS.values())} is one too many; leave it out")
-    others = {name: channel for name, channel in channels.items() if name not in OUTPUTS.values()}
-    return {**content, "channels": {**others, "accel": channels[OUTPUTS[axis]]}, "rig": {**rig, "input_axis": axis}}
+    return {**with_one_output(content, OUTPUTS[axis]), "rig": {**rig, "input_axis": axis}}
+
+
+def with_one_output(content: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Tables of a sidecar of three outputs as if it had one of them alone, by the name of its channel."""
+    others = {key: channel for key, channel in content["channels"].items() if key not in OUTPUTS.values()}
+    output, sensor = content["channels"][name], content.get("sensor", {})
+    if isinstance(output, dict) and isinstance(sensor, dict):  # what an output has of its own, the sensor has
+        sensor = {**sensor, **{key: output[key] for key in ("scale", "zero") if key in output}}
+        output = {key: value for key, value in output.items() if key not in ("scale", "zero")}
+    return {**content, "sensor": sensor, "channels": {**others, "accel": output}}
 
 
 def sidecar_from(content: dict[str, Any], path: Path, axis: str = "") -> Sidecar:
