@@ -27,7 +27,6 @@ from accelcal.diagnosis.policy import (
     DRIFT_BAND,
     ENGINES_APART,
     FAMILYWISE_ALPHA,
-    FILTER_LEAVES,
     TRANSVERSE_ALPHA,
     TURNING_BAND,
     TURNING_LEAST_PERIODS,
@@ -479,7 +478,8 @@ def undeclared_lowpass(e: Evidence) -> Iterator[Remark]:
 
     The search evaluates effects at the motion that the output shows, which behind such a filter is another motion: what
     is left follows it, and has many names. With the filter in the model of the output the noise must be far less. No
-    null: what a filter does not explain to `FILTER_LEAVES` gives none (tests/diagnosis/test_undeclared_lowpass.py).
+    null: noise that no filter lowers by `DATA_SHEET_NOISE_RATIO` gives none
+    (tests/diagnosis/test_undeclared_lowpass.py).
     """
     rig, delay = e.recording.rig, e.fit.values().time_offset
     coloured = any(run.noise.band is not None for run in e.fit.runs) or any(
@@ -497,7 +497,11 @@ def undeclared_lowpass(e: Evidence) -> Iterator[Remark]:
             fit = result(solve_runs(e.model, recordings, start=begin, end=end, others_whole=True))
             error = fit["lowpass_error"]
             before, left = (max(run.noise.all.density for run in other.runs) for other in (e.fit, fit))
-            if left < FILTER_LEAVES * before and abs(error.value) < 0.5 * tau and tau + error.value > 5.0 * error.std:
+            if (
+                DATA_SHEET_NOISE_RATIO * left < before
+                and abs(error.value) < 0.5 * tau
+                and tau + error.value > 5.0 * error.std
+            ):
                 tau += error.value
                 values = {"tau": 1e3 * tau, "std": 1e3 * error.std, "corner": 1.0 / (2.0 * math.pi * tau)}
                 yield remark("undeclared_lowpass", **values, before=before, left=left)

@@ -160,8 +160,8 @@ measures no position. [share; tests/selection/test_plausibility.py]"""
 # ---- verdict: noise and outliers ----
 
 DATA_SHEET_NOISE_RATIO = 1.5
-"""Fitted over declared noise density above which no model is adequate. Data sheets state typical values; units
-scatter by less. [ratio; tests/hidden/test_hidden.py]"""
+"""Fitted over declared noise density, or over that with a low-pass, above which no model is adequate. Data sheets state
+typical values; units scatter by less. [ratio; tests/hidden/test_hidden.py]"""
 REJECTION_ROUNDS = 3
 """Rounds of outlier rejection, each followed by a fit. Smaller outliers show once the larger ones are gone. [rounds;
 tests/diagnosis/noise_tests/test_noise_tests.py]"""
@@ -324,9 +324,6 @@ tests/diagnosis/test_turning.py]"""
 DRIFT_BAND = 0.1
 """Frequency up to which a residual may be a bias that wanders. A bias drifts with temperature and age, more slowly than
 bodies and structures turn. [Hz; tests/diagnosis/test_turning.py]"""
-FILTER_LEAVES = 1.0 / 3.0
-"""Share of the noise density below which a low-pass that is not declared explains it. One that does leaves the noise of
-the sensor; pure delays, resonances and effects leave nearly all. [share; tests/diagnosis/test_undeclared_lowpass.py]"""
 DISTURBED_SHARE = 0.05
 """Share of a record up to which the stretches count as disturbed that hold all of a slow residual. What lasts longer
 is the sensor's, or a tilt. [share; tests/diagnosis/test_turning.py]"""
