@@ -909,7 +909,7 @@ def body_of_two(output: Path, position: Path, rig: str | Path | None = None, par
         sidecar = sidecar_from(with_one_output(of_output, name), beside)
         beside_them, noticed, _ = channels_of(table, sidecar, ("accel",), part)
         accels[name] = replace(beside_them.pop("accel"), name=name)
-        findings += [found for found in noticed if found not in findings and found.kind not in OF_ONE_FILE]
+        findings += [note for note in noticed if note not in findings and note.kind not in OF_ONE_FILE]
     what = visible(f"{output.name} with {position.name}", one_line=True)
     assert declared.attitude is not None
     along = partial(of_axis, position, body, declared)
