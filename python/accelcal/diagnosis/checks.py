@@ -482,12 +482,13 @@ def undeclared_lowpass(e: Evidence) -> Iterator[Remark]:
     (tests/diagnosis/test_undeclared_lowpass.py).
     """
     rig, delay = e.recording.rig, e.fit.values().time_offset
-    coloured = any(run.noise.band is not None for run in e.fit.runs) or any(
-        note.code == "measured_spectrum" for note in e.fit.remarks
-    )
-    slowest = find(LAG).shapes["tau"].span(e.signals)[1]
-    named = delay <= slowest and any(LAG in finding.members for finding in e.scan.found)
-    if not coloured or named or rig.output_filters or rig.lowpass is not None or not delay > 0.0:
+    slower = delay > find(LAG).shapes["tau"].span(e.signals)[1]  # than the search tries
+    coloured = any(note.code == "measured_spectrum" for note in e.fit.remarks)
+    imposed = any(run.noise.band is not None for run in e.fit.runs)
+    named = any(LAG in finding.members for finding in e.scan.found)
+    if not e.delayed or rig.output_filters or rig.lowpass is not None:
+        return
+    if not (imposed or coloured if slower else imposed and not named):
         return
     begin, end = float(e.runs[0].t[0]), float(e.runs[0].t[-1])
     for tau in (delay, 0.5 * delay):  # all of the delay, or half of it beside another
