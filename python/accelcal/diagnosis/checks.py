@@ -16,6 +16,7 @@ import scipy
 
 from accelcal.data import ACCELERATION, DERIVED, STANDARD_GRAVITY, Array, LowPass, Recording, Rig, instant, usual_step
 from accelcal.diagnosis.evidence import Evidence, noise_ratio
+from accelcal.diagnosis.findings import FILTER_KEYS
 from accelcal.diagnosis.left_out import cut_without
 from accelcal.diagnosis.noise.noise_test import LINE
 from accelcal.diagnosis.policy import (
@@ -53,7 +54,8 @@ PROCESSES = frozenset(effect.name for effect in BUILT_IN if effect.port == "proc
 FOLLOW_TIME = PROCESSES | {LINE, *(name for name in OF_TIME if find(name).family)}
 """Effects that follow any function of time, the turning of a sensor and a touched cable among them."""
 TILT = find("tilt").name
-LAG = find("sensor_lag").name
+LAG = next(name for name, declared in FILTER_KEYS.items() if declared == ("accel", "lowpass"))
+"""Effect that a low-pass of the output is."""
 DRIFTS = OF_TIME | {name for name in PROCESSES if find(name).traits.changes == "bias"}
 """Drifts of the bias: what a slow tilt looks like, and does."""
 

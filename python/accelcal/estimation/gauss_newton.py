@@ -247,7 +247,8 @@ def _estimated(
         normals = []
         for index, state in enumerate(states):
             values = layout.scatter(x, model, index) if round_number > 0 else None
-            ENGINES[state.run.engine].settle(state, model, values, search=round_number < NOISE_ROUNDS or moved > ASTRAY)
+            search = round_number < NOISE_ROUNDS or bool(model.shapes and moved > ASTRAY)
+            ENGINES[state.run.engine].settle(state, model, values, search=search)
             normals.append(normal_equations(state, model.free))
             rows = layout.rows(index)
             information[np.ix_(rows, rows)] += normals[index].gram
