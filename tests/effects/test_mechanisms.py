@@ -341,11 +341,11 @@ def test_a_mechanism_is_named_by_what_is_sure_at_its_memory_though_its_size_goes
     run = ac.load(write(s, 0.5 * sagging(s), rng, tmp_path / "tone.csv"))
     grown = ac.add(ac.fit(run), run, NAME)
     e = grown[NAME]
-    known = grown.at_shapes[grown.free.index(e)]
-    assert abs(e.value) / e.std < 2.0 < 6.0 < abs(e.value) / known
+    std_at_shapes = grown.at_shapes[grown.free.index(e)]
+    assert abs(e.value) / e.std < 2.0 < 6.0 < abs(e.value) / std_at_shapes
     shapes = {shape.name: shape.value for shape in grown.shapes}
     held = ac.fit(run, grown.model.freeze(**shapes))
-    assert held[NAME].std == pytest.approx(known, rel=0.02)
+    assert held[NAME].std == pytest.approx(std_at_shapes, rel=0.02)
     assert not {"chosen", "barely_shown"} & {note.code for note in grown.remarks}
     assert [note.code for note in chosen(replace(grown, at_shapes=()), {NAME: 0.5})] == ["chosen"]
 

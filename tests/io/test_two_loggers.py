@@ -220,12 +220,12 @@ def body_files(folder, fast=0.0, phase=0.0, seconds=20.0):
     place, turns = motion(t)
     table = np.c_[t, place + 1e-4 * rng.standard_normal(place.shape), turns.as_quat(scalar_first=True)]
     np.savetxt(folder / "cameras.csv", table, "%.7f", ",", header=BODY, comments="")
-    own = np.arange(1.0, seconds - 1.0, 1 / 250)
-    (before, from_), (at, now), (after, to) = (motion(own - LATE + step) for step in (-h, 0.0, h))
+    stamps = np.arange(1.0, seconds - 1.0, 1 / 250)
+    (before, from_), (at, now), (after, to) = (motion(stamps - LATE + step) for step in (-h, 0.0, h))
     force = now.inv().apply((after - 2.0 * at + before) / h**2 + [0.0, 0.0, 9.80665]) + BIAS
     rate = np.degrees((from_.inv() * to).as_rotvec() / (2.0 * h)) + SPIN
     noisy = np.c_[force + 0.01 * rng.standard_normal(force.shape), rate + 0.1 * rng.standard_normal(rate.shape)]
-    table = np.c_[1e3 * ((1.0 + fast) * own + AHEAD), noisy]
+    table = np.c_[1e3 * ((1.0 + fast) * stamps + AHEAD), noisy]
     np.savetxt(folder / "imu.csv", table, "%.6f", ",", header="t_ms,ax,ay,az,gx,gy,gz", comments="")
     (folder / "imu.toml").write_text('[channels]\ntime = { column = "t_ms", unit = "ms" }\n' + OUTPUTS + RATES)
     (folder / "cameras.toml").write_text('[channels]\ntime = { column = "t", unit = "s" }\n' + PLACES + ATTITUDE)
@@ -276,8 +276,10 @@ def test_an_output_with_a_scale_of_its_own_is_read_by_it(tmp_path):
     rows = [f"{0.01 * k:.2f},{1.65 + 0.02 * (k % 3)},0.2,9.8,0,0,{1e-4 * k * k:.4f},1,0,0,0" for k in range(100)]
     path = tmp_path / "board.csv"
     path.write_text("\n".join(["t,ax,ay,az,e_m,n_m,u_m,q_w,q_x,q_y,q_z", *rows]))
-    own = OUTPUTS.replace('"ax", unit = "m/s^2"', '"ax", unit = "V", scale = "20 mV/(m/s^2)", zero = "1.65 V"')
-    path.with_suffix(".toml").write_text('[channels]\ntime = { column = "t", unit = "s" }\n' + own + PLACES + ATTITUDE)
+    outputs = OUTPUTS.replace('"ax", unit = "m/s^2"', '"ax", unit = "V", scale = "20 mV/(m/s^2)", zero = "1.65 V"')
+    path.with_suffix(".toml").write_text(
+        '[channels]\ntime = { column = "t", unit = "s" }\n' + outputs + PLACES + ATTITUDE
+    )
     x, y, _ = accelcal.load_axes(path)
     assert np.allclose(x.accel.y[:3], [0.0, 1.0, 2.0])
     assert np.allclose(y.accel.y, 0.2)
