@@ -159,7 +159,7 @@ def test_sentences_say_what_is_held_out(grown):
         "Held out (run2.csv)",
     ]
     pool = state.step.heldout
-    assert own_error(pool).startswith(f"systematic error of the output below {pool.band:.3g} Hz ")
+    assert own_error(pool).startswith(f"systematic error of the output below {pool.band:.3g} Hz: ")
 
 
 def test_the_report_command_is_of_a_recording_though_dwells_come_first(grown):

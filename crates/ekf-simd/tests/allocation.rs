@@ -50,7 +50,7 @@ fn allocations(work: impl FnOnce()) -> usize {
 }
 
 const DT: f64 = 1.0 / 1667.0;
-const STEPS: usize = 1000;
+const STEPS: usize = 300;
 
 fn sensor(form: Form) -> Sensor {
     Sensor { form, gauss_markov: [GaussMarkov::CONSTANT; 4] }

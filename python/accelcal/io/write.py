@@ -66,13 +66,11 @@ def write_csv(recording: Recording, path: str | Path) -> dict[str, Clock | Sourc
         If a channel has a name that would be read back as something else.
     """
     import pyarrow as pa
-    from pyarrow import csv
 
     columns = {channel.name: naming.column_name(channel.name, channel.unit) for channel in _channels(recording)}
     _require_readable(recording, columns)
     table = pa.table({"t_s": _stamps(recording)} | {columns[name]: cells for name, cells in _cells(recording)})
-    with atomic(path) as part:
-        csv.write_csv(table, part, csv.WriteOptions(quoting_style="needed"))
+    _write_table(table, path, csv=True)
     return _sources(recording, "t_s", columns)
 
 
@@ -82,15 +80,12 @@ def write_parquet(recording: Recording, path: str | Path) -> dict[str, Clock | S
     Parameters, return value and errors are those of `write_csv`.
     """
     import pyarrow as pa
-    from pyarrow import parquet
 
     columns = {channel.name: channel.name for channel in _channels(recording)}
     _require_readable(recording, columns)
     units = {"t": "s"} | {channel.name: channel.unit for channel in _channels(recording)}
     schema = pa.schema([pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in units.items()])
-    table = pa.table({"t": _stamps(recording)} | dict(_cells(recording)), schema=schema)
-    with atomic(path) as part:
-        parquet.write_table(table, part, compression="zstd", write_page_checksum=True)
+    _write_table(pa.table({"t": _stamps(recording)} | dict(_cells(recording)), schema=schema), path, csv=False)
     return _sources(recording, "t", columns)
 
 
@@ -102,7 +97,6 @@ def write_body(body: Body, path: str | Path, mark: Callable[[str], str] = str) -
     path, mark : as of `write_csv` and `write_sidecar`.
     """
     import pyarrow as pa
-    from pyarrow import csv, parquet
 
     columns = body.table.read(body.table.columns)
     cells = {
@@ -112,17 +106,9 @@ def write_body(body: Body, path: str | Path, mark: Callable[[str], str] = str) -
     run = body.declared["run"]
     noticed = [asdict(finding) for finding in (body.alignment, *body.table.notes) if finding.lasts]
     tables = {**body.declared, "run": {**run, "noticed": [*noticed, *run.get("noticed", ())]}}
-    text = "\n".join(
-        f"[{name}]\n" + "".join(f"{toml_key(key)} = {toml_of(value)}\n" for key, value in entries.items())
-        for name, entries in tables.items()
-        if entries
-    )
-    with atomic(path) as part:
-        if Path(path).suffix == ".csv":
-            csv.write_csv(pa.table(cells), part, csv.WriteOptions(quoting_style="needed"))
-        else:
-            parquet.write_table(pa.table(cells), part, compression="zstd", write_page_checksum=True)
-    atomic_write(sidecar_of(Path(path)), mark(text))
+    texts = {name: {key: toml_of(value) for key, value in entries.items()} for name, entries in tables.items()}
+    _write_table(pa.table(cells), path, csv=Path(path).suffix == ".csv")
+    atomic_write(sidecar_of(Path(path)), mark(_toml(texts)))
 
 
 def write_sidecar(
@@ -155,12 +141,27 @@ def write_sidecar(
         tables["rig"][GRAVITY] = None
     tables["prior"] = {name: toml_text(size) for name, size in prior_sizes.items()}
     tables["channels"] = {name: _channel(rig, name, source, reference) for name, source in channels.items()}
-    text = "\n".join(
+    atomic_write(path, mark(_toml(tables)))
+
+
+def _write_table(table: pa.Table, path: str | Path, *, csv: bool) -> None:
+    from pyarrow import csv as text
+    from pyarrow import parquet
+
+    with atomic(path) as part:
+        if csv:
+            text.write_csv(table, part, text.WriteOptions(quoting_style="needed"))
+        else:
+            parquet.write_table(table, part, compression="zstd", write_page_checksum=True)
+
+
+def _toml(tables: Mapping[str, Mapping[str, str | None]]) -> str:
+    """Tables of values in TOML; what has none, a table of nothing else, is left out."""
+    return "\n".join(
         f"[{name}]\n" + "".join(f"{toml_key(key)} = {value}\n" for key, value in entries.items() if value)
         for name, entries in tables.items()
         if any(entries.values())
     )
-    atomic_write(path, mark(text))
 
 
 def _written(key: Key, holder: object) -> str | None:

@@ -282,7 +282,7 @@ def loop(diagnosis: Diagnosis, comparison: Comparison, *, theme: ThemeName = "li
     )
     measure = comparison.headline
     errors = " → ".join(quoted(measure, evaluation).split(" (")[0] for evaluation in comparison)
-    text = f"{comparison.names[-1]}: {measure.name} {errors} rms on unseen data"
+    text = f"{comparison.names[-1]}, {measure.name}: {errors} rms on unseen data"
     return matplotlib.page(parts, text, theme, (4.0, 3.0, 4.0, 7.0, 4.0))
 
 

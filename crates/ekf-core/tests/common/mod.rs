@@ -9,9 +9,9 @@ use proptest::prelude::*;
 /// Time between two output samples, s.
 pub const DT: f64 = 1.0 / 1667.0;
 
-/// Cases a property is tried on: 64, or 600 with `ACCELCAL_HYPOTHESIS=long`, as in Python.
+/// Cases a property is tried on: 24, or 600 with `ACCELCAL_HYPOTHESIS=long`, as in Python.
 pub fn cases() -> u32 {
-    if std::env::var("ACCELCAL_HYPOTHESIS").is_ok_and(|value| value == "long") { 600 } else { 64 }
+    if std::env::var("ACCELCAL_HYPOTHESIS").is_ok_and(|value| value == "long") { 600 } else { 24 }
 }
 
 /// Uniform on [-1, 1], from a counter: every number of a test can be drawn again.

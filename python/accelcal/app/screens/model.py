@@ -254,7 +254,7 @@ def errors(page: Page, pair: tuple[str, str]) -> None:
 def own_error(evaluation: Evaluation) -> str:
     """The error of a model on its own held-out data, in words."""
     measure = Measure.of([evaluation])
-    return f"{measure.name} {quoted(measure, evaluation)}"
+    return f"{measure.name}: {quoted(measure, evaluation)}"
 
 
 def show(page: Page) -> None:
