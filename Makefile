@@ -30,7 +30,7 @@ paper: $(STAMP) ## Reproduce the paper: measured next to expected values, figure
 	$(BIN)/python -m papers.stakkeland2007 -o build/paper $(ARGS)
 
 test: $(STAMP) ## Run the fast tests: Rust, then Python.
-	cargo test --workspace --exclude accelcal-py --quiet
+	cargo test --workspace --exclude accelcal-py --exclude ekf-simd-benches --quiet
 	$(RUN_TESTS) -m "not ($(BESIDE))" $(PYTEST)
 
 test-rest: $(STAMP) ## Run the tests that make test leaves out: slow ones, browsers, compilers, emulators, statistics.
@@ -102,7 +102,7 @@ constraints: $(STAMP) ## Write down the versions of this environment, once `make
 	$(BIN)/python -m pip freeze --exclude-editable | grep -E '^[A-Za-z0-9._-]+==' > constraints.txt
 
 bench: $(STAMP) ## Measure times, memory and statistics; minutes.
-	cargo bench --quiet -p ekf-simd --bench kernels
+	cargo bench --quiet -p ekf-simd-benches
 	$(BIN)/python -m benches.start
 	$(BIN)/python -m benches.streaming
 	$(BIN)/python -m benches.replay

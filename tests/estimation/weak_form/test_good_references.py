@@ -17,7 +17,6 @@ from benches.crossovers import errors
 from tests.worlds import CATALOGUE, SENSORS, Hidden, Nuisances, World, at_d
 from tests.worlds.world import ACCEL_RATE
 
-ALWAYS = pytest.mark.always
 SIGNIFICANCE = 1e-3
 
 
@@ -58,7 +57,7 @@ def test_estimates_are_right_however_good_the_reference(tmp_path):
     assert total < most
 
 
-@pytest.mark.parametrize(("name", "crossover"), [pytest.param("quadratic", 0.3, marks=ALWAYS), ("coulomb", 3.0)])
+@pytest.mark.parametrize(("name", "crossover"), [("quadratic", 0.3), ("coulomb", 3.0)])
 def test_what_is_hidden_is_found_and_added(tmp_path, name, crossover):
     """At a rate and length at which the search must have time for it; missed in less than one record of a thousand."""
     hidden = replace(world(crossover, 4), seconds=60.0, hidden=(Hidden(name, CATALOGUE[name].typical),))
