@@ -7,7 +7,6 @@ from tests.hidden.trials import Trial
 from tests.hidden.verdicts import falsely_named, in_class
 
 
-@pytest.mark.always
 def test_a_cubic_behind_a_velocity_is_in_a_reported_class():
     found = run(Referred(Trial(2, 1, 1, ("cubic",), D), "velocity"))
     assert in_class(found, "cubic"), found

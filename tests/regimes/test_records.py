@@ -25,7 +25,9 @@ def low_noise(rig: Rig, profile: str = "rest", seconds: float = 10.0) -> Regime:
     return Regime("test", profile, rig, seconds)
 
 
-@pytest.mark.parametrize("name", TABLE)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.statistics] * (k % 4 > 0)) for k, name in enumerate(TABLE)]
+)
 def test_the_file_of_a_regime_is_read_by_the_product(name: str, tmp_path: Path) -> None:
     regime = TABLE[name]
     record = regime.build(11, seconds=4.0)

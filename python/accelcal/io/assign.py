@@ -36,6 +36,10 @@ ATTITUDE = tuple(f"attitude.{name}" for name in QUATERNION)
 """Channels that a quaternion is read into."""
 
 
+class NoScaleError(RecordingError):
+    """A column is in V or counts, and no scale is declared."""
+
+
 @dataclass(frozen=True, slots=True)
 class Plan:
     """Which column serves which channel, before any number is read."""
@@ -466,7 +470,8 @@ def in_si(table: Table, plan: Plan, name: str, source: Source, rig: Rig, values:
                 write += f"{rule.si} per m/s²: of {example} it is {number} / 9.80665"
         if kind in ("length", "angle") and rule.si == "count":
             declared += " (the resolution of the encoder, from its data sheet)"
-        raise RecordingError(f'{table.path}: column "{source.column}" is in {unit}, but {declared}; {write}')
+        text = f'{table.path}: column "{source.column}" is in {unit}, but {declared}; {write}'
+        raise RecordingError(text) if scale is not None else NoScaleError(text)
     with np.errstate(over="ignore"):  # found as not finite
         return (rule.apply(values) - zero) / scale[0], scale[2]
 

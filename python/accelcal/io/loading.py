@@ -68,6 +68,7 @@ from accelcal.data.recording import UNITS, Origin
 from accelcal.io import naming
 from accelcal.io.assign import (
     ATTITUDE,
+    NoScaleError,
     Plan,
     assign,
     attitude_columns,
@@ -815,7 +816,7 @@ def loaded(
     try:
         needs = {"need_position": need_position, "need_accel": need_accel}
         recording = recording_of(table, declared, notes, **needs, part=part, unchanged=unchanged)
-    except RecordingError as error:
+    except NoScaleError as error:
         raise RecordingError(f"{error}{sensitivity_shown(table, declared)}") from None
     whole = whole or digest_of(path)
     digest = whole if part is None else hashlib.sha256(f"{whole} part {part}".encode()).hexdigest()
