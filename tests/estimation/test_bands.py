@@ -14,6 +14,9 @@ from accelcal.data.recording import Channel, Recording
 from accelcal.estimation import gauss_newton
 from accelcal.estimation.bands import BandTrial, best_band, change_with_band, needs_band
 from accelcal.estimation.estimate import estimate
+from accelcal.estimation.noise import NoiseSearch
+from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.values import Noise
 from accelcal.model import Model
 from papers.stakkeland2007.rig import shaken
 from papers.stakkeland2007.rows import PAPER_SENSOR
@@ -50,6 +53,16 @@ def test_an_answer_that_changes_with_the_band_is_said() -> None:
     assert said is not None
     assert "the scale and the delay change with the band" in said
     assert change_with_band([trial(1.0, scale=1.2, signal=0.1), trial(2.0), trial(4.0), trial(8.0)]) is None
+
+
+def test_noise_within_a_band_has_its_crossover_there_and_the_noise_of_the_output() -> None:
+    crossover, noise = PreparedRun.crossover, Noise(q=3e-6, r=2e-12)
+    for step, band in ((1e-3, 2.0), (0.02, 0.3)):
+        of_run = SimpleNamespace(reading_step=step)
+        within = NoiseSearch(noise).within(band, of_run)  # type: ignore[arg-type]
+        assert crossover(of_run, within) == pytest.approx(band, rel=1e-12)  # type: ignore[arg-type]
+        assert within.q == noise.q
+        assert NoiseSearch(noise).within(None, of_run) is noise  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-5])

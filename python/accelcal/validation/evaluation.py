@@ -238,7 +238,7 @@ def accel_side(ahead: Prediction, fit: Fit, band: float | None) -> tuple[dict[st
     band = band if band is not None else min(ahead.crossover, 0.2 / run.reading_step)
     t, residual, motion = accel_residual(ahead, band)
     enough = len(residual) * run.reading_step * band >= LEAST_PERIODS
-    state = settled_state(run, ahead.values, ahead.noise) if enough else None
+    state = ahead.settled if enough else None
     fields = {
         "accel_rms": float(np.sqrt(np.mean(residual**2))) if len(residual) else math.nan,
         "band": band,
@@ -402,7 +402,7 @@ def smoothed_drive(ahead: DrivenRun) -> DriveIntegrals:
     """What drives the filter where effects are taken at the smoothed motion."""
     if ahead.causal is None:
         return ahead.drive
-    return drive(ahead.run, ahead.values, settled_state(ahead.run, ahead.values, ahead.noise).signals)
+    return drive(ahead.run, ahead.values, ahead.settled.signals)
 
 
 def without_steps(y: Array, run: PreparedRun) -> Array:

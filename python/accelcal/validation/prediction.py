@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from accelcal.data import Array, Flags, Recording
 from accelcal.effects import begins_rested, find, of_one_record
 from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
-from accelcal.estimation.estimate import Fit, require_channels
+from accelcal.estimation.estimate import Fit, require_channels, settled_state
 from accelcal.estimation.noise import variance_functions, with_growth
 from accelcal.estimation.run import PreparedRun, Source, prepare, prepared, recording_of
+from accelcal.estimation.run_state import RunState
 from accelcal.estimation.smoothing import corner_of, output_at, output_signals, uniform_times
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.processing import integral
@@ -164,6 +165,11 @@ class DrivenRun:
             motion = self.causal or self._causal(plain, cutoff, withheld)
             self.drive = with_growth(self.drive, noise, variance_functions(run, noise, motion))
         self._filter(plain)
+
+    @cached_property
+    def settled(self) -> RunState:
+        """State at the values of the model and the smoothed motion, for which nothing is withheld."""
+        return settled_state(self.run, self.values, self.noise)
 
     def _filter(self, plain: DriveIntegrals) -> None:
         """What else is of the filter over that drive, from the one without effects, too: nothing."""
