@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 
-from accelcal.diagnosis.search.homogeneity import PartSizes
+from accelcal.diagnosis.search.homogeneity import PartSizes, direction_of
 from accelcal.diagnosis.search.scan import scan
 from accelcal.model import Model
 from accelcal.simulation.sensor import Simulated
@@ -68,3 +70,17 @@ def test_a_part_with_more_noise_has_no_other_size(plain: Simulated) -> None:
         chances += [effect.parts.p_value for effect in found if "cubic" in effect.members]
     assert len(chances) >= 5
     assert min(chances) > 1e-3  # each by chance in one of a thousand
+
+
+def test_the_direction_of_a_hypothesis_holds_nothing_that_others_explain() -> None:
+    rng = np.random.default_rng(7)
+    B = rng.standard_normal((40, 6))
+    columns = [slice(0, 2), slice(2, 3), slice(3, 6)]
+    estimate = np.array([0.7, -1.3])
+    evidence = SimpleNamespace(G=B.T @ B, columns=columns, gain=lambda *_: (0.0, 0, estimate, None))
+    alone = direction_of(evidence, 0, ())
+    np.testing.assert_array_equal(alone, [0.7, -1.3, 0.0, 0.0, 0.0, 0.0])
+    direction = direction_of(evidence, 0, (2,))
+    np.testing.assert_array_equal(direction[:3], [0.7, -1.3, 0.0])
+    np.testing.assert_allclose(B[:, 3:].T @ B @ direction, 0.0, atol=1e-10)
+    assert np.linalg.norm(B @ direction) < np.linalg.norm(B @ alone)
