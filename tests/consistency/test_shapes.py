@@ -17,9 +17,12 @@ from accelcal.diagnosis.findings import explained_gain
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit, estimate
 from accelcal.estimation.run import prepare
+from accelcal.estimation.shape_parameters import linearised_shape
+from accelcal.estimation.values import Values
 from accelcal.model import Model
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.verbs import add
+from tests.effects.motions import moves
 
 HIDDEN = {"creep": (0.2, {"tau": 2.0, "start": 0.0}), "bias_step": (3e-3, {"instant": 3.1})}
 STARTS = {"creep": {"tau": 1.2, "start": 0.0}, "bias_step": {"instant": 2.9}}
@@ -105,3 +108,18 @@ def test_readings_that_show_a_soft_clip_outweigh_what_is_believed(seed):
     believed, alone = (one["saturation"] for one in fits)
     assert believed.value + 5.0 * believed.std < 1.0
     assert believed.value == pytest.approx(alone.value, abs=0.8 * alone.std)  # level and softness trade places
+
+
+@pytest.mark.parametrize("share", [1e-3, 0.5])
+def test_a_shape_is_linearised_over_a_share_of_its_span(share: float) -> None:
+    model, signals = Model.linear().add("warm_up", shapes={"warm_up": {"tau": 20.0}}), moves(2500)
+    effect, size = find("warm_up"), 0.3
+    values = Values({term.name: size for term in model.free if term.effect is effect})
+    low, high = effect.shapes["tau"].span(signals)
+    below, above = max(20.0 - share * (high - low), low), 20.0 + share * (high - low)
+    linear = linearised_shape(model, values, signals, effect, "tau", share)
+    assert linear.span == (low, high)
+    expected = size * (effect.column(signals, tau=above) - effect.column(signals, tau=below)) / (above - below)
+    expected = (expected - expected[0]).ravel()  # where a constant of the effect belongs to the bias
+    column = linear.term.column(signals)
+    np.testing.assert_allclose(column - column[0], expected, atol=1e-9 * np.ptp(expected))
