@@ -17,12 +17,12 @@ from accelcal.diagnosis.findings import explained_gain
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit, estimate
 from accelcal.estimation.run import prepare
-from accelcal.estimation.shape_parameters import linearised_shape
+from accelcal.estimation.shape_parameters import beside_offset, linearised_shape
 from accelcal.estimation.values import Values
 from accelcal.model import Model
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.verbs import add
-from tests.effects.motions import moves
+from tests.effects.motions import moves, sines
 
 HIDDEN = {"creep": (0.2, {"tau": 2.0, "start": 0.0}), "bias_step": (3e-3, {"instant": 3.1})}
 STARTS = {"creep": {"tau": 1.2, "start": 0.0}, "bias_step": {"instant": 2.9}}
@@ -123,3 +123,19 @@ def test_a_shape_is_linearised_over_a_share_of_its_span(share: float) -> None:
     expected = (expected - expected[0]).ravel()  # where a constant of the effect belongs to the bias
     column = linear.term.column(signals)
     np.testing.assert_allclose(column - column[0], expected, atol=1e-9 * np.ptp(expected))
+
+
+@pytest.mark.parametrize("moved", [1e-3, -0.5e-3])
+def test_a_lag_beside_an_offset_is_the_output_moved_back_by_what_its_time_constant_grew(moved: float) -> None:
+    """The exact output behind the lag at the later instant, less the sensor's own and the column of the offset."""
+    w, tau = 2.0 * np.pi * 90.0 / 30.0, 4e-3
+    signals = sines(lines=((90.0, 1.0, 0.4),), seconds=10.0, n=50_000, scale=1.0)
+    t, later = signals.t, tau + moved
+    gain, phase = 1.0 / np.hypot(1.0, w * later), np.arctan(w * later)
+    expected = gain * np.sin(w * (t + moved) + 0.4 - phase) - signals.a - moved * signals.jerk
+    trial = beside_offset(find("sensor_lag"), {"tau": tau}, Model.linear())
+    column = trial.column(signals, tau=later).ravel()
+    inside = slice(1000, -1000)
+    np.testing.assert_allclose(column[inside], expected[inside], atol=5e-6)
+    alone = beside_offset(find("sensor_lag"), {"tau": tau}, Model.linear().freeze(time_offset=0.0))
+    assert np.max(np.abs(alone.column(signals, tau=later).ravel() - expected)[inside]) > 5e-4

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from accelcal.data.recording import Channel
 from accelcal.diagnosis.clean_fit import run_noise_tests
-from accelcal.diagnosis.noise.motion_noise import rank_correlation
+from accelcal.diagnosis.noise.motion_noise import rank_correlation, strongest_frequency
 from accelcal.diagnosis.noise.position import portmanteau
 from accelcal.diagnosis.noise.residuals import (
     BlockSpectra,
@@ -253,3 +254,17 @@ def test_scatter_of_two_kinds_without_a_peak_is_outliers():
     assert alarmed.p_value < 1e-30
     assert len(alarmed.peaks) == 0
     assert 20.0 < alarmed.count < 1200.0
+
+
+def test_the_frequency_of_a_vibration_is_sought_within_half_a_bin_of_its_band() -> None:
+    rng = np.random.default_rng(12)
+    f, follows = np.arange(0.0, 60.0, 0.25), rng.uniform(0.0, 1.0, 40)
+    power = 0.01 * rng.uniform(size=(40, len(f)))
+    power[:, f == 21.75] += follows[:, None]  # a quarter of a bin beyond the last
+    power[:, f == 25.0] += 9.0 * follows[:, None]  # stronger, but elsewhere
+    spectra = SimpleNamespace(f=f, power=power, means=lambda _: follows)
+    short = SimpleNamespace(window=np.ones(200))  # bins of 1 Hz at 200 Hz
+    motion = (np.zeros(1),)
+    residuals = SimpleNamespace(spectra=spectra, short_spectra=short, motion=motion, rate=200.0)
+    bins = np.array([20.0, 21.5])
+    assert strongest_frequency(residuals, bins) == 21.75  # type: ignore[arg-type]
