@@ -249,6 +249,13 @@ def test_a_header_is_sought_in_the_first_lines_or_counts_as_damaged(declared: Si
     assert rows.t.tolist() == [0.001]
 
 
+def test_a_whole_header_in_other_words_than_the_sidecar_is_no_damaged_one(tmp_path: Path) -> None:
+    """Read as damaged it would count for nothing, and its units with it."""
+    declared = sidecar(tmp_path, '[channels]\naccel = { column = "accel" }\nposition = { column = "position" }\n')
+    with pytest.raises(RecordingError, match=r'no column "accel".*did you mean "accel_m/s\^2"'):
+        read(LineReader(declared, "device"), b"t_s,accel_m/s^2,position_m\n1,1,1\n" + b"2,1,1\n" * 30)
+
+
 def rows_of(stamps: list[float]) -> bytes:
     return b"".join(b"%r,1,1\n" % stamp for stamp in stamps)
 

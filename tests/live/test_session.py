@@ -10,8 +10,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from accelcal.cli.live import line_of
+from accelcal.filters.stream import Readings
 from accelcal.io import load, read_sidecar, write
-from accelcal.io.stream import ByteSource
+from accelcal.io.stream import ByteSource, Rows
 from accelcal.live import LiveSession, session, settings_of
 from accelcal.live.session import LiveEvent, LiveHistory, LiveState
 from accelcal.model import Estimate
@@ -124,3 +126,28 @@ def test_the_page_shows_the_estimates_that_there_are() -> None:
             assert [x.props["data-parameter"] for x in shown] == list(names)
             assert {x.text for x in shown} == {f"{0.1 + t:.6g}"}
     client.delete()
+
+
+@pytest.mark.parametrize(("spent", "late"), [(5.0, True), (0.0, False)])
+def test_lines_that_wait_longer_than_they_took_are_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spent: float, late: bool
+) -> None:
+    """Half a second of lines at once, of which the filter takes five seconds, or none."""
+    clock, states = [100.0], list[LiveState]()
+    monkeypatch.setattr(session, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    with opened(tmp_path, iter([stream(0.5).lines()])) as view:
+        feed = view.tracker.feed
+
+        def slow(rows: Rows) -> Readings:
+            clock[0] += spent
+            return feed(rows)
+
+        monkeypatch.setattr(view.tracker, "feed", slow)
+        view.run(ends=lambda: False, on_alarm=lambda alarm: None, show=lambda: states.append(view.state))
+        assert view.state.used > 100
+        assert view.state.behind == 0.0  # nothing waits any more
+    behind = max(states, key=lambda state: state.behind)
+    assert behind.is_late is late
+    assert any("behind" in sentence for sentence in behind.sentences) is late
+    assert ("s behind" in line_of(behind)) is late
+    assert behind.behind == pytest.approx(4.5 if late else 0.0, abs=0.1)

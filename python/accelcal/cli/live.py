@@ -289,7 +289,8 @@ def line_of(state: sessions.LiveState) -> str:
     pairs = zip(state.estimates, bands, strict=True)
     parameters = ", ".join(f"{e.name} {words.with_unit(band, e.unit)}" for e, band in pairs)
     when = "no row yet" if state.t is None else f"t = {state.t:.3f} s"
-    return f"{when}: {parameters}; {innovation_of(state)}; ± are 2 sigma; {counts_of(state)}"
+    late = f", {state.behind:.1f} s behind" if state.is_late else ""
+    return f"{when}{late}: {parameters}; {innovation_of(state)}; ± are 2 sigma; {counts_of(state)}"
 
 
 def innovation_of(state: sessions.LiveState) -> str:

@@ -190,6 +190,8 @@ class Intake:
         self.most = most or (MOST_KEPT_WAITING if source.waits else MOST_WAITING)
         self.dropped = 0
         """Bytes that were read and thrown away, because too many waited."""
+        self.caught_up = True
+        """Whether nothing waited when chunks were last asked for."""
         self.error: Exception | None = None
         """Why the source ended, if it broke; a driver may raise anything."""
         self._chunks: deque[bytes | None] = deque()
@@ -202,7 +204,8 @@ class Intake:
     def take(self, patience: float) -> list[bytes | None]:
         """All chunks that wait, None where bytes were dropped; none at the end, or after `patience`, s."""
         with self._changed:
-            if not self._chunks and not self._ended:
+            self.caught_up = not self._chunks
+            if self.caught_up and not self._ended:
                 self._changed.wait(patience)
             taken = list(self._chunks)
             self._chunks.clear()
@@ -703,15 +706,21 @@ SIMILAR = 0.6
 
 
 def _nearly(named: tuple[str, ...], expected: tuple[str, ...]) -> bool:
-    """Whether a header is the expected one but for damage: names that are no other quantity and differ in little."""
+    """Whether a header is the expected one but for damage: names that are no other quantity and differ in little. One
+    that names every quantity, and two in other words, is whole."""
+
+    def role(name: str) -> str | None:
+        return naming.role(naming.take_apart(name).base)
 
     def damaged(name: str, meant: str) -> bool:
-        role, expected_role = (naming.role(naming.take_apart(text).base) for text in (name, meant))
         letters = difflib.SequenceMatcher(None, name, meant).ratio()
-        return role in (None, expected_role) and (len(meant) == 1 or letters >= SIMILAR)
+        return role(name) in (None, role(meant)) and (len(meant) == 1 or letters >= SIMILAR)
 
     pairs = list(zip(named, expected, strict=False))
-    return len(named) == len(expected) and all(name == meant or damaged(name, meant) for name, meant in pairs)
+    differing = [pair for pair in pairs if pair[0] != pair[1]]
+    if len(named) != len(expected) or (len(differing) > 1 and all(role(name) is not None for name in named)):
+        return False
+    return all(damaged(name, meant) for name, meant in differing)
 
 
 def _names(line: bytes) -> tuple[str, ...] | None:

@@ -45,6 +45,8 @@ GROUP_SHARE = 0.01
 """Time between row groups over the length of the recording, between the two."""
 UNITS = {"t": "s", "accel": "m/s^2", "position": "m"}
 """Columns of the recording."""
+BEHIND = 1.0
+"""Seconds by which the newest line is late from which this is said."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +80,9 @@ class LiveState:
     missing: int = 0
     restarts: int = 0
     dropped_bytes: int = 0
+    behind: float = 0.0
+    """Time that the clock of the machine has gained on the stamps since no line waited, s: lines come faster than they
+    are filtered."""
     refused: int = 0
     refusal: str = ""
     outputs_left_out: int = 0
@@ -86,8 +91,14 @@ class LiveState:
     recorded: int = 0
 
     @property
+    def is_late(self) -> bool:
+        """Whether lines wait so long that it is worth a word."""
+        return self.behind >= BEHIND
+
+    @property
     def sentences(self) -> list[str]:
-        """What the declared noise of output and readings leads to, what is left out, and what a watch has named."""
+        """What the declared noise of output and readings leads to, what is left out or waits, and what a watch has
+        named."""
         share = "" if self.noise_share is None else self.noise_share.sentence
         named = "" if self.naming is None else f"watch: {self.naming.sentence}"
         counts = (("output", self.outputs_left_out), ("position reading", self.readings_left_out))
@@ -96,7 +107,8 @@ class LiveState:
             for name, n in counts
             if n
         ]
-        return [sentence for sentence in (share, self.remark, *left_out, named) if sentence]
+        late = f"{self.behind:.1f} s behind: lines come faster than they are filtered" if self.is_late else ""
+        return [sentence for sentence in (share, self.remark, late, *left_out, named) if sentence]
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +153,8 @@ class LiveSession:
         self._newest: Innovation | None = None
         self._named: Naming | None = None
         self._t: float | None = None
+        self._caught_up: tuple[float, float | None] = (time.monotonic(), None)
+        """When no line waited last, by the clock of the machine, s, and the newest stamp then."""
         self._recorder = None if recording is None else _Recorder(recording, declared, self.lines)
         self._stack = ExitStack()
         self._intake: Intake | None = None
@@ -186,8 +200,12 @@ class LiveSession:
         intake = self._intake = Intake(self.source)
         self._stack.callback(intake.stop)  # before its source is closed
         while not (intake.ended or ends()):
-            for chunk in intake.take(patience=0.1):
+            chunks = intake.take(patience=0.1)
+            if intake.caught_up:
+                self._caught_up = time.monotonic(), self._t
+            for chunk in chunks:
                 self._take(self.lines.feed(chunk), on_alarm)
+                show()
             if self._recorder is not None:
                 self._recorder.write_if_due()
             show()
@@ -197,6 +215,7 @@ class LiveSession:
             self._take(self.lines.feed(chunk), on_alarm)
         self._take(self.lines.finish(whole=self.source.ends_lines and intake.error is None), on_alarm)
         self._judge(self.tracker.finish(), on_alarm)
+        self._caught_up = time.monotonic(), self._t
         if self._recorder is not None:
             self._recorder.write()
 
@@ -233,6 +252,7 @@ class LiveSession:
             missing=counts.missing,
             restarts=counts.restarts,
             dropped_bytes=0 if self._intake is None else self._intake.dropped,
+            behind=self.behind,
             refused=tracker.refused,
             refusal=tracker.refusal,
             outputs_left_out=tracker.excursions.outputs,
@@ -240,10 +260,20 @@ class LiveSession:
             recorded=0 if self._recorder is None else self._recorder.file.rows,
         )
 
+    @property
+    def behind(self) -> float:
+        """Seconds by which the newest stamp lags, as far as the clock of the machine shows."""
+        (at, stamp), newest = self._caught_up, self._t
+        if stamp is None or newest is None:
+            return 0.0
+        return max(0.0, time.monotonic() - at - (newest - stamp))
+
     def _take(self, rows: Rows, on_alarm: Callable[[Alarm | Naming], None]) -> None:
         if not len(rows):
             return
         self._t = float(rows.t[-1])
+        if self._caught_up[1] is None:
+            self._caught_up = self._caught_up[0], float(rows.t[0])
         if self._recorder is not None:
             self._recorder.add(rows)
         self._judge(self.tracker.feed(rows), on_alarm)
