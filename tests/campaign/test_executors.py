@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import multiprocessing
+import sys
+import threading
+import time
 from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import Executor, Future, InvalidStateError, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import pytest
 from distributed import Client, LocalCluster
 
+from accelcal._support import process
 from accelcal.fleet import campaign
 from tests.campaign.child import SEED
 from tests.campaign.contents import contents, counted, killed
@@ -77,3 +81,42 @@ def test_runs_are_honest(tmp_path, reference):
     whole(tmp_path / "c.sqlite")
     nees = campaign.load(tmp_path / "c.sqlite").values["nees"]
     assert 3.37 < nees.mean() < 4.69
+
+
+class Stopped(Exception):
+    pass
+
+
+def end_with_cancelled_work() -> None:
+    """Cancel what waits, end the only worker, and leave with an exception."""
+    with process.processes(1) as pool:
+        waiting: list[Future[None]] = [pool.submit(time.sleep, 60.0) for _ in range(5)]
+        while not waiting[0].running():
+            time.sleep(0.01)
+        assert waiting[-1].cancel()
+        for worker in pool._processes.values():
+            worker.terminate()
+        while any(not future.done() for future in waiting[:2]):
+            time.sleep(0.01)
+        raise Stopped
+
+
+def thread_faults() -> list[type[BaseException]]:
+    """What threads fail of meanwhile."""
+    faults: list[type[BaseException]] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(threading, "excepthook", lambda thrown: faults.append(thrown.exc_type))
+        with pytest.raises(Stopped):
+            end_with_cancelled_work()
+    return faults
+
+
+def test_cancelled_work_of_a_worker_that_has_ended_is_no_fault() -> None:
+    assert thread_faults() == []
+
+
+@pytest.mark.skipif(sys.version_info >= (3, 12), reason="later Pythons pass over cancelled work")
+def test_without_it_a_thread_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The twin, which shows that the case above is the one that fails."""
+    monkeypatch.setattr(process, "_cancelled_are_silent", nullcontext)
+    assert thread_faults() == [InvalidStateError]

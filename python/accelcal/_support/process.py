@@ -9,11 +9,11 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import wraps
-from threading import current_thread, main_thread
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from accelcal._support import stopping
@@ -91,13 +91,12 @@ def _held_back(*names: str) -> Iterator[Callable[[], object]]:
 
 def _end_after(wait: Callable[[], object]) -> None:
     """End this process as soon as `wait` returns, in the midst of whatever it does: its parent has ended."""
-    from threading import Thread
 
     def end() -> None:
         wait()
         os._exit(1)
 
-    Thread(target=end, daemon=True).start()
+    threading.Thread(target=end, daemon=True).start()
 
 
 def _code_of(child: int, let_come: Callable[[], object]) -> int:
@@ -166,16 +165,35 @@ def processes(count: int) -> Iterator[ProcessPoolExecutor]:
     with _held_back("SIGINT"):
         for _ in range(count):
             pool.submit(int)  # each starts a process
+    with _cancelled_are_silent():
+        try:
+            yield pool
+        except BaseException:
+            workers = list((pool._processes or {}).values())
+            pool.shutdown(wait=False, cancel_futures=True)
+            for worker in workers:
+                worker.terminate()
+            raise
+        finally:
+            pool.shutdown()
+
+
+@contextmanager
+def _cancelled_are_silent() -> Iterator[None]:
+    """Let the thread of a pool whose worker has ended fail at a cancelled future without a word, as in Python 3.11."""
+    from concurrent.futures import InvalidStateError
+
+    before = threading.excepthook
+
+    def hook(thrown: threading.ExceptHookArgs) -> None:
+        if not issubclass(thrown.exc_type, InvalidStateError):
+            before(thrown)
+
+    threading.excepthook = hook
     try:
-        yield pool
-    except BaseException:
-        workers = list((pool._processes or {}).values())
-        pool.shutdown(wait=False, cancel_futures=True)
-        for worker in workers:
-            worker.terminate()
-        raise
+        yield
     finally:
-        pool.shutdown()
+        threading.excepthook = before
 
 
 def _follow_parent() -> None:
@@ -230,7 +248,7 @@ def one_thread(function: Callable[Given, Found]) -> Callable[Given, Found]:
 
     @wraps(function)
     def limited(*args: Given.args, **options: Given.kwargs) -> Found:
-        if current_thread() is not main_thread():
+        if threading.current_thread() is not threading.main_thread():
             return function(*args, **options)
         from threadpoolctl import threadpool_limits  # a command starts without it
 
