@@ -120,7 +120,7 @@ def test_figure_table_and_downloads(
     user.click("Residuals", "tab")
     user.sees("Fit a model first")
     user.click("Compute the frequency response")
-    user.sees("Time-domain fit: gain 1.0")
+    user.sees("Time-domain fit: 1 + k = 1.0")
     user.settles(figures=1)
     user.look("computed")
     user.page.get_by_text("Table by frequency").click()

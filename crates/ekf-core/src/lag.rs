@@ -58,6 +58,8 @@ const NOTHING: f64 = 1e-100;
 const LOOK: usize = 64;
 
 /// Passes uniform samples through sections, one behind the other; four at a time in one pass, where they overlap.
+///
+/// A decay ends where both states of a section have fallen below 1e-100, at the next of every 64 samples.
 pub fn cascade(sections: &mut [Section], y: &mut [f64]) {
     let (fours, others) = sections.as_chunks_mut::<4>();
     for four in fours {

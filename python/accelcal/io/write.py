@@ -145,13 +145,14 @@ def write_sidecar(
 
 
 def _write_table(table: pa.Table, path: str | Path, *, csv: bool) -> None:
-    from pyarrow import csv as text
-    from pyarrow import parquet
-
     with atomic(path) as part:
         if csv:
+            from pyarrow import csv as text
+
             text.write_csv(table, part, text.WriteOptions(quoting_style="needed"))
         else:
+            from pyarrow import parquet
+
             parquet.write_table(table, part, compression="zstd", write_page_checksum=True)
 
 
