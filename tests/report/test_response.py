@@ -38,7 +38,7 @@ def test_the_section_has_figure_table_fits_and_cross_check(shaken):
             assert cell in page.text
     assert "gain and delay" in page.text
     assert "not separated" not in page.text or "one class here" in page.text
-    assert "Time-domain fit: gain 1.0" in page.text
+    assert "Time-domain fit: 1 + k = 1.0" in page.text
     assert "Amplitude linearity" in page.text
     assert page.outside() == []
 
