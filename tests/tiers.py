@@ -129,6 +129,13 @@ def mark(items: Sequence[pytest.Item]) -> set[str]:
     return slow - fast - guards.keys()
 
 
+def gone(items: Sequence[pytest.Item]) -> set[str]:
+    """Return the listed cases of the collected test functions that are no cases of them; all cases are in `items`."""
+    cases = {item.nodeid for item in items}
+    functions = set(map(function, cases))
+    return {case for case in stored()[0] if function(case) in functions} - cases
+
+
 def left_out(items: Sequence[pytest.Item], share: str) -> list[pytest.Item]:
     """Return the slow cases that are not in a share, such as "0/2"; another share has them."""
     part, of = map(int, share.split("/"))
