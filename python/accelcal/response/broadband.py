@@ -2,7 +2,8 @@
 
 The amplitude of the acceleration in a segment is the integral of the reference against the derivative of the windowed
 sine, so that nothing is differentiated and a steep spectrum does not leak. Output = H acceleration + noise over all
-segments is a regression whose errors have the known correlation of overlapping windows (derivation 6.16).
+segments is a regression whose errors have the known correlation of overlapping windows; a second column, the
+acceleration behind the derivative of the window, takes the slope of H over the width of the window (derivation 6.16).
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ COHERENT = 0.2
 """Relative standard uncertainty above which a frequency that was not asked for is left out."""
 NOISE_SHARE = 0.2
 """Share of the reference's power that its noise may have; beyond it the reference shows no motion."""
+ENERGY = 35.0 / 128.0
+"""Integral of the squared window over 0..1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +64,11 @@ class Segments:
 
 
 def window(u: Array) -> Array:
-    """sin⁴(pi u) on 0..1 with its two derivatives in u, (3, n): all vanish at both ends."""
-    s, c = np.sin(np.pi * u), np.cos(np.pi * u)
-    return np.stack([s**4, 4 * np.pi * s**3 * c, 4 * np.pi**2 * s**2 * (3 * c**2 - s**2)])
+    """sin⁴(pi u) on 0..1 with its three derivatives in u, (4, n): all vanish at both ends."""
+    s, c, pi = np.sin(np.pi * u), np.cos(np.pi * u), np.pi
+    return np.stack(
+        [s**4, 4 * pi * s**3 * c, 4 * pi**2 * s**2 * (3 * c**2 - s**2), 8 * pi**3 * s * c * (3 * c**2 - 5 * s**2)]
+    )
 
 
 def measure_broadband(output: Channel, reference: Reference, frequencies: Sequence[float] | None) -> list[Point]:
@@ -124,7 +129,8 @@ def _segments(channels: tuple[Channel, Channel]) -> Segments:
 
 
 def amplitudes(channel: Channel, segments: Segments, frequencies: Array, order: int, delay: float = 0.0) -> Spectrum:
-    """Amplitudes (f, m) of the derivative of an order of a channel in each segment: integrals of window times sine.
+    """Amplitudes (2, f, m) of the derivative of an order of a channel: integrals of window times sine in each segment,
+    and of the window's derivative, 1/s, times sine.
 
     The windows lie later by the delay, s; the sines keep their phase. The derivative falls on the window and the sine:
     with D = d/dt, D(w exp(-iwt)) = (w' - iw w) exp(-iwt), and so on; each brings a minus sign.
@@ -132,22 +138,23 @@ def amplitudes(channel: Channel, segments: Segments, frequencies: Array, order: 
     w, step = 2.0 * math.pi * frequencies, usual_step(channel.t)
     turns = np.exp(-1j * np.outer(w, step * np.arange(math.ceil(segments.length / step) + 2)))
     factors = {0: (1.0,), 1: (1j * w, -1.0), 2: (-(w**2), -2j * w, 1.0)}[order]
-    values = np.empty((len(w), segments.count), dtype=np.complex128)
+    values = np.empty((2, len(w), segments.count), dtype=np.complex128)
     for i in range(segments.count):
         begin = segments.begin + delay + i * segments.hop
         first, last = np.searchsorted(channel.t, (begin, begin + segments.length))
         t, y = channel.t[first:last], channel.y[first:last]
-        tests = window((t - begin) / segments.length)[: order + 1] / segments.length ** np.arange(order + 1.0)[:, None]
+        tests = window((t - begin) / segments.length)[: order + 2] / segments.length ** np.arange(order + 2.0)[:, None]
         sums = turns[:, : len(t)] @ (tests * y).T
-        total = sum(factor * sums[:, k] for k, factor in enumerate(factors))
-        values[:, i] = step * total * np.exp(-1j * w * t[0])
+        for steeper in (0, 1):
+            total = sum(factor * sums[:, k + steeper] for k, factor in enumerate(factors))
+            values[steeper, :, i] = step * total * np.exp(-1j * w * t[0])
     return values
 
 
 def _reference_noise(channel: Channel, segments: Segments) -> float:
     """Mean power of the windowed channel where its band ends: noise, taken as white."""
     rate = 1.0 / usual_step(channel.t)
-    at_the_end = amplitudes(channel, segments, rate * np.array([0.42, 0.44, 0.46]), 0)
+    at_the_end = amplitudes(channel, segments, rate * np.array([0.42, 0.44, 0.46]), 0)[0]
     return float(np.median(np.abs(at_the_end) ** 2)) / math.log(2.0)
 
 
@@ -163,28 +170,27 @@ def _points(
     factor = scipy.linalg.cholesky(segments.covariance(), lower=True)
     undone = reference.polarity / reference.filters(frequencies)
     raw = undone[:, None] * amplitudes(channels[1], segments, frequencies, reference.order)
-    outputs = scipy.linalg.solve_triangular(
-        factor, amplitudes(channels[0], segments, frequencies, 0, delay).T, lower=True
-    )
-    moved = scipy.linalg.solve_triangular(factor, raw.T, lower=True)
-    degrees = 2 * (segments.count - 1)
-    energy = 35.0 / 128.0 * segments.length  # the integral of the squared window
+    outputs = amplitudes(channels[0], segments, frequencies, 0, delay)[0]
+    together = np.concatenate([outputs[None], raw]).reshape(-1, segments.count)
+    whitened = scipy.linalg.solve_triangular(factor, together.T, lower=True).T.reshape(3, -1, segments.count)
+    degrees = 2 * (segments.count - 2)
     points = []
     for i, f in enumerate(frequencies):
-        y, a = outputs[:, i], moved[:, i]
-        power = float(np.sum(np.abs(a) ** 2))
-        of_noise = len(a) * noise * abs(undone[i]) ** 2 * (2.0 * math.pi * f) ** (2 * reference.order)
-        if not power > 0.0 or of_noise > NOISE_SHARE * power:
+        y, columns = whitened[0, i], whitened[1:, i].T
+        normal = columns.conj().T @ columns
+        of_noise = len(y) * noise * abs(undone[i]) ** 2 * (2.0 * math.pi * f) ** (2 * reference.order)
+        if not normal[0, 0].real > 0.0 or of_noise > NOISE_SHARE * normal[0, 0].real:
             continue
-        value = complex(np.vdot(a, y)) / (power - of_noise)
-        variance = float(np.sum(np.abs(y - value * a) ** 2)) / degrees
+        inverse = np.linalg.pinv(normal - np.diag([of_noise, 0.0]), hermitian=True)
+        solution = inverse @ columns.conj().T @ y
+        variance = float(np.sum(np.abs(y - columns @ solution) ** 2)) / degrees
         points.append(
             Point(
                 frequency=float(f),
-                value=value,
-                std=math.sqrt(variance * power) / (power - of_noise),
+                value=complex(solution[0]),
+                std=math.sqrt(variance * (inverse @ normal @ inverse)[0, 0].real),
                 degrees=float(degrees),
-                acceleration=complex(math.sqrt(2.0 * float(np.mean(np.abs(raw[i]) ** 2)) / energy)),
+                acceleration=complex(math.sqrt(2.0 * float(np.mean(np.abs(raw[0, i]) ** 2)) / (ENERGY * segments.length))),
                 method="broadband",
                 start=segments.begin,
                 end=segments.begin + segments.length * SEGMENTS,
