@@ -14,7 +14,7 @@ import tomlkit
 
 from accelcal import io
 from accelcal.data import ANGLE, GRAVITY, GYROSCOPE, PLACE, QUATERNION, RecordingError, units
-from accelcal.data.rig import ANALOG
+from accelcal.data.rig import CORNERED
 from accelcal.io.dialect import decoded
 from accelcal.io.files import open_regular, open_table
 from accelcal.io.sidecar import UNKNOWN, has_sidecar
@@ -33,7 +33,7 @@ ON_ARM = {
 ELECTRICAL = ("V", "count")
 """Units of an output that a scale turns into acceleration."""
 NO_FILTER, OTHER_FILTER = "none", "as in the sidecar"
-LOW_PASSES = (NO_FILTER, *ANALOG, OTHER_FILTER)
+LOW_PASSES = (NO_FILTER, *CORNERED, OTHER_FILTER)
 """Kinds of a low-pass that the form knows; any other one is declared in the sidecar."""
 LOW_PASS, RESOLUTION = "channels.accel.lowpass", "channels.position.resolution"
 """Where a sidecar has the low-pass of the output, and the resolution of the encoder."""
@@ -152,7 +152,7 @@ class LowPassEntry:
         if filters is None:
             return cls()
         kind = filters.get("kind", "RC") if isinstance(filters, dict) else ""
-        if kind not in ANALOG or "fc" not in filters or "rate" in filters:
+        if kind not in CORNERED or "fc" not in filters or "rate" in filters:
             return cls(OTHER_FILTER)
         return cls(kind, str(filters["fc"]), str(filters.get("order", "")))
 

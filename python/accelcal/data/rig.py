@@ -14,13 +14,15 @@ from accelcal._support.errors import AccelcalError
 from accelcal._support.values import immutable, listing, short_repr
 from accelcal.data.arrays import VANISHING
 
-Kind = Literal["RC", "butterworth", "bessel", "biquad", "sinc", "fir"]
+Kind = Literal["RC", "butterworth", "bessel", "resonance", "biquad", "sinc", "fir"]
 Pass = Literal["lowpass", "highpass"]
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 """Every kind of filter that can be declared."""
-ANALOG: tuple[Kind, ...] = ("RC", "butterworth", "bessel")
+CORNERED: tuple[Kind, ...] = ("RC", "butterworth", "bessel")
 """Kinds with a corner frequency: analog unless a rate is given."""
+ANALOG: tuple[Kind, ...] = (*CORNERED, "resonance")
+"""Kinds that run on no samples, unless a rate is given."""
 MOST_ORDER = 10
 """Largest order of a declared filter: beyond it the coefficients of its polynomials lose their digits."""
 
@@ -38,13 +40,15 @@ class ChannelFilter:
     kind: Kind
     passes: Pass = "lowpass"
     cutoff: float | None = None
-    """Frequency at which the gain is -3 dB, Hz; of RC, butterworth and bessel."""
+    """Frequency at which the gain is -3 dB, Hz; of RC, butterworth and bessel. Natural frequency f0 of resonance."""
     order: int = 1
     """Number of poles of butterworth and bessel; number of cascaded averages of sinc."""
     b: tuple[float, ...] = ()
     """Numerator of biquad, in powers of the delay by one sample; taps of fir."""
     a: tuple[float, ...] = ()
     """Denominator of biquad."""
+    quality: float | None = None
+    """Quality factor Q of resonance: a mass on a spring, w0²/(s² + w0 s/Q + w0²)."""
     length: int = 0
     """Samples in one average of sinc."""
     rate: float | None = None
@@ -58,7 +62,9 @@ class ChannelFilter:
             raise AccelcalError(f"rate: found {self.rate!r} Hz, expected a positive frequency")
         if not 1 <= self.order <= MOST_ORDER:
             raise AccelcalError(f"order: found {self.order}, expected a whole number from 1 to {MOST_ORDER}")
-        if self.kind in ANALOG:
+        if self.kind == "resonance":
+            self._check_resonance()
+        elif self.kind in ANALOG:
             self._check_corner()
         elif self.kind == "sinc":
             self._check_sinc()
@@ -74,6 +80,8 @@ class ChannelFilter:
     def name(self) -> str:
         """The filter in words, as sentences refer to it."""
         kind = "high-pass" if self.passes == "highpass" else "low-pass"
+        if self.kind == "resonance":
+            return f"resonance at {self.cutoff:.6g} Hz with Q = {self.quality:.4g}"
         if self.cutoff is not None:
             order = f" of order {self.order}" if self.kind != "RC" else ""
             return f"{self.kind} {kind}{order} at {self.cutoff:.6g} Hz"
@@ -91,6 +99,15 @@ class ChannelFilter:
                 f"fc: found {self.cutoff:.6g} Hz, expected less than half the rate of the digital filter, "
                 f"{0.5 * self.rate:.6g} Hz; leave out rate where the filter is analog"
             )
+
+    def _check_resonance(self) -> None:
+        if self.passes == "highpass":
+            raise AccelcalError("kind: found 'resonance', expected a kind that blocks a constant; a spring passes it")
+        if self.rate is not None:
+            raise AccelcalError(f"rate: found {self.rate:.6g} Hz, expected none: a resonance runs on no samples")
+        for key, value, unit in (("f0", self.cutoff, " Hz"), ("Q", self.quality, "")):
+            if value is None or not (math.isfinite(value) and value > 0.0):
+                raise AccelcalError(f"{key}: found {value!r}{unit}, expected a positive number")
 
     def _check_sinc(self) -> None:
         if self.passes == "highpass":

@@ -500,6 +500,11 @@ _FILTERS: dict[str, tuple[tuple[str, ...], set[str], str]] = {
     "RC": (("fc", "tau", "tolerance"), set(), ""),
     "butterworth": (("fc", "order", "rate"), {"fc", "order"}, _CORNER),
     "bessel": (("fc", "order", "rate"), {"fc", "order"}, _CORNER),
+    "resonance": (
+        ("f0", "Q"),
+        {"f0", "Q"},
+        'f0 and Q are needed, e.g. {passes} = {{ kind = "resonance", f0 = "120 Hz", Q = 10 }}',
+    ),
     "biquad": (
         ("b", "a", "rate"),
         {"b", "a"},
@@ -516,6 +521,8 @@ _FILTERS: dict[str, tuple[tuple[str, ...], set[str], str]] = {
 _FILTER: dict[str, _Check] = {
     "kind": _one_of(*KINDS),
     "fc": _amount("frequency", "positive"),
+    "f0": _amount("frequency", "positive"),
+    "Q": _amount("ratio", "positive"),
     "tau": _amount("time", "positive"),
     "tolerance": _amount("ratio", "not negative"),
     "order": _whole,
@@ -543,7 +550,7 @@ def _filter(value: object, passes: Pass) -> tuple[ChannelFilter, float | None]:
         )
     if not needed <= values.keys():
         raise AccelcalError(missing.format(passes=passes, kind=kind))
-    cutoff = 1.0 / (2.0 * math.pi * values["tau"]) if "tau" in values else values.get("fc")
+    cutoff = 1.0 / (2.0 * math.pi * values["tau"]) if "tau" in values else values.get("fc", values.get("f0"))
     return ChannelFilter(
         kind,
         passes,
@@ -551,6 +558,7 @@ def _filter(value: object, passes: Pass) -> tuple[ChannelFilter, float | None]:
         order=values.get("order", 1),
         b=values.get("taps", values.get("b", ())),
         a=values.get("a", ()),
+        quality=values.get("Q"),
         length=values.get("length", 0),
         rate=values.get("rate"),
     ), values.get("tolerance")

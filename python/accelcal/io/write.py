@@ -289,7 +289,8 @@ def _filter(declared: ChannelFilter) -> str:
     numbers = {"taps" if declared.kind == "fir" else "b": declared.b, "a": declared.a}
     entries = {
         "kind": f'"{declared.kind}"',
-        "fc": _amount(declared.cutoff, "Hz"),
+        "fc" if declared.quality is None else "f0": _amount(declared.cutoff, "Hz"),
+        "Q": None if declared.quality is None else repr(declared.quality),
         "length": str(declared.length) if declared.length else None,
         "order": str(declared.order) if declared.kind in ("butterworth", "bessel", "sinc") else None,
         **{key: f"[{', '.join(map(repr, values))}]" if values else None for key, values in numbers.items()},

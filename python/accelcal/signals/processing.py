@@ -392,6 +392,10 @@ def prototype(declared: ChannelFilter, rate: float | None = None) -> tuple[Spect
     """
     analog = rate is None
     corner = 2.0 * math.pi * (declared.cutoff or 0.0) if analog else declared.cutoff
+    if declared.kind == "resonance":
+        w0 = float(corner or 0.0)
+        poles = np.roots([1.0, w0 / (declared.quality or 1.0), w0**2])
+        return np.empty(0, dtype=np.complex128), np.asarray(poles, dtype=np.complex128), w0**2
     order = 1 if declared.kind == "RC" else declared.order
     how: dict[str, Any] = {"btype": declared.passes, "output": "zpk", "analog": analog, "fs": rate}
     if declared.kind == "bessel":

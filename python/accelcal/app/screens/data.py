@@ -16,7 +16,7 @@ from accelcal.app.page import Page
 from accelcal.app.screens import files
 from accelcal.app.state import ROLES, Run, State, Stretch, time_span
 from accelcal.data import ANGLE, Dwells, RecordingError, instant
-from accelcal.data.rig import ANALOG, Mount
+from accelcal.data.rig import CORNERED, Mount
 from accelcal.data.units import SCALE_EXAMPLES
 from accelcal.diagnosis.left_out import MILLISECOND
 from accelcal.estimation.remarks import Remark
@@ -116,7 +116,7 @@ class Declarations:
             self.kind.props('dense outlined aria-label="Low-pass of the output"')
             self.corner = ui.input("Corner (−3 dB)", value=low_pass.corner, placeholder="500 Hz")
             self.order = ui.input("Order", value=low_pass.order, placeholder="4")
-            for field, kinds in ((self.corner, ANALOG), (self.order, ANALOG[1:])):
+            for field, kinds in ((self.corner, CORNERED), (self.order, CORNERED[1:])):
                 field.props("dense outlined stack-label")
                 field.bind_visibility_from(self.kind, "value", backward=partial(operator.contains, kinds))
             turned = ANGLE in mapping.channels(text)
