@@ -21,7 +21,7 @@ from accelcal.data import ChannelFilter
 from accelcal.data.recording import Channel, Recording, RecordingError, integrated
 from accelcal.data.rig import Sensor, Uncertainty
 from accelcal.plots.response import response_note
-from accelcal.response import Point, Reference, fit_response, frequency_response, stepped_response
+from accelcal.response import Point, Reference, broadband, fit_response, frequency_response, stepped_response
 from accelcal.response.export import draft_response, lines
 from accelcal.response.sine import find_steps
 from accelcal.simulation import ADXL105_RIG, CXL02_RIG
@@ -375,3 +375,32 @@ def test_the_reference_widens_the_gain_by_its_own_degrees_of_freedom():
     exact = fit_response([replace(p, reference_std=0.0) for p in points])
     assert exact is not None
     assert exact.best["k"].expanded > 2.1 * exact.best["k"].std
+
+
+def scores_behind_delay_and_resonance(seed: int) -> np.ndarray:
+    """Errors over standard uncertainties, real and imaginary, of 60 tones in 20 s: 30 ms late, resonant at 45 Hz."""
+    rng, t = np.random.default_rng(seed), np.arange(0.0, 20.0, 1 / 500)
+    f, phase = rng.uniform(0.5, 20.0, 60), rng.uniform(0.0, 2.0 * np.pi, 60)
+
+    def gain(f):
+        return np.exp(-2j * np.pi * f * 0.03) / (1.0 - (f / 45.0) ** 2 + 0.2j * f / 45.0)
+
+    tones = np.exp(1j * (2.0 * np.pi * f * t[:, None] + phase))
+    accel = np.imag(tones @ (0.06 * gain(f))) + 1e-3 * rng.standard_normal(len(t))
+    place = np.imag(tones @ (-0.06 / (2.0 * np.pi * f) ** 2)) + 1e-7 * rng.standard_normal(len(t))
+    made = Recording.from_arrays(t, accel, place, units={"accel": "m/s^2", "position": "m"})
+    points = frequency_response(made, method="broadband", check=False).points
+    errors = np.array([(p.value - gain(p.frequency)) / p.std for p in points])
+    return np.concatenate([errors.real, errors.imag])
+
+
+def test_a_gain_that_changes_over_the_width_of_a_window_has_its_uncertainty(monkeypatch):
+    """The rms of about 110 numbers, of which neighbours share their windows, was 0.75 to 1.4 in 20 records. The twin,
+    whose gain is constant over the width, is wrong by several uncertainties."""
+    found = math.sqrt(float(np.mean(scores_behind_delay_and_resonance(11) ** 2)))
+    whole = broadband.amplitudes
+    monkeypatch.setattr(broadband, "amplitudes", lambda *given: whole(*given) * (np.arange(3) == 0)[:, None, None])
+    twin = math.sqrt(float(np.mean(scores_behind_delay_and_resonance(11) ** 2)))
+    print(f"rms of errors over uncertainties {found:.2f}, with one column {twin:.1f}")
+    assert 0.6 < found < 1.6
+    assert twin > 2.5

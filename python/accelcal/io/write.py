@@ -255,7 +255,7 @@ def _channel(rig: Rig, name: str, source: Clock | Source, reference: str) -> str
         return _inline(entries | {"rate": _amount(source.rate, "Hz")})
     if source.time is not None:
         entries["time"] = _channel(rig, "time", source.time, reference)
-    entries |= _filters(rig, name, reference)
+    entries |= filter_entries(rig, name, reference)
     if name == "position":
         entries["resolution"] = _amount(rig.resolution, "m", "um")
     if name == reference:
@@ -264,8 +264,8 @@ def _channel(rig: Rig, name: str, source: Clock | Source, reference: str) -> str
     return _inline(entries)
 
 
-def _filters(rig: Rig, name: str, reference: str) -> dict[str, str | None]:
-    """Return the keys lowpass and highpass of one channel."""
+def filter_entries(rig: Rig, name: str, reference: str = "position") -> dict[str, str | None]:
+    """Keys lowpass and highpass of one channel as a sidecar has them; None where nothing is declared."""
     filters = {"accel": rig.output_filters, reference: rig.position_filters}.get(name, ())
     low, high = (
         [_filter(channel_filter) for channel_filter in kind] for kind in (low_passes(filters), high_passes(filters))

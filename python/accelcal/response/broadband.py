@@ -2,14 +2,16 @@
 
 The amplitude of the acceleration in a segment is the integral of the reference against the derivative of the windowed
 sine, so that nothing is differentiated and a steep spectrum does not leak. Output = H acceleration + noise over all
-segments is a regression whose errors have the known correlation of overlapping windows; a second column, the
-acceleration behind the derivative of the window, takes the slope of H over the width of the window (derivation 6.16).
+segments is a regression whose errors have the known correlation of overlapping windows; further columns, the
+acceleration behind derivatives of the window, take slope and curvature of H over the width of the window (derivation
+6.16).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +36,8 @@ COHERENT = 0.2
 """Relative standard uncertainty above which a frequency that was not asked for is left out."""
 NOISE_SHARE = 0.2
 """Share of the reference's power that its noise may have; beyond it the reference shows no motion."""
+COLUMNS = 3
+"""Most columns of a regression: H over the width of a window is constant, a straight line or a parabola."""
 ENERGY = 35.0 / 128.0
 """Integral of the squared window over 0..1."""
 
@@ -64,11 +68,11 @@ class Segments:
 
 
 def window(u: Array) -> Array:
-    """sin⁴(pi u) on 0..1 with its three derivatives in u, (4, n): all vanish at both ends."""
-    s, c, pi = np.sin(np.pi * u), np.cos(np.pi * u), np.pi
-    return np.stack(
-        [s**4, 4 * pi * s**3 * c, 4 * pi**2 * s**2 * (3 * c**2 - s**2), 8 * pi**3 * s * c * (3 * c**2 - 5 * s**2)]
-    )
+    """sin⁴(pi u) = (3 - 4 cos(2 pi u) + cos(4 pi u))/8 on 0..1 with four derivatives in u, (5, n): the first three
+    vanish at both ends."""
+    w, k = 2.0 * np.pi, np.arange(5)[:, None]
+    waves = [0.125 * a * (m * w) ** k * np.cos(m * w * u + 0.5 * np.pi * k) for m, a in ((1, -4.0), (2, 1.0))]
+    return np.asarray(0.375 * (k == 0) + waves[0] + waves[1])
 
 
 def measure_broadband(output: Channel, reference: Reference, frequencies: Sequence[float] | None) -> list[Point]:
@@ -129,8 +133,8 @@ def _segments(channels: tuple[Channel, Channel]) -> Segments:
 
 
 def amplitudes(channel: Channel, segments: Segments, frequencies: Array, order: int, delay: float = 0.0) -> Spectrum:
-    """Amplitudes (2, f, m) of the derivative of an order of a channel: integrals of window times sine in each segment,
-    and of the window's derivative, 1/s, times sine.
+    """Amplitudes (COLUMNS, f, m) of the derivative of an order of a channel: integrals of window times sine in each
+    segment, and of the window's derivatives, 1/s and 1/s², times sine.
 
     The windows lie later by the delay, s; the sines keep their phase. The derivative falls on the window and the sine:
     with D = d/dt, D(w exp(-iwt)) = (w' - iw w) exp(-iwt), and so on; each brings a minus sign.
@@ -138,16 +142,16 @@ def amplitudes(channel: Channel, segments: Segments, frequencies: Array, order: 
     w, step = 2.0 * math.pi * frequencies, usual_step(channel.t)
     turns = np.exp(-1j * np.outer(w, step * np.arange(math.ceil(segments.length / step) + 2)))
     factors = {0: (1.0,), 1: (1j * w, -1.0), 2: (-(w**2), -2j * w, 1.0)}[order]
-    values = np.empty((2, len(w), segments.count), dtype=np.complex128)
+    values, rows = np.empty((COLUMNS, len(w), segments.count), dtype=np.complex128), order + COLUMNS
     for i in range(segments.count):
         begin = segments.begin + delay + i * segments.hop
         first, last = np.searchsorted(channel.t, (begin, begin + segments.length))
         t, y = channel.t[first:last], channel.y[first:last]
-        tests = window((t - begin) / segments.length)[: order + 2] / segments.length ** np.arange(order + 2.0)[:, None]
+        tests = window((t - begin) / segments.length)[:rows] / segments.length ** np.arange(float(rows))[:, None]
         sums = turns[:, : len(t)] @ (tests * y).T
-        for steeper in (0, 1):
-            total = sum(factor * sums[:, k + steeper] for k, factor in enumerate(factors))
-            values[steeper, :, i] = step * total * np.exp(-1j * w * t[0])
+        for column in range(COLUMNS):
+            total = sum(factor * sums[:, k + column] for k, factor in enumerate(factors))
+            values[column, :, i] = step * total * np.exp(-1j * w * t[0])
     return values
 
 
@@ -166,34 +170,59 @@ def _points(
     frequencies: Array,
     noise: float,
 ) -> list[Point]:
-    """Each frequency by generalised least squares, corrected for the noise of the reference."""
+    """Each frequency by generalised least squares, with as many columns as predict the output best at all of them."""
     factor = scipy.linalg.cholesky(segments.covariance(), lower=True)
     undone = reference.polarity / reference.filters(frequencies)
     raw = undone[:, None] * amplitudes(channels[1], segments, frequencies, reference.order)
     outputs = amplitudes(channels[0], segments, frequencies, 0, delay)[0]
     together = np.concatenate([outputs[None], raw]).reshape(-1, segments.count)
-    whitened = scipy.linalg.solve_triangular(factor, together.T, lower=True).T.reshape(3, -1, segments.count)
-    degrees = 2 * (segments.count - 2)
-    points = []
-    for i, f in enumerate(frequencies):
-        y, columns = whitened[0, i], whitened[1:, i].T
-        normal = columns.conj().T @ columns
-        of_noise = len(y) * noise * abs(undone[i]) ** 2 * (2.0 * math.pi * f) ** (2 * reference.order)
-        if not normal[0, 0].real > 0.0 or of_noise > NOISE_SHARE * normal[0, 0].real:
-            continue
-        inverse = np.linalg.pinv(normal - np.diag([of_noise, 0.0]), hermitian=True)
-        solution = inverse @ columns.conj().T @ y
-        variance = float(np.sum(np.abs(y - columns @ solution) ** 2)) / degrees
-        points.append(
-            Point(
-                frequency=float(f),
-                value=complex(solution[0]),
-                std=math.sqrt(variance * (inverse @ normal @ inverse)[0, 0].real),
-                degrees=float(degrees),
-                acceleration=complex(math.sqrt(2.0 * float(np.mean(np.abs(raw[0, i]) ** 2)) / (ENERGY * segments.length))),
-                method="broadband",
-                start=segments.begin,
-                end=segments.begin + segments.length * SEGMENTS,
-            )
+    whitened = scipy.linalg.solve_triangular(factor, together.T, lower=True).T.reshape(1 + COLUMNS, -1, segments.count)
+    of_noise = segments.count * noise * np.abs(undone) ** 2 * (2.0 * math.pi * frequencies) ** (2 * reference.order)
+    power = np.sum(np.abs(whitened[1]) ** 2, axis=1)
+    moved = np.flatnonzero((power > 0.0) & (of_noise <= NOISE_SHARE * power))
+    orders = [
+        [_regression(whitened[0, i], whitened[1 : 1 + count, i].T, of_noise[i]) for i in moved]
+        for count in range(1, COLUMNS + 1)
+    ]
+    mean = np.sqrt(2.0 * np.mean(np.abs(raw[0]) ** 2, axis=1) / (ENERGY * segments.length))
+    return [
+        Point(
+            frequency=float(frequencies[i]),
+            value=regression.value,
+            std=regression.std,
+            degrees=regression.degrees,
+            acceleration=complex(mean[i]),
+            method="broadband",
+            start=segments.begin,
+            end=segments.begin + segments.length * SEGMENTS,
         )
-    return points
+        for i, regression in zip(moved, min(orders, key=_validation), strict=True)
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Regression:
+    """H at one frequency, its standard uncertainty, degrees of freedom and the variance of what is left."""
+
+    value: complex
+    std: float
+    degrees: float
+    variance: float
+
+
+def _regression(y: Spectrum, columns: Spectrum, of_noise: float) -> _Regression:
+    """Least squares (m,) on columns (m, k), corrected for the power of the noise of the reference in the first."""
+    normal = columns.conj().T @ columns
+    corrected = normal.copy()
+    corrected[0, 0] -= of_noise
+    inverse = np.linalg.pinv(corrected, hermitian=True)
+    solution = inverse @ columns.conj().T @ y
+    degrees = 2 * (len(y) - columns.shape[1])
+    variance = float(np.sum(np.abs(y - columns @ solution) ** 2)) / degrees
+    std = math.sqrt(variance * (inverse @ normal @ inverse)[0, 0].real)
+    return _Regression(complex(solution[0]), std, float(degrees), variance)
+
+
+def _validation(regressions: Iterable[_Regression]) -> float:
+    """Generalised cross-validation of one number of columns, over all frequencies: smaller is better."""
+    return sum(math.log(max(r.variance, sys.float_info.min) / r.degrees) for r in regressions)

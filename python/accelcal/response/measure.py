@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
@@ -22,8 +23,10 @@ from accelcal.data import (
     usual_step,
 )
 from accelcal.diagnosis.left_out import without_wrong_readings
-from accelcal.estimation.estimate import estimate
+from accelcal.diagnosis.policy import DATA_SHEET_NOISE_RATIO
+from accelcal.estimation.estimate import Fit, estimate
 from accelcal.estimation.gauss_newton import NotIdentifiable
+from accelcal.io.write import filter_entries
 from accelcal.model import Model
 from accelcal.response.broadband import HIGHEST, measure_broadband
 from accelcal.response.linearity import Harmonics, Term, linearity, measure_step
@@ -54,6 +57,10 @@ class CrossCheck(Storable):
     """Largest difference in phase, rad."""
     phase_at: float
     """Its frequency, Hz."""
+    noise: tuple[float, float]
+    """Density that this fit has, and one behind the filters of the fitted structure, (m/s²)/sqrt(Hz)."""
+    declaration: str
+    """The entry of a sidecar that declares these filters; empty where they leave the noise as it is."""
 
     @property
     def sentence(self) -> str:
@@ -63,12 +70,25 @@ class CrossCheck(Storable):
             f"{units.in_usual_size(self.delay, 2.0 * self.delay_std, 's')} (± U, k = 2) for all frequencies; the table "
             "differs from it by at most "
             f"{100 * self.magnitude:.3g} % in magnitude (at {self.magnitude_at:.4g} Hz) and "
-            f"{math.degrees(self.phase):.3g} deg in phase (at {self.phase_at:.4g} Hz)"
+            f"{math.degrees(self.phase):.3g} deg in phase (at {self.phase_at:.4g} Hz){self.advice}"
+        )
+
+    @property
+    def advice(self) -> str:
+        """How to declare the filters that the response shows, to be appended to a sentence; empty where there is
+        nothing to gain."""
+        if not self.declaration:
+            return ""
+        before, left = self.noise
+        return (
+            f"; with the filters of the fitted structure it has {left:.3g} (m/s²)/√Hz of noise instead of "
+            f"{before:.3g}: declare them in [channels]: accel = {{ ..., lowpass = {self.declaration} }}"
         )
 
 
-def cross_check(recording: Recording, points: Sequence[Point]) -> CrossCheck | str:
-    """Compare with a linear fit in the time domain, behind the declared filters; a sentence where there is none."""
+def cross_check(recording: Recording, points: Sequence[Point], model: ResponseModel | None) -> CrossCheck | str:
+    """Compare with a linear fit in the time domain, behind the declared filters, and with one behind those of the
+    fitted structure; a sentence where there is none."""
     try:
         fit = estimate(Model.linear(), recording)
     except (RecordingError, NotIdentifiable) as error:
@@ -92,7 +112,23 @@ def cross_check(recording: Recording, points: Sequence[Point]) -> CrossCheck | s
         float(f[i]),
         float(phase[j]),
         float(f[j]),
+        *_declared_fit(recording, fit, model),
     )
+
+
+def _declared_fit(recording: Recording, fit: Fit, model: ResponseModel | None) -> tuple[tuple[float, float], str]:
+    """Noise of a fit, and of one with the filters of a structure declared; and how to declare them, if that is less by
+    what makes a model inadequate."""
+    noise = max(run.noise.all.density for run in fit.runs)
+    if model is None or not model.best.filters:
+        return (noise, noise), ""
+    rig = replace(recording.rig, lowpass=None, output_filters=model.best.filters)
+    with suppress(RecordingError, NotIdentifiable):
+        other = estimate(Model.linear(), replace(recording, rig=rig))
+        left = max(run.noise.all.density for run in other.runs)
+        if DATA_SHEET_NOISE_RATIO * left < noise:
+            return (noise, left), filter_entries(rig, "accel")["lowpass"] or ""
+    return (noise, noise), ""
 
 
 Method = Literal["auto", "sine", "broadband"]
@@ -241,7 +277,7 @@ def _concluded(
         gain, sized = model.best.response, float(model.best.theta[0])
         terms = linearity(harmonics, gain, sized, coupled=not high_passes(recording.rig.output_filters))
     return FrequencyResponse(
-        recording.name, tuple(points), model, terms, cross_check(recording, points) if check else None
+        recording.name, tuple(points), model, terms, cross_check(recording, points, model) if check else None
     )
 
 

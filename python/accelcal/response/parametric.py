@@ -149,6 +149,17 @@ class Fitted:
         """Fitted sensitivity (n,) at frequencies (n,) Hz."""
         return self.structure.response(self.theta, frequency) * gain_of(self.behind, self.rate)(frequency)
 
+    @property
+    def filters(self) -> tuple[ChannelFilter, ...]:
+        """Low-passes of the structure as they are declared, to four digits, and those that were declared before."""
+        values = {p.name: float(f"{p.value:.4g}") for p in self.parameters}
+        low: tuple[ChannelFilter, ...] = ()
+        if "f0" in values:
+            low = (ChannelFilter("resonance", cutoff=values["f0"], quality=values["Q"]),)
+        if "f_pole" in values:
+            low += (ChannelFilter("RC", cutoff=values["f_pole"]),)
+        return (*low, *self.behind)
+
     def __getitem__(self, name: str) -> Parameter:
         return next(p for p in self.parameters if p.name == name)
 
