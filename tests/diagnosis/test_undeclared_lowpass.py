@@ -1,4 +1,5 @@
-"""A slow low-pass that nothing declares is said, and nothing is named in its place; with it, nothing is missing."""
+"""A filter that nothing declares, a slow low-pass or a resonance, is said, and nothing is named in its place; with it,
+nothing is missing."""
 
 from dataclasses import replace
 
@@ -6,13 +7,13 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal.data import LowPass
+from accelcal.data import ChannelFilter, LowPass
 
 FREQUENCIES, SIZES = np.array([0.7, 1.9, 3.1, 4.7]), np.array([0.08, 0.02, 0.012, 0.008])
 """Tones of the motion, Hz and m."""
 
 
-def recording(seed, tau=0.0, delay=0.0, resonance=0.0):
+def recording(seed, tau=0.0, delay=0.0, resonance=0.0, q=0.3**-1):
     """40 s of four tones, the output behind a first-order low-pass, a delay or a resonance, Hz, in closed form."""
     rng = np.random.default_rng(seed)
     phase, w = rng.uniform(0.0, 2.0 * np.pi, 4), 2.0 * np.pi * FREQUENCIES
@@ -20,7 +21,7 @@ def recording(seed, tau=0.0, delay=0.0, resonance=0.0):
     gain = np.exp(-1j * w * delay) / (1.0 + 1j * w * tau)
     if resonance:
         ratio = FREQUENCIES / resonance
-        gain = gain / (1.0 - ratio**2 + 0.3j * ratio)
+        gain = gain / (1.0 - ratio**2 + 1j * ratio / q)
     accel = np.imag(-(w**2) * SIZES * gain @ np.exp(1j * (w[:, None] * t + phase[:, None])))
     place = np.imag(SIZES @ np.exp(1j * (w[:, None] * read + phase[:, None])))
     return ac.Recording.from_arrays(
@@ -35,7 +36,7 @@ def recording(seed, tau=0.0, delay=0.0, resonance=0.0):
 def said(run):
     fit = ac.fit(run)
     diagnosis = ac.diagnose(fit, run)
-    return diagnosis, next((note for note in diagnosis.remarks if note.code == "undeclared_lowpass"), None)
+    return diagnosis, next((note for note in diagnosis.remarks if note.code.startswith("undeclared_")), None)
 
 
 @pytest.mark.parametrize("tau", [0.012, 0.03])
@@ -57,6 +58,22 @@ def test_a_slow_low_pass_is_said_and_nothing_is_named_until_it_is_declared(tau):
 
 
 def test_what_is_no_low_pass_is_not_said_to_be():
-    for run in (recording(2, delay=0.012), recording(3, resonance=25.0)):
-        diagnosis, note = said(run)
-        assert note is None, diagnosis.sentence
+    diagnosis, note = said(recording(2, delay=0.012))
+    assert note is None, diagnosis.sentence
+
+
+@pytest.mark.parametrize(("f0", "q"), [(25.0, 4.0), (9.0, 8.0)])
+def test_a_resonance_near_the_motion_is_said_and_nothing_is_named_until_it_is_declared(f0, q):
+    run = recording(3, resonance=f0, q=q)
+    diagnosis, note = said(run)
+    assert note is not None, diagnosis.sentence
+    assert note.code == "undeclared_resonance"
+    assert not diagnosis.effects
+    assert abs(note.values["f0"] - f0) < max(4.0 * note.values["f0_std"], 2e-3 * f0)
+    assert abs(note.values["q"] - q) < max(4.0 * note.values["q_std"], 0.02 * q)
+    resonance = ChannelFilter("resonance", cutoff=note.values["f0"], quality=note.values["q"])
+    after, none = said(replace(run, rig=replace(run.rig, output_filters=(resonance,))))
+    print(note.values, after.sentence)
+    assert none is None
+    assert after.verdict == "adequate"
+    assert abs(after.fit["scale_factor"].value - 0.012) < 4.0 * after.fit["scale_factor"].std

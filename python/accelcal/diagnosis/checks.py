@@ -14,7 +14,18 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from accelcal.data import ACCELERATION, DERIVED, STANDARD_GRAVITY, Array, LowPass, Recording, Rig, instant, usual_step
+from accelcal.data import (
+    ACCELERATION,
+    DERIVED,
+    STANDARD_GRAVITY,
+    Array,
+    ChannelFilter,
+    LowPass,
+    Recording,
+    Rig,
+    instant,
+    usual_step,
+)
 from accelcal.diagnosis.evidence import Evidence, noise_ratio
 from accelcal.diagnosis.findings import FILTER_KEYS
 from accelcal.diagnosis.left_out import cut_without
@@ -43,6 +54,7 @@ from accelcal.estimation.estimate import Fit, result, solve_runs
 from accelcal.estimation.plausible import implausible_scale
 from accelcal.estimation.remarks import Remark, Value, remark
 from accelcal.estimation.run import PreparedRun, prepared
+from accelcal.io.write import filter_entries
 from accelcal.model import Model
 from accelcal.signals.processing import ORDER, low_pass, memory, spectral_density
 from accelcal.signals.series import widened
@@ -51,6 +63,15 @@ from accelcal.validation.evaluation import AVERAGED_SEGMENTS, compare, residual_
 from accelcal.validation.prediction import DrivenRun
 
 PROCESSES = frozenset(effect.name for effect in BUILT_IN if effect.port == "process")
+RESONANCE = find("sensor_resonance").name
+RESONANCE_STEPS = 8
+"""Fits until the coefficients of a resonance stay."""
+RESONANCE_FIRST = 1.15
+"""Least ratio by which its first terms alone lower the noise density."""
+RESONANCE_SPREAD = 0.2
+"""Largest relative standard uncertainty of either coefficient, its last change included."""
+RELAXED = 0.75
+"""Share of what a fit says of a declared resonance that is taken over: with all of it the steps alternate."""
 FOLLOW_TIME = PROCESSES | {LINE, *(name for name in OF_TIME if find(name).family)}
 """Effects that follow any function of time, the turning of a sensor and a touched cable among them."""
 TILT = find("tilt").name
@@ -475,6 +496,13 @@ def scale_factor(e: Evidence) -> Iterator[Remark]:
         yield from implausible_scale(e.runs[0], scale)
 
 
+def undeclared_filter(e: Evidence) -> Iterator[Remark]:
+    """Filter of the output that is not declared: the one of one pole, unless a resonance leaves clearly less noise."""
+    remarks = [*undeclared_lowpass(e), *undeclared_resonance(e)]
+    if remarks:
+        yield min(remarks, key=lambda said: float(said.values["left"]) * (1.0 if said is remarks[-1] else 0.9))
+
+
 def undeclared_lowpass(e: Evidence) -> Iterator[Remark]:
     """First-order low-pass in front of the output that is not declared and is so slow that no effect stands for it.
 
@@ -485,21 +513,17 @@ def undeclared_lowpass(e: Evidence) -> Iterator[Remark]:
     """
     rig, delay = e.recording.rig, e.fit.values().time_offset
     slower = delay > find(LAG).shapes["tau"].span(e.signals)[1]  # than the search tries
-    coloured = any(note.code == "measured_spectrum" for note in e.fit.remarks)
-    imposed = any(run.noise.band is not None for run in e.fit.runs)
+    imposed, coloured = _filtered(e)
     named = any(LAG in finding.members for finding in e.scan.found)
     if not e.delayed or rig.output_filters or rig.lowpass is not None:
         return
     if not (imposed or coloured if slower else imposed and not named):
         return
-    begin, end = float(e.runs[0].t[0]), float(e.runs[0].t[-1])
+    before = _density(e.fit)
     for tau in (delay, 0.5 * delay):  # all of the delay, or half of it beside another
-        behind = replace(rig, lowpass=LowPass(1.0 / (2.0 * math.pi * tau), 0.5))
         with suppress(ValueError):
-            recordings = [replace(run.recording, rig=behind) for run in e.sources]
-            fit = result(solve_runs(e.model, recordings, start=begin, end=end, others_whole=True))
-            error = fit["lowpass_error"]
-            before, left = (max(run.noise.all.density for run in other.runs) for other in (e.fit, fit))
+            fit = _behind(e, e.model, replace(rig, lowpass=LowPass(1.0 / (2.0 * math.pi * tau), 0.5)))
+            error, left = fit["lowpass_error"], _density(fit)
             if (
                 DATA_SHEET_NOISE_RATIO * left < before
                 and abs(error.value) < 0.5 * tau
@@ -509,6 +533,68 @@ def undeclared_lowpass(e: Evidence) -> Iterator[Remark]:
                 values = {"tau": 1e3 * tau, "std": 1e3 * error.std, "corner": 1.0 / (2.0 * math.pi * tau)}
                 yield remark("undeclared_lowpass", **values, before=before, left=left)
                 return
+
+
+def undeclared_resonance(e: Evidence) -> Iterator[Remark]:
+    """Resonance of mount or element within or near the band of the motion, w0²/(s² + w0 s/Q + w0²).
+
+    Its inverse is 1 + s/(Q w0) + s²/w0²: the time offset estimates the first coefficient and `sensor_resonance` what
+    the second has beyond a delay. With what they say declared, both estimate what it lacks (derivations 7.3d). No null:
+    noise that no resonance lowers by `DATA_SHEET_NOISE_RATIO` gives none (tests/diagnosis/test_undeclared_lowpass.py).
+    """
+    rig, before = e.recording.rig, _density(e.fit)
+    if not (e.delayed and any(_filtered(e))) or any(item.kind == "resonance" for item in rig.output_filters):
+        return
+    others = rig.output_filters if rig.lowpass is None else (ChannelFilter("RC", cutoff=rig.lowpass.cutoff),)
+    model = e.model if RESONANCE in e.model.effects else e.model.add(RESONANCE)
+    declared, first, second, share = rig, 0.0, 0.0, 1.0
+    with suppress(ValueError):
+        for step in range(RESONANCE_STEPS):
+            fit = _behind(e, model, declared)
+            lag, rest, left = fit["time_offset"], fit[RESONANCE], _density(fit)
+            first += share * lag.value
+            second += share * (rest.value + (0.5 * lag.value**2 if step == 0 else 0.0))
+            if min(first, second) <= 0.0 or RESONANCE_FIRST * left > before:
+                return
+            f0, q, share = 0.5 / (math.pi * math.sqrt(second)), math.sqrt(second) / first, RELAXED
+            declared = replace(rig, lowpass=None, output_filters=(_resonance(f0, q), *others))
+            if abs(lag.value) < lag.std and abs(rest.value) < rest.std:
+                break
+        unknown = rig.lowpass_tolerance  # of the low-pass behind it, s
+        of_first = math.hypot(lag.value, lag.std, unknown, rig.offset_tolerance) / first
+        of_second = math.hypot(rest.value, rest.std, unknown * first) / second
+        if DATA_SHEET_NOISE_RATIO * left < before and max(of_first, of_second) < RESONANCE_SPREAD:
+            values = {
+                "f0": f0,
+                "f0_std": 0.5 * of_second * f0,
+                "q": q,
+                "q_std": math.hypot(0.5 * of_second, of_first) * q,
+            }
+            rounded = _resonance(float(f"{f0:.4g}"), float(f"{q:.4g}"))
+            entry = filter_entries(replace(declared, output_filters=(rounded, *others)), "accel")["lowpass"]
+            yield remark("undeclared_resonance", **values, before=before, left=left, entry=str(entry))
+
+
+def _resonance(f0: float, q: float) -> ChannelFilter:
+    return ChannelFilter("resonance", cutoff=f0, quality=q)
+
+
+def _filtered(e: Evidence) -> tuple[bool, bool]:
+    """Whether the noise of the fit is that of a band, and whether its spectrum was measured: it is not white."""
+    coloured = any(note.code == "measured_spectrum" for note in e.fit.remarks)
+    return any(run.noise.band is not None for run in e.fit.runs), coloured
+
+
+def _behind(e: Evidence, model: Model, rig: Rig) -> Fit:
+    """A fit of the diagnosed runs with other filters declared."""
+    begin, end = float(e.runs[0].t[0]), float(e.runs[0].t[-1])
+    recordings = [replace(run.recording, rig=rig) for run in e.sources]
+    return result(solve_runs(model, recordings, start=begin, end=end, others_whole=True))
+
+
+def _density(fit: Fit) -> float:
+    """Noise density of the noisiest run, (m/s²)/sqrt(Hz)."""
+    return max(run.noise.all.density for run in fit.runs)
 
 
 def engines(e: Evidence) -> Iterator[Remark]:
@@ -579,7 +665,7 @@ def slow_noise(e: Evidence) -> Iterator[Remark]:
 
 CHECKS: tuple[Callable[[Evidence], Iterable[Remark]], ...] = (
     scale_factor,
-    undeclared_lowpass,
+    undeclared_filter,
     engines,
     turning_sensor,
     coloured_position,

@@ -104,11 +104,13 @@ USUAL_STEP = (
     "the motion at another speed: what the motion makes changes with it, what the set-up adds does not"
 )
 RESPONSE_STEP = (
-    "run accelcal response, which shows over frequency what a lag, a high-pass or a resonance of either channel does"
+    "run accelcal response, which shows over frequency what a lag, a high-pass or a resonance of either channel does, "
+    "and how to declare it"
 )
 NEXT_STEPS = {
     "implausible_scale": "correct that and diagnose again",
     "undeclared_lowpass": "declare it, fit again, and see what is left",
+    "undeclared_resonance": "declare it, fit again, and see what is left",
     "motion_beyond_sampling": "record the same motion again that way",
     "turning_sensor": "record the orientation, or mount the sensor so that it cannot turn, and repeat the run",
     "engines_disagree": "check the stamps and the reference where the residual is largest in the report, or repeat the "

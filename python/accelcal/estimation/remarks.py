@@ -47,6 +47,13 @@ KINDS: dict[str, Kind] = {
         '{{ kind = "RC", tau = "{tau:.4g} ms", tolerance = 0.1 }} }}',
         forbids_names=True,
     ),
+    "undeclared_resonance": Kind(
+        "verdict",
+        "The output follows as behind a resonance at f0 = {f0:.4g} ± {f0_std:.2g} Hz with Q = {q:.3g} ± {q_std:.2g}, "
+        "which is not declared: with it, {left:.2g} of {before:.2g} (m/s²)/√Hz of noise are left. If mount or element "
+        "has one, declare it in [channels]: accel = {{ ..., lowpass = {entry} }}",
+        forbids_names=True,
+    ),
     "turning_sensor": Kind(
         "verdict",
         "A tilt of {tilt_deg:.2g} degrees rms or a slow drift of either channel would explain all of it; orientation "
